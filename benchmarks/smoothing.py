@@ -129,19 +129,18 @@ def table(name: str, recordings: Sequence[Any], phases: Sequence[int]) -> None:
 
 def cost() -> None:
     """Print what a fixed lag of 200 ms takes, four people at 25 slots per second."""
-    from e3pose.edge.delayed import DelayedPoses
+    from e3pose.estimate.smooth.delayed import Delayed
     from e3pose.evaluate.replay import ReplaySettings, replay
     from e3pose.simulate import SceneSettings, simulate
 
     recording = simulate(SceneSettings(scene="ring", people=4, seconds=8, fps=25), 705)
     people: list[Any] = []
-    for _ in replay(recording, ReplaySettings(num_selected=2), publish=people.append):
-        pass
-    delayed = DelayedPoses(recording.skeleton.joints, 5)
+    records = list(replay(recording, ReplaySettings(num_selected=2), publish=people.append))
+    delayed = Delayed(recording.skeleton.joints, 5)
     took_ms = []
-    for slot, each in enumerate(people):
+    for record, each in zip(records, people, strict=True):
         begun_s = time.process_time()
-        delayed.push(slot, slot, each, lambda: 0)
+        delayed.push(record, each.posterior)
         if len(each.track_ids):
             took_ms.append(1000 * (time.process_time() - begun_s) / len(each.posterior.tracks))
     p50, p95 = np.percentile(took_ms, [50, 95])

@@ -10,9 +10,9 @@ import pytest
 from tests.edge.one_process import site_at_work
 from tests.waiting import eventually
 
-from e3pose.edge.delayed import DelayedPoses, lag_slots
 from e3pose.errors import InputError
 from e3pose.estimate.base import People
+from e3pose.estimate.smooth.delayed import Delayed, lag_slots
 from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.evaluate.smoothed import smooth_records
 from e3pose.recording import Recording
@@ -26,27 +26,22 @@ def scene() -> Recording:
     return simulate(SceneSettings(scene="ring", people=2, seconds=2, fps=12.5), seed=701)
 
 
-def test_messages_are_those_of_the_smoother_with_that_lag() -> None:
+def test_slots_come_as_late_as_in_a_replay() -> None:
     people: list[People] = []
     records = list(replay(scene(), ReplaySettings(num_selected=2), publish=people.append))
     posteriors = [each.posterior for each in people if each.posterior is not None]
     wanted = smooth_records(records, posteriors, scene().skeleton, 3)
-    delayed = DelayedPoses(scene().skeleton.joints, 3)
-    found = [delayed.push(slot, 40 * slot, each, lambda: 7) for slot, each in enumerate(people)]
+    delayed = Delayed(scene().skeleton.joints, 3)
+    found = [delayed.push(*each) for each in zip(records, posteriors, strict=True)]
     assert found[:3] == [None] * 3
-    for slot, message in enumerate(found[3:]):
-        assert message is not None
-        assert (message.slot, message.time_edge_ns, message.published_edge_ns) == (
-            slot,
-            40 * slot,
-            7,
-        )
-        assert unpack(message.track_ids).tolist() == wanted[slot].track_ids.tolist()
-        joints = unpack(message.joints_m)
-        np.testing.assert_allclose(joints, wanted[slot].poses.joints_m, atol=1e-5)
-        np.testing.assert_array_equal(unpack(message.measured), wanted[slot].measured)
+    for slot, (late, record) in enumerate(zip(found[3:], wanted, strict=False)):
+        assert late is not None and late.slot == record.slot == slot
+        np.testing.assert_array_equal(late.poses.joints_m, record.poses.joints_m)
+        np.testing.assert_array_equal(late.covariance_m2, record.covariance_m2)
+    assert [late.slot for late in delayed.flush()] == [22, 23, 24]
+    delayed.push(records[0], posteriors[0])
     delayed.forget()
-    assert delayed.push(99, 0, people[0], lambda: 7) is None
+    assert list(delayed.flush()) == []
 
 
 @pytest.mark.parametrize(("delay_s", "slots"), [(0.2, 5), (0.01, 1), (0.1, 2)])
@@ -62,6 +57,7 @@ def test_an_edge_tells_the_same_people_again(tmp_path: Path) -> None:
             first = at_once[late.slot]
             assert late.time_edge_ns == first.time_edge_ns
             assert late.published_edge_ns > first.published_edge_ns
+            assert late.delay_ms == pytest.approx(100.0) and first.delay_ms == 0.0
             assert unpack(late.track_ids).tolist() == unpack(first.track_ids).tolist()
         assert site.edge is not None and site.edge.threads.failure is None
 

@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.edge.delayed import DelayedPoses, lag_slots
 from e3pose.edge.outbox import Outbox
 from e3pose.edge.reports import poses_message
-from e3pose.estimate.base import People
+from e3pose.estimate.base import People, Posterior
+from e3pose.estimate.smooth.delayed import Delayed, lag_slots
 from e3pose.geometry.camera import Rig
+from e3pose.pipeline import SlotRecord
 from e3pose.runtime.clock import Clock
 from e3pose.settings.edge import EdgeSettings
 from e3pose.wire import topics
@@ -47,9 +48,11 @@ class Publisher:
         self._topic = topics.of_site(settings.site, "poses")
         self._delayed_topic = topics.of_site(settings.site, "poses-delayed")
         lag = lag_slots(settings.smooth_delay_s, interval_s)
-        self._delayed = DelayedPoses(settings.joints, lag) if settings.smooth_delay_s else None
+        self._delay_s = lag * interval_s
+        self._delayed = Delayed(settings.joints, lag) if settings.smooth_delay_s else None
+        self._times_ns: dict[int, int] = {}  # of the slots that wait
         self._last_in_ns: dict[int, int] = {}  # slot to arrival of its last view, until published
-        self._newest: tuple[int, int, People] | None = None  # the newest slot, its time and people
+        self._posterior: Posterior | None = None  # of the newest slot
 
     def publish(
         self,
@@ -72,7 +75,7 @@ class Publisher:
             blind: why the slot is blind; empty if it is not.
             stored: how the store is doing; None without one.
         """
-        self._newest = slot, time_ns, people
+        self._posterior = people.posterior
         self._last_in_ns = {slot: max(*came_ns.values(), time_ns)} if came_ns else {}
         now_ns = self._clock.now_ns()
         message = poses_message(
@@ -88,17 +91,29 @@ class Publisher:
         )
         self._outbox.put(self._topic, encode(message), slot)
 
-    def publish_delayed(self, busy: bool) -> int:
-        """Publish an earlier slot, smoothed, unless the edge is busy; return the ns it took."""
-        if self._delayed is None or self._newest is None:
+    def publish_delayed(self, record: SlotRecord, time_ns: int, busy: bool) -> int:
+        """Publish an earlier slot, smoothed, unless the edge is busy; return the ns it took.
+
+        Args:
+            record: of the slot that was just published.
+            time_ns: when it was.
+            busy: whether the edge is; slots that wait are then never published.
+        """
+        if self._delayed is None or self._posterior is None:
             return 0
         if busy:
             self._delayed.forget()
+            self._times_ns.clear()
             return 0
         begun_ns = self._clock.now_ns()
-        late = self._delayed.push(*self._newest, self._clock.now_ns)
+        self._times_ns[record.slot] = time_ns
+        late = self._delayed.push(record, self._posterior)
         if late is not None:
-            self._outbox.put(self._delayed_topic, encode(late), late.slot)
+            then_ns, now_ns = self._times_ns.pop(late.slot), self._clock.now_ns()
+            message = poses_message(
+                late.slot, late, self._joints, then_ns, now_ns, delay_s=self._delay_s
+            )
+            self._outbox.put(self._delayed_topic, encode(message), late.slot)
         return self._clock.now_ns() - begun_ns
 
     def latency_ns(self, topic: str, slot: int) -> int | None:

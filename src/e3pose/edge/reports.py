@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 def poses_message(
     slot: int,
-    people: People,
+    people: People | SlotRecord,
     joints: Sequence[str],
     time_ns: int,
     published_ns: int,
@@ -36,8 +36,12 @@ def poses_message(
     arrived: Sequence[str] = (),
     blind: str = "",
     stored: WriterStatus | None = None,
+    delay_s: float = 0.0,
 ) -> Poses:
-    """Return the message of a slot's people; `stored` says what the store holds."""
+    """Return the message of a slot's people; `stored` says what the store holds.
+
+    `delay_s` is how much later they are published, smoothed; 0 at once.
+    """
     return Poses(
         slot=slot,
         time_edge_ns=time_ns,
@@ -53,6 +57,7 @@ def poses_message(
         stored_from=-1 if stored is None else stored.first_slot,
         stored_to=-1 if stored is None else stored.acknowledged_slot,
         store_shed=0 if stored is None else stored.shed,
+        delay_ms=1e3 * delay_s,
     )
 
 

@@ -337,7 +337,7 @@ class EdgeServer:
         self.counts.count_slot(len(used), wanted, record, begun_ns, took_ns)
         self.consumers.observe(record, time_ns, arrivals)
         self.consumers.keep(record, time_ns)
-        took_ns += self.publisher.publish_delayed(busy=self.health.load.level > 0)
+        took_ns += self.publisher.publish_delayed(record, time_ns, self.health.load.level > 0)
         self._update_pipeline(times, record, reachable)
         lately = views_late, orders_late, self.state.silence.failures > 0
         if said := self.health.after_slot(record, wanted, *lately, took_ns / 1e9, behind_s):

@@ -50,6 +50,14 @@ class Posterior:
         bones_m: `(num_tracks, num_bones)` lengths learned.
         bone_counts: `(num_tracks, num_bones)` slots that taught them.
         start: of the prediction.
+        inflation: `(num_tracks, num_joints)` factor on the standard deviations that are published;
+            NaN of tracks that are not.
+        repeated_m2: `(num_tracks, num_joints, 3, 3)` what is published besides: the errors that
+            views repeat; NaN likewise.
+        lasting_m2: `(num_tracks, num_joints, 3, 3)` the same if errors last as the learned biases
+            do; NaN likewise.
+        bias_share: mean of the squares of these biases, over the variance of a keypoint of the
+            best score; NaN where nobody is published.
     """
 
     time_s: float
@@ -61,6 +69,10 @@ class Posterior:
     bones_m: NDArray[np.float64]
     bone_counts: NDArray[np.float64]
     start: Start
+    inflation: NDArray[np.float64]
+    repeated_m2: NDArray[np.float64]
+    lasting_m2: NDArray[np.float64]
+    bias_share: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.estimate.base import Posterior
-from e3pose.estimate.filter.proportions import Proportions, proportions_of
-from e3pose.estimate.filter.tree import Tree, grow
+from e3pose.estimate.filter.proportions import proportions_of
+from e3pose.estimate.filter.tree import grow
 from e3pose.estimate.smooth import SmoothSettings, smoothed
-from e3pose.estimate.smooth.bodies import FixedLag, Smoothed, smooth_bodies
+from e3pose.estimate.smooth.bodies import smooth_bodies
+from e3pose.estimate.smooth.delayed import Delayed, with_smoothed
 from e3pose.model.pose import Poses3D
 from e3pose.model.skeleton import Skeleton
 from e3pose.model.take import Take, motion_of
@@ -30,8 +31,7 @@ def smooth_records(
 ) -> list[SlotRecord]:
     """Return the records of a replay with the people that the smoother over bodies finds.
 
-    The same people in the same slots, nobody earlier and no joint that was missing. Covariances
-    keep the factor of what is stated (`covariance_inflation`).
+    The same people in the same slots, nobody earlier and no joint that was missing.
 
     Args:
         records: slot by slot.
@@ -39,14 +39,14 @@ def smooth_records(
         skeleton: of the poses.
         lag_slots: how many later slots each slot may know; None for all.
     """
+    if lag_slots is not None:
+        delayed = Delayed(skeleton.joints, lag_slots)
+        found = map(delayed.push, records, posteriors)
+        return [*(late for late in found if late is not None), *delayed.flush()]
     tree = grow(skeleton)
-    if lag_slots is None:
-        found = smooth_bodies(tree, posteriors)
-    else:
-        found = list(_lagging(tree, posteriors, lag_slots))
     body = proportions_of(skeleton.joints, tree)
-    pairs = zip(records, found, strict=True)
-    return [_with_smoothed(record, late, body) for record, late in pairs]
+    pairs = zip(records, smooth_bodies(tree, posteriors), strict=True)
+    return [with_smoothed(record, late, body) for record, late in pairs]
 
 
 def take_of_records(
@@ -105,19 +105,3 @@ def smooth_poses(
         poses = Poses3D(joints_m, record.poses.scores)
         result.append(replace(record, poses=poses, covariance_m2=covariance_m2))
     return result
-
-
-def _lagging(tree: Tree, posteriors: Sequence[Posterior], lag_slots: int) -> Iterator[Smoothed]:
-    """Yield every slot as `lag_slots` later ones tell it; the last ones know fewer."""
-    lag = FixedLag(tree, lag_slots)
-    for posterior in posteriors:
-        late = lag.push(posterior)
-        if late is not None:
-            yield late
-    yield from smooth_bodies(tree, posteriors[max(0, len(posteriors) - lag_slots) :])
-
-
-def _with_smoothed(record: SlotRecord, late: Smoothed, body: Proportions) -> SlotRecord:
-    joints_m, covariance_m2 = late.of(record.track_ids, record.poses, record.covariance_m2, body)
-    poses = Poses3D(joints_m, record.poses.scores)
-    return replace(record, poses=poses, covariance_m2=covariance_m2)

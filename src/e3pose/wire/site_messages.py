@@ -33,6 +33,8 @@ class Poses(msgspec.Struct, array_like=True, frozen=True, tag="poses"):
         stored_to: newest slot up to which the store holds all that were published from
             `stored_from` on; smaller than `stored_from` while it holds none.
         store_shed: records that the store gave up since the edge was started.
+        delay_ms: of delayed poses: how much later they are published, smoothed with the slots in
+            between; 0 of those at once.
     """
 
     slot: int
@@ -49,6 +51,7 @@ class Poses(msgspec.Struct, array_like=True, frozen=True, tag="poses"):
     stored_from: int = -1
     stored_to: int = -1
     store_shed: int = 0
+    delay_ms: float = 0.0
 
 
 class CameraStatus(msgspec.Struct, array_like=True, frozen=True):

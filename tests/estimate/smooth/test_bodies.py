@@ -170,6 +170,10 @@ def test_nobody_is_nobody() -> None:
     state, covariance = np.zeros((0, 17, 6)), np.zeros((0, 17, 6, 6))
     start = Start(0.0, none, state, np.ones((0, 17)))
     bones = np.zeros((0, len(BONES.bones)))
-    empty = Posterior(0.0, none, none, state, covariance, covariance, bones, bones, start)
+    places = covariance[..., :3, :3]
+    empty = Posterior(
+        0.0, none, none, state, covariance, covariance, bones, bones, start,
+        state[..., 0], places, places, np.nan,
+    )  # fmt: skip
     assert [late.joints_m.shape for late in smooth_bodies(TREE, [empty, empty])] == [(0, 17, 3)] * 2
     assert smooth_bodies(TREE, []) == []

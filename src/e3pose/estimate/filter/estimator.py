@@ -19,7 +19,7 @@ from e3pose.estimate.filter import (
     outlook,
 )
 from e3pose.estimate.filter.outlook import stated_factor
-from e3pose.estimate.filter.posterior import posterior_of
+from e3pose.estimate.filter.posterior import Grades, posterior_of
 from e3pose.estimate.filter.reidentification import Identities, identify
 from e3pose.estimate.filter.steer import foreseen, steer
 from e3pose.model.pose import Poses2D, Poses3D
@@ -91,21 +91,21 @@ class Filtered:
         everybody = identities.of(belief.track_ids)
         rows = belief.track_ids.searchsorted(estimate.track_ids)
         track_ids = everybody[rows]
-        stated_m2, scores = _graded(self.model, belief, rows, estimate)
+        grades = _graded(self.model, belief, rows, estimate)
         history = _prolonged(memory, estimate)
         people = People(
-            Poses3D(estimate.joints_m, scores),
+            Poses3D(estimate.joints_m, grades.scores),
             track_ids,
             history,
             track_ids,
-            stated_m2,
+            grades.stated_m2,
             estimate.measured,
             {"estimate": clock() - start},
             learned_noise.found(belief.noise, self.model.noise.weight),
-            posterior_of(memory.belief, belief, everybody),
+            posterior_of(memory.belief, belief, everybody, rows, grades),
             learned_shift.found_px(belief.shifts, self.model),
         )
-        factor = _factor(belief, estimate.covariance_m2, stated_m2)
+        factor = _factor(belief, estimate.covariance_m2, grades.stated_m2)
         return FilterMemory(belief, identities, estimate.track_ids, history, factor), people
 
     def steer(
@@ -147,12 +147,9 @@ def _prolonged(memory: FilterMemory, estimate: Estimate) -> NDArray[np.float64]:
     return history
 
 
-def _graded(
-    model: Model, belief: Belief, rows: NDArray[np.int64], estimate: Estimate
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return `People.covariance_m2` and the scores of the joints of the tracks at `rows`."""
-    stated_m2 = np.empty_like(estimate.covariance_m2)
-    scores = np.empty(estimate.measured.shape)
+def _graded(model: Model, belief: Belief, rows: NDArray[np.int64], estimate: Estimate) -> Grades:
+    """Grade the tracks at `rows`, which are published."""
+    grades = Grades.empty(*estimate.measured.shape)
     kernels.grade(
         scratch.held_site(model),
         rows,
@@ -162,11 +159,16 @@ def _graded(
         belief.last_seen_s,
         belief.delivered,
         belief.noise,
+        belief.bias_px,
         estimate.covariance_m2,
-        stated_m2,
-        scores,
+        grades.stated_m2,
+        grades.scores,
+        grades.inflation,
+        grades.repeated_m2,
+        grades.lasting_m2,
+        grades.bias_share,
     )
-    return stated_m2, scores
+    return grades
 
 
 def _factor(

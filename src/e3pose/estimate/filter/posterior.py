@@ -2,18 +2,61 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
+import numpy as np
+
 from e3pose.estimate.base import Posterior, Start
-from e3pose.estimate.filter.state import Belief, Ints
+from e3pose.estimate.filter.state import Belief, Floats, Ints
 
 
-def posterior_of(before: Belief, belief: Belief, track_ids: Ints) -> Posterior:
-    """Return the posterior of a belief; nothing is copied.
+@dataclass(frozen=True, slots=True, eq=False)
+class Grades:
+    """What is published of people besides their joints; see `Posterior` for what is not here.
+
+    Attributes:
+        stated_m2: `(num_persons, num_joints, 3, 3)` see `People.covariance_m2`.
+        scores: `(num_persons, num_joints)`.
+        inflation: `(num_persons, num_joints)`.
+        repeated_m2: `(num_persons, num_joints, 3, 3)`.
+        lasting_m2: `(num_persons, num_joints, 3, 3)`.
+        bias_share: `(2,)` sum, and how many are summed.
+    """
+
+    stated_m2: Floats
+    scores: Floats
+    inflation: Floats
+    repeated_m2: Floats
+    lasting_m2: Floats
+    bias_share: Floats
+
+    @classmethod
+    def empty(cls, num_persons: int, num_joints: int) -> Grades:
+        """Return room for grades."""
+        shape = num_persons, num_joints
+        wide = (*shape, 3, 3)
+        scores, inflation, share = np.empty(shape), np.empty(shape), np.zeros(2)
+        return cls(np.empty(wide), scores, inflation, np.empty(wide), np.empty(wide), share)
+
+
+def posterior_of(
+    before: Belief, belief: Belief, track_ids: Ints, rows: Ints, grades: Grades
+) -> Posterior:
+    """Return the posterior of a belief, which is not copied.
 
     Args:
         before: what the slot began with.
         belief: after the slot.
         track_ids: `(num_tracks,)` the identities of its tracks.
+        rows: `(num_persons,)` the tracks that are published.
+        grades: of these.
     """
+    shape = belief.state.shape[:2]
+    inflation = np.full(shape, np.nan)
+    repeated_m2, lasting_m2 = (np.full((*shape, 3, 3), np.nan) for _ in range(2))
+    inflation[rows], repeated_m2[rows] = grades.inflation, grades.repeated_m2
+    lasting_m2[rows] = grades.lasting_m2
+    total, count = grades.bias_share.tolist()
     return Posterior(
         belief.time_s,
         belief.track_ids,
@@ -24,4 +67,8 @@ def posterior_of(before: Belief, belief: Belief, track_ids: Ints) -> Posterior:
         belief.bones_m,
         belief.bone_counts,
         Start(before.time_s, before.track_ids, before.state, before.drift_share),
+        inflation,
+        repeated_m2,
+        lasting_m2,
+        total / count if count else np.nan,
     )

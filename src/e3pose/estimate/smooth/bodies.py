@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import accumulate
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +21,7 @@ from e3pose.estimate.filter.motion import places, transitions
 from e3pose.estimate.filter.proportions import Proportions, kept
 from e3pose.estimate.filter.tree import Tree
 from e3pose.estimate.smooth.rauch import Expected, expect, step_back
-from e3pose.model.pose import Poses3D
+from e3pose.estimate.smooth.stated import Lasting, own_m2, repeated_m2
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -36,6 +37,7 @@ class Smoothed:
         covariance: `(num_tracks, 6 num_joints, 6 num_joints)` of them.
         bones_m: `(num_tracks, num_bones)` lengths that the last of these slots had learned.
         bone_counts: `(num_tracks, num_bones)` slots that taught them.
+        excess: how much larger the learned biases are than usual (`stated`).
     """
 
     posterior: Posterior
@@ -43,6 +45,7 @@ class Smoothed:
     covariance: Floats
     bones_m: Floats
     bone_counts: Floats
+    excess: float
 
     @property
     def joints_m(self) -> Floats:
@@ -57,32 +60,32 @@ class Smoothed:
         own = np.moveaxis(np.diagonal(blocks, axis1=1, axis2=3), -1, 1)
         return np.asarray(own[..., :3, :3])
 
-    def of(
-        self, track_ids: Ints, poses: Poses3D, covariance_m2: Floats, body: Proportions
-    ) -> tuple[Floats, Floats]:
-        """Return the published people of the slot, and their covariances.
+    def of(self, track_ids: Ints, scores: Floats, body: Proportions) -> tuple[Floats, Floats]:
+        """Return the published people of the slot, and their covariances (`stated`).
 
-        A joint that was missing stays missing, the covariance keeps the factor of what is stated
-        (`covariance_inflation`), and limbs are as long as they can be.
+        A joint that was missing stays missing, and limbs are as long as they can be.
 
         Args:
             track_ids: `(num_persons,)` of the people, all of whom were followed.
-            poses: as they were shown.
-            covariance_m2: `(num_persons, num_joints, 3, 3)` as it was stated.
+            scores: `(num_persons, num_joints)` as they were shown.
             body: the bones.
 
         Returns:
             `(num_persons, num_joints, 3)` metres and `(num_persons, num_joints, 3, 3)`.
         """
-        there = {track_id: row for row, track_id in enumerate(self.posterior.track_ids.tolist())}
+        posterior = self.posterior
+        there = {track_id: row for row, track_id in enumerate(posterior.track_ids.tolist())}
         rows = [there[track_id] for track_id in track_ids.tolist()]
-        known = poses.scores > 0
-        before = np.trace(self.posterior.covariance[rows, :, :3, :3], axis1=-2, axis2=-1)
-        factor = np.where(known, np.trace(covariance_m2, axis1=-2, axis2=-1) / before, np.nan)
+        known = scores > 0
         joints_m = np.where(known[..., None], self.joints_m[rows], np.nan)
-        wider_m2 = self.covariance_m2[rows] * factor[..., None, None]
+        filtered_m2 = np.where(
+            known[..., None, None], posterior.covariance[rows, :, :3, :3], np.nan
+        )
+        own = own_m2(filtered_m2, self.covariance_m2[rows], posterior.inflation[rows], self.excess)
         lengths = self.bones_m[rows], self.bone_counts[rows]
-        return kept(body, *lengths, joints_m, wider_m2, known)[:2]
+        joints_m, own, _ = kept(body, *lengths, joints_m, own, known)
+        again = repeated_m2(posterior.repeated_m2[rows], posterior.lasting_m2[rows], self.excess)
+        return joints_m, own + again
 
 
 def smooth_bodies(tree: Tree, posteriors: Sequence[Posterior]) -> list[Smoothed]:
@@ -94,8 +97,9 @@ def smooth_bodies(tree: Tree, posteriors: Sequence[Posterior]) -> list[Smoothed]
     """
     found: list[Smoothed] = []
     later: Posterior | None = None
-    for posterior in reversed(posteriors):
-        link = _linked(tree, posterior, later)
+    lasting = list(accumulate(posteriors, Lasting.after, initial=Lasting()))[1:]
+    for posterior, biases in zip(reversed(posteriors), reversed(lasting), strict=True):
+        link = _linked(tree, posterior, later, biases)
         found.append(_taken_back(link, found[-1] if found else None))
         later = posterior
     return found[::-1]
@@ -113,14 +117,22 @@ class FixedLag:
     tree: Tree
     lag_slots: int
     _links: deque[_Link] = field(default_factory=deque)
+    _lasting: Lasting = field(default_factory=Lasting)
 
     def push(self, posterior: Posterior) -> Smoothed | None:
         """Add a slot; return the one `lag_slots` before it, None while there is none."""
+        self._lasting = self._lasting.after(posterior)
         if self._links:
-            self._links[-1] = _linked(self.tree, self._links[-1].posterior, posterior)
-        self._links.append(_linked(self.tree, posterior, None))
-        if len(self._links) <= self.lag_slots:
-            return None
+            before = self._links[-1]
+            self._links[-1] = _linked(self.tree, before.posterior, posterior, before.lasting)
+        self._links.append(_linked(self.tree, posterior, None, self._lasting))
+        return self._oldest() if len(self._links) > self.lag_slots else None
+
+    def flush(self) -> Smoothed | None:
+        """Return the next slot of those that wait, with what is known; None when there is none."""
+        return self._oldest() if self._links else None
+
+    def _oldest(self) -> Smoothed | None:
         smoothed: Smoothed | None = None
         for link in reversed(self._links):
             smoothed = _taken_back(link, smoothed)
@@ -196,6 +208,7 @@ class _Link:
         now: `(num_shared,)` rows of those who are in the next slot, too.
         then: `(num_shared,)` their rows there.
         expected: of the next slot; None where nobody is in both.
+        lasting: up to the slot.
     """
 
     posterior: Posterior
@@ -203,18 +216,19 @@ class _Link:
     now: Ints
     then: Ints
     expected: Expected | None
+    lasting: Lasting
 
 
-def _linked(tree: Tree, posterior: Posterior, later: Posterior | None) -> _Link:
+def _linked(tree: Tree, posterior: Posterior, later: Posterior | None, lasting: Lasting) -> _Link:
     covariance = written_out(tree, posterior.covariance, posterior.shared)
     none = np.zeros(0, dtype=np.int64)
     if later is None or later.time_s <= posterior.time_s:
-        return _Link(posterior, covariance, none, none, None)
+        return _Link(posterior, covariance, none, none, None, lasting)
     _, now, then = np.intersect1d(
         posterior.tracks, later.tracks, assume_unique=True, return_indices=True
     )
     if len(now) == 0:
-        return _Link(posterior, covariance, none, none, None)
+        return _Link(posterior, covariance, none, none, None, lasting)
     dt = later.time_s - posterior.time_s
     state, share = posterior.state[now], np.ones((len(now), len(tree.parents)))
     if later.start.time_s == posterior.time_s:  # no slot between them was left out
@@ -224,7 +238,7 @@ def _linked(tree: Tree, posterior: Posterior, later: Posterior | None) -> _Link:
     across = covariance[now] @ move.T
     mean = _columns(places(tree, state, dt))
     expected = expect(mean, move @ across + noise, across)
-    return _Link(posterior, covariance, now, then, expected)
+    return _Link(posterior, covariance, now, then, expected, lasting)
 
 
 def _taken_back(link: _Link, later: Smoothed | None) -> Smoothed:
@@ -238,7 +252,7 @@ def _taken_back(link: _Link, later: Smoothed | None) -> Smoothed:
             mean[now], covariance[now], link.expected, later.mean[then], later.covariance[then]
         )
         bones_m[now], counts[now] = later.bones_m[then], later.bone_counts[then]
-    return Smoothed(posterior, mean, covariance, bones_m, counts)
+    return Smoothed(posterior, mean, covariance, bones_m, counts, link.lasting.excess)
 
 
 def _columns(state: Floats) -> Floats:

@@ -9,10 +9,12 @@ from tests.estimate.filter.room import MODEL, NUM_CAMERAS
 
 from e3pose.estimate.filter.bias import memory_terms
 from e3pose.estimate.filter.kernels.repeated_errors import (
+    COMMON,
     LEAST_WEIGHT,
     MOST_M,
     STAYS,
-    add_repeated,
+    find_repeated,
+    weigh_biases,
     weigh_views,
 )
 from e3pose.geometry.projection import project
@@ -32,8 +34,8 @@ def weights(last_seen_s: Floats, delivered: float = 1.0) -> Floats:
 
 
 def added(last_seen_s: Floats) -> Floats:
-    covariance_m2 = np.zeros((3, 3))
-    add_repeated(JOINT, weights(last_seen_s), MODEL.rig.projections, covariance_m2)
+    covariance_m2 = np.empty((3, 3))
+    find_repeated(JOINT, weights(last_seen_s), MODEL.rig.projections, MOST_M, covariance_m2)
     return covariance_m2
 
 
@@ -63,6 +65,20 @@ def test_nobody_who_looked_leaves_the_most() -> None:
 def test_a_detector_whose_errors_do_not_last_leaves_nothing() -> None:
     terms, found = memory_terms(ErrorMemory(lasting_share=0.0)), np.empty(NUM_CAMERAS)
     weigh_views(np.zeros(NUM_CAMERAS), np.ones(NUM_CAMERAS), SIGMA_PX, terms, found)
-    covariance_m2 = np.zeros((3, 3))
-    add_repeated(JOINT, found, MODEL.rig.projections, covariance_m2)
+    covariance_m2 = np.empty((3, 3))
+    find_repeated(JOINT, found, MODEL.rig.projections, MOST_M, covariance_m2)
     assert np.sqrt(np.trace(covariance_m2)) == pytest.approx(0.0, abs=1e-3)
+
+
+def test_biases_that_are_learned_leave_more() -> None:
+    plain, lasting, share = weights(np.zeros(NUM_CAMERAS)), np.empty(NUM_CAMERAS), np.zeros(2)
+    biases_px = np.zeros((NUM_CAMERAS, 2))
+    biases_px[1] = 3.0, 4.0
+    seen_s = np.zeros(NUM_CAMERAS)
+    weigh_biases(biases_px, seen_s, SIGMA_PX, TERMS, plain, lasting, share)
+    stays = STAYS * TERMS.most * SIGMA_PX[1] ** 2
+    assert lasting[1] == pytest.approx(1 / (stays + COMMON * 12.5))
+    np.testing.assert_allclose(np.delete(lasting, 1), np.delete(plain, 1))
+    assert share.tolist() == pytest.approx([12.5 / SIGMA_PX[1] ** 2, NUM_CAMERAS])
+    weigh_biases(biases_px, seen_s + 1.0, SIGMA_PX, TERMS, plain, lasting, share)
+    assert share[1] == NUM_CAMERAS  # looks of a second ago say nothing of now

@@ -14,7 +14,13 @@ from e3pose.estimate.filter.kernels.covariance_inflation import learned_factor, 
 from e3pose.estimate.filter.kernels.exits import place_back
 from e3pose.estimate.filter.kernels.learned_noise import quietest
 from e3pose.estimate.filter.kernels.proportions import keep_all
-from e3pose.estimate.filter.kernels.repeated_errors import add_repeated, weigh_views
+from e3pose.estimate.filter.kernels.repeated_errors import (
+    MOST_LASTING_M,
+    MOST_M,
+    find_repeated,
+    weigh_biases,
+    weigh_views,
+)
 from e3pose.estimate.filter.kernels.scratch import Site
 from e3pose.estimate.filter.proportions import Proportions
 from e3pose.runtime.held import Held
@@ -196,28 +202,39 @@ def grade(
     last_seen_s: Floats,
     delivered: Floats,
     noise: Floats,
+    bias_px: Floats,
     covariance_m2: Floats,
     stated_m2: Floats,
     scores: Floats,
+    inflation: Floats,
+    repeated_m2: Floats,
+    lasting_m2: Floats,
+    bias_share: Floats,
 ) -> None:
     """Fill the published covariances of people, and the scores of their joints.
 
     Args:
         constants: of the rig, the skeleton and the detector.
         rows: `(num_persons,)` of their tracks.
-        state: `(num_tracks, num_joints, 6)` of `Belief`, like all up to `noise`.
+        state: `(num_tracks, num_joints, 6)` of `Belief`, like all up to `bias_px`.
         drift_share: `(num_tracks, num_joints)`.
         innovations: `(num_tracks, 2)`.
         last_seen_s: `(num_tracks, num_cameras)`.
         delivered: `(num_tracks, num_cameras)`.
         noise: `(num_cameras + 1, 2)`.
+        bias_px: `(num_tracks, num_cameras, num_joints, 2)`.
         covariance_m2: `(num_persons, num_joints, 3, 3)` of `Estimate`.
         stated_m2: likewise, filled: with the factors and the errors that views repeat.
         scores: `(num_persons, num_joints)` filled: certainty in (0, 1], 0 for joints never
             measured.
+        inflation: `(num_persons, num_joints)` filled: the factors on standard deviations.
+        repeated_m2: `(num_persons, num_joints, 3, 3)` filled: the errors that views repeat.
+        lasting_m2: likewise: the same, as large as the learned biases.
+        bias_share: `(2,)` adds up the squares of these over the variance, and counts them.
     """
     site = constants.values
     sigma_px, weights = np.empty(len(site.scales)), np.empty(len(site.scales))
+    lasting = np.empty(len(site.scales))
     quietest(noise, site.noise_weight, site.scales, site.noise_scores, site.noise_px, sigma_px)
     for index in range(len(rows)):
         track = rows[index]
@@ -229,7 +246,15 @@ def grade(
             variance = (block[0, 0] + block[1, 1] + block[2, 2]) / 3
             score = max(1.0 / (1.0 + variance / HALF_SCORE_M**2), LEAST_SCORE)
             scores[index, joint] = score if math.isfinite(variance) else 0.0
+            inflation[index, joint] = factor
+            repeated = repeated_m2[index, joint]
+            place = state[track, joint]
+            find_repeated(place, weights, site.projections, MOST_M, repeated)
+            biases_px, seen_s = bias_px[track, :, joint], last_seen_s[track]
+            weigh_biases(biases_px, seen_s, sigma_px, site.memory, weights, lasting, bias_share)
+            find_repeated(
+                place, lasting, site.projections, MOST_LASTING_M, lasting_m2[index, joint]
+            )
             for a in range(3):
                 for b in range(3):
-                    stated_m2[index, joint, a, b] = block[a, b] * factor**2
-            add_repeated(state[track, joint], weights, site.projections, stated_m2[index, joint])
+                    stated_m2[index, joint, a, b] = block[a, b] * factor**2 + repeated[a, b]

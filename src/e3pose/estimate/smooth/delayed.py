@@ -1,0 +1,82 @@
+"""Slots that wait for later ones, which smooth them: the same live and in a replay."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+
+from e3pose.estimate.base import Posterior
+from e3pose.estimate.filter.proportions import Proportions, proportions_of
+from e3pose.estimate.filter.tree import grow
+from e3pose.estimate.smooth.bodies import FixedLag, Smoothed
+from e3pose.model.pose import Poses3D
+from e3pose.model.skeleton import Skeleton
+from e3pose.model.slot_record import SlotRecord
+
+
+@dataclass
+class Delayed:
+    """Records of recent slots, held until enough later slots are known.
+
+    Attributes:
+        joints: names of the skeleton's joints.
+        lag_slots: how many later slots a slot waits for.
+    """
+
+    joints: Sequence[str]
+    lag_slots: int
+    _body: Proportions = field(init=False)
+    _lag: FixedLag = field(init=False)
+    _waiting: deque[SlotRecord] = field(init=False, default_factory=deque)
+
+    def __post_init__(self) -> None:
+        tree = grow(Skeleton("", tuple(self.joints), ()))
+        self._body, self._lag = proportions_of(self.joints, tree), FixedLag(tree, self.lag_slots)
+
+    def push(self, record: SlotRecord, posterior: Posterior) -> SlotRecord | None:
+        """Add the newest slot; return the one `lag_slots` before it, smoothed, once there is one.
+
+        Args:
+            record: of the slot.
+            posterior: of the same slot.
+        """
+        self._waiting.append(record)
+        late = self._lag.push(posterior)
+        return None if late is None else self._smoothed(late)
+
+    def flush(self) -> Iterator[SlotRecord]:
+        """Yield the slots that still wait, smoothed by the slots after them that are known."""
+        while (late := self._lag.flush()) is not None:
+            yield self._smoothed(late)
+
+    def forget(self) -> None:
+        """Start again: slots that wait are given up."""
+        self._lag = FixedLag(self._lag.tree, self.lag_slots)
+        self._waiting.clear()
+
+    def _smoothed(self, late: Smoothed) -> SlotRecord:
+        return with_smoothed(self._waiting.popleft(), late, self._body)
+
+
+def with_smoothed(record: SlotRecord, late: Smoothed, body: Proportions) -> SlotRecord:
+    """Return the record of a slot with its people smoothed.
+
+    Args:
+        record: of the slot.
+        late: of the same slot.
+        body: the bones.
+    """
+    joints_m, covariance_m2 = late.of(record.track_ids, record.poses.scores, body)
+    poses = Poses3D(joints_m, record.poses.scores)
+    return replace(record, poses=poses, covariance_m2=covariance_m2)
+
+
+def lag_slots(delay_s: float, interval_s: float) -> int:
+    """Return a delay in slots, at least one.
+
+    Args:
+        delay_s: how much later smoothed poses are published; above 0.
+        interval_s: of a slot.
+    """
+    return max(1, round(delay_s / interval_s))
