@@ -9,7 +9,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from e3pose.cli.options import warn
+from e3pose.cli.options import Flag, warn
 from e3pose.errors import InputError
 from e3pose.quantities import check_seconds
 
@@ -19,6 +19,7 @@ def stream(
     target: Annotated[list[str], Parameter(consume_multiple=True)],
     /,
     *,
+    delayed: Flag = False,
     keys: Path | None = None,
     for_s: Annotated[float | None, Parameter(name="--for")] = None,
 ) -> None:
@@ -38,6 +39,9 @@ def stream(
         lsl:NAME, foxglove://HOST:PORT, mcap:FILE.mcap, mqtt://HOST:PORT, mqtts://HOST:PORT. User
         and password of a broker: E3POSE_MQTT_USER, E3POSE_MQTT_PASSWORD in the environment, or the
         file that E3POSE_MQTT_PASSWORD_FILE names.
+    delayed
+        Stream the smoothed poses that the edge publishes later, as `smooth_delay_ms` of the site
+        file or its --delay says, in place of those at once.
     keys
         Folder from `e3pose keys add NAME --viewer`. Default on the edge server: the first viewer.
     for_s
@@ -66,9 +70,12 @@ def stream(
         for one in target:
             streams.append(open_stream(one, source))
             stack.callback(streams[-1].close)
-        connection = stack.enter_context(Connection(table.name, open_network(link)))
+        connection = stack.enter_context(
+            Connection(table.name, open_network(link), delayed=delayed)
+        )
         sender = stack.enter_context(Sender(connection, streams, Zones(table.zone), warn))
-        print(f"Streaming site {table.name} to {', '.join(target)}", flush=True)
+        what = "smoothed poses of site" if delayed else "site"
+        print(f"Streaming {what} {table.name} to {', '.join(target)}", flush=True)
         end_s = None if for_s is None else time.monotonic() + for_s
         run_until_stopped(lambda: sender.running() and (end_s is None or time.monotonic() < end_s))
         if sender.failure is not None:

@@ -48,6 +48,7 @@ class LiveSlot:
             nothing is stored yet.
         stored_to: the store holds all slots from there to this one; none while it is smaller.
         store_shed: records that the store gave up since the edge was started.
+        delay_ms: how much later it was published, smoothed with the slots in between; 0 at once.
     """
 
     slot: int
@@ -64,6 +65,7 @@ class LiveSlot:
     stored_from: int = -1
     stored_to: int = -1
     store_shed: int = 0
+    delay_ms: float = 0.0
 
     def __len__(self) -> int:
         """Return how many people there are."""
@@ -87,6 +89,7 @@ def live_slot(poses: Poses) -> LiveSlot:
         poses.stored_from,
         poses.stored_to,
         poses.store_shed,
+        poses.delay_ms,
     )
 
 
@@ -134,17 +137,20 @@ class Connection:
         dropped: slots that came while `MAX_WAITING` waited to be taken.
     """
 
-    def __init__(self, site: str, transport: Transport, wait_s: float = WAIT_S) -> None:
+    def __init__(
+        self, site: str, transport: Transport, wait_s: float = WAIT_S, delayed: bool = False
+    ) -> None:
         """Follow a site.
 
         Args:
             site: its name.
             transport: how to reach its edge; closed with the connection.
             wait_s: how long to wait for the edge at most; it may be away for less.
+            delayed: follow the smoothed poses that come later, in place of those at once.
         """
         self.site, self.dropped = site, 0
         self._transport, self._wait_s = transport, wait_s
-        self._follower = Follower(site)
+        self._follower = Follower(site, delayed=delayed)
         self._slots: queue.Queue[LiveSlot | None] = queue.Queue(MAX_WAITING)
         self._follower.listen(transport, self._keep)
 
@@ -185,6 +191,8 @@ class Connection:
         except queue.Empty:
             said = self._follower.problem
             why = f" ({said})" if said else ""
+            if self._follower.delayed:
+                why += ": the edge smooths none, unless smooth_delay_ms or --delay says so"
             raise InputError(
                 f"site {self.site}: no slot for {self._wait_s:g} s{why}: check that the edge runs "
                 "and cameras are online (`e3pose top`), the endpoint, the site name and the keys"
@@ -247,6 +255,7 @@ def connect(
     site: str | None = None,
     keys: Path | str | None = None,
     wait_s: float = WAIT_S,
+    delayed: bool = False,
 ) -> Connection:
     """Follow a running site: iterate over the connection for its slots.
 
@@ -259,6 +268,8 @@ def connect(
         site: name of the site; with `tls` that of the certificate by default.
         keys: folder from `e3pose keys add NAME --viewer`, for `tls`.
         wait_s: how long to wait for a slot before an error.
+        delayed: follow the smoothed poses that the edge publishes later (`smooth_delay_ms`), in
+            place of those at once.
 
     Raises:
         InputError: for an endpoint, a name or certificates that cannot be used.
@@ -268,7 +279,7 @@ def connect(
     folder = None if keys is None else Path(keys)
     if Path(place).exists():
         link = viewer_link(load_site(Path(place)), folder)
-        return Connection(link.site, open_network(link), wait_s)
+        return Connection(link.site, open_network(link), wait_s, delayed)
     endpoint, certificates = str(place), None
     if split_endpoint(endpoint)[0] == "tls":
         if folder is None:
@@ -280,7 +291,7 @@ def connect(
     if site is None:
         raise InputError("site", MISSING, 'site="NAME", as `name` in the site file')
     link = Link("viewer", site, endpoint, certificates)
-    return Connection(site, open_network(link), wait_s)
+    return Connection(site, open_network(link), wait_s, delayed)
 
 
 def certified_site(authority: Path) -> str:

@@ -37,6 +37,7 @@ class Follower:
         poses: the newest; None before the first.
         problem: what was wrong with the newest message that made no sense.
         fresh: set by each message.
+        delayed: whether to follow the smoothed poses that come later, in place of those at once.
     """
 
     site: str
@@ -44,6 +45,7 @@ class Follower:
     poses: Poses | None = None
     problem: str = ""
     fresh: threading.Event = field(default_factory=threading.Event)
+    delayed: bool = False
 
     def listen(
         self,
@@ -73,7 +75,8 @@ class Follower:
                 on_poses(self.poses)
 
         transport.subscribe(topics.of_site(self.site, "status"), take_status)
-        transport.subscribe(topics.of_site(self.site, "poses"), take_poses)
+        which = "poses-delayed" if self.delayed else "poses"
+        transport.subscribe(topics.of_site(self.site, which), take_poses)
 
 
 def operator_of(link: Link) -> str | None:

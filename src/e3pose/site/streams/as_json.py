@@ -27,6 +27,7 @@ def slot_words(slot: LiveSlot) -> dict[str, Any]:
     return {
         "slot": slot.slot,
         "time_ns": slot.time_ns,
+        "delay_ms": slot.delay_ms,
         "selected": list(slot.selected),
         "people": people,
     }
