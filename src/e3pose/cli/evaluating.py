@@ -210,7 +210,7 @@ def _that_matter(loops: list[LoopOptions], row: PolicyRow) -> list[LoopOptions]:
     used = [
         replace(
             one,
-            budget=one.budget if row.spends or len(loops) == 1 else None,
+            budget=one.budget if row.spends or one.independent_queue or len(loops) == 1 else None,
             quality_weight=one.quality_weight if row.weighs or len(loops) == 1 else None,
         )
         for one in loops
