@@ -8,12 +8,14 @@ from scipy.spatial.transform import Rotation
 from tests.calibrate.people_scenes import distances
 
 from e3pose.calibrate.board import Board
-from e3pose.calibrate.from_boards import board_on_floor, solve_boards
+from e3pose.calibrate.from_boards import board_on_floor, both_places, solve_boards
 from e3pose.calibrate.view_graph import Edge, chain, connected, robust_mean
 from e3pose.errors import InputError
+from e3pose.geometry.camera import Rig
 from e3pose.geometry.rigs import ring_rig
 
 BOARD = Board.parse("charuco-5x7-54mm")
+A4 = Board.parse("charuco-5x7-37mm")
 RIG = ring_rig(5, 4.0, 2.0, (1280, 720), np.random.default_rng(0))
 
 
@@ -70,6 +72,41 @@ def test_board_on_the_floor_is_placed() -> None:
     assert np.allclose(found, truth, atol=1e-5)
     with pytest.raises(InputError, match="--floor: found no board"):
         board_on_floor(RIG, BOARD.corners_m, np.full((5, 24, 2), np.nan))
+
+
+def thrown(seed: int, cameras: int, noise_px: float) -> tuple[Rig, np.ndarray, np.ndarray]:
+    """Return a rig, an A4 board's rotation as it lies on its floor, and its corners in pixels."""
+    rng = np.random.default_rng(seed)
+    rig = RIG.subset(rng.permutation(len(RIG))[:cameras].tolist())
+    c, s = np.cos(angle := rng.uniform(0, 2 * np.pi)), np.sin(angle)
+    turn = np.array([[c, s, 0], [s, -c, 0], [0, 0, -1.0]])
+    lying = (A4.corners_m - A4.corners_m.mean(axis=0)) @ turn.T
+    lying[:, :2] += rng.uniform(-1.0, 1.0, 2)
+    pixels = rig.project(lying)
+    return rig, turn, pixels + rng.normal(0, noise_px, pixels.shape)
+
+
+@pytest.mark.parametrize(("cameras", "noise_px"), [(1, 0.2), (1, 0.5), (2, 0.5), (4, 0.5)])
+def test_a_small_board_on_the_floor_is_never_mirrored(cameras: int, noise_px: float) -> None:
+    refused = 0
+    for seed in range(30):
+        rig, turn, pixels = thrown(seed, cameras, noise_px)
+        try:
+            found = board_on_floor(rig, A4.corners_m, pixels)
+        except InputError as error:
+            assert "as likely tilted the other way" in str(error)
+            refused += 1
+            continue
+        assert np.degrees(np.arccos(found[:3, 2] @ turn[:, 2])) < 8.0, seed
+    assert refused == 0 or cameras == 1
+
+
+def test_both_places_of_a_board_are_tried() -> None:
+    rig, turn, pixels = thrown(0, 1, 0.0)
+    places = both_places(rig.cameras[0], A4.corners_m, pixels[0])
+    cosines = np.clip([place[:3, 2] @ turn[:, 2] for place in places], -1, 1)
+    tilts = np.degrees(np.arccos(cosines))
+    assert tilts.min() < 0.1 and tilts.max() > 20
 
 
 def test_chain_takes_the_strongest_way() -> None:

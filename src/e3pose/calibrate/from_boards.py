@@ -11,13 +11,17 @@ from e3pose.calibrate.bundle import Adjusted, AdjustOptions, adjust_boards, plac
 from e3pose.calibrate.intrinsics import resect
 from e3pose.calibrate.view_graph import chain, connected, edges_from_boards
 from e3pose.errors import InputError
-from e3pose.geometry.camera import Rig
+from e3pose.geometry.camera import Camera, Rig
 
 Floats = NDArray[np.float64]
 
 MIN_TIMES = 3  # in which a pair must have seen the board together
 OUTLIER_SIGMAS = 3.0
 FIRST_SIGMA_PX = 0.5  # of a corner; measured from the residuals afterwards
+# A board on the floor that is turned by more is another solution. It is ruled out by so much more
+# of the sum of squares, and so many times as much: lenses err as well.
+ANOTHER_RAD = np.radians(5.0)
+LEAST_COST, LEAST_TIMES = 30.0, 1.1
 WILD_PX = 8.0  # a board that errs more than this in a view was misread, or moved
 
 
@@ -100,23 +104,102 @@ def board_on_floor(rig: Rig, corners_m: Floats, corners_px: Floats) -> Floats:
         `(4, 4)` board to world.
 
     Raises:
-        InputError: when no camera saw enough of it.
+        InputError: when no camera saw enough of it, or it may as well be tilted the other way.
     """
-    counts = np.isfinite(corners_px[..., 0]).sum(axis=1)
-    best = int(np.argmax(counts))
-    start, _ = resect(rig.cameras[best], corners_m, corners_px[best : best + 1])
-    if not np.isfinite(start).all():
+    starts = [
+        place
+        for camera, seen_px in zip(rig.cameras, corners_px, strict=True)
+        for place in both_places(camera, corners_m, seen_px)
+    ]
+    if not starts:
         raise InputError("--floor: found no board in the pictures; does --board match it?")
-    held = np.zeros(len(rig), dtype=bool)
-    adjusted = adjust_boards(
-        rig,
-        start,
-        corners_m,
-        corners_px[:, None],
-        FIRST_SIGMA_PX,
-        AdjustOptions(OUTLIER_SIGMAS, held),
-    )
-    return np.asarray(adjusted.blocks[0])
+    held = AdjustOptions(OUTLIER_SIGMAS, np.zeros(len(rig), dtype=bool))
+    found = [
+        adjust_boards(rig, start[None], corners_m, corners_px[:, None], FIRST_SIGMA_PX, held)
+        for start in starts
+    ]
+    spread = min(float(np.nanmedian(np.abs(each.residuals))) for each in found) * 1.4826
+    costs = np.array([_cost(each.residuals / max(spread, 1e-3)) for each in found])
+    seen = [np.isfinite(each.residuals).all(axis=-1).sum() for each in found]
+    shown = _shown(rig, corners_px, np.array([each.blocks[0] for each in found]))
+    costs[(np.array(seen) < max(seen)) | ~shown] = np.inf  # behind a camera, or seen from behind
+    if not np.isfinite(costs).any():
+        raise InputError("--floor: found no place of the board that fits the pictures")
+    best = int(costs.argmin())
+    board = np.asarray(found[best].blocks[0])
+    others = [
+        cost
+        for each, cost in zip(found, costs.tolist(), strict=True)
+        if each.blocks[0, :3, 2] @ board[:3, 2] < np.cos(ANOTHER_RAD)
+    ]
+    if others and min(others) < max(costs[best] + LEAST_COST, LEAST_TIMES * costs[best]):
+        raise InputError(
+            "--floor",
+            "a board that is as likely tilted the other way: it is seen too small, or too flat",
+            "a larger board, pictures by more cameras, or a place nearer to them; --points and a "
+            "recording of people also tell the floor",
+        )
+    return board
+
+
+def both_places(camera: Camera, corners_m: Floats, corners_px: Floats) -> list[Floats]:
+    """Return the places of a board that one view allows: a flat thing far away has two.
+
+    Args:
+        camera: which is placed.
+        corners_m: `(num_corners, 3)` on the board.
+        corners_px: `(num_corners, 2)` pixels; NaN where not found.
+
+    Returns:
+        `(4, 4)` each, board to world (IPPE, Collins and Bartoli 2014), and its mirrored one, where
+        noise hides one of them; none without four corners.
+    """
+    import cv2
+
+    ideal = camera.normalise(corners_px)
+    seen = np.isfinite(ideal).all(axis=-1)
+    if seen.sum() < 4:
+        return []
+    try:
+        _, turns, shifts, _ = cv2.solvePnPGeneric(
+            corners_m[seen], ideal[seen][:, None], np.eye(3), None, flags=cv2.SOLVEPNP_IPPE
+        )
+    except cv2.error:
+        return []
+    places = []
+    for turn, shift in zip(turns, shifts, strict=True):
+        if np.isfinite(turn).all() and shift[2, 0] > 0:
+            place = np.eye(4)
+            place[:3, :3], place[:3, 3] = cv2.Rodrigues(turn)[0], shift[:, 0]
+            places += [
+                camera.T_world_camera @ each for each in (place, _mirrored(place, corners_m))
+            ]
+    return places
+
+
+def _mirrored(place: Floats, corners_m: Floats) -> Floats:
+    """Return the place `(4, 4)` of a board that is tilted the other way for its camera."""
+    middle = place[:3, :3] @ corners_m.mean(axis=0) + place[:3, 3]
+    line = middle / np.linalg.norm(middle)
+    half = 2 * np.outer(line, line) - np.eye(3)  # half a turn about the line of sight
+    normal = half @ place[:3, 2]
+    other = np.eye(4)
+    other[:3, :3] = (2 * np.outer(normal, normal) - np.eye(3)) @ half @ place[:3, :3]
+    other[:3, 3] = middle - other[:3, :3] @ corners_m.mean(axis=0)
+    return other
+
+
+def _shown(rig: Rig, corners_px: Floats, places: Floats) -> NDArray[np.bool_]:
+    """Return which places `(num_places, 4, 4)` show the front to all cameras that saw the board."""
+    saw = np.isfinite(corners_px).all(axis=-1).any(axis=-1)
+    away = places[:, None, :3, 3] - rig.centers_m[saw]
+    return np.asarray(((away * places[:, None, :3, 2]).sum(axis=-1) > 0).all(axis=1))
+
+
+def _cost(residuals: Floats) -> float:
+    """Return the robust sum of squares of residuals, in standard deviations; NaN is not seen."""
+    squares = np.nansum(residuals**2, axis=-1)
+    return float((OUTLIER_SIGMAS**2 * np.log1p(squares / OUTLIER_SIGMAS**2)).sum())
 
 
 def check_connected(camera_ids: tuple[str, ...], parts: list[list[int]], what: str) -> None:
