@@ -52,7 +52,7 @@ def disturbed(rig: Rig, degrees: float, metres: float, seed: int) -> Rig:
     )
     centers = rig.centers_m + metres * aside
     translations = -np.einsum("cij,cj->ci", rotations, centers)
-    return Cameras(rotations, translations, np.zeros(len(rig))).rig(rig)
+    return Cameras(rotations, translations, np.zeros((len(rig), 4))).rig(rig)
 
 
 def knocked(calm: Recording, index: int, degrees: float, seed: int, from_s: float) -> Recording:

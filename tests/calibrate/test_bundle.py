@@ -16,6 +16,7 @@ from e3pose.geometry.camera import Rig
 from e3pose.geometry.rigs import ring_rig
 from e3pose.geometry.rotations import similarity
 
+LONGER = np.array([np.log(1.12), 0.0, 0.0, 0.0])  # a lens of 1.12 times the focal length
 RIG = Rig(
     tuple(
         replace(camera, distortion=np.array([-0.2, 0.06, 0.001, 0.0]))
@@ -72,7 +73,7 @@ def test_solution_is_that_of_a_general_solver() -> None:
     observed = observe(start, pixels[:, :, None], sigma[:, :, None])
 
     def residuals(x: np.ndarray) -> np.ndarray:
-        steps = np.zeros((4, 7))
+        steps = np.zeros((4, 10))
         steps[1:, :6] = x[:18].reshape(3, 6)
         cameras, moved = Cameras.of(start).moved(steps), points + x[18:].reshape(-1, 3)
         inside = np.einsum("cij,pj->cpi", cameras.rotations, moved) + cameras.translations[:, None]
@@ -94,8 +95,10 @@ def test_rig_is_found_from_nothing_and_focal_lengths_too() -> None:
     assert found is not None and found.placed.all()
     degrees, millimetres, _ = distances(found.adjusted.rig, RIG)
     assert degrees < 0.15 and millimetres < 8
-    guessed = Rig(tuple(placed(camera, np.eye(3), np.zeros(3), 1.12) for camera in RIG.cameras))
-    found = solve_points(guessed, pixels, sigma, pair_poses(guessed, pixels, 2 * sigma), 0.25)
+    free = np.zeros((4, 4, 4, 4))
+    free[:, 0, :, 0] = 0.25**2 * np.eye(4)
+    guessed = Rig(tuple(placed(camera, np.eye(3), np.zeros(3), LONGER) for camera in RIG.cameras))
+    found = solve_points(guessed, pixels, sigma, pair_poses(guessed, pixels, 2 * sigma), free)
     assert found is not None
     for camera, truth in zip(found.adjusted.rig.cameras, RIG.cameras, strict=True):
         assert camera.K[0, 0] == pytest.approx(truth.K[0, 0], rel=0.02)

@@ -14,6 +14,8 @@ from tests.calibrate.people_scenes import (
     without_calibration,
 )
 
+from e3pose.calibrate.fit import CameraFit, disagreeing
+from e3pose.calibrate.from_people import solve_people
 from e3pose.calibrate.judge import judge
 from e3pose.calibrate.places import KnownLength, from_people
 from e3pose.calibrate.synchronise import synchronise, with_offsets
@@ -74,6 +76,28 @@ def test_good_rig_is_found_good_and_a_moved_camera_is_named(two: Recording) -> N
     assert bad.errors_px[2] > 1.5 * good.errors_px[2]
     assert any("cam2" in words for words in bad.next_steps)
     assert np.nanmedian(bad.room.calibration_mm) > 3 * np.nanmedian(good.room.calibration_mm)
+
+
+def test_result_does_not_depend_on_the_declared_noise(two: Recording) -> None:
+    loud = replace(NOISE, sigma_px=4 * NOISE.sigma_px)
+    solved = solve_people(two, loud, None)
+    degrees, millimetres, _ = distances(solved.solved.adjusted.rig, two.rig)
+    assert degrees < 0.3 and millimetres < 30
+    assert solved.noise < 0.5  # of four times too much
+
+
+def test_two_unknown_lenses_are_refused(two: Recording) -> None:
+    pair = replace(two, rig=two.rig.subset([0, 1]), views=two.views[:2])
+    with pytest.raises(InputError, match="found two with unknown lenses"):
+        from_people(without_calibration(pair), NOISE, None, KnownLength(), quiet)
+
+
+def test_camera_that_disagrees_is_refused_unless_forced(two: Recording) -> None:
+    poor = np.array([False, True, False, False])
+    fit = CameraFit(np.where(poor, 0.4, 0.02), np.where(poor, 3.0, 1.0), 1.0, poor)
+    with pytest.raises(InputError, match="cam1: 40 % of its keypoints disagree"):
+        disagreeing(two.rig, fit, force=False)
+    assert "cam1" in disagreeing(two.rig, fit, force=True)[0]
 
 
 def test_nobody_is_an_error(two: Recording) -> None:

@@ -17,12 +17,18 @@ from scipy.spatial.transform import Rotation
 
 from e3pose.calibrate.least_squares import Linearised, Solution, solve
 from e3pose.geometry.camera import Camera, Rig
+from e3pose.recording.calibration.world import ASSUMED_FOCAL, assumed_rig
 
 Floats = NDArray[np.float64]
 
 LENS_STEP = 1e-5  # normalised units, for the derivative of the lens
 MIN_DEPTH = 1e-3  # metres; nearer points count as this far
-NUM_PARAMETERS = 7  # of a camera: rotation, translation, log of the focal length
+POSE, LENS = slice(0, 6), slice(6, 10)
+NUM_LENS = 4  # log of the focal length, radial distortion k1, principal point in focal lengths
+FOCAL_WIDTHS = (0.4, 3.0)  # of the longer side of the image: what a lens may have
+LEAST_LENS = np.array([np.log(FOCAL_WIDTHS[0] / ASSUMED_FOCAL), -0.6, -0.3, -0.3])
+MOST_LENS = np.array([np.log(FOCAL_WIDTHS[1] / ASSUMED_FOCAL), 0.6, 0.3, 0.3])
+NUM_PARAMETERS = 6 + NUM_LENS  # of a camera: rotation, translation, lens
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,45 +75,69 @@ def observe(rig: Rig, keypoints_px: Floats, sigma_px: Floats) -> Observed:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Cameras:
-    """Extrinsics and focal lengths of a rig, as they are adjusted.
+    """Extrinsics and lenses of a rig, as they are adjusted.
 
     Attributes:
         rotations: `(num_cameras, 3, 3)` world to camera.
         translations: `(num_cameras, 3)` world to camera, metres.
-        log_focal: `(num_cameras,)` log of the factor on the focal length that the rig states.
+        lenses: `(num_cameras, 4)` log of the factor on the focal length that the rig states,
+            radial distortion k1, and shift of the principal point in the rig's focal lengths.
     """
 
     rotations: Floats
     translations: Floats
-    log_focal: Floats
+    lenses: Floats
 
     @classmethod
     def of(cls, rig: Rig) -> Cameras:
-        """Take those of a rig."""
+        """Take those of a rig; lenses that are assumed are relative to `first_lenses`."""
         return cls(
             np.stack([camera.R for camera in rig.cameras]),
             np.stack([camera.t for camera in rig.cameras]),
-            np.zeros(len(rig)),
-        )
+            np.stack([
+                _lens(camera, first)
+                for camera, first in zip(rig.cameras, first_lenses(rig).cameras, strict=True)
+            ]),
+        )  # fmt: skip
 
     def moved(self, steps: Floats) -> Cameras:
-        """Return them moved by `(num_cameras, 7)`."""
+        """Return them moved by `(num_cameras, 10)`."""
         return Cameras(
             Rotation.from_rotvec(steps[:, :3]).as_matrix() @ self.rotations,
             self.translations + steps[:, 3:6],
-            self.log_focal + steps[:, 6],
+            np.clip(self.lenses + steps[:, LENS], LEAST_LENS, MOST_LENS),
         )
 
     def rig(self, like: Rig) -> Rig:
-        """Return the rig `like` with these extrinsics and focal lengths."""
+        """Return the rig `like` with these extrinsics and lenses."""
         return Rig(
             tuple(
-                placed(camera, rotation, translation, float(np.exp(focal)))
-                for camera, rotation, translation, focal in zip(
-                    like.cameras, self.rotations, self.translations, self.log_focal, strict=True
+                placed(camera, rotation, translation, lens)
+                for camera, rotation, translation, lens in zip(
+                    like.cameras, self.rotations, self.translations, self.lenses, strict=True
                 )
             )
         )
+
+
+def first_lenses(rig: Rig) -> Rig:
+    """Return a rig whose assumed lenses are as at first: focal length by the image size alone."""
+    guesses = assumed_rig({camera.camera_id: camera.image_size for camera in rig.cameras})
+    return Rig(
+        tuple(
+            replace(guess, T_world_camera=camera.T_world_camera) if camera.lens_assumed else camera
+            for guess, camera in zip(guesses.cameras, rig.cameras, strict=True)
+        ),
+        rig.placed,
+    )
+
+
+def _lens(camera: Camera, first: Camera) -> Floats:
+    """Return `(4,)` by which the lens of a camera differs from a first one."""
+    k1 = camera.distortion[0] if camera.lens_assumed and len(camera.distortion) else 0.0
+    focal = first.K[[0, 1], [0, 1]]
+    shift = (camera.K[:2, 2] - first.K[:2, 2]) / focal
+    return np.array([np.log(camera.K[0, 0] / focal[0]), k1, *shift])
 
 
 def root_mean_square(values: Floats, axis: int | tuple[int, ...]) -> Floats:
@@ -126,21 +156,25 @@ def root_mean_square(values: Floats, axis: int | tuple[int, ...]) -> Floats:
     return np.where(count > 0, np.sqrt(total / np.maximum(count, 1)), np.nan)
 
 
-def placed(camera: Camera, R: Floats, t: Floats, focal_factor: float = 1.0) -> Camera:
+def placed(camera: Camera, R: Floats, t: Floats, lens: Floats | None = None) -> Camera:
     """Return a camera with other extrinsics: `x_camera = R x_world + t`.
 
     Args:
         camera: whose lens it has.
         R: `(3, 3)` world to camera.
         t: `(3,)` world to camera, metres.
-        focal_factor: multiplies the focal lengths.
+        lens: `(4,)` change of the lens, as of `Cameras`; distortion only of a lens without any.
     """
     T_world_camera = np.eye(4)
     T_world_camera[:3, :3] = R.T
     T_world_camera[:3, 3] = -R.T @ t
+    if lens is None or not lens.any():
+        return replace(camera, T_world_camera=T_world_camera)
     K = np.array(camera.K)
-    K[:2, :2] *= focal_factor
-    return replace(camera, K=K, T_world_camera=T_world_camera)
+    K[:2, 2] += K[[0, 1], [0, 1]] * lens[2:]
+    K[:2, :2] *= np.exp(lens[0])
+    distortion = np.array([lens[1], 0.0, 0.0, 0.0]) if lens[1] else camera.distortion
+    return replace(camera, K=K, T_world_camera=T_world_camera, distortion=distortion)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -154,9 +188,8 @@ class Adjusted:
             not seen.
         residuals: `(num_cameras, num_blocks, num_points, 2)` in standard deviations; NaN where not
             seen.
-        covariance: `(num_cameras, 7, num_cameras, 7)` of rotation (radians), translation (metres)
-            and log of the focal length, for independent errors of the stated deviations; 0 where
-            held.
+        covariance: `(num_cameras, 10, num_cameras, 10)` of rotation (radians), translation (metres)
+            and lens, for independent errors of the stated deviations; 0 where held.
     """
 
     rig: Rig
@@ -173,14 +206,14 @@ class AdjustOptions:
     Attributes:
         outlier_sigmas: residual at which Cauchy's loss halves the weight; infinite for none.
         free: `(num_cameras,)` which cameras may move; all but the first by default.
-        focal_sigma: `(num_cameras,)` standard deviation of the focal lengths as a share of them; 0
-            holds them.
+        lenses: `(num_cameras, 4, num_cameras, 4)` covariance of how far lenses are expected to be
+            from those of the rig; 0 holds them, as None does.
         max_steps: at most so many steps.
     """
 
     outlier_sigmas: float
     free: NDArray[np.bool_] | None = None
-    focal_sigma: Floats | float = 0.0
+    lenses: Floats | None = None
     max_steps: int = 60
 
 
@@ -200,7 +233,8 @@ def adjust_points(
         sigma_px: `(num_cameras, num_points)` standard deviations.
         options: what may move.
     """
-    seen = observe(rig, keypoints_px[:, :, None], sigma_px[:, :, None])
+    first = first_lenses(rig)
+    seen = observe(first, keypoints_px[:, :, None], sigma_px[:, :, None])
 
     def linearise(state: tuple[Cameras, Floats]) -> Linearised:
         cameras, points = state
@@ -214,7 +248,7 @@ def adjust_points(
         return state[0].moved(by_camera), state[1] + by_block
 
     solution = _solve((Cameras.of(rig), points_m), linearise, retract, options)
-    return _adjusted(rig, solution, seen, linearise(solution.state).residuals)
+    return _adjusted(first, solution, seen, linearise(solution.state).residuals)
 
 
 def adjust_boards(
@@ -235,7 +269,8 @@ def adjust_boards(
         sigma_px: standard deviation of a corner.
         options: what may move.
     """
-    seen = observe(rig, corners_px, np.full(corners_px.shape[:-1], sigma_px))
+    first = first_lenses(rig)
+    seen = observe(first, corners_px, np.full(corners_px.shape[:-1], sigma_px))
 
     def linearise(state: tuple[Cameras, Floats]) -> Linearised:
         cameras, boards = state
@@ -256,7 +291,7 @@ def adjust_boards(
         return state[0].moved(by_camera), moved
 
     solution = _solve((Cameras.of(rig), boards), linearise, retract, options)
-    return _adjusted(rig, solution, seen, linearise(solution.state).residuals)
+    return _adjusted(first, solution, seen, linearise(solution.state).residuals)
 
 
 def _residuals(cameras: Cameras, rotated: Floats, seen: Observed) -> tuple[Floats, Floats, Floats]:
@@ -269,16 +304,23 @@ def _residuals(cameras: Cameras, rotated: Floats, seen: Observed) -> tuple[Float
     """
     in_camera = rotated + cameras.translations[:, None, None]
     depth = np.maximum(in_camera[..., 2], MIN_DEPTH)
-    factor = np.exp(cameras.log_focal)[:, None, None, None]
-    ideal = factor * in_camera[..., :2] / depth[..., None]
+    lenses = cameras.lenses[:, None, None]
+    factor, k1, middle = np.exp(lenses[..., :1]), lenses[..., 1:2], lenses[..., 2:]
+    pinhole = in_camera[..., :2] / depth[..., None]
+    square = (pinhole**2).sum(axis=-1, keepdims=True)
+    scaled = factor * pinhole
+    ideal = scaled * (1 + k1 * square) + middle
     residuals = np.einsum("cfmuv,cfmv->cfmu", seen.whiten, ideal - seen.points)
-    by_ideal = np.zeros((*depth.shape, 2, 3))
-    by_ideal[..., 0, 0] = by_ideal[..., 1, 1] = factor[..., 0] / depth
-    by_ideal[..., 2] = -ideal / depth[..., None]
-    to_camera = seen.whiten @ by_ideal
+    by_pinhole = (factor * (1 + k1 * square))[..., None] * np.eye(2)
+    by_pinhole = by_pinhole + 2 * k1[..., None] * scaled[..., :, None] * pinhole[..., None, :]
+    by_point = np.zeros((*depth.shape, 2, 3))
+    by_point[..., 0, 0] = by_point[..., 1, 1] = 1 / depth
+    by_point[..., 2] = -pinhole / depth[..., None]
+    to_camera = seen.whiten @ (by_pinhole @ by_point)
     by_turn = np.cross(rotated[..., None, :], to_camera)
-    by_focal = np.einsum("cfmuv,cfmv->cfmu", seen.whiten, ideal)[..., None]
-    return residuals, np.concatenate([by_turn, to_camera, by_focal], axis=-1), to_camera
+    by_lens = np.stack([scaled * (1 + k1 * square), scaled * square], axis=-1)
+    by_lens = np.concatenate([seen.whiten @ by_lens, seen.whiten], axis=-1)
+    return residuals, np.concatenate([by_turn, to_camera, by_lens], axis=-1), to_camera
 
 
 def _by_world(to_camera: Floats, cameras: Cameras) -> Floats:
@@ -300,17 +342,22 @@ def _solve(
 ) -> Solution[tuple[Cameras, Floats]]:
     number = len(state[0].translations)
     free = np.arange(number) > 0 if options.free is None else options.free
-    focal_sigma = np.broadcast_to(np.asarray(options.focal_sigma, dtype=np.float64), (number,))
     chosen = np.zeros((number, NUM_PARAMETERS), dtype=bool)
-    chosen[:, :6] = free[:, None]
-    chosen[:, 6] = focal_sigma > 0
-    precisions = np.zeros((number, NUM_PARAMETERS))
-    precisions[:, 6] = np.where(focal_sigma > 0, 1 / np.maximum(focal_sigma, 1e-9) ** 2, 0.0)
+    chosen[:, POSE] = free[:, None]
+    precision = np.zeros((number, NUM_PARAMETERS, number, NUM_PARAMETERS))
+    if options.lenses is not None:
+        expected = options.lenses.reshape(number * NUM_LENS, -1)
+        known = np.diag(expected) > 0
+        inverse = np.zeros_like(expected)
+        inverse[np.ix_(known, known)] = np.linalg.inv(expected[np.ix_(known, known)])
+        precision[:, LENS, :, LENS] = inverse.reshape(options.lenses.shape)
+        chosen[:, LENS] = known.reshape(number, NUM_LENS)
+    flat = precision.reshape(number * NUM_PARAMETERS, -1)
 
     def prior(state: tuple[Cameras, Floats]) -> tuple[Floats, Floats]:
         distances = np.zeros((number, NUM_PARAMETERS))
-        distances[:, 6] = state[0].log_focal
-        return distances, precisions
+        distances[:, LENS] = state[0].lenses
+        return distances, flat
 
     return solve(
         state, linearise, retract, chosen, prior, options.outlier_sigmas, options.max_steps

@@ -72,7 +72,7 @@ def solve_points(
     keypoints_px: Floats,
     sigma_px: Floats,
     poses: dict[tuple[int, int], RelativePose],
-    focal_sigma: Floats | float = 0.0,
+    lenses: Floats | None = None,
 ) -> PointRig | None:
     """Place cameras by points, from relative poses; None if no pair can begin.
 
@@ -81,14 +81,14 @@ def solve_points(
         keypoints_px: `(num_cameras, num_points, 2)` real pixels; NaN where not seen.
         sigma_px: `(num_cameras, num_points)` standard deviations.
         poses: of pairs of cameras, as `pair_poses` finds them.
-        focal_sigma: `(num_cameras,)` how far, as a share, focal lengths may be off; 0 holds them.
+        lenses: what to expect of lenses, as `AdjustOptions` has it.
     """
     if not poses:
         return None
     order = sorted(poses, key=lambda pair: -_strength(poses[pair]))
     best: PointRig | None = None
     for pair in order[:3]:
-        found = _grow(rig, keypoints_px, sigma_px, pair, poses[pair], focal_sigma)
+        found = _grow(rig, keypoints_px, sigma_px, pair, poses[pair], lenses)
         if found is not None and (best is None or _better(found, best)):
             best = found
         if best is not None and best.placed.all() and _inlier_share(best) > 0.5:
@@ -118,7 +118,7 @@ def _grow(
     sigma_px: Floats,
     pair: tuple[int, int],
     pose: RelativePose,
-    focal_sigma: Floats | float,
+    lenses: Floats | None,
 ) -> PointRig | None:
     first, second = pair
     cameras = list(rig.cameras)
@@ -127,7 +127,7 @@ def _grow(
     current, done = Rig(tuple(cameras)), np.zeros(len(rig), dtype=bool)
     done[[first, second]] = True
     while True:
-        solved = adjust_all(current, keypoints_px, sigma_px, done, focal_sigma, max_steps=25)
+        solved = adjust_all(current, keypoints_px, sigma_px, done, lenses, max_steps=25)
         if solved is None:
             return None
         current, points, used = solved.adjusted.rig, solved.adjusted.blocks, solved.used
@@ -147,7 +147,7 @@ def adjust_all(
     keypoints_px: Floats,
     sigma_px: Floats,
     done: NDArray[np.bool_],
-    focal_sigma: Floats | float = 0.0,
+    lenses: Floats | None = None,
     max_steps: int = 60,
     most_points: int = MOST_POINTS,
 ) -> PointRig | None:
@@ -158,7 +158,7 @@ def adjust_all(
         keypoints_px: `(num_cameras, num_points, 2)` real pixels; NaN where not seen.
         sigma_px: `(num_cameras, num_points)` standard deviations.
         done: `(num_cameras,)` which cameras are placed.
-        focal_sigma: as for `solve_points`.
+        lenses: as for `solve_points`.
         max_steps: of the adjustment.
         most_points: to adjust with.
     """
@@ -172,10 +172,11 @@ def adjust_all(
     used = subsampled(used, views[used], most_points)
     free = done.copy()
     free[int(np.flatnonzero(done)[0])] = False
-    focal = np.where(done, focal_sigma, 0.0)
+    if lenses is not None:
+        lenses = np.where(done[:, None, None, None] & done[:, None], lenses, 0.0)
     adjusted = adjust_points(
         rig, points[used], pixels[:, used], sigma_px[:, used],
-        AdjustOptions(OUTLIER_SIGMAS, free, focal, max_steps),
+        AdjustOptions(OUTLIER_SIGMAS, free, lenses, max_steps),
     )  # fmt: skip
     return PointRig(adjusted, used, done.copy())
 

@@ -249,6 +249,6 @@ def _focal_sigma(camera: Camera, corners_m: Floats, corners_px: Floats, fit_px: 
     good = np.isfinite(boards).all(axis=(1, 2))
     result = adjust_boards(
         Rig((camera,)), boards[good], corners_m, corners_px[None, good], max(fit_px, 0.02),
-        AdjustOptions(np.inf, np.zeros(1, dtype=bool), focal_sigma=1.0),
+        AdjustOptions(np.inf, np.zeros(1, dtype=bool), np.diag([1.0, 0, 0, 0]).reshape(1, 4, 1, 4)),
     )  # fmt: skip
     return float(np.sqrt(result.covariance[0, 6, 0, 6]))

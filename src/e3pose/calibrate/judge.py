@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from e3pose.calibrate.bundle import root_mean_square
 from e3pose.calibrate.expected_error import ErrorMap, error_map
-from e3pose.calibrate.from_people import match_people, solve_people
+from e3pose.calibrate.from_people import solve_people
+from e3pose.calibrate.matched_people import match_people
 from e3pose.calibrate.people_3d import place_people
 from e3pose.calibrate.progress import Progress, silent
 from e3pose.calibrate.recordings import between

@@ -77,8 +77,8 @@ def solve(
         linearise: residuals and derivatives at a state.
         retract: moves a state by `(num_cameras, p)` and `(num_blocks, d)`.
         free: `(num_cameras, p)` which camera parameters may change.
-        prior: at a state, `(num_cameras, p)` distances from what is expected and their precisions
-            (1 / variance; 0 for none).
+        prior: at a state, `(num_cameras, p)` distances from what is expected, and the inverse
+            `(num_cameras * p, num_cameras * p)` of their covariance; 0 for what is not expected.
         outlier_sigmas: residual at which Cauchy's loss halves the weight; infinite for none.
         max_steps: at most so many steps.
     """
@@ -116,8 +116,8 @@ def weights_of(residuals: Floats, outlier_sigmas: float) -> Floats:
 
 def _cost(residuals: Floats, prior: tuple[Floats, Floats], outlier_sigmas: float) -> float:
     squares = (residuals**2).sum(axis=-1)
-    distances, precisions = prior
-    expected = float((precisions * distances**2).sum())
+    distances, precision = prior
+    expected = float(distances.reshape(-1) @ precision @ distances.reshape(-1))
     if np.isinf(outlier_sigmas):
         return 0.5 * (float(squares.sum()) + expected)
     robust = outlier_sigmas**2 * np.log1p(squares / outlier_sigmas**2)
@@ -129,6 +129,7 @@ class _Parts:
     """Blocks of the normal equations."""
 
     cameras: Floats  # (num_cameras, p, p)
+    expected: Floats  # (num_cameras * p, num_cameras * p) of the prior
     blocks: Floats  # (num_blocks, d, d)
     mixed: Floats  # (num_cameras, num_blocks, p, d)
     camera_gradient: Floats  # (num_cameras, p)
@@ -148,14 +149,14 @@ def _normal_parts(
     of_camera = A.reshape(num_cameras, -1, p)
     of_block = np.swapaxes(B, 0, 1).reshape(num_blocks, -1, d)
     r_of_block = np.swapaxes(r, 0, 1).reshape(num_blocks, -1, 1)
-    distances, precisions = prior
-    cameras = np.swapaxes(of_camera, -1, -2) @ of_camera
-    cameras[:, np.arange(p), np.arange(p)] += precisions
+    distances, precision = prior
     return _Parts(
-        cameras,
+        np.swapaxes(of_camera, -1, -2) @ of_camera,
+        precision,
         np.swapaxes(of_block, -1, -2) @ of_block,
         np.swapaxes(A, -1, -2) @ B,
-        (r.reshape(num_cameras, 1, -1) @ of_camera)[:, 0] + precisions * distances,
+        (r.reshape(num_cameras, 1, -1) @ of_camera)[:, 0]
+        + (precision @ distances.reshape(-1)).reshape(num_cameras, p),
         (np.swapaxes(of_block, -1, -2) @ r_of_block)[..., 0],
     )
 
@@ -164,7 +165,7 @@ def _step(parts: _Parts, free: NDArray[np.bool_], damping: float) -> tuple[Float
     inverses = _inverses(parts.blocks, damping)
     reduced, folded = _reduced(parts, inverses)
     num_cameras, p = parts.camera_gradient.shape
-    scale = np.einsum("cpp->cp", parts.cameras).reshape(-1)
+    scale = np.einsum("cpp->cp", parts.cameras).reshape(-1) + np.diag(parts.expected)
     reduced[np.diag_indices_from(reduced)] += damping * np.maximum(scale, 1e-12)
     gradient = parts.camera_gradient.reshape(-1) - folded @ parts.block_gradient.reshape(-1)
     chosen = free.reshape(-1)
@@ -194,7 +195,7 @@ def _reduced(parts: _Parts, inverses: Floats) -> tuple[Floats, Floats]:
     num_cameras, num_blocks, p, d = parts.mixed.shape
     folded = np.moveaxis(parts.mixed @ inverses, 2, 1).reshape(num_cameras * p, num_blocks * d)
     mixed = np.moveaxis(parts.mixed, 2, 1).reshape(num_cameras * p, num_blocks * d)
-    reduced = -folded @ mixed.T
+    reduced = parts.expected - folded @ mixed.T
     for camera in range(num_cameras):
         rows = slice(camera * p, (camera + 1) * p)
         reduced[rows, rows] += parts.cameras[camera]

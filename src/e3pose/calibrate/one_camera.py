@@ -12,9 +12,9 @@ from e3pose.calibrate.from_people import (
     FINAL_POINTS,
     FINE_SIGMAS,
     ROUGH_SIGMAS,
-    match_people,
 )
 from e3pose.calibrate.from_points import OUTLIER_SIGMAS, subsampled
+from e3pose.calibrate.matched_people import match_people
 from e3pose.calibrate.triangulation import place_points
 from e3pose.errors import InputError
 from e3pose.geometry.camera import Rig

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.calibrate.from_people import Joints
+from e3pose.calibrate.matched_people import Joints
 from e3pose.calibrate.triangulation import place_points
 from e3pose.geometry.camera import Rig
 from e3pose.model.skeleton import Skeleton

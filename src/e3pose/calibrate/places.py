@@ -14,9 +14,11 @@ from e3pose.calibrate.ball import track_balls
 from e3pose.calibrate.board import Board
 from e3pose.calibrate.board_views import find_board
 from e3pose.calibrate.bundle import root_mean_square
+from e3pose.calibrate.fit import disagreeing
 from e3pose.calibrate.from_boards import check_connected, solve_boards
 from e3pose.calibrate.from_people import solve_people
 from e3pose.calibrate.from_points import MIN_SHARED, PointRig, pair_poses, solve_points
+from e3pose.calibrate.lenses import expected_lenses
 from e3pose.calibrate.people_3d import People3D, place_people
 from e3pose.calibrate.progress import Progress
 from e3pose.calibrate.scale import Scale, from_distance, from_limb, from_stature
@@ -32,7 +34,6 @@ Floats = NDArray[np.float64]
 Fit = tuple[Floats, Floats, NDArray[np.int64], NDArray[np.int64]]
 
 BALL_SIGMA_PX = 1.0
-FOCAL_SIGMA = 0.25
 ENOUGH_S, ENOUGH_SPREAD = 8.0, 0.08  # of matched people: seconds, and share of the distance
 FAR_DEG = 15.0  # from a rough start, farther is more likely wrong than right
 
@@ -212,7 +213,7 @@ def from_wand_seen(lenses: Rig, wand: Wand, keypoints_px: Floats) -> Places:
     """
     found = _by_points(lenses, keypoints_px.reshape(len(lenses), -1, 2), "wand")
     solved = adjust_wand(
-        found.adjusted.rig, wand, keypoints_px, BALL_SIGMA_PX, _focal_sigma(lenses)
+        found.adjusted.rig, wand, keypoints_px, BALL_SIGMA_PX, expected_lenses(lenses)
     )
     adjusted, flat = solved.adjusted, (len(lenses), -1, 1)
     fit = _fit(adjusted.residuals.reshape(*flat, 2), adjusted.weights.reshape(flat), BALL_SIGMA_PX)
@@ -224,7 +225,7 @@ def _by_points(lenses: Rig, keypoints_px: Floats, source: str) -> PointRig:
     """Place cameras in whatever unit, or raise which could not be."""
     sigma = np.full(keypoints_px.shape[:2], BALL_SIGMA_PX)
     poses = pair_poses(lenses, keypoints_px, sigma)
-    solved = solve_points(lenses, keypoints_px, sigma, poses, _focal_sigma(lenses))
+    solved = solve_points(lenses, keypoints_px, sigma, poses, expected_lenses(lenses))
     if solved is None:
         raise InputError(
             f"points: no two cameras agree, expected one {source} that moves through all the room "
@@ -242,10 +243,6 @@ def _by_points(lenses: Rig, keypoints_px: Floats, source: str) -> PointRig:
     return solved
 
 
-def _focal_sigma(lenses: Rig) -> Floats:
-    return np.array([FOCAL_SIGMA if camera.lens_assumed else 0.0 for camera in lenses.cameras])
-
-
 def _guessed(rig: Rig, source: str, fit: Fit, scale: Scale) -> Places:
     """Return places whose axes are guessed, as nothing that was seen tells them."""
     return Places(
@@ -255,7 +252,12 @@ def _guessed(rig: Rig, source: str, fit: Fit, scale: Scale) -> Places:
 
 
 def from_people(
-    recording: Recording, noise: Noise, start: Rig | None, known: KnownLength, progress: Progress
+    recording: Recording,
+    noise: Noise,
+    start: Rig | None,
+    known: KnownLength,
+    progress: Progress,
+    force: bool = False,
 ) -> Places:
     """Place cameras by the people of a recording, and the world by where they stand.
 
@@ -265,6 +267,10 @@ def from_people(
         start: a rough calibration, whose scale and world are kept unless a length is known.
         known: what fixes the scale.
         progress: takes a stage, its steps done and in all.
+        force: accept cameras that do not agree with the others.
+
+    Raises:
+        InputError: when cameras cannot be placed, or do not agree with the others.
     """
     found = solve_people(recording, noise, start, progress)
     if not found.solved.placed.all():
@@ -278,7 +284,7 @@ def from_people(
             "uses all of them"
         )
     rig = found.solved.adjusted.rig
-    notes: list[str] = []
+    notes = disagreeing(rig, found.fit, force)
     if found.inliers < 0.7:
         notes.append(
             f"only {100 * found.inliers:.0f} % of keypoints agree: are the films synchronised "

@@ -14,7 +14,8 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.calibrate.from_people import observe_people, solve_people
+from e3pose.calibrate.from_people import solve_people
+from e3pose.calibrate.matched_people import observe_people
 from e3pose.calibrate.pair_shifts import disagreement, incidence, spanning_tree_offsets
 from e3pose.calibrate.progress import Progress, silent
 from e3pose.calibrate.same_people import Seen

@@ -101,7 +101,7 @@ class WandRig:
 
 
 def adjust_wand(
-    rig: Rig, wand: Wand, keypoints_px: Floats, sigma_px: float, focal_sigma: Floats | float = 0.0
+    rig: Rig, wand: Wand, keypoints_px: Floats, sigma_px: float, lenses: Floats | None = None
 ) -> WandRig:
     """Give a rig the scale of a wand, then adjust cameras and places of the wand together.
 
@@ -110,7 +110,7 @@ def adjust_wand(
         wand: what was carried about.
         keypoints_px: `(num_cameras, num_times, num_markers, 2)` real pixels; NaN where not seen.
         sigma_px: standard deviation of either coordinate.
-        focal_sigma: `(num_cameras,)` how far, as a share, focal lengths may be off; 0 holds them.
+        lenses: what to expect of lenses, as `AdjustOptions` has it.
 
     Raises:
         InputError: when too few markers could be placed at one time, or their distances are not
@@ -129,7 +129,7 @@ def adjust_wand(
     row_m[:, 0] = wand.places_m
     adjusted = adjust_boards(
         rig, _along(wand, points[times]), row_m, keypoints_px[:, times], sigma_px,
-        AdjustOptions(OUTLIER_SIGMAS, focal_sigma=focal_sigma),
+        AdjustOptions(OUTLIER_SIGMAS, lenses=lenses),
     )  # fmt: skip
     again = _placed(adjusted.rig, keypoints_px[:, times], sigma_px)
     known_m = np.array([wand.places_m[b] - wand.places_m[a] for a, b in wand.pairs])

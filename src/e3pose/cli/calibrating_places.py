@@ -107,6 +107,8 @@ class PeopleOptions:
     """Keypoint noise model, as in `e3pose replay`."""
     update: Flag = False
     """Also write the calibration into the recording, so that it can be replayed."""
+    force: Flag = False
+    """Write the calibration although cameras disagree with the others."""
     only: str | None = None
     """Calibrate only this camera, from people whom other cameras see too: in a recording, or in
     what the site records with `record = "keypoints"`."""
@@ -225,8 +227,9 @@ def _people(path: Path, lenses: Rig | None, known: KnownLength, people: PeopleOp
         rough = rough.subset([rough.index(name) for name in recording.rig.camera_ids])
     with stage_progress() as (_, progress):
         return from_people(
-            recording, load_noise(people.noise or detector_of(recording)), rough, known, progress
-        )
+            recording, load_noise(people.noise or detector_of(recording)), rough, known, progress,
+            people.force,
+        )  # fmt: skip
 
 
 def _points(path: Path, lenses: Rig, carried: str | Wand | None, known: KnownLength) -> Places:

@@ -200,7 +200,7 @@ def check(
 
 def _people_floor(path: Path, stature_m: float, seconds: float) -> tuple[Move, str]:
     from e3pose.calibrate.align import floor_from_people
-    from e3pose.calibrate.from_people import match_people
+    from e3pose.calibrate.matched_people import match_people
     from e3pose.calibrate.people_3d import place_people
     from e3pose.calibrate.recordings import first_seconds
     from e3pose.model.noises import detector_of, load_noise
