@@ -336,7 +336,8 @@ def up(path: Path, number: signal.Signals, *options: str) -> Iterator[None]:
     assert "Traceback" not in said
     assert not any(child.is_running() for child in children)
     logs = path.parent / "logs"
-    assert {log.stem for log in logs.iterdir()} == {"edge", *(c.id for c in site.camera)}
+    names = sorted(log.name for log in logs.iterdir())
+    assert {Path(name).stem for name in names} == {"edge", *(c.id for c in site.camera)}, names
     for log in logs.iterdir():
         assert "Traceback" not in log.read_text(), log.read_text()
     said = (logs / "edge.log").read_text()
