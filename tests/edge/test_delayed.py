@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -24,6 +25,22 @@ from e3pose.wire.arrays import unpack
 @cache
 def scene() -> Recording:
     return simulate(SceneSettings(scene="ring", people=2, seconds=2, fps=12.5), seed=701)
+
+
+def test_smoothing_compiles_nothing_more_once_it_is_warm() -> None:
+    from e3pose.estimate.filter.kernels.motion import move_all
+    from e3pose.estimate.filter.kernels.proportions import keep_all
+
+    kernels: tuple[Any, ...] = (move_all, keep_all)
+    delayed = Delayed(scene().skeleton.joints, 3)
+    delayed.warm_up()
+    ready = [len(kernel.signatures) for kernel in kernels]
+    people: list[People] = []
+    records = list(replay(scene(), ReplaySettings(num_selected=2), publish=people.append))
+    posteriors = [each.posterior for each in people if each.posterior is not None]
+    found = [delayed.push(*each) for each in zip(records, posteriors, strict=True)]
+    assert any(late is not None and len(late.poses) for late in found) and all(ready)
+    assert [len(kernel.signatures) for kernel in kernels] == ready
 
 
 def test_slots_come_as_late_as_in_a_replay() -> None:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 
 import numpy as np
 
@@ -20,8 +21,8 @@ from e3pose.pipeline import Pipeline, initial_state, step
 HELPER_BYTES = 1.5e9  # free memory from which a second process compiles
 
 
-def warm_up(pipeline: Pipeline) -> None:
-    """Run a few synthetic slots through the loop, and discard them."""
+def warm_up(pipeline: Pipeline, more: Callable[[], None] = lambda: None) -> None:
+    """Run a few synthetic slots through the loop, and discard them; then do what is `more`."""
     state = initial_state(pipeline)
     helper = _start_helper(pipeline)
     if helper is not None:
@@ -43,6 +44,7 @@ def warm_up(pipeline: Pipeline) -> None:
             for camera in range(len(pipeline.rig))
         }
         state, _record = step(pipeline, state, views, everybody)
+    more()
 
 
 def compiling_left_s() -> float:

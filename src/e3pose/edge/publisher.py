@@ -91,6 +91,11 @@ class Publisher:
         )
         self._outbox.put(self._topic, encode(message), slot)
 
+    def warm_up(self) -> None:
+        """Compile what delayed poses need."""
+        if self._delayed is not None:
+            self._delayed.warm_up()
+
     def publish_delayed(self, record: SlotRecord, time_ns: int, busy: bool) -> int:
         """Publish an earlier slot, smoothed, unless the edge is busy; return the ns it took.
 

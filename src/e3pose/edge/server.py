@@ -137,7 +137,7 @@ class EdgeServer:
         self.membership.join()  # cameras connect while it gets ready
         self.start_sending()
         self.threads.start("keeping", self.housekeeping.run)  # tells how long that takes
-        warm_up(self.pipeline)
+        warm_up(self.pipeline, self.publisher.warm_up)
         self.ready = True
         self.threads.start("fusion", self._run_slots)
 

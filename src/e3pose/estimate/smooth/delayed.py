@@ -6,8 +6,11 @@ from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 from e3pose.estimate.base import Posterior
-from e3pose.estimate.filter.proportions import Proportions, proportions_of
+from e3pose.estimate.filter.motion import places
+from e3pose.estimate.filter.proportions import Proportions, kept, proportions_of
 from e3pose.estimate.filter.tree import grow
 from e3pose.estimate.smooth.bodies import FixedLag, Smoothed
 from e3pose.model.pose import Poses3D
@@ -33,6 +36,14 @@ class Delayed:
     def __post_init__(self) -> None:
         tree = grow(Skeleton("", tuple(self.joints), ()))
         self._body, self._lag = proportions_of(self.joints, tree), FixedLag(tree, self.lag_slots)
+
+    def warm_up(self) -> None:
+        """Compile, or load from the cache, what a slot needs; takes seconds the first time."""
+        people, bones = (0, len(self.joints)), (0, len(self._body.bones))
+        covariance_m2, known = np.zeros((*people, 3, 3)), np.zeros(people, dtype=bool)
+        nowhere_m, lengths_m = np.zeros((*people, 3)), np.zeros(bones)
+        kept(self._body, lengths_m, lengths_m, nowhere_m, covariance_m2, known)
+        places(self._lag.tree, np.zeros((*people, 6)), 0.0)
 
     def push(self, record: SlotRecord, posterior: Posterior) -> SlotRecord | None:
         """Add the newest slot; return the one `lag_slots` before it, smoothed, once there is one.
