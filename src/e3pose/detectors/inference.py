@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
@@ -70,6 +70,22 @@ class Network(Protocol):
             InputError: when the network does not run with a tensor of this shape.
         """
         ...
+
+
+def check_image_input(network: Network, name: str, dtypes: Collection[str] = FLOATS) -> None:
+    """Raise `InputError` for a network that takes anything but one image of three channels.
+
+    Args:
+        network: of the file that was opened.
+        name: of the detector, for the message.
+        dtypes: what the image may be made of.
+    """
+    shape = network.input_shape
+    if len(shape) != 4 or shape[1] not in (3, None) or network.input_dtype not in dtypes:
+        raise InputError(
+            f"{network.path}: input: found {network.input_dtype} {list(shape)}, expected float "
+            f"[1, 3, height, width] for {name}"
+        )
 
 
 def choose_providers(

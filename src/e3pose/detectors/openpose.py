@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from e3pose.detectors.base import Image, check_image, poses_in_image
 from e3pose.detectors.fit import Fit, letterbox, letterbox_to_side, stretch
 from e3pose.detectors.focus import Part
-from e3pose.detectors.inference import Network
+from e3pose.detectors.inference import Network, check_image_input
 from e3pose.detectors.part_affinity import Prior, decode
 from e3pose.detectors.topology import Topology
 from e3pose.errors import InputError
@@ -111,12 +111,7 @@ class OpenPose:
 
 def check_maps(network: Network, topology: Topology) -> None:
     """Raise `InputError` unless the network's declared shapes can be those of `topology`."""
-    shape = network.input_shape
-    if len(shape) != 4 or shape[1] not in (3, None) or network.input_dtype != "float":
-        raise InputError(
-            f"{network.path}: input: found {network.input_dtype} {list(shape)}, expected float "
-            f"[1, 3, height, width] for {topology.name}"
-        )
+    check_image_input(network, topology.name, ("float",))
     declared = [output[1] for output in network.output_shapes if len(output) == 4]
     for count in topology.outputs:
         if count not in declared and None not in declared:

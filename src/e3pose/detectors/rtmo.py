@@ -15,7 +15,7 @@ from e3pose.detectors.base import Image, check_image, poses_in_image
 from e3pose.detectors.duplicates import without_duplicates
 from e3pose.detectors.fit import letterbox
 from e3pose.detectors.focus import Part
-from e3pose.detectors.inference import FLOATS, Network
+from e3pose.detectors.inference import FLOATS, Network, check_image_input
 from e3pose.errors import InputError
 from e3pose.model.expected import ExpectedView
 from e3pose.model.pose import Poses2D
@@ -43,12 +43,7 @@ class Rtmo:
     def __init__(self, network: Network) -> None:
         self.skeleton = COCO17
         self._network, self.provider = network, network.provider
-        shape = network.input_shape
-        if len(shape) != 4 or shape[1] not in (3, None) or network.input_dtype not in FLOATS:
-            raise InputError(
-                f"{network.path}: input: found {network.input_dtype} {list(shape)}, expected float "
-                f"[1, 3, height, width] for {NAME}"
-            )
+        check_image_input(network, NAME)
         self._boxes, self._points = _places(network)
 
     def detect(self, image: Image) -> Poses2D:

@@ -86,10 +86,7 @@ def match_epipolar(
     """
     start = 0
     while start < num_poses:
-        stop = start
-        while stop < num_poses and cameras[stop] == cameras[start]:
-            labels[stop] = stop
-            stop += 1
+        stop = _each_alone(start, num_poses, cameras, labels)
         for candidate in range(start):
             for pose in range(start, stop):
                 costs[candidate, pose] = np.inf
@@ -132,14 +129,12 @@ def match_tanke_gall(
         believed[pose] = _mean_score(scores[pose])
     start = 0
     while start < num_poses:
-        num_columns, stop = 0, start
-        while stop < num_poses and cameras[stop] == cameras[start]:
-            labels[stop] = stop
-            if believed[stop] > DROPPED_SCORE:
-                columns[num_columns] = stop
+        stop = _each_alone(start, num_poses, cameras, labels)
+        num_rows = num_columns = 0
+        for pose in range(start, stop):
+            if believed[pose] > DROPPED_SCORE:
+                columns[num_columns] = pose
                 num_columns += 1
-            stop += 1
-        num_rows = 0
         for candidate in range(start):
             if labels[candidate] == candidate and believed[candidate] > DROPPED_SCORE:
                 rows[num_rows] = candidate
@@ -177,6 +172,16 @@ def match_tanke_gall(
                 ):
                     labels[columns[column]] = rows[row]
         start = stop
+
+
+@kernel
+def _each_alone(start: int, num_poses: int, cameras: Integers, labels: Integers) -> int:
+    """Make each pose of the view that begins at `start` a candidate; return where it ends."""
+    stop = start
+    while stop < num_poses and cameras[stop] == cameras[start]:
+        labels[stop] = stop
+        stop += 1
+    return stop
 
 
 @kernel

@@ -14,12 +14,15 @@ from urllib.parse import parse_qsl
 
 import numpy as np
 from numpy.typing import NDArray
+from pythonosc.udp_client import UDPClient
 
 from e3pose.errors import InputError
 from e3pose.exports.bones import posed, present, rest_of
 from e3pose.model.skeleton import Skeleton
 from e3pose.model.take import Motion, motion_of
+from e3pose.model.zone_event import ZoneEvent
 from e3pose.site.connect import LiveSlot
+from e3pose.site.streams.base import Source, host_port
 
 Floats = NDArray[np.float64]
 
@@ -105,6 +108,23 @@ class Humanoid:
             self._recent.clear()
         self._seen = slot.slot
         return np.asarray(slot.joints_m[there.index(self._now)], dtype=np.float64)
+
+
+class AvatarStream:
+    """What streams that move one avatar share; see `Stream`."""
+
+    def __init__(self, place: str, source: Source, port: int) -> None:
+        """Send to `HOST:PORT`, received or not; `?track=7` names the person to send."""
+        where, _, query = place.partition("?")
+        self._humanoid = Humanoid(source.skeleton, source.fps, person_of(query))
+        self._client = UDPClient(*host_port(where, port))
+
+    def zone(self, event: ZoneEvent) -> None:
+        """See `Stream.zone`; avatars have none."""
+
+    def close(self) -> None:
+        """See `Stream.close`."""
+        self._client._sock.close()
 
 
 def person_of(query: str) -> int | None:

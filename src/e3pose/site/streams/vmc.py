@@ -14,13 +14,11 @@ from __future__ import annotations
 
 from pythonosc.osc_bundle_builder import IMMEDIATELY, OscBundleBuilder
 from pythonosc.osc_message import OscMessage
-from pythonosc.udp_client import UDPClient
 
 from e3pose.exports.bone_names import BONE_NAMES, bone_names
-from e3pose.model.zone_event import ZoneEvent
 from e3pose.site.connect import LiveSlot
-from e3pose.site.streams.base import Source, host_port
-from e3pose.site.streams.humanoid import Humanoid, person_of, quaternion
+from e3pose.site.streams.base import Source
+from e3pose.site.streams.humanoid import AvatarStream, quaternion
 from e3pose.site.streams.osc import message
 
 PORT = 39539
@@ -30,17 +28,15 @@ KNOWN = frozenset(BONE_NAMES["vrm"].values())
 
 def open_stream(place: str, source: Source) -> VmcStream:
     """Return a stream to `HOST:PORT`, received or not; `?track=7` names the person to send."""
-    where, _, query = place.partition("?")
-    humanoid = Humanoid(source.skeleton, source.fps, person_of(query))
-    return VmcStream(UDPClient(*host_port(where, PORT)), humanoid)
+    return VmcStream(place, source)
 
 
-class VmcStream:
+class VmcStream(AvatarStream):
     """See `Stream`."""
 
-    def __init__(self, client: UDPClient, humanoid: Humanoid) -> None:
-        """Send one person with a client."""
-        self._client, self._humanoid = client, humanoid
+    def __init__(self, place: str, source: Source) -> None:
+        """See `AvatarStream`."""
+        super().__init__(place, source, PORT)
         self._begun_ns: int | None = None
 
     def slot(self, slot: LiveSlot) -> None:
@@ -60,13 +56,6 @@ class VmcStream:
                         _place("/VMC/Ext/Bone/Pos", unity, avatar.offsets_m[node].tolist(), turn)
                     )
         self._client.send(bundle.build())
-
-    def zone(self, event: ZoneEvent) -> None:
-        """See `Stream.zone`; the protocol has none."""
-
-    def close(self) -> None:
-        """See `Stream.close`."""
-        self._client._sock.close()
 
 
 def _place(

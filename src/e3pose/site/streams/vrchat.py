@@ -11,12 +11,10 @@ is not sent in it.
 from __future__ import annotations
 
 from pythonosc.osc_bundle_builder import IMMEDIATELY, OscBundleBuilder
-from pythonosc.udp_client import UDPClient
 
-from e3pose.model.zone_event import ZoneEvent
 from e3pose.site.connect import LiveSlot
-from e3pose.site.streams.base import Source, host_port
-from e3pose.site.streams.humanoid import Humanoid, euler_deg, person_of
+from e3pose.site.streams.base import Source
+from e3pose.site.streams.humanoid import AvatarStream, euler_deg
 from e3pose.site.streams.osc import message
 
 PORT = 9000
@@ -28,17 +26,11 @@ TRACKERS = {
 
 def open_stream(place: str, source: Source) -> VrchatStream:
     """Return a stream to `HOST:PORT`, received or not; `?track=7` names the person to send."""
-    where, _, query = place.partition("?")
-    humanoid = Humanoid(source.skeleton, source.fps, person_of(query))
-    return VrchatStream(UDPClient(*host_port(where, PORT)), humanoid)
+    return VrchatStream(place, source, PORT)
 
 
-class VrchatStream:
+class VrchatStream(AvatarStream):
     """See `Stream`."""
-
-    def __init__(self, client: UDPClient, humanoid: Humanoid) -> None:
-        """Send one person with a client."""
-        self._client, self._humanoid = client, humanoid
 
     def slot(self, slot: LiveSlot) -> None:
         """See `Stream.slot`; a bundle, where the person is shown."""
@@ -56,10 +48,3 @@ class VrchatStream:
                     address = f"/tracking/trackers/{tracker}/{what}"
                     bundle.add_content(message(address, *((value, "f") for value in values)))
         self._client.send(bundle.build())
-
-    def zone(self, event: ZoneEvent) -> None:
-        """See `Stream.zone`; VRChat has none."""
-
-    def close(self) -> None:
-        """See `Stream.close`."""
-        self._client._sock.close()
