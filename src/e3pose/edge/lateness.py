@@ -16,6 +16,8 @@ from e3pose.select.failure_detector import Silence, acknowledge_late, patience
 # A camera without views is reported after so many failures in a row, which take 3 s: a camera that
 # is disconnected is known to be offline by then.
 REPORTED_FAILURES = 3
+# One with late views after it was tried again: a link may stall for the 1.5 s that the first takes.
+REPORTED_LATE_FAILURES = 2
 
 
 def without_late_failures(
@@ -66,7 +68,8 @@ def impairments(
 
 
 def _impairment(failures: int, alive: bool, age_s: float) -> str:
-    if failures and alive and age_s < NEAR_S:  # otherwise its clock is wrong
+    late = alive and age_s < NEAR_S  # otherwise its clock is wrong
+    if failures >= REPORTED_LATE_FAILURES and late:
         return too_late(age_s)
     return "no views arrive in time" if failures >= REPORTED_FAILURES else ""
 
