@@ -10,6 +10,7 @@ from e3pose.edge.credibility import (
     AWAITED,
     EXCUSED_S,
     MEMORY_ORDERS,
+    SELDOM_S,
     NEWEST_AGES,
     PATIENCE,
     SILENT_ORDERS,
@@ -162,13 +163,16 @@ def test_slots_without_any_view_blame_no_camera() -> None:
     assert (credibility.share > 0.7).all()
 
 
-def test_camera_that_answers_again_is_waited_for_again() -> None:
+def test_camera_that_seldom_answers_is_told_until_it_answers_again() -> None:
     credibility = Credibility(4, INTERVAL_S)
     three = np.array([True, True, True, False])
-    for slot in range(3 * MEMORY_ORDERS):
+    for slot in range(MEMORY_ORDERS):
         observe(credibility, slot, three)
     assert credibility.share[3] < RELIABLE
     in_time = np.full(4, np.nan)
+    assert credibility.impairments([""] * 4, in_time) == [""] * 4  # perhaps for a moment only
+    for slot in range(MEMORY_ORDERS, MEMORY_ORDERS + round(SELDOM_S / INTERVAL_S)):
+        observe(credibility, slot, three)
     said = credibility.impairments(["broken", "", "", ""], in_time)
     assert said == ["broken", "", "", f"answers {credibility.share[3]:.0%} of its orders in time"]
     late_s = np.array([np.nan, 0.2, np.nan, 0.2])
@@ -177,6 +181,7 @@ def test_camera_that_answers_again_is_waited_for_again() -> None:
     for slot in range(20 * MEMORY_ORDERS):
         observe(credibility, slot, ALL)
     assert credibility.share[3] > RELIABLE
+    assert credibility.impairments([""] * 4, in_time) == [""] * 4
 
 
 @pytest.mark.parametrize("lie_s", [0.6, 3.0, 3600.0])

@@ -39,6 +39,7 @@ SILENT_ORDERS = 5  # after so many without any view, slots do not wait
 NEWEST_AGES, PATIENCE = 16, 1.5  # a view usually takes so many times the longest of the newest ages
 BLIND_SLOTS = 10  # in a row without any view: no camera is to blame
 EXCUSED_S = 5.0  # of orders without a view, for which late orders are an excuse
+SELDOM_S = 2.0  # that a camera answers too few orders before it is said: a link may stall for less
 ATTEMPTS = 3  # a camera given up so many times in a row is not followed by the lead
 USUAL_TIMES = 2.0  # a delay of so many times that of the others, or of a slot more, is usual
 USUAL_WAKE_S = 0.5  # of a camera whose wake-up time is not configured
@@ -104,8 +105,6 @@ def believed_wake_s(
 
 
 def _seldom(share: float, age_s: float) -> str:
-    if share >= RELIABLE:
-        return ""
     if math.isnan(age_s):
         return f"answers {share:.0%} of its orders in time"
     return too_late(age_s)
@@ -136,6 +135,7 @@ class Credibility:
         # Orders in a row without a view in time, and without any; views so far.
         self._unanswered = np.zeros(self._num_cameras, dtype=np.int64)
         self._silent, self._views = self._unanswered, self._unanswered
+        self._unreliable = self._unanswered  # slots in a row with too few answers
 
     def claim(self, camera: int, delay_s: float) -> None:
         """Add a delay of orders that a camera reports."""
@@ -194,14 +194,15 @@ class Credibility:
         return camera, ahead
 
     def impairments(self, others: Sequence[str], late_by_s: Floats) -> list[str]:
-        """Return for each camera why it is useless: another reason, or that it seldom answers.
+        """Return for each camera why it is useless: another reason, or that it long answers seldom.
 
         Args:
             others: `(num_cameras,)` other reasons; empty where there is none.
             late_by_s: `(num_cameras,)` age of the newest view if it was late, else NaN.
         """
-        found = zip(others, self.share.tolist(), late_by_s.tolist(), strict=True)
-        return [why or _seldom(share, age_s) for why, share, age_s in found]
+        seldom = (self._unreliable * self._interval_s >= SELDOM_S).tolist()
+        found = zip(others, seldom, self.share.tolist(), late_by_s.tolist(), strict=True)
+        return [why or (_seldom(share, age_s) if it else "") for why, it, share, age_s in found]
 
     def observe(
         self, slot: int, ordered: Flags, online: Flags, ages_s: Mapping[int, float], views: Counts
@@ -226,6 +227,7 @@ class Credibility:
             self.trials.observe(slot, ordered & (self.share < RELIABLE), arrived)
             self.share = after_orders(self.share, ordered, arrived)
         self._unanswered = np.where(arrived, 0, self._unanswered + ordered)
+        self._unreliable = np.where(self.share < RELIABLE, self._unreliable + 1, 0)
 
     def lead_after_claims(
         self, lead: Lead, wake_s: float = 0.0, followed: Sequence[bool] | None = None
