@@ -38,7 +38,8 @@ def test_age_of_late_views_is_that_of_the_oldest() -> None:
     gather.close()
     for age_ns in (200_000_000, 310_000_000, 250_000_000):
         gather.add(0, 1, Arrival(arrival().poses, 5, 5 + age_ns))
-    np.testing.assert_allclose(gather.late_by_s(), [np.nan, 0.31])
+    np.testing.assert_allclose(gather.late_by_s(0.15), [np.nan, 0.31])
+    np.testing.assert_allclose(gather.late_by_s(0.4), [np.nan, np.nan])  # not that late
 
 
 def test_view_of_the_far_future_is_refused() -> None:

@@ -79,10 +79,15 @@ class Gather:
                 self._lock.notify_all()
             return True
 
-    def late_by_s(self) -> NDArray[np.float64]:
-        """Return `(num_cameras,)`: the largest age of recent late views, seconds."""
+    def late_by_s(self, deadline_s: float) -> NDArray[np.float64]:
+        """Return `(num_cameras,)`: the largest age of recent late views, seconds; NaN for none.
+
+        Args:
+            deadline_s: younger views were late for a slot that did not wait for them.
+        """
         with self._lock:
-            return np.array([max(ages, default=np.nan) for ages in self._late_by_s])
+            longest_s = [max(ages, default=0.0) for ages in self._late_by_s]
+        return np.array([age_s if age_s >= deadline_s else np.nan for age_s in longest_s])
 
     def wake(self) -> None:
         """Wake up `sleep`: a camera connected or disconnected, or the program ends."""

@@ -176,10 +176,10 @@ class EdgeServer:
 
     def impairments(self) -> tuple[list[str], list[str]]:
         """Return for each camera why it is useless, and why it brings too few views; else empty."""
-        late_by_s, interval_s = self.gather.late_by_s(), self.pipeline.interval_s
-        cameras = self.inbox.roster.cameras
+        late_by_s = self.gather.late_by_s(self.settings.deadline_s)
+        interval_s = self.pipeline.interval_s
         useless, short = self.health.impairments(
-            self.state.silence, late_by_s, interval_s, self.lead, cameras
+            self.state.silence, late_by_s, interval_s, self.lead, self.inbox.roster.cameras
         )
         late_by_s = np.where(self.gather.newest_late, late_by_s, np.nan)
         return self.credibility.impairments(useless, late_by_s), short
