@@ -10,9 +10,9 @@ from e3pose.edge.credibility import (
     AWAITED,
     EXCUSED_S,
     MEMORY_ORDERS,
-    SELDOM_S,
     NEWEST_AGES,
     PATIENCE,
+    SELDOM_S,
     SILENT_ORDERS,
     Credibility,
 )
