@@ -5,7 +5,9 @@
 
 `simulated` has no pixels: a camera with feedback sees of what was detected only the keypoints
 inside its part of the image, and a look costs the pixels of the network's input. `clip` looks at
-the demo's four real videos with both shipped networks; FOLDER keeps what was detected.
+the demo's four real videos with both shipped networks; FOLDER keeps what was detected. With
+`--whole`, the network whose heatmaps take expected joints looks at whole images alone, as Bultmann
+and Behnke (RSS 2021) do.
 Milliseconds are of this machine, one thread, with and without feedback in turn. Joules are
 modelled: the power of an active `xavier-nx` beyond that of an idle one, times those milliseconds.
 """
@@ -17,6 +19,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +27,7 @@ from numpy.typing import NDArray
 from clip_error import Errors, Reference, references
 from e3pose.camera.detect import DetectSettings, detect_videos
 from e3pose.detectors import make_detector, movenet, openpose
+from e3pose.detectors.base import Image
 from e3pose.detectors.fit import letterbox_to_side
 from e3pose.detectors.focus import InputSize, Part, part_with
 from e3pose.detectors.topology import OPENPOSE_THIN
@@ -39,7 +43,7 @@ from e3pose.model.skeleton import Skeleton, convert
 from e3pose.pipeline import SlotRecord
 from e3pose.recording import Recording, load_recording
 from e3pose.recording.calibration import load_rig
-from e3pose.settings.loop import WHOLE_EVERY
+from e3pose.settings.loop import MAX_WHOLE_EVERY, WHOLE_EVERY
 from e3pose.simulate import SceneSettings, simulate
 from e3pose.site.demo.clip import find_clip
 
@@ -182,6 +186,25 @@ class Watched:
         return found
 
 
+class WholeImages:
+    """A detector that looks at whole images, and is told who is expected there."""
+
+    def __init__(self, detector: Any) -> None:
+        self.skeleton, self.provider = detector.skeleton, detector.provider
+        self.person_px, self.long_side = detector.person_px, detector.long_side
+        self.multiple, self.detect = detector.multiple, detector.detect
+        self._detector = detector
+
+    def detect_part(
+        self, image: Image, part: Part, expected: ExpectedView | None = None
+    ) -> Poses2D:
+        """Look at the whole image instead; see `Focusing.detect_part`."""
+        height, width = image.shape[:2]
+        whole = Part(0, 0, width, height, self.long_side)
+        found: Poses2D = self._detector.detect_part(image, whole, expected)
+        return found
+
+
 def in_views(recording: Recording, people: Sequence[Reference]) -> Floats:
     """Return `(num_slots, num_people, num_cameras, num_joints, 2)` pixels, NaN outside images."""
     joints_m = np.array([[p.at(slot) for p in people] for slot in range(recording.num_slots)])
@@ -260,9 +283,11 @@ def clip(options: argparse.Namespace) -> None:
                 warmup_slots=CLIP_WARMUP,
             )
             usual_ms = 0.0
-            for every in (0, *options.every):
+            whole = options.whole and isinstance(detector, openpose.OpenPose)
+            for every in (0, *options.every, *[MAX_WHOLE_EVERY] * whole):
                 asked = replace(base, feedback=every > 0, whole_every=max(every, 1))
-                read_view = Watched(PixelViews(recording, detector, clock=time.process_time))
+                looking = WholeImages(detector) if every == MAX_WHOLE_EVERY else detector
+                read_view = Watched(PixelViews(recording, looking, clock=time.process_time))
                 own, others = Errors(), Errors()
                 for record in replay(recording, asked, read_view=read_view):
                     if record.slot >= CLIP_WARMUP + options.lead - 1:
@@ -300,6 +325,9 @@ def main() -> None:
     films.add_argument("--networks", default=",".join(NETWORKS))
     films.add_argument("--lead", type=int, default=2)
     films.add_argument("--every", type=int, nargs="+", default=[WHOLE_EVERY])
+    films.add_argument(
+        "--whole", action="store_true", help="expected joints in whole images, k = 1000"
+    )
     for verb in (scenes, films):
         verb.add_argument("--policies", default="all,information")
     options = parser.parse_args()

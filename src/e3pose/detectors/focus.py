@@ -76,7 +76,7 @@ class Focusing(InputSize, Protocol):
     ) -> Poses2D:
         """Return the people in a part of `image`, in pixels of `image`.
 
-        Those who are expected may break ties between candidates.
+        Those who are expected may help to find joints.
         """
         ...
 
