@@ -54,14 +54,15 @@ def test_comparison_in_parallel_processes(
     assert "MPJPE" in output
 
 
+@pytest.mark.parametrize("queue", [False, True])
 def test_weights_and_budgets_are_compared_in_every_combination(
-    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], queue: bool
 ) -> None:
     figures = tmp_path / "figures.json"
     code = run(
         "evaluate", str(folder), "--policies", "round-robin,independent,e3pose-mv",
         "--cameras", "2", "-V", "0,0.5", "-E", "0.6,1", "--seeds", "1", "--jobs", "1",
-        "--json", str(figures),
+        "--json", str(figures), *["--independent-queue"] * queue,
     )  # fmt: skip
     assert code == 0
     found = [
@@ -71,7 +72,7 @@ def test_weights_and_budgets_are_compared_in_every_combination(
     balances = [(0, 0.6), (0.5, 0.6), (0, 1), (0.5, 1)]
     assert found == [
         ("round-robin", None, None),  # neither means anything to these
-        ("independent", None, None),
+        *[("independent", None, budget) for budget in ((0.6, 1) if queue else (None,))],
         *[("e3pose-mv", *balance) for balance in balances],
     ]
     reported = capsys.readouterr().out

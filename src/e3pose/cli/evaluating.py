@@ -60,8 +60,8 @@ class GridOptions:
     def settings(self, loop: LoopOptions, plan: EnergyPlan, faults: Faults) -> list[ReplaySettings]:
         """Return the settings of every run: repetitions of a row follow each other."""
         from e3pose.evaluate.compare import tasks
-        from e3pose.select.policies import policy_row
         from e3pose.settings.loop import FEEDBACK
+        from e3pose.settings.parts import row_of
 
         names = _names(_usual(loop) if self.policies is None else self.policies)
         given = self.cameras
@@ -71,7 +71,7 @@ class GridOptions:
         return [
             each
             for name in names
-            for row in [policy_row(name.removesuffix(FEEDBACK))]
+            for row in [row_of(loops[0].settings(name, None))]
             for count in (counts if row.asks_count else counts[:1])
             for one in _that_matter(loops, row)
             for each in tasks(
@@ -210,7 +210,7 @@ def _that_matter(loops: list[LoopOptions], row: PolicyRow) -> list[LoopOptions]:
     used = [
         replace(
             one,
-            budget=one.budget if row.spends or one.independent_queue or len(loops) == 1 else None,
+            budget=one.budget if row.spends or len(loops) == 1 else None,
             quality_weight=one.quality_weight if row.weighs or len(loops) == 1 else None,
         )
         for one in loops

@@ -138,9 +138,12 @@ def make_policy(
 def row_of(settings: LoopSettings) -> PolicyRow:
     """Return the policy that decides with what it needs; an object decides as it is."""
     policy = settings.policy
-    if policy is None or isinstance(policy, str):
-        return policy_row(settings.policy_name)
-    return PolicyRow.of(policy)
+    if policy is not None and not isinstance(policy, str):
+        return PolicyRow.of(policy)
+    row = policy_row(settings.policy_name)
+    if row.may_queue and settings.independent_queue:
+        return replace(row, budgeted=True, spends=True)
+    return row
 
 
 def _estimator(

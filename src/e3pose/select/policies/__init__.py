@@ -67,6 +67,7 @@ class PolicyRow:
         budgeted: whether it keeps every camera within its budget in the long run.
         spends: whether it selects otherwise with another budget.
         weighs: whether it selects otherwise with another quality weight.
+        may_queue: whether `independent_queue` gives it an energy queue.
         predictor: the predictor it uses by default.
         holds: whether slots without a view show the poses of the slot before, being lost frames of
             a lower frame rate rather than failed estimates.
@@ -84,6 +85,7 @@ class PolicyRow:
     budgeted: bool = True
     spends: bool = True
     weighs: bool = True
+    may_queue: bool = False
     predictor: str = "constant-velocity"
     holds: bool = False
     foresees: bool = False
@@ -129,6 +131,7 @@ POLICIES: dict[str, PolicyRow] = {
         budgeted=False,
         spends=False,
         weighs=False,
+        may_queue=True,
         own_boxes=True,
     ),
     "central-2d": PolicyRow(
