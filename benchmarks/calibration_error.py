@@ -21,7 +21,8 @@ from scipy.spatial.transform import Rotation
 from e3pose.calibrate.board import Board
 from e3pose.calibrate.from_boards import solve_boards
 from e3pose.calibrate.judge import judge
-from e3pose.calibrate.places import KnownLength, from_people, from_points_seen, from_wand_seen
+from e3pose.calibrate.people_places import from_people
+from e3pose.calibrate.places import KnownLength, from_points_seen, from_wand_seen
 from e3pose.calibrate.sound import RATE, onsets, shift_of
 from e3pose.calibrate.synchronise import synchronise
 from e3pose.calibrate.wand import Wand

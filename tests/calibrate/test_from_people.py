@@ -17,7 +17,8 @@ from tests.calibrate.people_scenes import (
 from e3pose.calibrate.fit import CameraFit, disagreeing
 from e3pose.calibrate.from_people import solve_people
 from e3pose.calibrate.judge import judge
-from e3pose.calibrate.places import KnownLength, from_people
+from e3pose.calibrate.people_places import from_people
+from e3pose.calibrate.places import KnownLength
 from e3pose.calibrate.synchronise import synchronise, with_offsets
 from e3pose.errors import InputError
 from e3pose.geometry.camera import Rig

@@ -206,7 +206,7 @@ def _places(
 
 
 def _people(path: Path, lenses: Rig | None, known: KnownLength, people: PeopleOptions) -> Places:
-    from e3pose.calibrate.places import from_people
+    from e3pose.calibrate.people_places import from_people
     from e3pose.calibrate.recordings import first_seconds, with_lenses
     from e3pose.model.noises import detector_of, load_noise
     from e3pose.recording import load_recording

@@ -1,0 +1,135 @@
+"""Extrinsics of a rig from the people of a recording."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.calibrate.align import Move, floor_from_people, guess
+from e3pose.calibrate.fit import disagreeing
+from e3pose.calibrate.from_people import solve_people
+from e3pose.calibrate.people_3d import People3D, place_people
+from e3pose.calibrate.places import KnownLength, Places, agreement
+from e3pose.calibrate.progress import Progress
+from e3pose.calibrate.scale import Scale, from_distance, from_limb, from_stature
+from e3pose.errors import InputError
+from e3pose.geometry.camera import Rig
+from e3pose.geometry.rotations import angles_between, similarity
+from e3pose.model.noise import Noise
+from e3pose.recording.record import Recording
+
+Floats = NDArray[np.float64]
+
+ENOUGH_S, ENOUGH_SPREAD = 8.0, 0.08  # of matched people: seconds, and share of the distance
+FAR_DEG = 15.0  # from a rough start, farther is more likely wrong than right
+
+
+def from_people(
+    recording: Recording,
+    noise: Noise,
+    start: Rig | None,
+    known: KnownLength,
+    progress: Progress,
+    force: bool = False,
+) -> Places:
+    """Place cameras by the people of a recording, and the world by where they stand.
+
+    Args:
+        recording: detections; lenses are taken from its rig.
+        noise: what scores promise.
+        start: a rough calibration, whose scale and world are kept unless a length is known.
+        known: what fixes the scale.
+        progress: takes a stage, its steps done and in all.
+        force: accept cameras that do not agree with the others.
+
+    Raises:
+        InputError: when cameras cannot be placed, or do not agree with the others.
+    """
+    found = solve_people(recording, noise, start, progress)
+    if not found.solved.placed.all():
+        every = tuple(zip(recording.rig.camera_ids, found.solved.placed, strict=True))
+        lost = ", ".join(name for name, done in every if not done)
+        rest = ", ".join(name for name, done in every if done)
+        raise InputError(
+            f"cameras: {lost}: too few people match those that {rest} see at the "
+            "same time, expected a person who walks for half a minute where two cameras see them; "
+            "in a live session few cameras are active at once: `e3pose record SITE DEST --for 60` "
+            "uses all of them"
+        )
+    rig = found.solved.adjusted.rig
+    notes = disagreeing(rig, found.fit, force)
+    if found.inliers < 0.7:
+        notes.append(
+            f"only {100 * found.inliers:.0f} % of keypoints agree: are the films synchronised "
+            "(e3pose sync), and do people walk through all of the room?"
+        )
+    people = place_people(rig, found.joints, recording.skeleton, recording.fps)
+    notes += _little_seen(rig, people, recording)
+    if start is not None and len(rig) > 2:
+        _check_near(rig, start)
+    given = known.height_m is not None or known.distance is not None or known.limb is not None
+    if start is not None and not given and len(rig) > 2:
+        factor, R, t = similarity(rig.centers_m, start.centers_m)
+        move, scale = Move(factor, R, t), Scale(factor, "the rough calibration", 0.02)
+        world = "that of the rough calibration"
+    else:
+        scale = scale_of(rig, people, known)
+        move = Move(scale.factor, np.eye(3), np.zeros(3))
+        try:
+            floor = floor_from_people(people.scaled(move.scale, move.R, move.t))
+            move, world = floor.move @ move, "floor and vertical from standing people"
+            if not floor.tilted:
+                notes.append("people stood still in one place only: the vertical is less certain")
+        except InputError as error:
+            placed = move.rig(rig)
+            move, world = guess(placed) @ move, "guessed from level cameras"
+            notes.append(f"{error}; the floor is guessed")
+    if scale.share > 0.05:
+        notes.append("sizes may be 6 % off: pass --height, --distance or --limb")
+    sigma = found.joints.sigma_px[:, found.solved.used]
+    adjusted = found.solved.adjusted
+    return Places(
+        move.rig(rig), "people", *agreement(adjusted.residuals, adjusted.weights, sigma),
+        scale, world, notes,
+    )  # fmt: skip
+
+
+def _little_seen(rig: Rig, people: People3D, recording: Recording) -> list[str]:
+    """Return a warning where people say too little of the room to fix the cameras."""
+    hips = people.of("left_hip", "right_hip")
+    hips = hips[np.isfinite(hips).all(axis=-1)]
+    seconds = len(np.unique(people.slot)) / recording.fps
+    if not len(hips):
+        return []
+    away = np.median(np.linalg.norm(rig.centers_m[:, None] - hips[None, ::10], axis=-1))
+    spread = float(np.sqrt(np.median(((hips - np.median(hips, axis=0)) ** 2).sum(axis=1))) / away)
+    if seconds >= ENOUGH_S and spread >= ENOUGH_SPREAD:
+        return []
+    return [
+        f"people were matched for {seconds:.0f} s within {100 * spread:.0f} % of their distance to "
+        "the cameras: the result may be far off; film them walking through all of the room for "
+        "half a minute"
+    ]
+
+
+def _check_near(rig: Rig, start: Rig) -> None:
+    """Raise `InputError` if people put a camera quite elsewhere than the rough calibration."""
+    R = similarity(rig.centers_m, start.centers_m)[1]
+    turned = np.stack([camera.R @ R.T for camera in rig.cameras])
+    angles = np.degrees(angles_between(turned, np.stack([c.R for c in start.cameras])))
+    worst = int(np.argmax(angles))
+    if angles[worst] > FAR_DEG:
+        raise InputError(
+            f"--start: people would turn {rig.camera_ids[worst]} by {angles[worst]:.0f} degrees, "
+            f"expected at most {FAR_DEG:g}: they walk through too little of the room, the films "
+            "are not in step, or the rough calibration is another rig's (leave it out then)"
+        )
+
+
+def scale_of(rig: Rig, people: People3D, known: KnownLength) -> Scale:
+    """Return the scale by what is known of lengths; of people's heights if nothing is."""
+    if known.distance is not None:
+        return from_distance(rig, *known.distance)
+    if known.limb is not None:
+        return from_limb(people, *known.limb)
+    return from_stature(people, known.height_m)
