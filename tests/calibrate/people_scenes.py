@@ -32,6 +32,25 @@ def without_calibration(recording: Recording) -> Recording:
     return replace(recording, rig=assumed_rig(sizes), truth=None)
 
 
+def decentred(recording: Recording, share: float, seed: int) -> Recording:
+    """Return it with the axes of all lenses beside the middles of the images.
+
+    Args:
+        recording: any.
+        share: standard deviation of either coordinate, as a share of the longer side.
+        seed: of where to.
+    """
+    rng = np.random.default_rng(seed)
+    cameras, views = [], []
+    for camera, series in zip(recording.rig.cameras, recording.views, strict=True):
+        aside = rng.normal(0, share * max(camera.image_size), 2)
+        K = np.array(camera.K)
+        K[:2, 2] += aside
+        cameras.append(replace(camera, K=K))
+        views.append(replace(series, keypoints_px=series.keypoints_px + aside))
+    return replace(recording, rig=Rig(tuple(cameras)), views=tuple(views))
+
+
 def distances(found: Rig, truth: Rig, with_scale: bool = True) -> tuple[float, float, float]:
     """Return the largest angle in degrees and shift in millimetres, and the scale between rigs."""
     scale, R, t = similarity(found.centers_m, truth.centers_m, with_scale)

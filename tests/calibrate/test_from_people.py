@@ -69,7 +69,7 @@ def test_known_distance_sets_the_scale(two: Recording) -> None:
 
 def test_good_rig_is_found_good_and_a_moved_camera_is_named(two: Recording) -> None:
     good = judge(two, NOISE, quiet)
-    assert np.nanmax(good.moved_deg) < 0.5 and np.nanmax(good.moved_mm) < 50  # ten seconds each
+    assert good.errors.expected_deg.max() < 0.5 and good.errors.expected_mm.max() < 50
     assert 5 < np.nanmedian(good.room.total_mm) < 40
     moved = disturbed(two.rig, 1.5, 0.0, 2).cameras[2]
     cameras = [moved if i == 2 else camera for i, camera in enumerate(two.rig.cameras)]

@@ -237,10 +237,7 @@ def adjust_points(
     seen = observe(first, keypoints_px[:, :, None], sigma_px[:, :, None])
 
     def linearise(state: tuple[Cameras, Floats]) -> Linearised:
-        cameras, points = state
-        rotated = (points @ np.swapaxes(cameras.rotations, -1, -2))[:, :, None]
-        r, A, to_camera = _residuals(cameras, rotated, seen)
-        return Linearised(r, A, _by_world(to_camera, cameras))
+        return linearise_points(*state, seen)
 
     def retract(
         state: tuple[Cameras, Floats], by_camera: Floats, by_block: Floats
@@ -249,6 +246,19 @@ def adjust_points(
 
     solution = _solve((Cameras.of(rig), points_m), linearise, retract, options)
     return _adjusted(first, solution, seen, linearise(solution.state).residuals)
+
+
+def linearise_points(cameras: Cameras, points_m: Floats, seen: Observed) -> Linearised:
+    """Return residuals of points and their derivatives.
+
+    Args:
+        cameras: where they are.
+        points_m: `(num_points, 3)`.
+        seen: what to compare with, one point to a block.
+    """
+    rotated = (points_m @ np.swapaxes(cameras.rotations, -1, -2))[:, :, None]
+    r, A, to_camera = _residuals(cameras, rotated, seen)
+    return Linearised(r, A, _by_world(to_camera, cameras))
 
 
 def adjust_boards(
@@ -344,15 +354,9 @@ def _solve(
     free = np.arange(number) > 0 if options.free is None else options.free
     chosen = np.zeros((number, NUM_PARAMETERS), dtype=bool)
     chosen[:, POSE] = free[:, None]
-    precision = np.zeros((number, NUM_PARAMETERS, number, NUM_PARAMETERS))
+    flat = lens_precision(options.lenses, number)
     if options.lenses is not None:
-        expected = options.lenses.reshape(number * NUM_LENS, -1)
-        known = np.diag(expected) > 0
-        inverse = np.zeros_like(expected)
-        inverse[np.ix_(known, known)] = np.linalg.inv(expected[np.ix_(known, known)])
-        precision[:, LENS, :, LENS] = inverse.reshape(options.lenses.shape)
-        chosen[:, LENS] = known.reshape(number, NUM_LENS)
-    flat = precision.reshape(number * NUM_PARAMETERS, -1)
+        chosen[:, LENS] = np.diag(flat).reshape(number, -1)[:, LENS] > 0
 
     def prior(state: tuple[Cameras, Floats]) -> tuple[Floats, Floats]:
         distances = np.zeros((number, NUM_PARAMETERS))
@@ -362,6 +366,25 @@ def _solve(
     return solve(
         state, linearise, retract, chosen, prior, options.outlier_sigmas, options.max_steps
     )
+
+
+def lens_precision(lenses: Floats | None, number: int) -> Floats:
+    """Return the inverse of the covariance of lenses among all parameters of the cameras.
+
+    Args:
+        lenses: as `AdjustOptions` has it.
+        number: of cameras.
+
+    Returns:
+        `(number * 10, number * 10)`, 0 for what is held or not expected.
+    """
+    precision = np.zeros((number, NUM_PARAMETERS, number, NUM_PARAMETERS))
+    if lenses is not None:
+        inverse = np.array(lenses.reshape(number * NUM_LENS, -1))
+        known = np.ix_(*(2 * [np.diag(inverse) > 0]))
+        inverse[known] = np.linalg.inv(inverse[known])
+        precision[:, LENS, :, LENS] = inverse.reshape(lenses.shape)
+    return precision.reshape(number * NUM_PARAMETERS, -1)
 
 
 def _adjusted(

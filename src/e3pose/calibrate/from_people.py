@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from e3pose.calibrate.bundle import placed
 from e3pose.calibrate.fit import CameraFit, fit_of
 from e3pose.calibrate.from_points import PointRig, adjust_all, pair_poses, solve_points
-from e3pose.calibrate.lenses import expected_lenses, kinds_of
+from e3pose.calibrate.lenses import expected_lenses, final_lenses, kinds_of
 from e3pose.calibrate.matched_people import Joints, gather, observe_people, rematch, without_lenses
 from e3pose.calibrate.progress import Progress, silent
 from e3pose.calibrate.resection import PlacedPerson, resect
@@ -30,6 +30,7 @@ FINE_SIGMAS = (4.0, 3.0, 3.0)
 FINAL_POINTS = 8000
 NOISE_FACTORS = (1.0, 3.0, 1 / 3)  # on what is declared, in which order to begin from nothing
 NOISE_LIMITS = (0.1, 10.0)  # of what is declared
+MIN_INLIERS = 0.6  # share of keypoints that a rig must explain to be believed
 BETTER = 1.25  # times the evidence for where a camera is, from which it is moved
 
 
@@ -52,6 +53,11 @@ class PeopleRig:
     inliers: float
     fit: CameraFit
     noise: float
+
+    @property
+    def explains(self) -> bool:
+        """Whether all cameras are placed and enough keypoints agree with where they are."""
+        return self.inliers >= MIN_INLIERS and bool(self.solved.placed.all())
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,7 +113,7 @@ def solve_people(
     if start is not None:
         best = _from_start(scene, start, progress)
     for factor in NOISE_FACTORS:
-        if best is not None and best.inliers >= 0.6 and best.solved.placed.all():
+        if best is not None and best.explains:
             break
         other = _from_nothing(scene.with_rig(rig, factor), progress)
         if other is not None and (best is None or _better(other, best)):
@@ -202,16 +208,15 @@ def _finish(scene: _Scene, done: Bools, progress: Progress) -> PeopleRig | None:
 
 def _adjusted(scene: _Scene, joints: Joints, done: Bools) -> PointRig | None:
     """Adjust a rig; unknown lenses by themselves first, to see which cameras are of one kind."""
-    rig, kinds = scene.rig, None
+    rig, lenses = scene.rig, None
     if any(camera.lens_assumed for camera in rig.cameras):
         free = adjust_all(rig, joints.keypoints_px, joints.sigma_px, done, expected_lenses(rig))
         if free is None:
             return None
         rig = free.adjusted.rig
-        kinds = kinds_of(free.adjusted, fit_of(free.adjusted).factor)
+        lenses = final_lenses(rig, kinds_of(free.adjusted, fit_of(free.adjusted).factor))
     return adjust_all(
-        rig, joints.keypoints_px, joints.sigma_px, done, expected_lenses(rig, kinds),
-        most_points=FINAL_POINTS,
+        rig, joints.keypoints_px, joints.sigma_px, done, lenses, most_points=FINAL_POINTS
     )  # fmt: skip
 
 

@@ -32,11 +32,13 @@ class PointRig:
         adjusted: cameras, points and residuals in standard deviations.
         used: `(num_used,)` which points those are.
         placed: `(num_cameras,)` which cameras could be placed; the others are where they were.
+        lenses: what was expected of lenses, as `AdjustOptions` has it.
     """
 
     adjusted: Adjusted
     used: NDArray[np.int64]
     placed: NDArray[np.bool_]
+    lenses: Floats | None
 
 
 def pair_poses(
@@ -178,7 +180,7 @@ def adjust_all(
         rig, points[used], pixels[:, used], sigma_px[:, used],
         AdjustOptions(OUTLIER_SIGMAS, free, lenses, max_steps),
     )  # fmt: skip
-    return PointRig(adjusted, used, done.copy())
+    return PointRig(adjusted, used, done.copy(), lenses)
 
 
 def subsampled(used: NDArray[np.int64], views: NDArray[np.int64], most: int) -> NDArray[np.int64]:

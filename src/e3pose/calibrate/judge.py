@@ -7,29 +7,27 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.calibrate.bundle import root_mean_square
 from e3pose.calibrate.expected_error import ErrorMap, error_map
-from e3pose.calibrate.from_people import solve_people
+from e3pose.calibrate.from_people import PeopleRig, solve_people
 from e3pose.calibrate.matched_people import match_people
 from e3pose.calibrate.people_3d import place_people
 from e3pose.calibrate.progress import Progress, silent
-from e3pose.calibrate.recordings import between
 from e3pose.calibrate.triangulation import place_points
+from e3pose.calibrate.uncertainty import CameraErrors, camera_errors, likely_rigs
 from e3pose.errors import InputError
 from e3pose.geometry.camera import Rig
-from e3pose.geometry.rotations import angles_between, similarity
 from e3pose.model.noise import Noise
 from e3pose.recording.record import Recording
 
 Floats = NDArray[np.float64]
 
 MIN_JOINTS = 100
-ENOUGH_S = 10.0  # of recording, to solve the rig anew from its halves
-MIN_INLIERS = 0.6  # share of keypoints that a rig solved anew must explain
+ENOUGH_S = 10.0  # of recording, to solve the rig anew
+ROOM_RIGS = 8  # of those that people could give, to map their differences over the room
 POOR_ANGLE = np.radians(20.0)  # between the rays of a pair, below which depth is poor
 POOR_PAIR = 2.0  # times the median error over pairs
 SHIFT_SHARE = 0.006  # of the longer side, from which a camera's shift is worth a word
-MOVED_DEG, MOVED_MM = 0.5, 50.0
+MOVED_DEG, MOVED_MM, SURE_SIGMAS = 0.5, 50.0, 2.0  # from which another place is worth a word
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,9 +40,7 @@ class Judgement:
         shifts_px: `(num_cameras, 2)` its median by axis: what all keypoints have in common.
         sigma_px: `(num_cameras,)` robust standard deviation of either coordinate.
         joints: `(num_cameras,)` how many keypoints were compared.
-        moved_deg: `(num_cameras,)` how far the same people would turn it, root mean square of what
-            the two halves of the recording say; NaN if unknown.
-        moved_mm: `(num_cameras,)` how far they would move it, likewise.
+        errors: what each camera is expected to be off by; NaN where people cannot tell.
         pair_angle: `(num_cameras, num_cameras)` median angle between rays, radians; NaN where
             nobody was seen by both.
         pair_errors_px: `(num_cameras, num_cameras)` median epipolar distance.
@@ -56,8 +52,7 @@ class Judgement:
     shifts_px: Floats
     sigma_px: Floats
     joints: NDArray[np.int64]
-    moved_deg: Floats
-    moved_mm: Floats
+    errors: CameraErrors
     pair_angle: Floats
     pair_errors_px: Floats
     room: ErrorMap
@@ -90,40 +85,32 @@ def judge(
     inner = np.stack([camera.project(points) for camera in rig.cameras]) - pixels
     spread = 1.4826 * _median(np.abs(inner).mean(axis=-1))
     spread = np.where(np.isfinite(spread), np.maximum(spread, 0.5), np.nanmedian(spread))
-    resolved = _resolve(recording, noise, progress)
-    moved_deg, moved_mm = _moved(rig, resolved)
+    found = _solved_again(recording, noise, progress)
+    likely = [] if found is None else likely_rigs(found, recording.fps)
+    sure = camera_errors(rig, found, likely)
+    likely = likely[:ROOM_RIGS] if np.isfinite(sure.moved_deg).all() else []
     people = place_people(rig, joints, recording.skeleton, recording.fps)
     hips = people.of("left_hip", "right_hip")
     hips = hips[np.isfinite(hips).all(axis=-1)]
     if len(hips) < 10:
         hips = points[np.isfinite(points).all(axis=-1)]
-    room = error_map(rig, spread, hips[:, :2], resolved)
+    room = error_map(rig, spread, hips[:, :2], likely)
     angle, pair_errors = _pairs(rig, points, pixels)
     return Judgement(
-        errors, shifts, spread, seen.sum(axis=1), moved_deg, moved_mm, angle, pair_errors, room,
-        _advice(rig, shifts, moved_deg, moved_mm, seen, room),
+        errors, shifts, spread, seen.sum(axis=1), sure, angle, pair_errors, room,
+        _advice(rig, shifts, sure, seen, room),
     )  # fmt: skip
 
 
-def _resolve(recording: Recording, noise: Noise, progress: Progress) -> list[Rig]:
-    """Solve the rig anew from either half of the recording, as far as that succeeds.
-
-    Two halves, as a rig that was solved from the whole would be found free of error by the whole.
-    """
+def _solved_again(recording: Recording, noise: Noise, progress: Progress) -> PeopleRig | None:
+    """Solve the rig anew from its people; None where they are too few to be believed."""
     if recording.num_slots < ENOUGH_S * recording.fps:
-        return []  # moments of people place no camera
-    middle = recording.num_slots // 2
-    rigs = []
-    for number, (first, end) in enumerate(((0, middle), (middle, recording.num_slots))):
-        try:
-            found = solve_people(between(recording, first, end), noise, recording.rig)
-        except InputError:
-            continue
-        finally:
-            progress("solving again from halves", number + 1, 2)
-        if found.inliers >= MIN_INLIERS and found.solved.placed.all():
-            rigs.append(found.solved.adjusted.rig)
-    return rigs
+        return None  # moments of people place no camera
+    try:
+        found = solve_people(recording, noise, recording.rig, progress)
+    except InputError:
+        return None
+    return found if found.explains else None
 
 
 def _left_out(rig: Rig, pixels: Floats, sigma: Floats) -> Floats:
@@ -147,21 +134,6 @@ def _median(values: Floats) -> Floats:
         if len(known) >= 10:
             out[place] = np.median(known)
     return out
-
-
-def _moved(rig: Rig, resolved: list[Rig]) -> tuple[Floats, Floats]:
-    """Return degrees and millimetres, root mean square over the rigs solved anew."""
-    angles, shifts = [], []
-    for other in resolved if len(rig) > 2 else []:
-        scale, R, t = similarity(other.centers_m, rig.centers_m)
-        centers = scale * other.centers_m @ R.T + t
-        turned = np.stack([camera.R @ R.T for camera in other.cameras])
-        own = np.stack([camera.R for camera in rig.cameras])
-        angles.append(np.degrees(angles_between(turned, own)))
-        shifts.append(1000 * np.linalg.norm(centers - rig.centers_m, axis=1))
-    if not angles:
-        return np.full(len(rig), np.nan), np.full(len(rig), np.nan)
-    return root_mean_square(np.stack(angles), 0), root_mean_square(np.stack(shifts), 0)
 
 
 def _pairs(rig: Rig, points: Floats, pixels: Floats) -> tuple[Floats, Floats]:
@@ -205,8 +177,7 @@ def poor_pairs(rig: Rig, judgement: Judgement) -> list[str]:
 def _advice(
     rig: Rig,
     shifts: Floats,
-    moved_deg: Floats,
-    moved_mm: Floats,
+    sure: CameraErrors,
     seen: NDArray[np.bool_],
     room: ErrorMap,
 ) -> list[str]:
@@ -222,24 +193,25 @@ def _advice(
                 f"{camera.camera_id} is off by ({shifts[i, 0]:+.0f}, {shifts[i, 1]:+.0f}) px: it "
                 "was moved, or its lens or image size is not that of the calibration"
             )
-    if np.isfinite(moved_deg).any() and (
-        np.nanmax(moved_deg) > MOVED_DEG or np.nanmax(moved_mm) > MOVED_MM
-    ):
-        name = rig.camera_ids[int(np.nanargmax(moved_deg / MOVED_DEG + moved_mm / MOVED_MM))]
+    moved = np.nan_to_num(sure.moved_deg / MOVED_DEG + sure.moved_mm / MOVED_MM)
+    doubt = np.maximum(sure.moved_deg / sure.sure_deg, sure.moved_mm / sure.sure_mm) > SURE_SIGMAS
+    worst = int(np.argmax(np.where(doubt, moved, 0.0)))
+    if doubt[worst] and (sure.moved_deg[worst] > MOVED_DEG or sure.moved_mm[worst] > MOVED_MM):
         words.append(
-            f"{name} would fit these people better at another position; if they walk through the "
-            "whole room, refine the calibration with them: e3pose calibrate extrinsics RECORDING "
-            "NEW.toml --start THIS.toml"
+            f"{rig.camera_ids[worst]} would fit these people better {sure.moved_deg[worst]:.1f} "
+            f"degrees and {sure.moved_mm[worst]:.0f} mm away; if they walk through the whole room, "
+            "refine the calibration with them: e3pose calibrate extrinsics RECORDING NEW.toml "
+            "--start THIS.toml"
         )
     total = room.total_mm
     known = np.isfinite(total)
     if known.any():
-        worst = np.unravel_index(np.nanargmax(np.where(known, total, -1.0)), total.shape)
+        place = np.unravel_index(np.nanargmax(np.where(known, total, -1.0)), total.shape)
         limit = 2 * float(np.nanmedian(total))
-        if total[worst] > limit:
+        if total[place] > limit:
             words.append(
-                f"worst near x {room.x_m[worst[1]]:.1f}, y {room.y_m[worst[0]]:.1f} m: "
-                f"{total[worst]:.0f} mm with {room.cameras[worst]} cameras; point another camera "
+                f"worst near x {room.x_m[place[1]]:.1f}, y {room.y_m[place[0]]:.1f} m: "
+                f"{total[place]:.0f} mm with {room.cameras[place]} cameras; point another camera "
                 "there, or add one"
             )
     return words

@@ -109,6 +109,37 @@ def solve(
     )
 
 
+def reduced_normal(system: Linearised, outlier_sigmas: float) -> tuple[Floats, Floats]:
+    """Return the normal equations of the cameras alone, without any prior.
+
+    Args:
+        system: residuals at one state.
+        outlier_sigmas: as `solve` has it.
+
+    Returns:
+        `(num_cameras * p, num_cameras * p)` matrix and `(num_cameras * p,)` gradient.
+    """
+    num_cameras, p = system.by_camera.shape[0], system.by_camera.shape[-1]
+    nothing = np.zeros((num_cameras, p)), np.zeros((num_cameras * p, num_cameras * p))
+    parts = _normal_parts(system, nothing, outlier_sigmas)
+    reduced, folded = _reduced(parts, _inverses(parts.blocks, 0.0))
+    gradient = parts.camera_gradient.reshape(-1) - folded @ parts.block_gradient.reshape(-1)
+    return reduced, gradient
+
+
+def curvature_share(residuals: Floats, outlier_sigmas: float) -> float:
+    """Return how curved Cauchy's loss is on average, as a share of what its weights make of it.
+
+    Args:
+        residuals: `(*batch, 2)`; 0 where nothing was seen.
+        outlier_sigmas: as `solve` has it.
+    """
+    squares = (residuals**2).sum(axis=-1)
+    weights = weights_of(residuals, outlier_sigmas)[squares > 0]
+    lost = weights**2 * squares[squares > 0] / outlier_sigmas**2
+    return max(1 - float(lost.sum() / weights.sum()), 0.1)
+
+
 def weights_of(residuals: Floats, outlier_sigmas: float) -> Floats:
     """Return Cauchy's weights `1 / (1 + (e / c)^2)` of `(*batch, 2)` residuals."""
     return np.asarray(1.0 / (1.0 + (residuals**2).sum(axis=-1) / outlier_sigmas**2))

@@ -11,12 +11,15 @@ from numpy.typing import NDArray
 
 from e3pose.calibrate.bundle import NUM_LENS, Adjusted
 from e3pose.geometry.camera import Rig
+from e3pose.recording.calibration.world import ASSUMED_FOCAL
 
 Floats = NDArray[np.float64]
 
 FOCAL_SIGMA = 0.35  # of the logarithm, round what is assumed
-KIND_SIGMA = 0.003  # the same between cameras of one kind
+KIND_SIGMA = 0.01  # the same between cameras of one kind: lenses focused at other distances
+MIDDLE_SIGMA = 0.02  # of the longer side: how far a principal point is from the image's middle
 DISTORTION_SIGMA, KIND_DISTORTION_SIGMA = 0.15, 0.02  # of k1
+REPEATED = 100.0  # observations that count as one, because their errors repeat
 MOST_RISE = 0.007  # of the mean robust square, by which one focal length may fit worse than two
 
 
@@ -39,6 +42,17 @@ def expected_lenses(rig: Rig, kinds: NDArray[np.int64] | None = None) -> Floats 
     covariance[:, 0, :, 0] = FOCAL_SIGMA**2 * same + KIND_SIGMA**2 * each
     covariance[:, 1, :, 1] = DISTORTION_SIGMA**2 * both + KIND_DISTORTION_SIGMA**2 * each
     return covariance
+
+
+def final_lenses(rig: Rig, kinds: NDArray[np.int64]) -> Floats | None:
+    """Return `expected_lenses` with principal points, as they weigh against errors that repeat."""
+    covariance = expected_lenses(rig, kinds)
+    if covariance is None:
+        return None
+    unknown = np.flatnonzero([camera.lens_assumed for camera in rig.cameras])
+    for axis in (2, 3):
+        covariance[unknown, axis, unknown, axis] = (MIDDLE_SIGMA / ASSUMED_FOCAL) ** 2
+    return covariance / REPEATED
 
 
 def kinds_of(adjusted: Adjusted, factor: float) -> NDArray[np.int64]:

@@ -12,16 +12,16 @@ from e3pose.calibrate.people_3d import People3D, place_people
 from e3pose.calibrate.places import KnownLength, Places, agreement
 from e3pose.calibrate.progress import Progress
 from e3pose.calibrate.scale import Scale, from_distance, from_limb, from_stature
+from e3pose.calibrate.uncertainty import FAR_DEG, camera_errors, distances, likely_rigs
 from e3pose.errors import InputError
 from e3pose.geometry.camera import Rig
-from e3pose.geometry.rotations import angles_between, similarity
+from e3pose.geometry.rotations import similarity
 from e3pose.model.noise import Noise
 from e3pose.recording.record import Recording
 
 Floats = NDArray[np.float64]
 
 ENOUGH_S, ENOUGH_SPREAD = 8.0, 0.08  # of matched people: seconds, and share of the distance
-FAR_DEG = 15.0  # from a rough start, farther is more likely wrong than right
 
 
 def from_people(
@@ -58,7 +58,7 @@ def from_people(
         )
     rig = found.solved.adjusted.rig
     notes = disagreeing(rig, found.fit, force)
-    if found.inliers < 0.7:
+    if not found.explains:
         notes.append(
             f"only {100 * found.inliers:.0f} % of keypoints agree: are the films synchronised "
             "(e3pose sync), and do people walk through all of the room?"
@@ -87,10 +87,11 @@ def from_people(
     if scale.share > 0.05:
         notes.append("sizes may be 6 % off: pass --height, --distance or --limb")
     sigma = found.joints.sigma_px[:, found.solved.used]
-    adjusted = found.solved.adjusted
+    adjusted, placed = found.solved.adjusted, move.rig(rig)
+    errors = camera_errors(placed, found, likely_rigs(found, recording.fps))
     return Places(
-        move.rig(rig), "people", *agreement(adjusted.residuals, adjusted.weights, sigma),
-        scale, world, notes,
+        placed, "people", *agreement(adjusted.residuals, adjusted.weights, sigma), scale, world,
+        notes, errors,
     )  # fmt: skip
 
 
@@ -114,9 +115,7 @@ def _little_seen(rig: Rig, people: People3D, recording: Recording) -> list[str]:
 
 def _check_near(rig: Rig, start: Rig) -> None:
     """Raise `InputError` if people put a camera quite elsewhere than the rough calibration."""
-    R = similarity(rig.centers_m, start.centers_m)[1]
-    turned = np.stack([camera.R @ R.T for camera in rig.cameras])
-    angles = np.degrees(angles_between(turned, np.stack([c.R for c in start.cameras])))
+    angles = distances(rig, start)[0]
     worst = int(np.argmax(angles))
     if angles[worst] > FAR_DEG:
         raise InputError(

@@ -18,6 +18,7 @@ from e3pose.calibrate.from_boards import check_connected, solve_boards
 from e3pose.calibrate.from_points import MIN_SHARED, PointRig, pair_poses, solve_points
 from e3pose.calibrate.lenses import expected_lenses
 from e3pose.calibrate.scale import Scale, from_distance
+from e3pose.calibrate.uncertainty import CameraErrors
 from e3pose.calibrate.wand import Wand, adjust_wand
 from e3pose.camera.source import open_video
 from e3pose.errors import InputError
@@ -43,6 +44,7 @@ class Places:
         scale: metres and where they are from; None where a board states them.
         world: where the axes are from, in words.
         notes: what to look at or do next, in words.
+        expected: errors that the cameras are expected to have; None where that is not known.
     """
 
     rig: Rig
@@ -54,6 +56,7 @@ class Places:
     scale: Scale | None
     world: str
     notes: list[str]
+    expected: CameraErrors | None = None
 
 
 @dataclass(frozen=True, slots=True)

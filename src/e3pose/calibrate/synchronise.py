@@ -31,7 +31,6 @@ CLEAR_HEIGHT = 8.0  # standard deviations from which motion alone is believed
 ENOUGH_PAIRS = 3  # of a camera, after which only cameras with fewer are looked at
 SURE_COST = 2.2  # of geometry, at which other shifts are not tried
 MOST_COST = 4.0  # of geometry: right shifts cost 0.4 to 2, wrong ones 1.7 and more
-MIN_INLIERS = 0.5  # share of keypoints that a rig solved on the way must explain
 COARSE_SIGMA, FINE_SIGMA = 1.0, 0.05  # slots, to weigh pairs by
 
 
@@ -129,7 +128,7 @@ def _in_slots(
         solved = solve_people(moved, noise, None, progress)
     except InputError:
         return first
-    if solved.inliers < MIN_INLIERS or not solved.solved.placed.all():
+    if not solved.explains:
         return first
     rig = Rig(solved.solved.adjusted.rig.cameras)
     try:

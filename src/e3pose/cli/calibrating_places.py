@@ -12,13 +12,14 @@ from cyclopts import Group, Parameter
 
 from e3pose.cli.calibrating_lenses import DEFAULT_BOARD, camera_bar, cameras_of, toml_path
 from e3pose.cli.options import Flag, as_typed
-from e3pose.cli.output import JsonFile, is_stdout, write_json, wrote
+from e3pose.cli.output import JsonFile, is_stdout, number_or_null, write_json, wrote
 from e3pose.cli.progress import stage_progress
 from e3pose.errors import InputError
 from e3pose.quantities import length_m, plural
 
 if TYPE_CHECKING:
     from e3pose.calibrate.places import KnownLength, Places
+    from e3pose.calibrate.uncertainty import CameraErrors
     from e3pose.calibrate.wand import Wand
     from e3pose.geometry.camera import Rig
 
@@ -134,7 +135,8 @@ def extrinsics(
     that you found yourself.
 
     From people who walk about, recorded by `e3pose record` or `e3pose detect` without a
-    calibration: `e3pose calibrate extrinsics walk rig.toml --height 178cm`
+    calibration: `e3pose calibrate extrinsics walk rig.toml --height 178cm`. The error of each
+    camera is estimated from how people and joints disagree; the truth is mostly within twice that.
 
     Only a camera that was knocked: `e3pose calibrate extrinsics room --only cam2`
 
@@ -286,6 +288,17 @@ def _pair(option: str, word: str) -> tuple[str, str, float]:
         return first, second, length_m(length)
 
 
+def expected_values(errors: CameraErrors | None, camera: int) -> dict[str, float | None]:
+    """Return what a camera is expected to be off by, for JSON; nothing where nobody asked."""
+    if errors is None:
+        return {}
+    return {
+        "expected_error_deg": number_or_null(errors.expected_deg[camera]),
+        "expected_error_mm": number_or_null(errors.expected_mm[camera]),
+        "focal_share": number_or_null(errors.focal_share[camera]),
+    }
+
+
 def _values(places: Places) -> dict[str, Any]:
     names = places.rig.camera_ids
     return {
@@ -295,6 +308,7 @@ def _values(places: Places) -> dict[str, Any]:
                 "camera": camera.camera_id,
                 "center_m": camera.center_m.tolist(),
                 "focal_px": float(camera.K[0, 0]),
+                **expected_values(places.expected, i),
                 "reprojection_error_px": float(places.errors_px[i]),
                 "outliers": float(places.outliers[i]),
                 "observations": int(places.observations[i]),
@@ -337,7 +351,20 @@ def _table(places: Places, names: Sequence[str]) -> list[str]:
         )
     if any(camera.lens_assumed for camera in places.rig.cameras):
         lines.append("*: focal length found with the places")
+    if places.expected is not None:
+        lines.append(f"{'camera':{width}}  expected error")
+        lines += [
+            f"{name:{width}}  {places.expected.words(i)}{_focal(places, i)}"
+            for i, name in enumerate(names)
+        ]
     return lines
+
+
+def _focal(places: Places, camera: int) -> str:
+    """Return how sure a focal length is that was found, in words."""
+    if places.expected is None or not places.rig.cameras[camera].lens_assumed:
+        return ""
+    return f"; focal length good to {100 * places.expected.focal_share[camera]:.1g} %"
 
 
 def _most_shared(places: Places, camera: int) -> list[int]:

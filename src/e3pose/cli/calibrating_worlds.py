@@ -10,8 +10,9 @@ import numpy as np
 from cyclopts import Group, Parameter
 
 from e3pose.cli.calibrating_lenses import DEFAULT_BOARD, cameras_of, check_picture, toml_path
+from e3pose.cli.calibrating_places import expected_values
 from e3pose.cli.options import Flag, as_typed
-from e3pose.cli.output import JsonFile, is_stdout, write_json
+from e3pose.cli.output import JsonFile, is_stdout, number_or_null, write_json
 from e3pose.cli.progress import stage_progress
 from e3pose.errors import InputError
 from e3pose.quantities import length_m
@@ -146,9 +147,9 @@ def check(
     Example: `e3pose calibrate check walk --picture error.png`
 
     Each camera is compared with the people that the other cameras triangulate (leave-one-out). The
-    expected 3D error over the floor has two parts: keypoint noise, and the difference from a
-    calibration that is refined on these people. Use a recording that the calibration was not
-    made from.
+    expected error of a camera is the difference from a calibration that is refined on these
+    people, and how sure that one is; the 3D error over the floor follows from it and from keypoint
+    noise. Use a recording that the calibration was not made from.
 
     Parameters
     ----------
@@ -257,31 +258,29 @@ def _three_points(words: list[str]) -> Move:
 def _values(rig: Rig, found: Judgement) -> dict[str, Any]:
     from e3pose.calibrate.judge import poor_pairs
 
-    def number(value: float) -> float | None:
-        return float(value) if np.isfinite(value) else None
-
     total = found.room.total_mm
     known = total[np.isfinite(total)]
     return {
         "cameras": [
             {
                 "camera": name,
-                "reprojection_error_px": number(found.errors_px[i]),
-                "shift_px": [number(value) for value in found.shifts_px[i]],
-                "sigma_px": number(found.sigma_px[i]),
+                "reprojection_error_px": number_or_null(found.errors_px[i]),
+                "shift_px": [number_or_null(value) for value in found.shifts_px[i]],
+                "sigma_px": number_or_null(found.sigma_px[i]),
                 "keypoints": int(found.joints[i]),
-                "people_turn_it_deg": number(found.moved_deg[i]),
-                "people_move_it_mm": number(found.moved_mm[i]),
+                **expected_values(found.errors, i),
+                "people_turn_it_deg": number_or_null(found.errors.moved_deg[i]),
+                "people_move_it_mm": number_or_null(found.errors.moved_mm[i]),
             }
             for i, name in enumerate(rig.camera_ids)
         ],
         "expected_error_mm": {
-            "median": number(np.median(known)) if len(known) else None,
-            "worst": number(known.max()) if len(known) else None,
-            "from_noise": number(np.nanmedian(found.room.noise_mm)) if len(known) else None,
+            "median": number_or_null(np.median(known)) if len(known) else None,
+            "worst": number_or_null(known.max()) if len(known) else None,
+            "from_noise": number_or_null(np.nanmedian(found.room.noise_mm)) if len(known) else None,
             "x_m": found.room.x_m.tolist(),
             "y_m": found.room.y_m.tolist(),
-            "map": [[number(value) for value in row] for row in total],
+            "map": [[number_or_null(value) for value in row] for row in total],
         },
         "poor_pairs": poor_pairs(rig, found),
         "next": found.next_steps,
@@ -292,13 +291,11 @@ def _lines(rig: Rig, found: Judgement) -> list[str]:
     from e3pose.calibrate.judge import poor_pairs
 
     width = max(len(name) for name in rig.camera_ids)
-    lines = [f"{'camera':{max(width, 6)}}  error px  shift px       would move by"]
+    lines = [f"{'camera':{max(width, 6)}}  error px  shift px       expected error"]
     for i, name in enumerate(rig.camera_ids):
         shift = f"({found.shifts_px[i, 0]:+.1f}, {found.shifts_px[i, 1]:+.1f})"
-        moved = "unknown"
-        if np.isfinite(found.moved_deg[i]):
-            moved = f"{found.moved_deg[i]:.2f} degrees, {found.moved_mm[i]:.0f} mm"
-        lines.append(f"{name:{max(width, 6)}}  {found.errors_px[i]:8.1f}  {shift:13}  {moved}")
+        words = found.errors.words(i)
+        lines.append(f"{name:{max(width, 6)}}  {found.errors_px[i]:8.1f}  {shift:13}  {words}")
     total = found.room.total_mm
     if np.isfinite(total).any():
         parts = [f"noise {np.nanmedian(found.room.noise_mm):.0f}"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import sys
 from pathlib import Path
 from typing import Annotated, Any
@@ -42,3 +43,8 @@ def wrote(path: Path | None, what: str = "") -> None:
     """Print which file or folder was written; nothing for no path."""
     if path is not None:
         print(f"Wrote {path}{f': {what}' if what else ''}")
+
+
+def number_or_null(value: float) -> float | None:
+    """Return a number for JSON, which has no NaN."""
+    return float(value) if math.isfinite(value) else None

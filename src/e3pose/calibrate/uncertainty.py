@@ -1,0 +1,194 @@
+"""How sure a rig from people is, although errors of keypoints repeat.
+
+A detector is off in the same way for as long as a person keeps a posture, and in one joint of
+everybody. The covariance of a least-squares fit takes errors to be independent and so promises far
+too much. Here groups of observations are left out one after the other, by person and by joint: the
+cluster jackknife, with two ways to group (Cameron, Gelbach and Miller, "Robust inference with
+multiway clustering", 2011). A group's effect is that of one Gauss-Newton step.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.calibrate.align import Move
+from e3pose.calibrate.bundle import (
+    LENS,
+    NUM_PARAMETERS,
+    POSE,
+    Cameras,
+    first_lenses,
+    lens_precision,
+    linearise_points,
+    observe,
+    root_mean_square,
+)
+from e3pose.calibrate.from_people import PeopleRig
+from e3pose.calibrate.from_points import OUTLIER_SIGMAS
+from e3pose.calibrate.least_squares import Linearised, curvature_share, reduced_normal
+from e3pose.calibrate.lenses import REPEATED
+from e3pose.geometry.camera import Rig
+from e3pose.geometry.rotations import angles_between, similarity
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+GROUP_S = 5.0  # of one person's walk, where few people are there
+MIN_PEOPLE = 3  # to leave out one after the other
+SAMPLES = 32
+SEED = 7
+RANK = 1e-10  # of the normal equations: the scale is free
+FAR_DEG = 15.0  # from a calibration, farther is more likely wrong than right
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CameraErrors:
+    """What a calibration's cameras are expected to be off by.
+
+    All are after the similarity transform that fits the cameras best; NaN where unknown.
+
+    Attributes:
+        moved_deg: `(num_cameras,)` by how much people would turn each camera.
+        moved_mm: `(num_cameras,)` by how much they would move it.
+        sure_deg: `(num_cameras,)` standard deviation of that.
+        sure_mm: `(num_cameras,)` likewise.
+        focal_share: `(num_cameras,)` standard deviation of the focal length as a share of it; 0
+            where the lens was known.
+    """
+
+    moved_deg: Floats
+    moved_mm: Floats
+    sure_deg: Floats
+    sure_mm: Floats
+    focal_share: Floats
+
+    @property
+    def expected_deg(self) -> Floats:
+        """`(num_cameras,)` expected error of the orientation, root mean square."""
+        return np.hypot(self.moved_deg, self.sure_deg)
+
+    @property
+    def expected_mm(self) -> Floats:
+        """`(num_cameras,)` expected error of the position, root mean square."""
+        return np.hypot(self.moved_mm, self.sure_mm)
+
+    def words(self, camera: int) -> str:
+        """Return the expected error of a camera in words."""
+        if np.isnan(self.expected_deg[camera]):
+            return "unknown"
+        return f"{self.expected_deg[camera]:.2f} degrees, {self.expected_mm[camera]:.0f} mm"
+
+
+def camera_errors(rig: Rig, found: PeopleRig | None, likely: list[Rig]) -> CameraErrors:
+    """Compare a calibration with what people say.
+
+    Args:
+        rig: the calibration, in metres.
+        found: what people give; None if they give nothing that could be believed.
+        likely: rigs that these people could give as well, of `likely_rigs`.
+
+    Returns:
+        All NaN where people cannot tell: they give nothing, or a camera farther away than could
+        be believed; and for two cameras, which no similarity transform compares.
+    """
+    unknown = np.full(len(rig), np.nan)
+    if found is None or len(rig) < 3:
+        return CameraErrors(unknown, unknown, unknown, unknown, unknown)
+    best = found.solved.adjusted.rig
+    moved = distances(best, rig)
+    there = Move(*similarity(best.centers_m, rig.centers_m)).rig(best)
+    off = [distances(other, there) for other in likely]
+    sure = [root_mean_square(np.stack(each), 0) for each in zip(*off, strict=True)]
+    if max(moved[0].max(), sure[0].max()) > FAR_DEG:
+        return CameraErrors(unknown, unknown, unknown, unknown, unknown)
+    focal = np.log([[camera.K[0, 0] for camera in other.cameras] for other in [best, *likely]])
+    sure.append(root_mean_square(focal[1:] - focal[0], 0))
+    return CameraErrors(*moved, *(np.where(found.fit.poor, np.nan, each) for each in sure))
+
+
+def likely_rigs(found: PeopleRig, fps: float) -> list[Rig]:
+    """Return rigs that the same people could give as well, in the unit of what they gave.
+
+    Args:
+        found: a rig whose cameras are all placed.
+        fps: slots per second.
+    """
+    rig = found.solved.adjusted.rig
+    covariance = _covariance(found, fps)
+    values, axes = np.linalg.eigh(covariance)
+    spread = axes * np.sqrt(np.maximum(values, 0.0))
+    rng = np.random.default_rng(SEED)
+    steps = rng.standard_normal((SAMPLES, len(values))) @ spread.T
+    first, cameras = first_lenses(rig), Cameras.of(rig)
+    return [cameras.moved(step.reshape(len(rig), -1)).rig(first) for step in steps]
+
+
+def distances(found: Rig, truth: Rig) -> tuple[Floats, Floats]:
+    """Return `(num_cameras,)` degrees and millimetres between the cameras of two rigs.
+
+    Args:
+        found: in any world and unit; it is brought to the other by the similarity transform.
+        truth: in metres.
+    """
+    scale, R, t = similarity(found.centers_m, truth.centers_m)
+    turned = np.stack([camera.R @ R.T for camera in found.cameras])
+    angles = angles_between(turned, np.stack([camera.R for camera in truth.cameras]))
+    shifts = np.linalg.norm(scale * found.centers_m @ R.T + t - truth.centers_m, axis=1)
+    return np.degrees(angles), 1000 * shifts
+
+
+def _covariance(found: PeopleRig, fps: float) -> Floats:
+    """Return `(num_cameras * 10, num_cameras * 10)` of all camera parameters."""
+    solved, joints = found.solved, found.joints
+    rig, used = solved.adjusted.rig, solved.used
+    pixels, sigma = joints.keypoints_px[:, used, None], joints.sigma_px[:, used, None]
+    system = linearise_points(
+        Cameras.of(rig), solved.adjusted.blocks, observe(first_lenses(rig), pixels, sigma)
+    )
+    normal, _ = reduced_normal(system, OUTLIER_SIGMAS)
+    prior = lens_precision(solved.lenses, len(rig))
+    free = np.ones((len(rig), NUM_PARAMETERS), dtype=bool)
+    free[0, POSE] = False
+    free[:, LENS] = np.diag(prior).reshape(len(rig), -1)[:, LENS] > 0
+    chosen = np.flatnonzero(free)
+    both = np.ix_(chosen, chosen)
+    person, slot = joints.person[used], joints.slot[used]
+    walks = person * (1 + int(slot.max())) + (slot / fps // GROUP_S).astype(int)
+    groupings = [walks, person] if len(np.unique(person)) >= MIN_PEOPLE else [walks]
+    by_person, by_joint = (
+        max((_jackknife(system, normal + prior, chosen, g) for g in each), key=np.trace)
+        for each in (groupings, [joints.joint[used]])
+    )
+    inverse = np.linalg.pinv((normal + prior)[both], rcond=RANK, hermitian=True)
+    curvature = curvature_share(system.residuals, OUTLIER_SIGMAS)
+    covariance = np.zeros_like(normal)
+    # The prior was made as strong as errors that repeat ask for: it is that much less sure.
+    expected = REPEATED * inverse @ prior[both] @ inverse
+    covariance[both] = (by_person + by_joint) / curvature**2 + expected
+    return covariance
+
+
+def _jackknife(system: Linearised, total: Floats, chosen: Ints, groups: Ints) -> Floats:
+    """Return the covariance of the chosen parameters, by leaving out one group after the other.
+
+    Args:
+        system: residuals of points at the solution.
+        total: `(p, p)` normal equations of the cameras with what is expected of them.
+        chosen: which parameters are free.
+        groups: `(num_points,)` the group of each.
+    """
+    names, members = np.unique(groups, return_inverse=True)
+    effects = []
+    for number in range(len(names)):
+        rows = members == number
+        own = Linearised(
+            *(a[:, rows] for a in (system.residuals, system.by_camera, system.by_block))
+        )
+        normal, gradient = reduced_normal(own, OUTLIER_SIGMAS)
+        rest = (total - normal)[np.ix_(chosen, chosen)]
+        effects.append(np.linalg.pinv(rest, rcond=RANK, hermitian=True) @ gradient[chosen])
+    stacked = np.stack(effects)
+    return np.asarray((1 - 1 / len(names)) * stacked.T @ stacked)

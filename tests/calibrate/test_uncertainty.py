@@ -1,0 +1,55 @@
+"""What a calibration from people says of its own errors, against the truth."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tests.calibrate.people_scenes import decentred, without_calibration
+
+from e3pose.calibrate.from_people import solve_people
+from e3pose.calibrate.uncertainty import camera_errors, distances, likely_rigs
+from e3pose.model.noises import detector_of, load_noise
+from e3pose.simulate import SceneSettings, simulate
+from e3pose.simulate.gatherings import GUESSES
+
+WALK = SceneSettings(people=2, seconds=20.0, fps=5.0, cameras=4)
+CASES = {
+    "ring": (WALK, 711),
+    "errors that follow the view": (replace(WALK, detector=GUESSES), 712),
+    "six cameras": (replace(WALK, cameras=6, people=3), 713),
+}
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.mark.parametrize("lens", ["known", "unknown"])
+@pytest.mark.parametrize("name", sorted(CASES))
+def test_truth_lies_within_twice_the_expected_error(name: str, lens: str) -> None:
+    settings, seed = CASES[name]
+    true = simulate(settings, seed)
+    if lens == "unknown":  # of a lens whose axis is not in the middle of its image
+        true = decentred(true, 0.015, seed)
+    recording = true if lens == "known" else without_calibration(true)
+    found = solve_people(recording, load_noise(detector_of(true)), None)
+    # Compared with the truth, `moved` is the error and `sure` what was expected of it.
+    errors = camera_errors(true.rig, found, likely_rigs(found, recording.fps))
+    assert (errors.moved_deg < 2 * errors.sure_deg).all()
+    assert (errors.moved_mm < 2 * errors.sure_mm).all()
+    assert np.median(errors.sure_deg) < (0.4 if lens == "known" else 2.0)
+    assert np.median(errors.sure_mm) < 50
+
+
+def test_errors_are_unknown_where_people_put_a_camera_elsewhere() -> None:
+    true = simulate(WALK, 714)
+    found = solve_people(true, load_noise("simulated"), None)
+    likely = likely_rigs(found, true.fps)
+    turned = true.rig.cameras[0]
+    turned = replace(turned, T_world_camera=turned.T_world_camera @ np.diag([-1.0, 1, -1, 1]))
+    far = replace(true.rig, cameras=(turned, *true.rig.cameras[1:]))
+    assert camera_errors(true.rig, found, likely).words(0) != "unknown"
+    assert camera_errors(far, found, likely).words(0) == "unknown"
+    pair = true.rig.subset([0, 1])
+    assert camera_errors(pair, found, likely).words(0) == "unknown"
+    assert distances(true.rig, true.rig)[0].max() < 1e-6
