@@ -8,6 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from tests.calibrate.board_pictures import facing, render
 
 from e3pose.calibrate.board import Board, make_finder
@@ -41,6 +42,66 @@ def test_corners_are_found_where_they_are(name: str, roll: float) -> None:
     assert np.isfinite(found).all()
     assert np.linalg.norm(found - truth, axis=1).max() < 0.4
     assert np.sqrt(np.mean((found - truth) ** 2)) < 0.12
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "charuco-8x11-25mm-5x5_250-18mm", "charuco-5x7-36mm-apriltag_36h11-30mm",
+        "charuco-6x8-30mm-6x6_100-15mm-legacy", "charuco-5x7-36mm-aruco_original",
+    ],
+)  # fmt: skip
+def test_boards_of_others_are_found(name: str) -> None:
+    board = Board.parse(name)
+    assert board.name == name
+    picture, scale = _drawn(board)
+    found = make_finder(board)(picture)
+    assert np.isfinite(found).all()
+    truth = board.corners_m[:, :2] / board.square_m * scale + 60 - 0.5
+    assert np.abs(found - truth).max() < 0.5
+    usual = Board(board.kind, board.columns, board.rows, board.square_m)
+    assert np.isnan(make_finder(usual)(picture)).all()
+
+
+def _drawn(board: Board) -> tuple[NDArray[np.uint8], float]:
+    """Return a picture of a board as OpenCV draws it, and its pixels a square."""
+    names = {"apriltag_36h11": cv2.aruco.DICT_APRILTAG_36h11}
+    number = names.get(board.dictionary) or getattr(
+        cv2.aruco, f"DICT_{board.dictionary.upper()}"
+    )  # fmt: skip
+    made = cv2.aruco.CharucoBoard(
+        (board.columns, board.rows), 1.0, board.marker_share,
+        cv2.aruco.getPredefinedDictionary(number),
+    )  # fmt: skip
+    made.setLegacyPattern(board.legacy)
+    scale = 80
+    drawn = made.generateImage((board.columns * scale, board.rows * scale))
+    return np.pad(drawn, 60, constant_values=255), scale
+
+
+def test_back_of_a_two_sided_board_has_the_same_corners() -> None:
+    board = Board.parse("charuco-5x7-36mm-twosided")
+    front = facing(CAMERA, board, np.array([0.0, 0.0, 0.45]), (0.3, -0.4), 0.2)
+    picture = render(CAMERA, board, front)
+    mirrored = np.ascontiguousarray(picture[:, ::-1])  # a board that is seen from behind
+    assert np.isnan(make_finder(Board.parse("charuco-5x7-36mm"))(mirrored)).all()
+    found = make_finder(board)(mirrored)
+    assert found == pytest.approx(
+        make_finder(board)(picture) * [-1, 1] + [mirrored.shape[1] - 1, 0], abs=1e-9
+    )
+
+
+def test_chessboard_that_looks_the_same_upside_down_serves_for_lenses_alone() -> None:
+    board = Board.parse("chessboard-6x8-40mm")
+    placed = facing(CAMERA, board, np.array([0.0, 0.0, 0.6]), (0.3, -0.4))
+    found = make_finder(board)(render(CAMERA, board, placed))
+    truth = CAMERA.project(board.corners_m @ placed[:3, :3].T + placed[:3, 3])
+    off = min(np.abs(found - truth).max(), np.abs(found[::-1] - truth).max())
+    assert off < 0.4
+    with pytest.raises(InputError, match="expected one odd and one even side"):
+        board.check_oriented()
+    with pytest.raises(InputError, match="expected one odd and one even side"):
+        draw_page(board, "a3")
 
 
 def test_part_of_a_charuco_board_is_enough_and_nothing_is_nothing() -> None:
@@ -81,7 +142,11 @@ def test_page_refuses_what_does_not_fit() -> None:
         ("charuco", "expected a name as it is printed on the board"),
         ("charuco-2x7-36mm", "columns: found 2"),
         ("charuco-5x7-3mm", "square: found 3 mm"),
-        ("chessboard-6x8-30mm", "expected one odd and one even side"),
+        ("charuco-5x7-36mm-5x5_40", "dictionary: found '5x5_40', expected one of 4x4_50"),
+        ("charuco-12x9-36mm-4x4_50", "4x4_50 has 50 markers, expected the 54"),
+        ("charuco-5x7-36mm-36mm", "marker: found 36 mm, expected 0.3 to 0.95 of a square"),
+        ("chessboard-5x8-30mm-20mm", "chessboard: found markers"),
+        ("chessboard-5x8-30mm-twosided", "a chessboard looks the same from behind"),
     ],
 )
 def test_wrong_name_is_reported(name: str, message: str) -> None:

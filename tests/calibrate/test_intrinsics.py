@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.calibrate.board_pictures import corner_views
+from tests.calibrate.board_pictures import corner_views, facing
 
 from e3pose.calibrate.board import Board
-from e3pose.calibrate.intrinsics import fit_intrinsics
+from e3pose.calibrate.intrinsics import fit_intrinsics, resect
 from e3pose.calibrate.view_choice import advice, choose_views
 from e3pose.errors import InputError
 from e3pose.geometry.camera import Camera
@@ -35,8 +35,11 @@ def test_lens_is_recognised_and_measured(camera: Camera) -> None:
     x, y = np.meshgrid(np.linspace(0.1, 0.9, 9) * width, np.linspace(0.1, 0.9, 9) * height)
     rays = camera.rays(np.stack([x, y], axis=-1))
     moved = fit.camera.project(rays * 3.0) - np.stack([x, y], axis=-1)
+    filmed = np.arccos(rays[..., 2]) < (fit.camera.known_to or np.pi) - 0.005
+    assert filmed.sum() > 70
     # A lens that is a little off may be turned instead: what is left is its shape.
-    assert np.linalg.norm(moved - moved.mean(axis=(0, 1)), axis=-1).max() < 1.5
+    moved = moved[filmed] - moved[filmed].mean(axis=0)
+    assert np.linalg.norm(moved, axis=-1).max() < 1.5
     assert abs(fit.camera.K[0, 0] / camera.K[0, 0] - 1) < 4 * fit.focal_sigma
 
 
@@ -72,6 +75,60 @@ def test_advice_names_what_is_missing() -> None:
     words = "; ".join(advice(BOARD.corners_m, left[:8], WEBCAM.image_size))
     assert "record longer" in words
     assert "top right" in words and "top left" not in words
+
+
+@pytest.mark.parametrize("camera", [WEBCAM, FISHEYE], ids=["pinhole", "fisheye"])
+def test_gross_corners_do_not_bend_the_focal_length(camera: Camera) -> None:
+    rng = np.random.default_rng(8)
+    views = corner_views(camera, BOARD, 40, rng, noise_px=0.15)
+    clean = fit_intrinsics("cam", camera.image_size, BOARD.corners_m, views, np.ones(len(views)))
+    wrong = rng.random(views.shape[:2]) < 0.05
+    views[wrong] += rng.normal(0, 15.0, (int(wrong.sum()), 2))
+    fit = fit_intrinsics("cam", camera.image_size, BOARD.corners_m, views, np.ones(len(views)))
+    assert fit.model == clean.model
+    assert fit.camera.K[0, 0] == pytest.approx(camera.K[0, 0], rel=0.002)
+    assert fit.fit_px < 2 * clean.fit_px
+    assert len(fit.used) > 0.9 * len(views)  # corners are left out, not their views
+
+
+def test_board_that_was_never_tilted_is_refused() -> None:
+    rng = np.random.default_rng(9)
+    views = np.array([
+        WEBCAM.project(
+            BOARD.corners_m - BOARD.corners_m.mean(axis=0)
+            + [rng.uniform(-0.1, 0.1), rng.uniform(-0.05, 0.05), rng.uniform(0.5, 0.9)]
+        ) + rng.normal(0, 0.15, (len(BOARD.corners_m), 2))
+        for _ in range(30)
+    ])  # fmt: skip
+    with pytest.raises(InputError, match="found 0 views of a tilted board, expected at least 3"):
+        fit_intrinsics("cam", WEBCAM.image_size, BOARD.corners_m, views, np.ones(len(views)))
+
+
+def test_fisheye_lens_is_known_as_far_as_the_board_was_filmed() -> None:
+    rng = np.random.default_rng(10)
+    views = corner_views(FISHEYE, BOARD, 60, rng, noise_px=0.15)
+    size = np.array(FISHEYE.image_size)
+    near = np.linalg.norm(views - size / 2, axis=-1) < 300  # of 800 from the middle to a corner
+    views = np.where(near[..., None], views, np.nan)
+    views = views[np.isfinite(views[..., 0]).sum(axis=1) >= 8]
+    fit = fit_intrinsics(
+        "cam", FISHEYE.image_size, BOARD.corners_m, views, np.ones(len(views)), ("fisheye",)
+    )
+    assert fit.camera.known_to is not None
+    assert np.degrees(fit.camera.known_to) == pytest.approx(np.degrees(300 / 420), abs=3)
+    inside, outside = size / 2 + [250.0, 0.0], size / 2 + [450.0, 0.0]
+    assert np.isfinite(fit.camera.normalise(inside)).all()
+    assert np.isnan(fit.camera.undistort(outside)).all()
+    assert np.isnan(fit.camera.rays(outside)).all()
+    assert not fit.camera.sees(FISHEYE.rays(outside) * 2.0)
+
+
+def test_board_is_placed_from_behind() -> None:
+    placed = facing(WEBCAM, BOARD, np.array([0.1, 0.0, 0.7]), (0.3, np.pi - 0.4))
+    corners = BOARD.corners_m @ placed[:3, :3].T + placed[:3, 3]
+    boards, errors = resect(WEBCAM, BOARD.corners_m, WEBCAM.project(corners)[None])
+    assert np.abs(errors).max() < 1e-3
+    assert boards[0] == pytest.approx(placed, abs=1e-4)
 
 
 def test_too_few_views_say_what_may_be_wrong() -> None:

@@ -14,10 +14,18 @@ from e3pose.errors import InputError
 
 Floats = NDArray[np.float64]
 
-NAME = re.compile(r"(charuco|chessboard)-(\d{1,2})x(\d{1,2})-(\d{1,4}(?:\.\d{1,3})?)mm")
+SIDE = r"(\d{1,4}(?:\.\d{1,3})?)mm"
+NAME = re.compile(rf"(charuco|chessboard)-(\d{{1,2}})x(\d{{1,2}})-{SIDE}((?:-[a-z0-9_.]+)*)")
+# ArUco dictionaries by name, and how many markers each has.
+DICTIONARIES = {
+    **{f"{n}x{n}_{size}": size for n in (4, 5, 6, 7) for size in (50, 100, 250, 1000)},
+    "aruco_original": 1024, "aruco_mip_36h12": 250, "apriltag_16h5": 30, "apriltag_25h9": 35,
+    "apriltag_36h10": 2320, "apriltag_36h11": 587,
+}  # fmt: skip
 SIDES = (3, 24)  # squares along a side, from and to
 SQUARE_MM = (5.0, 1000.0)
 MARKER_SHARE = 0.75  # of a square's side: 6 of 8 cells of the drawing
+MARKER_SHARES = (0.3, 0.95)  # of boards that others print
 CELLS = 8  # of the drawing along a square's side
 ENLARGED_PX = 2000  # pictures up to this size are searched again at twice the size
 SEARCH_PX = 1280  # a larger picture is searched at this size, then refined at its own
@@ -33,12 +41,21 @@ class Board:
         columns: squares from left to right.
         rows: squares from top to bottom.
         square_m: side of a square in metres.
+        marker_share: side of a marker as a share of that.
+        dictionary: of the markers, in `DICTIONARIES`; empty for what e3pose prints.
+        legacy: whether the pattern is that of OpenCV before 4.6, whose first square is white on
+            boards with an even number of rows.
+        two_sided: whether the back has the mirror image, each corner behind its own.
     """
 
     kind: str
     columns: int
     rows: int
     square_m: float
+    marker_share: float = MARKER_SHARE
+    dictionary: str = ""
+    legacy: bool = False
+    two_sided: bool = False
 
     def __post_init__(self) -> None:
         for side, number in (("columns", self.columns), ("rows", self.rows)):
@@ -51,15 +68,39 @@ class Board:
                 f"board: square: found {1000 * self.square_m:g} mm, expected {SQUARE_MM[0]:g} to "
                 f"{SQUARE_MM[1]:g} mm"
             )
-        if self.kind == "chessboard" and (self.columns + self.rows) % 2 == 0:
+        if self.kind == "chessboard":
+            if self.dictionary or self.legacy or self.marker_share != MARKER_SHARE:
+                raise InputError("board: chessboard: found markers, expected charuco with them")
+            if self.two_sided:
+                raise InputError(
+                    "board: chessboard: found two-sided, expected charuco: a chessboard looks the "
+                    "same from behind"
+                )
+            return
+        low, high = MARKER_SHARES
+        if not low <= self.marker_share <= high:
             raise InputError(
-                f"board: chessboard of {self.columns}x{self.rows} squares: expected one odd and "
-                "one even side: other boards look the same upside down"
+                f"board: marker: found {1000 * self.marker_share * self.square_m:g} mm, expected "
+                f"{low:g} to {high:g} of a square of {1000 * self.square_m:g} mm"
+            )
+        if self.dictionary and self.dictionary not in DICTIONARIES:
+            raise InputError(
+                f"board: dictionary: found {self.dictionary[:40]!r}, expected one of "
+                + ", ".join(DICTIONARIES)
+            )
+        needed = self.columns * self.rows // 2
+        if self.dictionary and needed > DICTIONARIES[self.dictionary]:
+            raise InputError(
+                f"board: dictionary: {self.dictionary} has {DICTIONARIES[self.dictionary]} "
+                f"markers, expected the {needed} of {self.columns}x{self.rows} squares"
             )
 
     @classmethod
     def parse(cls, name: str) -> Board:
-        """Read a name such as `charuco-5x7-37mm`: columns x rows of squares, side of a square.
+        """Read a name: columns x rows of squares, side of a square, and what differs from e3pose's.
+
+        Such as `charuco-5x7-37mm` or `charuco-8x11-40mm-5x5_250-30mm-legacy-twosided`: dictionary,
+        side of a marker, pattern of OpenCV before 4.6, mirror image on the back.
 
         Raises:
             InputError: for any other name.
@@ -68,14 +109,41 @@ class Board:
         if match is None:
             raise InputError(
                 f"board: found {name[:60]!r}, expected a name as it is printed on the board, such "
-                "as charuco-5x7-37mm or chessboard-6x9-30mm (squares, not inner corners)"
+                "as charuco-5x7-37mm, charuco-8x11-40mm-5x5_250-30mm or chessboard-6x9-30mm "
+                "(squares, not inner corners)"
             )
-        return cls(match[1], int(match[2]), int(match[3]), float(match[4]) / 1000)
+        square_m, share, dictionary, flags = float(match[4]) / 1000, MARKER_SHARE, "", set()
+        for word in match[5].split("-")[1:]:
+            side = re.fullmatch(SIDE, word)
+            if side is not None:
+                share = float(side[1]) / 1000 / square_m if square_m else 0.0
+            elif word in ("legacy", "twosided"):
+                flags.add(word)
+            else:
+                dictionary = word
+        return cls(
+            match[1], int(match[2]), int(match[3]), square_m, share, dictionary,
+            "legacy" in flags, "twosided" in flags,
+        )  # fmt: skip
 
     @property
     def name(self) -> str:
         """What `parse` reads."""
-        return f"{self.kind}-{self.columns}x{self.rows}-{1000 * self.square_m:.6g}mm"
+        words = [self.kind, f"{self.columns}x{self.rows}", f"{1000 * self.square_m:.6g}mm"]
+        words += [self.dictionary] if self.dictionary else []
+        if self.marker_share != MARKER_SHARE:
+            words.append(f"{1000 * self.marker_share * self.square_m:.6g}mm")
+        words += ["legacy"] * self.legacy + ["twosided"] * self.two_sided
+        return "-".join(words)
+
+    def check_oriented(self) -> None:
+        """Raise `InputError` if the board looks the same upside down."""
+        if self.kind == "chessboard" and (self.columns + self.rows) % 2 == 0:
+            raise InputError(
+                f"board: chessboard of {self.columns}x{self.rows} squares: expected one odd and "
+                "one even side, as other boards look the same upside down to another camera; it "
+                "serves for lenses alone"
+            )
 
     @property
     def corners_m(self) -> Floats:
@@ -100,20 +168,39 @@ def make_finder(board: Board) -> Callable[[NDArray[np.uint8]], Floats]:
     It returns `(num_corners, 2)` pixels in the order of `corners_m`, NaN where a corner was not
     found; all NaN without the board, or with fewer than `MIN_CORNERS` corners that form no line.
     """
-    return _charuco_finder(board) if board.kind == "charuco" else _chessboard_finder(board)
+    find = _charuco_finder(board) if board.kind == "charuco" else _chessboard_finder(board)
+    return _either_side(find) if board.two_sided else find
+
+
+def _either_side(
+    find: Callable[[NDArray[np.uint8]], Floats],
+) -> Callable[[NDArray[np.uint8]], Floats]:
+    """Return a finder of a board that has its mirror image on the back."""
+
+    def find_either(grey: NDArray[np.uint8]) -> Floats:
+        front = find(grey)
+        if np.isfinite(front).any():
+            return front
+        back = find(np.ascontiguousarray(grey[:, ::-1]))
+        back[:, 0] = grey.shape[1] - 1 - back[:, 0]
+        return back
+
+    return find_either
 
 
 def _charuco(board: Board) -> Any:
     import cv2
 
-    dictionary = cv2.aruco.getPredefinedDictionary(
-        cv2.aruco.DICT_4X4_50
-        if board.columns * board.rows <= 100
-        else cv2.aruco.DICT_4X4_250
-        if board.columns * board.rows <= 500
-        else cv2.aruco.DICT_4X4_1000
-    )
-    return cv2.aruco.CharucoBoard((board.columns, board.rows), 1.0, MARKER_SHARE, dictionary)
+    cells = board.columns * board.rows
+    usual = "4x4_50" if cells <= 100 else "4x4_250" if cells <= 500 else "4x4_1000"
+    name = board.dictionary or usual
+    # OpenCV's names have capitals but for the h of AprilTags.
+    constant = re.sub(r"(?<=\d)H(?=\d)", "h", f"DICT_{name.upper()}")
+    dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, constant))
+    size = (board.columns, board.rows)
+    made = cv2.aruco.CharucoBoard(size, 1.0, board.marker_share, dictionary)
+    made.setLegacyPattern(board.legacy)
+    return made
 
 
 def _charuco_finder(board: Board) -> Callable[[NDArray[np.uint8]], Floats]:

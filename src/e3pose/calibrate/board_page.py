@@ -70,6 +70,7 @@ def draw_page(board: Board, paper: str) -> Page:
     Raises:
         InputError: when the board does not fit the paper, or the paper is unknown.
     """
+    board.check_oriented()
     width, height = paper_mm(paper)
     square = 1000 * board.square_m
     board_width, board_height = square * board.columns, square * board.rows

@@ -7,24 +7,29 @@ judged by its reprojection error in those; the simplest that is about as good as
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.calibrate.bundle import AdjustOptions, adjust_boards, root_mean_square
-from e3pose.calibrate.view_choice import choose_views
+from e3pose.calibrate.bundle import AdjustOptions, adjust_boards
+from e3pose.calibrate.view_choice import choose_views, tilted_views
 from e3pose.errors import InputError
 from e3pose.geometry.camera import Camera, Rig
 
 Floats = NDArray[np.float64]
 
 MODELS = ("pinhole", "pinhole-k3", "fisheye")  # simplest first
+MIN_VIEW_CORNERS = 6
 MIN_VIEWS = 5  # two would do for a lens without error; fewer than this are refused
 FOLDS = 3
 WORTH = 0.97  # a richer model must lower the held-out error to this share
 OUTLIER_VIEW = 3.0  # a view this many times worse than the median is left out
+OUTLIER_CORNER, LEAST_PX = 5.0, 0.5  # times the median error, and pixels, beyond which a corner is
+CLEANINGS = 6  # fits, each without the corners that the one before does not explain
+MIN_TILTED = 3  # views: a board that is held parallel leaves the focal length open
+FILMED_CORNERS = 10  # beyond the angle up to which a fisheye lens counts as measured
 CORNER_SIGMAS = 3.0  # of a corner's error, where its weight is halved
 
 
@@ -41,7 +46,8 @@ class Intrinsics:
         focal_sigma: standard deviation of the focal length as a share of it.
         used: `(num_used,)` which of the views given were used.
         boards: `(num_used, 4, 4)` board to camera.
-        errors_px: `(num_used, num_corners)` lengths of the errors; NaN where not found.
+        errors_px: `(num_used, num_corners)` lengths of the errors; NaN where not found, or where
+            the corner was left out.
     """
 
     camera: Camera
@@ -84,10 +90,9 @@ def fit_intrinsics(
             "has it a white rim?"
         )
     used = choose_views(corners_m, corners_px, image_size, sharpness, max_views)
-    used = _without_outliers(image_size, corners_m, corners_px, used)
-    held_out = {
-        model: _held_out(model, image_size, corners_m, corners_px[used]) for model in models
-    }
+    _check_tilted(camera_id, corners_m, corners_px[used], image_size)
+    used, cleaned = _without_outliers(image_size, corners_m, corners_px, used)
+    held_out = {model: _held_out(model, image_size, corners_m, cleaned) for model in models}
     best = min((value for value in held_out.values() if np.isfinite(value)), default=np.nan)
     if np.isnan(best):
         raise InputError(
@@ -95,13 +100,14 @@ def fit_intrinsics(
             "it again, tilted by 20 to 40 degrees to all sides, in all parts of the picture"
         )
     model = next(m for m in models if WORTH * held_out[m] <= best)
-    K, distortion = _fit(model, image_size, corners_m, corners_px[used])
-    camera = Camera(camera_id, image_size, K, np.eye(4), distortion, model == "fisheye")
-    boards, errors = resect(camera, corners_m, corners_px[used])
+    camera = _fitted(camera_id, model, image_size, corners_m, cleaned)
+    boards, errors = resect(camera, corners_m, cleaned)
+    if camera.fisheye:
+        camera = replace(camera, known_to=_filmed_angle(camera, cleaned))
     lengths = np.linalg.norm(errors, axis=-1)
     fit_px = float(np.sqrt(np.nanmean(lengths**2)))
     return Intrinsics(
-        camera, model, held_out, fit_px, _focal_sigma(camera, corners_m, corners_px[used], fit_px),
+        camera, model, held_out, fit_px, _focal_sigma(camera, corners_m, cleaned, fit_px),
         used, boards, lengths,
     )  # fmt: skip
 
@@ -213,8 +219,7 @@ def _held_out(
     fold = np.arange(len(corners_px)) % FOLDS
     for out in range(FOLDS):
         try:
-            K, distortion = _fit(model, image_size, corners_m, corners_px[fold != out])
-            camera = Camera("held", image_size, K, np.eye(4), distortion, model == "fisheye")
+            camera = _fitted("held", model, image_size, corners_m, corners_px[fold != out])
         except (ValueError, InputError):
             return np.nan
         _, errors = resect(camera, corners_m, corners_px[fold == out])
@@ -227,20 +232,77 @@ def _held_out(
 
 def _without_outliers(
     image_size: tuple[int, int], corners_m: Floats, corners_px: Floats, used: NDArray[np.int64]
-) -> NDArray[np.int64]:
-    """Leave out views that a first fit explains much worse than the others: blurred or misread."""
+) -> tuple[NDArray[np.int64], Floats]:
+    """Leave out views that are blurred or misread, and corners that are somewhere else.
+
+    A fit by squares gives way to the worst corners, so it is repeated without them until none is
+    left out any more: those nearer are found when those farther are gone.
+
+    Returns:
+        Which views remain, and `(num_used, num_corners, 2)` their corners, NaN for what is left
+        out.
+    """
+    cleaned = np.array(corners_px[used])
+    for _ in range(CLEANINGS):
+        length = _best_errors(image_size, corners_m, cleaned)
+        if length is None:
+            break
+        typical = float(np.nanmedian(length))
+        # A view is judged by its median: a few corners that are wrong are no reason to lose it.
+        views = np.array([np.median(own[np.isfinite(own)]) if np.isfinite(own).any() else np.inf
+                          for own in length])  # fmt: skip
+        good = views <= max(OUTLIER_VIEW * float(np.median(views)), 0.3)
+        wrong = length > max(OUTLIER_CORNER * typical, LEAST_PX)
+        if good.sum() < MIN_VIEWS or (good.all() and not wrong.any()):
+            break
+        cleaned[wrong] = np.nan
+        enough = good & (np.isfinite(cleaned[..., 0]).sum(axis=1) >= MIN_VIEW_CORNERS)
+        used, cleaned = used[enough], cleaned[enough]
+    return used, cleaned
+
+
+def _best_errors(
+    image_size: tuple[int, int], corners_m: Floats, corners_px: Floats
+) -> Floats | None:
+    """Return `(num_views, num_corners)` errors of the lens model that fits most corners best."""
+    best: Floats | None = None
     for model in ("pinhole", "fisheye"):
         try:
-            K, distortion = _fit(model, image_size, corners_m, corners_px[used])
-            camera = Camera("first", image_size, K, np.eye(4), distortion, model == "fisheye")
+            camera = _fitted("first", model, image_size, corners_m, corners_px)
         except (ValueError, InputError):
             continue
-        _, errors = resect(camera, corners_m, corners_px[used])
-        size = root_mean_square(np.linalg.norm(errors, axis=-1), axis=1)
-        good = size <= max(OUTLIER_VIEW * float(np.nanmedian(size)), 0.3)
-        if good.sum() >= MIN_VIEWS:
-            return np.asarray(used[good])
-    return used
+        length = np.linalg.norm(resect(camera, corners_m, corners_px)[1], axis=-1)
+        if best is None or np.nanmedian(length) < np.nanmedian(best):
+            best = length
+    return best
+
+
+def _fitted(
+    camera_id: str, model: str, image_size: tuple[int, int], corners_m: Floats, corners_px: Floats
+) -> Camera:
+    """Return a camera at the origin; raise `ValueError` or `InputError` when there is no fit."""
+    K, distortion = _fit(model, image_size, corners_m, corners_px)
+    return Camera(camera_id, image_size, K, np.eye(4), distortion, model == "fisheye")
+
+
+def _check_tilted(
+    camera_id: str, corners_m: Floats, corners_px: Floats, image_size: tuple[int, int]
+) -> None:
+    """Raise `InputError` if the board was never tilted."""
+    tilted = int(tilted_views(corners_m, corners_px, image_size).any(axis=1).sum())
+    if tilted < MIN_TILTED:
+        raise InputError(
+            f"camera {camera_id}: found {tilted} views of a tilted board, expected at least "
+            f"{MIN_TILTED}: a board held parallel to the image does not tell the focal length; "
+            "record it again, tilted by 20 to 40 degrees to all sides"
+        )
+
+
+def _filmed_angle(camera: Camera, corners_px: Floats) -> float:
+    """Return the angle off the axis, radians, up to which corners were seen."""
+    seen = camera.normalise(corners_px[np.isfinite(corners_px[..., 0])])
+    angles = np.sort(np.arctan(np.hypot(*seen.T)))
+    return float(angles[np.isfinite(angles)][-FILMED_CORNERS:][0])
 
 
 def _focal_sigma(camera: Camera, corners_m: Floats, corners_px: Floats, fit_px: float) -> float:

@@ -67,6 +67,9 @@ def as_values(report: LensReport) -> dict[str, Any]:
         "focal_sigma_px": float(fit.focal_sigma * K[0, 0]),
         "principal_point_px": [float(K[0, 2]), float(K[1, 2])],
         "distortion": fit.camera.distortion.tolist(),
+        "known_to_deg": None
+        if fit.camera.known_to is None
+        else float(np.degrees(fit.camera.known_to)),
         "reprojection_error_px": fit.fit_px,
         "held_out_error_px": {
             name: None if np.isnan(value) else value for name, value in fit.held_out_px.items()
@@ -101,6 +104,11 @@ def as_lines(report: LensReport) -> list[str]:
         f"  board in {len(views.times_s)} of {views.searched} frames, {len(fit.used)} used; "
         f"corners in {int((parts >= 4).sum())} of {GRID[0] * GRID[1]} parts of the picture",
     ]
+    if fit.camera.known_to is not None:
+        lines.append(
+            f"  known up to {np.degrees(fit.camera.known_to):.0f} degrees off the axis, where the "
+            "board was seen; farther out nothing is placed"
+        )
     lines += [f"  next: {words}" for words in report.next_steps]
     return lines
 

@@ -109,6 +109,7 @@ def from_board_films(
         rate: how many times a second to look.
         progress_of: returns, for a camera, what takes frames done and in all.
     """
+    board.check_oriented()
     folders = any(path.is_dir() for path in paths.values())
     times = None if folders else common_times(paths, offsets_s, rate)
     found = {}

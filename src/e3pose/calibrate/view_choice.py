@@ -10,6 +10,7 @@ Floats = NDArray[np.float64]
 BLURRED = 0.6  # a view less sharp than this share of the median is left out while others are there
 GRID = (4, 3)  # parts of the picture, across and down, in which corners are asked for
 TILTS = 0.05  # log of the ratio of opposite sides from which a board counts as tilted
+TILT_SCALE = 1.5  # of a tilt beside places and sizes, when views are told apart
 SMALL = 0.25  # a board this share of the picture's width is small
 
 
@@ -64,8 +65,22 @@ def view_features(corners_m: Floats, corners_px: Floats, image_size: tuple[int, 
         middle = view[seen].mean(axis=0) / np.array(image_size)
         size = float(np.sqrt(sides.max() * sides.min()) / max(image_size))
         tilts = np.log(sides[[0, 1]] / sides[[2, 3]])
-        features[index] = [*middle, size, *np.clip(1.5 * tilts, -1, 1)]
+        features[index] = [*middle, size, *np.clip(TILT_SCALE * tilts, -1, 1)]
     return features
+
+
+def tilted_views(
+    corners_m: Floats, corners_px: Floats, image_size: tuple[int, int]
+) -> NDArray[np.bool_]:
+    """Return `(num_views, 2)` whether the board is tilted, forwards and to the side.
+
+    Args:
+        corners_m: `(num_corners, 3)` on the board.
+        corners_px: `(num_views, num_corners, 2)`; NaN where not found.
+        image_size: `(width, height)` in pixels.
+    """
+    tilts = view_features(corners_m, corners_px, image_size)[:, 3:]
+    return np.asarray(np.abs(tilts) > TILT_SCALE * TILTS)
 
 
 def homography(source: Floats, target: Floats) -> Floats:
@@ -126,9 +141,9 @@ def advice(
     features = view_features(corners_m, corners_px, image_size)
     features = features[np.isfinite(features).all(axis=1)]
     if len(features):
-        for axis, how in ((3, "forwards and backwards"), (4, "to the left and to the right")):
-            tilted = np.abs(features[:, axis]) > 1.5 * TILTS
-            if tilted.sum() < 4:
+        tilted = tilted_views(corners_m, corners_px, image_size)
+        for axis, how in ((0, "forwards and backwards"), (1, "to the left and to the right")):
+            if tilted[:, axis].sum() < 4:
                 words.append(f"tilt the board {how} by 20 to 40 degrees")
         if np.quantile(features[:, 2], 0.8) < SMALL:
             words.append("hold the board nearer: it should fill a third of the picture or more")

@@ -306,6 +306,8 @@ def _identity(
     digest = hashlib.sha256()
     for camera in rig.cameras:
         digest.update(f"{camera.camera_id} {camera.image_size} {camera.fisheye}".encode())
+        if camera.known_to is not None:
+            digest.update(f"{camera.known_to}".encode())
         for array in (camera.K, camera.T_world_camera, camera.distortion):
             digest.update(array.tobytes())
     identity = {

@@ -93,7 +93,9 @@ def intrinsics(
         VIDEO... DEST: videos or folders of images, then the calibration file (.toml) to write.
         CAMERA=PATH names the camera. Default: the file name.
     board
-        Board name, as printed on it: type, squares across x down, measured side of a square.
+        Board name, as printed on it: type, squares across x down, measured side of a square. Of
+        other programs' boards also dictionary and side of a marker, `legacy`, `twosided`:
+        charuco-8x11-40mm-5x5_250-30mm-legacy.
     model
         Lens model: `pinhole` (k1 k2 p1 p2), `pinhole-k3` or `fisheye`. `auto` takes the one with
         the least error on views that were not used for the fit.

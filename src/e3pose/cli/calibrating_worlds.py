@@ -230,6 +230,7 @@ def _board_floor(rig: Rig, pictures: list[str], name: str) -> Move:
     from e3pose.calibrate.places import check_size
 
     board = Board.parse(name)
+    board.check_oriented()
     corners = np.full((len(rig), len(board.corners_m), 2), np.nan)
     for camera_id, path in cameras_of(pictures).items():
         views = find_board(camera_id, path, board, max_frames=30)

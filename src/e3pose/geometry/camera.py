@@ -41,6 +41,8 @@ class Camera:
         distortion: `(0,)`, `(4,)`, `(5,)` or `(8,)` OpenCV coefficients; `(4,)` if `fisheye`.
         fisheye: whether `distortion` is OpenCV's fisheye (equidistant) model.
         lens_assumed: whether `K` is a guess from the image size, and the lens unknown.
+        known_to: angle off the axis, radians, up to which a lens with distortion was measured:
+            nothing is placed or seen beyond; None for all of the image.
 
     Raises:
         InputError: naming the camera and the field that is wrong.
@@ -53,6 +55,7 @@ class Camera:
     distortion: Floats = field(default_factory=lambda: np.zeros(0))
     fisheye: bool = False
     lens_assumed: bool = False
+    known_to: float | None = None
 
     def __post_init__(self) -> None:
         known = CameraFields(check_camera_id(self.camera_id))
@@ -61,6 +64,11 @@ class Camera:
         object.__setattr__(self, "K", known.intrinsics(self.K, image_size))
         object.__setattr__(self, "T_world_camera", known.rigid(self.T_world_camera))
         object.__setattr__(self, "distortion", known.lens(self.distortion, self.fisheye))
+        if self.known_to is not None and not 0 < self.known_to < np.pi:
+            raise InputError(
+                f"camera {self.camera_id}: known_to: found {self.known_to:g}, expected more than 0 "
+                "and less than pi radians"
+            )
 
     @classmethod
     def from_world_to_camera(
@@ -137,7 +145,7 @@ class Camera:
     @cached_property
     def lens(self) -> Distortion:
         """The distortion model, on normalised points."""
-        return Distortion(self.distortion, self.fisheye)
+        return Distortion(self.distortion, self.fisheye, self.known_to)
 
     def project(self, points_m: ArrayLike) -> Floats:
         """Project world points into the distorted image.

@@ -30,10 +30,12 @@ class Distortion:
     Attributes:
         coefficients: `(0,)`, `(4,)`, `(5,)` or `(8,)` in OpenCV's order; `(4,)` if `fisheye`.
         fisheye: whether they are of OpenCV's fisheye model.
+        known_to: angle off the axis, radians, up to which the lens was measured; None for all.
     """
 
     coefficients: Floats
     fisheye: bool = False
+    known_to: float | None = None
 
     def distort(self, points: Floats) -> Floats:
         """Move ideal points `(*batch, 2)` to where the lens puts them; NaN beyond the fold."""
@@ -63,7 +65,11 @@ class Distortion:
 
     @cached_property
     def angle_limit(self) -> float:
-        """Angle off the axis, in radians, up to which the model is one to one."""
+        """Angle off the axis, in radians, up to which the model is one to one, and measured."""
+        return min(self._fold, WIDEST_ANGLE if self.known_to is None else self.known_to)
+
+    @property
+    def _fold(self) -> float:
         k = self.padded
         if self.fisheye:
             slope = np.array([1, 3 * k[0], 5 * k[1], 7 * k[2], 9 * k[3]])

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from e3pose.errors import InputError
 from e3pose.geometry.camera import Camera, Rig
 from e3pose.recording.calibration import FORMATS, find_format, load_rig, load_rotations, save_rig
 from e3pose.recording.calibration.easymocap import guess_size
@@ -33,6 +34,18 @@ def test_known_points_land_on_known_pixels(
         assert camera.image_size == known.size
         np.testing.assert_allclose(camera.project(files.points_m), files.pixels(known), atol=1e-6)
         np.testing.assert_allclose(camera.center_m, -known.R.T @ known.t, atol=1e-9)
+
+
+def test_angle_up_to_which_a_lens_is_known_is_kept(tmp_path: Path) -> None:
+    K = np.array([[400.0, 0, 320], [0, 400, 240], [0, 0, 1]])
+    camera = Camera("fish", (640, 480), K, np.eye(4), np.zeros(4), True, known_to=1.1)
+    save_rig(Rig((camera, replace(camera, camera_id="all", known_to=None))), tmp_path / "rig.toml")
+    first, second = load_rig(tmp_path / "rig.toml").cameras
+    assert first.known_to == pytest.approx(1.1) and second.known_to is None
+    text = (tmp_path / "rig.toml").read_text()
+    (tmp_path / "rig.toml").write_text(text.replace("known_to_deg = 63", "known_to_deg = 363"))
+    with pytest.raises(InputError, match="known_to: found 6"):
+        load_rig(tmp_path / "rig.toml")
 
 
 def test_recognition_does_not_need_the_file_name(tmp_path: Path, files: Any) -> None:

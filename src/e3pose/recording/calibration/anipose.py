@@ -12,6 +12,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from e3pose.errors import InputError
 from e3pose.files.atomic import atomic_file
 from e3pose.files.bounded import parse_toml
@@ -78,7 +80,11 @@ def read_camera(
         numbers("distortions"),
         _flag(camera, "fisheye", False, where),
     )
-    return replace(made, lens_assumed=_flag(camera, "lens_assumed", False, where))
+    known_to = None
+    if "known_to_deg" in camera:
+        known_to = np.radians(fields.scalar(camera["known_to_deg"], f"{where}: known_to_deg"))
+    assumed = _flag(camera, "lens_assumed", False, where)
+    return replace(made, lens_assumed=assumed, known_to=known_to)
 
 
 def _flag(table: Mapping[str, Any], key: str, default: bool, where: str) -> bool:
@@ -104,6 +110,8 @@ def save(rig: Rig, path: Path) -> None:
             "fisheye": camera.fisheye,
             **({"lens_assumed": True} if camera.lens_assumed else {}),
         }
+        if camera.known_to is not None:
+            tables[f"cam_{index}"]["known_to_deg"] = float(np.degrees(camera.known_to))
     tables["metadata"] = {"units": "m", "up": "z", **({} if rig.placed else {"placed": False})}
     with atomic_file(path) as temporary:
         temporary.write_text(tomli_w.dumps(tables), encoding="utf-8")
