@@ -19,7 +19,6 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +26,6 @@ from numpy.typing import NDArray
 from clip_error import Errors, Reference, references
 from e3pose.camera.detect import DetectSettings, detect_videos
 from e3pose.detectors import make_detector, movenet, openpose
-from e3pose.detectors.base import Image
 from e3pose.detectors.fit import letterbox_to_side
 from e3pose.detectors.focus import InputSize, Part, part_with
 from e3pose.detectors.topology import OPENPOSE_THIN
@@ -43,6 +41,7 @@ from e3pose.model.skeleton import Skeleton, convert
 from e3pose.pipeline import SlotRecord
 from e3pose.recording import Recording, load_recording
 from e3pose.recording.calibration import load_rig
+from e3pose.reproduce.clip_feedback import WholeImages
 from e3pose.settings.loop import MAX_WHOLE_EVERY, WHOLE_EVERY
 from e3pose.simulate import SceneSettings, simulate
 from e3pose.site.demo.clip import find_clip
@@ -183,25 +182,6 @@ class Watched:
         found = self.views(slot, camera, expected)
         if found is not None:
             self.seen[slot, camera] = found
-        return found
-
-
-class WholeImages:
-    """A detector that looks at whole images, and is told who is expected there."""
-
-    def __init__(self, detector: Any) -> None:
-        self.skeleton, self.provider = detector.skeleton, detector.provider
-        self.person_px, self.long_side = detector.person_px, detector.long_side
-        self.multiple, self.detect = detector.multiple, detector.detect
-        self._detector = detector
-
-    def detect_part(
-        self, image: Image, part: Part, expected: ExpectedView | None = None
-    ) -> Poses2D:
-        """Look at the whole image instead; see `Focusing.detect_part`."""
-        height, width = image.shape[:2]
-        whole = Part(0, 0, width, height, self.long_side)
-        found: Poses2D = self._detector.detect_part(image, whole, expected)
         return found
 
 

@@ -12,7 +12,7 @@ from e3pose.reproduce.items import ITEMS, Item, Scale
 from e3pose.reproduce.job import reproduce
 from e3pose.reproduce.page import shown
 from e3pose.reproduce.records import Headline, Line, Panel, Section, Spread, Table
-from e3pose.reproduce.sources import Sources
+from e3pose.reproduce.sources import WHERE, Sources
 from e3pose.reproduce.work import Made, Piece
 from e3pose.runtime.workers import Workers
 
@@ -131,4 +131,4 @@ def test_cells(cell: str | float | Spread | None, text: str) -> None:
 
 def test_items_have_names_of_their_own() -> None:
     assert len({item.key for item in ITEMS}) == len(ITEMS)
-    assert all(set(item.needs) <= {"shelf", "panoptic"} for item in ITEMS)
+    assert all(set(item.needs) <= set(WHERE) for item in ITEMS)

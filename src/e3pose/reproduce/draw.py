@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from base64 import b64decode
 from collections.abc import Sequence
+from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -121,14 +123,25 @@ def _bars(axes: Axes, panel: Panel, one: bool) -> None:
 
 
 def _limbs(axes: Axes, panel: Panel) -> None:
-    """Draw people to scale; NaN parts one limb from the next."""
+    """Draw people to scale, over an image if there is one; NaN parts one limb from the next."""
+    if panel.jpeg:
+        from matplotlib.image import imread
+
+        pixels = imread(BytesIO(b64decode(panel.jpeg)), format="jpeg")
+        axes.imshow(
+            pixels, extent=(-0.5, panel.image_size[0] - 0.5, panel.image_size[1] - 0.5, -0.5)
+        )
+        axes.grid(visible=False)
     for number, line in enumerate(panel.lines):
         colour = INK if line.second else COLOURS[number % len(COLOURS)]
         style, width = ("--", 0.7) if line.second else ("-", 1.6)
         x = [float(value) for value in line.x]
         axes.plot(x, line.y, style, color=colour, linewidth=width, solid_capstyle="round")
-    axes.set_aspect("equal", adjustable="datalim")
-    if "px" in panel.y_title:
+    axes.set_aspect("equal", adjustable="box" if panel.jpeg else "datalim")
+    if panel.jpeg:
+        axes.set_xlim(-0.5, panel.image_size[0] - 0.5)
+        axes.set_ylim(panel.image_size[1] - 0.5, -0.5)
+    elif "px" in panel.y_title:
         axes.invert_yaxis()
 
 

@@ -73,6 +73,8 @@ def _summary(parts: Sequence[Part], headlines: Sequence[Headline]) -> str:
     said += f"; skipped: {', '.join(skipped)}. " if skipped else ". "
     if wrong:
         return f"{said}Outside their margin: {'; '.join(wrong)}."
+    if not headlines:
+        return said
     many = plural(len(headlines), "headline figure")
     return f"{said}{many} within {'its margin' if len(headlines) == 1 else 'their margins'}."
 

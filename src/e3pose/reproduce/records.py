@@ -95,6 +95,8 @@ class Panel:
         logarithmic: whether the x axis is.
         logarithmic_y: whether the y axis is.
         from_zero: whether the y axis of lines begins at 0, where small differences mean nothing.
+        jpeg: of an image behind limbs, base64; none if empty.
+        image_size: `(width, height)` of that image in the units of the axes.
     """
 
     name: str
@@ -107,6 +109,8 @@ class Panel:
     logarithmic: bool = False
     logarithmic_y: bool = False
     from_zero: bool = False
+    jpeg: str = ""
+    image_size: tuple[int, int] = (0, 0)
 
 
 @dataclass(frozen=True, slots=True)

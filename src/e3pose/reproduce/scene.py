@@ -100,12 +100,12 @@ def scene(sources: Sources, asked: SceneAsked) -> Scene:
         slot,
         list(cameras),
         errors_mm,
-        [_limbs(np.zeros((0, 1, 2)) if v is None else v.keypoints_px, limbs) for v in views],
-        [_limbs(camera.project(joints_m), limbs) for camera in recording.rig.cameras],
+        [limbs_of(np.zeros((0, 1, 2)) if v is None else v.keypoints_px, limbs) for v in views],
+        [limbs_of(camera.project(joints_m), limbs) for camera in recording.rig.cameras],
         {
-            "all": _limbs(fused(slot, everyone)[1], shelf),
-            "chosen": _limbs(shelf_m, shelf),
-            "truth": _limbs(truth.joints_m[slot], shelf),
+            "all": limbs_of(fused(slot, everyone)[1], shelf),
+            "chosen": limbs_of(shelf_m, shelf),
+            "truth": limbs_of(truth.joints_m[slot], shelf),
         },
     )
 
@@ -118,7 +118,7 @@ def _error_mm(joints_m: Floats, wanted_m: Floats) -> float:
     return float(1000 * np.minimum(nearest, metrics.MATCH_LIMIT_M).mean())
 
 
-def _limbs(joints: Floats, pairs: Sequence[tuple[int, int]]) -> list[Limbs]:
+def limbs_of(joints: Floats, pairs: Sequence[tuple[int, int]]) -> list[Limbs]:
     """Return both ends of every limb that is known, person by person."""
     found = []
     for person in joints:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tempfile
 import time
+from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
@@ -22,6 +23,7 @@ from e3pose.wire.site_messages import Poses
 
 START_S = 240.0  # an edge that never ran on this machine compiles first
 LOOK_S = 0.05
+NEWEST = 16  # slots
 
 
 @dataclass(eq=False)
@@ -33,11 +35,15 @@ class SiteRun:
         follower: what the edge says.
         slots: number of every published slot, with the time at which it came, monotonic seconds,
             the cameras that were selected for it and those whose views came in time.
+        newest: the latest of what was published.
+        ask: asks a program of the site, see `Transport.ask`.
     """
 
     programs: list[Program]
     follower: Follower
     slots: dict[int, tuple[float, int, int]] = field(default_factory=dict)
+    newest: deque[Poses] = field(default_factory=lambda: deque(maxlen=NEWEST))
+    ask: Callable[[str, bytes, float], bytes | None] = lambda topic, payload, timeout_s: None
 
     def pids(self) -> list[int]:
         """Return the process numbers of the edge and of the cameras."""
@@ -64,6 +70,7 @@ class SiteRun:
         if poses.selected:
             came = (time.monotonic(), len(poses.selected), len(poses.arrived))
             self.slots.setdefault(poses.slot, came)
+            self.newest.append(poses)
 
     def all_online(self) -> bool:
         """Return whether the edge sees every camera."""
@@ -101,6 +108,7 @@ def running_site(
         ]
         transport = open_network(viewer_link(site, None))
         stack.callback(transport.close)
+        run.ask = transport.ask
         run.follower.listen(transport, run.take)
         stack.callback(end, run.programs)
         for program in run.programs:

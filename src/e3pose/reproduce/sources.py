@@ -7,13 +7,16 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from e3pose.detectors.weights import is_installed
 from e3pose.errors import InputError
 from e3pose.recording import Recording, load_recording
 from e3pose.recording.datasets.panoptic import import_panoptic
 from e3pose.recording.datasets.shelf import import_shelf
+from e3pose.site.demo.clip import find_clip
 
 SHELF, PANOPTIC = "shelf", "panoptic"
 SHELF_FEEDBACK = "shelf-feedback"
+CLIP, NETWORK = "clip", "openpose-thin"
 SHELF_FILE = "shelf.npz"
 FRAGMENT_FILE = "160906_band1.npz"
 MOTION_FILE = "171026_pose3_train.npz"
@@ -24,6 +27,8 @@ WHERE = {
     "see docs/how-to/reproduce.md",
     PANOPTIC: "fragments of CMU Panoptic (domedb.perception.cs.cmu.edu): DATA/panoptic with "
     f"{FRAGMENT_FILE} and {MOTION_FILE}",
+    CLIP: "the four videos of the demo, which `e3pose demo` fetches",
+    NETWORK: f"the network {NETWORK}, which `e3pose models pull {NETWORK}` fetches",
 }
 
 
@@ -49,11 +54,13 @@ class Sources:
     def names(self) -> tuple[str, ...]:
         """Which data sets there are."""
         there = {
-            SHELF: self.shelf,
-            SHELF_FEEDBACK: self.feedback,
-            PANOPTIC: self.panoptic and self.motion,
+            SHELF: self.shelf is not None,
+            SHELF_FEEDBACK: self.feedback is not None,
+            PANOPTIC: self.panoptic is not None and self.motion is not None,
+            CLIP: find_clip() is not None,
+            NETWORK: is_installed(NETWORK),
         }
-        return tuple(name for name, value in there.items() if value is not None)
+        return tuple(name for name, found in there.items() if found)
 
     @property
     def detectors(self) -> dict[str, str]:

@@ -91,7 +91,7 @@ def _line(
 ITEM = Item(
     "scene",
     "One scene in five views and in 3D",
-    "fig:multiview2DPoses",
+    "fig:multiview2DPoses, fig:cameraComparison",
     pieces,
     section,
     needs=("shelf",),
