@@ -11,6 +11,7 @@ of the cameras estimates them. What is in OUT already is not made or trained aga
 from __future__ import annotations
 
 import argparse
+import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -39,21 +40,31 @@ class Variant:
         published: fields of `NetworkSettings` that differ from the paper's.
         loss: of `TrainSettings`.
         target: `estimates` is the expanded data, `truth` motion spoilt at random.
+        variety: what windows are made of recorded motion, see `windows.Variety`.
     """
 
     about: str
     parts: dict[str, Any]
     loss: Any = "relative"
     target: str = "estimates"
+    variety: Any = "bodies"
 
 
-CONTEXT = {"context": True}
+PLACES = {"displaces": False}
+CONTEXT = {**PLACES, "context": True}
 MOVES = {**CONTEXT, "moves": True}
 SMOOTHS = {**MOVES, "smooths": True}
 EXPERTS = {**SMOOTHS, "experts": 10}
 VARIANTS = {
-    "published": Variant("the paper's network, eq. (6), expanded data", {}, "squared"),
-    "relative": Variant("error relative to a simple predictor's in place of eq. (6)", {}),
+    "literal": Variant("the paper's network, eq. (6), its expanded training set as it is",
+                       PLACES, "squared", variety="none"),
+    "displaced": Variant("the same, with displacements from the regressor", {}, "squared",
+                         variety="none"),
+    "paper": Variant("+ error relative to a simple predictor's, other rates and paces: "
+                     "`attention-lstm-paper`", {}, variety="motion"),
+    "published": Variant("places, eq. (6), expanded data of other rates, paces and bodies",
+                         PLACES, "squared"),
+    "relative": Variant("error relative to a simple predictor's in place of eq. (6)", PLACES),
     "context": Variant("+ motions, gaps, speed, slot length, roughness as inputs", CONTEXT),
     "moves": Variant("+ a decoder that moves joints on, and states its error", MOVES),
     "smooths": Variant("+ motions smoothed over the history", SMOOTHS),
@@ -139,6 +150,7 @@ def main() -> None:
     parser.add_argument("--mocap", type=Path, required=True)
     parser.add_argument("--steps", type=int, default=2000)
     parser.add_argument("--batch", type=int, default=32)
+    parser.add_argument("--minutes", type=float, default=math.inf, help="of learning, at most")
     parser.add_argument("--train-only", action="store_true", help="print no table")
     parser.add_argument("--only", help="rows, comma-separated; NAME=STEPS for other steps")
     parser.add_argument("--seed", type=int, default=0)
@@ -153,7 +165,10 @@ def main() -> None:
 
     torch.set_num_threads(1)
     usual = TrainSettings(
-        network=NetworkSettings(dropout=0.3), batch=options.batch, seed=options.seed
+        network=NetworkSettings(dropout=0.3),
+        batch=options.batch,
+        seed=options.seed,
+        minutes=options.minutes,
     )
     slots, leads = usual.network.history_slots, usual.num_leads
     known = Lessons(options.out, options.mocap, slots + leads)
@@ -167,7 +182,9 @@ def main() -> None:
         )
         if not rows[-1][1].exists():
             network = replace(usual.network.as_published(), **variant.parts)
-            settings = replace(usual, network=network, loss=variant.loss, steps=steps)
+            settings = replace(
+                usual, network=network, loss=variant.loss, steps=steps, variety=variant.variety
+            )
             learned, held_out = known.of(variant.target)
             train(learned, held_out, place, settings)
             print(rows[-1][1], flush=True)

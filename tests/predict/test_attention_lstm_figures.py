@@ -9,11 +9,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from e3pose.evaluate.prediction.compare import evaluate_motion, motion_of, pooled
 from e3pose.evaluate.prediction.motion import body_errors, body_joints
+from e3pose.evaluate.prediction.scores import PredictionSettings
+from e3pose.evaluate.prediction.tally import figures
 from e3pose.learn.train.windows import estimation_noise
 from e3pose.model.skeleton import CMU31
 from e3pose.predict import PREDICTORS, make_predictor
 from e3pose.recording.datasets.motion import import_cmu
+from e3pose.recording.datasets.panoptic import import_panoptic
 
 Floats = NDArray[np.float64]
 
@@ -78,6 +82,22 @@ def test_noisy_histories_beat_every_simple_predictor_at_every_lead() -> None:
     best = np.min([errors(name, history, future) for name in SIMPLE], axis=0)
     assert (ours < 0.87 * best).all()
     assert (ours[4:] < 0.70 * best[4:]).all()
+
+
+def test_the_papers_network_is_ahead_of_no_motion_on_people_it_never_saw() -> None:
+    folder = Path(SHARED or "") / "data" / "panoptic"
+    recording = import_panoptic(
+        folder / "171026_pose3_train.npz", calibration=folder / "160906_band1.npz"
+    )
+    leads = (4, 5, 6, 8, 10, 15)
+    names = ["attention-lstm-paper", "zero-velocity"]
+    each = evaluate_motion(motion_of(recording), names, PredictionSettings(leads, every=10))
+    for histories, parts in pooled([each], len(leads)).items():
+        ours, still = (figures(parts[name], leads) for name in names)
+        for lead in map(str, leads):
+            assert ours["mpjpe_mm"][lead] < still["mpjpe_mm"][lead], (histories, lead)
+            if int(lead) <= 10:  # at 15 slots boxes are level
+                assert ours["box_iou"][lead] > still["box_iou"][lead], (histories, lead)
 
 
 def test_expected_errors_are_honest() -> None:

@@ -12,8 +12,6 @@ from e3pose.predict import PREDICTORS, make_predictor
 Floats = NDArray[np.float64]
 
 NAMES = sorted(PREDICTORS)
-# The paper's regressor says where joints are: of a body unlike those that it learned it is wrong.
-KEEPING = [name for name in NAMES if name != "attention-lstm-paper"]
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -27,7 +25,7 @@ def test_shape_is_lead_by_history(name: str, num_tracks: int, lead_slots: int) -
     assert np.isfinite(prediction.joints_m).all()
 
 
-@pytest.mark.parametrize("name", KEEPING)
+@pytest.mark.parametrize("name", NAMES)
 def test_somebody_standing_still_stays_where_they_are(name: str) -> None:
     pose = np.random.default_rng(1).normal(scale=0.3, size=(2, 17, 3))  # as large as people
     predicted = make_predictor(name).predict(np.repeat(pose[None], 10, axis=0), 0.04, 10).joints_m
@@ -79,7 +77,7 @@ def test_one_slot_of_history_is_enough(name: str) -> None:
     history = _walk(num_tracks=2)[-1:]
     predicted = make_predictor(name).predict(history, 1 / 30, 5).joints_m
     assert np.isfinite(predicted).all()
-    assert np.abs(predicted - history).max() < 0.5 or name not in KEEPING
+    assert np.abs(predicted - history).max() < 0.5
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -34,8 +34,10 @@ class DataOptions:
     """Validation recordings, never trained on; repeatable."""
     hold_out: float = 0.2
     """Share of the end of every continuous minute or more to hold out for validation."""
-    target: Literal["auto", "truth", "estimates"] = "auto"
-    """Training target: truth, estimates, or auto (truth where available)."""
+    target: Literal["auto", "truth", "estimates", "least-occluded"] = "auto"
+    """Training target: truth; estimates (of all cameras together); least-occluded (estimates of
+    the three cameras with the least occlusion, as in the paper for live video); or auto (truth
+    where available)."""
     include_scored: Flag = False
     """Also train on slots declared for evaluation; the model card says so."""
     combinations: Whole = 32
@@ -69,8 +71,9 @@ class NetworkOptions:
     dropout: float | None = None
     """Dropout rate. Default: 0.2, or that of --start."""
     published: Flag = False
-    """Train the paper's network with its loss, eq. (6), on estimates from combinations of cameras
-    unless --target says otherwise. It states no errors, so it corrects no velocities."""
+    """Train the paper's network on estimates from combinations of cameras, without other bodies
+    than those recorded; --target is least-occluded unless given. It states no errors, so it
+    corrects no velocities."""
 
 
 @Parameter(name="*", group=Group("Optimisation", sort_key=3))
@@ -86,6 +89,9 @@ class StepOptions:
     """Batch size."""
     seed: Whole = 0
     """Random seed."""
+    loss: Literal["relative", "squared"] = "relative"
+    """Error relative to that of the best simple predictor, or squared error, eq. (6) of the
+    paper, which learns fast motion alone."""
 
 
 DATA, NETWORK, STEPS = DataOptions(), NetworkOptions(), StepOptions()
@@ -164,7 +170,8 @@ def _settings(
     shape = NetworkSettings(history_slots=network.history, hidden=network.hidden)
     settings = Settings(
         network=shape.as_published() if network.published else shape,
-        loss="squared" if network.published else "relative",
+        loss=optimisation.loss,
+        variety="motion" if network.published else "bodies",
         num_leads=network.leads,
         steps=optimisation.steps,
         minutes=math.inf if optimisation.minutes is None else optimisation.minutes,
@@ -189,7 +196,7 @@ def _clip_settings(data: DataOptions, network: NetworkOptions, seed: int) -> Cli
 
     start = None if network.start is None else _file(network.start)
     return Settings(
-        target="estimates" if network.published and data.target == "auto" else data.target,
+        target="least-occluded" if network.published and data.target == "auto" else data.target,
         include_scored=data.include_scored,
         estimates=EstimateSettings(combinations=data.combinations, seed=seed),
         replayed=ReplayedSettings(data.replays, start, seed),

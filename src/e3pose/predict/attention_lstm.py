@@ -45,8 +45,7 @@ class AttentionLstm:
         from e3pose.predict.kernels.prediction import Parts, predict_tracks
         from e3pose.predict.kernels.tracks import Joints
 
-        self.weights, self.curves, self.history_slots = _load(weights)
-        self.states_error = len(self.weights.couple) > 0  # the paper's own network does not
+        self.weights, self.curves, self.history_slots, self.states_error = _load(weights)
         self.num_joints = len(skeleton)
         columns = common_columns(skeleton)
         if not (columns >= 0).any():
@@ -104,13 +103,18 @@ class AttentionLstm:
         return Prediction(joints_m, error_m)
 
 
-def _load(path: Path) -> tuple[Weights, Curves, int]:
-    """Return the weights, the calibration and the slots of history of a network.
+def _load(path: Path) -> tuple[Weights, Curves, int, bool]:
+    """Return weights, calibration and slots of history of a network, and if it states errors.
 
     Raises:
         InputError: for a file that is missing, damaged, or of another kind.
     """
-    from e3pose.predict.weights_file import history_slots, network_weights, read_file
+    from e3pose.predict.weights_file import (
+        history_slots,
+        is_published,
+        network_weights,
+        read_file,
+    )
 
     content = read_bytes(path, MAX_WEIGHTS_BYTES)
     try:
@@ -125,7 +129,7 @@ def _load(path: Path) -> tuple[Weights, Curves, int]:
         weights = network_weights(file)
     except (ValueError, KeyError, TypeError) as error:
         raise InputError(f"{path}: network: expected one of e3pose, found {error}") from error
-    return weights, curves, history_slots(file)
+    return weights, curves, history_slots(file), not is_published(file)
 
 
 def _check(path: Path, file: WeightsFile) -> None:

@@ -28,6 +28,7 @@ ELSEWHERE = (
 )
 CONSTANT = (1,)  # the shape of those that the exporter writes between the weights
 CONSTANTS = (NUM_COMMON, 0.01, 10, 1, 1, 1, 0.5, 0.002)
+NO_MOTION = -30.0  # of the gate that keeps motion, in a network that says every displacement anew
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -122,15 +123,18 @@ def history_slots(file: WeightsFile) -> int:
 
 
 def is_published(file: WeightsFile) -> bool:
-    """Tell whether the network is the paper's own, which says places and no errors."""
+    """Tell whether the network is the paper's own, which states no errors."""
     return file.properties.get("states_error") == "no"
 
 
 def _published(file: WeightsFile) -> Weights:
     """Return the weights of the paper's network, with nothing for the parts that it lacks.
 
-    It is given places alone: what the kernels feed it besides meets zeros.
+    It is given places alone: what the kernels feed it besides meets zeros. It says by how many
+    units of a person's speed joints move in a slot, as a decoder does that keeps no motion.
     """
+    if file.properties.get("regressor") != "displacements":
+        raise ValueError("a regressor of places instead of displacements")
     found = [tensor.shape for tensor in file.tensors]
     hidden = found[LOOK_HIDDEN + 2][0] if len(found) > LOOK_HIDDEN + 2 else 0
     if not LEAST <= hidden <= MOST_HIDDEN or found != _published_shapes(hidden):
@@ -146,6 +150,8 @@ def _published(file: WeightsFile) -> Weights:
     attention[3 * C :] = 0
     encoder[3 * C : NUM_FEATURES + NUM_CONTEXT] = 0
     entry[3 * C : 6 * C] = 0
+    regress = np.concatenate([regress, _none(H, C)], axis=1)
+    regress_bias = np.concatenate([regress_bias, np.full(C, NO_MOTION, np.float32)])
     return _held([
         attention, attention_bias, attention_hidden, weigh, weigh_bias, encoder,
         encoder_bias, key, key_bias,
@@ -153,7 +159,7 @@ def _published(file: WeightsFile) -> Weights:
         _none(3 * C * slots, 6 * C), _none(6 * C), _none(NUM_CONTEXT + H, 1), _none(1),
         0 * entry_context, entry_bias, _none(NUM_CONTEXT, A), _none(A), query, energy, entry,
         decoder, decoder_bias, read, read_bias, regress, regress_bias,
-        _none(2 * H, A), _none(A, C), _none(C), _none(0, 3 * C),
+        _none(2 * H, A), _none(A, C), _none(C), _none(6 * C, 3 * C),
     ])  # fmt: skip
 
 

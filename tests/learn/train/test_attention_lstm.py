@@ -90,7 +90,7 @@ def test_the_exported_graph_equals_torch_for_any_batch_and_lead(history_slots: i
 
 @pytest.mark.parametrize(
     "changes",
-    [{}, {"context": True}, {"context": True, "moves": True},
+    [{}, {"displaces": False}, {"context": True}, {"context": True, "moves": True},
      {"context": True, "moves": True, "smooths": True}],
 )  # fmt: skip
 def test_networks_without_some_parts_are_exported_alike(changes: dict[str, bool]) -> None:

@@ -22,6 +22,12 @@ def marks(name: str) -> Marks:
     return Marks(name, np.full(15, 0.01), np.full(15, 0.01), np.full((3, 15), 0.02))
 
 
+def test_what_windows_are_made_of_is_said() -> None:
+    said = [model_card({"variety": each}, 1, [], [], []) for each in ("bodies", "motion", "none")]
+    assert ["size" in card for card in said] == [True, False, False]
+    assert "as it was recorded" in said[2]
+
+
 @pytest.mark.parametrize("scored", [False, True])
 def test_scored_slots_that_were_learned_from_stand_beside_every_figure(scored: bool) -> None:
     training = [clip("Shelf, person 1", scored, True), clip("cmu, person", False, False)]

@@ -15,11 +15,14 @@ from e3pose.learn.train.clips import gather, hold_out_ends
 from e3pose.learn.train.estimates import (
     EstimateSettings,
     camera_combinations,
+    clearly_seen,
     estimated_clips,
     follow,
+    least_occluded,
 )
 from e3pose.learn.train.training_clips import ClipSettings, Target, free_stretches, training_clips
-from e3pose.learn.train.windows import Clip, Corruption, Sampler
+from e3pose.learn.train.windows import Clip, Corruption, Sampler, Variety
+from e3pose.model.pose import Poses2D
 from e3pose.predict.normalise import NUM_COMMON, common_columns, to_common
 from e3pose.recording import Recording, ViewSeries
 from e3pose.runtime.workers import Workers
@@ -114,6 +117,33 @@ def test_the_result_does_not_depend_on_who_works() -> None:
         np.testing.assert_array_equal(one.errors_m, two.errors_m)
 
 
+def test_the_least_occluded_cameras_are_those_whose_boxes_overlap_least() -> None:
+    recording = noisy()
+    pose = np.random.default_rng(2).uniform(100, 200, (17, 2))
+    apart_px = (500.0, 20.0, 90.0)  # of two people in the views of three cameras
+    views = {
+        camera: Poses2D(np.stack([pose, pose + [apart, 0]]), np.ones((2, 17)))
+        for camera, apart in enumerate(apart_px)
+    }
+    views[3] = Poses2D.empty(17)  # sees nobody, so that nobody hides anybody
+    assert list(least_occluded(recording.rig, views, 2)) == [0, 2]
+    assert list(least_occluded(recording.rig, views, 9)) == [0, 2, 1]
+
+
+def test_live_targets_are_what_the_least_occluded_cameras_see() -> None:
+    exact = scene(exact=True)
+    people = follow(exact, 0, exact.num_slots, REFERENCE)
+    off = [replace(person, joints_m=person.joints_m + 0.05) for person in people]
+    seen = clearly_seen(exact, off, 3)
+    for before, after in zip(people, seen, strict=True):
+        moved = np.linalg.norm(after.joints_m - before.joints_m, axis=-1)
+        assert np.nanmedian(moved) < 0.01  # where cameras see joints, not where they were put
+    lost = clearly_seen(
+        replace(exact, views=tuple(_only(v, range(0)) for v in exact.views)), off, 3
+    )
+    np.testing.assert_array_equal(lost[0].joints_m, off[0].joints_m)
+
+
 def test_nobody_is_followed_through_slots_that_are_left_out() -> None:
     poisoned = replace(noisy(), views=tuple(_only(v, range(15, 30)) for v in noisy().views))
     assert follow(poisoned, 0, 15, REFERENCE) == []
@@ -185,6 +215,37 @@ def test_a_window_is_given_estimates_and_asked_for_the_target() -> None:
     groups = np.abs(lift[:, None] / [0.1, 0.2, 0.3] - 1).min(axis=1)
     assert (groups < 0.2).mean() > 0.99
     assert {int(np.abs(x / np.array([0.1, 0.2, 0.3]) - 1).argmin()) for x in lift} == {0, 1, 2}
+
+
+def test_motion_without_variety_is_as_recorded_and_its_targets_are_estimates() -> None:
+    lifted = np.zeros((60, 2, NUM_COMMON, 3), np.float16)
+    lifted[..., 2] = np.array([0.0, 0.5])[:, None]
+    sampler = Sampler([gliding(lifted)], 10, 5, variety="none")
+    joints, history, interval = sampler.motion(np.random.default_rng(0), 200, Corruption())
+    pose = gliding(None).joints_m
+    assert (interval == 1 / 30).all() and np.isfinite(history).all()
+    for part in (joints[10:], history):
+        shape = part - part[:, :, :1]  # the body as it is, neither scaled nor mirrored
+        np.testing.assert_allclose(
+            shape, np.broadcast_to(pose[0] - pose[0, :1], shape.shape), atol=1e-3
+        )
+        level = part[..., 0, 2] - pose[0, 0, 2]
+        assert np.isclose(level, 0.5, atol=1e-3).mean() == pytest.approx(0.5, abs=0.05)
+
+
+def test_motion_without_other_bodies_keeps_the_lengths_of_limbs() -> None:
+    def thigh_m(variety: Variety) -> Floats:
+        sampler = Sampler([gliding(None)], 10, 5, variety=variety)
+        joints, _, _ = sampler.motion(np.random.default_rng(0), 100, Corruption())
+        return np.asarray(np.linalg.norm(joints[0, :, 0] - joints[0, :, 2], axis=-1))
+
+    assert np.ptp(thigh_m("bodies")) > 0.01
+    left, right = (
+        np.linalg.norm(gliding(None).joints_m[0, hip] - gliding(None).joints_m[0, knee])
+        for hip, knee in ((0, 2), (1, 3))
+    )
+    mirrored = np.minimum(abs(thigh_m("motion") - left), abs(thigh_m("motion") - right))
+    assert mirrored.max() < 1e-3
 
 
 def test_a_joint_that_the_drawn_estimate_lacks_is_missing() -> None:

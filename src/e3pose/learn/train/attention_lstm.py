@@ -21,7 +21,7 @@ from e3pose.learn.train.experts import start_experts
 from e3pose.learn.train.export import export, halved
 from e3pose.learn.train.network import AttentionLstm, NetworkSettings
 from e3pose.learn.train.validation import Exam, error_curves, examine, make_exams, score
-from e3pose.learn.train.windows import Clip, Corruption, Sampler, Windows
+from e3pose.learn.train.windows import Clip, Corruption, Sampler, Variety, Windows
 from e3pose.runtime.workers import Workers
 
 CHECKPOINT = "checkpoint.pt"
@@ -51,6 +51,7 @@ class TrainSettings:
         expert_windows: per kind of history, from which experts are found before training.
         started_from: the weights that training goes on from, if any, for the card.
         loss: `relative` to the best simple predictor, or `squared`, eq. (6) of the paper.
+        variety: what windows are made of recorded motion.
     """
 
     network: NetworkSettings = field(default_factory=NetworkSettings)
@@ -66,6 +67,7 @@ class TrainSettings:
     expert_windows: int = 8_000
     started_from: str = "nothing"
     loss: Literal["relative", "squared"] = "relative"
+    variety: Variety = "bodies"
 
 
 class Training:
@@ -216,7 +218,7 @@ def train(
         The file of the weights.
     """
     slots = settings.network.history_slots
-    sampler = Sampler(training_clips, slots, settings.num_leads)
+    sampler = Sampler(training_clips, slots, settings.num_leads, variety=settings.variety)
     exams = make_exams(validation_groups, slots, settings.num_leads)
     out.mkdir(parents=True, exist_ok=True)
     run = Training(settings)

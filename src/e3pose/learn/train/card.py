@@ -12,6 +12,13 @@ from e3pose.predict.normalise import COMMON_JOINTS
 LEADS = (1, 2, 3, 5, 8, 10, 15)
 SIMPLE = ("zero velocity", "constant velocity", "damped velocity")
 
+SPOILT = "with and without an estimator's noise and gaps"
+MADE: Mapping[object, str] = {  # what windows are made of recorded motion, see `windows.Variety`
+    "bodies": f"at a random frame rate, pace, size and side, {SPOILT}",
+    "motion": f"at a random frame rate, pace and side, {SPOILT}",
+    "none": "as it was recorded",
+}
+
 
 def model_card(
     settings: Mapping[str, object],
@@ -21,6 +28,7 @@ def model_card(
     marks: Sequence[Marks],
 ) -> str:
     """Return the card as Markdown."""
+    made = MADE[settings.get("variety", "bodies")]
     lines = [
         "# Attention-LSTM predictor: model card",
         "",
@@ -34,8 +42,7 @@ def model_card(
         "",
         "## Data",
         "",
-        "Learned from (seconds of motion; every window at a random frame rate, pace, size and "
-        "side, with and without an estimator's noise and gaps):",
+        f"Learned from (seconds of motion; every window {made}):",
         "",
         *_seconds(training),
         "",

@@ -113,7 +113,7 @@ def export(
     results = graph.add_all("Loop", [trips, keep_going, *state], len(state) + 2, body=body)
     graph.nodes.append(helper.make_node("Squeeze", [results[-2], graph.integers(1)], ["places"]))
     error = graph.add("Squeeze", results[-1], graph.integers(1))
-    _add_log_error(graph, error, trips, memory.get("speed"))
+    _add_log_error(graph, error, trips, memory["speed"] if sizes.moves else None)
 
     def value(name: str, *shape: str | int) -> onnx.ValueInfoProto:
         return helper.make_tensor_value_info(name, TensorProto.FLOAT, shape)
@@ -146,6 +146,7 @@ def export(
             "settings": json.dumps(asdict(network.settings)),
             "joints": " ".join(COMMON_JOINTS),
             "states_error": "yes" if network.settings.moves else "no",
+            "regressor": "displacements" if network.settings.displaces else "places",
             "error_factor": json.dumps([round(float(factor), 4) for factor in error_factor]),
             "error_curve": json.dumps(None if error_curve is None else _rising(error_curve)),
         },
@@ -243,11 +244,10 @@ def _encoder(
         start = _with_experts(graph, arrays, slots, start, place, motions, summary, speed)
     entry_context = graph.linear(context, arrays["entry.weight"][:, -NUM_CONTEXT:])
     entry_context = graph.add("Add", entry_context, graph.constant(arrays["entry.bias"]))
-    memory = {"encoded": stacked, "keys": keys, "entry": entry_context}
+    memory = {"encoded": stacked, "keys": keys, "entry": entry_context, "speed": speed}
     if sizes.moves:
         doubt = graph.linear(context, arrays["doubt.weight"][:, -NUM_CONTEXT:])
-        doubt = graph.add("Add", doubt, graph.constant(arrays["doubt.bias"]))
-        memory |= {"speed": speed, "doubt": doubt}
+        memory["doubt"] = graph.add("Add", doubt, graph.constant(arrays["doubt.bias"]))
     return [state, cell, *start], memory
 
 
@@ -331,10 +331,14 @@ def _decoder(
     if sizes.moves:
         place, motion, error = _moved(graph, arrays, memory, (place, motion), where, known, reading)
     else:
-        place = graph.linear(reading, arrays["regressor.weight"])
-        place = graph.add("Add", place, graph.constant(arrays["regressor.bias"]))
+        said = graph.linear(reading, arrays["regressor.weight"])
+        said = graph.add("Add", said, graph.constant(arrays["regressor.bias"]))
+        if sizes.displaces:
+            place = graph.add("Add", place, graph.add("Mul", memory["speed"], said))
+        else:
+            place = graph.add("Identity", said)
         error = graph.add(
-            "Slice", place, graph.integers(0), graph.integers(NUM_COMMON), graph.integers(2)
+            "Slice", said, graph.integers(0), graph.integers(NUM_COMMON), graph.integers(2)
         )
         error = graph.add("Mul", error, graph.constant(np.float32(0)))
         motion = graph.add("Identity", motion)

@@ -25,8 +25,10 @@ class NetworkSettings:
         experts: linear estimators of the newest places and motions, one per kind of history; 0
             for none.
         smooths: start from motions smoothed over the history.
-        moves: the decoder moves the joints on, in units of the person's speed, and states its
-            error; otherwise its regressor says where they are, as in the paper.
+        moves: the decoder keeps the joints moving, damps and changes that motion, and states its
+            error; otherwise its regressor alone says what comes, as in the paper.
+        displaces: where it alone does, it says how far joints move in a slot, in units of the
+            person's speed; otherwise where they are. The paper leaves open which.
         context: motions, gaps, speed, slot length and roughness are inputs too; otherwise places
             alone, as in the paper.
 
@@ -40,6 +42,7 @@ class NetworkSettings:
     experts: int = 10
     smooths: bool = True
     moves: bool = True
+    displaces: bool = False
     context: bool = True
 
     def __post_init__(self) -> None:
@@ -49,7 +52,7 @@ class NetworkSettings:
 
     def as_published(self) -> NetworkSettings:
         """Return the network of the paper in the same size: none of the parts added to it."""
-        return replace(self, experts=0, smooths=False, moves=False, context=False)
+        return replace(self, experts=0, smooths=False, moves=False, displaces=True, context=False)
 
 
 class AttentionLstm(nn.Module):
@@ -166,7 +169,8 @@ class AttentionLstm(nn.Module):
         hidden, cell = self.decoder(self.dropout(entry), (hidden, cell))
         reading = torch.relu(self.reading(torch.cat([hidden, attended], -1)))
         if not self.settings.moves:
-            place = self.regressor(self.dropout(reading))
+            said = self.regressor(self.dropout(reading))
+            place = place + speed * said if self.settings.displaces else said
             unknown = place[:, :NUM_COMMON] * 0
             return (hidden, cell, place, motion, lead + 1), place, unknown
         change, keep = self.regressor(self.dropout(reading)).split([NUM_AXES, NUM_COMMON], -1)

@@ -16,8 +16,10 @@ from e3pose.learn.train.windows import Clip
 from e3pose.recording import Recording
 from e3pose.runtime.workers import Workers
 
-Target = Literal["auto", "truth", "estimates"]
+Target = Literal["auto", "truth", "estimates", "least-occluded"]
 Stretch = tuple[int, int]
+
+LEAST_OCCLUDED = 3  # cameras: as many as the paper selects
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,8 +27,9 @@ class ClipSettings:
     """Which motion of recordings to train on.
 
     Attributes:
-        target: `truth`, `estimates` (what all cameras together see), or `auto`: the truth of
-            recordings that have it outside their scored slots, else estimates.
+        target: `truth`, `estimates` (what all cameras together see), `least-occluded` (what the
+            three cameras with the least occlusion see), or `auto`: the truth of recordings that
+            have it outside their scored slots, else estimates.
         include_scored: learn from slots in which systems are evaluated too.
         estimates: what to make of the cameras.
         replayed: what the filter makes of true motion, beside that motion itself.
@@ -72,9 +75,9 @@ def training_clips(
             )
     else:
         _check_views(recording)
-        clips = estimated_clips(
-            recording, shortest, stretches, settings.estimates, workers, progress
-        )
+        least = LEAST_OCCLUDED if settings.target == "least-occluded" else 0
+        estimates = replace(settings.estimates, least_occluded=least)
+        clips = estimated_clips(recording, shortest, stretches, estimates, workers, progress)
     scored = settings.include_scored and recording.scored_slots is not None
     return [replace(clip, scored=scored) for clip in clips]
 

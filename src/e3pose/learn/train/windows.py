@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TypeVar
+from typing import Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,10 @@ from e3pose.predict.normalise import NUM_COMMON, Normalised, fill_gaps, normalis
 
 Floats = NDArray[np.float64]
 Real = TypeVar("Real", np.float32, np.float64)
+# What windows are made of recorded motion: `bodies` for other rates, paces, sides, limbs and sizes;
+# `motion` for the same without other limbs and sizes; `none` for motion as it was recorded, with
+# estimates as targets too where there are some: the paper's expanded training set.
+Variety = Literal["bodies", "motion", "none"]
 
 USUAL_FPS = (24.0, 31.0)
 LOG_ANY_FPS = (math.log(5.0), math.log(60.0))
@@ -106,7 +110,8 @@ class Corruption:
 class Sampler:
     """Draw windows from clips at any frame rate, mirrored, scaled, at another pace, and spoilt.
 
-    With `usual_fps` most windows have that frame rate, instead of rates around 27.
+    With `usual_fps` most windows have that frame rate, instead of rates around 27. `variety` says
+    what is made of recorded motion, see `Variety`.
     """
 
     def __init__(
@@ -115,8 +120,9 @@ class Sampler:
         history_slots: int,
         num_leads: int,
         usual_fps: tuple[float, float] = USUAL_FPS,
+        variety: Variety = "bodies",
     ) -> None:
-        self.usual_fps = usual_fps
+        self.usual_fps, self.variety = usual_fps, variety
         padded = [_padded(clip.joints_m) for clip in clips]
         self.frames = np.concatenate(padded)
         self.lengths = np.array([len(c.joints_m) for c in clips])
@@ -165,17 +171,21 @@ class Sampler:
         backwards = rng.random(size) < BACKWARDS
         order[backwards] = order[backwards, ::-1]
         at = start[:, None] + step[:, None] * order
-        kept = self.replayed[clip]
+        kept = self.replayed[clip] | (self.variety == "none")
         fps[kept] = self.fps[clip[kept]]
         begun = np.minimum(start[kept], self.lengths[clip[kept]] - span)
         at[kept] = np.floor(begun)[:, None] + np.arange(span)
         joints = self._sample(clip, at)
-        joints[:, ~kept] = swapped_arms(joints[:, ~kept], OTHER_ARMS, rng)
+        if self.variety == "none":
+            return self._as_recorded(rng, clip, at, joints)
+        if self.variety == "bodies":
+            joints[:, ~kept] = swapped_arms(joints[:, ~kept], OTHER_ARMS, rng)
         errors = self.estimates.draw(rng, clip, at[:, : self.history_slots])
         mirror = rng.random(size) < 0.5
         mirrored(joints, mirror)
         mirrored(errors, mirror)
-        joints = other_bodies(joints, rng)
+        if self.variety == "bodies":
+            joints = other_bodies(joints, rng)
         history = joints[: self.history_slots]
         spoilt = spoil(history, 1 / fps, rng, corruption)
         estimated = self.estimates.rows[clip] >= 0
@@ -183,6 +193,20 @@ class Sampler:
         given[np.isnan(spoilt[:, estimated])] = np.nan  # people enter and get lost here too
         spoilt[:, estimated] = given
         return joints, spoilt, 1 / fps
+
+    def _as_recorded(
+        self, rng: np.random.Generator, clip: NDArray[np.int64], at: Floats, joints: Floats
+    ) -> tuple[Floats, Floats, Floats]:
+        """Return what `motion` does, of motion as recorded: every slot is an estimate drawn.
+
+        A joint that the drawn estimate lacks is missing in the history, and is where all cameras
+        see it in the target.
+        """
+        errors = self.estimates.draw(rng, clip, at)
+        later = slice(self.history_slots, None)
+        joints[later] += np.nan_to_num(errors[later])
+        history = joints[: self.history_slots] + errors[: self.history_slots]
+        return joints, history, 1 / self.fps[clip]
 
     def _sample(self, clip: NDArray[np.int64], at: Floats) -> Floats:
         """Return `(span, size, NUM_COMMON, 3)` at frames `at` by cubic (Catmull-Rom) splines."""

@@ -32,8 +32,8 @@ class Weights(NamedTuple):
     With `A` outputs of an attention, `H` the width of the LSTMs, `C` common joints, `M` slots of
     history and `E` experts.
 
-    A network as published, whose regressor says where joints are rather than how they move, has no
-    row in `couple`, places alone in `regress`, and zeros for the parts that it lacks.
+    A network as published has zeros for the parts that it lacks, and a bias in `regress` that keeps
+    no motion.
     """
 
     attention: Halves  # (7 C, A) input attention, of features
@@ -62,12 +62,12 @@ class Weights(NamedTuple):
     decoder_bias: Floats32  # (4 H,)
     read: Halves  # (2 H, H)
     read_bias: Floats32  # (H,)
-    regress: Halves  # (H, 4 C); as published (H, 3 C)
-    regress_bias: Floats32  # (4 C,); as published (3 C,)
+    regress: Halves  # (H, 4 C) changes of motion, and how much of it to keep
+    regress_bias: Floats32  # (4 C,)
     error_hidden: Halves  # (2 H, A)
     error: Halves  # (A, C)
     error_bias: Floats32  # (C,)
-    couple: Halves  # (6 C, 3 C); as published (0, 3 C)
+    couple: Halves  # (6 C, 3 C)
 
 
 @kernel
@@ -277,12 +277,6 @@ def _decode(
     rectify(reading)
     result = np.empty((num_tracks, len(weights.regress_bias)), np.float32)
     linear(reading, weights.regress, weights.regress_bias, result)
-    if len(weights.couple) == 0:
-        error[:] = np.float32(0)
-        for track in range(num_tracks):
-            for j in range(axes):
-                moving[track, j] = result[track, j]
-        return
     add_product(both, weights.error_hidden, error_hidden)
     rectify(error_hidden)
     linear(error_hidden, weights.error, weights.error_bias, error)
