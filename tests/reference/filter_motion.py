@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.estimate.filter.motion import ACCELERATION_LASTS_S, SHORTEST_S, WALKS_MPS
+from e3pose.estimate.filter.motion import ACCELERATION_LASTS_S
 from e3pose.estimate.filter.tree import Tree
 
 Floats = NDArray[np.float64]
@@ -74,19 +74,13 @@ def places(tree: Tree, state: Floats, dt: float) -> Floats:
         dt: seconds, 0 or more.
     """
     moved = np.empty_like(state)
-    root = tree.levels[0][0]
-    walks = np.minimum(np.linalg.norm(state[:, root, 3:5], axis=-1) / WALKS_MPS, 1.0) ** 2
-    swing = walks[:, None, None] * np.minimum(tree.swing_per_s2, 1 / max(dt, SHORTEST_S) ** 2)
     fade = np.exp(-dt / tree.lasts_s)[:, None]
     reach = tree.lasts_s[:, None] * (1 - fade)
     beside = state.copy()
     below = np.flatnonzero(tree.parents >= 0)
     beside[:, below] -= state[:, tree.parents[below]]
-    force = np.zeros_like(state[..., :3])  # of the start, as if it stayed: hence bounded above
-    force[..., :2] = -np.swapaxes(swing, 1, 2) * beside[..., :2]
     moved[..., :3] = beside[..., :3] + reach * beside[..., 3:]
-    moved[..., :3] += tree.lasts_s[:, None] * (dt - reach) * force
-    moved[..., 3:] = fade * beside[..., 3:] + reach * force
+    moved[..., 3:] = fade * beside[..., 3:]
     for level in tree.levels[1:]:
         moved[:, level] += moved[:, tree.parents[level]]
     return moved

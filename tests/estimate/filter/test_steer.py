@@ -20,7 +20,6 @@ from e3pose.estimate.filter.kernels.motion import (
 )
 from e3pose.estimate.filter.motion import fading, places
 from e3pose.estimate.filter.steer import GAIN, foreseen, steer
-from e3pose.estimate.filter.tree import Tree
 from e3pose.model.noises import load_noise
 from e3pose.model.pose import Poses2D
 from e3pose.predict.base import Prediction
@@ -42,14 +41,6 @@ def model() -> Model:
     return Model(scene().rig, scene().skeleton, SIMULATED)
 
 
-# Without swing: how far limbs swing depends on the speed of the root, which is steered, too.
-
-
-@cache
-def tree() -> Tree:
-    return replace(model().tree, swing_per_s2=np.zeros(len(model().skeleton)))
-
-
 AHEAD_S = 0.08
 SHARE = 0.6
 
@@ -69,10 +60,10 @@ def known() -> Belief:
 
 def test_the_prediction_moves_by_the_gain_and_the_positions_stay() -> None:
     belief = known()
-    own_m = places(tree(), belief.state, AHEAD_S)[..., :3]
+    own_m = places(model().tree, belief.state, AHEAD_S)[..., :3]
     foreseen_m = own_m[[0, 2]] + [0.10, -0.04, 0.02]
-    found = steer(tree(), belief, np.array([0, 2]), foreseen_m, AHEAD_S, SHARE)
-    moved = places(tree(), found.state, AHEAD_S)[..., :3] - own_m
+    found = steer(model().tree, belief, np.array([0, 2]), foreseen_m, AHEAD_S, SHARE)
+    moved = places(model().tree, found.state, AHEAD_S)[..., :3] - own_m
     np.testing.assert_allclose(moved[[0, 2]], GAIN * (foreseen_m - own_m[[0, 2]]), atol=1e-12)
     np.testing.assert_array_equal(found.state[1], belief.state[1])
     np.testing.assert_array_equal(found.state[..., :3], belief.state[..., :3])
@@ -83,10 +74,10 @@ def test_the_prediction_moves_by_the_gain_and_the_positions_stay() -> None:
 
 def test_joints_that_nobody_foresees_keep_their_velocity() -> None:
     belief = known()
-    foreseen_m = places(tree(), belief.state, AHEAD_S)[..., :3][:1] + 0.1
+    foreseen_m = places(model().tree, belief.state, AHEAD_S)[..., :3][:1] + 0.1
     foreseen_m[0, 5] = np.nan
     foreseen_m[0, 6, 2] = np.nan
-    found = steer(tree(), belief, np.array([0]), foreseen_m, AHEAD_S, SHARE)
+    found = steer(model().tree, belief, np.array([0]), foreseen_m, AHEAD_S, SHARE)
     np.testing.assert_array_equal(found.state[0, 5:7], belief.state[0, 5:7])
     assert (found.state[0, :5, 3:] != belief.state[0, :5, 3:]).all()
     np.testing.assert_array_equal(found.drift_share[0, 5:7], 1.0)
@@ -100,15 +91,15 @@ def test_without_a_prediction_or_time_people_move_by_themselves(
     belief = known()
     steered = replace(belief, drift_share=np.full_like(belief.drift_share, SHARE))
     foreseen_m = np.full((1, len(model().skeleton), 3), joints_m)
-    found = steer(tree(), steered, np.array([0]), foreseen_m, ahead_s, SHARE)
+    found = steer(model().tree, steered, np.array([0]), foreseen_m, ahead_s, SHARE)
     np.testing.assert_array_equal(found.state, belief.state)
     np.testing.assert_array_equal(found.drift_share, belief.drift_share)
 
 
 def test_less_is_unknown_of_motion_that_is_predicted() -> None:
     belief = known()
-    foreseen_m = places(tree(), belief.state, AHEAD_S)[..., :3][:1]
-    steered = steer(tree(), belief, np.array([0]), foreseen_m, AHEAD_S, SHARE)
+    foreseen_m = places(model().tree, belief.state, AHEAD_S)[..., :3][:1]
+    steered = steer(model().tree, belief, np.array([0]), foreseen_m, AHEAD_S, SHARE)
     time_s = belief.time_s + AHEAD_S
     alone, found = (step(model(), each, {}, time_s)[0] for each in (belief, steered))
     apart = alone.covariance - found.covariance

@@ -5,8 +5,7 @@
 A person who walks keeps on walking: the root's velocity lasts. What a limb does beside the body
 turns round within a quarter of a second, and sooner the farther out it is; so a foot that nobody
 sees soon goes with the body. The noise w is that of a velocity with a life of tau, exactly: short
-steps add up to what one long step says. Limbs of somebody who walks swing below their parents, like
-pendulums; what that adds moves the mean alone.
+steps add up to what one long step says.
 """
 
 from __future__ import annotations
@@ -28,8 +27,6 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 ACCELERATION_LASTS_S = 1 / 25
-WALKS_MPS = 0.6  # who is as fast swings limbs as a walker does
-SHORTEST_S = 1e-3
 
 
 def places(tree: Tree, state: Floats, dt: float) -> Floats:
@@ -46,7 +43,6 @@ def places(tree: Tree, state: Floats, dt: float) -> Floats:
         tree.order,
         tree.parents,
         tree.lasts_s,
-        tree.swing_per_s2,
         np.ascontiguousarray(state),
         moved,
     )

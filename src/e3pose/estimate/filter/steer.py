@@ -64,7 +64,6 @@ def steer(
         tree.order,
         tree.parents,
         tree.lasts_s,
-        tree.swing_per_s2,
         rows,
         np.ascontiguousarray(joints_m),
         left,

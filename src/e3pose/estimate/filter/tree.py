@@ -30,27 +30,23 @@ class Habit(NamedTuple):
     Attributes:
         acceleration_mps2: how strongly it accelerates, as white noise drawn anew every 1/25 s.
         lasts_s: until a velocity that nobody sees again is down to 1/e.
-        swing_per_s2: how strongly it is drawn below its parent while the person walks.
         usual_m: how far it usually is from its parent, where that is not learned; else 0.
     """
 
     acceleration_mps2: float
     lasts_s: float
-    swing_per_s2: float = 0.0
     usual_m: float = 0.0
 
 
 TRUNK, SPINE, GIRDLE = Habit(4.3, 0.78), Habit(3.0, 0.4), Habit(2.4, 0.4)
 HEAD, FACE = Habit(2.9, 0.4), Habit(1.6, 0.4)
-ELBOW, WRIST = Habit(6.2, 0.25, 6.0), Habit(8.2, 0.2, 12.0)
-KNEE, ANKLE = Habit(6.2, 0.25, 12.0), Habit(8.2, 0.2, 12.0)
+MIDDLE, END = Habit(6.2, 0.25), Habit(8.2, 0.2)  # elbows and knees; wrists and ankles
 # A foot turns as CMU's motion capture does beside the ankle, by the distance from it, half as
 # strongly again, as the ankle's habit is to CMU's. Their bones are too short to be learned; usual
 # lengths keep feet near ankles that are better known than they, as feet are seen less often.
 TOE = Habit(9.0, 0.15, usual_m=0.2)
 SMALL_TOE = Habit(4.0, 0.15, usual_m=0.09)
 HEEL = Habit(3.5, 0.15, usual_m=0.08)
-OTHER = Habit(8.2, 0.2)  # a joint of no name known here
 # Each joint's parent, the first one that the skeleton has, and how it moves beside it.
 PARENTS: dict[str, tuple[tuple[str, ...], Habit]] = {
     "mid_hip": ((), TRUNK),
@@ -62,10 +58,10 @@ PARENTS: dict[str, tuple[tuple[str, ...], Habit]] = {
     "nose": (("neck", "left_shoulder"), HEAD),
     **{f"{s}_eye": (("nose",), FACE) for s in ("left", "right")},
     **{f"{s}_ear": ((f"{s}_eye", "nose"), FACE) for s in ("left", "right")},
-    **{f"{s}_elbow": ((f"{s}_shoulder",), ELBOW) for s in ("left", "right")},
-    **{f"{s}_wrist": ((f"{s}_elbow",), WRIST) for s in ("left", "right")},
-    **{f"{s}_knee": ((f"{s}_hip",), KNEE) for s in ("left", "right")},
-    **{f"{s}_ankle": ((f"{s}_knee",), ANKLE) for s in ("left", "right")},
+    **{f"{s}_elbow": ((f"{s}_shoulder",), MIDDLE) for s in ("left", "right")},
+    **{f"{s}_wrist": ((f"{s}_elbow",), END) for s in ("left", "right")},
+    **{f"{s}_knee": ((f"{s}_hip",), MIDDLE) for s in ("left", "right")},
+    **{f"{s}_ankle": ((f"{s}_knee",), END) for s in ("left", "right")},
     **{f"{s}_big_toe": ((f"{s}_ankle",), TOE) for s in ("left", "right")},
     **{f"{s}_small_toe": ((f"{s}_big_toe",), SMALL_TOE) for s in ("left", "right")},
     **{f"{s}_heel": ((f"{s}_ankle",), HEEL) for s in ("left", "right")},
@@ -83,7 +79,6 @@ class Tree:
         order: `(num_joints,)` the same in a row, each joint after its parent.
         drift_m2ps4: `(num_joints,)` variance of a joint's acceleration beside its parent.
         lasts_s: `(num_joints,)` life of its velocity beside its parent.
-        swing_per_s2: `(num_joints,)` how strongly it swings below its parent.
         usual_m: `(num_joints,)` its usual distance from its parent; 0 where none is known.
     """
 
@@ -92,14 +87,13 @@ class Tree:
     order: Ints
     drift_m2ps4: Floats
     lasts_s: Floats
-    swing_per_s2: Floats
     usual_m: Floats
 
 
 def grow(skeleton: Skeleton) -> Tree:
     """Return the tree of a skeleton; orphans become children of the first root."""
     names = skeleton.joints
-    own = {name: PARENTS.get(name, ((), OTHER)) for name in names}
+    own = {name: PARENTS.get(name, ((), END)) for name in names}
     above = {name: next((p for p in own[name][0] if p in names), "") for name in names}
     ranks = {name: rank for rank, name in enumerate(PARENTS)}
     root = min((n for n in names if not above[n]), key=lambda n: ranks.get(n, len(ranks)))
@@ -112,13 +106,12 @@ def grow(skeleton: Skeleton) -> Tree:
         depth[joint] = depth[parents[joint]] + 1
     levels = tuple(np.flatnonzero(depth == d) for d in range(depth.max() + 1))
     habits = np.array([TRUNK if n == root else own[n][1] for n in names])
-    lasts_s, swing_per_s2, usual_m = np.ascontiguousarray(habits[:, 1:].T)
+    lasts_s, usual_m = np.ascontiguousarray(habits[:, 1:].T)
     return Tree(
         np.array(parents, dtype=np.int64),
         levels,
         np.concatenate(levels),
         habits[:, 0] ** 2,
         lasts_s,
-        swing_per_s2,
         usual_m,
     )

@@ -167,8 +167,7 @@ def written_out(tree: Tree, covariance: Floats, shared: Floats) -> Floats:
 def body_transition(tree: Tree, dt: float, drift_share: Floats) -> tuple[Floats, Floats]:
     """Return F of a whole body over `dt` seconds and Q of each.
 
-    x' = F x + w, Cov w = Q: what `filter.motion` says joint by joint, but for the swing of limbs,
-    which moves the mean alone.
+    x' = F x + w, Cov w = Q: what `filter.motion` says joint by joint.
 
     Args:
         tree: of the skeleton.

@@ -7,7 +7,6 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.estimate.filter.motion import SHORTEST_S, WALKS_MPS
 from e3pose.runtime.kernel import kernel
 
 Floats = NDArray[np.float64]
@@ -24,7 +23,6 @@ def move(
     order: Integers,
     parents: Integers,
     lasts_s: Floats,
-    swing_per_s2: Floats,
     state: Floats,
     moved: Floats,
 ) -> None:
@@ -35,19 +33,13 @@ def move(
         order: `(num_joints,)` the root first, each joint after its parent.
         parents: `(num_joints,)`, -1 at the root; like all that follow of `tree.Tree`.
         lasts_s: `(num_joints,)`.
-        swing_per_s2: `(num_joints,)`.
         state: metres, metres per second.
         moved: filled.
     """
-    root = order[0]
-    walks = math.sqrt(state[root, 3] ** 2 + state[root, 4] ** 2) / WALKS_MPS
-    walks = walks * walks if walks < 1.0 else 1.0
-    most = 1.0 / max(dt, SHORTEST_S) ** 2
     for joint in order:
         parent, tau = parents[joint], lasts_s[joint]
         fade = math.exp(-dt / tau)
         reach = tau * (1.0 - fade)
-        swing = walks * min(swing_per_s2[joint], most)
         for a in range(3):
             if parent < 0:
                 moved[joint, a] = state[joint, a] + reach * state[joint, a + 3]
@@ -55,11 +47,8 @@ def move(
             else:
                 beside = state[joint, a] - state[parent, a]
                 speed = state[joint, a + 3] - state[parent, a + 3]
-                push = -swing * beside if a < 2 else 0.0
-                moved[joint, a] = (
-                    moved[parent, a] + beside + reach * speed + tau * (dt - reach) * push
-                )
-                moved[joint, a + 3] = moved[parent, a + 3] + fade * speed + reach * push
+                moved[joint, a] = moved[parent, a] + beside + reach * speed
+                moved[joint, a + 3] = moved[parent, a + 3] + fade * speed
 
 
 @kernel
@@ -68,13 +57,12 @@ def move_all(
     order: Integers,
     parents: Integers,
     lasts_s: Floats,
-    swing_per_s2: Floats,
     state: Floats,
     moved: Floats,
 ) -> None:
     """Fill `moved` `(num_tracks, num_joints, 6)` with `move` of all tracks."""
     for track in range(len(state)):
-        move(dt, order, parents, lasts_s, swing_per_s2, state[track], moved[track])
+        move(dt, order, parents, lasts_s, state[track], moved[track])
 
 
 @kernel
@@ -84,7 +72,6 @@ def steer_all(
     order: Integers,
     parents: Integers,
     lasts_s: Floats,
-    swing_per_s2: Floats,
     rows: Integers,
     joints_m: Floats,
     drift_share: Floats,
@@ -99,10 +86,9 @@ def steer_all(
     Args:
         ahead_s: in how many seconds they are foreseen.
         gain: the part of the way.
-        order: as of `move`, like all up to `swing_per_s2`.
+        order: as of `move`, like all up to `lasts_s`.
         parents: `(num_joints,)`.
         lasts_s: `(num_joints,)`.
-        swing_per_s2: `(num_joints,)`.
         rows: `(num_steered,)` of the tracks.
         joints_m: `(num_steered, num_joints, 3)` where joints are foreseen; NaN where they are not.
         drift_share: `(num_steered, num_joints)` of the process noise that is left for them.
@@ -115,7 +101,7 @@ def steer_all(
     apart, turned = np.empty((num_joints, 3)), np.empty((num_joints, 3))
     for index in range(len(rows)):
         track = rows[index]
-        move(ahead_s, order, parents, lasts_s, swing_per_s2, state[track], moved)
+        move(ahead_s, order, parents, lasts_s, state[track], moved)
         for joint in order:
             parent, tau = parents[joint], lasts_s[joint]
             reach = tau * (1.0 - math.exp(-ahead_s / tau))

@@ -68,7 +68,6 @@ def expect(
             site.order,
             site.parents,
             site.lasts_s,
-            site.swing_per_s2,
             state[track],
             moved,
         )

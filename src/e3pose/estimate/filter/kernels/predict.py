@@ -54,7 +54,7 @@ def _advance(
     """
     moved, spread, with_parent = passes.moved, passes.own, passes.across
     before, factors = passes.prior_own, passes.prior_across
-    move(dt, site.order, site.parents, site.lasts_s, site.swing_per_s2, state, moved)
+    move(dt, site.order, site.parents, site.lasts_s, state, moved)
     for place in range(len(site.order)):
         joint = site.order[place]
         parent = site.parents[joint]

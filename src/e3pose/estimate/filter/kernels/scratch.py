@@ -44,7 +44,6 @@ class Site(NamedTuple):
     depths: Integers  # (num_joints,) steps from the root
     drift_m2ps4: Floats  # (num_joints,)
     lasts_s: Floats  # (num_joints,)
-    swing_per_s2: Floats  # (num_joints,)
     usual_m: Floats  # (num_joints,) distance from the parent; 0 where none is known
     opposites: Integers  # (num_joints,) the joint of the other side, or itself
     limbs: Integers  # (num_joints,) of arms 1, of legs 2, else 0
@@ -80,7 +79,6 @@ def make_site(model: Model) -> Site:
         depths,
         np.ascontiguousarray(tree.drift_m2ps4),
         np.ascontiguousarray(tree.lasts_s),
-        np.ascontiguousarray(tree.swing_per_s2),
         np.ascontiguousarray(tree.usual_m),
         *model.sides,
         np.ascontiguousarray(model.corner_m),
