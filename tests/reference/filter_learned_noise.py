@@ -12,7 +12,6 @@ from e3pose.estimate.filter.blindness import PROOF_CAMERAS, PROOF_S
 from e3pose.estimate.filter.kernels.update import OUTLIER_SIGMAS
 from e3pose.estimate.filter.learned_noise import (
     ALIKE,
-    LEAST_SHARE,
     MEDIAN,
     MEMORY,
     MIDDLE_SCORE,
@@ -100,7 +99,7 @@ def learn(belief: Belief, seen: Sightings, cameras: Ints, dt: float, model: Mode
     own = seen.sigma_px**2 * own_share(since_s[:, cameras].T, terms)[..., None]
     total = own + doubt / left
     share = own / total
-    share = np.where(usable & (share > LEAST_SHARE), share, 0.0)
+    share = np.where(usable, share, 0.0)
     beyond = squares / left**2 > MEDIAN * total
     surprise = share * (beyond - 0.5) / SLOPE
     lean = leaning(seen.scores)

@@ -3,8 +3,8 @@
 After the update of a slot each keypoint is compared with where all other evidence puts the joint:
 the residual of the update, divided by what the keypoint itself left of it (its leverage). Its
 variance is that of the keypoint plus that of the joint without it, so a keypoint teaches by the
-share that is its own, and not at all where the joint is the vaguer of the two: there the process
-noise would be learned. The median is what is compared, so that wild joints count as one each.
+square of the share that is its own: where the joint is the vaguer of the two, the process noise
+would be learned. The median is what is compared, so that wild joints count as one each.
 
 A camera's factor is drawn to the mean of all cameras, and that to the noise file: most sites run
 one detector, and a camera that seldom looks knows little by itself. What a score is worth is of
@@ -30,7 +30,6 @@ LOG, COUNT = 0, 1  # of the last axis of `Belief.noise`
 ALIKE = 60.0  # keypoints that the other cameras' mean counts for
 MEMORY = 10_000.0  # keypoints of a camera: a minute of five people who are seen all the time
 MOST = 5.0  # the factor and its inverse
-LEAST_SHARE = 0.2  # of a residual's variance that must be the keypoint's own
 MOST_LEVERAGE = 0.9
 # The filter takes joints for independent, which they are not: it is best where it takes keypoints
 # for this much noisier than they are. Shipped files hold it already where people are large.

@@ -18,7 +18,6 @@ from e3pose.estimate.filter.learned_noise import (
     CAUTION,
     COUNT,
     LEAST_KNOWN,
-    LEAST_SHARE,
     LOG,
     MEDIAN,
     MEMORY,
@@ -195,22 +194,21 @@ def _compare(
         own = views.variances[row, joint] * own_share
         total = own + variance_px2 / left
         share = own / total
-        if share > LEAST_SHARE:
-            compare_shift(
-                camera,
-                share,
-                (du + bias_px[joint, 0]) / left,
-                (dv + bias_px[joint, 1]) / left,
-                total,
-                detectors,
-            )
-            lean = _leaning(views.weights[row, joint])
-            beyond = squares / (left * left) > MEDIAN * total
-            surprise = share * (0.5 if beyond else -0.5) / SLOPE
-            detectors.fresh[camera] += share * share
-            detectors.steps[camera] += surprise
-            detectors.fresh[tilt] += (share * lean) ** 2
-            detectors.steps[tilt] += surprise * lean
+        compare_shift(
+            camera,
+            share,
+            (du + bias_px[joint, 0]) / left,
+            (dv + bias_px[joint, 1]) / left,
+            total,
+            detectors,
+        )
+        lean = _leaning(views.weights[row, joint])
+        beyond = squares / (left * left) > MEDIAN * total
+        surprise = share * (0.5 if beyond else -0.5) / SLOPE
+        detectors.fresh[camera] += share * share
+        detectors.steps[camera] += surprise
+        detectors.fresh[tilt] += (share * lean) ** 2
+        detectors.steps[tilt] += surprise * lean
 
 
 @kernel
