@@ -103,6 +103,11 @@ def test_smoothed_poses_are_figures_and_rows(
         (["--smooth", "best"], "best"),
         (["--smooth", "rts", "--store", "live.db"], "found with --smooth"),
         (["--cutoff", "6Hz"], "--cutoff"),
+        (["--delay", "200"], "--delay: found '200', expected"),
+        (["--delay", "5s"], "--delay: found 5000, expected 0 to 2000"),
+        (["--delay", "200ms", "--smooth", "rts"], "--delay: found with --smooth"),
+        (["--delay", "200ms", "--store", "live.db"], "found with --delay"),
+        (["--delay", "200ms", "--pipeline", "paper"], "--delay: found with the pipeline paper"),
         (["--bogus", "1"], "bogus"),
     ],
 )

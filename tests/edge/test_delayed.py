@@ -2,24 +2,32 @@
 
 from __future__ import annotations
 
+import csv
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from tests.cli.commands import run
 from tests.edge.one_process import site_at_work
 from tests.waiting import eventually
 
+from e3pose.edge.outbox import Outbox
+from e3pose.edge.publisher import Publisher
 from e3pose.errors import InputError
 from e3pose.estimate.base import People
 from e3pose.estimate.smooth.delayed import Delayed, lag_slots
 from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.evaluate.smoothed import smooth_records
-from e3pose.recording import Recording
+from e3pose.recording import Recording, save_recording
+from e3pose.runtime.clock import ManualClock
+from e3pose.settings.edge import EdgeSettings
 from e3pose.settings.site_file import load_site
 from e3pose.simulate import SceneSettings, simulate
 from e3pose.wire.arrays import unpack
+from e3pose.wire.codec import decode
+from e3pose.wire.site_messages import Poses
 
 
 @cache
@@ -86,3 +94,41 @@ def test_the_papers_pipeline_has_nothing_to_smooth_with(tmp_path: Path) -> None:
     )
     with pytest.raises(InputError, match="smooth_delay_ms: found with the pipeline paper"):
         load_site(tmp_path / "site.toml")
+
+
+def test_a_replay_with_a_delay_writes_what_an_edge_publishes(tmp_path: Path) -> None:
+    save_recording(scene(), tmp_path / "ring")
+    poses = tmp_path / "poses.csv"
+    words = ["--policy", "round-robin", "--cameras", "2", "--delay", "200ms"]
+    assert run("replay", str(tmp_path / "ring"), *words, "--poses", str(poses)) == 0
+    rows = list(csv.DictReader(poses.read_text().splitlines()))
+    written = {
+        (int(row["slot"]), int(row["track"]), row["joint"]): [float(row[axis]) for axis in "xyz"]
+        for row in rows
+    }
+
+    settings = EdgeSettings("lab", scene().skeleton.joints, 0.1, (), smooth_delay_s=0.2)
+    outbox, clock = Outbox(), ManualClock()
+    publisher = Publisher(settings, scene().rig, scene().interval_s, outbox, clock)
+    people: list[People] = []
+    replayed = replay(
+        scene(), ReplaySettings(policy="round-robin", num_selected=2), publish=people.append
+    )
+    none = np.zeros(len(scene().rig), dtype=bool)
+    for record in replayed:
+        publisher.publish(record.slot, 0, people[-1], {}, none)
+        publisher.publish_delayed(record, 0, busy=False)
+    published: list[Poses] = []
+
+    def keep(topic: str, payload: bytes, slot: int) -> None:
+        if topic.endswith("/poses-delayed"):
+            published.append(decode(payload, Poses, "edge"))
+
+    outbox.send_waiting(keep)
+    assert len(published) >= 20
+    for message in published:
+        joints_m = unpack(message.joints_m)
+        for person, track in enumerate(unpack(message.track_ids).tolist()):
+            for joint, place_m in zip(message.joints, joints_m[person], strict=True):
+                row = written.get((message.slot, track, joint), [np.nan] * 3)
+                np.testing.assert_allclose(row, place_m, atol=2e-4)

@@ -13,6 +13,7 @@ from e3pose.cli.fault_options import FaultOptions
 from e3pose.cli.options import (
     GOAL,
     OUTPUT,
+    SMOOTHING,
     EnergyOptions,
     LoopOptions,
     Redetect,
@@ -26,6 +27,7 @@ from e3pose.cli.progress import track_progress
 from e3pose.cli.smoothing import SmoothOptions
 from e3pose.cli.storing import StoreOptions
 from e3pose.errors import InputError
+from e3pose.quantities import duration_s
 
 if TYPE_CHECKING:
     from e3pose.estimate.base import People, Posterior
@@ -50,8 +52,11 @@ class OutputOptions:
     json_file: JsonFile = None
     """Write the figures here as JSON; - is standard output."""
 
-    def check(self, recording: Path, store: StoreOptions, smoothed: bool) -> None:
-        """Raise `InputError` before the replay for files that could not be written."""
+    def check(self, recording: Path, store: StoreOptions, smoothed: str | None) -> None:
+        """Raise `InputError` before the replay for files that could not be written.
+
+        `smoothed` is the option by which poses are smoothed, if any.
+        """
         from e3pose.evaluate.poses_table import check_poses_path
 
         if self.poses is not None:
@@ -61,9 +66,9 @@ class OutputOptions:
             raise InputError(f"--report: found {found}, expected a name ending in .html")
         if store.store is not None or store.keep or store.max_size:
             store.retention()
-        if store.store is not None and smoothed:
+        if store.store is not None and smoothed is not None:
             raise InputError(
-                "--store: found with --smooth, expected one of them; smooth later with "
+                f"--store: found with {smoothed}, expected one of them; smooth later with "
                 "e3pose export"
             )
         files = {"--poses": self.poses, "--json": self.json_file, "--report": self.report}
@@ -111,6 +116,7 @@ def replay(
     faults: FaultOptions = FAULTS,
     store: StoreOptions = STORE,
     smooth: SmoothOptions = SMOOTH,
+    delay: Annotated[str | None, Parameter(group=SMOOTHING)] = None,
     detector: Redetect = None,
     outputs: OutputOptions = OUTPUTS,
 ) -> None:
@@ -121,7 +127,8 @@ def replay(
     Set one goal: cameras per slot (`--cameras 2`), accuracy (`--target-error 40mm`) or battery
     life (`--lifetime 6h --battery-wh 50`). A lifetime also combines with either of the others.
 
-    With `--smooth`, poses, report and figures also use later slots; the selection is unchanged.
+    With `--smooth`, poses, report and figures also use all later slots, with `--delay 200ms` those
+    of the next 200 ms, as an edge publishes them with the same option; the selection is unchanged.
 
     The command prints accuracy (if the recording has truth), camera use and energy saved.
 
@@ -134,6 +141,9 @@ def replay(
         information. Default: set by --pipeline.
     cameras
         Cameras per slot C; a mean such as 1.5 is allowed. Default: 2, and 3 with --pipeline paper.
+    delay
+        Smooth the poses with the slots of this time after them, such as 200ms, as the delayed poses
+        of a live site.
     """
     from e3pose.cli.placed import load_placed
     from e3pose.cli.storing import stored
@@ -143,9 +153,11 @@ def replay(
     from e3pose.settings.parts import noise_warning
 
     smoothing = smooth.settings()
-    outputs.check(recording, store, smoothing.method is not None)
+    delay_s = delay_of(delay, smoothing.method, loop.pipeline)
+    smoothed = "--delay" if delay_s else "--smooth" if smoothing.method else None
+    outputs.check(recording, store, smoothed)
     source = faults.downsampled(load_placed(recording))
-    smoother = Smoother(source, smoothing)
+    smoother = Smoother(source, smoothing, delay_s)
     asked = loop.settings(policy, cameras)
     with as_typed(options_of(LoopOptions, EnergyOptions, more=("cameras", "policy", "detector"))):
         plan = energy.settings().plan(source.rig.camera_ids, source.interval_s, source.battery_wh)
@@ -171,30 +183,61 @@ def replay(
         battery_wh=plan.battery_wh,
     )
     notes = () if read_view is None else (read_view.words(),)
-    summary = replace(figures, smooth=smoothing.method, notes=(*figures.notes, *notes))
+    summary = replace(figures, smooth=smoother.words, notes=(*figures.notes, *notes))
     outputs.write(source, records, summary, notes, store.file())
 
 
-class Smoother:
-    """Smooths the poses of a replay, if that is asked for."""
+def delay_of(delay: str | None, method: str | None, pipeline: str) -> float:
+    """Return the seconds of `--delay`, 0 without it; raise `InputError` for what it cannot be."""
+    if delay is None:
+        return 0.0
+    from e3pose.settings.limits import check_smooth_delay
 
-    def __init__(self, source: Recording, settings: SmoothSettings) -> None:
-        """Start without slots."""
+    if method is not None:
+        raise InputError("--delay: found with --smooth, expected one of them")
+    with as_typed({"": "--delay", "smooth_delay_ms": "--delay"}):
+        delay_s = duration_s(delay)
+        check_smooth_delay(1e3 * delay_s, pipeline)
+    return delay_s
+
+
+class Smoother:
+    """Smooths the poses of a replay, if that is asked for.
+
+    Attributes:
+        words: how; None for not at all.
+    """
+
+    def __init__(self, source: Recording, settings: SmoothSettings, delay_s: float) -> None:
+        """Start without slots.
+
+        Args:
+            source: what is replayed.
+            settings: of smoothing with all slots.
+            delay_s: of smoothing with the slots of this time after each; 0 for none.
+        """
         self._source, self._settings = source, settings
         self._posteriors: list[Posterior] = []
+        self._lag_slots: int | None = None
+        self.words: str | None = settings.method
+        if delay_s:
+            from e3pose.estimate.smooth.delayed import lag_slots
+
+            self._lag_slots = lag_slots(delay_s, source.interval_s)
+            self.words = f"{1e3 * self._lag_slots * source.interval_s:.0f} ms later"
 
     def keep(self, people: People) -> None:
         """Keep what smoothing with the filter's motion model needs of a slot."""
-        if self._settings.method == "rts" and people.posterior is not None:
+        if (self._lag_slots or self._settings.method == "rts") and people.posterior is not None:
             self._posteriors.append(people.posterior)
 
     def smoothed(self, records: list[SlotRecord]) -> list[SlotRecord]:
         """Return the records with smoothed poses."""
-        if self._settings.method is None:
+        if self.words is None:
             return records
         from e3pose.evaluate.smoothed import smooth_poses, smooth_records
 
         skeleton, interval_s = self._source.skeleton, self._source.interval_s
         if self._posteriors:
-            return smooth_records(records, self._posteriors, skeleton)
+            return smooth_records(records, self._posteriors, skeleton, self._lag_slots)
         return smooth_poses(records, skeleton, interval_s, self._settings)

@@ -16,6 +16,17 @@ def check_within(thing: str, value: float, low: float, high: float) -> None:
         raise InputError(thing, f"{value:g}", f"{low:g} to {high:g}")
 
 
+def check_smooth_delay(delay_ms: float, pipeline: str) -> None:
+    """Raise `InputError` for a delay after which no poses can be smoothed; 0 is for none."""
+    check_within("smooth_delay_ms", delay_ms, 0, 2_000)
+    if delay_ms and pipeline == "paper":
+        raise InputError(
+            "smooth_delay_ms",
+            "with the pipeline paper, whose estimator has nothing to smooth with",
+            "the pipeline memory",
+        )
+
+
 def check_camera(
     wake_s: float, delay_ms: float, battery_wh: float | None, threads: int | None
 ) -> None:

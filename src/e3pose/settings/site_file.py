@@ -21,7 +21,14 @@ from e3pose.quantities import age_s, duration_s, size_bytes
 from e3pose.runtime.plugins import beside as own_beside
 from e3pose.runtime.plugins import is_own
 from e3pose.settings.energy import EnergySettings, IdleMode
-from e3pose.settings.limits import Rotation, check_camera, check_source, check_within, near
+from e3pose.settings.limits import (
+    Rotation,
+    check_camera,
+    check_smooth_delay,
+    check_source,
+    check_within,
+    near,
+)
 from e3pose.settings.loop import LoopSettings
 from e3pose.wire.access import split_endpoint
 from e3pose.wire.topics import check_site
@@ -260,13 +267,7 @@ class SiteTable:
     def __post_init__(self) -> None:
         check_within("fps", self.fps, 0.1, 1000)
         check_within("deadline_ms", self.deadline_ms, 0, 60_000)
-        check_within("smooth_delay_ms", self.smooth_delay_ms, 0, 2_000)
-        if self.smooth_delay_ms and self.loop.pipeline == "paper":
-            raise InputError(
-                "smooth_delay_ms",
-                "with the pipeline paper, whose estimator has nothing to smooth with",
-                "the pipeline memory",
-            )
+        check_smooth_delay(self.smooth_delay_ms, self.loop.pipeline)
         check_within("pace", self.pace, 1e-3, 1)
         if isinstance(self.lead, int):
             check_within("lead", self.lead, 1, 60)
