@@ -72,6 +72,29 @@ def test_people_stand_where_the_edge_says(page: Page, watched: Watched) -> None:
     assert page.messages == []
 
 
+def test_a_switch_shows_the_smoothed_poses_and_how_late_they_are(
+    page: Page, watched: Watched
+) -> None:
+    follow(page, watched)
+    watched.publish(20)
+    assert page.shows("where", "slot 20")
+    assert page.run("document.getElementById('when').hidden")
+    watched.publish_smoothed(15)
+    watched.publish(21)
+    assert eventually(lambda: not page.run("document.getElementById('when').hidden"))
+    assert page.text("smoothed-ms") == "200"
+    page.run("document.getElementById('smoothed').click()")
+    assert page.shows("where", "slot 15 · smoothed, published after 231 ms")
+    ankle = 1000 * (record(15).poses.joints_m[1][[13, 15]].mean(axis=0) + [3.0, 0.0, 0.0])
+    assert eventually(lambda: at(page, *ankle) == TRACK_11)
+    watched.publish(22)
+    watched.publish_smoothed(16)
+    assert page.shows("where", "slot 16")
+    page.run("document.getElementById('now').click()")
+    assert page.shows("where", "slot 22")
+    assert "smoothed" not in page.text("where") and page.messages == []
+
+
 def test_past_is_played_from_the_store_and_the_present_found_again(
     page: Page, watched: Watched
 ) -> None:

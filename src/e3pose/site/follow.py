@@ -5,6 +5,7 @@ from __future__ import annotations
 import datetime
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -52,8 +53,16 @@ class Follower:
         transport: Transport,
         on_poses: Callable[[Poses], object] | None = None,
         on_status: Callable[[Status], object] | None = None,
+        on_delayed: Callable[[Poses], object] | None = None,
     ) -> None:
-        """Start to follow; the callbacks run on a thread of the transport."""
+        """Start to follow; the callbacks run on a thread of the transport.
+
+        Args:
+            transport: to the site.
+            on_poses: called with the poses that are followed.
+            on_status: called with each status.
+            on_delayed: called with the smoothed poses as well, beside those at once.
+        """
 
         def take_status(_topic: str, payload: bytes) -> None:
             try:
@@ -74,9 +83,16 @@ class Follower:
             if on_poses is not None:
                 on_poses(self.poses)
 
+        def take_delayed(_topic: str, payload: bytes) -> None:
+            with suppress(InputError):  # as a site that sends none
+                assert on_delayed is not None
+                on_delayed(decode(payload, Poses, "edge"))
+
         transport.subscribe(topics.of_site(self.site, "status"), take_status)
         which = "poses-delayed" if self.delayed else "poses"
         transport.subscribe(topics.of_site(self.site, which), take_poses)
+        if on_delayed is not None:
+            transport.subscribe(topics.of_site(self.site, "poses-delayed"), take_delayed)
 
 
 def operator_of(link: Link) -> str | None:

@@ -12,7 +12,7 @@ import msgspec
 import numpy as np
 import pytest
 from tests.memory_transport import Hub
-from tests.site.web.watched import Watched, poses, status
+from tests.site.web.watched import FPS, Watched, poses, status
 from tests.waiting import eventually
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection
@@ -56,6 +56,38 @@ def test_socket_says_what_the_edge_published(watched: Watched, form: str, read: 
     missing = slot["people"][1]["joints_m"][3]
     assert missing == [None] * 3 if form == "json" else np.isnan(missing).all()
     assert eventually(lambda: watched.view.feed.followers == 0)
+
+
+def test_smoothed_slots_are_followed_in_place_of_those_at_once(watched: Watched) -> None:
+    watched.publish(10)
+    with watched.client() as client:
+        assert client.get("/api/status").json()["smoothed_ms"] is None
+    watched.publish(15)
+    watched.publish_smoothed(10)
+    url = watched.view.url.replace("http", "ws", 1)
+    with connect_socket(f"{url}api/live?delayed=true") as late, socket(watched) as now:
+        first = [json.loads(late.recv(10)) for _ in range(3)]
+        at_once = [json.loads(now.recv(10)) for _ in range(3)]
+        assert [each["type"] for each in first] == ["edge", "status", "slot"]
+        assert first[1]["smoothed_ms"] == 200.0
+        slot = first[2]
+        assert (slot["slot"], slot["delay_ms"]) == (10, 200.0)
+        assert slot["people"][1]["joints_m"][0][0] == 4.0
+        assert slot["selected"] == ["c0", "c1"] and slot["arrived"] == ["c0"]
+        assert slot["published_ns"] - slot["time_ns"] == 231_000_000
+        assert (at_once[2]["slot"], at_once[2]["delay_ms"]) == (15, 0.0)
+        watched.publish(16)
+        watched.publish_smoothed(11)
+        assert json.loads(late.recv(10))["type"] == json.loads(now.recv(10))["type"] == "status"
+        assert json.loads(late.recv(10))["slot"] == 11
+        assert json.loads(now.recv(10))["slot"] == 16
+    with watched.client() as client, client.stream("GET", "/api/live?delayed=true") as answer:
+        found = [line for line, _ in zip(answer.iter_lines(), range(10), strict=False)]
+    assert json.loads(found[9].removeprefix("data: "))["slot"] == 11
+    watched.publish(15 + round((QUIET_S + 1) * FPS))  # none came lately
+    with watched.client() as client:
+        assert client.get("/api/status").json()["smoothed_ms"] is None
+        assert client.get("/api/live?delayed=perhaps").status_code == 422
 
 
 def test_events_come_one_after_the_other(watched: Watched) -> None:
@@ -157,7 +189,7 @@ def test_so_many_and_no_more_follow() -> None:
 
 
 def test_an_event_is_encoded_once_for_all() -> None:
-    event = event_of_status(status(3))
+    event = event_of_status(status(3), None)
     encoded = [b""] * 4
 
     def take(row: int) -> None:

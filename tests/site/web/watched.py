@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import httpx
+import msgspec
 import numpy as np
 from tests.memory_transport import Hub, MemoryTransport
 from tests.rigs import looking
@@ -22,7 +23,7 @@ from e3pose.settings.live import live_site
 from e3pose.settings.site_file import load_site
 from e3pose.site.web.program import View, open_view
 from e3pose.store import EnergyReading, Event, Run, StoreWriter
-from e3pose.wire.arrays import pack
+from e3pose.wire.arrays import pack, unpack
 from e3pose.wire.codec import encode
 from e3pose.wire.site_messages import CameraStatus, Poses, Status
 
@@ -106,6 +107,16 @@ class Watched:
         """Send the status of the site and its people."""
         self.edge.publish("e3pose/lab/status", encode(status(slot)))
         self.edge.publish("e3pose/lab/poses", encode(poses(slot, blind)))
+
+    def publish_smoothed(self, slot: int, delay_ms: float = 200.0) -> None:
+        """Send the people of a slot once more, 3 m to the right, as late as the delay."""
+        late = poses(slot)
+        joints_m = unpack(late.joints_m) + np.array([3.0, 0.0, 0.0], dtype=np.float32)
+        smoothed = msgspec.structs.replace(
+            late, joints_m=pack(joints_m), selected=(), arrived=(), delay_ms=delay_ms,
+            published_edge_ns=late.time_edge_ns + round(1e6 * delay_ms) + 31_000_000,
+        )  # fmt: skip
+        self.edge.publish("e3pose/lab/poses-delayed", encode(smoothed))
 
 
 @contextmanager

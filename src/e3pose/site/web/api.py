@@ -65,7 +65,8 @@ def make_api(
     def status() -> dict[str, Any]:
         if feed.status is None:
             raise HTTPException(404, "no status yet: the edge does not run, or just started")
-        return {**status_body(feed.status), "silent_s": feed.silent_s()}
+        late = {"silent_s": feed.silent_s(), "smoothed_ms": feed.smoothed_ms()}
+        return {**status_body(feed.status), **late}
 
     @api.get("/poses", summary="Stored poses", response_model=PosePage)
     def poses(

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
+from e3pose.model.zone_event import ZoneEvent
 from e3pose.site.connect import LiveSlot, live_slot
 from e3pose.site.follow import Follower
 from e3pose.site.web.schemas import (
@@ -32,6 +34,13 @@ class TooMany(Exception):
     """There are as many followers as the server takes, in all or from one address."""
 
 
+class Place(NamedTuple):
+    """Where a follower is, and whether it follows the smoothed poses."""
+
+    address: str
+    delayed: bool
+
+
 @dataclass(eq=False)
 class Feed:
     """The newest messages of a site, and a queue for each follower.
@@ -41,7 +50,9 @@ class Feed:
         slot: the newest; None before the first.
         status: likewise.
         zones: who is in which.
-        recent: the newest slots by number, for pictures, which come later.
+        delayed_zones: likewise by the smoothed poses.
+        delayed: the newest one that was smoothed; None before the first.
+        recent: the newest slots by number, for pictures and smoothed poses, which come later.
         heard_ns: when the edge was last heard, nanoseconds since 1970; None before the first time.
         now_s: a clock that only goes forward.
         quiet_s: without a word of the edge, until it is told to be gone.
@@ -51,6 +62,8 @@ class Feed:
     slot: LiveSlot | None = None
     status: Status | None = None
     zones: Zones = field(default_factory=lambda: Zones(()))
+    delayed: LiveSlot | None = None
+    delayed_zones: Zones = field(default_factory=lambda: Zones(()))
     recent: dict[int, LiveSlot] = field(default_factory=dict)
     heard_ns: int | None = None
     now_s: Callable[[], float] = time.monotonic
@@ -58,12 +71,15 @@ class Feed:
     _heard_s: float = 0.0
     _slot_s: float = 0.0
     _there: bool = False  # what followers were told
-    _queues: dict[asyncio.Queue[Encoded], str] = field(default_factory=dict)  # to addresses
+    _queues: dict[asyncio.Queue[Encoded], Place] = field(default_factory=dict)
     _loop: asyncio.AbstractEventLoop | None = None
 
     def listen(self, transport: Transport) -> None:
         """Follow the site from now on."""
-        Follower(self.site).listen(transport, self._take_poses, self._take_status)
+        self.delayed_zones = self.zones
+        Follower(self.site).listen(
+            transport, self._take_poses, self._take_status, self._take_delayed
+        )
 
     def attach(self, loop: asyncio.AbstractEventLoop | None) -> None:
         """Serve followers on this event loop from now on; None stops."""
@@ -76,7 +92,7 @@ class Feed:
 
     def full(self, address: str) -> bool:
         """Return whether no more can follow from an address."""
-        held = list(self._queues.values())
+        held = [place.address for place in self._queues.values()]
         return len(held) >= MAX_FOLLOWERS or held.count(address) >= MAX_OF_ADDRESS
 
     def silent_s(self) -> float | None:
@@ -95,6 +111,14 @@ class Feed:
         said_ns = self.slot.published_ns or self.slot.time_ns
         return said_ns + round((self.now_s() - self._slot_s) * 1e9)
 
+    def smoothed_ms(self) -> float | None:
+        """Return how late smoothed poses come; None where the edge publishes none lately."""
+        if self.slot is None or self.delayed is None:
+            return None
+        behind_ms = (self.slot.time_ns - self.delayed.time_ns) / 1e6
+        lately_ms = self.delayed.delay_ms + 1e3 * QUIET_S
+        return self.delayed.delay_ms if behind_ms < lately_ms else None
+
     def slot_at(self, time_ns: int) -> LiveSlot | None:
         """Return the slot nearest to a time by the edge's clock; None without slots."""
         slots = list(self.recent.values())
@@ -109,11 +133,14 @@ class Feed:
             await asyncio.sleep(WATCH_S)
 
     @asynccontextmanager
-    async def follow(self, address: str) -> AsyncIterator[asyncio.Queue[Encoded]]:
+    async def follow(
+        self, address: str, delayed: bool = False
+    ) -> AsyncIterator[asyncio.Queue[Encoded]]:
         """Yield a queue with the edge, the newest status and slot first, and then all that comes.
 
         Args:
             address: of the follower.
+            delayed: whether slots are the smoothed ones, in place of those at once.
 
         Raises:
             TooMany: when there are `MAX_FOLLOWERS` already, or `MAX_OF_ADDRESS` of the address.
@@ -123,10 +150,11 @@ class Feed:
         queue: asyncio.Queue[Encoded] = asyncio.Queue(MAX_WAITING)
         queue.put_nowait(event_of_edge(self._there, self.heard_ns))
         if self.status is not None:
-            queue.put_nowait(event_of_status(self.status))
-        if self.slot is not None:
-            queue.put_nowait(event_of_slot(self.slot, self.zones.counts()))
-        self._queues[queue] = address
+            queue.put_nowait(event_of_status(self.status, self.smoothed_ms()))
+        slot, zones = (self.delayed, self.delayed_zones) if delayed else (self.slot, self.zones)
+        if slot is not None:
+            queue.put_nowait(event_of_slot(slot, zones.counts()))
+        self._queues[queue] = Place(address, delayed)
         try:
             yield queue
         finally:
@@ -146,25 +174,41 @@ class Feed:
         while len(self.recent) > MAX_RECENT:
             self.recent.pop(next(iter(self.recent)), None)
         self.zones, events = advance(self.zones, self.slot)
-        if self._queues:
-            self._hand_on(event_of_slot(self.slot, self.zones.counts()))
+        self._tell(self.slot, self.zones, events, delayed=False)
+
+    def _take_delayed(self, poses: Poses) -> None:
+        late = live_slot(poses)
+        then = self.recent.get(late.slot)
+        if then is not None:  # smoothed poses say nothing of cameras
+            late = replace(late, selected=then.selected, arrived=then.arrived, blind=then.blind)
+        self.delayed = late
+        self.delayed_zones, events = advance(self.delayed_zones, late)
+        self._tell(late, self.delayed_zones, events, delayed=True)
+
+    def _tell(
+        self, slot: LiveSlot, zones: Zones, events: Sequence[ZoneEvent], delayed: bool
+    ) -> None:
+        if any(place.delayed == delayed for place in list(self._queues.values())):
+            self._hand_on(event_of_slot(slot, zones.counts()), delayed)
             for event in events:
-                self._hand_on(event_of_zone(event))
+                self._hand_on(event_of_zone(event), delayed)
 
     def _take_status(self, status: Status) -> None:
         self._hear()
         self.status = status
         if self._queues:
-            self._hand_on(event_of_status(status))
+            self._hand_on(event_of_status(status, self.smoothed_ms()))
 
-    def _hand_on(self, event: Encoded) -> None:
+    def _hand_on(self, event: Encoded, delayed: bool | None = None) -> None:
         loop = self._loop  # read once: another thread detaches it
         if loop is not None:
             with suppress(RuntimeError):  # closed
-                loop.call_soon_threadsafe(self._put, event)
+                loop.call_soon_threadsafe(self._put, event, delayed)
 
-    def _put(self, event: Encoded) -> None:
-        for queue in self._queues:
+    def _put(self, event: Encoded, delayed: bool | None = None) -> None:
+        for queue, place in self._queues.items():
+            if delayed is not None and place.delayed != delayed:
+                continue
             if queue.full():
                 queue.get_nowait()
             queue.put_nowait(event)

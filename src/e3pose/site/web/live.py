@@ -5,9 +5,9 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator
 from contextlib import suppress
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from fastapi import APIRouter, HTTPException, Request, WebSocket, WebSocketDisconnect
+from fastapi import APIRouter, HTTPException, Query, Request, WebSocket, WebSocketDisconnect
 from fastapi.responses import StreamingResponse
 
 from e3pose.site.web.access import PROTOCOL
@@ -17,6 +17,9 @@ from e3pose.site.web.schemas import Encoded
 KEEP_ALIVE_S = 15.0  # a comment for proxies between that close what is silent
 FULL = "as many live views as the server takes, in all or from one address: close another"
 FULL_CODE = 1013  # of a WebSocket: try again later
+Delayed = Annotated[
+    bool, Query(description="slots are the smoothed ones that the edge publishes later")
+]
 EVENTS: dict[int | str, dict[str, Any]] = {
     200: {
         "content": {"text/event-stream": {"schema": {"type": "string"}}},
@@ -32,13 +35,13 @@ def make_live(feed: Feed) -> APIRouter:
 
     @live.get("/live", summary="Slots and status as they come", response_class=StreamingResponse,
               responses=EVENTS)  # fmt: skip
-    async def events(request: Request) -> StreamingResponse:
+    async def events(request: Request, delayed: Delayed = False) -> StreamingResponse:
         address = _address(request.state)
         if feed.full(address):
             raise HTTPException(503, FULL)
 
         async def stream() -> AsyncIterator[bytes]:
-            async with feed.follow(address) as queue:
+            async with feed.follow(address, delayed) as queue:
                 yield b"retry: 1000\n\n"
                 while True:
                     try:
@@ -50,11 +53,13 @@ def make_live(feed: Feed) -> APIRouter:
         return StreamingResponse(stream(), media_type="text/event-stream")
 
     @live.websocket("/live")
-    async def socket(websocket: WebSocket, format: Literal["json", "msgpack"] = "json") -> None:
+    async def socket(
+        websocket: WebSocket, format: Literal["json", "msgpack"] = "json", delayed: Delayed = False
+    ) -> None:
         offered = websocket.scope.get("subprotocols") or []
         await websocket.accept(PROTOCOL if PROTOCOL in offered else None)
         try:
-            async with feed.follow(_address(websocket.state)) as queue:
+            async with feed.follow(_address(websocket.state), delayed) as queue:
                 await _serve(websocket, queue, format)
         except TooMany:
             await websocket.close(FULL_CODE, FULL)

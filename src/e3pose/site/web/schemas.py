@@ -106,15 +106,16 @@ def event_of_slot(slot: LiveSlot, zones: Mapping[str, int]) -> Encoded:
         "stored_from": slot.stored_from,
         "stored_to": slot.stored_to,
         "store_shed": slot.store_shed,
+        "delay_ms": slot.delay_ms,
         "people": people(slot.track_ids, slot.joints_m, slot.sigma_m, slot.measured),
         "zones": dict(zones),
     }
     return Encoded("slot", body)
 
 
-def event_of_status(status: Status) -> Encoded:
-    """Return the event of a status."""
-    return Encoded("status", status_body(status))
+def event_of_status(status: Status, smoothed_ms: float | None) -> Encoded:
+    """Return the event of a status, with the delay of smoothed poses; None without them."""
+    return Encoded("status", {**status_body(status), "smoothed_ms": smoothed_ms})
 
 
 def event_of_edge(there: bool, heard_ns: int | None) -> Encoded:

@@ -51,7 +51,8 @@ function prepared(slot, selected, arrived) {
     joints: person.joints_m.flatMap((point) => (point[0] === null ? [null, null, null] : point.map((v) => 1000 * v))),
     radii: person.sigma_m.map((sigma) => (sigma === null ? null : 1000 * NINETY * sigma)),
   }));
-  return { slot: slot.slot, t, people, selected: new Set(selected), arrived: new Set(arrived), blind: slot.blind || "" };
+  const late_ms = slot.delay_ms ? (slot.published_ns - slot.time_ns) / 1e6 : null;
+  return { slot: slot.slot, t, late_ms, people, selected: new Set(selected), arrived: new Set(arrived), blind: slot.blind || "" };
 }
 
 function middle(joints) {
@@ -110,7 +111,8 @@ function show(now) {
     return item;
   });
   byId("people").replaceChildren(...(list.length ? list : ["no people"]));
-  byId("where").textContent = `${clock(now.t)} · slot ${now.slot}`;
+  const late = now.late_ms === null ? "" : ` · smoothed, published after ${number(now.late_ms)} ms`;
+  byId("where").textContent = `${clock(now.t)} · slot ${now.slot}${late}`;
 }
 
 // Nothing is known of a time: nothing is shown of another.
@@ -182,6 +184,9 @@ function showStatus(status) {
     item.append(time, ` ${text}`);
     return item;
   }).reverse());
+  const smoothed_ms = status.smoothed_ms ?? null;
+  byId("when").hidden = mode !== "live" || (smoothed_ms === null && !smoothed);
+  if (smoothed_ms !== null) byId("smoothed-ms").textContent = number(smoothed_ms);
   if (mode !== "live") return;
   showSettings();
   scene.touch();
@@ -225,6 +230,9 @@ function liveNotice(open) {
       ? `The edge is compiling: ${Math.round(status.compiling_s)} s left. Cameras connect meanwhile and get orders then; this happens only at the first start.`
       : "The edge is getting ready. Cameras connect meanwhile; a first start compiles for a minute or so.";
   }
+  if (smoothed && status.smoothed_ms === null) {
+    return `The edge publishes no smoothed poses at present: ${status.overload ? "it is overloaded" : "it was started without a delay"}. Choose “now” to see poses.`;
+  }
   return status.overload || "";
 }
 
@@ -236,11 +244,11 @@ function notice(text) {
 
 // ---- following
 
-let socket = null, pause_ms = 500;
+let socket = null, pause_ms = 500, smoothed = false; // whether the smoothed poses are followed
 const waiting = []; // slots since the last frame: a browser that is slow draws the newest alone
 
 function follow() {
-  const url = `${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/api/live`;
+  const url = `${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/api/live${smoothed ? "?delayed=true" : ""}`;
   socket = new WebSocket(url, token ? ["e3pose", `e3pose.token.${token}`] : ["e3pose"]);
   socket.onmessage = ({ data }) => {
     const event = JSON.parse(data);
@@ -266,6 +274,16 @@ function follow() {
   };
 }
 const listeners = [];
+
+// Follow the smoothed poses, or those at once; what was shown is of the others.
+function followSmoothed(on) {
+  smoothed = on;
+  waiting.length = 0;
+  if (socket) socket.onclose = socket.onmessage = null;
+  if (socket) socket.close();
+  if (mode === "live") showNothing(null);
+  follow();
+}
 
 // ---- control: only what the edge says is shown as its setting
 
@@ -350,6 +368,7 @@ async function start() {
   scene = makeScene(byId("scene"), room, toDraw);
   for (const box of ["sure", "trails"]) byId(box).addEventListener("change", scene.touch);
   byId("live").addEventListener("click", goLive);
+  for (const name of ["now", "smoothed"]) byId(name).addEventListener("change", () => followSmoothed(byId("smoothed").checked));
   byId("strips").addEventListener("pointermove", (event) => (byId("strips").title = byId("strip-said").textContent = atPointer(event)));
   byId("strips").addEventListener("pointerleave", () => (byId("strip-said").textContent = ""));
   byId("play").addEventListener("click", () => setPlaying(!playing));
