@@ -190,7 +190,7 @@ def test_forgotten_people_leave_what_was_learned_of_the_site(
     memory = pipeline.estimator.forget_people(state.memory)
     kept, was = flatten(memory), flatten(state.memory)
     kept_of_site = (
-        "next_id", "failed_pairs", "detection_map", "exits", "noise", "shifts", "time_s",
+        "next_id", "failed_pairs", "detection_map", "noise", "shifts", "time_s",
     )  # fmt: skip
     assert kept.keys() == was.keys()
     for part, array in kept.items():

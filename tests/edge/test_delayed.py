@@ -21,7 +21,7 @@ from e3pose.estimate.smooth.delayed import Delayed, lag_slots
 from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.evaluate.smoothed import smooth_records
 from e3pose.recording import Recording, save_recording
-from e3pose.runtime.clock import ManualClock
+from tests.manual_clock import ManualClock
 from e3pose.settings.edge import EdgeSettings
 from e3pose.settings.site_file import load_site
 from e3pose.simulate import SceneSettings, simulate

@@ -6,19 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from tests.reference.filter_blindness import around, proof
-from tests.reference.filter_exits import measured_m
+from tests.reference.filter_blindness import proof
 from tests.reference.filter_motion import places
 
 from e3pose.estimate.filter.blindness import PLAIN
-from e3pose.estimate.filter.exits import (
-    FOLLOWED,
-    MOST_LEFT_ODDS,
-    PASSED,
-    PRIOR_HZ,
-    PRIOR_S,
-)
-from e3pose.estimate.filter.kernels.shown import ALONE_S, SHOWN_SPREAD_M, WALK_MPS
+from e3pose.estimate.filter.kernels.shown import ALONE_S, LEAVES_HZ, SHOWN_SPREAD_M, WALK_MPS
 from e3pose.estimate.filter.state import Belief, Model
 from e3pose.estimate.filter.steer import GAIN
 from e3pose.estimate.filter.tree import Tree
@@ -26,13 +18,6 @@ from e3pose.estimate.filter.tree import Tree
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Flags = NDArray[np.bool_]
-
-
-def hazard_hz(exits: Floats, places_m: Floats, corner: Floats) -> Floats:
-    """See `kernels.shown.hazard_hz`."""
-    cells, weights = around(places_m - corner)
-    near = (exits[cells[..., 0], cells[..., 1]] * weights[..., None]).sum(axis=-2)
-    return np.asarray((near[:, PASSED] + PRIOR_HZ * PRIOR_S) / (near[:, FOLLOWED] + PRIOR_S))
 
 
 def left_odds(belief: Belief, model: Model) -> Floats:
@@ -46,8 +31,7 @@ def left_odds(belief: Belief, model: Model) -> Floats:
     cameras = np.arange(len(model.rig))
     proofs = proof(belief.detection_map, cameras, places_m, model.corner_m)
     misses = (belief.missed[lost] * proofs.T).sum(axis=1)  # as many as these in plain sight
-    hazard = hazard_hz(belief.exits, measured_m(belief, lost, model), model.corner_m)
-    odds[lost] = hazard * unseen_s[lost] * (1 - PLAIN) ** -misses
+    odds[lost] = LEAVES_HZ * unseen_s[lost] * (1 - PLAIN) ** -misses
     return odds
 
 
@@ -55,7 +39,7 @@ def shown(belief: Belief, model: Model) -> Flags:
     """See `e3pose.estimate.filter.shown.shown`."""
     trace = np.trace(belief.covariance[..., :3, :3], axis1=-2, axis2=-1)
     certain = np.sqrt(trace.min(axis=-1)) < SHOWN_SPREAD_M
-    there = left_odds(belief, model) < MOST_LEFT_ODDS
+    there = left_odds(belief, model) < 1.0
     return np.asarray(belief.confirmed & certain & there & ~led_alone(belief))
 
 

@@ -10,7 +10,6 @@ from tests.reference import (
     filter_agility,
     filter_bias,
     filter_covariance_inflation,
-    filter_exits,
     filter_learned_noise,
     filter_lone_view,
 )
@@ -85,7 +84,6 @@ def step(
     belief = attend(belief, predicted, cameras, fits, assigned >= 0, shares, dt, model)
     fresh = _unexplained(belief, cameras, keypoints, scores, assigned)
     belief = end(give_birth(belief, fresh, cameras, dt, model), model)
-    belief = replace(belief, exits=filter_exits.learn(before, belief, model))
     return belief, estimate_of(belief, model)
 
 

@@ -49,7 +49,6 @@ def shown(belief: Belief, model: Model) -> Flags:
         belief.last_seen_s,
         belief.missed,
         belief.detection_map,
-        belief.exits,
         flags,
     )
     return flags

@@ -26,7 +26,6 @@ OF_THE_SITE = (
     "leftovers",
     "failed_pairs",
     "detection_map",
-    "exits",
     "noise",
     "shifts",
     "next_id",
@@ -191,8 +190,6 @@ class Belief:
             waiting there, by its place in the image, lately (`failed_pairs`).
         detection_map: `(num_cameras, NUM_CELLS, NUM_CELLS, 2)` looks of each camera at people who
             were there, by place, and how many of them showed the person (`blindness`).
-        exits: `(NUM_CELLS, NUM_CELLS, 2)` seconds that people were followed, by place, and how many
-            of them came or left there (`exits`).
         noise: `(num_cameras + 1, 2)` logarithm of the factor on the noise file's sigma that each
             camera's keypoints showed, and how many taught it; last the same of the tilt by score
             (`learned_noise`).
@@ -226,7 +223,6 @@ class Belief:
     leftovers: Leftovers
     failed_pairs: Floats
     detection_map: Floats
-    exits: Floats
     noise: Floats
     shifts: Floats
     next_id: int = 0
@@ -269,7 +265,6 @@ class Belief:
             ),
             failed_pairs=failed_pairs.nothing_known(model.rig),
             detection_map=blindness.nothing_known(model.rig),
-            exits=np.zeros((blindness.NUM_CELLS, blindness.NUM_CELLS, 2)),
             noise=np.zeros((len(model.rig) + 1, 2)),
             shifts=np.zeros((len(model.rig), 3)),
         )

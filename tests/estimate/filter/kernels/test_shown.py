@@ -1,4 +1,4 @@
-"""Who is shown, doors, motion and steering: the compiled form against plain numpy."""
+"""Who is shown, motion and steering: the compiled form against plain numpy."""
 
 from __future__ import annotations
 
@@ -8,11 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 from tests.estimate.filter.room import MODEL, run, see, standing
-from tests.reference import filter_exits, filter_motion, filter_shown
+from tests.reference import filter_motion, filter_shown
 
 from e3pose.estimate.filter import Belief
-from e3pose.estimate.filter.exits import FOLLOWED, PASSED
-from e3pose.estimate.filter.kernels.exits import count_exits
 from e3pose.estimate.filter.kernels.shown import led_alone
 from e3pose.estimate.filter.motion import places
 from e3pose.estimate.filter.shown import shown
@@ -44,7 +42,6 @@ def drawn(follower: Belief, seed: int) -> Belief:
         last_seen_s=np.where(rng.random(seen.shape) < 0.1, np.inf, seen),
         missed=rng.uniform(0, 3, seen.shape),
         detection_map=rng.uniform(0, 30, belief.detection_map.shape) * [1, 0.5],
-        exits=rng.uniform(0, 30, belief.exits.shape),
     )
 
 
@@ -54,20 +51,6 @@ def test_who_is_shown_is_as_in_numpy(follower: Belief, seed: int) -> None:
     np.testing.assert_array_equal(shown(belief, MODEL), filter_shown.shown(belief, MODEL))
     alone = [led_alone(*p, 0.5) for p in zip(belief.state, belief.last_seen_s, strict=True)]
     np.testing.assert_array_equal(alone, filter_shown.led_alone(belief, 0.5))
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_exits_are_counted_as_in_numpy(follower: Belief, seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    places_m = rng.uniform(-2, 2, (8, 2))
-    followed_s = np.where(rng.random(8) < 0.5, np.nan, 0.08)
-    counted = np.zeros((8, 2))
-    counted[:, FOLLOWED] = np.nan_to_num(followed_s)
-    counted[:, PASSED] = np.isnan(followed_s)
-    exits = drawn(follower, seed).exits
-    expected = filter_exits.count_exits(exits, places_m, counted, MODEL.corner_m)
-    count_exits(places_m, followed_s, MODEL.corner_m, exits)
-    np.testing.assert_allclose(exits, expected, rtol=1e-12)
 
 
 @pytest.mark.parametrize("seed", range(5))

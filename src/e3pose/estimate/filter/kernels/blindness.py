@@ -29,34 +29,24 @@ LAST = NUM_CELLS - 1.001
 
 
 @kernel
-def share_at(
-    counts: Floats, place_m: Floats, corner_m: Floats, prior: float, usual: float
-) -> float:
-    """Return how many of what was counted around a place were of the second kind.
+def chance(detection_map: Floats, place_m: Floats, corner_m: Floats) -> float:
+    """Return the probability that a camera detects a person at a place, in (0, 1).
 
     Args:
-        counts: `(num_cells, num_cells, 2)` of all and of those of that kind; the four cells around
-            the place count for as much as it is near to them.
+        detection_map: `(num_cells, num_cells, 2)` of the camera; the four cells around the place
+            count for as much as it is near to them.
         place_m: `(2,)` on the floor.
         corner_m: of the cells.
-        prior: how many are taken for counted before any is.
-        usual: the share of the kind among them.
     """
     column, right = cell(place_m[0] - corner_m[0])
     row, up = cell(place_m[1] - corner_m[1])
-    total, kind = prior, prior * usual
+    total, kind = PRIOR_VIEWS, PRIOR_VIEWS * PLAIN
     for a in range(2):
         for b in range(2):
             weight = (right if a else 1.0 - right) * (up if b else 1.0 - up)
-            total += weight * counts[column + a, row + b, 0]
-            kind += weight * counts[column + a, row + b, 1]
+            total += weight * detection_map[column + a, row + b, 0]
+            kind += weight * detection_map[column + a, row + b, 1]
     return kind / total
-
-
-@kernel
-def chance(detection_map: Floats, place_m: Floats, corner_m: Floats) -> float:
-    """Return the probability that a camera detects a person at a place, in (0, 1)."""
-    return share_at(detection_map, place_m, corner_m, PRIOR_VIEWS, PLAIN)
 
 
 @kernel

@@ -8,10 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.estimate.filter.blindness import PLAIN
-from e3pose.estimate.filter.exits import MOST_LEFT_ODDS, PRIOR_HZ, PRIOR_S
-from e3pose.estimate.filter.kernels.blindness import chance, proof, share_at
+from e3pose.estimate.filter.kernels.blindness import chance, proof
 from e3pose.estimate.filter.kernels.covariance_inflation import learned_factor, spread_factor
-from e3pose.estimate.filter.kernels.exits import place_back
 from e3pose.estimate.filter.kernels.learned_noise import quietest
 from e3pose.estimate.filter.kernels.proportions import keep_all
 from e3pose.estimate.filter.kernels.repeated_errors import (
@@ -34,6 +32,7 @@ HALF_SCORE_M = 0.1  # standard deviation of a joint's position at which its scor
 LEAST_SCORE = 1e-3  # a joint that is known at all is not missing
 ALONE_S, WALK_MPS = 1.2, 0.3  # who walks, led for so long by one camera alone, is not shown
 SHOWN_SPREAD_M = 0.3  # nor who has no joint that is more certain
+LEAVES_HZ = 0.03  # of somebody who is there: once in half a minute
 
 
 @kernel
@@ -46,7 +45,6 @@ def who_is_shown(
     last_seen_s: Floats,
     missed: Floats,
     detection_map: Floats,
-    exits: Floats,
     shown: Flags,
 ) -> None:
     """Fill `shown` `(num_tracks,)`; other arguments are those of `Belief`."""
@@ -64,10 +62,9 @@ def who_is_shown(
                 last_seen_s[track],
                 missed[track],
                 detection_map,
-                exits,
                 corner_m,
             )
-            shown[track] = odds < MOST_LEFT_ODDS
+            shown[track] = odds < 1.0  # who has more likely left than not is followed only
 
 
 @kernel
@@ -100,18 +97,19 @@ def left_odds(
     last_seen_s: Floats,
     missed: Floats,
     detection_map: Floats,
-    exits: Floats,
     corner_m: Floats,
 ) -> float:
-    """Return the odds that a person has left since a view last showed them (`filter.exits`).
+    """Return the odds that a person has left since a view last showed them.
+
+    With the rate h at which people leave, t seconds without a measurement and looks since then
+    that show people there with probabilities p, they are h t / prod (1 - p).
 
     Args:
         root: `(6,)` state of the root of the body.
         last_seen_s: `(num_cameras,)`.
         missed: `(num_cameras,)`.
         detection_map: as in `Belief`.
-        exits: as in `Belief`.
-        corner_m: of the cells of both.
+        corner_m: of its cells.
     """
     unseen_s = np.inf
     for camera in range(len(last_seen_s)):
@@ -121,15 +119,7 @@ def left_odds(
     misses = 0.0  # as many as these in plain sight
     for camera in range(len(missed)):
         misses += missed[camera] * proof(detection_map[camera], root, corner_m)
-    place_m = np.empty(2)
-    place_back(root, unseen_s, place_m)
-    return float(hazard_hz(exits, place_m, corner_m) * unseen_s * (1 - PLAIN) ** -misses)
-
-
-@kernel
-def hazard_hz(exits: Floats, place_m: Floats, corner_m: Floats) -> float:
-    """Return the rate per second at which people leave from a place `(2,)`."""
-    return share_at(exits, place_m, corner_m, PRIOR_S, PRIOR_HZ)
+    return float(LEAVES_HZ * unseen_s * (1 - PLAIN) ** -misses)
 
 
 @kernel

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from e3pose.errors import InputError
-from e3pose.estimate.filter import exits
 from e3pose.estimate.filter.kernels.agility import learn_agility, note_correction, note_place
 from e3pose.estimate.filter.kernels.associate import associate
 from e3pose.estimate.filter.kernels.bias import learn_bias
@@ -148,10 +147,9 @@ class StepKernel:
             memory.waiting.scores[rows],
         )
         self._newest = tuple(column[:num_tracks].copy() for column in memory.tracks)
-        site = leftovers, failed_pairs, detection_map, before.exits.copy(), noise, shifts, next_id
+        site = leftovers, failed_pairs, detection_map, noise, shifts, next_id
         columns: tuple[Any, ...] = (*self._newest, *site)
         belief = Belief(now, *columns)
-        exits.count_slot(before, belief, model)
         return belief, estimate_of(belief, model)
 
     def _room_for(self, model: Model, tracks: int, people: int, old: int) -> Memory:
