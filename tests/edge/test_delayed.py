@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from tests.cli.commands import run
 from tests.edge.one_process import site_at_work
+from tests.manual_clock import ManualClock
 from tests.waiting import eventually
 
 from e3pose.edge.outbox import Outbox
@@ -21,7 +22,6 @@ from e3pose.estimate.smooth.delayed import Delayed, lag_slots
 from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.evaluate.smoothed import smooth_records
 from e3pose.recording import Recording, save_recording
-from tests.manual_clock import ManualClock
 from e3pose.settings.edge import EdgeSettings
 from e3pose.settings.site_file import load_site
 from e3pose.simulate import SceneSettings, simulate

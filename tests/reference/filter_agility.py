@@ -8,7 +8,7 @@ import numpy as np
 from tests.reference.filter_update import Sightings, pixel_variance
 
 from e3pose.estimate.filter.agility import FURTHEST, LASTS_S, RATE, STALE_S
-from e3pose.estimate.filter.kernels.update import OUTLIER_SIGMAS
+from e3pose.estimate.filter.outliers import OUTLIER_SIGMAS
 from e3pose.estimate.filter.state import MIN_SCORE, Belief, Flags, Ints
 from e3pose.geometry.projection import MIN_DEPTH_M, project
 

@@ -15,7 +15,6 @@ from e3pose.estimate.filter.kernels.associate import (
     JOINT_LIMIT,
     MIN_JOINTS,
     NEVER,
-    VAGUE_FIT,
 )
 from e3pose.estimate.filter.state import MIN_SCORE, Belief, Model
 from e3pose.geometry.projection import MIN_DEPTH_M, project
@@ -74,7 +73,6 @@ def associate(
     found = np.flatnonzero(rows >= 0)
     excess = cost[found, rows[found]] - COST_USUAL
     fits[found] = np.clip(1 - excess / (COST_LIMIT - COST_USUAL), 0, 1)
-    fits[found] *= np.exp(-VAGUE_FIT * vagueness[found, rows[found]])
     turned[found] = exchanged[found, rows[found]]
     return rows, fits, turned
 

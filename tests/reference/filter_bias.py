@@ -6,11 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.estimate.filter.bias import (
-    CLIP_SIGMAS,
     LEARNED_S,
     SHORTEST_S,
     MemoryTerms,
 )
+from e3pose.estimate.filter.outliers import MEASURED_SIGMAS
 
 Floats = NDArray[np.float64]
 
@@ -42,7 +42,9 @@ def learn(
     """
     off = np.linalg.norm(error_px, axis=-1) / sigma_px
     blame = (
-        sigma_px**2 / (sigma_px**2 + projected_variance_px2) / np.maximum(off / CLIP_SIGMAS, 1.0)
+        sigma_px**2
+        / (sigma_px**2 + projected_variance_px2)
+        / np.maximum(off / MEASURED_SIGMAS, 1.0)
     )
     rate = np.minimum(terms.most, 1 - np.exp(-since_s / LEARNED_S))
     return np.asarray(bias_px + (rate[:, None] * blame)[..., None] * error_px)

@@ -13,9 +13,7 @@ from tests.reference.triangulate import triangulate
 
 from e3pose.estimate.filter.kernels.births import (
     MAX_ERROR_PX,
-    MAX_EXTENT_M,
     MIN_EXTENT_M,
-    REACH_M,
     SHARED_SCORE,
     START_EXISTENCE,
     START_JOINT_M,
@@ -121,7 +119,7 @@ def _human(joints_m: Floats, model: Model) -> bool:
     extent = (np.nanmax(joints_m, axis=0) - np.nanmin(joints_m, axis=0)).max()
     stature = stature_m(joints_m, model.proportions)
     human = stature == 0 or LEAST_M <= stature <= MOST_M
-    return bool(MIN_EXTENT_M <= extent <= MAX_EXTENT_M) and human and not wide(joints_m, model)
+    return bool(MIN_EXTENT_M <= extent <= MOST_M) and human and not wide(joints_m, model)
 
 
 def _apart(belief: Belief, joints_m: Floats) -> bool:
@@ -134,7 +132,7 @@ def _start(
     belief: Belief, joints_m: Floats, moved_m: float, cameras: NDArray[np.int64], model: Model
 ) -> Belief:
     middle = np.nanmedian(joints_m, axis=0)
-    known = np.nan_to_num(np.linalg.norm(joints_m - middle, axis=-1), nan=np.inf) < REACH_M
+    known = np.isfinite(joints_m[:, 0])
     state = np.zeros((len(known), 6))
     state[:, :3] = np.where(known[:, None], joints_m, middle)
     covariance = np.zeros((len(known), 6, 6))

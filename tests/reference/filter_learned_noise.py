@@ -9,7 +9,6 @@ from tests.reference.filter_update import Sightings, pixel_variance
 
 from e3pose.estimate.filter import bias
 from e3pose.estimate.filter.blindness import PROOF_CAMERAS, PROOF_S
-from e3pose.estimate.filter.kernels.update import OUTLIER_SIGMAS
 from e3pose.estimate.filter.learned_noise import (
     ALIKE,
     MEDIAN,
@@ -21,9 +20,9 @@ from e3pose.estimate.filter.learned_noise import (
     SLOPE,
     STEEPEST,
 )
-from e3pose.estimate.filter.learned_shift import CLIP_SIGMAS, COUNT, LEAST, PRIOR
-from e3pose.estimate.filter.learned_shift import MEMORY as KEPT
+from e3pose.estimate.filter.learned_shift import COUNT, LEAST, PRIOR
 from e3pose.estimate.filter.learned_shift import MOST as FURTHEST
+from e3pose.estimate.filter.outliers import OUTLIER_SIGMAS
 from e3pose.estimate.filter.state import MIN_SCORE, Belief, Flags, Floats, Ints, Model
 from e3pose.geometry.projection import MIN_DEPTH_M, project
 
@@ -122,7 +121,7 @@ def _shifts(
     shifts: Floats, cameras: Ints, residual_px: Floats, share: Floats, total: Floats, model: Model
 ) -> Floats:
     """Return `Belief.shifts` after a slot; residuals are those of the views of `cameras`."""
-    off = np.linalg.norm(residual_px, axis=-1) / np.sqrt(total) / CLIP_SIGMAS
+    off = np.linalg.norm(residual_px, axis=-1) / np.sqrt(total) / OUTLIER_SIGMAS
     weight = share**2 / np.maximum(off, 1.0)
     fresh = weight.sum(axis=(1, 2))
     taught = fresh > 0
@@ -135,7 +134,7 @@ def _shifts(
     mean /= np.maximum(np.linalg.norm(mean, axis=1) / furthest, 1.0)[:, None]
     shifts = shifts.copy()
     shifts[cameras, :COUNT] = mean
-    shifts[cameras, COUNT] = np.minimum(counts + fresh, KEPT)
+    shifts[cameras, COUNT] = np.minimum(counts + fresh, MEMORY)
     return shifts
 
 

@@ -6,13 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.estimate.filter.kernels.proportions import (
-    CONTRADICTED_SIGMAS,
-    ODD_SIGMAS,
     PASSES,
     ROUNDING,
     SHORTEST_M,
     SWEEPS,
 )
+from e3pose.estimate.filter.outliers import MEASURED_SIGMAS, OUTLIER_SIGMAS
 from e3pose.estimate.filter.proportions import Proportions
 from e3pose.model.proportions import (
     LEAST_M,
@@ -46,7 +45,7 @@ def expect(bones_m: Floats, counts: Floats, body: Proportions) -> tuple[Floats, 
         known = prior + each.sum()
         stature = (prior * np.log(STATURE_M) + (each * y).sum()) / known
         stature = np.clip(stature, np.log(LEAST_M), np.log(MOST_M))
-        doubt = np.where(seen, 1 / (1 + (y - stature) ** 2 / total / ODD_SIGMAS**2), 1.0)
+        doubt = np.where(seen, 1 / (1 + (y - stature) ** 2 / total / OUTLIER_SIGMAS**2), 1.0)
     part = 1 / (1 + doubt * w * spreads**2)
     alone = part * spreads**2
     logs = shares + part * stature + (1 - part) * y
@@ -85,7 +84,7 @@ def keep(
             _pull(joints_m, [joint, parent], lengths_m[bone], body.gives[bone], held)
             moved[joint] = np.nan_to_num(joints_m[joint] - before[joint])
     wider_m2 = covariance_m2 + moved[:, :, None] * moved[:, None, :]
-    far = np.linalg.norm(moved, axis=-1) > CONTRADICTED_SIGMAS * sigma_m
+    far = np.linalg.norm(moved, axis=-1) > MEASURED_SIGMAS * sigma_m
     return joints_m, wider_m2, measured & ~far
 
 

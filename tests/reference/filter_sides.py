@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tests.reference.filter_update import pixel_variance
 
+from e3pose.estimate.filter.kernels.existence import LEARN_RATE
 from e3pose.estimate.filter.kernels.sides import (
     APART_S,
     ARMS,
@@ -16,9 +17,7 @@ from e3pose.estimate.filter.kernels.sides import (
     GIVEN,
     LEGS,
     LEGS_ODDS,
-    MOST_MIRRORED,
     PAIR_ODDS,
-    RATE,
     SIDE_PX,
 )
 from e3pose.estimate.filter.state import MIN_SCORE, Belief, Model
@@ -99,9 +98,9 @@ def turn_round(
         for view, camera in enumerate(cameras.tolist()):
             evidence = hits[view] & (exchanged[view] & (limb + GIVEN * limb) > 0)
             since = np.minimum((belief.last_seen_s[:, camera] + dt) / APART_S, 1.0)
-            rate = np.where(evidence, RATE * since, 0.0)
+            rate = np.where(evidence, LEARN_RATE * since, 0.0)
             share = share + rate * ((exchanged[view] & limb > 0) - share)
-        turned = share > MOST_MIRRORED
+        turned = share > 0.5
         mirrored[:, row] = np.where(turned, 1 - share, share)
         joints = limbs == limb
         both = np.ix_(turned, joints)

@@ -54,7 +54,6 @@ def step(
     dt = 0.0 if first else now - belief.time_s
     if dt > LONGEST_S:
         belief = belief.without_people()  # places are known as before
-    before = belief
     belief = predict(replace(belief, time_s=now), dt, model)
     cameras, keypoints, scores = _sorted(
         model, views, filter_learned_noise.shifts_px(belief.shifts, model)

@@ -13,14 +13,12 @@ from tests.reference.filter_tree import Links, conditionals, solve
 from e3pose.estimate.filter.bias import memory_terms
 from e3pose.estimate.filter.kernels.update import (
     BONE_KNOWN_M,
-    BONE_MEMORY,
-    BONE_TEACHERS,
     ITERATIONS,
-    MEASURED_SIGMAS,
-    OUTLIER_SIGMAS,
     USUAL_SLACK_M,
 )
 from e3pose.estimate.filter.motion import places
+from e3pose.estimate.filter.outliers import MEASURED_SIGMAS, OUTLIER_SIGMAS
+from e3pose.estimate.filter.proportions import BONE_MEMORY, BONE_TEACHERS
 from e3pose.estimate.filter.state import MIN_SCORE, Belief, Ints, Model
 from e3pose.geometry.projection import MIN_DEPTH_M, project
 

@@ -7,6 +7,7 @@ import pytest
 from tests.reference import filter_bias
 
 from e3pose.estimate.filter import bias
+from e3pose.estimate.filter.outliers import MEASURED_SIGMAS
 from e3pose.model.noise import ErrorMemory
 
 TERMS = bias.memory_terms(ErrorMemory())
@@ -43,7 +44,7 @@ def test_doubtful_people_and_wild_keypoints_teach_little() -> None:
         return float(learned[0, 0, 0])
 
     assert taught(5, 1000) < 0.1 * taught(5, 0)
-    assert taught(500, 0) == pytest.approx(taught(5.0 * bias.CLIP_SIGMAS, 0))
+    assert taught(500, 0) == pytest.approx(taught(5.0 * MEASURED_SIGMAS, 0))
 
 
 def test_looks_in_quick_succession_are_worth_less() -> None:

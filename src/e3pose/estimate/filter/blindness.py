@@ -29,6 +29,7 @@ MOST_VIEWS = 60.0  # kept per place, a few seconds of one person: things get mov
 VIEWS, SHOWN = 0, 1  # of the last axis
 # So many cameras must have shown a person of late to prove that one is there: what lives on the
 # detections of one camera alone may be a ghost, whose misses would say that all others are blind.
+# A track that no camera has shown for as long ends.
 PROOF_CAMERAS, PROOF_S = 2, 1.0
 
 

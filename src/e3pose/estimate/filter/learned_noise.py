@@ -28,7 +28,7 @@ else:
 
 LOG, COUNT = 0, 1  # of the last axis of `Belief.noise`
 ALIKE = 60.0  # keypoints that the other cameras' mean counts for
-MEMORY = 10_000.0  # keypoints of a camera: a minute of five people who are seen all the time
+MEMORY = 15_000.0  # keypoints of a camera: some minutes of two people who are seen all the time
 MOST = 5.0  # the factor and its inverse
 MOST_LEVERAGE = 0.9
 # The filter takes joints for independent, which they are not: it is best where it takes keypoints

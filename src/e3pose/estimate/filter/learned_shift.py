@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from e3pose.estimate.filter.learned_noise import LEAST_KNOWN
 from e3pose.estimate.filter.state import Floats, Model
 from e3pose.runtime.deferred import Deferred
 
@@ -29,13 +30,10 @@ COUNT = 2  # of the last axis of `Belief.shifts`; before it right and down
 # detections they count as 2.5 to 5 times fewer than independent ones (`benchmarks/body_shifts.py`),
 # for which 300 would do. A body that is off in one view for seconds is no shift of the camera.
 PRIOR = 900.0
-MEMORY = 15_000.0  # keypoints of a camera: some minutes of two people who are seen all the time
 MOST = 30 / 1032  # of the image: farther off a camera's detections fit nobody
 # What simulated cameras that are not shifted at all are found to be off after minutes: people's
 # bones and the motion model pull all cameras a little the same way.
 LEAST = 1 / 1032  # of the image: what is not more than this is none
-CLIP_SIGMAS = 2.0  # a wild keypoint teaches no more than one so far off
-LEAST_KNOWN = 50.0  # keypoints from which on a shift is worth telling
 
 
 def shifts_px(shifts: Floats, model: Model) -> Floats:

@@ -32,6 +32,7 @@ STIFF = (
     ("left_eye", "right_eye"),
     ("left_ear", "right_ear"),
 )
+BONE_TEACHERS, BONE_MEMORY = 5, 100  # slots before a length is trusted, and that it averages over
 STIFF_SLACK_M = 0.03  # detectors slide joints along the body by about this
 # A head turns and nods: what it does to these lengths is a few centimetres.
 LOOSE = tuple((f, f"{s}_shoulder") for f in ("nose", "left_ear", "right_ear") for s in SIDES)

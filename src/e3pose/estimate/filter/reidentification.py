@@ -20,7 +20,8 @@ from typing import TypeVar
 
 import numpy as np
 
-from e3pose.estimate.filter.state import Belief, Flags, Floats, Ints, Model
+from e3pose.estimate.filter.proportions import BONE_TEACHERS
+from e3pose.estimate.filter.state import APART_M, Belief, Flags, Floats, Ints, Model
 from e3pose.model.proportions import KINDS, NOISE_M, SLIDE_M
 
 DEPARTED_S = 300.0
@@ -32,14 +33,12 @@ SURE_ODDS = 40.0  # takes an identity over: of 41 such cases one would be wrong
 
 STATURE_SPREAD = 0.055  # of adults: 9.5 cm of 1.72 m
 PROPORTION_SPREAD = 0.03  # of the bones of people of one stature
-MIN_TAUGHT = 5  # slots before a length is compared
 MIN_LENGTH_M = 0.05
 NEVER = -1e3  # a logarithm of odds
 
 FASTEST_MPS, LEEWAY_M = 2.5, 1.0  # nobody comes back from farther than can be walked
 STRAY_M, STRAY_MPS = 0.3, 0.7  # how far from where they were lost people are found again
 ROOM_M2 = 30.0  # the floor on which strangers may appear
-NEAR_M = 0.35  # a track that ends so near to another was a second one of that person, as in births
 OVERLAP_S = 0.2  # a track may take a last look when its person has a new one
 
 
@@ -199,7 +198,7 @@ def length_odds(
     Returns:
         `(*batch)`; 0 where nothing can be compared. Lengths are normal in their logarithm.
     """
-    known = (np.minimum(taught, others_taught) >= MIN_TAUGHT) & (
+    known = (np.minimum(taught, others_taught) >= BONE_TEACHERS) & (
         np.minimum(lengths_m, others_m) > MIN_LENGTH_M
     )
     a, b = np.where(known, lengths_m, 1.0), np.where(known, others_m, 1.0)
@@ -231,7 +230,7 @@ def _left(gone: Present, before: Belief, belief: Belief, model: Model) -> Depart
     left = Departed(gone.track_ids, seen_s, place, pooled, total)
     others = belief.state[belief.confirmed, :, :2].mean(axis=1)
     beside = np.linalg.norm(place[:, None] - others, axis=-1).min(axis=-1, initial=np.inf)
-    return _take(left, beside >= NEAR_M)
+    return _take(left, beside >= APART_M)  # else it was a second track of that person
 
 
 def _shown(tracks: Ints, belief: Belief, model: Model) -> Present:

@@ -10,7 +10,7 @@ from e3pose.estimate.filter.agility import FURTHEST, LASTS_S, RATE, STALE_S
 from e3pose.estimate.filter.kernels.bias import inflation
 from e3pose.estimate.filter.kernels.projected import beside
 from e3pose.estimate.filter.kernels.scratch import Floats, Matches, Site, Tracks, Views
-from e3pose.estimate.filter.kernels.update import ROBUST
+from e3pose.estimate.filter.outliers import ROBUST
 from e3pose.runtime.kernel import kernel
 
 

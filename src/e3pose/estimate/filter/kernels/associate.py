@@ -24,8 +24,7 @@ BIAS_PX = 14.0  # of a view's whole detection, on top of its keypoints' noise: e
 MIN_JOINTS = 3
 COST_LIMIT = 2.8  # mean distance in standard deviations beyond which it is somebody else
 COST_USUAL = 1.0  # the mean distance of a detection that is right is below it
-JOINT_LIMIT = 6.0  # what one wild joint may say at most
-VAGUE_FIT = 0.4  # the fit of a track twice as wide as it could be counts 0.76 times
+JOINT_LIMIT = 2 * COST_LIMIT  # what one wild joint may say at most
 NEVER = 1e3
 
 
@@ -134,8 +133,7 @@ def _choose(
         matches.assigned[camera, track] = person
         matches.exchanged[camera, track] = exchanged
         exchange(first + person, exchanged, site.opposites, site.limbs, views)
-        fit = fit_of(offers.cost[track, person])
-        matches.fits[camera, track] = fit * math.exp(-VAGUE_FIT * offers.vagueness[track, person])
+        matches.fits[camera, track] = fit_of(offers.cost[track, person])
         views.free[first + person] = False
 
 

@@ -7,8 +7,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.estimate.filter.bias import CLIP_SIGMAS, LEARNED_S, SHORTEST_S, MemoryTerms
+from e3pose.estimate.filter.bias import LEARNED_S, SHORTEST_S, MemoryTerms
 from e3pose.estimate.filter.kernels.projected import beside
+from e3pose.estimate.filter.outliers import MEASURED_SIGMAS
 from e3pose.runtime.kernel import kernel
 
 Floats = NDArray[np.float64]
@@ -71,7 +72,7 @@ def learn_bias(
         if not known:
             continue
         variance = variances[row, joint]
-        off = math.sqrt((du * du + dv * dv) / variance) / CLIP_SIGMAS
+        off = math.sqrt((du * du + dv * dv) / variance) / MEASURED_SIGMAS
         blame = rate * variance / (variance + variance_px2) / (off if off > 1.0 else 1.0)
         bias_px[joint, 0] += blame * du
         bias_px[joint, 1] += blame * dv

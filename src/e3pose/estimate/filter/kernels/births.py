@@ -24,8 +24,7 @@ Integers = NDArray[np.int64]
 WALK_MPS = 0.7  # all joints may have moved together so fast between two slots
 SHARED_SCORE = 0.15
 MAX_ERROR_PX = 10.0  # reprojection, the median over joints
-MIN_EXTENT_M, MAX_EXTENT_M = 0.4, 2.3  # along any axis of the world
-REACH_M = 1.6  # a joint farther from the middle is a mistake
+MIN_EXTENT_M = 0.4  # along the longest axis of the world
 START_JOINT_M, START_UNSEEN_M = 0.1, 0.5  # uncertainty at the start
 START_SPEED_MPS, START_TURN_MPS = 1.0, 0.5  # of the root; of a joint beside its parent
 START_EXISTENCE = 0.6
@@ -207,7 +206,7 @@ def _is_human(joints_m: Floats, girdles: Integers, body: Proportions, logs: Floa
                 lowest = at if at < lowest else lowest
                 highest = at if at > highest else highest
         extent = highest - lowest if highest - lowest > extent else extent
-    if not MIN_EXTENT_M <= extent <= MAX_EXTENT_M or is_wide(joints_m, girdles):
+    if not MIN_EXTENT_M <= extent <= MOST_M or is_wide(joints_m, girdles):
         return False
     stature_m = stature_of(joints_m, body, logs)
     return stature_m == 0.0 or LEAST_M <= stature_m <= MOST_M
@@ -253,18 +252,15 @@ def _start(
                 count += 1
         middle[axis] = median_of(sorted_m, count)
     for joint in range(num_joints):
-        squares = 0.0
-        for axis in range(3):
-            squares += (joints_m[pair, joint, axis] - middle[axis]) ** 2
-        near = math.sqrt(squares) < REACH_M  # False for NaN
-        spread = START_JOINT_M if near else START_UNSEEN_M
+        known = not math.isnan(joints_m[pair, joint, 0])
+        spread = START_JOINT_M if known else START_UNSEEN_M
         for a in range(6):
             for b in range(6):
                 tracks.covariance[track, joint, a, b] = 0.0
                 tracks.shared[track, joint, a, b] = 0.0
         speed = START_SPEED_MPS**2 + depths[joint] * START_TURN_MPS**2
         for axis in range(3):
-            place = joints_m[pair, joint, axis] if near else middle[axis]
+            place = joints_m[pair, joint, axis] if known else middle[axis]
             tracks.state[track, joint, axis] = place
             tracks.state[track, joint, axis + 3] = 0.0
             tracks.covariance[track, joint, axis, axis] = spread**2 + moved_m**2
@@ -272,7 +268,7 @@ def _start(
             if depths[joint] > 0:  # with the velocity of their parents, and all moved together
                 tracks.shared[track, joint, axis, axis] = moved_m**2
                 tracks.shared[track, joint, axis + 3, axis + 3] = speed - START_TURN_MPS**2
-        tracks.unmeasured_s[track, joint] = 0.0 if near else np.inf
+        tracks.unmeasured_s[track, joint] = 0.0 if known else np.inf
         tracks.drift_share[track, joint] = 1.0
     tracks.track_ids[track] = track_id
     tracks.existence[track] = START_EXISTENCE

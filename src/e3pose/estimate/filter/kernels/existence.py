@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.estimate.filter.blindness import FASTEST_S
+from e3pose.estimate.filter.blindness import FASTEST_S, PROOF_S
 from e3pose.estimate.filter.kernels.blindness import proof
 from e3pose.estimate.filter.kernels.scratch import Matches, Tracks, Views
 from e3pose.estimate.filter.state import MIN_SCORE
@@ -19,7 +19,6 @@ Flags = NDArray[np.bool_]
 
 LEARN_RATE = 0.16  # of the share of views that show a person: a memory of six views
 END_EXISTENCE = 0.3
-END_UNSEEN_S = 1.0  # out of every camera's sight for this long, as in `track`
 END_SPREAD_M = 1.0  # nobody is known who could be anywhere
 CONFIRM_CAMERAS, CONFIRM_HITS = 3, 10
 INSIDE_JOINTS = 6  # joints inside an image for which it should show the person
@@ -195,7 +194,7 @@ def _is_over(existence: float, covariance: Floats, unmeasured_s: Floats) -> bool
     for joint in range(len(covariance)):
         spread = covariance[joint, 0, 0] + covariance[joint, 1, 1] + covariance[joint, 2, 2]
         least = spread if spread < least else least
-        seen |= unmeasured_s[joint] <= END_UNSEEN_S
+        seen |= unmeasured_s[joint] <= PROOF_S
     return not (seen and math.sqrt(least) < END_SPREAD_M)
 
 

@@ -12,7 +12,6 @@ from e3pose.estimate.filter.kernels.bias import inflation, left_over
 from e3pose.estimate.filter.kernels.learned_shift import compare_shift
 from e3pose.estimate.filter.kernels.projected import beside
 from e3pose.estimate.filter.kernels.scratch import Detectors, Matches, Site, Tracks, Views
-from e3pose.estimate.filter.kernels.update import OUTLIER_SIGMAS
 from e3pose.estimate.filter.learned_noise import (
     ALIKE,
     CAUTION,
@@ -28,12 +27,12 @@ from e3pose.estimate.filter.learned_noise import (
     SLOPE,
     STEEPEST,
 )
+from e3pose.estimate.filter.outliers import ROBUST
 from e3pose.runtime.kernel import kernel
 
 Floats = NDArray[np.float64]
 
 FURTHEST = math.log(MOST)
-ROBUST = 1.0 / OUTLIER_SIGMAS**2
 
 
 @kernel

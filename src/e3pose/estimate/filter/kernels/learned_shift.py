@@ -8,14 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.estimate.filter.kernels.scratch import Detectors
+from e3pose.estimate.filter.learned_noise import MEMORY
 from e3pose.estimate.filter.learned_shift import (
-    CLIP_SIGMAS,
     COUNT,
     LEAST,
-    MEMORY,
     MOST,
     PRIOR,
 )
+from e3pose.estimate.filter.outliers import OUTLIER_SIGMAS
 from e3pose.runtime.kernel import kernel
 
 Floats = NDArray[np.float64]
@@ -56,7 +56,7 @@ def compare_shift(
     camera: int, share: float, right: float, down: float, variance: float, detectors: Detectors
 ) -> None:
     """Add the residual of one keypoint, in pixels; the bias of its joint is not taken off."""
-    off = math.sqrt((right * right + down * down) / variance) / CLIP_SIGMAS
+    off = math.sqrt((right * right + down * down) / variance) / OUTLIER_SIGMAS
     weight = share * share / (off if off > 1.0 else 1.0)
     detectors.residuals[camera, 0] += weight * right
     detectors.residuals[camera, 1] += weight * down

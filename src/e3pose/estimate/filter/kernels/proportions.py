@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.estimate.filter.outliers import MEASURED_SIGMAS, ROBUST
 from e3pose.estimate.filter.proportions import Proportions
 from e3pose.model.proportions import (
     LEAST_M,
@@ -23,12 +24,10 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
-ODD_SIGMAS = 2.0  # where a kind of limb that does not fit the others counts half
 PASSES = 3
 SHORTEST_M = 1e-3
 SWEEPS = 4
 ROUNDING = 1.0 + 1e-9
-CONTRADICTED_SIGMAS = 3.0  # as `MEASURED_SIGMAS` of a keypoint
 
 
 @kernel
@@ -89,7 +88,7 @@ def expect_lengths(
         for kind in range(len(shares)):
             if weights[kind] > 0.0:
                 off = (means[kind] - stature) ** 2 / (spreads[kind] ** 2 + 1.0 / weights[kind])
-                doubts[kind] = 1.0 / (1.0 + off / ODD_SIGMAS**2)
+                doubts[kind] = 1.0 / (1.0 + off * ROBUST)
     shared, own, num_kinds = 0.0, 0.0, 0.0
     for kind in range(len(shares)):
         if there[kind] > 0.0:
@@ -122,7 +121,7 @@ def keep_lengths(
 
     The less certain end of a limb moves more, but no arm or leg moves the trunk. In the end each
     joint beyond shoulder or hip goes by the one before it, and takes feet and hands along. What a
-    joint moves by is added to its covariance; one that moves by more than `CONTRADICTED_SIGMAS` was
+    joint moves by is added to its covariance; one that moves by more than `MEASURED_SIGMAS` was
     not measured.
 
     Args:
@@ -164,7 +163,7 @@ def keep_lengths(
             _pull(joints_m, moved, joint, parent, excess)
     for joint in range(len(joints_m)):
         squares = moved[joint, 0] ** 2 + moved[joint, 1] ** 2 + moved[joint, 2] ** 2
-        if squares > CONTRADICTED_SIGMAS**2 * _variance(covariance_m2[joint]):
+        if squares > MEASURED_SIGMAS**2 * _variance(covariance_m2[joint]):
             measured[joint] = False
         for a in range(3):
             for b in range(3):

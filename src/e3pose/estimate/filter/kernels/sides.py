@@ -18,6 +18,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.estimate.filter.kernels.existence import LEARN_RATE
 from e3pose.estimate.filter.kernels.projected import IN_FRONT, SPREAD, U, V
 from e3pose.estimate.filter.kernels.scratch import Matches, Site, Tracks, Views
 from e3pose.estimate.filter.state import MIN_SCORE
@@ -30,11 +31,11 @@ ARMS, LEGS = 1, 2  # bits of `Site.limbs`; of limbs that are exchanged
 GIVEN = 4  # times these: of limbs that are clearly as given
 # Log-odds against an exchange, before comparing. Legs are mistaken for each other by a track that
 # is half a step behind a walker, too.
-ARMS_ODDS, LEGS_ODDS, BOTH_ODDS = 5.0, 7.0, 9.0
+ARMS_ODDS, LEGS_ODDS = 5.0, 7.0
 PAIR_ODDS = 3.0
+BOTH_ODDS = ARMS_ODDS + LEGS_ODDS - PAIR_ODDS
 SIDE_PX = 10.0  # of one joint, on top of its noise
-RATE, APART_S = 0.16, 0.3  # of looks at a track's sides; looks of one camera so far apart count
-MOST_MIRRORED = 0.5
+APART_S = 0.3  # looks of one camera at a track's sides count in full so far apart
 
 
 @kernel
@@ -134,9 +135,9 @@ def turn_round(
                 exchanged = matches.exchanged[camera, track]
                 if exchanged & (limb + GIVEN * limb):
                     since = (tracks.last_seen_s[track, camera] + dt) / APART_S
-                    rate = RATE * (since if since < 1.0 else 1.0)
+                    rate = LEARN_RATE * (since if since < 1.0 else 1.0)
                     share += rate * ((1.0 if exchanged & limb else 0.0) - share)
-            if share > MOST_MIRRORED:
+            if share > 0.5:
                 share = 1.0 - share
                 _mirror(track, limb, site.opposites, site.limbs, tracks)
                 for camera in range(len(views.counts)):

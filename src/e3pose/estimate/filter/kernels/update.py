@@ -12,6 +12,8 @@ from e3pose.estimate.filter.kernels.projected import shown_at
 from e3pose.estimate.filter.kernels.proportions import expect_lengths
 from e3pose.estimate.filter.kernels.scratch import Passes, Site, Tracks, Views
 from e3pose.estimate.filter.kernels.tree import eliminate, prepare, spread_out
+from e3pose.estimate.filter.outliers import MEASURED_SIGMAS, ROBUST
+from e3pose.estimate.filter.proportions import BONE_MEMORY, BONE_TEACHERS
 from e3pose.estimate.filter.state import MIN_SCORE
 from e3pose.geometry.projection import MIN_DEPTH_M
 from e3pose.runtime.kernel import kernel
@@ -20,12 +22,8 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
-OUTLIER_SIGMAS = 2.0  # where the weight of a keypoint is halved
-MEASURED_SIGMAS = 3.0  # a joint counts as measured if a keypoint was this near
-ROBUST = 1.0 / OUTLIER_SIGMAS**2
 ITERATIONS = 3
 USUAL_SLACK_M = 0.05  # of a length that is not learned
-BONE_TEACHERS, BONE_MEMORY = 5, 100  # slots before a length is trusted, and that it averages over
 BONE_KNOWN_M = 0.05  # both ends must be known better than this, per axis, to teach a length
 
 
