@@ -13,7 +13,7 @@ from typing import NamedTuple
 from e3pose.model.noise import DIGITS, ErrorMemory
 
 LEARNED_S = 1.2  # how long it takes to learn a bias
-SHORTEST_S = 1e-3  # for looks of one time
+SHORTEST_S = 1e-3  # numerics: for looks of one time
 MOST_LEARNED = 0.45  # of the first residual, as it was tuned
 REPEATED = 2 / 5  # of the quick part: joints and views average the rest of its repetition out
 LEFT = 8 / 45  # of the lasting part, once its learned bias is taken off: the mean over time

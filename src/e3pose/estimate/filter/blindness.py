@@ -22,11 +22,11 @@ Floats = NDArray[np.float64]
 
 FASTEST_S = 1 / 25  # above this rate a view says less, since successive ones say the same
 CELL_M = 0.75  # people's own size, and the reach of a door
-NUM_CELLS = 40  # along each side of the square around the cameras
+NUM_CELLS = 40  # capacity: along each side of the square around the cameras
 PLAIN = 0.9  # detections of a look in plain sight: what is thought of places nobody was seen at
 PRIOR_VIEWS = 2.0  # that this counts for
 MOST_VIEWS = 60.0  # kept per place, a few seconds of one person: things get moved
-VIEWS, SHOWN = 0, 1  # of the last axis
+VIEWS, SHOWN = 0, 1  # layout: of the last axis
 # So many cameras must have shown a person of late to prove that one is there: what lives on the
 # detections of one camera alone may be a ghost, whose misses would say that all others are blind.
 # A track that no camera has shown for as long ends.

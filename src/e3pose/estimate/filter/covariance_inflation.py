@@ -20,7 +20,7 @@ from e3pose.estimate.filter.learned_noise import MEDIAN, NORMAL
 # steers.
 STEERED, ALONE = 0.75, 0.85
 
-ACTUAL, EXPECTED = 0, 1  # of `Belief.innovations`
+ACTUAL, EXPECTED = 0, 1  # layout: of `Belief.innovations`
 # Innovations over expected ones where the reported error is the actual one. It is below 1 as
 # uncertainty is mostly along one line of sight, and errors in two directions are longer.
 USUAL = 0.9

@@ -17,7 +17,7 @@ from e3pose.geometry.camera import Rig
 
 Floats = NDArray[np.float64]
 
-ROWS, COLUMNS = 8, 10  # cells of an image
+ROWS, COLUMNS = 8, 10  # layout: cells of an image
 SEVERAL = 3.0  # looks that must have failed
 MOST = 9.0  # looks that are kept
 FADES_S = 30.0  # until their number is down to 1/e

@@ -26,20 +26,20 @@ if TYPE_CHECKING:
 else:
     kernels = Deferred("e3pose.estimate.filter.kernels.learned_noise")
 
-LOG, COUNT = 0, 1  # of the last axis of `Belief.noise`
+LOG, COUNT = 0, 1  # layout: of the last axis of `Belief.noise`
 ALIKE = 60.0  # keypoints that the other cameras' mean counts for
 MEMORY = 15_000.0  # keypoints of a camera: some minutes of two people who are seen all the time
 MOST = 5.0  # the factor and its inverse
-MOST_LEVERAGE = 0.9
+MOST_LEVERAGE = 0.9  # numerics
 # The filter takes joints for independent, which they are not: it is best where it takes keypoints
 # for this much noisier than they are. Shipped files hold it already where people are large.
 CAUTION = 4 / 3
-NORMAL = 2 * np.log(2)  # median squared length of two standard normal coordinates
+NORMAL = 2 * np.log(2)  # definition: median squared length of two standard normal coordinates
 MEDIAN = 0.8 * NORMAL / CAUTION**2  # of squared residuals where the factor is right
-SLOPE = np.log(2)  # of the share of residuals beyond their median, by the logarithm of sigma
+SLOPE = np.log(2)  # definition: of the share beyond their median, by the logarithm of sigma
 MIDDLE_SCORE, SCORE_REACH = 0.7, 0.25  # where the tilt does nothing, and how far it reaches
 STEEPEST = 3.0  # the tilt at its ends, and its inverse
-LEAST_KNOWN = 50.0  # keypoints from which on a camera's factor is worth telling
+LEAST_KNOWN = 50.0  # definition: keypoints from which on a camera's factor is worth telling
 
 
 def nothing_known(num_cameras: int) -> Floats:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 else:
     kernels = Deferred("e3pose.estimate.filter.kernels.learned_shift")
 
-COUNT = 2  # of the last axis of `Belief.shifts`; before it right and down
+COUNT = 2  # layout: of the last axis of `Belief.shifts`; before it right and down
 # Keypoints that no shift at all counts for. Keypoints of one body are off together: on real
 # detections they count as 2.5 to 5 times fewer than independent ones (`benchmarks/body_shifts.py`),
 # for which 300 would do. A body that is off in one view for seconds is no shift of the camera.

@@ -26,7 +26,7 @@ else:
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-ACCELERATION_LASTS_S = 1 / 25
+ACCELERATION_LASTS_S = 1 / 25  # definition: those of `tree` are drawn anew so often
 
 
 def places(tree: Tree, state: Floats, dt: float) -> Floats:

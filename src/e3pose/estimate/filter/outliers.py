@@ -1,5 +1,5 @@
 """How far off an outlier is: the same limits for everything that residuals teach."""
 
 OUTLIER_SIGMAS = 2.0  # where the weight of a residual is halved
-ROBUST = 1 / OUTLIER_SIGMAS**2
+ROBUST = 1 / OUTLIER_SIGMAS**2  # definition
 MEASURED_SIGMAS = 3.0  # a joint counts as measured if a keypoint was this near

@@ -25,7 +25,7 @@ from e3pose.estimate.filter.state import APART_M, Belief, Flags, Floats, Ints, M
 from e3pose.model.proportions import KINDS, NOISE_M, SLIDE_M
 
 DEPARTED_S = 300.0
-MAX_DEPARTED = 32  # the newest; among many somebody always looks like a stranger
+MAX_DEPARTED = 32  # capacity: the newest; among many somebody always looks like a stranger
 DECIDE_S = 4.0  # a newcomer who was not recognised so long after being shown is somebody new
 PRIOR_ODDS = 0.5  # that a newcomer is one who left, against a stranger, before comparing
 SOON_ODDS, SOON_S = 10.0, 2.0  # on top of that for who was lost just now, which fades
@@ -33,8 +33,8 @@ SURE_ODDS = 40.0  # takes an identity over: of 41 such cases one would be wrong
 
 STATURE_SPREAD = 0.055  # of adults: 9.5 cm of 1.72 m
 PROPORTION_SPREAD = 0.03  # of the bones of people of one stature
-MIN_LENGTH_M = 0.05
-NEVER = -1e3  # a logarithm of odds
+MIN_LENGTH_M = 0.05  # numerics
+NEVER = -1e3  # numerics: a logarithm of odds
 
 FASTEST_MPS, LEEWAY_M = 2.5, 1.0  # nobody comes back from farther than can be walked
 STRAY_M, STRAY_MPS = 0.3, 0.7  # how far from where they were lost people are found again

@@ -24,8 +24,8 @@ BIAS_PX = 14.0  # of a view's whole detection, on top of its keypoints' noise: e
 MIN_JOINTS = 3
 COST_LIMIT = 2.8  # mean distance in standard deviations beyond which it is somebody else
 COST_USUAL = 1.0  # the mean distance of a detection that is right is below it
-JOINT_LIMIT = 2 * COST_LIMIT  # what one wild joint may say at most
-NEVER = 1e3
+JOINT_LIMIT = 2 * COST_LIMIT  # definition: what one wild joint may say at most
+NEVER = 1e3  # numerics
 
 
 @kernel

@@ -25,7 +25,7 @@ from e3pose.runtime.kernel import kernel
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-LAST = NUM_CELLS - 1.001
+LAST = NUM_CELLS - 1.001  # numerics
 
 
 @kernel

@@ -29,7 +29,7 @@ from e3pose.runtime.kernel import kernel
 
 Floats = NDArray[np.float64]
 
-MEAN = math.pi / 2  # square of the mean of a distance over the variance of either coordinate
+MEAN = math.pi / 2  # definition: squared mean of a distance over the variance of either coordinate
 
 
 @kernel

@@ -14,7 +14,7 @@ Integers = NDArray[np.int64]
 
 LEAST_KNOWN_SLOTS = 4  # of a history before what is predicted from it counts
 LEAST_SHARE, MOST_SHARE = 0.2, 2.0  # of the process noise; 1 is that of the unsteered filter
-SQUARES = 3 * math.pi / 8  # mean square of a distance over the square of its mean, on three axes
+SQUARES = 3 * math.pi / 8  # definition: mean square of a distance over its squared mean
 
 
 @kernel

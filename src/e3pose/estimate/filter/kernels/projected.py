@@ -11,7 +11,7 @@ from e3pose.runtime.kernel import kernel
 
 Floats = NDArray[np.float64]
 
-U, V, SPREAD, IN_FRONT = range(4)  # planes of `Offers.projected`
+U, V, SPREAD, IN_FRONT = range(4)  # layout: planes of `Offers.projected`
 
 
 @kernel

@@ -24,10 +24,10 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
-PASSES = 3
-SHORTEST_M = 1e-3
-SWEEPS = 4
-ROUNDING = 1.0 + 1e-9
+PASSES = 3  # numerics
+SHORTEST_M = 1e-3  # numerics
+SWEEPS = 4  # numerics
+ROUNDING = 1.0 + 1e-9  # numerics
 
 
 @kernel

@@ -25,8 +25,8 @@ MOST_M = 0.03  # standard deviation along an axis on which views give no informa
 MOST_LASTING_M = 0.1
 COMMON = 3.0  # of the square of a bias, as a variance
 RECENT_S = 0.5  # since the look, for biases that are compared with what is usual
-LEAST_PX2 = 1e-9
-LEAST_WEIGHT = 0.01  # of a view that came just now and shows every joint at its best
+LEAST_PX2 = 1e-9  # numerics
+LEAST_WEIGHT = 0.01  # numerics: of a view that came just now and shows every joint at its best
 
 
 @kernel

@@ -28,8 +28,8 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
-HALF_SCORE_M = 0.1  # standard deviation of a joint's position at which its score is a half
-LEAST_SCORE = 1e-3  # a joint that is known at all is not missing
+HALF_SCORE_M = 0.1  # definition: standard deviation of a joint at which its score is a half
+LEAST_SCORE = 1e-3  # definition: a joint that is known at all is not missing
 ALONE_S, WALK_MPS = 1.2, 0.3  # who walks, led for so long by one camera alone, is not shown
 SHOWN_SPREAD_M = 0.3  # nor who has no joint that is more certain
 LEAVES_HZ = 0.03  # of somebody who is there: once in half a minute

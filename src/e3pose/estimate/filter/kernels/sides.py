@@ -27,13 +27,13 @@ from e3pose.runtime.kernel import kernel
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-ARMS, LEGS = 1, 2  # bits of `Site.limbs`; of limbs that are exchanged
-GIVEN = 4  # times these: of limbs that are clearly as given
+ARMS, LEGS = 1, 2  # layout: bits of `Site.limbs`; of limbs that are exchanged
+GIVEN = 4  # layout: times these: of limbs that are clearly as given
 # Log-odds against an exchange, before comparing. Legs are mistaken for each other by a track that
 # is half a step behind a walker, too.
 ARMS_ODDS, LEGS_ODDS = 5.0, 7.0
 PAIR_ODDS = 3.0
-BOTH_ODDS = ARMS_ODDS + LEGS_ODDS - PAIR_ODDS
+BOTH_ODDS = ARMS_ODDS + LEGS_ODDS - PAIR_ODDS  # definition
 SIDE_PX = 10.0  # of one joint, on top of its noise
 APART_S = 0.3  # looks of one camera at a track's sides count in full so far apart
 

@@ -40,7 +40,7 @@ from e3pose.runtime.held import Held, hold
 from e3pose.runtime.kernel import kernel
 
 LONGEST_S = 10.0  # after a longer pause everybody is somewhere else
-MAX_PEOPLE = 64  # in one view; more are noise, and must not cost the slot
+MAX_PEOPLE = 64  # capacity: in one view; more are noise, and must not cost the slot
 
 
 def check_slot(model: Model, views: Mapping[int, Poses2D], time_s: float) -> None:
@@ -66,7 +66,7 @@ def bounded(view: Poses2D) -> tuple[Floats, Floats]:
     return view.keypoints_px[rows], view.scores[rows]
 
 
-LEAST_PEOPLE = 16  # of one view, for whom there is always room
+LEAST_PEOPLE = 16  # capacity: of one view, for whom there is always room
 _columns = attrgetter(*Tracks._fields)  # of a belief, as its constructor takes them
 
 

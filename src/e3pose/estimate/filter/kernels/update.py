@@ -22,7 +22,7 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
-ITERATIONS = 3
+ITERATIONS = 3  # numerics: of Gauss-Newton
 USUAL_SLACK_M = 0.05  # of a length that is not learned
 BONE_KNOWN_M = 0.05  # both ends must be known better than this, per axis, to teach a length
 

@@ -1,0 +1,61 @@
+"""The filter's tuned numbers do not grow unseen: each costs somebody a measurement."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import e3pose.estimate.filter
+
+FOLDER = Path(e3pose.estimate.filter.__file__).parent
+# How the comment of a number begins that is no tuning: indices, formulas, room for hostile views,
+# what keeps arithmetic finite.
+NO_TUNING = ("layout", "definition", "capacity", "numerics")
+MOST = 1
+
+
+def numbers(value: ast.expr) -> int:
+    """Return how many numbers an expression holds; arithmetic on numbers makes one."""
+    if isinstance(value, ast.Call):
+        parts = [*value.args, *(keyword.value for keyword in value.keywords)]
+        return sum(numbers(part) for part in parts)
+    return int(any(isinstance(n, ast.Constant) and type(n.value) in (int, float)
+                   for n in ast.walk(value)))  # fmt: skip
+
+
+def tuned(source: str) -> Iterator[tuple[str, int]]:
+    """Yield the constants of a module that somebody chose, and how many numbers each has."""
+    lines = source.splitlines()
+    for node in ast.parse(source).body:
+        if not isinstance(node, ast.Assign):
+            continue
+        comment = lines[(node.end_lineno or node.lineno) - 1].partition("  # ")[2]
+        if comment.split(":")[0] in NO_TUNING:
+            continue
+        names, values = node.targets[0], node.value
+        together = isinstance(names, ast.Tuple) and isinstance(values, ast.Tuple)
+        pairs = zip(names.elts, values.elts, strict=True) if together else [(names, values)]  # type: ignore[union-attr, attr-defined]
+        for name, value in pairs:
+            count = 0 if isinstance(value, ast.Dict | ast.Lambda) else numbers(value)
+            if count and isinstance(name, ast.Name) and name.id.isupper():
+                yield name.id, count
+
+
+def test_tuned_numbers_are_no_more_than_they_were() -> None:
+    found = {
+        f"{path.relative_to(FOLDER)}: {name}": count
+        for path in sorted(FOLDER.rglob("*.py"))
+        for name, count in tuned(path.read_text())
+    }
+    total = sum(found.values())
+    listed = "\n".join(found)
+    assert total <= MOST, f"{total} tuned numbers in {len(found)} constants:\n{listed}"
+
+
+def test_numbers_are_counted() -> None:
+    source = (
+        "A, B = 1.0, 2 / 3\nC = Habit(1.0, 0.5, usual_m=0.2)\nD = 5  # numerics: of a loop\n"
+        "E = A\nF = 3.0  # metres\nx = 4\n"
+    )
+    assert dict(tuned(source)) == {"A": 1, "B": 1, "C": 3, "F": 1}
