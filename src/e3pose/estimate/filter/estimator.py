@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,6 +18,7 @@ from e3pose.estimate.filter import (
     learned_shift,
     outlook,
 )
+from e3pose.estimate.filter.lasting import AT_ONCE, Lasting
 from e3pose.estimate.filter.outlook import stated_factor
 from e3pose.estimate.filter.posterior import Grades, posterior_of
 from e3pose.estimate.filter.reidentification import Identities, identify
@@ -46,6 +47,7 @@ class FilterMemory:
         track_ids: `(num_tracks,)` the belief's tracks that the newest slot showed.
         history_m: `(num_slots, num_tracks, num_joints, 3)` where they were shown, oldest first.
         factor: that makes the belief's standard deviations those that were reported, on average.
+        lasting: how long errors last, by the biases learned.
     """
 
     belief: Belief
@@ -53,6 +55,7 @@ class FilterMemory:
     track_ids: NDArray[np.int64]
     history_m: NDArray[np.float64]
     factor: float = 1.0
+    lasting: Lasting = field(default_factory=Lasting)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,6 +95,9 @@ class Filtered:
         rows = belief.track_ids.searchsorted(estimate.track_ids)
         track_ids = everybody[rows]
         grades = _graded(self.model, belief, rows, estimate)
+        passed_s = belief.time_s - memory.belief.time_s
+        lasting = memory.lasting.after(grades.share_of_biases(), passed_s)
+        grades = grades.grown(AT_ONCE * lasting.excess)
         history = _prolonged(memory, estimate)
         people = People(
             Poses3D(estimate.joints_m, grades.scores),
@@ -102,11 +108,12 @@ class Filtered:
             estimate.measured,
             {"estimate": clock() - start},
             learned_noise.found(belief.noise, self.model.noise.weight),
-            posterior_of(memory.belief, belief, everybody, rows, grades),
+            posterior_of(memory.belief, belief, everybody, rows, grades, lasting.excess),
             learned_shift.found_px(belief.shifts, self.model),
         )
         factor = _factor(belief, estimate.covariance_m2, grades.stated_m2)
-        return FilterMemory(belief, identities, estimate.track_ids, history, factor), people
+        memory = FilterMemory(belief, identities, estimate.track_ids, history, factor, lasting)
+        return memory, people
 
     def steer(
         self, memory: FilterMemory, prediction: Prediction, interval_s: float
@@ -125,7 +132,8 @@ class Filtered:
 
     def forget_people(self, memory: FilterMemory) -> FilterMemory:
         """See `Estimator.forget_people`."""
-        return replace(self.begin(), belief=memory.belief.without_people())
+        belief = memory.belief.without_people()
+        return replace(self.begin(), belief=belief, lasting=memory.lasting)
 
     def outlook(self, memory: FilterMemory, ahead_s: float) -> Outlook:
         """See `Estimator.outlook`."""

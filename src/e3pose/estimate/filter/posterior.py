@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from e3pose.estimate.base import Posterior, Start
+from e3pose.estimate.filter.lasting import grown_m2
 from e3pose.estimate.filter.state import Belief, Floats, Ints
 
 
@@ -38,9 +39,19 @@ class Grades:
         scores, inflation, share = np.empty(shape), np.empty(shape), np.zeros(2)
         return cls(np.empty(wide), scores, inflation, np.empty(wide), np.empty(wide), share)
 
+    def share_of_biases(self) -> float:
+        """Return the mean square of biases over the variance of a keypoint; NaN without people."""
+        total, count = self.bias_share.tolist()
+        return total / count if count else np.nan
+
+    def grown(self, excess: float) -> Grades:
+        """Return what is published where errors last longer than stated (`filter.lasting`)."""
+        more_m2 = grown_m2(self.repeated_m2, self.lasting_m2, excess) - self.repeated_m2
+        return replace(self, stated_m2=self.stated_m2 + more_m2)
+
 
 def posterior_of(
-    before: Belief, belief: Belief, track_ids: Ints, rows: Ints, grades: Grades
+    before: Belief, belief: Belief, track_ids: Ints, rows: Ints, grades: Grades, excess: float
 ) -> Posterior:
     """Return the posterior of a belief, which is not copied.
 
@@ -50,13 +61,13 @@ def posterior_of(
         track_ids: `(num_tracks,)` the identities of its tracks.
         rows: `(num_persons,)` the tracks that are published.
         grades: of these.
+        excess: of `Posterior`.
     """
     shape = belief.state.shape[:2]
     inflation = np.full(shape, np.nan)
     repeated_m2, lasting_m2 = (np.full((*shape, 3, 3), np.nan) for _ in range(2))
     inflation[rows], repeated_m2[rows] = grades.inflation, grades.repeated_m2
     lasting_m2[rows] = grades.lasting_m2
-    total, count = grades.bias_share.tolist()
     return Posterior(
         belief.time_s,
         belief.track_ids,
@@ -70,5 +81,5 @@ def posterior_of(
         inflation,
         repeated_m2,
         lasting_m2,
-        total / count if count else np.nan,
+        excess,
     )

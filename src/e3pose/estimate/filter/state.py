@@ -33,9 +33,7 @@ OF_THE_SITE = (
 WAIT_S = 0.14  # three slots of 1/25 s
 WAIT_VIEWS = 2.5  # that a detection waits for where slots are long or few cameras look
 MAX_LEFTOVERS = 64  # capacity: newest first: a view full of noise must not cost the slot
-MAX_TRACKS = (
-    64  # capacity: nobody is started beyond, so that ghosts of hostile views cannot pile up
-)
+MAX_TRACKS = 64  # capacity: nobody is started beyond, so ghosts of hostile views cannot pile up
 APART_M = 0.35  # somebody nearer to a track than this is that track
 MIN_SCORE = 0.05  # keypoints below this are not used
 

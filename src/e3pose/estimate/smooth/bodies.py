@@ -11,17 +11,17 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from itertools import accumulate
 
 import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.estimate.base import Posterior
+from e3pose.estimate.filter.lasting import grown_m2
 from e3pose.estimate.filter.motion import places, transitions
 from e3pose.estimate.filter.proportions import Proportions, kept
 from e3pose.estimate.filter.tree import Tree
 from e3pose.estimate.smooth.rauch import Expected, expect, step_back
-from e3pose.estimate.smooth.stated import Lasting, own_m2, repeated_m2
+from e3pose.estimate.smooth.stated import own_m2
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -37,7 +37,6 @@ class Smoothed:
         covariance: `(num_tracks, 6 num_joints, 6 num_joints)` of them.
         bones_m: `(num_tracks, num_bones)` lengths that the last of these slots had learned.
         bone_counts: `(num_tracks, num_bones)` slots that taught them.
-        excess: how much larger the learned biases are than usual (`stated`).
     """
 
     posterior: Posterior
@@ -45,7 +44,6 @@ class Smoothed:
     covariance: Floats
     bones_m: Floats
     bone_counts: Floats
-    excess: float
 
     @property
     def joints_m(self) -> Floats:
@@ -81,10 +79,12 @@ class Smoothed:
         filtered_m2 = np.where(
             known[..., None, None], posterior.covariance[rows, :, :3, :3], np.nan
         )
-        own = own_m2(filtered_m2, self.covariance_m2[rows], posterior.inflation[rows], self.excess)
+        own = own_m2(
+            filtered_m2, self.covariance_m2[rows], posterior.inflation[rows], posterior.excess
+        )
         lengths = self.bones_m[rows], self.bone_counts[rows]
         joints_m, own, _ = kept(body, *lengths, joints_m, own, known)
-        again = repeated_m2(posterior.repeated_m2[rows], posterior.lasting_m2[rows], self.excess)
+        again = grown_m2(posterior.repeated_m2[rows], posterior.lasting_m2[rows], posterior.excess)
         return joints_m, own + again
 
 
@@ -97,9 +97,8 @@ def smooth_bodies(tree: Tree, posteriors: Sequence[Posterior]) -> list[Smoothed]
     """
     found: list[Smoothed] = []
     later: Posterior | None = None
-    lasting = list(accumulate(posteriors, Lasting.after, initial=Lasting()))[1:]
-    for posterior, biases in zip(reversed(posteriors), reversed(lasting), strict=True):
-        link = _linked(tree, posterior, later, biases)
+    for posterior in reversed(posteriors):
+        link = _linked(tree, posterior, later)
         found.append(_taken_back(link, found[-1] if found else None))
         later = posterior
     return found[::-1]
@@ -117,15 +116,13 @@ class FixedLag:
     tree: Tree
     lag_slots: int
     _links: deque[_Link] = field(default_factory=deque)
-    _lasting: Lasting = field(default_factory=Lasting)
 
     def push(self, posterior: Posterior) -> Smoothed | None:
         """Add a slot; return the one `lag_slots` before it, None while there is none."""
-        self._lasting = self._lasting.after(posterior)
         if self._links:
             before = self._links[-1]
-            self._links[-1] = _linked(self.tree, before.posterior, posterior, before.lasting)
-        self._links.append(_linked(self.tree, posterior, None, self._lasting))
+            self._links[-1] = _linked(self.tree, before.posterior, posterior)
+        self._links.append(_linked(self.tree, posterior, None))
         return self._oldest() if len(self._links) > self.lag_slots else None
 
     def flush(self) -> Smoothed | None:
@@ -207,7 +204,6 @@ class _Link:
         now: `(num_shared,)` rows of those who are in the next slot, too.
         then: `(num_shared,)` their rows there.
         expected: of the next slot; None where nobody is in both.
-        lasting: up to the slot.
     """
 
     posterior: Posterior
@@ -215,19 +211,18 @@ class _Link:
     now: Ints
     then: Ints
     expected: Expected | None
-    lasting: Lasting
 
 
-def _linked(tree: Tree, posterior: Posterior, later: Posterior | None, lasting: Lasting) -> _Link:
+def _linked(tree: Tree, posterior: Posterior, later: Posterior | None) -> _Link:
     covariance = written_out(tree, posterior.covariance, posterior.shared)
     none = np.zeros(0, dtype=np.int64)
     if later is None or later.time_s <= posterior.time_s:
-        return _Link(posterior, covariance, none, none, None, lasting)
+        return _Link(posterior, covariance, none, none, None)
     _, now, then = np.intersect1d(
         posterior.tracks, later.tracks, assume_unique=True, return_indices=True
     )
     if len(now) == 0:
-        return _Link(posterior, covariance, none, none, None, lasting)
+        return _Link(posterior, covariance, none, none, None)
     dt = later.time_s - posterior.time_s
     state, share = posterior.state[now], np.ones((len(now), len(tree.parents)))
     if later.start.time_s == posterior.time_s:  # no slot between them was left out
@@ -237,7 +232,7 @@ def _linked(tree: Tree, posterior: Posterior, later: Posterior | None, lasting: 
     across = covariance[now] @ move.T
     mean = _columns(places(tree, state, dt))
     expected = expect(mean, move @ across + noise, across)
-    return _Link(posterior, covariance, now, then, expected, lasting)
+    return _Link(posterior, covariance, now, then, expected)
 
 
 def _taken_back(link: _Link, later: Smoothed | None) -> Smoothed:
@@ -251,7 +246,7 @@ def _taken_back(link: _Link, later: Smoothed | None) -> Smoothed:
             mean[now], covariance[now], link.expected, later.mean[then], later.covariance[then]
         )
         bones_m[now], counts[now] = later.bones_m[then], later.bone_counts[then]
-    return Smoothed(posterior, mean, covariance, bones_m, counts, link.lasting.excess)
+    return Smoothed(posterior, mean, covariance, bones_m, counts)
 
 
 def _columns(state: Floats) -> Floats:

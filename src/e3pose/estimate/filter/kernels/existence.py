@@ -19,7 +19,6 @@ Flags = NDArray[np.bool_]
 
 LEARN_RATE = 0.16  # of the share of views that show a person: a memory of six views
 END_EXISTENCE = 0.3
-END_SPREAD_M = 1.0  # nobody is known who could be anywhere
 CONFIRM_CAMERAS, CONFIRM_HITS = 3, 10
 INSIDE_JOINTS = 6  # joints inside an image for which it should show the person
 DELIVERED_PRIOR = 0.5  # assumed value of a camera before its first view
@@ -125,9 +124,8 @@ def _alone(
 def end(num_tracks: int, girdles: Integers, tracks: Tracks, ended: Flags) -> int:
     """Delete ended tracks; return how many remain, in the first rows."""
     for track in range(num_tracks):
-        ended[track] = _is_over(
-            tracks.existence[track], tracks.covariance[track], tracks.unmeasured_s[track]
-        ) or is_wide(tracks.state[track], girdles)
+        over = _is_over(tracks.existence[track], tracks.unmeasured_s[track])
+        ended[track] = over or is_wide(tracks.state[track], girdles)
     for track in range(num_tracks):
         for other in range(track):
             younger = track if tracks.hits[track] <= tracks.hits[other] else other
@@ -186,16 +184,13 @@ def _move(tracks: Tracks, source: int, target: int) -> None:
 
 
 @kernel
-def _is_over(existence: float, covariance: Floats, unmeasured_s: Floats) -> bool:
+def _is_over(existence: float, unmeasured_s: Floats) -> bool:
     if not existence > END_EXISTENCE:
         return True
-    least = np.inf
     seen = False
-    for joint in range(len(covariance)):
-        spread = covariance[joint, 0, 0] + covariance[joint, 1, 1] + covariance[joint, 2, 2]
-        least = spread if spread < least else least
+    for joint in range(len(unmeasured_s)):
         seen |= unmeasured_s[joint] <= PROOF_S
-    return not (seen and math.sqrt(least) < END_SPREAD_M)
+    return not seen
 
 
 @kernel

@@ -23,7 +23,7 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 SIZE_SHARE = 0.02  # standard deviation of a person's size as one camera shows it: of the distance
-NEAREST_M = 1e-3
+NEAREST_M = 1e-3  # numerics
 
 
 @kernel
