@@ -94,12 +94,11 @@ def test_who_could_be_anywhere_takes_nobodys_detection() -> None:
     covariance[lost, :, :3, :3] += 0.25 * np.eye(3)
     belief = replace(belief, covariance=covariance)
     view = see(standing((0.48, 0.3)), (0,))[0]
-    rows, fits, _ = associate(belief, view.keypoints_px, view.scores, 0, MODEL, KNOTS_PX)
+    rows, _, _ = associate(belief, view.keypoints_px, view.scores, 0, MODEL, KNOTS_PX)
     assert (rows[lost], rows[near]) == (-1, 0)
     swapped = replace(belief, state=belief.state[::-1])
-    rows, vague, _ = associate(swapped, view.keypoints_px, view.scores, 0, MODEL, KNOTS_PX)
+    rows, _, _ = associate(swapped, view.keypoints_px, view.scores, 0, MODEL, KNOTS_PX)
     assert (rows[lost], rows[near]) == (0, -1)
-    assert vague[lost] < 0.7 * fits[near]  # little proof that the lost one is there
 
 
 def test_who_could_be_anywhere_is_followed_but_not_shown() -> None:
