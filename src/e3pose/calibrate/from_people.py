@@ -14,9 +14,7 @@ from e3pose.calibrate.from_points import PointRig, adjust_all, pair_poses, solve
 from e3pose.calibrate.lenses import expected_lenses, final_lenses, kinds_of
 from e3pose.calibrate.matched_people import Joints, gather, observe_people, rematch, without_lenses
 from e3pose.calibrate.progress import Progress, silent
-from e3pose.calibrate.resection import PlacedPerson, resect
 from e3pose.calibrate.same_people import Evidence, Seen, group, pair_by_essential
-from e3pose.calibrate.triangulation import place_points
 from e3pose.errors import InputError
 from e3pose.geometry.camera import Rig
 from e3pose.model.noise import Noise
@@ -31,7 +29,6 @@ FINAL_POINTS = 8000
 NOISE_FACTORS = (1.0, 3.0, 1 / 3)  # on what is declared, in which order to begin from nothing
 NOISE_LIMITS = (0.1, 10.0)  # of what is declared
 MIN_INLIERS = 0.6  # share of keypoints that a rig must explain to be believed
-BETTER = 1.25  # times the evidence for where a camera is, from which it is moved
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -187,7 +184,7 @@ def _from_start(scene: _Scene, start: Rig, progress: Progress) -> PeopleRig | No
 
 
 def _finish(scene: _Scene, done: Bools, progress: Progress) -> PeopleRig | None:
-    """Match people again with the current rig and adjust again; place cameras that do not fit."""
+    """Match people again with the current rig and adjust again."""
     best: PeopleRig | None = None
     for number, tolerance in enumerate(FINE_SIGMAS):
         joints, people = scene.rematch(done, tolerance)
@@ -199,9 +196,6 @@ def _finish(scene: _Scene, done: Bools, progress: Progress) -> PeopleRig | None:
         inliers = float((size[np.isfinite(size)] < 3.0 * fit.factor).mean())
         best = PeopleRig(solved, joints, people, inliers, fit, scene.factor * fit.factor)
         scene = scene.with_rig(solved.adjusted.rig, fit.factor)
-        if number < len(FINE_SIGMAS) - 1:
-            rig, done = _placed_again(scene, done & ~fit.poor, tolerance)
-            scene = scene.with_rig(rig)
         progress("adjusting", number + 1, len(FINE_SIGMAS))
     return best
 
@@ -218,30 +212,3 @@ def _adjusted(scene: _Scene, joints: Joints, done: Bools) -> PointRig | None:
     return adjust_all(
         rig, joints.keypoints_px, joints.sigma_px, done, lenses, most_points=FINAL_POINTS
     )  # fmt: skip
-
-
-def _placed_again(scene: _Scene, good: Bools, tolerance: float) -> tuple[Rig, Bools]:
-    """Place cameras that do not fit by the people whom the others place."""
-    rig, done = scene.rig, np.ones(len(scene.rig), dtype=bool)
-    if good.sum() < 2 or good.all():
-        return rig, done
-    joints, _ = scene.rematch(good, tolerance)
-    if not len(joints.slot):
-        return rig, done
-    num_joints = len(scene.recording.skeleton)
-    pixels = np.where(good[:, None, None], joints.keypoints_px, np.nan)
-    points = place_points(rig, pixels, joints.sigma_px).reshape(-1, num_joints, 3)
-    person, slot = joints.person[::num_joints], joints.slot[::num_joints]
-    people = []
-    for name in np.unique(person).tolist():
-        order = np.flatnonzero(person == name)
-        order = order[np.argsort(slot[order])]
-        people.append(PlacedPerson(slot[order], points[order]))
-    cameras = list(rig.cameras)
-    for index in np.flatnonzero(~good).tolist():
-        camera = rig.cameras[index]
-        now, best = resect(scene.seen, index, people, (camera.R, camera.t))
-        if best.evidence > BETTER * max(now.evidence, 0.0):
-            cameras[index] = placed(camera, best.R, best.t)
-        done[index] = best.evidence > 0
-    return Rig(tuple(cameras), rig.placed), done
