@@ -111,3 +111,15 @@ def test_similarity_is_recovered() -> None:
     scale, found, shift = similarity(source, 2.5 * source @ R.T + [1.0, 2.0, 3.0])
     assert scale == pytest.approx(2.5)
     assert np.allclose(found, R) and np.allclose(shift, [1.0, 2.0, 3.0])
+
+
+def test_one_coefficient_bends_as_real_lenses_do() -> None:
+    # A wide lens of a real rig (1920 x 1080), whose second coefficient counterweighs the first.
+    K = np.array([[1396.0, 0, 960], [0, 1396, 540], [0, 0, 1]])
+    bent = np.array([-0.282, 0.168, 0.0, 0.0])
+    real = replace(RIG.cameras[0], image_size=(1920, 1080), K=K, distortion=bent)
+    plain = replace(real, distortion=np.zeros(0), lens_assumed=True)
+    found = placed(plain, plain.R, plain.t, np.array([0.0, -0.27, 0.0, 0.0]))
+    aside = np.linspace(0, 0.69, 20)
+    points = np.stack([aside, 0 * aside, 1 + 0 * aside], axis=-1) @ real.R + real.center_m
+    assert np.abs(found.project(points) - real.project(points)).max() < 1.5  # pixels

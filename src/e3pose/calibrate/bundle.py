@@ -173,7 +173,8 @@ def placed(camera: Camera, R: Floats, t: Floats, lens: Floats | None = None) -> 
     K = np.array(camera.K)
     K[:2, 2] += K[[0, 1], [0, 1]] * lens[2:]
     K[:2, :2] *= np.exp(lens[0])
-    distortion = np.array([lens[1], 0.0, 0.0, 0.0]) if lens[1] else camera.distortion
+    bent = np.array([lens[1], 2 * lens[1] ** 2, 0.0, 0.0])
+    distortion = bent if lens[1] else camera.distortion
     return replace(camera, K=K, T_world_camera=T_world_camera, distortion=distortion)
 
 
@@ -319,16 +320,18 @@ def _residuals(cameras: Cameras, rotated: Floats, seen: Observed) -> tuple[Float
     pinhole = in_camera[..., :2] / depth[..., None]
     square = (pinhole**2).sum(axis=-1, keepdims=True)
     scaled = factor * pinhole
-    ideal = scaled * (1 + k1 * square) + middle
+    # The second coefficient is that of Fitzgibbon's division model (2001), to its second order.
+    bent, slope = 1 + k1 * square * (1 + 2 * k1 * square), 1 + 4 * k1 * square
+    ideal = scaled * bent + middle
     residuals = np.einsum("cfmuv,cfmv->cfmu", seen.whiten, ideal - seen.points)
-    by_pinhole = (factor * (1 + k1 * square))[..., None] * np.eye(2)
-    by_pinhole = by_pinhole + 2 * k1[..., None] * scaled[..., :, None] * pinhole[..., None, :]
+    by_pinhole = (factor * bent)[..., None] * np.eye(2)
+    by_pinhole += (2 * k1 * slope * scaled)[..., :, None] * pinhole[..., None, :]
     by_point = np.zeros((*depth.shape, 2, 3))
     by_point[..., 0, 0] = by_point[..., 1, 1] = 1 / depth
     by_point[..., 2] = -pinhole / depth[..., None]
     to_camera = seen.whiten @ (by_pinhole @ by_point)
     by_turn = np.cross(rotated[..., None, :], to_camera)
-    by_lens = np.stack([scaled * (1 + k1 * square), scaled * square], axis=-1)
+    by_lens = np.stack([scaled * bent, scaled * square * slope], axis=-1)
     by_lens = np.concatenate([seen.whiten @ by_lens, seen.whiten], axis=-1)
     return residuals, np.concatenate([by_turn, to_camera, by_lens], axis=-1), to_camera
 
@@ -369,14 +372,11 @@ def _solve(
 
 
 def lens_precision(lenses: Floats | None, number: int) -> Floats:
-    """Return the inverse of the covariance of lenses among all parameters of the cameras.
+    """Return `(number * 10, number * 10)` inverse covariance of lenses, 0 for all that is held.
 
     Args:
         lenses: as `AdjustOptions` has it.
         number: of cameras.
-
-    Returns:
-        `(number * 10, number * 10)`, 0 for what is held or not expected.
     """
     precision = np.zeros((number, NUM_PARAMETERS, number, NUM_PARAMETERS))
     if lenses is not None:

@@ -42,6 +42,8 @@ class PeopleRig:
         inliers: share of observations within three standard deviations.
         fit: how well each camera agrees with the others.
         noise: how many times as large as declared keypoint errors are.
+        other: the rig in which each unknown lens has a focal length of its own; the same where all
+            are known.
     """
 
     solved: PointRig
@@ -50,6 +52,7 @@ class PeopleRig:
     inliers: float
     fit: CameraFit
     noise: float
+    other: Rig
 
     @property
     def explains(self) -> bool:
@@ -188,20 +191,26 @@ def _finish(scene: _Scene, done: Bools, progress: Progress) -> PeopleRig | None:
     best: PeopleRig | None = None
     for number, tolerance in enumerate(FINE_SIGMAS):
         joints, people = scene.rematch(done, tolerance)
-        solved = _adjusted(scene, joints, done)
-        if solved is None:
+        adjusted = _adjusted(scene, joints, done)
+        if adjusted is None:
             return best
+        solved, other = adjusted
         fit = fit_of(solved.adjusted)
         size = np.linalg.norm(solved.adjusted.residuals, axis=-1)
         inliers = float((size[np.isfinite(size)] < 3.0 * fit.factor).mean())
-        best = PeopleRig(solved, joints, people, inliers, fit, scene.factor * fit.factor)
+        noise = scene.factor * fit.factor
+        best = PeopleRig(solved, joints, people, inliers, fit, noise, other)
         scene = scene.with_rig(solved.adjusted.rig, fit.factor)
         progress("adjusting", number + 1, len(FINE_SIGMAS))
     return best
 
 
-def _adjusted(scene: _Scene, joints: Joints, done: Bools) -> PointRig | None:
-    """Adjust a rig; unknown lenses by themselves first, to see which cameras are of one kind."""
+def _adjusted(scene: _Scene, joints: Joints, done: Bools) -> tuple[PointRig, Rig] | None:
+    """Adjust a rig; unknown lenses by themselves first, to see which cameras are of one kind.
+
+    Returns:
+        The rig, and the one before; the same where all lenses are known.
+    """
     rig, lenses = scene.rig, None
     if any(camera.lens_assumed for camera in rig.cameras):
         free = adjust_all(rig, joints.keypoints_px, joints.sigma_px, done, expected_lenses(rig))
@@ -209,6 +218,9 @@ def _adjusted(scene: _Scene, joints: Joints, done: Bools) -> PointRig | None:
             return None
         rig = free.adjusted.rig
         lenses = final_lenses(rig, kinds_of(free.adjusted, fit_of(free.adjusted).factor))
-    return adjust_all(
+    solved = adjust_all(
         rig, joints.keypoints_px, joints.sigma_px, done, lenses, most_points=FINAL_POINTS
-    )  # fmt: skip
+    )
+    if solved is None:
+        return None
+    return solved, rig if lenses is not None else solved.adjusted.rig  # fmt: skip

@@ -101,7 +101,13 @@ def camera_errors(rig: Rig, found: PeopleRig | None, likely: list[Rig]) -> Camer
     moved = distances(best, rig)
     there = Move(*similarity(best.centers_m, rig.centers_m)).rig(best)
     off = [distances(other, there) for other in likely]
-    sure = [root_mean_square(np.stack(each), 0) for each in zip(*off, strict=True)]
+    # Whether cameras share a focal length is a guess: the rig without it may be right as well.
+    sure = [
+        np.hypot(root_mean_square(np.stack(each), 0), otherwise)
+        for each, otherwise in zip(
+            zip(*off, strict=True), distances(found.other, there), strict=True
+        )
+    ]
     if max(moved[0].max(), sure[0].max()) > FAR_DEG:
         return CameraErrors(unknown, unknown, unknown, unknown, unknown)
     focal = np.log([[camera.K[0, 0] for camera in other.cameras] for other in [best, *likely]])
