@@ -84,7 +84,7 @@ lint: $(VENV)/.dev  ## fix formatting and simple lint findings
 reproduce-quick: $(VENV)/.dev  ## redo the paper's tables and figures with few seeds; fails outside their margins
 	$(BIN)/e3pose reproduce reproduced --quick $(if $(E3POSE_SHARED),--data $(E3POSE_SHARED)/data)
 
-bench: $(VENV)/.all  ## run the speed benchmarks
+bench: $(VENV)/.all  ## run the speed benchmarks, and calibration against known truth
 	$(BIN)/python benchmarks/bench_fuse.py
 	$(BIN)/python benchmarks/bench_filter.py
 	$(BIN)/python benchmarks/bench_predict.py
@@ -96,6 +96,7 @@ bench: $(VENV)/.all  ## run the speed benchmarks
 	$(BIN)/python benchmarks/bench_live.py
 	$(BIN)/python benchmarks/bench_floor.py
 	$(BIN)/python benchmarks/bench_view.py
+	$(BIN)/python benchmarks/bench_calibration.py --cases "ring, one person;operating-room"
 
 soak: $(VENV)/.all  ## run a live site for half an hour and check for leaks
 	$(BIN)/python benchmarks/soak.py --minutes 30

@@ -1,7 +1,8 @@
-"""How far calibrations are from the truth: by a board, balls or people, and of films in time.
+"""How far calibrations of simulated rigs are from the truth: by boards, balls and films in time.
 
-    python benchmarks/calibration_error.py                  simulated rigs
-    python benchmarks/calibration_error.py RECORDING...     published calibrations solved anew
+    python benchmarks/calibration_error.py
+
+People are in `bench_calibration.py`.
 
 Distances are largest over the cameras, after the similarity that fits the cameras best; `scale`
 is by how much sizes were wrong before it.
@@ -10,7 +11,6 @@ is by how much sizes were wrong before it.
 from __future__ import annotations
 
 import sys
-import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,18 +20,13 @@ from scipy.spatial.transform import Rotation
 
 from e3pose.calibrate.board import Board
 from e3pose.calibrate.from_boards import solve_boards
-from e3pose.calibrate.judge import judge
-from e3pose.calibrate.people_places import from_people
 from e3pose.calibrate.places import KnownLength, from_points_seen, from_wand_seen
 from e3pose.calibrate.sound import RATE, onsets, shift_of
 from e3pose.calibrate.synchronise import synchronise
 from e3pose.calibrate.wand import Wand
-from e3pose.errors import InputError
 from e3pose.geometry.camera import Rig
 from e3pose.geometry.rigs import ring_rig
-from e3pose.model.noises import detector_of, load_noise
-from e3pose.recording import load_recording
-from e3pose.recording.record import Recording
+from e3pose.model.noises import load_noise
 from e3pose.simulate import SceneSettings, simulate
 
 sys.path.append(str(Path(__file__).resolve().parents[1]))  # scenes of the tests
@@ -39,7 +34,6 @@ sys.path.append(str(Path(__file__).resolve().parents[1]))  # scenes of the tests
 from tests.calibrate import sounds as sound
 from tests.calibrate.people_scenes import (
     distances,
-    disturbed,
     every,
     without_calibration,
 )
@@ -115,40 +109,6 @@ def _told(what: str, found: Rig, truth: Rig) -> None:
     print(f"  {what}: {degrees:.3f} {millimetres:.1f} {distances(found, truth)[2]:.4f}", flush=True)
 
 
-def people() -> None:
-    print("people, 40 s: cameras, people, seed, start, degrees, mm, scale, up off by degrees")
-    for cameras, number in ((4, 1), (4, 4), (6, 3), (8, 2)):
-        for seed in SEEDS:
-            settings = SceneSettings(people=number, seconds=40, cameras=cameras, fps=12.5)
-            recording = simulate(settings, seed)
-            row = f"  {cameras} {number} {seed}"
-            print(f"{row} rough   {_solve(recording, disturbed(recording.rig, 5, 0.2, seed))}")
-            print(f"{row} nothing {_solve(recording, None)}", flush=True)
-            if seed == SEEDS[0]:
-                print(
-                    f"{row} no lens {_solve(without_calibration(recording), None, recording.rig)}"
-                )
-
-
-def _solve(recording: Recording, start: Rig | None, truth: Rig | None = None) -> str:
-    truth = truth or recording.rig
-    begun = time.perf_counter()
-    noise = load_noise(detector_of(recording))
-    try:
-        found = from_people(recording, noise, start, KnownLength(), quiet)
-    except InputError as error:
-        return f"failed: {error}"
-    degrees, millimetres, scale = distances(found.rig, truth)
-    tilts = [
-        np.degrees(np.arccos(np.clip((c.R @ [0, 0, 1]) @ (t.R @ [0, 0, 1]), -1, 1)))
-        for c, t in zip(found.rig.cameras, truth.cameras, strict=True)
-    ]
-    return (
-        f"{degrees:.3f} {millimetres:.1f} {scale:.3f} {np.mean(tilts):.2f} "
-        f"({np.nanmean(found.errors_px):.1f} px, {time.perf_counter() - begun:.0f} s)"
-    )
-
-
 def films() -> None:
     print("films shifted: people, seed, calibration, largest error in frames of 15 a second")
     for number, seed in ((1, 751), (1, 752), (2, 753)):
@@ -183,25 +143,8 @@ def sounds() -> None:
         )  # fmt: skip
 
 
-def real(path: Path) -> None:
-    recording = load_recording(path)
-    recording = replace(recording, truth=None)
-    print(f"{recording.name}: start, degrees, mm, scale, up off by degrees")
-    for seed in range(2):
-        print(f"  rough   {_solve(recording, disturbed(recording.rig, 5, 0.2, seed))}", flush=True)
-    print(f"  nothing {_solve(recording, None)}", flush=True)
-    noise = load_noise(detector_of(recording))
-    found = judge(recording, noise, quiet)
-    print(f"  published: median error px {np.round(found.errors_px, 1).tolist()}")
-
-
 if __name__ == "__main__":
-    if len(sys.argv) > 1:
-        for word in sys.argv[1:]:
-            real(Path(word))
-    else:
-        boards()
-        balls()
-        people()
-        films()
-        sounds()
+    boards()
+    balls()
+    films()
+    sounds()
