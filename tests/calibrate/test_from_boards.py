@@ -19,8 +19,8 @@ A4 = Board.parse("charuco-5x7-37mm")
 RIG = ring_rig(5, 4.0, 2.0, (1280, 720), np.random.default_rng(0))
 
 
-def carried(rng: np.random.Generator, number: int) -> np.ndarray:
-    """Return corners of a board that is carried about, seen from its front alone."""
+def carried(rng: np.random.Generator, number: int, two_sided: bool = False) -> np.ndarray:
+    """Return corners of a board that is carried about, seen from its front or from both sides."""
     pixels = np.full((len(RIG), number, len(BOARD.corners_m), 2), np.nan)
     middle = BOARD.corners_m.mean(axis=0)
     for time in range(number):
@@ -31,7 +31,7 @@ def carried(rng: np.random.Generator, number: int) -> np.ndarray:
         for index, camera in enumerate(RIG.cameras):
             to_camera = camera.center_m - place
             facing = -(turn[:, 2] @ to_camera) / np.linalg.norm(to_camera)
-            if facing > 0.4 and camera.sees(corners).all():
+            if (abs(facing) if two_sided else facing) > 0.4 and camera.sees(corners).all():
                 pixels[index, time] = camera.project(corners) + rng.normal(0, 0.3, (24, 2))
     return pixels
 
@@ -43,6 +43,14 @@ def test_no_camera_sees_all_and_the_rig_is_found() -> None:
     assert degrees < 0.1 and millimetres < 10
     assert scale == pytest.approx(1, abs=0.002)
     assert solved.errors_px == pytest.approx(0.3 * np.sqrt(2), rel=0.2)
+
+
+def test_two_sided_board_joins_cameras_that_face_each_other() -> None:
+    pixels = carried(np.random.default_rng(4), 20, two_sided=True)
+    solved = solve_boards(RIG, BOARD.corners_m, pixels)
+    assert (solved.together > 0).all()  # of 20 places
+    degrees, millimetres, _ = distances(solved.adjusted.rig, RIG)
+    assert degrees < 0.1 and millimetres < 10
 
 
 def test_misread_boards_do_no_harm() -> None:
