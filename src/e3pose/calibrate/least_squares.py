@@ -113,7 +113,7 @@ def reduced_normal(system: Linearised, outlier_sigmas: float) -> tuple[Floats, F
     """Return the normal equations of the cameras alone, without any prior.
 
     Args:
-        system: residuals at one state.
+        system: residuals at one state; every block is seen well enough to be placed.
         outlier_sigmas: as `solve` has it.
 
     Returns:
@@ -122,7 +122,8 @@ def reduced_normal(system: Linearised, outlier_sigmas: float) -> tuple[Floats, F
     num_cameras, p = system.by_camera.shape[0], system.by_camera.shape[-1]
     nothing = np.zeros((num_cameras, p)), np.zeros((num_cameras * p, num_cameras * p))
     parts = _normal_parts(system, nothing, outlier_sigmas)
-    reduced, folded = _reduced(parts, _inverses(parts.blocks, 0.0))
+    # Without the floor of `_inverses`: it would hold the scale, which is free.
+    reduced, folded = _reduced(parts, np.asarray(np.linalg.inv(parts.blocks)))
     gradient = parts.camera_gradient.reshape(-1) - folded @ parts.block_gradient.reshape(-1)
     return reduced, gradient
 
