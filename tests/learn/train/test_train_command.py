@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from dataclasses import fields
 from pathlib import Path
+from typing import Literal
 
 import pytest
 
 from e3pose.cli.training import DataOptions, NetworkOptions, StepOptions, train
 from e3pose.errors import InputError
+from e3pose.model.skeleton import COCO17
+from e3pose.predict.attention_lstm import AttentionLstm
 from e3pose.recording import save_recording
 from e3pose.simulate import SceneSettings, simulate
 
@@ -72,3 +75,22 @@ def test_a_missing_file_of_weights_is_named(room: Path) -> None:
         train(
             [room], out=room.parent / "out", network=NetworkOptions(start=room.parent / "none.onnx")
         )
+
+
+@pytest.mark.parametrize("loss", ["relative", "squared"])
+def test_the_papers_network_is_trained_on_what_the_least_occluded_cameras_see(
+    room: Path, loss: Literal["relative", "squared"]
+) -> None:
+    other = room.parent / "other"
+    save_recording(simulate(SceneSettings(people=2, seconds=3.0), seed=1), other)
+    out = room.parent / "out"
+    train(
+        [room], out=out, data=DataOptions(validate=[other]),
+        network=NetworkOptions(published=True, hidden=8, history=5, leads=4),
+        optimisation=StepOptions(steps=2, batch=4, loss=loss),
+    )  # fmt: skip
+    card = (out / "model-card.md").read_text()
+    assert f"- loss: {loss}" in card and "- variety: motion" in card
+    assert "as its cameras estimate it" in card  # the truth is there, and not learned from
+    predictor = AttentionLstm(COCO17, out / "attention-lstm.onnx")
+    assert not predictor.states_error
