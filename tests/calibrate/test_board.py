@@ -130,6 +130,15 @@ def test_page_is_at_true_scale_in_both_formats() -> None:
     assert np.linalg.norm(corners[:, 1:] - corners[:, :-1], axis=-1) == pytest.approx(360, abs=0.3)
 
 
+def test_back_of_a_page_is_its_mirror_image() -> None:
+    board = Board.parse("charuco-5x7-36mm-twosided")
+    front, back = (draw_page(board, "a4", back=back) for back in (False, True))
+    assert sorted((round(b.x, 3), round(b.y, 3)) for b in front.boxes) == sorted(
+        (round(210 - b.x - b.width, 3), round(b.y, 3)) for b in back.boxes
+    )
+    assert "charuco-5x7-<its side>mm-twosided" in front.lines[-1].text
+
+
 def test_page_refuses_what_does_not_fit() -> None:
     assert largest_square_mm("a4", 5, 7) == 36
     with pytest.raises(InputError, match=r"squares of 60 mm take 300 x 420 mm"):

@@ -41,6 +41,8 @@ def test_board_is_written_and_named(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert (tmp_path / "mine.pdf").read_bytes().startswith(b"%PDF-1.4")
     assert (tmp_path / "mine.svg").read_text().startswith("<svg")
     assert "--board charuco-5x7-54mm" in capsys.readouterr().out
+    assert run("calibrate", "board", tmp_path / "mine", "--two-sided") == 0
+    assert (tmp_path / "mine-back.svg").read_text() != (tmp_path / "mine.svg").read_text()
     assert run("calibrate", "board", tmp_path / "mine", "--kind", "chessboard") == 0
     assert run("calibrate", "board", tmp_path / "mine", "--square", "60") == 2
     assert "take 300 x 420 mm, expected at most" in capsys.readouterr().err

@@ -34,12 +34,15 @@ LENSES: dict[str, tuple[list[float], bool]] = {
     "enormous": ([1e6, -1e6, 1e3, 1e3, 1e6], False),
     "fisheye": ([0.02, -0.008, 0.003, -0.0006], True),
     "folding fisheye": ([-0.18, 0.01, 0.0, 0.0], True),
+    "filmed in part": ([0.02, -0.008, 0.003, -0.0006], True),
 }
+FILMED_TO = 0.4  # radians off the axis
 
 
 def camera(lens: str) -> Camera:
     coefficients, fisheye = LENSES[lens]
-    return Camera("a", SIZE, K, np.eye(4), np.array(coefficients), fisheye)
+    known_to = FILMED_TO if lens == "filmed in part" else None
+    return Camera("a", SIZE, K, np.eye(4), np.array(coefficients), fisheye, known_to=known_to)
 
 
 def random_camera(rng: np.random.Generator) -> Camera:
@@ -115,7 +118,9 @@ def test_random_lenses_are_inverted_as_in_the_reference() -> None:
     assert lost > 5_000 and kept > 50_000
 
 
-@pytest.mark.parametrize("lens", [name for name in LENSES if name not in ("none", "enormous")])
+@pytest.mark.parametrize(
+    "lens", [name for name in LENSES if name not in ("none", "enormous", "filmed in part")]
+)
 def test_kernel_finds_the_point_that_was_projected(lens: str) -> None:
     rng = np.random.default_rng(3)
     points = np.column_stack([rng.uniform(-0.6, 0.6, (300, 2)), np.ones(300)])
@@ -222,3 +227,15 @@ def test_people_seen_by_fisheyes_and_others_are_found_where_they_are(
     assert (fusion.members == order[:, None]).all()
     assert np.abs(fusion.poses.joints_m - truth[order]).max() < 1e-6
     assert fusion.reprojection_error_px.max() < 1e-3
+
+
+def test_nothing_is_placed_beyond_what_was_filmed() -> None:
+    seen_by = camera("filmed in part")
+    angles = np.array([0.9, 1.1]) * FILMED_TO
+    whole = camera("fisheye")
+    points = np.stack([np.tan(angles), 0 * angles, 1 + 0 * angles], axis=-1)
+    pixels = whole.project(points)
+    assert np.isfinite(pixels).all()
+    placed = by_kernel(seen_by, pixels)
+    assert np.isfinite(placed[0]).all() and np.isnan(placed[1]).all()
+    assert seen_by.sees(points).tolist() == [True, False]

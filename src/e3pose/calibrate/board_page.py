@@ -64,8 +64,13 @@ def paper_mm(paper: str) -> tuple[float, float]:
     return PAPERS_MM[paper.lower()]
 
 
-def draw_page(board: Board, paper: str) -> Page:
+def draw_page(board: Board, paper: str, back: bool = False) -> Page:
     """Lay a board out on a paper, with a bar to measure and the name that `Board.parse` reads.
+
+    Args:
+        board: what to draw.
+        paper: one of `PAPERS_MM`.
+        back: whether to draw the mirror image, for the back of a two-sided board.
 
     Raises:
         InputError: when the board does not fit the paper, or the paper is unknown.
@@ -85,7 +90,7 @@ def draw_page(board: Board, paper: str) -> Page:
     cell = square / CELLS
     boxes = [
         Box(left + x0 * cell, top + y0 * cell, (x1 - x0) * cell, (y1 - y0) * cell)
-        for y0, y1, x0, x1 in _rectangles(board.cells())
+        for y0, y1, x0, x1 in _rectangles(board.cells()[:, :: -1 if back else 1])
     ]
     foot = height - MARGIN_MM - FOOT_MM + 8.0
     bar = (width - BAR_MM) / 2
@@ -97,9 +102,15 @@ def draw_page(board: Board, paper: str) -> Page:
     lines = (
         Line(bar, foot + 5.5, f"{board.name}: print at 100 % (no fit to page). This bar is"),
         Line(bar, foot + 9.5, f"{BAR_MM:g} mm from end to end; if not, measure a square and pass"),
-        Line(bar, foot + 13.5, f"--board {board.kind}-{board.columns}x{board.rows}-<its side>mm"),
+        Line(bar, foot + 13.5, f"--board {_with_side(board)}"),
     )
     return Page(width, height, tuple(boxes), lines)
+
+
+def _with_side(board: Board) -> str:
+    """Return the board's name with a place for the side of its squares."""
+    side = f"{1000 * board.square_m:.6g}mm"
+    return board.name.replace(side, "<its side>mm", 1)
 
 
 def _rectangles(cells: NDArray[np.bool_]) -> Iterator[tuple[int, int, int, int]]:

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Literal
 
-from e3pose.cli.options import Whole
+from e3pose.cli.options import Flag, Whole
 from e3pose.cli.output import JsonFile, is_stdout, write_json
 from e3pose.errors import InputError
 from e3pose.quantities import plural
@@ -23,6 +23,7 @@ def board(
     columns: Whole = 5,
     rows: Whole | None = None,
     square: float | None = None,
+    two_sided: Flag = False,
 ) -> None:
     """Write a calibration board to print, as PDF and as SVG at true scale.
 
@@ -46,6 +47,9 @@ def board(
         Squares down. Default: 7; 8 for a chessboard.
     square
         Side of a square in millimetres. Default: as large as fits on the paper.
+    two_sided
+        Also write the mirror image, NAME-back.pdf and NAME-back.svg, for the back: cameras that
+        face each other then see the same board. Glue both so that their corners meet.
     """
     from e3pose.calibrate.board import Board
     from e3pose.calibrate.board_page import as_pdf, as_svg, draw_page, largest_square_mm
@@ -54,16 +58,21 @@ def board(
     if rows is None:
         rows = 7 if kind == "charuco" else 8
     side = square if square is not None else largest_square_mm(paper, max(columns, 1), max(rows, 1))
-    drawn = Board(kind, columns, rows, side / 1000)
-    page = draw_page(drawn, paper)
-    pdf, svg = name.with_name(f"{name.name}.pdf"), name.with_name(f"{name.name}.svg")
-    for path in (pdf, svg):
+    drawn = Board(kind, columns, rows, side / 1000, two_sided=two_sided)
+    pages = {name: draw_page(drawn, paper)}
+    if two_sided:
+        pages[name.with_name(f"{name.name}-back")] = draw_page(drawn, paper, back=True)
+    files = {
+        stem.with_name(f"{stem.name}{suffix}"): content
+        for stem, page in pages.items()
+        for suffix, content in ((".pdf", as_pdf(page)), (".svg", as_svg(page).encode()))
+    }
+    for path in files:
         check_output(path)
-    with atomic_file(pdf) as temporary:
-        temporary.write_bytes(as_pdf(page))
-    with atomic_file(svg) as temporary:
-        temporary.write_text(as_svg(page), encoding="utf-8")
-    print(f"{pdf}, {svg}: {drawn.name} on {paper.upper()}")
+    for path, content in files.items():
+        with atomic_file(path) as temporary:
+            temporary.write_bytes(content)
+    print(f"{', '.join(map(str, files))}: {drawn.name} on {paper.upper()}")
     print("Print at 100 %, measure the bar (100 mm), glue the page to something flat and stiff.")
     wanted = "" if drawn.name == DEFAULT_BOARD else f" --board {drawn.name}"
     print(
