@@ -118,6 +118,14 @@ def test_networks_without_some_parts_are_exported_alike(changes: dict[str, bool]
     np.testing.assert_allclose(same.numpy(), wanted, atol=1e-5)
 
 
+def test_a_regressor_of_places_is_trained_for_comparison_and_not_run(tmp_path: Path) -> None:
+    places = replace(SETTINGS.network.as_published(), displaces=False)
+    path = tmp_path / "places.onnx"
+    path.write_bytes(export(AttentionLstm(places).eval(), [1.0]))
+    with pytest.raises(InputError, match="regressor of places instead of displacements"):
+        Predictor(COCO17, path)
+
+
 def test_the_papers_network_runs_as_torch_says_and_states_no_error(tmp_path: Path) -> None:
     settings = replace(SETTINGS, network=SETTINGS.network.as_published(), loss="squared")
     weights = train(TRAINING, VALIDATION, tmp_path, settings)
