@@ -28,7 +28,7 @@ def unknown() -> None:
 
 def head_on_nose() -> None:
     """Let the top of the head hang on the nose."""
-    tree.PARENTS["top_head"] = (("nose",), tree.HEAD)
+    tree.PARENTS["top_head"] = (("nose",), tree.STIFF)
 
 
 def bones() -> None:

@@ -97,10 +97,6 @@ TERMS: dict[str, tuple[tuple[str, str, str], ...]] = {
     "usual feet": (("kernels/update", "USUAL_SLACK_M", OFF),),
     "learned bones": (("kernels/update", "BONE_KNOWN_M", "0.0"),),
     "steering": (("steer", "GAIN", "0.0"),),
-    "one habit of the trunk": (
-        ("tree", "TRUNK, SPINE, GIRDLE", "Habit(4.3, 0.78), Habit(2.9, 0.4), Habit(2.9, 0.4)"),
-        ("tree", "HEAD, FACE", "Habit(2.9, 0.4), Habit(2.9, 0.4)"),
-    ),
     "one habit of feet": (
         ("tree", "TOE", "Habit(8.2, 0.2, usual_m=0.2)"),
         ("tree", "SMALL_TOE", "Habit(8.2, 0.2, usual_m=0.09)"),

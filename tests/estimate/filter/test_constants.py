@@ -12,7 +12,7 @@ FOLDER = Path(e3pose.estimate.filter.__file__).parent
 # How the comment of a number begins that is no tuning: indices, formulas, room for hostile views,
 # what keeps arithmetic finite.
 NO_TUNING = ("layout", "definition", "capacity", "numerics")
-MOST = 142
+MOST = 138
 
 
 def numbers(value: ast.expr) -> int:

@@ -38,8 +38,8 @@ class Habit(NamedTuple):
     usual_m: float = 0.0
 
 
-TRUNK, SPINE, GIRDLE = Habit(4.3, 0.78), Habit(3.0, 0.4), Habit(2.4, 0.4)
-HEAD, FACE = Habit(2.9, 0.4), Habit(1.6, 0.4)
+TRUNK, STIFF = Habit(4.3, 0.78), Habit(2.9, 0.4)  # the body; spine, girdles and head
+FACE = Habit(1.6, 0.4)
 MIDDLE, END = Habit(6.2, 0.25), Habit(8.2, 0.2)  # elbows and knees; wrists and ankles
 # A foot turns as CMU's motion capture does beside the ankle, by the distance from it, half as
 # strongly again, as the ankle's habit is to CMU's. Their bones are too short to be learned; usual
@@ -50,12 +50,12 @@ HEEL = Habit(3.5, 0.15, usual_m=0.08)
 # Each joint's parent, the first one that the skeleton has, and how it moves beside it.
 PARENTS: dict[str, tuple[tuple[str, ...], Habit]] = {
     "mid_hip": ((), TRUNK),
-    "left_hip": (("mid_hip",), GIRDLE),
-    "right_hip": (("mid_hip", "left_hip"), GIRDLE),
-    "neck": (("mid_hip", "left_hip"), SPINE),
-    "left_shoulder": (("neck", "left_hip"), SPINE),
-    "right_shoulder": (("neck", "left_shoulder"), GIRDLE),
-    "nose": (("neck", "left_shoulder"), HEAD),
+    "left_hip": (("mid_hip",), STIFF),
+    "right_hip": (("mid_hip", "left_hip"), STIFF),
+    "neck": (("mid_hip", "left_hip"), STIFF),
+    "left_shoulder": (("neck", "left_hip"), STIFF),
+    "right_shoulder": (("neck", "left_shoulder"), STIFF),
+    "nose": (("neck", "left_shoulder"), STIFF),
     **{f"{s}_eye": (("nose",), FACE) for s in ("left", "right")},
     **{f"{s}_ear": ((f"{s}_eye", "nose"), FACE) for s in ("left", "right")},
     **{f"{s}_elbow": ((f"{s}_shoulder",), MIDDLE) for s in ("left", "right")},
@@ -65,7 +65,7 @@ PARENTS: dict[str, tuple[tuple[str, ...], Habit]] = {
     **{f"{s}_big_toe": ((f"{s}_ankle",), TOE) for s in ("left", "right")},
     **{f"{s}_small_toe": ((f"{s}_big_toe",), SMALL_TOE) for s in ("left", "right")},
     **{f"{s}_heel": ((f"{s}_ankle",), HEEL) for s in ("left", "right")},
-    "top_head": (("neck", "nose"), HEAD),
+    "top_head": (("neck", "nose"), STIFF),
 }
 
 
