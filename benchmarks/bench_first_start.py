@@ -55,7 +55,9 @@ def measure(kernels: bool) -> dict[str, Any]:
     from e3pose.simulate import SceneSettings, simulate
 
     scene = simulate(SceneSettings(people=2, seconds=0.5, cameras=4), 0)
-    warm_up(make_pipeline(scene, ReplaySettings(num_selected=2, lead_slots=4)))
+    warm_up(
+        make_pipeline(scene, ReplaySettings(num_selected=2, lead_slots=4)), scene.skeleton.joints
+    )
     taken_s = time.monotonic() - begun_s
     used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
     return {

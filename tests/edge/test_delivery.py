@@ -112,3 +112,17 @@ def test_no_camera_is_short_because_the_edge_is_slow() -> None:
         record = SlotRecord(slot, 0.0, EVERYBODY, NOBODY, poses, ids, nothing, nothing, EVERYBODY)
         health.after_slot(record, EVERYBODY, NOBODY, NOBODY, NOBODY, 1.2 * HIGH * INTERVAL_S, 0.0)
     assert health.load.overloaded() and not health.delivery.short.any()
+
+
+def test_cameras_of_the_warm_up_are_no_measure_of_what_a_policy_selects() -> None:
+    """An overloaded edge takes turns with so many: all of them would be more load, not less."""
+    health, nothing = Health(2, INTERVAL_S, 1.0, warmup_slots=20), np.zeros(2)
+    poses, ids = Poses3D(np.zeros((0, 17, 3)), np.zeros((0, 17))), np.zeros(0, dtype=np.int64)
+    one = np.array([True, False])
+    awake: list[float] = []
+    for slot in range(40):
+        who = EVERYBODY if slot < 20 else one
+        record = SlotRecord(slot, 0.0, who, NOBODY, poses, ids, nothing, nothing, who)
+        health.after_slot(record, who, NOBODY, NOBODY, NOBODY, 0.0, 0.0)
+        awake.append(health.load.awake)
+    assert max(awake) == 1.0

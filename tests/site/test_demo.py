@@ -145,7 +145,8 @@ def test_offline_says_what_it_could_not_fetch_and_where_to_look(tmp_path: Path) 
     assert said[1].startswith("Could not download the network openpose-thin: not in the cache")
     assert said[2].startswith("Ran a live site on a simulated scene instead: an edge server and 4")
     text = "\n".join(said)
-    assert "selected 2 cameras 2 slots ahead (warm-up: all cameras in the first 10 slots)" in text
+    assert "20 slots the edge selected cameras 2 slots ahead" in text
+    assert "all cameras in the first 10 slots, then 2.0 per slot on average (goal: 2)." in text
     assert "3.0 of 4 cameras were active" in text and "% less energy" in text
     assert "Timing: 76 of 80 orders and 60 of 60 views arrived in time; 0 slots lost." in text
     assert "Network: 2 kB of keypoints" in text and "speed" not in text

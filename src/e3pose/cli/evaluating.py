@@ -149,7 +149,7 @@ def evaluate(
             open_pixels(source, recording, detector, threads=1, feedback=feedback)
     warn(noise_warning(source, settings[0]))
     if jobs != 1 and len(settings) > 1:
-        warm_up(pipelines[0])  # compiled once, and not in each of the processes
+        warm_up(pipelines[0], source.skeleton.joints)  # compiled once, not in each process
     summaries = compare(
         source,
         settings,

@@ -27,6 +27,7 @@ class Health:
         num_cameras: of the rig.
         slot_s: seconds per slot.
         pace: seconds of the scene per second.
+        warmup_slots: at the start, for which no policy selects.
         load: of the edge.
         delivery: of the cameras.
     """
@@ -34,6 +35,7 @@ class Health:
     num_cameras: int
     slot_s: float
     pace: float
+    warmup_slots: int = 0
     load: Load = field(default_factory=Load)
     delivery: Delivery = field(init=False)
 
@@ -61,7 +63,8 @@ class Health:
             took_s: computing time.
             behind_s: how long after its deadline computing began.
         """
-        before, awake = self.load, int(record.selected.sum())
+        before = self.load
+        awake = int(record.selected.sum()) if record.slot >= self.warmup_slots else before.awake
         self.load = after_work(before, took_s, self.slot_s, awake, behind_s)
         fair = wanted & ~orders_late & (not self.load.overloaded())
         self.delivery = after_slot(

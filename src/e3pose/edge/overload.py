@@ -44,7 +44,7 @@ class Load:
         eased: whether the last change was to shed less.
         calm_s: how long the load has been low.
         wait_s: how long it must be low before less is shed.
-        awake: cameras per slot while nothing was shed, a running mean.
+        awake: cameras per slot while a policy selected and nothing was shed, a running mean.
         behind_s: how long after its deadline a slot is begun, a running mean.
         blamed_s: seconds since the edge was last too slow.
     """
@@ -78,7 +78,7 @@ class Load:
 
 
 def after_work(
-    load: Load, took_s: float, interval_s: float, awake: int, behind_s: float = 0.0
+    load: Load, took_s: float, interval_s: float, awake: float, behind_s: float = 0.0
 ) -> Load:
     """Return the load after one more slot.
 

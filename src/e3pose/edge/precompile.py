@@ -10,19 +10,37 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
+from e3pose.geometry.camera import Rig
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import SKELETONS
 from e3pose.pipeline import Pipeline, initial_state, step
 
 HELPER_BYTES = 1.5e9  # free memory from which a second process compiles
+SLOTS = 12  # until a person is followed, selected for, and foreseen
+# Somebody who stands: height and, of left joints, distance from the middle, metres.
+STANDING_M = {
+    "hip": (0.93, 0.1), "knee": (0.51, 0.1), "ankle": (0.1, 0.1), "heel": (0.03, 0.1),
+    "toe": (0.02, 0.1), "foot": (0.02, 0.1), "shoulder": (1.42, 0.17), "elbow": (1.14, 0.19),
+    "wrist": (0.9, 0.2), "hand": (0.85, 0.2), "ear": (1.6, 0.07), "eye": (1.62, 0.03),
+}  # fmt: skip
+OTHERS_M = (1.5, 0.05)
 
 
-def warm_up(pipeline: Pipeline, more: Callable[[], None] = lambda: None) -> None:
-    """Run a few synthetic slots through the loop, and discard them; then do what is `more`."""
+def warm_up(
+    pipeline: Pipeline, joints: Sequence[str], more: Callable[[], None] = lambda: None
+) -> None:
+    """Run a few synthetic slots through the loop, and discard them; then do what is `more`.
+
+    Args:
+        pipeline: the loop.
+        joints: names of the skeleton's joints.
+        more: what else is to be compiled.
+    """
     state = initial_state(pipeline)
     helper = _start_helper(pipeline)
     if helper is not None:
@@ -31,20 +49,38 @@ def warm_up(pipeline: Pipeline, more: Callable[[], None] = lambda: None) -> None
             helper.wait()
         finally:
             helper.terminate()
-    joints = np.zeros((2, 2, pipeline.num_joints, 3))
-    pipeline.predictor.predict(joints, pipeline.interval_s, pipeline.lead_slots)
+    histories_m = np.zeros((2, 2, pipeline.num_joints, 3))
+    pipeline.predictor.predict(histories_m, pipeline.interval_s, pipeline.lead_slots)
     if pipeline.steering is not None:
-        pipeline.steering.predict(joints, pipeline.interval_s, pipeline.lead_slots)
+        pipeline.steering.predict(histories_m, pipeline.interval_s, pipeline.lead_slots)
     everybody = np.ones(len(pipeline.rig), dtype=bool)
-    for _ in range(3):
-        views = {
-            camera: Poses2D(
-                np.zeros((1, pipeline.num_joints, 2)), np.ones((1, pipeline.num_joints))
-            )
-            for camera in range(len(pipeline.rig))
-        }
-        state, _record = step(pipeline, state, views, everybody)
+    views = _seen(pipeline.rig, joints)
+    selecting = replace(pipeline, warmup_slots=0)  # the policy as well
+    for _ in range(SLOTS):
+        state, _record = step(selecting, state, views, everybody)
     more()
+
+
+def _seen(rig: Rig, joints: Sequence[str]) -> dict[int, Poses2D]:
+    """Return what cameras see of one person in front of all, and of one for the first alone."""
+    axes = np.stack([camera.R[2] for camera in rig.cameras])
+    across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
+    sums = across.sum(axis=0), np.einsum("cij,cj->i", across, rig.centers_m)
+    middle_m = np.linalg.lstsq(*sums, rcond=None)[0]  # the point nearest to all optical axes
+    body_m = np.array([_standing_m(joint) for joint in joints]) - [0.0, 0.0, 0.9]
+    people_m = middle_m + np.stack([body_m, body_m + np.array([1.0, 0.5, 0.0])])
+    pixels = rig.project(people_m)
+    scores = np.asarray(np.isfinite(pixels).all(axis=-1), dtype=np.float64)
+    return {
+        camera: Poses2D(pixels[camera, :people], scores[camera, :people])
+        for camera, people in enumerate([2] + [1] * (len(rig) - 1))
+    }
+
+
+def _standing_m(joint: str) -> tuple[float, float, float]:
+    height_m, aside_m = next((m for part, m in STANDING_M.items() if part in joint), OTHERS_M)
+    side = {"left": 1.0, "right": -1.0}.get(joint.partition("_")[0], 0.0)
+    return side * aside_m, 0.02, height_m
 
 
 def compiling_left_s() -> float:

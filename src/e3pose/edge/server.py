@@ -113,7 +113,7 @@ class EdgeServer:
             self.pipeline = replace(pipeline, lead_slots=self.lead.slots)
         else:
             self.lead = Lead(pipeline.lead_slots)
-        self.health = Health(num_cameras, interval_s, settings.pace)
+        self.health = Health(num_cameras, interval_s, settings.pace, pipeline.warmup_slots)
         self.state: SlotState = initial_state(self.pipeline)
         self.times: SlotTimes | None = None  # until the first slot
         self.newest: SlotRecord | None = None
@@ -137,7 +137,7 @@ class EdgeServer:
         self.membership.join()  # cameras connect while it gets ready
         self.start_sending()
         self.threads.start("keeping", self.housekeeping.run)  # tells how long that takes
-        warm_up(self.pipeline, self.publisher.warm_up)
+        warm_up(self.pipeline, self.settings.joints, self.publisher.warm_up)
         self.ready = True
         self.threads.start("fusion", self._run_slots)
 

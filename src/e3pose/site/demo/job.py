@@ -7,6 +7,7 @@ cannot be fetched, the cameras play a simulated scene.
 from __future__ import annotations
 
 import json
+import math
 import os
 import shutil
 import time
@@ -311,7 +312,14 @@ def _figures(
         fuse_ms=(0.0, 0.0) if status is None else status.latency_ms,
         delay_ms=1000 * float(np.median(heard.delays_s)) if heard.delays_s else 0.0,
         blind=count_blind(records),
+        selected=_mean_selected(records),
     )
+
+
+def _mean_selected(records: Sequence[SlotRecord]) -> float:
+    """Return the cameras per slot after the warm-up; NaN before its end."""
+    later = [r.selected.sum() for r in records if r.slot >= WARMUP_SLOTS and not r.blind]
+    return float(np.mean(later)) if later else math.nan
 
 
 def _mean_people(records: Sequence[SlotRecord]) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -44,6 +45,7 @@ class LiveFigures:
         fuse_ms: median and 99th percentile from a slot's last view to its poses.
         delay_ms: median from the middle of a slot until its poses were published.
         blind: blind slots by cause.
+        selected: cameras per slot after the warm-up, without blind slots; NaN before its end.
     """
 
     pace: float
@@ -62,6 +64,7 @@ class LiveFigures:
     fuse_ms: tuple[float, float]
     delay_ms: float
     blind: Mapping[str, int]
+    selected: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,9 +125,10 @@ def story(report: DemoReport) -> list[str]:
         ]
     return [
         *did,
-        f"In each of {summary.slots} slots the edge selected {settings.num_selected} cameras "
-        f"{_ahead(live.lead_slots)} (warm-up: all cameras in the first "
-        f"{settings.warmup_slots} slots) and estimated the 3D poses from their views.",
+        f"In {summary.slots} slots the edge selected cameras {_ahead(live.lead_slots)} and "
+        "estimated the 3D poses from their views: all cameras in the first "
+        f"{settings.warmup_slots} slots, then {_selected(live.selected)}"
+        f"(goal: {settings.num_selected:g}).",
         f"Energy: {selection.mean_cameras:.1f} of {report.num_cameras} cameras were "
         f"active on average, {energy.saving_percent:.0f} % less energy for processors, "
         f"WiFi and memory, {energy.device_saving_percent:.0f} % less for the whole cameras "
@@ -144,6 +148,10 @@ def pace_words(live: LiveFigures, num_cameras: int) -> list[str]:
         f"Videos played at {live.pace:.2g}x speed: one detection takes {live.alone_ms:.0f} ms on "
         f"this machine, and {num_cameras} cameras share {live.cores} cores."
     ]
+
+
+def _selected(mean: float) -> str:
+    return "fewer " if math.isnan(mean) else f"{mean:.1f} per slot on average "
 
 
 def _ahead(lead_slots: int) -> str:

@@ -1,0 +1,79 @@
+"""What an edge compiles or loads before its first slot is all that its slots need."""
+
+from __future__ import annotations
+
+import gc
+import subprocess
+import sys
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from e3pose.edge import precompile
+from e3pose.edge.precompile import warm_up
+from e3pose.model.skeleton import SKELETONS, Skeleton
+from e3pose.pipeline import initial_state, step
+from e3pose.recording.record import ViewSeries
+from e3pose.runtime.dispatcher import KernelDispatcher
+from e3pose.settings.loop import ReplaySettings
+from e3pose.settings.parts import make_pipeline
+from e3pose.simulate.settings import SceneSettings
+from e3pose.simulate.simulation import simulate
+
+CASES = {
+    "default": ReplaySettings(policy="information", num_selected=2, lead_slots=2),
+    "target": ReplaySettings(policy="information", target_error_m=0.04, feedback=True),
+    "paper": ReplaySettings(pipeline="paper", policy="e3pose", num_selected=2),
+    "occlusion": ReplaySettings(policy="central-2d", num_selected=2),
+}
+
+
+def loaded() -> set[tuple[str, str]]:
+    """Return the kernels of this process, and the types that they are ready for."""
+    kernels = (kernel for kernel in gc.get_objects() if isinstance(kernel, KernelDispatcher))
+    return {(str(kernel.py_func), str(types)) for kernel in kernels for types in kernel.overloads}
+
+
+def loaded_in_slots(settings: ReplaySettings) -> set[tuple[str, str]]:
+    """Return what is compiled or loaded during the slots of a scene, after the warm-up."""
+    scene = simulate(SceneSettings("ring", people=3, seconds=6.0, cameras=4), seed=0)
+    pipeline = make_pipeline(scene, settings)
+    warm_up(pipeline, scene.skeleton.joints)
+    before, state = loaded(), initial_state(pipeline)
+    for slot in range(scene.num_slots):
+        seen = {camera: series.view(slot) for camera, series in enumerate(scene.views)}
+        views = {c: view for c, view in seen.items() if view and state.selections[0][c]}
+        state, _record = step(pipeline, state, views, np.ones(4, dtype=bool))
+    assert before and state.shown is not None and len(state.shown.poses)
+    return loaded() - before
+
+
+@pytest.mark.parametrize("skeleton", SKELETONS.values(), ids=str)
+def test_somebody_is_followed_before_the_first_slot(
+    skeleton: Skeleton, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Kernels of the selection wait for a person who stands as people do."""
+    scene = simulate(SceneSettings("ring", people=1, seconds=0.5, cameras=4), seed=0)
+    views = tuple(ViewSeries.from_views((), (), (), len(skeleton)) for _ in scene.views)
+    empty = replace(scene, skeleton=skeleton, views=views, truth=None)
+    shown: list[int] = []
+
+    def counted(*given: Any) -> Any:
+        state, record = step(*given)
+        shown.append(len(record.poses))
+        return state, record
+
+    monkeypatch.setattr(precompile, "step", counted)
+    warm_up(make_pipeline(empty, CASES["default"]), skeleton.joints)
+    assert shown[-1] == 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", CASES)
+def test_nothing_is_compiled_once_slots_run(case: str) -> None:
+    """In a process of its own: what other tests loaded needs no loading."""
+    code = f"import {__name__} as here; print(here.loaded_in_slots(here.CASES[{case!r}]))"
+    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert ran.stdout.strip() == "set()", ran.stdout + ran.stderr
