@@ -38,7 +38,7 @@ def reproduce(
     dest
         Output folder.
     quick
-        Few seeds and slots: two minutes instead of half an hour and more.
+        Few seeds and slots: some minutes instead of half an hour and more.
     data
         Folder with shelf/ and panoptic/. Items without their data are skipped, and the report says
         where to get it.
