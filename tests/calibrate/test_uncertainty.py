@@ -38,7 +38,7 @@ def test_truth_lies_within_twice_the_expected_error(name: str, lens: str) -> Non
     assert (errors.moved_deg < 2 * errors.sure_deg).all()
     assert (errors.moved_mm < 2 * errors.sure_mm).all()
     assert np.median(errors.sure_deg) < (0.4 if lens == "known" else 2.0)
-    assert np.median(errors.sure_mm) < 50
+    assert np.median(errors.sure_mm) < (50 if lens == "known" else 75)
 
 
 def test_errors_are_unknown_where_people_put_a_camera_elsewhere() -> None:
