@@ -35,8 +35,9 @@ def test_smoothed_poses_come_later_and_are_streamed(tmp_path: Path, recording: P
     assert len(shared) > 20
     for first, later in shared:
         assert (first.delay_ms, later.delay_ms) == (0.0, 100.0)
-        assert later.published_ns - first.published_ns > 50_000_000
         assert later.track_ids.tolist() == first.track_ids.tolist()
+    # An edge that catches up publishes several slots at once: the median.
+    assert np.median([b.published_ns - a.published_ns for a, b in shared]) > 50_000_000
     moved = [np.abs(b.joints_m - a.joints_m) for a, b in shared if len(a)]
     assert moved and max(float(np.nanmax(m)) for m in moved) > 1e-4  # not the same again
     assert _sigma([b for _, b in shared]) < _sigma([a for a, _ in shared])
