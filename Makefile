@@ -107,10 +107,11 @@ attack: $(VENV)/.all  ## fuzz decoders and files, attack a live site on loopback
 test-all: $(VENV)/.dev  ## run the tests under Python 3.10 to 3.13
 	$(BIN)/nox
 
-# For Python 3.10 to 3.13 on any Linux. `make lock LOCK=--upgrade` takes the newest versions, otherwise
+# For Python 3.10 to 3.13 on any Linux. Extras stay named: pip 23 prefers a newer release where one entry names an extra
+# and the pinned one does not. `make lock LOCK=--upgrade` takes the newest versions, otherwise
 # those that still fit stay. The container has those of the tests.
 COMPILE := $(LOCKER)/bin/uv pip compile pyproject.toml --universal --python-version 3.10 --generate-hashes \
-  --no-emit-index-url --no-emit-find-links --no-annotate --no-header --quiet
+  --no-emit-index-url --no-emit-find-links --no-annotate --no-header --no-strip-extras --quiet
 lock:  ## renew the pinned versions and hashes in requirements/
 	[ -x $(LOCKER)/bin/uv ] || { $(PYTHON) -m venv $(LOCKER) && $(LOCKER)/bin/pip install --quiet uv; }
 	$(COMPILE) $(LOCK) --extra dev --output-file requirements/dev.txt
