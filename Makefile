@@ -85,24 +85,24 @@ reproduce-quick: $(VENV)/.dev  ## redo the paper's tables and figures with few s
 	$(BIN)/e3pose reproduce reproduced --quick $(if $(E3POSE_SHARED),--data $(E3POSE_SHARED)/data)
 
 bench: $(VENV)/.all  ## run the speed benchmarks, and calibration against known truth
-	$(BIN)/python benchmarks/bench_fuse.py
-	$(BIN)/python benchmarks/bench_filter.py
-	$(BIN)/python benchmarks/bench_predict.py
-	$(BIN)/python benchmarks/bench_step.py
-	$(BIN)/python benchmarks/bench_choose.py
-	$(BIN)/python benchmarks/bench_import.py
-	$(BIN)/python benchmarks/bench_store.py
-	$(BIN)/python benchmarks/bench_batteries.py
-	$(BIN)/python benchmarks/bench_live.py
-	$(BIN)/python benchmarks/bench_floor.py
-	$(BIN)/python benchmarks/bench_view.py
-	$(BIN)/python benchmarks/bench_calibration.py --cases "ring, one person;operating-room"
+	$(BIN)/python lab/benchmarks/bench_fuse.py
+	$(BIN)/python lab/benchmarks/bench_filter.py
+	$(BIN)/python lab/benchmarks/bench_predict.py
+	$(BIN)/python lab/benchmarks/bench_step.py
+	$(BIN)/python lab/benchmarks/bench_choose.py
+	$(BIN)/python lab/benchmarks/bench_import.py
+	$(BIN)/python lab/benchmarks/bench_store.py
+	$(BIN)/python lab/benchmarks/bench_batteries.py
+	$(BIN)/python lab/benchmarks/bench_live.py
+	$(BIN)/python lab/benchmarks/bench_floor.py
+	$(BIN)/python lab/benchmarks/bench_view.py
+	$(BIN)/python lab/benchmarks/bench_calibration.py --cases "ring, one person;operating-room"
 
 soak: $(VENV)/.all  ## run a live site for half an hour and check for leaks
-	$(BIN)/python benchmarks/soak.py --minutes 30
+	$(BIN)/python lab/benchmarks/soak.py --minutes 30
 
 attack: $(VENV)/.all  ## fuzz decoders and files, attack a live site on loopback (ATTACK_SECONDS=600)
-	$(BIN)/python benchmarks/attack.py
+	$(BIN)/python lab/benchmarks/attack.py
 
 test-all: $(VENV)/.dev  ## run the tests under Python 3.10 to 3.13
 	$(BIN)/nox

@@ -12,7 +12,7 @@ import pytest
 
 pytestmark = pytest.mark.live
 
-SOAK = Path(__file__).parents[2] / "benchmarks" / "soak.py"
+SOAK = Path(__file__).parents[2] / "lab" / "benchmarks" / "soak.py"
 MAY_BE_LOST = 75  # of 750: what an edge gives up when the machine stands still for three seconds
 
 

@@ -25,7 +25,7 @@ class Guessing:
     """How a detector guesses what it does not see (docs/reference/simulation.md has the formulas).
 
     Fitted to OpenPose's detections of Shelf and of the first half of Panoptic's pizza scene,
-    without labels, by `benchmarks/detector_errors.py`.
+    without labels, by `lab/benchmarks/detector_errors.py`.
 
     Attributes:
         sigma_m: standard deviation of either image axis at the person's distance, of a shoulder

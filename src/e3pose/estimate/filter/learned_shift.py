@@ -27,8 +27,9 @@ else:
 
 COUNT = 2  # layout: of the last axis of `Belief.shifts`; before it right and down
 # Keypoints that no shift at all counts for. Keypoints of one body are off together: on real
-# detections they count as 2.5 to 5 times fewer than independent ones (`benchmarks/body_shifts.py`),
-# for which 300 would do. A body that is off in one view for seconds is no shift of the camera.
+# detections they count as 2.5 to 5 times fewer than independent ones, for which 300 would do
+# (`lab/benchmarks/body_shifts.py`). A body that is off in one view for seconds is no shift of the
+# camera.
 PRIOR = 900.0
 MOST = 30 / 1032  # of the image: farther off a camera's detections fit nobody
 # What simulated cameras that are not shifted at all are found to be off after minutes: people's

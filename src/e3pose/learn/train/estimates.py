@@ -3,8 +3,8 @@
 The paper's expanded data (section 4.2): what every combination of cameras makes of a person in a
 slot is what a predictor may be given. What it should say is that of the filter with a memory from
 all cameras, where it is sure, smoothed with the slots before and after, so that it is better than
-anything that a running system knows (`benchmarks/bench_targets.py`); or, as the paper has it for
-live video, the estimate of the cameras with the least occlusion.
+anything that a running system knows (`lab/benchmarks/bench_targets.py`); or, as the paper has it
+for live video, the estimate of the cameras with the least occlusion.
 """
 
 from __future__ import annotations

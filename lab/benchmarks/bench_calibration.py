@@ -1,0 +1,196 @@
+"""Calibration from people against known truth: simulated scenes and published rigs, in one table.
+
+    python lab/benchmarks/bench_calibration.py [--cases "NAME;..."] [--real] [--others PYTHON]
+    python lab/benchmarks/bench_calibration.py --cases operating-room --noise "0.5;2;4;simulated"
+
+`--real` adds the rigs of `E3POSE_SHARED`, against their published calibration. `--others` names the
+interpreter of an environment with caliscope 0.11.8 and aniposelib 0.8.0, which calibrate from the
+points that e3pose matched; aniposelib from a start 5 degrees and 20 cm off, as it has no other.
+`--noise` declares keypoint errors so many times as large, or those of another detector.
+
+Errors are the largest over the cameras, after the similarity transform that fits the cameras best.
+`rays` is how far the rays of the image's middle half are turned, which is what places people: where
+the axis of a lens is beside the middle of its image, its camera seems turned, but its rays are not.
+`of stated` is the largest error as a share of what `extrinsics` states for that camera.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.calibrate.from_people import PeopleRig, solve_people
+from e3pose.calibrate.uncertainty import camera_errors, distances, likely_rigs
+from e3pose.errors import InputError
+from e3pose.geometry.camera import Rig
+from e3pose.geometry.rotations import similarity
+from e3pose.model.noise import Noise
+from e3pose.model.noises import detector_of, load_noise
+from e3pose.recording import load_recording
+from e3pose.recording.calibration.world import assumed_rig
+from e3pose.recording.record import Recording
+from e3pose.simulate import SceneSettings, simulate
+from e3pose.simulate.gatherings import GUESSES
+
+sys.path.append(str(Path(__file__).resolve().parents[2]))  # scenes of the tests
+
+from tests.calibrate.people_scenes import decentred, disturbed, without_calibration
+
+Floats = NDArray[np.float64]
+
+WALK = SceneSettings(seconds=30.0, fps=5.0, cameras=4)
+MOST_POINTS = 3000  # for the others
+CASES: dict[str, tuple[SceneSettings, int]] = {
+    "ring, one person": (replace(WALK, people=1), 821),
+    "ring, six cameras": (replace(WALK, people=3, cameras=6), 822),
+    "errors that follow the view": (replace(WALK, people=2, detector=GUESSES), 823),
+    "axes beside the middle": (replace(WALK, people=2), 824),
+    "meeting": (SceneSettings(scene="meeting", seconds=30.0, fps=5.0), 825),
+    "buffet": (SceneSettings(scene="buffet", seconds=30.0, fps=5.0), 826),
+    "reception": (SceneSettings(scene="reception", seconds=30.0, fps=5.0), 827),
+    "round-table": (SceneSettings(scene="round-table", seconds=30.0, fps=5.0), 828),
+    "lab": (SceneSettings(scene="lab", seconds=30.0, fps=5.0), 829),
+    "operating-room": (SceneSettings(scene="operating-room", seconds=40.0), 830),
+}
+ASIDE = 0.015  # of the longer side, by which axes are beside the middle
+
+
+def recordings(names: list[str], real: bool) -> Iterator[tuple[str, Recording]]:
+    """Yield what to calibrate; the rig is the truth."""
+    for name in names:
+        settings, seed = CASES[name]
+        recording = simulate(settings, seed)
+        yield name, decentred(recording, ASIDE, seed) if "axes" in name else recording
+    if real:
+        from e3pose.recording.datasets.shelf import import_shelf
+
+        shared = Path(os.environ["E3POSE_SHARED"]) / "data"
+        yield "pizza", load_recording(shared / "pizza" / "recording")
+        yield "Shelf", import_shelf(shared / "shelf" / "shelf.npz")
+
+
+def declared(word: str, recording: Recording) -> Noise:
+    """Return the noise of the recording's detector times a number, or of a detector by name."""
+    try:
+        factor = float(word)
+    except ValueError:
+        return load_noise(word)
+    noise = load_noise(detector_of(recording))
+    return replace(noise, sigma_px=factor * noise.sigma_px)
+
+
+def rays_deg(found: Rig, truth: Rig) -> float:
+    """Return the largest root mean square angle between rays of the middle half of an image."""
+    R = similarity(found.centers_m, truth.centers_m)[1]
+    worst = 0.0
+    for camera, true in zip(found.cameras, truth.cameras, strict=True):
+        width, height = true.image_size
+        x, y = np.meshgrid(np.linspace(0.25, 0.75, 5) * width, np.linspace(0.25, 0.75, 5) * height)
+        pixels = np.stack([x, y], axis=-1).reshape(-1, 2)
+        cosine = ((camera.rays(pixels) @ R.T) * true.rays(pixels)).sum(axis=-1)
+        angle = np.degrees(np.arccos(np.clip(cosine, -1, 1)))
+        worst = max(worst, float(np.sqrt(np.mean(angle**2))))
+    return worst
+
+
+def row(truth: Rig, found: PeopleRig, fps: float) -> str:
+    """Return the errors of a rig from people, and of what it states of them, as columns."""
+    rig = found.solved.adjusted.rig
+    degrees, millimetres = distances(rig, truth)
+    stated = camera_errors(truth, found, likely_rigs(found, fps))
+    shares = np.stack([degrees / stated.sure_deg, millimetres / stated.sure_mm])
+    focal = [
+        camera.K[0, 0] / true.K[0, 0] - 1
+        for camera, true in zip(rig.cameras, truth.cameras, strict=True)
+    ]
+    judged = ", ".join(
+        name for name, poor in zip(rig.camera_ids, found.fit.poor, strict=True) if poor
+    )
+    return (
+        f"{degrees.max():.2f} | {rays_deg(rig, truth):.2f} | {millimetres.max():.0f} | "
+        f"{100 * np.abs(focal).max():.1f} | {shares.max():.1f} | {judged and 'refused: ' + judged}"
+    )
+
+
+def by_others(python: str, tool: str, truth: Rig, found: PeopleRig, known: bool, seed: int) -> str:
+    """Return degrees and millimetres of another program that has the points matched here."""
+    joints = found.joints
+    views = np.isfinite(joints.keypoints_px[..., 0]).sum(axis=0)
+    chosen = np.flatnonzero(views >= 2)
+    chosen = chosen[np.linspace(0, len(chosen) - 1, min(MOST_POINTS, len(chosen))).astype(int)]
+    start = disturbed(truth, 5.0, 0.2, seed)
+    lenses = truth if known else assumed_rig({c.camera_id: c.image_size for c in truth.cameras})
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "points.npz"
+        np.savez(
+            path, keypoints_px=joints.keypoints_px[:, chosen], joint=joints.joint[chosen],
+            slot=joints.person[chosen] * 100_000 + joints.slot[chosen],
+            sizes=np.array([camera.image_size for camera in truth.cameras]), known=known,
+            K=np.stack([camera.K for camera in lenses.cameras]),
+            distortions=np.stack([camera.lens.padded[:5] for camera in lenses.cameras]),
+            R=np.stack([camera.R for camera in start.cameras]),
+            t=np.stack([camera.t for camera in start.cameras]),
+        )  # fmt: skip
+        script = Path(__file__).with_name("calibration_others.py")
+        done = subprocess.run(
+            [python, str(script), tool, str(path)], capture_output=True, text=True, check=False,
+            env={k: v for k, v in os.environ.items() if k != "PYTHONPATH"},
+        )  # fmt: skip
+    if done.returncode:
+        return f"failed: {done.stderr.strip().splitlines()[-1][:60]}"
+    cameras = [
+        type(true).from_world_to_camera(
+            true.camera_id, true.image_size, true.K, place["R"], place["t"]
+        )
+        for true, place in zip(truth.cameras, json.loads(done.stdout), strict=True)
+    ]
+    degrees, millimetres = distances(Rig(tuple(cameras)), truth)
+    return f"{degrees.max():.2f}, {millimetres.max():.0f}"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--cases", default=";".join(CASES))
+    parser.add_argument("--noise", default="1")
+    parser.add_argument("--real", action="store_true")
+    parser.add_argument("--others", help="interpreter with caliscope and aniposelib")
+    options = parser.parse_args()
+    names = [name for name in options.cases.split(";") if name]
+    tools = ("caliscope", "aniposelib") if options.others else ()
+    print("| case | lenses | degrees | rays | mm | focal % | of stated | |" + "".join(
+        f" {tool}: degrees, mm |" for tool in tools
+    ))  # fmt: skip
+    print("|---" * (8 + len(tools)) + "|")
+    for name, recording in recordings(names, options.real):
+        truth, recording = recording.rig, replace(recording, truth=None)
+        for lenses, word in product(("known", "unknown"), options.noise.split(";")):
+            known = lenses == "known"
+            label = f"{name} | {lenses}" if word == "1" else f"{name}, noise {word} | {lenses}"
+            seen = recording if known else without_calibration(recording)
+            try:
+                found = solve_people(seen, declared(word, recording), None)
+            except InputError as error:
+                print(f"| {label} | refused: {str(error)[:80]} |", flush=True)
+                continue
+            theirs = [
+                "refused" if tool == "caliscope" and not known
+                else by_others(options.others, tool, truth, found, known, 1)
+                for tool in tools
+            ]  # fmt: skip
+            columns = " | ".join([label, row(truth, found, recording.fps), *theirs])
+            print(f"| {columns} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()

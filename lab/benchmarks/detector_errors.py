@@ -1,0 +1,306 @@
+"""Errors of simulated detectors beside those of real ones, from detections alone.
+
+    E3POSE_SHARED=... python lab/benchmarks/detector_errors.py --figure docs/images/unkind.svg
+    python lab/benchmarks/detector_errors.py --recording clip=FOLDER --scenes buffet --seed 901
+    python lab/benchmarks/detector_errors.py --without
+
+A scene with `+` has errors by situation, one with `-` errors by score alone; without either, its
+own. `--without` sets one figure of the errors after the other to nothing and shows what goes wrong.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.recording import Recording, load_recording
+from error_statistics import (
+    GROSS_CM,
+    GROSS_PX,
+    LAGS_S,
+    SECTORS,
+    Keypoints,
+    capped,
+    gather,
+    remembered,
+    shared,
+)
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+SECONDS, FPS, SEED = 12.0, 25.0, 901
+SCENES = "ring-,meeting-,ring+,buffet,round-table,reception,lab,operating-room"
+CLEAR, SQUARE = 0.1, 0.9  # of a cover: below nothing hides a joint, above something does
+PARTS = {
+    "face": range(5), "shoulders": (5, 6), "elbows": (7, 8), "wrists": (9, 10), "hips": (11, 12),
+    "knees": (13, 14), "ankles": (15, 16),
+}  # fmt: skip
+GROUPS: dict[str, Callable[[Keypoints], Flags]] = {
+    "clear": lambda k: (k.others < CLEAR) & (k.own < CLEAR) & ~k.boxed,
+    "behind the own body": lambda k: (k.others < CLEAR) & (k.own > SQUARE),
+    "behind another": lambda k: k.others > SQUARE,
+    "in the box of one nearer": lambda k: k.boxed & (k.others < CLEAR),
+}
+LEAST = 100  # keypoints of a figure
+SHARES = np.concatenate([np.linspace(0, 0.9, 91), np.linspace(0.902, 1, 50)])  # of a drawn curve
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Column:
+    """One recording: its keypoints and the seconds between its slots."""
+
+    name: str
+    keypoints: Keypoints
+    interval_s: float
+
+
+def figures(keypoints: Keypoints, interval_s: float) -> dict[str, float]:
+    """Return the statistics by name; NaN where too few keypoints decide."""
+    seen = keypoints.only(keypoints.seen)
+    found = {
+        "people met by a view, %": 100 * float(keypoints.met.mean()),
+        **{
+            f"hips move, {share} % below, m/s": float(np.nanpercentile(keypoints.speed_mps, share))
+            for share in (50, 90)
+        },
+        **dict(_by_group(keypoints, interval_s)),
+        "all: scores below .3, %": 100 * float((seen.score < 0.3).mean()),
+        "all: scores above .85, %": 100 * float((seen.score > 0.85).mean()),
+    }
+    for lag_s, value in zip(LAGS_S, remembered(seen, interval_s), strict=True):
+        found[f"all: correlation after {lag_s:g} s"] = value
+    found["two views at one time: correlation"] = shared(seen)
+    cameras = [seen.only(seen.camera == camera) for camera in np.unique(seen.camera)]
+    after = [remembered(mine, interval_s, (1.0,))[0] for mine in cameras]
+    found["one camera, least: correlation after 1 s"] = min(after)
+    found["one camera, most: correlation after 1 s"] = max(after)
+    for low, high in ((0.1, 0.3), (0.3, 0.5), (0.5, 0.7), (0.7, 0.85), (0.85, 1.01)):
+        inside = (seen.score >= low) & (seen.score < high)
+        found[f"score {low:g} to {min(high, 1):g}: median cm"] = _median(seen.only(inside))
+    for part, joints in PARTS.items():
+        mine = seen.only(np.isin(seen.joint, list(joints)))
+        found[f"{part}: median cm"] = _median(mine)
+        found[f"{part}: mean error by direction of view, cm"] = by_direction(mine)
+        met = keypoints.only(np.isin(keypoints.joint, list(joints)) & keypoints.met)
+        found[f"{part}: missed, %"] = 100 * float((~met.seen).mean())
+    return found
+
+
+def _by_group(keypoints: Keypoints, interval_s: float) -> Iterator[tuple[str, float]]:
+    for group, chosen in GROUPS.items():
+        all_of_them = keypoints.only(chosen(keypoints) & keypoints.met)
+        mine = all_of_them.only(all_of_them.seen)
+        enough = len(mine.seen) >= LEAST
+        cm = np.linalg.norm(mine.error_cm, axis=-1)
+        px = np.linalg.norm(mine.error_px, axis=-1)
+        wild = cm > GROSS_CM
+        yield f"{group}: missed, %", 100 * float((~all_of_them.seen).mean())
+        yield f"{group}: median cm", _median(mine)
+        for label, gross in ((f"{GROSS_PX:g} px", px > GROSS_PX), (f"{GROSS_CM:g} cm", wild)):
+            yield f"{group}: beyond {label}, %", 100 * float(gross.mean()) if enough else np.nan
+        for share in (10, 50, 90):
+            value = float(np.percentile(mine.score, share)) if enough else np.nan
+            yield f"{group}: score, {share} % below", value
+        for lag_s, value in zip(LAGS_S, remembered(mine, interval_s), strict=True):
+            yield f"{group}: correlation after {lag_s:g} s", value
+        limbs = wild & (mine.joint >= 7) & ~np.isin(mine.joint, (11, 12))
+        for what, apart in (("the one before", mine.front_cm), ("the other side", mine.mirror_cm)):
+            on_it = apart[limbs] < 0.5 * cm[limbs]
+            value = 100 * float(on_it.mean()) if len(on_it) >= 30 else np.nan
+            yield f"{group}: of gross errors of limbs on {what}, %", value
+
+
+def _median(mine: Keypoints) -> float:
+    if len(mine.seen) < LEAST:
+        return float("nan")
+    return float(np.median(np.linalg.norm(mine.error_cm, axis=-1)))
+
+
+def by_direction(mine: Keypoints) -> float:
+    """Return the root mean square of a joint's mean error over the directions of view, in cm."""
+    errors, total, number = capped(mine.error_cm), 0.0, 0
+    for joint in np.unique(mine.joint):
+        for sector in range(SECTORS):
+            rows = (mine.joint == joint) & (mine.sector == sector)
+            if rows.sum() >= LEAST:
+                total += float((errors[rows].mean(axis=0) ** 2).sum()) * int(rows.sum())
+                number += int(rows.sum())
+    return float(np.sqrt(total / number)) if number else float("nan")
+
+
+def real(named: Sequence[str]) -> Iterator[tuple[str, Recording, int | None]]:
+    """Yield recordings: those of `E3POSE_SHARED` and those named by the user."""
+    shared = os.environ.get("E3POSE_SHARED")
+    if shared:
+        from e3pose.recording.datasets.shelf import import_shelf
+
+        yield "Shelf", import_shelf(Path(shared) / "data/shelf/shelf.npz"), None
+        pizza = load_recording(Path(shared) / "data/pizza/recording")
+        yield "pizza, first half", pizza, pizza.num_slots // 2
+    for word in named:
+        name, _, folder = word.partition("=")
+        yield name, load_recording(Path(folder)), None
+
+
+def simulated(
+    word: str,
+    seed: int,
+    changes: Mapping[str, float] | None = None,
+    seconds: float = SECONDS,
+    fps: float | None = None,
+) -> Recording:
+    """Return a scene with errors by situation (`+`), by score (`-`), or its own."""
+    from e3pose.simulate import SCENES, Guessing, SceneSettings, adjusted, simulate
+
+    scene = word.rstrip("+-")
+    detector = SCENES[scene].detector
+    if word.endswith("+"):
+        detector = replace(detector, guessing=Guessing())
+    if word.endswith("-"):
+        detector = replace(detector, guessing=None)
+    fps = fps or min(FPS, SCENES[scene].fps)
+    detector = adjusted(detector, changes or {})
+    return simulate(SceneSettings(scene=scene, seconds=seconds, fps=fps, detector=detector), seed)
+
+
+def table(columns: Mapping[str, Mapping[str, float]]) -> Iterator[str]:
+    """Yield a table in Markdown, a row per statistic."""
+    yield "| | " + " | ".join(columns) + " |"
+    yield "|---|" + "---|" * len(columns)
+    for row in next(iter(columns.values())):
+        cells = [_text(column[row]) for column in columns.values()]
+        yield f"| {row} | {' | '.join(cells)} |"
+
+
+def _text(value: float) -> str:
+    return "" if np.isnan(value) else f"{value:.2f}" if abs(value) < 10 else f"{value:.1f}"
+
+
+# What each figure of the errors is for: what to set it to, and the statistics that change.
+WITHOUT: dict[str, tuple[dict[str, float], tuple[str, ...]]] = {
+    "sigma_m": ({"sigma_m": 0.0}, ("clear: median cm",)),
+    "lasting": ({"lasting": 0.0}, ("all: correlation after 1 s", "all: correlation after 5 s")),
+    "view_rad": ({"view_rad": 10.0}, ("two views at one time: correlation",)),
+    "posture_m": ({"posture_m": 10.0}, ("all: correlation after 5 s",)),
+    "joint_miss": ({"joint_miss": 0.0}, ("clear: missed, %",)),
+    "own_trunk_miss": ({"own_trunk_miss": 0.4}, ("hips: missed, %",)),
+    "own_arm_miss": ({"own_arm_miss": 0.07}, ("wrists: missed, %",)),
+    "own_face_miss": ({"own_face_miss": 0.07}, ("face: missed, %",)),
+    "other_miss": ({"other_miss": 0.02}, ("behind another: missed, %",)),
+    "guess_factor": (
+        {"guess_factor": 1.0}, ("behind the own body: median cm", "behind another: median cm")
+    ),
+    "taken": (
+        {"taken": 0.0},
+        (
+            "behind another: beyond 15 cm, %",
+            "behind another: of gross errors of limbs on the one before, %",
+        ),
+    ),
+    "mirrored": (
+        {"mirrored": 0.0}, ("behind the own body: of gross errors of limbs on the other side, %",)
+    ),
+    "hidden_odds": (
+        {"hidden_odds": 0.0}, ("behind another: score, 50 % below", "all: scores below .3, %")
+    ),
+    "swap": ({"swap": 0.0}, ("clear: of gross errors of limbs on the other side, %",)),
+    "person_miss": ({"person_miss": 0.0}, ("people met by a view, %",)),
+}  # fmt: skip
+
+
+def without(scene: str, seed: int, columns: Mapping[str, Mapping[str, float]]) -> Iterator[str]:
+    """Yield a table of what goes wrong without each figure, beside the real recordings."""
+    usual = simulated(scene, seed)
+    before = figures(gather(usual), usual.interval_s)
+    yield f"| without | statistic | {' | '.join(columns)} | {scene} | {scene} without |"
+    yield "|---|---|" + "---|" * (len(columns) + 2)
+    for name, (changes, rows) in WITHOUT.items():
+        recording = simulated(scene, seed, changes)
+        after = figures(gather(recording), recording.interval_s)
+        for row in rows:
+            cells = [_text(c[row]) for c in (*columns.values(), before, after)]
+            yield f"| `{name}` | {row} | {' | '.join(cells)} |"
+
+
+def draw(columns: Sequence[Column], path: Path) -> None:
+    """Draw distributions of errors and scores, correlation over time, and missed joints."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(11, 7.5), layout="constrained")
+    axes = figure.subplots(2, 3)
+    for axis, (group, chosen) in zip(axes[0], list(GROUPS.items())[:3], strict=True):
+        for column in columns:
+            mine = column.keypoints.only(chosen(column.keypoints) & column.keypoints.seen)
+            cm = np.linalg.norm(mine.error_cm, axis=-1)
+            axis.plot(np.quantile(cm, SHARES), 100 * (1 - SHARES), **_style(column))
+        axis.set(title=group, xlabel="error, cm", ylabel="% beyond", xscale="log", yscale="log")
+        axis.set(xlim=(0.5, 60), ylim=(0.5, 100))
+    hidden = GROUPS["behind another"]
+    for column in columns:
+        seen = column.keypoints.only(column.keypoints.seen)
+        lags = np.geomspace(0.04, 5, 12)
+        lags = lags[lags >= column.interval_s]
+        values = remembered(seen, column.interval_s, lags.tolist())
+        axes[1][0].plot(lags, values, **_style(column))
+        scores = np.quantile(seen.score[hidden(seen)], SHARES)
+        axes[1][1].plot(scores, 100 * SHARES, **_style(column))
+        found = figures(column.keypoints, column.interval_s)
+        bias = [found[f"{part}: mean error by direction of view, cm"] for part in PARTS]
+        axes[1][2].plot(list(PARTS), bias, marker="o", **_style(column))
+    axes[1][0].set(title="errors last", xlabel="seconds later", ylabel="correlation", xscale="log")
+    axes[1][1].set(title="scores of joints behind another", xlabel="score", ylabel="% below")
+    axes[1][2].set(title="mean error by direction of view", ylabel="cm")
+    axes[1][2].tick_params(axis="x", rotation=45)
+    handles, labels = axes[1][0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=4)
+    figure.savefig(path)
+
+
+def _style(column: Column) -> dict[str, object]:
+    """Real recordings black and grey, errors by score dashed."""
+    name, old = column.name, column.name.endswith("-")
+    if name[0].isupper() or name.startswith(("pizza", "clip")):
+        style = {"Shelf": "-", "pizza, first half": "--"}.get(name, ":")
+        return {"label": name, "color": "black", "linestyle": style, "linewidth": 1.8}
+    label = f"{name[:-1]}, by score" if old else f"{name.rstrip('+')}, by situation"
+    return {"label": label, "linestyle": "--" if old else "-", "linewidth": 1.1}
+
+
+def main() -> None:
+    """Print the table; draw the figure if asked."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("--scenes", help=f"default: {SCENES}; with --without, buffet")
+    parser.add_argument("--recording", action="append", default=[], metavar="NAME=FOLDER")
+    parser.add_argument("--seed", type=int, default=SEED)
+    parser.add_argument("--figure", type=Path, help="file to draw to")
+    parser.add_argument("--without", action="store_true", help="what each figure is for")
+    options = parser.parse_args()
+    if options.scenes is None:
+        options.scenes = "buffet" if options.without else SCENES
+    columns = [
+        Column(name, gather(recording, num_slots=slots), recording.interval_s)
+        for name, recording, slots in real(options.recording)
+    ]
+    if options.without:
+        found = {c.name: figures(c.keypoints, c.interval_s) for c in columns}
+        for line in without(options.scenes.split(",")[0], options.seed, found):
+            print(line, flush=True)
+        return
+    for word in options.scenes.split(","):
+        recording = simulated(word, options.seed)
+        columns.append(Column(word, gather(recording), recording.interval_s))
+    for line in table({c.name: figures(c.keypoints, c.interval_s) for c in columns}):
+        print(line)
+    if options.figure:
+        draw(columns, options.figure)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,176 @@
+"""What waiting is worth: error and jitter of poses at once, 200 ms later, and after the fact.
+
+    python lab/benchmarks/smoothing.py [--seeds 701 702 703 704] [--held-out] [--what scenes]
+
+Panoptic motion and Shelf need the recordings that E3POSE_SHARED names.
+
+A table of MPJPE (mm), the 95 % quantile (mm), acceleration error (m/s2) and the share of joints in
+their 90 % band, by cameras per slot: the causal filter, the smoother over bodies with 200 ms and
+with everything that comes later, and smoothers of the kept poses alone. Simulated people in ten
+scenes, people who move as the Panoptic sequence before a ring of cameras, and PCP on Shelf.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+SCENES = (
+    "two-rooms",
+    "l-hall",
+    "shaft",
+    "one-sided",
+    "poor-view",
+    "unequal-batteries",
+    "dying-cameras",
+    "slow",
+    "ring",
+    "pillar",
+)
+SECONDS, FPS = 16.0, 12.5
+LAG_S = 0.2
+KEYS = ("mpjpe_mm", "p95_mm", "acceleration_error_mps2", "coverage_90")
+WAYS = ("causal", "rts, 200 ms", "rts, all", "kept, rts", "kept, butterworth", "kept, one-euro")
+
+
+def simulated(seeds: Sequence[int]) -> Iterator[Any]:
+    """Yield recordings of the ten scenes, at 12.5 slots per second or the scene's own rate."""
+    from e3pose.simulate import SCENES as ALL
+    from e3pose.simulate import SceneSettings, simulate
+
+    for scene in SCENES:
+        fps = FPS if ALL[scene].fps > FPS else None
+        for seed in seeds:
+            yield simulate(SceneSettings(scene=scene, seconds=SECONDS, fps=fps), seed)
+
+
+def panoptic(shared: Path) -> Iterator[Any]:
+    """Yield recordings of people who move as the Panoptic sequence, 30 slots per second."""
+    from predictor_in_the_loop import captured, seen
+
+    for kind, joints_m in captured(shared):
+        if kind == "Panoptic":
+            yield seen(joints_m, 30.0)
+
+
+def shelf(shared: Path) -> Iterator[Any]:
+    """Yield the Shelf recording."""
+    from e3pose.recording.datasets.shelf import import_shelf
+
+    yield import_shelf(shared / "data/shelf/shelf.npz")
+
+
+def figures(recording: Any, cameras: float, phase: int) -> dict[str, dict[str, float]]:
+    """Return the figures of one replay by way of smoothing."""
+    from e3pose.estimate.smooth import SmoothSettings
+    from e3pose.evaluate.expected_figures import expected_figures
+    from e3pose.evaluate.figures import plain
+    from e3pose.evaluate.replay import ReplaySettings, replay
+    from e3pose.evaluate.smoothed import smooth_poses, smooth_records
+    from e3pose.evaluate.summary import accuracy
+
+    settings = ReplaySettings(num_selected=cameras, seed=phase, phase=phase)
+    people: list[Any] = []
+    records = list(replay(recording, settings, publish=people.append))
+    posteriors = [each.posterior for each in people]
+    skeleton, interval_s = recording.skeleton, recording.interval_s
+    lag = max(1, int(LAG_S / interval_s + 1e-6))
+    found = {
+        "causal": records,
+        "rts, 200 ms": smooth_records(records, posteriors, skeleton, lag),
+        "rts, all": smooth_records(records, posteriors, skeleton),
+        **{
+            f"kept, {method}": smooth_poses(records, skeleton, interval_s, SmoothSettings(method))
+            for method in ("rts", "butterworth", "one-euro")
+        },
+    }
+    result = {}
+    for way, late in found.items():
+        scores = {**plain(expected_figures(recording, late)), **plain(accuracy(recording, late))}
+        result[way] = {key: scores[key] for key in KEYS if key in scores}
+        if "pcp" in scores:
+            result[way]["pcp"] = scores["pcp"]["average"]
+    return result
+
+
+def table(name: str, recordings: Sequence[Any], phases: Sequence[int]) -> None:
+    """Print the rows of one kind of recordings."""
+    for count in (1, 2, None):
+        found = [
+            figures(recording, count or len(recording.rig), phase)
+            for recording in recordings
+            for phase in (phases if count else phases[:1])
+        ]
+        base: dict[str, float] = {}
+        for way in WAYS:
+            means = {
+                key: float(np.mean([one[way][key] for one in found if key in one[way]]))
+                for key in (*KEYS, "pcp")
+                if any(key in one[way] for one in found)
+            }
+            base = base or means
+            cells = [
+                f"{means['mpjpe_mm']:.1f}",
+                f"{100 * (means['mpjpe_mm'] / base['mpjpe_mm'] - 1):+.0f} %",
+                f"{means['p95_mm']:.0f}",
+                f"{means[KEYS[2]]:.2f}" if KEYS[2] in means else "",
+                f"{100 * (means[KEYS[2]] / base[KEYS[2]] - 1):+.0f} %" if KEYS[2] in means else "",
+                f"{means['coverage_90']:.0f}" if "coverage_90" in means else "",
+                f"{means['pcp']:.2f}" if "pcp" in means else "",
+            ]
+            print(f"| {name}, {count or 'all'} | {way} | {' | '.join(cells)} |", flush=True)
+
+
+def cost() -> None:
+    """Print what a fixed lag of 200 ms takes, four people at 25 slots per second."""
+    from e3pose.estimate.smooth.delayed import Delayed
+    from e3pose.evaluate.replay import ReplaySettings, replay
+    from e3pose.simulate import SceneSettings, simulate
+
+    recording = simulate(SceneSettings(scene="ring", people=4, seconds=8, fps=25), 705)
+    people: list[Any] = []
+    records = list(replay(recording, ReplaySettings(num_selected=2), publish=people.append))
+    delayed = Delayed(recording.skeleton.joints, 5)
+    took_ms = []
+    for record, each in zip(records, people, strict=True):
+        begun_s = time.process_time()
+        delayed.push(record, each.posterior)
+        if len(each.track_ids):
+            took_ms.append(1000 * (time.process_time() - begun_s) / len(each.posterior.tracks))
+    p50, p95 = np.percentile(took_ms, [50, 95])
+    print(f"200 ms of lag: {p50:.2f} ms per person and slot, 95 % below {p95:.2f} ms")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("--shared", type=Path, default=os.environ.get("E3POSE_SHARED"))
+    parser.add_argument("--seeds", type=int, nargs="+", default=(701, 702, 703, 704))
+    parser.add_argument("--held-out", action="store_true", help="seeds 1003 and 1004")
+    parser.add_argument(
+        "--what", nargs="+", choices=("scenes", "panoptic", "shelf", "cost"),
+        default=("scenes", "panoptic", "shelf"),
+    )  # fmt: skip
+    options = parser.parse_args()
+    if "cost" in options.what:
+        cost()
+        return
+    print("| what, cameras | poses | MPJPE | | p95 | acceleration | | in 90 % | PCP |")
+    print("|---" * 9 + "|")
+    seeds = (1003, 1004) if options.held_out else options.seeds
+    if "scenes" in options.what:
+        table("ten scenes", list(simulated(seeds)), (1,))
+    if options.shared is not None and not options.held_out:
+        if "panoptic" in options.what:
+            table("Panoptic motion", list(panoptic(options.shared)), (0, 1))
+        if "shelf" in options.what:
+            table("Shelf", list(shelf(options.shared)), (0, 1, 2, 3, 4))
+
+
+if __name__ == "__main__":
+    main()
