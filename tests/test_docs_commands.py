@@ -117,8 +117,8 @@ ELSEWHERE = {
     "models path openpose-thin": "tests/cli/test_models.py",
     "demo": "tests/cli/test_demonstrating.py",
     "import shelf Shelf shelf-truth": "tests/cli/test_importing.py",
-    "reproduce reproduced --data data": "tests/cli/test_reproducing.py",
-    "reproduce reproduced --quick": "tests/cli/test_reproducing.py",
+    "reproduce reproduced --data data": "tests/lab/test_reproducing.py",
+    "reproduce reproduced --quick": "tests/lab/test_reproducing.py",
     **dict.fromkeys(
         (
             "import shelf Shelf rig",
@@ -127,14 +127,14 @@ ELSEWHERE = {
             "detect Shelf/Camera* plain --fps 25 --calibration rig/calibration.toml",
             "import shelf Shelf data/shelf --detections plain",
         ),
-        "tests/reproduce/test_shelf_table.py",
+        "tests/lab/reproduce/test_shelf_table.py",
     ),
 }
 LIVE = "asks a site that runs; tests/live/test_four_cameras.py runs the same with its site"
 FILMS = "needs films of people and a network that is downloaded"
 BOARD = "needs films of a board; tests/calibrate/test_from_boards.py has the method"
 DATA = "needs a data set that the project does not ship"
-TRAINS = "trains for minutes with torch; tests/learn train for seconds"
+TRAINS = "trains for minutes with torch; tests/lab/train trains for seconds"
 DAY = "asks for poses of one afternoon"
 HERE_NOT = {
     "--install-completion": "writes to the start-up file of the shell",

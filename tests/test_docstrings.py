@@ -8,7 +8,11 @@ from pathlib import Path
 
 import pytest
 
-SOURCE = Path(__file__).parent.parent / "src"
+ROOT = Path(__file__).parent.parent
+PACKAGES = (ROOT / "src" / "e3pose", ROOT / "lab" / "e3pose_lab")
+ROOMS = sorted(
+    path for package in PACKAGES for path in package.iterdir() if path.name != "py.typed"
+)
 LISTED = re.compile(r"^(?:Args|Attributes):\n((?:    .*\n|\n)+)", re.M)
 NAME = re.compile(r"^    \*{0,2}(\w+):", re.M)
 Documented = ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef
@@ -38,11 +42,11 @@ def existing(node: Documented) -> set[str]:
     return found
 
 
-@pytest.mark.parametrize("room", sorted(path.name for path in (SOURCE / "e3pose").iterdir()))
-def test_docstrings_list_what_exists(room: str) -> None:
+@pytest.mark.parametrize("room", ROOMS, ids=lambda path: f"{path.parent.name}/{path.name}")
+def test_docstrings_list_what_exists(room: Path) -> None:
     stale = [
-        f"{path.relative_to(SOURCE)}:{node.lineno}: {node.name}: {name}"
-        for path in sorted((SOURCE / "e3pose").glob(f"{room}/**/*.py" if "." not in room else room))
+        f"{path.relative_to(ROOT)}:{node.lineno}: {node.name}: {name}"
+        for path in (sorted(room.rglob("*.py")) if room.is_dir() else [room])
         for node in ast.walk(ast.parse(path.read_text()))
         if isinstance(node, Documented)
         for name in sorted(listed(node) - existing(node))

@@ -39,7 +39,7 @@ LAYERS: list[str] = []
 for rooms in (
     "errors quantities runtime files model geometry predict energy",
     "estimate select pipeline recording detectors wire settings store",
-    "simulate camera evaluate calibrate learn edge report exports site reproduce",
+    "simulate camera evaluate calibrate learn edge report exports site",
     "cli __main__",
 ):
     LAYERS += rooms.split()
@@ -54,11 +54,11 @@ PURE = (
     "energy.queues", "energy.learned_cost",
     "energy.budgets", "energy.site_energy", "estimate.smooth", "model.take", "pipeline",
     "recording.record",
-    "evaluate.metrics", "evaluate.prediction.motion", "evaluate.prediction.scores",
-    "evaluate.prediction.tally",
-    "wire.codec", "wire.offset", "runtime.clock", "edge.lead", "edge.roster",
+    "evaluate.metrics", "wire.codec", "wire.offset", "runtime.clock", "edge.lead", "edge.roster",
 )  # fmt: skip
+PURE_IN_LAB = ("prediction.motion", "prediction.scores", "prediction.tally")
 SOURCE = Path(e3pose.__file__).parent
+LAB = SOURCE.parents[1] / "lab"
 
 
 def room_of(module: str) -> str:
@@ -68,11 +68,22 @@ def room_of(module: str) -> str:
 
 def imports(path: Path) -> Iterator[str]:
     """Yield the modules of this project that a file imports, in functions too."""
-    for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("e3pose."):
-            yield str(node.module)
+    yield from (name for name in all_imports(path.read_text()) if name.startswith("e3pose."))
+
+
+def all_imports(text: str) -> Iterator[str]:
+    """Yield all modules that a text imports."""
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.ImportFrom) and node.module:
+            yield node.module
         elif isinstance(node, ast.Import):
-            yield from (name.name for name in node.names if name.name.startswith("e3pose."))
+            yield from (name.name for name in node.names)
+
+
+def of_the_lab(text: str) -> list[str]:
+    """Return what a text imports of the lab: its package and its scripts."""
+    names = {"e3pose_lab", "benchmarks", *(path.stem for path in LAB.glob("benchmarks/*.py"))}
+    return [name for name in all_imports(text) if name.partition(".")[0] in names]
 
 
 def climbs(room: str, names: Iterable[str]) -> list[str]:
@@ -102,7 +113,9 @@ def loaded_by(*modules: str) -> list[set[str]]:
     return [set(names) for names in json.loads(output)]
 
 
-PURE_MODULES = ("e3pose", *(f"e3pose.{name}" for name in PURE))
+PURE_MODULES = (
+    "e3pose", *(f"e3pose.{name}" for name in PURE), *(f"e3pose_lab.{name}" for name in PURE_IN_LAB),
+)  # fmt: skip
 
 
 @pytest.mark.parametrize("module", PURE_MODULES)
@@ -122,6 +135,14 @@ def test_imports_point_inward(room: str) -> None:
     files = sorted(place.rglob("*.py")) if place.is_dir() else [place.with_suffix(".py")]
     wrong = {str(f.relative_to(SOURCE)): climbs(room, imports(f)) for f in files}
     assert {file: names for file, names in wrong.items() if names} == {}
+
+
+def test_the_product_imports_nothing_of_the_lab() -> None:
+    found = {str(path): of_the_lab(path.read_text()) for path in SOURCE.rglob("*.py")}
+    assert len(found) > 300 and not any(found.values())
+    named = {path.name for path in SOURCE.rglob("*.py") if "e3pose_lab" in path.read_text()}
+    assert named <= {"lab.py", "trainer.py", "calibration.py", "weights_file.py"}
+    assert of_the_lab("from e3pose_lab.train.online import main\nimport bench_step") != []
 
 
 def test_a_climb_is_seen() -> None:

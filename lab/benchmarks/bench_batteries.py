@@ -6,8 +6,8 @@ import argparse
 
 import numpy as np
 
-from e3pose.reproduce.battery_sites import SITES
-from e3pose.reproduce.depletion import BudgetKind, deplete
+from e3pose_lab.reproduce.battery_sites import SITES
+from e3pose_lab.reproduce.depletion import BudgetKind, deplete
 
 
 def main() -> None:

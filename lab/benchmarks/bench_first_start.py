@@ -71,7 +71,7 @@ def measure(kernels: bool) -> dict[str, Any]:
 def first_start(root: Path, kernels: bool) -> dict[str, Any]:
     """Return what `measure` finds of the sources below `root`, with an empty cache."""
     code = f"import json, bench_first_start as b; print(json.dumps(b.measure({kernels})))"
-    paths = (root / "src", ROOT / "benchmarks")
+    paths = (root / "src", ROOT / "lab" / "benchmarks")
     with tempfile.TemporaryDirectory(prefix="e3pose-") as cache:
         done = subprocess.run(
             [sys.executable, "-c", code],

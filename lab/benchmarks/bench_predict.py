@@ -75,8 +75,8 @@ def torch_ms(num_people: int, leads: int, calls: int) -> float | None:
         import torch
     except ImportError:
         return None
-    from e3pose.learn.train.network import AttentionLstm as Network
-    from e3pose.learn.train.network import NetworkSettings
+    from e3pose_lab.train.network import AttentionLstm as Network
+    from e3pose_lab.train.network import NetworkSettings
 
     torch.set_num_threads(1)
     network = Network(NetworkSettings())

@@ -16,18 +16,18 @@ from e3pose.estimate.filter.estimator import Filtered
 from e3pose.estimate.filter.kernels.step import StepKernel
 from e3pose.estimate.per_slot.fuse import Fuser, FusionSettings
 from e3pose.estimate.per_slot.track import Tracks, update_tracks
-from e3pose.evaluate.prediction.motion import body_joints
-from e3pose.learn.train.estimates import (
+from e3pose.model.noises import load_noise
+from e3pose.recording import Recording
+from e3pose.simulate import SceneSettings, simulate
+from e3pose_lab.prediction.motion import body_joints
+from e3pose_lab.train.estimates import (
     EstimateSettings,
     Followed,
     clearly_seen,
     follow,
     views_of,
 )
-from e3pose.learn.train.smooth import smooth
-from e3pose.model.noises import load_noise
-from e3pose.recording import Recording
-from e3pose.simulate import SceneSettings, simulate
+from e3pose_lab.train.smooth import smooth
 
 SIMULATED = load_noise("simulated")
 

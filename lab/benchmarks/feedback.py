@@ -41,10 +41,10 @@ from e3pose.model.skeleton import Skeleton, convert
 from e3pose.pipeline import SlotRecord
 from e3pose.recording import Recording, load_recording
 from e3pose.recording.calibration import load_rig
-from e3pose.reproduce.clip_feedback import WholeImages
 from e3pose.settings.loop import MAX_WHOLE_EVERY, WHOLE_EVERY
 from e3pose.simulate import SceneSettings, simulate
 from e3pose.site.demo.clip import find_clip
+from e3pose_lab.reproduce.clip_feedback import WholeImages
 
 Floats = NDArray[np.float64]
 

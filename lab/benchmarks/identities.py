@@ -14,7 +14,7 @@ from collections import Counter
 
 import numpy as np
 
-from e3pose.reproduce.identities import KINDS, changes
+from e3pose_lab.reproduce.identities import KINDS, changes
 
 FIRST_SEED = 1000
 SECONDS, FPS = 16.0, 12.5

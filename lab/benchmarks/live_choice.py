@@ -24,7 +24,6 @@ import tomli_w
 from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.evaluate.summary import accuracy
 from e3pose.recording import Recording
-from e3pose.reproduce.relay import relay
 from e3pose.settings.site_file import load_site
 from e3pose.simulate import SCENES, SceneSettings, simulate
 from e3pose.site.demo.live import Heard, last_words
@@ -33,6 +32,7 @@ from e3pose.site.example import STORE_FILE, write_recorded
 from e3pose.site.follow import Follower, viewer_link
 from e3pose.site.up import Program, camera_command, edge_command, run_site
 from e3pose.wire.network import open_network
+from e3pose_lab.reproduce.relay import relay
 
 START_S, READY_S, SILENT_S = 240.0, 10.0, 30.0
 LEARN_SLOTS = 75  # at the start, in which the edge still finds its lead; not counted

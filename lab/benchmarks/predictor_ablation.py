@@ -79,7 +79,7 @@ def recordings(out: Path, mocap: Path) -> tuple[list[Any], list[Any]]:
     from e3pose.recording import load_recording, save_recording
     from e3pose.recording.datasets.motion import import_cmu
     from e3pose.simulate import SceneSettings, simulate
-    from e3pose.simulate.watched import watched
+    from e3pose_lab.train.watched import watched
 
     found: list[list[Any]] = [[], []]
     for side, clips in enumerate((CLIPS, HELD_OUT)):
@@ -100,9 +100,9 @@ def recordings(out: Path, mocap: Path) -> tuple[list[Any], list[Any]]:
 
 def clips_of(recording: Any, target: str, shortest: int, place: Path) -> list[Any]:
     """Return the clips that a recording teaches; kept in `place`, for the fusing takes minutes."""
-    from e3pose.learn.train.training_clips import ClipSettings, training_clips
-    from e3pose.learn.train.windows import Clip
     from e3pose.runtime.workers import Workers
+    from e3pose_lab.train.training_clips import ClipSettings, training_clips
+    from e3pose_lab.train.windows import Clip
 
     path = place / f"{recording.name.replace(' ', '-')}-{target}.npz"
     if not path.exists():
@@ -136,7 +136,7 @@ class Lessons:
 
     def of(self, target: str) -> Any:
         """Return the clips, and the named groups of those held out."""
-        from e3pose.learn.train.clips import gather
+        from e3pose_lab.train.clips import gather
 
         return gather(
             *self.recordings, 0.0, self.shortest,
@@ -158,10 +158,10 @@ def main() -> None:
     import torch
 
     from e3pose.files.bounded import read_bytes
-    from e3pose.learn.train.attention_lstm import TrainSettings, train
-    from e3pose.learn.train.network import NetworkSettings
-    from e3pose.learn.train.validation import examine, make_exams
-    from e3pose.learn.train.weights import network_of
+    from e3pose_lab.train.attention_lstm import TrainSettings, train
+    from e3pose_lab.train.network import NetworkSettings
+    from e3pose_lab.train.validation import examine, make_exams
+    from e3pose_lab.train.weights import network_of
 
     torch.set_num_threads(1)
     usual = TrainSettings(

@@ -40,7 +40,7 @@ def crowd(mocap: Path, number: int) -> Any:
     from e3pose.model.skeleton import COCO17
     from e3pose.recording import Truth
     from e3pose.recording.datasets.motion import import_cmu
-    from e3pose.simulate.watched import as_coco17, watched
+    from e3pose_lab.train.watched import as_coco17, watched
 
     rng = np.random.default_rng(720 + number)
     slots = round(SECONDS * 30)

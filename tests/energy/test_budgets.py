@@ -21,7 +21,7 @@ from e3pose.energy.budgets import (
 )
 from e3pose.energy.queues import advance_deficit
 from e3pose.errors import InputError
-from e3pose.reproduce.depletion import BatteryCamera, deplete
+from e3pose_lab.reproduce.depletion import BatteryCamera, deplete
 
 HOME = timezone(timedelta(hours=1))
 NOW = datetime(2026, 11, 21, 14, 30, tzinfo=HOME)

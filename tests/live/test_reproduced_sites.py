@@ -9,11 +9,11 @@ from tests.rigs import looking
 
 from e3pose.errors import InputError
 from e3pose.recording import save_recording
-from e3pose.reproduce.site_memory import MemoryAsked, site_memory
-from e3pose.reproduce.site_run import running_site
-from e3pose.reproduce.sources import Sources
 from e3pose.simulate import SceneSettings, simulate
 from e3pose.site.example import Example
+from e3pose_lab.reproduce.site_memory import MemoryAsked, site_memory
+from e3pose_lab.reproduce.site_run import running_site
+from e3pose_lab.reproduce.sources import Sources
 
 pytestmark = pytest.mark.live
 

@@ -28,22 +28,20 @@ from e3pose.cli.exporting import export
 from e3pose.cli.importing import import_app
 from e3pose.cli.information import info
 from e3pose.cli.keys import keys_app
+from e3pose.cli.lab import LAB, lab_verbs
 from e3pose.cli.learning import learn_app
 from e3pose.cli.metering import power
 from e3pose.cli.models import models_app
-from e3pose.cli.predicting import evaluate_predictor
 from e3pose.cli.querying import query
 from e3pose.cli.recording import record
 from e3pose.cli.replaying import replay
 from e3pose.cli.reporting import report
-from e3pose.cli.reproducing import reproduce
 from e3pose.cli.routing import router
 from e3pose.cli.running import camera, edge, up
 from e3pose.cli.simulating import simulate
 from e3pose.cli.starting import init
 from e3pose.cli.streaming import stream
 from e3pose.cli.synchronising import sync
-from e3pose.cli.training import train
 from e3pose.cli.viewing import view
 from e3pose.cli.watching import top
 from e3pose.errors import InputError
@@ -104,8 +102,6 @@ VERBS: dict[str, Callable[..., Any]] = {
     "export": export,
     "power": power,
     "evaluate": evaluate,
-    "evaluate-predictor": evaluate_predictor,
-    "reproduce": reproduce,
     "calibrate": calibrate_app,
     "sync": sync,
     "models": models_app,
@@ -119,8 +115,8 @@ VERBS: dict[str, Callable[..., Any]] = {
     "view": view,
     "stream": stream,
     "check": check,
-    "train": train,
     "learn": learn_app,
+    **lab_verbs(),
 }
 # Usage of the verbs that take several paths or names, which the parser calls ARGS.
 USAGE = {
@@ -189,7 +185,8 @@ EXTRAS = {
     "plotly": "report",
     "matplotlib": "report",
     "distributed": "cluster",
-    "motmetrics": "reproduce",
+    LAB: "lab",
+    "motmetrics": "lab",
     "torch": "train",
 }
 

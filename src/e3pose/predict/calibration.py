@@ -26,7 +26,7 @@ def read_curves(properties: Mapping[str, str]) -> Curves:
         properties: `error_factor` and, optionally, `error_curve`, both JSON.
 
     Raises:
-        ValueError: when one is not what `e3pose.learn.train.export` writes.
+        ValueError: when one is not what `e3pose_lab.train.export` writes.
     """
     factor = _numbers(properties["error_factor"])
     if factor.ndim != 1 or not len(factor) or not (factor > 0).all():

@@ -89,7 +89,7 @@ def network_weights(file: WeightsFile) -> Weights:
     """Return the weights as the kernels take them.
 
     Raises:
-        ValueError: for another network than `e3pose.learn.train.export` writes.
+        ValueError: for another network than `e3pose_lab.train.export` writes.
     """
     if is_published(file):
         return _published(file)

@@ -160,7 +160,7 @@ def check_edge(site: SiteTable) -> LiveSite:
 
 def check_places(live: LiveSite) -> None:
     """Raise `InputError` where what the edge writes would be where something else stands."""
-    from e3pose.learn.online.versions import check_learning_folder
+    from e3pose.learn.versions import check_learning_folder
 
     site = live.site
     live.budgets([1.0] * len(live.rig), datetime.datetime.now().astimezone())
@@ -237,7 +237,7 @@ def make_edge(
     sink = open_store(live, state_file.run_ns, event_log, stack)
     learner = None
     if site.learn is not None:
-        from e3pose.learn.online import LearningSettings, OnlineTrainer
+        from e3pose.learn import LearningSettings, OnlineTrainer
 
         learner = OnlineTrainer(
             site.near(site.learn), live.skeleton, LearningSettings(live.interval_s), clock

@@ -1,0 +1,1 @@
+"""What measures, reproduces and trains e3pose: needed at no site.."""

@@ -1,0 +1,1 @@
+"""Verbs of the lab: parse, load, call one function, print."""

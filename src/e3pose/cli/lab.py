@@ -1,0 +1,42 @@
+"""Verbs of the lab, which measures, reproduces and trains; a site is installed without it.
+
+The package of the lab is named here and in `e3pose.learn.trainer`, and imported nowhere else.
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+from collections.abc import Callable
+from typing import Annotated, Any
+
+from cyclopts import Parameter
+
+LAB = "e3pose_lab"
+# Each verb as `module:name` in the lab's `cli`, and what help says of it without the lab.
+LAB_VERBS = {
+    "evaluate-predictor": ("predicting:evaluate_predictor", "Evaluate motion predictors."),
+    "reproduce": ("reproducing:reproduce", "Redo the tables and figures of the paper."),
+    "train": ("training:train", "Train the motion predictor."),
+}
+
+
+def lab_verbs() -> dict[str, Callable[..., Any]]:
+    """Return the lab's verbs, or in place of each one that says what to install."""
+    if importlib.util.find_spec(LAB) is None:
+        return {verb: _absent(what) for verb, (_, what) in LAB_VERBS.items()}
+    found = {}
+    for verb, (place, _) in LAB_VERBS.items():
+        module, name = place.split(":")
+        found[verb] = getattr(importlib.import_module(f"{LAB}.cli.{module}"), name)
+    return found
+
+
+def _absent(what: str) -> Callable[..., None]:
+    """Return a verb that takes anything and fails."""
+
+    def verb(*words: Annotated[str, Parameter(show=False, allow_leading_hyphen=True)]) -> None:
+        raise ModuleNotFoundError(name=LAB)
+
+    verb.__doc__ = f"{what} Not installed: pip install 'e3pose[lab]'."
+    return verb

@@ -1,0 +1,55 @@
+"""An install without the lab: its verbs say what to install, all others work."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from e3pose.cli.lab import LAB, LAB_VERBS, lab_verbs
+from e3pose.learn.job import LACKS_TORCH
+from e3pose.learn.trainer import main as train
+
+# Runs the program where the package of the lab cannot be found.
+WITHOUT = """
+import sys
+sys.modules["e3pose_lab"] = None
+from e3pose.cli.app import main
+main()
+"""
+
+
+def without_lab(*words: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-c", WITHOUT, *words]
+    return subprocess.run(command, capture_output=True, text=True, cwd="/", timeout=120)
+
+
+@pytest.mark.parametrize("words", [(), ("recording", "--out", "there", "--steps=3"), ("--quick",)])
+@pytest.mark.parametrize("verb", LAB_VERBS)
+def test_verb_says_in_a_line_what_to_install(verb: str, words: tuple[str, ...]) -> None:
+    ended = without_lab(verb, *words)
+    assert ended.stderr == "e3pose: e3pose_lab is not installed: pip install 'e3pose[lab]'\n"
+    assert (ended.returncode, ended.stdout) == (2, "")
+
+
+def test_help_lists_them_with_what_to_install() -> None:
+    said = without_lab("--help").stdout
+    assert all(f"{verb} " in said for verb in LAB_VERBS) and said.count("e3pose[lab]") == 3
+
+
+def test_other_verbs_work_without() -> None:
+    ended = without_lab("models", "list")
+    assert ended.returncode == 0 and "openpose" in ended.stdout
+
+
+def test_with_the_lab_its_verbs_are_its_own() -> None:
+    found = lab_verbs()
+    assert {function.__module__.partition(".")[0] for function in found.values()} == {LAB}
+    assert (Path(__file__).parents[2] / "lab" / LAB).is_dir()
+
+
+def test_trainer_of_an_edge_says_what_to_install(capsys: pytest.CaptureFixture[str]) -> None:
+    assert train(["job"], lab="no_lab.train.online") == LACKS_TORCH
+    assert capsys.readouterr().err == "no_lab is not installed: pip install 'e3pose[train]'\n"

@@ -1,0 +1,134 @@
+"""The report: every item in it, escaped, with its figures and tables as files."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import pytest
+
+from e3pose.runtime.workers import Workers
+from e3pose_lab.reproduce.items import ITEMS, Item, Scale
+from e3pose_lab.reproduce.job import reproduce
+from e3pose_lab.reproduce.page import shown
+from e3pose_lab.reproduce.records import Headline, Line, Panel, Section, Spread, Table
+from e3pose_lab.reproduce.sources import WHERE, Sources
+from e3pose_lab.reproduce.work import Made, Piece
+
+NAN = float("nan")
+ONE = Line("one", "measured", (1, 2), (3, NAN), (2, 2), (4, 4))
+
+
+def section(scale: Scale, made: Made) -> Section:
+    names = ("a", "b")
+    return Section(
+        paper="<b>97.1</b>",
+        ours="ours, by `a < b`",
+        why="",
+        how="how",
+        tables=(
+            Table("table", "T", ("row", "PCP"), (
+                ("x", Spread(95.04, 0.5, 3)), ("y", None), ("z", Spread(1, 0, 1)),
+            )),
+            Table("long", "All <rows>", ("row", "PCP"), (("x", 1.0),), folded=True),
+        ),
+        panels=(
+            Panel("lines", "L", "x", "y", (ONE,)),
+            Panel("bars", "B", "", "W", (
+                Line("paper", "paper", names, (1, 2)), Line("here", "modelled", names, (2, 3)),
+            ), kind="bars"),
+            Panel("stack", "S", "", "W", (Line("cpu", "modelled", names, (1, 2)),), kind="stacked"),
+            Panel("decades", "D", "x", "mm", (
+                Line("one", "simulated", (1, 2, 3), (20, 50, 190)),
+            ), logarithmic_y=True),
+            Panel("steps", "R", "slot", "", (ONE,), kind="steps"),
+            Panel("limbs", "P", "px right", "px down", (ONE, replace(ONE, second=True)), "limbs"),
+        ),
+        headlines=(Headline("PCP", 95.0, 94.0, 96.0), Headline("error", 50.0, 10.0, 20.0)),
+    )  # fmt: skip
+
+
+HERE = Item("here", "An item", "table:x", lambda scale: [], section)
+AWAY = Item("away", "On Shelf", "", lambda scale: [], section, needs=("shelf",))
+ABSENT = Item("absent", "Needs", "", lambda scale: [], section, imports=("json", "no_such_library"))
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    number: int
+
+
+def fails(sources: Sources, asked: Asked) -> int:
+    raise RuntimeError("<nothing> works")
+
+
+BROKEN = Item("broken", "Breaks", "", lambda scale: [Piece(fails, Asked(1))], section)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    made = tmp_path_factory.mktemp("reproduced")
+    outcome = reproduce(made, Sources(), Workers(1), items=(HERE, AWAY))
+    assert [h.name for h in outcome.wrong] == ["error"]
+    assert [title for title, _ in outcome.skipped] == ["On Shelf"] and not outcome.failed
+    return made
+
+
+def test_item_that_fails_or_lacks_a_library_is_left_out_with_the_reason(tmp_path: Path) -> None:
+    outcome = reproduce(tmp_path, Sources(), Workers(1), items=(HERE, ABSENT, BROKEN))
+    assert outcome.failed and len(outcome.headlines) == 2
+    page = outcome.page.read_text()
+    assert "Skipped: no_such_library is not installed: pip install" in page
+    assert "Skipped: test_page-fails: RuntimeError: &lt;nothing&gt; works" in page
+    assert (tmp_path / "figures" / "lines.svg").exists()
+
+
+def test_words_are_escaped_and_skipped_items_say_why(folder: Path) -> None:
+    page = (folder / "report.html").read_text()
+    assert "&lt;b&gt;97.1" in page and "<b>97.1" not in page
+    assert "ours, by <code>a &lt; b</code>" in page
+    assert "Skipped: no data; expected Shelf" in page
+    assert "Outside their margin: error" in page
+    assert "http" not in page.replace("http-equiv", "").lower().split("</style>")[0]
+
+
+def test_every_panel_is_a_picture_and_a_csv(folder: Path) -> None:
+    for name in ("lines", "bars", "stack", "decades", "steps", "limbs"):
+        assert (folder / "figures" / f"{name}.svg").read_text().startswith("<?xml")
+    assert "(modelled)" in (folder / "figures" / "bars.svg").read_text()
+    ticks = (folder / "figures" / "decades.svg").read_text()
+    assert all(f">{mm}</text>" in ticks for mm in (20, 50, 100, 200))
+    rows = list(csv.reader((folder / "figures" / "bars.csv").read_text().splitlines()))
+    assert rows[1:3] == [["paper", "paper", "a", "1", "", ""], ["paper", "paper", "b", "2", "", ""]]
+
+
+def test_a_table_keeps_its_spread(folder: Path) -> None:
+    rows = list(csv.reader((folder / "tables" / "table.csv").read_text().splitlines()))
+    assert rows == [
+        ["row", "PCP", "PCP, standard deviation"],
+        ["x", "95.04", "0.5"],
+        ["y", "", ""],
+        ["z", "1", ""],
+    ]
+
+
+def test_a_long_table_is_folded(folder: Path) -> None:
+    page = (folder / "report.html").read_text()
+    assert page.count("<details>") == 1
+    assert "<details><summary>All &lt;rows&gt;</summary>" in page
+    assert (folder / "tables" / "long.csv").exists()
+
+
+@pytest.mark.parametrize(
+    ("cell", "text"),
+    [(1.25, "1.2"), (NAN, "–"), (None, "–"), ("a", "a"), (Spread(1, 0.5, 2), "1.0 ± 0.5"),
+     (Spread(1, 0, 1), "1.0")],
+)  # fmt: skip
+def test_cells(cell: str | float | Spread | None, text: str) -> None:
+    assert shown(cell, 1) == text
+
+
+def test_items_have_names_of_their_own() -> None:
+    assert len({item.key for item in ITEMS}) == len(ITEMS)
+    assert all(set(item.needs) <= set(WHERE) for item in ITEMS)

@@ -1,0 +1,96 @@
+"""`e3pose train`: options are checked before anything heavy is loaded."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from pathlib import Path
+from typing import Literal
+
+import pytest
+
+from e3pose.errors import InputError
+from e3pose.model.skeleton import COCO17
+from e3pose.predict.attention_lstm import AttentionLstm
+from e3pose.recording import save_recording
+from e3pose.simulate import SceneSettings, simulate
+from e3pose_lab.cli.training import DataOptions, NetworkOptions, StepOptions, train
+
+
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [
+        ("hold_out", 0.95),
+        ("hold_out", float("nan")),
+        ("history", 3),
+        ("leads", 0),
+        ("hidden", 100_000),
+        ("dropout", 1.0),
+        ("steps", 0),
+        ("minutes", 0.0),
+        ("batch", 1),
+        ("seed", -1),
+        ("combinations", 0),
+        ("jobs", 0),
+    ],
+)
+def test_an_impossible_option_is_named(tmp_path: Path, option: str, value: float) -> None:
+    with pytest.raises(InputError, match=f"--{option.replace('_', '-')}: found"):
+        kinds = {"data": DataOptions, "network": NetworkOptions, "optimisation": StepOptions}
+        given = {
+            name: kind(**{option: value})
+            for name, kind in kinds.items()
+            if option in {field.name for field in fields(kind)}
+        }
+        train([tmp_path], out=tmp_path / "out", **given)
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.fixture
+def room(tmp_path: Path) -> Path:
+    for module in ("torch", "onnx"):
+        pytest.importorskip(module, reason=f"{module} is not installed: pip install e3pose[train]")
+    folder = tmp_path / "room"
+    save_recording(simulate(SceneSettings(people=2, seconds=3.0), seed=0), folder)
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"history": 12}, "--history: found 12, expected 10 as in"),
+        ({"hidden": 32}, "--hidden: found 32, expected 96 as in"),
+    ],
+)
+def test_weights_of_other_sizes_are_not_gone_on_from(
+    room: Path, options: dict[str, int], message: str
+) -> None:
+    out = room.parent / "out"
+    with pytest.raises(InputError, match=message):
+        train([room], out=out, network=NetworkOptions(start=Path("shipped"), **options))  # type: ignore[arg-type]
+    assert not out.exists()
+
+
+def test_a_missing_file_of_weights_is_named(room: Path) -> None:
+    with pytest.raises(InputError, match=r"none\.onnx"):
+        train(
+            [room], out=room.parent / "out", network=NetworkOptions(start=room.parent / "none.onnx")
+        )
+
+
+@pytest.mark.parametrize("loss", ["relative", "squared"])
+def test_the_papers_network_is_trained_on_what_the_least_occluded_cameras_see(
+    room: Path, loss: Literal["relative", "squared"]
+) -> None:
+    other = room.parent / "other"
+    save_recording(simulate(SceneSettings(people=2, seconds=3.0), seed=1), other)
+    out = room.parent / "out"
+    train(
+        [room], out=out, data=DataOptions(validate=[other]),
+        network=NetworkOptions(published=True, hidden=8, history=5, leads=4),
+        optimisation=StepOptions(steps=2, batch=4, loss=loss),
+    )  # fmt: skip
+    card = (out / "model-card.md").read_text()
+    assert f"- loss: {loss}" in card and "- variety: motion" in card
+    assert "as its cameras estimate it" in card  # the truth is there, and not learned from
+    predictor = AttentionLstm(COCO17, out / "attention-lstm.onnx")
+    assert not predictor.states_error
