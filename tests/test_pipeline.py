@@ -271,6 +271,17 @@ def test_offline_cameras_are_neither_read_nor_ordered() -> None:
     assert all(record.next_selection[online].sum() == 2 for record in records[2:])
 
 
+def test_an_order_to_a_camera_that_went_offline_is_not_expected_to_be_followed() -> None:
+    policy = Recorder([])  # cameras 0 and 1
+    pipeline = make(policy=policy, lead_slots=3)
+    state = initial_state(pipeline)
+    for slot in range(12):
+        online = np.array([True, slot < 10, True, True, True])
+        state, _ = step(pipeline, state, scene(slot), online)
+    # Slot 11 decides slot 14: camera 0 is expected to detect in slot 13, camera 1 did in slot 9.
+    assert policy.seen[-1].unseen_slots[:2].tolist() == [1, 5]
+
+
 def test_held_slots_show_the_last_poses() -> None:
     pipeline = make("central-2d")  # a round trip of 0.05 s is two slots
     records = run(pipeline, [scene(slot) for slot in range(12)])

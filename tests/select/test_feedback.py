@@ -52,3 +52,11 @@ def test_reach_without_a_stated_error_grows_with_the_time_ahead() -> None:
     assert (near > 0).all() and (near < far).all()
     known = np.where(np.arange(17) < 3, 0.02, np.nan)[None]
     assert reach_m(known, 0.5)[0] < near[0]
+
+
+@pytest.mark.parametrize("middle_m", [-1.0, 0.0, 0.1, 0.29])
+def test_somebody_nearer_than_the_least_depth_is_expected_as_if_there(middle_m: float) -> None:
+    ahead_m = 0.5  # of one joint, which the camera sees
+    joints_m = np.array([[[0.0, 0, ahead_m], [0, 0, 2 * middle_m - ahead_m]]])
+    (view, _) = expected_in_views(RIG, joints_m, np.array([0.06]))
+    np.testing.assert_allclose(view.reach_px, [1000 * 0.06 / 0.3])

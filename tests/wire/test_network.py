@@ -10,6 +10,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 import pytest
 from tests.ports import free_port
@@ -275,6 +276,37 @@ def test_what_is_far_too_large_does_not_even_arrive(site: Site) -> None:
     assert eventually(arrived)  # the link is there still
     assert seen | {*got} == {("view", 2**18), ("heartbeat", 2**12)}
     edge.close()
+
+
+@pytest.mark.parametrize("role", ["edge", "router"])
+def test_question_or_hello_that_is_far_too_large_does_not_even_arrive(
+    role: Literal["edge", "router"],
+) -> None:
+    endpoint, hellos = f"tcp/127.0.0.1:{free_port()}", list[int]()
+    with (
+        contextlib.closing(open_network(Link(role, "lab", endpoint))) as edge,
+        contextlib.closing(open_network(Link("camera", "lab", endpoint))) as camera,
+    ):
+        edge.answer("e3pose/lab/camera/*/clock", lambda topic, payload: b"time")
+        edge.subscribe("e3pose/lab/camera/*/hello", lambda topic, p: hellos.append(len(p)))
+
+        def arrived() -> bool:
+            hellos.clear()
+            camera.publish("e3pose/lab/camera/cam1/hello", b"x" * 2**14)
+            time.sleep(0.05)
+            return 2**14 in hellos
+
+        def answer(size: int) -> bytes | None:
+            return camera.ask("e3pose/lab/camera/cam1/clock", b"x" * size, SILENCE_S)
+
+        assert eventually(arrived)
+        assert eventually(lambda: answer(2**14) == b"time")
+        assert [answer(2**16) for _ in range(3)] == [None] * 3
+        for _ in range(3):
+            camera.publish("e3pose/lab/camera/cam1/hello", b"x" * 2**16)
+        time.sleep(SILENCE_S)
+        assert set(hellos) == {2**14}
+        assert eventually(arrived) and eventually(lambda: answer(2**14) == b"time")
 
 
 def test_what_is_said_at_once_arrives_whole() -> None:

@@ -5,7 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from e3pose.wire.offset import MAX_EXCHANGES, Exchange, Offset, OffsetEstimate, take_in
+from e3pose.wire.offset import (
+    LIKELY_DRIFT_PPM,
+    MAX_EXCHANGES,
+    Exchange,
+    Offset,
+    OffsetEstimate,
+    take_in,
+)
 
 START = 1_700_000_000_000_000_000
 
@@ -79,3 +86,17 @@ def test_times_there_and_back() -> None:
     offset = Offset(at_ns=START, offset_ns=-7_000_000, drift_ppm=90.0, error_ns=1)
     for camera_ns in (START, START + 10**12):
         assert abs(offset.camera_ns(offset.edge_ns(camera_ns)) - camera_ns) <= 100
+
+
+@pytest.mark.parametrize("drift_ppm", [0.0, 45.0, -45.0])
+def test_error_grows_with_the_age_of_the_exchange_that_is_believed(drift_ppm: float) -> None:
+    quick, slow = 2_000_000, 40_000_000  # of delay; the network got busy after the first
+    estimate = OffsetEstimate()
+    for second in range(16):
+        at_ns, delay_ns = START + second * 10**9, quick if second == 0 else slow
+        truth_ns = 40_000_000 + round(second * drift_ppm * 1e3)
+        estimate = take_in(estimate, Exchange(at_ns, truth_ns, delay_ns))
+        error_ns = estimate.offset.error_ns
+        assert error_ns is not None
+        assert abs(estimate.offset.edge_ns(at_ns) - at_ns - truth_ns) <= error_ns - quick / 2 + 1
+    assert error_ns == pytest.approx(quick / 2 + 15 * LIKELY_DRIFT_PPM * 1e3, abs=1)

@@ -235,3 +235,15 @@ def test_a_dearer_camera_is_woken_less() -> None:
         deficit = advance_deficit(deficit, budget, selection)
         active += selection
     assert active[0] < active[1:].min()
+
+
+@pytest.mark.parametrize("quality_weight", [1.0, 10.0])
+@pytest.mark.parametrize("others", [0, 60])  # all sets are tried; one camera after the other
+def test_nearly_equal_cameras_take_turns_by_the_phase(others: int, quality_weight: float) -> None:
+    def taken(better: float) -> list[list[int]]:
+        seen = foresight([300.0, 300.0 * better] + [0.0] * others)
+        policies = (Information(1, quality_weight, phase=phase) for phase in range(2))
+        return [chosen(policy.select(situation(seen))) for policy in policies]
+
+    assert taken(1.0005) == [[0], [1]]  # by 0.0006 nats
+    assert taken(1.1) == [[1], [1]]  # by 0.1 nats
