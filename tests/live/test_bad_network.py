@@ -15,6 +15,9 @@ pytestmark = [pytest.mark.live, pytest.mark.timed]
 
 CUT_S = 10.0
 NOTICED_S = 2.0
+BACK_S = 20.0
+# Of a good link, as of one that is busy; the deadline of views takes eight slots, jitter some more.
+SHORT_LEAD, LONG_LEAD = 5, 8
 
 
 @pytest.fixture(scope="module")
@@ -60,6 +63,22 @@ def test_loss_and_jitter_lose_views_but_no_slot(far_site: LiveSite, link: BadLin
     assert not told, far_site.diagnostics()
     link.heal()
     far_site.becomes(*CAMERAS)
+
+
+def test_lead_is_back_in_20_seconds_after_the_start_and_after_jitter(
+    far_site: LiveSite, link: BadLink
+) -> None:
+    def lead() -> int:
+        return far_site.status().lead
+
+    assert eventually(lambda: lead() <= SHORT_LEAD), far_site.diagnostics()
+    link.jitter()
+    assert eventually(lambda: lead() >= LONG_LEAD), far_site.diagnostics()
+    link.heal()
+    healed_s = time.monotonic()
+    assert eventually(lambda: lead() <= SHORT_LEAD), far_site.diagnostics()
+    took_s = time.monotonic() - healed_s
+    assert took_s < BACK_S + 3.0, "a report of half a second, a status of one, and a busy machine"
 
 
 def test_partition_of_ten_seconds_heals_by_itself(far_site: LiveSite, link: BadLink) -> None:
