@@ -190,9 +190,11 @@ source = "usb:1"
 CHECK = """
 import sys
 import e3pose.site.camera_program
-from e3pose.settings.site_file import load_site
+from e3pose.settings.resolved import resolve_site
 from e3pose.site.edge_program import check_edge
-print(len(check_edge(load_site(sys.argv[1])).rig))
+site = resolve_site(sys.argv[1])
+check_edge(site)
+print(len(site.rig))
 print(*sorted(m for m in sys.modules if "." not in m))
 """
 

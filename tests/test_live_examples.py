@@ -19,6 +19,7 @@ from e3pose.quantities import size_bytes
 from e3pose.recording import load_recording
 from e3pose.recording.calibration import save_rig
 from e3pose.settings.camera_file import NodeTable, load_node
+from e3pose.settings.resolved import resolve_site
 from e3pose.settings.site_file import (
     CameraTable,
     LinkTable,
@@ -45,9 +46,9 @@ def test_example_site_makes_a_pipeline(tmp_path: Path) -> None:
     cameras = [replace(c, camera_id=f"cam{n}") for n, c in enumerate(three.cameras, 1)]
     rig = Rig(tuple(cameras))
     save_rig(rig, tmp_path / "rig.toml")
-    live = check_edge(load_site(tmp_path))
-    assert set(live.cameras) == {"cam1", "cam2", "cam3"}
-    pipeline = live.pipeline()
+    site = resolve_site(tmp_path)
+    assert set(site.cameras) == {"cam1", "cam2", "cam3"}
+    pipeline = check_edge(site)
     assert len(pipeline.budget) == 3 and pipeline.interval_s == pytest.approx(0.04)
 
 
@@ -91,9 +92,9 @@ def test_made_example_is_a_site_that_can_be_started(tmp_path: Path) -> None:
     )
     recording = simulate(scene, 0)
     path = write_recorded(tmp_path / "try", recording)
-    site = load_site(path)
+    site = resolve_site(path)
     assert site.fps == 10 and site.link.endpoint.startswith("tcp/127.0.0.1:")
-    command = camera_command(site, "cam1", recording.rig)
+    command = camera_command(site, "cam1")
     source = command[command.index("--source") + 1]
     assert source.startswith("recorded:")
     assert load_recording(Path(source.partition(":")[2])).num_slots == 10
@@ -105,7 +106,7 @@ def test_example_is_made_in_a_new_folder_only(
     small = SceneSettings(people=1, seconds=1.0, fps=10, cameras=4)
     monkeypatch.setattr("e3pose.site.example.SCENE", small)
     path = make_example(tmp_path / "try")
-    assert len(check_edge(load_site(path)).cameras) == 4
+    assert len(check_edge(resolve_site(path)).rig) == 4
     (tmp_path / "try" / "mine.txt").write_text("mine")
     with pytest.raises(InputError, match=r"try: is there already, expected a new folder"):
         make_example(tmp_path / "try")

@@ -28,8 +28,7 @@ from websockets.sync.client import connect as connect_socket
 from e3pose.model.pose import Poses3D
 from e3pose.model.skeleton import COCO17
 from e3pose.pipeline import SlotRecord
-from e3pose.settings.live import live_site
-from e3pose.settings.site_file import load_site
+from e3pose.settings.resolved import resolve_site
 from e3pose.site.example import free_port, make_example
 from e3pose.site.interpreter import reduce_pauses
 from e3pose.store import Run, Store, StoreWriter
@@ -53,10 +52,10 @@ def record(slot: int, rng: np.random.Generator, cameras: int = 4) -> SlotRecord:
 
 def fill(site: Path, started_ns: int, rng: np.random.Generator) -> Path:
     """Write ten minutes into the store of a site that does not run yet; return its place."""
-    table = load_site(site)
-    place, cameras = table.store_place, live_site(table).rig.camera_ids
-    assert isinstance(place, Path)
-    run = Run(table.name, "before", started_ns, 1 / FPS, "coco17", COCO17.joints, cameras)
+    resolved = resolve_site(site)
+    assert resolved.store is not None and isinstance(resolved.store.place, Path)
+    place, cameras = resolved.store.place, resolved.rig.camera_ids
+    run = Run(resolved.name, "before", started_ns, 1 / FPS, "coco17", COCO17.joints, cameras)
     with StoreWriter(place, run) as writer:
         for slot in range(MINUTES * 60 * FPS):
             writer.append(record(slot, rng, len(cameras)), wait=True)

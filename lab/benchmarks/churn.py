@@ -104,7 +104,7 @@ def _leave(port: int) -> None:
 def _appear(path: Path, camera_id: str) -> None:
     """Join with a camera's certificate, be present for a moment, leave."""
     site = load_site(path)
-    files = certificates_in(site.near("keys") / "cameras" / camera_id, "camera")
+    files = certificates_in(site.keys / "cameras" / camera_id, "camera")
     port = site.link.endpoint.rpartition(":")[2]
     transport = open_network(Link("camera", site.name, f"tls/localhost:{port}", files))
     heard = threading.Event()

@@ -24,6 +24,7 @@ import tomli_w
 from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.evaluate.summary import accuracy
 from e3pose.recording import Recording
+from e3pose.settings.resolved import resolve_site
 from e3pose.settings.site_file import load_site
 from e3pose.simulate import SCENES, SceneSettings, simulate
 from e3pose.site.demo.live import Heard, last_words
@@ -56,7 +57,7 @@ def run(recording: Recording, policy: str, count: float, round_trip_s: float) ->
         table = msgspec.toml.decode(path.read_bytes())
         table["loop"] = {"policy": policy, "cameras": count}
         path.write_text(tomli_w.dumps(table))
-        site = load_site(path)
+        site = resolve_site(path)
         port = int(site.link.endpoint.rpartition(":")[2])
         with relay(port, round_trip_s) as near:
             link = replace(site.link, endpoint=f"tcp/127.0.0.1:{near}")
@@ -106,7 +107,7 @@ def _play(path: Path, through: Any, recording: Recording) -> tuple[Heard, list[i
         elif status is not None and not heard.begin_ns:
             heard.begin_ns = time.time_ns() + round(READY_S * 1e9)
             for camera_id in recording.rig.camera_ids:
-                command = camera_command(through, camera_id, recording.rig)
+                command = camera_command(through, camera_id)
                 command += ["--begin-s", str(heard.begin_ns / 1e9)]
                 programs.append(Program(camera_id, command, logs / f"{camera_id}.log"))
                 programs[-1].start()

@@ -17,7 +17,7 @@ from pathlib import Path
 import psutil
 
 from e3pose.recording import save_recording
-from e3pose.settings.site_file import load_site
+from e3pose.settings.resolved import resolve_site
 from e3pose.simulate.settings import SceneSettings
 from e3pose.simulate.simulation import simulate
 from e3pose.site.example import free_port
@@ -191,10 +191,10 @@ def live_site(
         if record:
             file = file.replace("[[camera]]", '[[camera]]\nrecord = "keypoints"')
         path.write_text(file)
-        site = load_site(path)
+        site = resolve_site(path)
         command = [*edge_command(path), "--json-logs"]
         programs = [Program("edge", command, folder / "edge.log")] + [
-            Program(i, camera_command(site, i, recording.rig), folder / f"{i}.log")
+            Program(i, camera_command(site, i), folder / f"{i}.log")
             for i in recording.rig.camera_ids[: cameras - spare]
         ]
         page_port = free_port() if page else None

@@ -115,7 +115,7 @@ def test_delay_of_an_edge_takes_the_place_of_that_of_its_site(
         opened.append(site.smooth_delay_ms)
         raise InputError("", "enough", "")
 
-    monkeypatch.setattr("e3pose.site.edge_program.open_edge", stop)
+    monkeypatch.setattr("e3pose.site.edge_program.start_edge", stop)
     assert run("edge", path, "--delay", "200ms") == 2
     assert run("edge", path) == 2
     assert opened == [200.0, 0.0]

@@ -47,7 +47,7 @@ def test_first_start_says_compiling_and_orders_afterwards(tmp_path: Path, record
     def page_knows() -> bool:
         """Return whether slots are computed; meanwhile, keep what the page gets."""
         try:
-            token = open_tokens(site.near(site.view.tokens)).read
+            token = open_tokens(site.view.tokens).read
             asked = urllib.request.Request(
                 f"http://127.0.0.1:{port}/api/status", headers={"Authorization": f"Bearer {token}"}
             )

@@ -11,8 +11,7 @@ import pytest
 from tests.site.web.browser import Page, browser, browser_path
 from tests.waiting import eventually
 
-from e3pose.settings.live import live_site
-from e3pose.settings.site_file import load_site
+from e3pose.settings.resolved import resolve_site
 from e3pose.simulate import SceneSettings, simulate
 from e3pose.site.edge_program import Edge
 from e3pose.site.example import write_recorded
@@ -33,7 +32,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Edge, View,
     site_file = write_recorded(folder / "site", recording)
     with ExitStack() as stack:
         edge: Edge = runpy.run_path(str(LIVE))["run"](site_file, stack)
-        view = stack.enter_context(open_view(live_site(load_site(site_file)), "127.0.0.1:0"))
+        view = stack.enter_context(open_view(resolve_site(site_file), "127.0.0.1:0"))
         page = stack.enter_context(browser(tmp_path_factory.mktemp("browser")))
         assert eventually(lambda: edge.status().slot > 5, 240)
         yield edge, view, page

@@ -17,8 +17,7 @@ from tests.live.processes import CAMERAS, LiveSite
 from tests.site.web.browser import Page, browser, browser_path
 from tests.waiting import eventually
 
-from e3pose.settings.live import live_site
-from e3pose.settings.site_file import load_site
+from e3pose.settings.resolved import resolve_site
 from e3pose.site.web.program import open_view
 
 pytestmark = pytest.mark.live
@@ -101,7 +100,7 @@ def test_every_camera_shows_pictures_with_its_people_and_is_asked_so_often_at_mo
 def test_viewers_certificate_shows_no_pictures_and_says_why(site: LiveSite) -> None:
     wall = site.folder / "keys" / "viewers" / "wall"
     with (
-        open_view(live_site(load_site(site.path)), "127.0.0.1:0", wall) as view,
+        open_view(resolve_site(site.path), "127.0.0.1:0", wall) as view,
         httpx.Client(base_url=view.url, timeout=30) as client,
     ):
         told = client.get("api/site").json()["pictures"]

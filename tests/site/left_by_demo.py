@@ -28,7 +28,7 @@ def canned(
     """Leave what a live site leaves, one slot a frame from the beginning on, without processes."""
     site = load_site(site_file)
     slot_ns = round(1e9 / site.fps / site.pace)
-    skeleton = skeleton_by_name(site.skeleton or "")
+    skeleton = skeleton_by_name(site.skeleton_name or "")
     assert round_s == pytest.approx(num_slots * slot_ns / 1e9)
     heard = Heard(begin_ns=BEGIN_NS, slots=num_slots)
     heard.status = Status(site.name, heard.slots - 1, site.fps, 2, 2, (), latency_ms=(1.0, 2.0))

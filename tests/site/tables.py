@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from e3pose.geometry.camera import Rig
+from e3pose.recording.calibration import save_rig
+from e3pose.settings.resolved import ResolvedSite, resolve
 from e3pose.settings.site_file import SiteTable, load_site
 
 HEAD = """format = "e3pose-site"
@@ -24,3 +27,10 @@ def write_site(folder: Path, more: str = "") -> SiteTable:
     path = folder / "site.toml"
     path.write_text(HEAD + more)
     return load_site(path)
+
+
+def resolved_site(folder: Path, rig: Rig, more: str = "") -> ResolvedSite:
+    """Write a site file and a calibration to a folder; return all that they say."""
+    if not (folder / "rig.toml").exists():
+        save_rig(rig, folder / "rig.toml")
+    return resolve(write_site(folder, more), placed=False)

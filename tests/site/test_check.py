@@ -14,7 +14,7 @@ import pytest
 from tests.ports import free_port
 from tests.postgres import Server
 from tests.rigs import looking
-from tests.site.tables import write_site
+from tests.site.tables import resolved_site, write_site
 
 from e3pose.geometry.camera import Camera, Rig
 from e3pose.site.check import (
@@ -87,8 +87,7 @@ def test_camera_below_the_floor_is_named() -> None:
 
 
 def linked(tmp_path: Path, link: str, rig: Rig = RIG) -> list[Finding]:
-    site = write_site(tmp_path, f"[link]\n{link}\n")
-    return list(check_link_of(site, rig))
+    return list(check_link_of(resolved_site(tmp_path, rig, f"[link]\n{link}\n")))
 
 
 def test_plain_tcp_on_this_machine_is_no_finding(tmp_path: Path) -> None:
@@ -126,8 +125,8 @@ def test_certificates_are_looked_at_one_by_one(tmp_path: Path) -> None:
 def sources(tmp_path: Path, **keys: str) -> list[Finding]:
     """Return what is found of a camera with these keys."""
     table = "\n".join(f'{key} = "{value}"' for key, value in keys.items())
-    site = write_site(tmp_path, f'[[camera]]\nid = "c0"\n{table}\n')
-    return list(check_sources(site, RIG))
+    site = resolved_site(tmp_path, RIG, f'[[camera]]\nid = "c0"\n{table}\n')
+    return list(check_sources(site))
 
 
 def test_cameras_that_run_elsewhere_are_not_looked_at(tmp_path: Path) -> None:
@@ -135,8 +134,8 @@ def test_cameras_that_run_elsewhere_are_not_looked_at(tmp_path: Path) -> None:
 
 
 def test_turned_camera_that_runs_elsewhere_needs_it_in_its_own_file(tmp_path: Path) -> None:
-    site = write_site(tmp_path, '[[camera]]\nid = "c1"\nrotation = 90\n')
-    (found,) = check_sources(site, RIG)
+    site = resolved_site(tmp_path, RIG, '[[camera]]\nid = "c1"\nrotation = 90\n')
+    (found,) = check_sources(site)
     assert (found.level, found.what) == ("warning", "camera c1")
     assert found.advice == "rotation = 90 in its camera file"
 

@@ -33,7 +33,7 @@ NOW = datetime.datetime.now(datetime.timezone.utc)
 def node(tmp_path: Path) -> NodeTable:
     save_recording(simulate(SceneSettings(people=1, seconds=0.3, cameras=2), 0), tmp_path / "walk")
     return NodeTable(
-        "e3pose-camera", 1, site="lab", camera="cam0", source="recorded:walk",
+        "e3pose-camera", 1, site="lab", camera="cam0", source=f"recorded:{tmp_path / 'walk'}",
         endpoint=f"tcp/127.0.0.1:{free_port()}", path=tmp_path / "camera.toml",
     )  # fmt: skip
 
@@ -79,9 +79,11 @@ def test_edge_is_asked_for_the_time(node: NodeTable) -> None:
 def test_certificate_is_looked_at(node: NodeTable, tmp_path: Path) -> None:
     init_keys(tmp_path / "keys", "lab", [], NOW)
     add_keys(tmp_path / "keys", "cam0", NOW - datetime.timedelta(days=1000))
-    tls = replace(node, endpoint=node.endpoint.replace("tcp", "tls"), keys="keys/cameras/cam0")
+    tls = replace(
+        node, endpoint=node.endpoint.replace("tcp", "tls"), keys=tmp_path / "keys/cameras/cam0"
+    )
     assert "certificate expired" in found(tls)["certificate"].found
-    assert found(replace(tls, keys="none"))["certificate"].level == "problem"
+    assert found(replace(tls, keys=tmp_path / "none"))["certificate"].level == "problem"
 
 
 def test_network_and_device_that_are_missing_are_reported(node: NodeTable) -> None:

@@ -9,13 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests.rigs import looking
-from tests.site.tables import HEAD
+from tests.site.tables import resolved_site
 
 from e3pose.detectors.timing import DetectionTimes
 from e3pose.errors import InputError
-from e3pose.recording.calibration import save_rig
-from e3pose.settings.live import LiveSite, live_site
-from e3pose.settings.site_file import SiteTable, load_site
+from e3pose.settings.resolved import ResolvedSite
+from e3pose.settings.site_file import SiteTable
 from e3pose.site.check import Finding
 from e3pose.site.check_settings import check_budgets, check_feedback, check_skeletons
 from e3pose.site.detector_speed import (
@@ -30,10 +29,8 @@ NOW = datetime(2026, 11, 22, 12, 0, tzinfo=timezone.utc)
 FOUR = looking((4, 0), (0, 4), (-4, 0), (0, -4))
 
 
-def live(folder: Path, more: str = "") -> LiveSite:
-    save_rig(FOUR, folder / "rig.toml")
-    (folder / "site.toml").write_text(HEAD + more)
-    return live_site(load_site(folder))
+def live(folder: Path, more: str = "") -> ResolvedSite:
+    return resolved_site(folder, FOUR, more)
 
 
 def cameras(*detectors: str, **keys: str) -> str:
@@ -125,7 +122,7 @@ def looked(fps: float, deadline_ms: float, selected: float = 2) -> dict[str, Fin
 
 def site(fps: float, deadline_ms: float) -> SiteTable:
     return SiteTable(
-        "e3pose-site", 1, name="lab", calibration="rig.toml", fps=fps, deadline_ms=deadline_ms
+        "e3pose-site", 1, name="lab", calibration=Path("rig.toml"), fps=fps, deadline_ms=deadline_ms
     )
 
 

@@ -18,7 +18,7 @@ from e3pose.errors import InputError
 from e3pose.pipeline import Pipeline
 from e3pose.recording.calibration import save_rig
 from e3pose.select.policies.information import Information
-from e3pose.settings.live import live_site
+from e3pose.settings.resolved import resolve
 from e3pose.site.control import BURST, COUNT_S, TOO_MANY, SiteControls
 from e3pose.site.edge_program import make_edge
 from e3pose.wire.codec import decode, encode
@@ -32,7 +32,7 @@ def edge(folder: Path, more: str = "") -> Iterator[tuple[EdgeServer, Hub]]:
     """Yield an edge that was made and not started, and the air around it."""
     site = write_site(folder, more)
     save_rig(RIG, folder / "rig.toml")
-    live, hub = live_site(site), Hub()
+    live, hub = resolve(site), Hub()
     with ExitStack() as stack:
         pipeline = live.pipeline()
         made = make_edge(live, pipeline, hub.join(), ManualClock(10**18), lambda _: None, stack)
@@ -144,7 +144,7 @@ def test_operator_who_floods_is_refused_and_counted_in_one_event(tmp_path: Path)
     with edge(tmp_path) as (made, _):
         now_s = [0.0]
         assert made.consumers.ledger is not None
-        asked = SiteControls(controls(made)._live, made.consumers.ledger, lambda: now_s[0])
+        asked = SiteControls(controls(made)._site, made.consumers.ledger, lambda: now_s[0])
 
         def ask(operator: str) -> str:
             answer = asked.answer(operator, encode(Control(cameras=3)))

@@ -236,12 +236,15 @@ def test_videos_become_a_slower_site_poses_and_a_movie(
         "share 2 cores."
     )
     site = load_site(tmp_path / "demo" / "site" / "site.toml")
-    assert site.pace == 0.046 and site.fps == 20 and site.skeleton == "coco18"
+    assert site.pace == 0.046 and site.fps == 20 and site.skeleton_name == "coco18"
     # An order must be able to come although every slot waits for its deadline.
     assert site.deadline_ms == pytest.approx(2500 / 20 / 0.046, abs=1)
     for camera in site.camera:
-        assert camera.source == f"videos/{camera.id}.mp4" and camera.detector == "openpose-thin"
-        assert (tmp_path / "demo" / "site" / camera.source).stat().st_size > 0
+        assert (
+            camera.source == str(site.folder / f"videos/{camera.id}.mp4")
+            and camera.detector == "openpose-thin"
+        )
+        assert Path(camera.source).stat().st_size > 0
     movie = open_video(tmp_path / "demo" / "overlay.webm")
     assert len(list(movie.frames(0.0))) == 20  # the three slots after the clip's end are left out
     assert movie.rate == pytest.approx(20 / 3, rel=1e-3)

@@ -20,7 +20,7 @@ from e3pose.model.skeleton import COCO17
 from e3pose.recording.calibration import save_rig
 from e3pose.recording.folder import save_recording
 from e3pose.recording.record import Recording, ViewSeries
-from e3pose.settings.live import LiveSite, live_site
+from e3pose.settings.resolved import ResolvedSite, resolve
 from e3pose.settings.site_file import SiteTable
 from e3pose.site.admission import Admission, edge_link
 from e3pose.site.edge_program import make_edge
@@ -33,9 +33,9 @@ RIG = looking((4, 0), (0, 4))
 TLS = '[link]\nendpoint = "tls/0.0.0.0:7001"\nkeys = "keys"\n'
 
 
-def live_of(site: SiteTable) -> LiveSite:
+def live_of(site: SiteTable) -> ResolvedSite:
     save_rig(RIG, site.path.with_name("rig.toml"))
-    return live_site(site)
+    return resolve(site)
 
 
 def edge_of(site: SiteTable, stack: ExitStack, tell: list[Event] | None = None) -> EdgeServer:

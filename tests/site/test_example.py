@@ -11,6 +11,7 @@ import pytest
 from e3pose.errors import InputError
 from e3pose.recording import load_recording
 from e3pose.recording.calibration import load_rig
+from e3pose.settings.resolved import resolve_site
 from e3pose.settings.site_file import SITE_FILE, load_site
 from e3pose.simulate import SceneSettings, simulate
 from e3pose.site import example
@@ -22,11 +23,15 @@ from e3pose.site.example import Example, free_port, make_example, write_example,
 def test_site_of_a_recording_passes_its_own_check(tmp_path: Path) -> None:
     recording = simulate(SceneSettings(people=1, seconds=0.2, cameras=3), 0)
     path = write_recorded(tmp_path, recording, "hall")
-    site, rig = load_site(path), load_rig(tmp_path / "rig.toml")
-    assert (site.name, site.fps, site.skeleton) == ("hall", recording.fps, recording.skeleton.name)
+    site, rig = resolve_site(path), load_rig(tmp_path / "rig.toml")
+    assert (site.name, site.fps, site.skeleton_name) == (
+        "hall",
+        recording.fps,
+        recording.skeleton.name,
+    )
     assert rig.camera_ids == recording.rig.camera_ids
     found = [
-        *check_calibration(rig), *check_link_of(site, rig), *check_sources(site, rig)
+        *check_calibration(rig), *check_link_of(site), *check_sources(site)
     ]  # fmt: skip
     assert [f for f in found if f.level != "ok"] == []
     assert path.read_text().startswith("# ")
@@ -40,7 +45,12 @@ def test_example_says_what_it_is_given(tmp_path: Path) -> None:
     )  # fmt: skip
     path = write_example(tmp_path / "new", wanted, rig)
     site = load_site(path)
-    assert (site.fps, site.skeleton, site.pace, site.deadline_ms) == (12.5, "coco18", 0.5, 300.0)
+    assert (site.fps, site.skeleton_name, site.pace, site.deadline_ms) == (
+        12.5,
+        "coco18",
+        0.5,
+        300.0,
+    )
     assert (site.loop.num_selected, site.loop.pipeline) == (1, "paper")
     assert [(c.id, c.source, c.threads) for c in site.camera] == [
         (camera_id, "usb:0", 2) for camera_id in rig.camera_ids

@@ -11,7 +11,7 @@ from tests.rigs import looking
 from e3pose.camera.probe import Probe, find_devices
 from e3pose.detectors.timing import DetectionTimes
 from e3pose.errors import InputError
-from e3pose.settings.live import known_rig
+from e3pose.settings.resolved import resolve, resolve_site
 from e3pose.settings.site_file import load_site
 from e3pose.site.detector_speed import (
     SPARE,
@@ -54,11 +54,12 @@ def test_rate_is_what_the_machine_reaches(
 def test_site_passes_its_own_check(tmp_path: Path, source: str, times: DetectionTimes) -> None:
     rig = looking((4, 0), (0, 4), (-4, 0), (0, -4))
     path = write_site(tmp_path / "lab", choice(source, times, rig=rig))
-    live = check_edge(load_site(path))
-    assert live.skeleton.name == "coco18" and live.loop.num_selected == 2
-    found = list(check_speed(live.site, times, 2))
+    site = resolve_site(path)
+    check_edge(site)
+    assert site.skeleton.name == "coco18" and site.loop.num_selected == 2
+    found = list(check_speed(site, times, 2))
     assert [finding.level for finding in found] == ["ok"], found
-    kept = measure_detections(live.site, live.rig, again=False)
+    kept = measure_detections(site, again=False)
     assert kept is not None and (kept.together_s == times.together_s).all()
 
 
@@ -67,9 +68,9 @@ def test_turned_camera_stays_turned_though_the_new_calibration_does_not_say_so(
 ) -> None:
     rig = looking((4, 0), (0, 4), (-4, 0), (0, -4))
     made = choice("usb:{}", QUICK, rig=rig, rotations={"c1": 270})
-    site = load_site(write_site(tmp_path / "lab", made))
+    site = resolve_site(write_site(tmp_path / "lab", made))
     assert [camera.rotation for camera in site.camera] == [None, 270, None, None]
-    sizes = [workload.image_size for workload in workloads_of(site, rig).values()]
+    sizes = [workload.image_size for workload in workloads_of(site).values()]
     assert sizes[1] == sizes[0][::-1]
 
 
@@ -78,8 +79,8 @@ def test_site_without_a_calibration_names_what_makes_it(tmp_path: Path) -> None:
     site = load_site(path)
     assert f"e3pose record {tmp_path / 'lab'} walk --for 60" in path.read_text()
     with pytest.raises(InputError, match=r"calibration: found no .*e3pose record"):
-        check_edge(site)
-    rig = known_rig(site)
+        resolve(site)
+    rig = resolve(site, placed=False).rig
     assert rig.camera_ids == ("c0", "c1", "c2", "c3") and not rig.placed
     assert all(line == line.rstrip() for line in path.read_text().split("\n"))
 
@@ -88,10 +89,10 @@ def test_site_without_a_calibration_names_what_makes_it(tmp_path: Path) -> None:
 def test_recording_with_all_cameras_takes_its_time(
     tmp_path: Path, source: str, fps: float, pace: float
 ) -> None:
-    site = load_site(write_site(tmp_path / "lab", choice(source, SLOW)))
+    site = resolve(load_site(write_site(tmp_path / "lab", choice(source, SLOW))), placed=False)
     slower = with_time_for_all(site, SLOW)
     assert (slower.fps, slower.pace) == pytest.approx((fps, pace))
-    assert with_time_for_all(slower, SLOW) == slower
+    assert with_time_for_all(slower, SLOW) is slower
 
 
 def test_sources_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 from tests.rigs import looking
-from tests.site.tables import write_site
+from tests.site.tables import resolved_site
 
 from e3pose.cli.app import app
 from e3pose.errors import InputError
@@ -34,8 +34,7 @@ def camera(
 ) -> list[str]:
     """Return the command line of a camera with these keys."""
     text = f'{more}\n[link]\nendpoint = "{link}"\n[[camera]]\nid = "c1"\n{keys}\n'
-    site = write_site(tmp_path, text)
-    return camera_command(site, "c1", RIG)
+    return camera_command(resolved_site(tmp_path, RIG, text), "c1")
 
 
 def test_edge_reads_the_site_file_and_ends_with_its_parent() -> None:
@@ -68,7 +67,8 @@ def test_sources_that_are_files_are_beside_the_site_file(
 def test_options_of_a_camera_are_those_of_its_table(tmp_path: Path) -> None:
     plain = options(camera(tmp_path, 'source = "usb:0"'))
     assert plain["--meter"] == "model" and plain["--endpoint"] == "tcp/127.0.0.1:7001"
-    assert not {"--detector", "--model", "--threads", "--pace", "--battery-wh", "--keys"} & {*plain}
+    assert plain["--detector"] == "movenet-multipose"
+    assert not {"--model", "--threads", "--pace", "--battery-wh", "--keys"} & {*plain}
     table = """
         source = "usb:0"
         detector = "openpose-thin"

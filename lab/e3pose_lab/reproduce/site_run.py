@@ -12,7 +12,7 @@ from pathlib import Path
 
 from e3pose.errors import InputError
 from e3pose.geometry.camera import Rig
-from e3pose.settings.site_file import load_site
+from e3pose.settings.resolved import resolve_site
 from e3pose.site.demo.live import last_words
 from e3pose.site.example import Example, write_example
 from e3pose.site.follow import Follower, viewer_link
@@ -94,7 +94,7 @@ def running_site(
         InputError: with the last words of the programs, when the site does not run.
     """
     path = write_example(folder, example, rig)
-    site = load_site(path)
+    site = resolve_site(path)
     run = SiteRun([Program("edge", edge_command(path), folder / "edge.log")], Follower(site.name))
     with ExitStack() as stack:
         through = site
@@ -103,7 +103,7 @@ def running_site(
             near = stack.enter_context(relay(port, round_trip_s))
             through = replace(site, link=replace(site.link, endpoint=f"tcp/127.0.0.1:{near}"))
         run.programs += [
-            Program(camera_id, camera_command(through, camera_id, rig), folder / f"{camera_id}.log")
+            Program(camera_id, camera_command(through, camera_id), folder / f"{camera_id}.log")
             for camera_id in rig.camera_ids
         ]
         transport = open_network(viewer_link(site, None))

@@ -88,9 +88,9 @@ def _of_site(path: Path, camera_id: str, seconds: float) -> tuple[Recording, Rig
     from e3pose.settings.site_file import load_site
 
     site = load_site(path)
-    own = site.near(site.calibration)
+    own = site.calibration
     rig = load_rig(own)
-    folder = site.near(site.record.path)
+    folder = site.record.path
     rig.index(camera_id)
     recording, longest_s = _newest(folder, camera_id, seconds)
     if recording is None and longest_s > 0:

@@ -13,9 +13,7 @@ from e3pose.errors import InputError
 from e3pose.quantities import check_seconds, plural
 
 if TYPE_CHECKING:
-    from e3pose.geometry.camera import Rig
-    from e3pose.settings.live import LiveSite
-    from e3pose.settings.site_file import SiteTable
+    from e3pose.settings.resolved import ResolvedSite
     from e3pose.site.check import Finding
 
 STYLES = {"ok": "green", "warning": "yellow", "problem": "bold red"}
@@ -56,57 +54,54 @@ def check(
     if is_camera_file(site):
         _show(list(check_camera(load_node(site), timeout)))
         return
+    from e3pose.settings.resolved import resolve
     from e3pose.settings.site_file import load_site
 
-    table = load_site(site)
-    edge, running = _edge(table, keys, timeout)
-    _show([*_site(table, quick, running), *edge])
+    resolved = resolve(load_site(site), placed=False)
+    edge, running = _edge(resolved, keys, timeout)
+    _show([*_site(resolved, quick, running), *edge])
 
 
-def _site(table: SiteTable, quick: bool, running: bool) -> list[Finding]:
-    from e3pose.settings.live import known_rig
+def _site(site: ResolvedSite, quick: bool, running: bool) -> list[Finding]:
     from e3pose.site import check as examine
     from e3pose.site.check_sources import check_sources
     from e3pose.site.edge_program import check_edge
 
-    rig = known_rig(table)
-    if not rig.placed:
-        found = [examine.uncalibrated(table)]
-        placed = None
+    if not site.rig.placed:
+        found = [examine.uncalibrated(site)]
     else:
-        placed = check_edge(table)
-        warn(placed.world_warning())
-        found = [*examine.check_calibration(rig), *_settings(placed)]
-    sources = list(check_sources(table, rig))
-    found += [*examine.check_link_of(table, rig), *examine.check_places(table), *sources]
+        check_edge(site)
+        warn(site.world_warning())
+        found = [*examine.check_calibration(site.rig), *_settings(site)]
+    sources = list(check_sources(site))
+    found += [*examine.check_link_of(site), *examine.check_places(site), *sources]
     usable = all(finding.level != "problem" for finding in sources)
-    loop = table.loop if placed is None else placed.loop
-    selected = min(loop.num_selected or len(rig), len(rig))
+    selected = min(site.loop.num_selected or len(site.rig), len(site.rig))
     if usable and not quick:
         # A running site has the devices, and counts their frames itself.
-        found += [] if running else _rates(table, rig)
-        found += _looks(table, rig, selected)
-    return [*found, examine.check_clock(table.link.endpoint)]
+        found += [] if running else _rates(site)
+        found += _looks(site, selected)
+    return [*found, examine.check_clock(site.link.endpoint)]
 
 
-def _settings(live: LiveSite) -> list[Finding]:
+def _settings(site: ResolvedSite) -> list[Finding]:
     from e3pose.site.check_settings import check_budgets, check_feedback, check_skeletons
 
     now = datetime.now().astimezone()
-    return [*check_skeletons(live), *check_feedback(live), *check_budgets(live, now)]
+    return [*check_skeletons(site), *check_feedback(site), *check_budgets(site, now)]
 
 
-def _rates(table: SiteTable, rig: Rig) -> list[Finding]:
+def _rates(site: ResolvedSite) -> list[Finding]:
     from functools import partial
 
     from e3pose.cli.progress import stage_progress
     from e3pose.site.check_rates import check_rates
 
     with stage_progress() as (_, advance):
-        return list(check_rates(table, rig, partial(advance, "counting frames")))
+        return list(check_rates(site, partial(advance, "counting frames")))
 
 
-def _looks(table: SiteTable, rig: Rig, selected: float) -> list[Finding]:
+def _looks(site: ResolvedSite, selected: float) -> list[Finding]:
     from rich.console import Console
 
     from e3pose.site.check import Finding
@@ -114,13 +109,13 @@ def _looks(table: SiteTable, rig: Rig, selected: float) -> list[Finding]:
 
     try:
         with Console(stderr=True).status("measuring the networks"):
-            times = measure_detections(table, rig)
+            times = measure_detections(site)
     except InputError as error:
         return [Finding("problem", "network", str(error))]
-    return [] if times is None else list(check_speed(table, times, selected))
+    return [] if times is None else list(check_speed(site, times, selected))
 
 
-def _edge(site: SiteTable, keys: Path | None, timeout_s: float) -> tuple[list[Finding], bool]:
+def _edge(site: ResolvedSite, keys: Path | None, timeout_s: float) -> tuple[list[Finding], bool]:
     """Return what is found of the edge, and whether it is running."""
     from e3pose.site.check import Finding, check_running
     from e3pose.site.follow import Follower, viewer_link

@@ -158,10 +158,10 @@ def store_of(named: str, site: str | None) -> tuple[str, str | None]:
     from e3pose.settings.site_file import load_site
 
     table = load_site(Path(named))
-    if table.store_place is None:
+    if table.store is None:
         wanted = '[store] path = "poses.db", without which a site keeps nothing'
         raise InputError("", MISSING, wanted, str(table.path))
-    return str(table.store_place), site or table.name
+    return str(table.store.place), site or table.name
 
 
 def files_of(database: Path) -> list[Path]:

@@ -14,7 +14,7 @@ from e3pose.quantities import check_seconds, plural
 
 if TYPE_CHECKING:
     from e3pose.edge.record_server import RecordingPlan, RecordServer
-    from e3pose.settings.site_file import SiteTable
+    from e3pose.settings.resolved import ResolvedSite
 
 LOOK_S = 1.0
 MOST_RESTARTS = 3  # of a camera, before the command reports why it ends
@@ -56,7 +56,7 @@ def record(
     from e3pose.files.atomic import check_free
     from e3pose.files.private import make_folder
     from e3pose.runtime.clock import WallClock
-    from e3pose.settings.live import known_rig
+    from e3pose.settings.resolved import resolve
     from e3pose.settings.site_file import load_site
     from e3pose.site.admission import edge_link, join_as_edge
     from e3pose.site.check_sources import require_sources
@@ -64,22 +64,21 @@ def record(
     from e3pose.site.up import Program, camera_command, last_line, run_site
 
     check_free(dest, None)
-    table = load_site(site)
-    rig = known_rig(table)
-    require_sources(table, rig)
-    times = measure_detections(table, rig, again=False)
-    if times is not None and (slower := with_time_for_all(table, times)) != table:
+    resolved = resolve(load_site(site), placed=False)
+    require_sources(resolved)
+    times = measure_detections(resolved, again=False)
+    if times is not None and (slower := with_time_for_all(resolved, times)) is not resolved:
         rate, pace = f"{slower.fps:.3g} slots per second", f" at pace {slower.pace:g}"
         print(f"With all cameras active: {rate}{pace if slower.pace != 1 else ''}")
-        table = slower
-    folder = logs or table.path.parent / "logs"
-    local = [name for name, camera in table.cameras_of(rig).items() if camera.source]
-    programs = [Program(i, camera_command(table, i, rig), folder / f"{i}.log") for i in local]
+        resolved = slower
+    folder = logs or resolved.folder / "logs"
+    local = [name for name, camera in resolved.cameras.items() if camera.source]
+    programs = [Program(i, camera_command(resolved, i), folder / f"{i}.log") for i in local]
     console = Console()
-    transport = join_as_edge(*edge_link(table))
+    transport = join_as_edge(*edge_link(resolved))
     make_folder(folder)
     shown_s = time.monotonic()
-    with RecordServer(_plan(table, dest, for_s), transport, WallClock()) as server:
+    with RecordServer(_plan(resolved, dest, for_s), transport, WallClock()) as server:
 
         def stopped() -> bool:
             nonlocal shown_s
@@ -95,19 +94,22 @@ def record(
             run_site(programs, stopped, console.print)
     if server.threads.failure is not None:
         raise server.threads.failure
-    _report(server, table)
+    _report(server, resolved.calibration)
 
 
-def _plan(table: SiteTable, dest: Path, for_s: float | None) -> RecordingPlan:
+def _plan(site: ResolvedSite, dest: Path, for_s: float | None) -> RecordingPlan:
     from e3pose.edge.record_server import RecordingPlan
-    from e3pose.settings.live import known_rig, noise_of
-    from e3pose.settings.skeletons import camera_skeletons, site_skeleton
 
-    rig = known_rig(table)
-    cameras = table.cameras_of(rig)
-    skeleton = site_skeleton(table.skeleton, camera_skeletons(table, cameras).values())
-    detector = noise_of(table, cameras)
-    return RecordingPlan(dest, table.name, rig, skeleton, table.fps, table.pace, detector, for_s)
+    return RecordingPlan(
+        dest,
+        site.name,
+        site.rig,
+        site.skeleton,
+        site.fps,
+        site.pace,
+        site.named_detector,
+        for_s,
+    )
 
 
 def _progress(server: RecordServer) -> str:
@@ -120,7 +122,7 @@ def _progress(server: RecordServer) -> str:
     return f"{seconds:.0f} s recorded; poses detected: {seen}"
 
 
-def _report(server: RecordServer, table: SiteTable) -> None:
+def _report(server: RecordServer, calibration: Path) -> None:
     if server.written is None:
         reasons = "; ".join(f"{name}: {why}" for name, why in server.problems().items())
         raise InputError(f"nothing was recorded{': ' if reasons else ''}{reasons}")
@@ -133,5 +135,4 @@ def _report(server: RecordServer, table: SiteTable) -> None:
     if (server.views < server.slots / 2).any():
         print("  some cameras missed half of the slots: is fps too high? See e3pose check")
     if not plan.rig.placed:
-        calibration = table.near(table.calibration)
         print(f"Next: e3pose calibrate extrinsics {server.written} {calibration} --update")

@@ -47,7 +47,7 @@ def report(
     """
     from e3pose.files.atomic import check_output
     from e3pose.report.stored import write_stretch
-    from e3pose.settings.live import live_site
+    from e3pose.settings.resolved import resolve
     from e3pose.settings.site_file import load_site
     from e3pose.store import Store
 
@@ -56,10 +56,10 @@ def report(
     check_output(dest)
     smoothing = smooth.settings()
     table = load_site(site)
-    if table.store_place is None:
+    if table.store is None:
         wanted = '[store] path = "poses.db", without which a site keeps nothing'
         raise InputError("", MISSING, wanted, str(table.path))
-    store = Store(table.store_place)
+    store = Store(table.store.place)
     with as_typed({"time": "--from, --to"}, store.where):
-        slots = write_stretch(live_site(table), store, dest, from_, to, smoothing)
+        slots = write_stretch(resolve(table), store, dest, from_, to, smoothing)
     wrote(dest, plural(slots, "slot"))

@@ -19,7 +19,7 @@ from e3pose.quantities import check_seconds, duration_s
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from e3pose.settings.live import LiveSite
+    from e3pose.settings.resolved import ResolvedSite
     from e3pose.settings.site_file import SiteTable
     from e3pose.site.follow import Follower
     from e3pose.site.up import Program
@@ -63,13 +63,16 @@ def edge(
     """
     _begin(end_with_parent)
     check_seconds("--for", for_s)
+    from e3pose.runtime.clock import WallClock
+    from e3pose.settings.resolved import resolve
     from e3pose.settings.site_file import load_site
-    from e3pose.site.edge_program import open_edge
+    from e3pose.site.edge_program import start_edge
     from e3pose.site.logs import open_log
     from e3pose.site.summary import edge_summary
 
-    table = _delayed(load_site(site), delay)
-    with open_edge(table, open_log("edge", json_logs, site=table.name)) as opened:
+    resolved = resolve(_delayed(load_site(site), delay))
+    log = open_log("edge", json_logs, site=resolved.name)
+    with start_edge(resolved, log, WallClock()) as opened:
         opened.run(for_s)
         counts = opened.server.counts
         print("\n".join(edge_summary(opened.status(), counts.slots, counts.views)))
@@ -164,6 +167,7 @@ def up(
     from rich.console import Console
 
     from e3pose.files.private import make_folder
+    from e3pose.settings.resolved import resolve
     from e3pose.settings.site_file import load_site
     from e3pose.site.admission import edge_link
     from e3pose.site.edge_program import check_edge
@@ -174,28 +178,27 @@ def up(
 
     if example:
         make_example(site)
-    table = _delayed(load_site(site), delay)
-    checked = check_edge(table)  # an error is shown here, not in a log
-    check_port(edge_link(table)[0].endpoint)
-    warn(checked.world_warning())
-    rig = checked.rig
-    _check_speed(table, checked)
-    folder = logs or table.path.parent / "logs"
+    resolved = resolve(_delayed(load_site(site), delay))
+    check_edge(resolved)  # an error is shown here, not in a log
+    check_port(edge_link(resolved)[0].endpoint)
+    warn(resolved.world_warning())
+    _check_speed(resolved)
+    folder = logs or resolved.folder / "logs"
     if folder.exists() and not folder.is_dir():
         raise InputError(f"--logs: found a file, expected a folder: {folder}")
     options = () if delay is None else ("--delay", delay)
-    programs = [Program("edge", edge_command(table.path, *options), folder / "edge.log")] + [
-        Program(i, camera_command(table, i, rig), folder / f"{i}.log") for i in rig.camera_ids
+    programs = [Program("edge", edge_command(resolved.path, *options), folder / "edge.log")] + [
+        Program(i, camera_command(resolved, i), folder / f"{i}.log") for i in resolved.cameras
     ]
     console = Console(quiet=quiet)
     if view:
         from e3pose.site.web.program import address_of, page_links
 
-        programs.append(Program("view", view_command(table.path), folder / "view.log"))
-        print("\n".join(page_links(table, address_of(table))), flush=True)
+        programs.append(Program("view", view_command(resolved.path), folder / "view.log"))
+        print("\n".join(page_links(resolved, address_of(resolved))), flush=True)
     make_folder(folder)
-    with closing(open_network(viewer_link(table, None))) as transport:
-        follower = Follower(table.name)
+    with closing(open_network(viewer_link(resolved, None))) as transport:
+        follower = Follower(resolved.name)
         follower.listen(transport)
         _run_shown(programs, follower, console, for_s, show=console.is_terminal and not quiet)
     console.print(f"Stopped. Logs: {folder}", highlight=False)
@@ -240,19 +243,19 @@ def _run_shown(
         console.print(screen(newest, 0.0))
 
 
-def _check_speed(site: SiteTable, live: LiveSite) -> None:
+def _check_speed(site: ResolvedSite) -> None:
     """Refuse settings with which this machine cannot keep up; warn of those that are tight."""
     from rich.console import Console
 
     from e3pose.site.check_sources import require_sources
     from e3pose.site.detector_speed import check_speed, hopeless, measure_detections
 
-    require_sources(site, live.rig)  # an error is shown here, not in the log of a camera
+    require_sources(site)  # an error is shown here, not in the log of a camera
     with Console(stderr=True).status("measuring the networks"):
-        times = measure_detections(site, live.rig, again=False)
+        times = measure_detections(site, again=False)
     if times is None:
         return
-    selected = live.loop.num_selected or len(live.rig)
+    selected = site.loop.num_selected or len(site.rig)
     for finding in hopeless(site, times, selected):
         raise InputError(f"{site.path}: {finding.what}: {finding.found}: {finding.advice}")
     for finding in check_speed(site, times, selected):

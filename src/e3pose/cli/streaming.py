@@ -50,8 +50,7 @@ def stream(
     import time
 
     check_seconds("--for", for_s)
-    from e3pose.settings.live import live_site
-    from e3pose.settings.site_file import load_site
+    from e3pose.settings.resolved import resolve_site
     from e3pose.site.connect import Connection
     from e3pose.site.follow import viewer_link
     from e3pose.site.run import run_until_stopped
@@ -62,20 +61,20 @@ def stream(
 
     if not target:
         raise InputError("TARGET", "none", "one at least, such as osc://127.0.0.1:9000")
-    table = load_site(site)
-    source = Source(table.name, live_site(table).skeleton, table.fps, warn)
-    link = viewer_link(table, keys)
+    resolved = resolve_site(site)
+    source = Source(resolved.name, resolved.skeleton, resolved.fps, warn)
+    link = viewer_link(resolved, keys)
     with ExitStack() as stack:
         streams = []
         for one in target:
             streams.append(open_stream(one, source))
             stack.callback(streams[-1].close)
         connection = stack.enter_context(
-            Connection(table.name, open_network(link), delayed=delayed)
+            Connection(resolved.name, open_network(link), delayed=delayed)
         )
-        sender = stack.enter_context(Sender(connection, streams, Zones(table.zone), warn))
+        sender = stack.enter_context(Sender(connection, streams, Zones(resolved.zone), warn))
         what = "smoothed poses of site" if delayed else "site"
-        print(f"Streaming {what} {table.name} to {', '.join(target)}", flush=True)
+        print(f"Streaming {what} {resolved.name} to {', '.join(target)}", flush=True)
         end_s = None if for_s is None else time.monotonic() + for_s
         run_until_stopped(lambda: sender.running() and (end_s is None or time.monotonic() < end_s))
         if sender.failure is not None:

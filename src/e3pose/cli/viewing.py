@@ -44,8 +44,7 @@ def view(
     import time
 
     check_seconds("--for", for_s)
-    from e3pose.settings.live import live_site
-    from e3pose.settings.site_file import load_site
+    from e3pose.settings.resolved import resolve_site
     from e3pose.site.interpreter import bound_heaps, reduce_pauses
     from e3pose.site.run import end_with_parent as look_after_parent
     from e3pose.site.run import run_until_stopped
@@ -54,9 +53,9 @@ def view(
     bound_heaps()
     if end_with_parent:
         look_after_parent()
-    table = load_site(site)
-    with open_view(live_site(table), listen, keys, report=warn) as opened:
-        print("\n".join(page_links(table, opened.address)), flush=True)
+    resolved = resolve_site(site)
+    with open_view(resolved, listen, keys, report=warn) as opened:
+        print("\n".join(page_links(resolved, opened.address)), flush=True)
         reduce_pauses()
         end_s = None if for_s is None else time.monotonic() + for_s
         run_until_stopped(lambda: opened.running() and (end_s is None or time.monotonic() < end_s))

@@ -9,6 +9,7 @@ import types
 import typing
 from collections.abc import Callable, Mapping
 from functools import lru_cache
+from pathlib import Path
 from typing import Any, Literal, TypeVar, Union
 
 import msgspec
@@ -21,6 +22,7 @@ FIRST = ("format", "version")  # say which keys a file may have
 MAX_SHOWN = 80
 NAMES = {
     str: "text",
+    Path: "text",
     bool: "true or false",
     int: "a whole number",
     float: "a number",
@@ -149,6 +151,8 @@ def convert(kind: Any, found: Any) -> Any:
         return found if isinstance(found, kind) else read_table(kind, found)
     elif kind is float and isinstance(found, int | float) and not isinstance(found, bool):
         return float(found)
+    elif kind is Path and isinstance(found, str):
+        return Path(found)
     elif _is_a(kind, found):
         return found
     raise InputError("", _shown(kind, found), _expected(kind))
@@ -235,4 +239,4 @@ def _example(kind: Any) -> str:
     origin, inner = typing.get_origin(kind), typing.get_args(kind)
     if origin is Literal:
         return f'"{inner[0]}"' if isinstance(inner[0], str) else str(inner[0])
-    return {str: '"..."', int: "1", float: "1.0", bool: "true"}.get(kind, "...")
+    return {str: '"..."', Path: '"..."', int: "1", float: "1.0", bool: "true"}.get(kind, "...")

@@ -17,8 +17,8 @@ from e3pose.model.slot_record import SlotRecord
 from e3pose.quantities import plural
 from e3pose.recording import Recording, ViewSeries
 from e3pose.report.page import write_report
-from e3pose.settings.live import LiveSite
 from e3pose.settings.loop import ReplaySettings
+from e3pose.settings.resolved import ResolvedSite
 from e3pose.store import Store
 from e3pose.store.query import Time
 from e3pose.store.records import slot_records
@@ -29,7 +29,7 @@ MOST_SLOTS = 200_000  # of a page: two hours at 25 slots per second
 
 
 def write_stretch(
-    live: LiveSite,
+    site: ResolvedSite,
     store: Store,
     path: Path,
     start: Time = None,
@@ -41,7 +41,7 @@ def write_stretch(
     Of several runs in that time, the newest is shown.
 
     Args:
-        live: the site, whose cameras are drawn where its calibration has them now.
+        site: the site, whose cameras are drawn where its calibration has them now.
         store: its store.
         path: the `.html` file to write.
         start: see `Store.query`.
@@ -51,14 +51,14 @@ def write_stretch(
     Raises:
         InputError: when nothing was stored in that time, too much for a page, or of other cameras.
     """
-    site, ids = live.site.name, live.rig.camera_ids
-    runs = [one for one in store.runs() if one.run.site == site]
+    ids = site.rig.camera_ids
+    runs = [one for one in store.runs() if one.run.site == site.name]
     for run in reversed(runs):
         rows = store.rows("slots", start, end, run=run.run_id)
         if rows:
             break
     else:
-        raise InputError(f"{store.where}: no slot of site {site} was stored in that time")
+        raise InputError(f"{store.where}: no slot of site {site.name} was stored in that time")
     if len(rows) > MOST_SLOTS:
         slots = plural(len(rows), "slot")
         raise InputError("time", slots, f"at most {MOST_SLOTS}: name a shorter time", store.where)
@@ -73,27 +73,27 @@ def write_stretch(
         datetime.fromtimestamp(row["time_ns"] / 1e9, timezone.utc) for row in (rows[0], rows[-1])
     )
     recording = Recording(
-        name=f"{site}, {began:%Y-%m-%d %H:%M:%S} to {ended:%H:%M:%S} UTC",
-        rig=live.rig,
+        name=f"{site.name}, {began:%Y-%m-%d %H:%M:%S} to {ended:%H:%M:%S} UTC",
+        rig=site.rig,
         fps=1 / run.run.interval_s,
         num_slots=records[-1].slot + 1,
         skeleton=skeleton,
         views=tuple(_arrived(records, index, len(skeleton)) for index in range(len(ids))),
-        source=f"Stored live by the site {site}, run {run.run_id}.",
+        source=f"Stored live by the site {site.name}, run {run.run_id}.",
     )
-    loop = {item.name: getattr(live.loop, item.name) for item in fields(live.loop)}
+    loop = {item.name: getattr(site.loop, item.name) for item in fields(site.loop)}
     summary = summarise(
         recording,
         ReplaySettings(**loop),
         records,
-        live.plan.profiles,
-        idle_mode=live.plan.idle_mode,
-        battery_wh=live.plan.battery_wh,
+        site.plan.profiles,
+        idle_mode=site.plan.idle_mode,
+        battery_wh=site.plan.battery_wh,
     )
     if smoothing.method is not None:
         records = smooth_poses(records, skeleton, run.run.interval_s, smoothing)
         summary = replace(summary, smooth=smoothing.method)
-    lead = ADAPTIVE if live.site.lead == "adaptive" else None
+    lead = ADAPTIVE if site.lead == "adaptive" else None
     write_report(recording, records, summary, path, lead)
     return len(records)
 

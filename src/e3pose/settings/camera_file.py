@@ -4,21 +4,31 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
 from e3pose.errors import InputError
 from e3pose.files.bounded import read_toml
-from e3pose.files.table import entry, read_table
+from e3pose.files.table import convert, entry, read_table
 from e3pose.geometry.camera_fields import check_camera_id
 from e3pose.quantities import duration_s, size_bytes
-from e3pose.runtime.plugins import beside
-from e3pose.settings.limits import Rotation, check_camera, check_source, check_within, near
+from e3pose.settings.limits import Rotation, check_camera, check_source, check_within
+from e3pose.settings.places import beside, near, placed
 from e3pose.settings.site_file import DEFAULT_DETECTOR, DEFAULT_ENDPOINT, MAX_BYTES
+from e3pose.settings.sources import located
 from e3pose.wire.access import split_endpoint
 from e3pose.wire.topics import check_site
 
 CAMERA_FORMAT = "e3pose-camera"
+
+
+def read_charge_file(found: object) -> Path | Literal[""]:
+    """Return the file of a charge, empty for none; raise `InputError` for another sort."""
+    name = convert(str, found)
+    if name and not name.endswith(".json"):  # it is replaced again and again
+        raise InputError("", repr(name[:80]), "a name that ends in .json, or ''")
+    return Path(name) if name else ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,12 +58,14 @@ class NodeTable:
         battery_wh: capacity; without it the camera is on mains.
         meter: how its power is measured.
         profile: power profile, for what is not measured.
-        state: file that remembers the charge of a battery without a gauge; empty for none.
+        state: file that remembers the charge of a battery without a gauge, by default beside the
+            camera file; empty for none.
         pictures: whether operators may see small pictures of what it sees.
         videos: folder for videos of what it sees; without it none are recorded.
         videos_max_bytes: the most to keep, such as `10GB`; the oldest videos go first.
         videos_part_s: length of one video, such as `10min`, best that of the site's recordings.
-        path: of the file, to which all others are relative; None without one.
+        path: of the file, None without one; relative ones in it and in options start from its
+            folder, and were found from there.
 
     Raises:
         InputError: naming the key, what was found and what was expected.
@@ -65,10 +77,10 @@ class NodeTable:
     camera: str = entry(write='"cam1"')
     source: str = entry(write='"usb:0"')
     endpoint: str = DEFAULT_ENDPOINT
-    keys: str | None = None
+    keys: Path | None = None
     insecure: bool = False
     detector: str = DEFAULT_DETECTOR
-    model: str | None = None
+    model: Path | None = None
     provider: str = "auto"
     threads: int | None = None
     rotation: Rotation = 0
@@ -80,9 +92,9 @@ class NodeTable:
     battery_wh: float | None = None
     meter: Literal["auto", "model"] = "auto"
     profile: str = "xavier-nx"
-    state: str | None = None
+    state: Path | Literal[""] | None = entry(None, read=read_charge_file)
     pictures: bool = False
-    videos: str | None = None
+    videos: Path | None = None
     videos_max_bytes: int | None = entry(None, key="videos_max_size", read=size_bytes)
     videos_part_s: float | None = entry(None, key="videos_part", read=duration_s)
     path: Path | None = field(default=None, metadata={"key": ""})
@@ -100,12 +112,6 @@ class NodeTable:
         check_within("begin_s", self.begin_s, 0, 1e10)
         check_camera(self.wake_s, self.delay_ms, self.battery_wh, self.threads)
         check_source(self.source)
-        if self.state and not self.state.endswith(".json"):  # it is replaced again and again
-            raise InputError("state", repr(self.state[:80]), "a name that ends in .json, or ''")
-
-    def near(self, name: str) -> Path:
-        """Return the place that a name means, relative to the file; `~` is one's home."""
-        return near(Path() if self.path is None else self.path.parent, name)
 
 
 def is_camera_file(path: Path) -> bool:
@@ -135,8 +141,19 @@ def load_node(path: Path | None, options: Mapping[str, Any] | None = None) -> No
                 f"{path}: file not found, expected a camera file; docs/how-to/live-site.md has one"
             )
         table = read_toml(path, MAX_BYTES)
+    folder = Path() if path is None else path.parent
     try:
-        node = replace(read_table(NodeTable, {**table, **asked}), path=path)
+        node = placed(read_table(NodeTable, {**table, **asked}), folder)
+        return replace(
+            node,
+            path=path,
+            source=located(node.source, partial(near, folder)),
+            detector=beside(folder, node.detector),
+            state=_usual_state(path) if node.state is None else node.state,
+        )
     except InputError as error:
         raise error if error.thing in asked or path is None else error.at(path) from None
-    return replace(node, detector=beside(node.detector, node.near(".")))
+
+
+def _usual_state(path: Path | None) -> Path | None:
+    return None if path is None else path.with_name(f"{path.stem}.battery.json")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Literal
 
 from e3pose.errors import InputError
@@ -43,17 +42,3 @@ def check_source(name: str) -> None:
     """Raise `InputError` for the bare number of a device, which could be a file as well."""
     if name.isascii() and name.isdigit():
         raise InputError("source", repr(name), f"usb:{name} for the device /dev/video{name}")
-
-
-def near(folder: Path, name: str) -> Path:
-    """Return the place that a name means, relative to a folder; `~` is the user's home.
-
-    Raises:
-        InputError: for an empty name, or an unknown user's home.
-    """
-    if not name.isprintable():
-        raise InputError("", repr(name[:80]), "the name of a file or folder")
-    try:
-        return folder / Path(name).expanduser()
-    except RuntimeError:  # `~somebody`
-        raise InputError("", repr(name[:80]), "the home of a user there is") from None

@@ -9,17 +9,16 @@ from __future__ import annotations
 import ipaddress
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Literal, TypeVar
 
 from e3pose.errors import InputError
 from e3pose.files.bounded import read_toml
-from e3pose.files.table import entry, read_table
-from e3pose.geometry.camera import Rig
+from e3pose.files.table import convert, entry, read_table
 from e3pose.geometry.camera_fields import check_camera_id
 from e3pose.quantities import age_s, duration_s, size_bytes
 from e3pose.runtime.plugins import beside as own_beside
-from e3pose.runtime.plugins import is_own
 from e3pose.settings.energy import EnergySettings, IdleMode
 from e3pose.settings.limits import (
     Rotation,
@@ -27,9 +26,10 @@ from e3pose.settings.limits import (
     check_smooth_delay,
     check_source,
     check_within,
-    near,
 )
 from e3pose.settings.loop import LoopSettings
+from e3pose.settings.places import beside, near, placed
+from e3pose.settings.sources import located
 from e3pose.wire.access import split_endpoint
 from e3pose.wire.topics import check_site
 
@@ -39,6 +39,19 @@ SITE_FILE = "site.toml"
 T = TypeVar("T")
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 DEFAULT_DETECTOR = "movenet-multipose"
+
+
+def read_place(found: object) -> Path | str:
+    """Return the file of a store or its URL; raise `InputError` for anything else."""
+    return found if isinstance(found, str) and "://" in found else convert(Path, found)
+
+
+def read_state(found: object) -> Path | None:
+    """Return the file of a state, None for an empty name; raise `InputError` for another sort."""
+    name = convert(str, found)
+    if name and not name.endswith(".npz"):  # it is replaced again and again
+        raise InputError("", repr(name[:80]), "a name that ends in .npz, or ''")
+    return Path(name) if name else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +66,7 @@ class LinkTable:
     """
 
     endpoint: str = DEFAULT_ENDPOINT
-    keys: str | None = None
+    keys: Path | None = None
     upstream: tuple[str, ...] = ()
     insecure: bool = False
 
@@ -63,13 +76,13 @@ class StoreTable:
     """`[store]`: where every slot is kept.
 
     Attributes:
-        path: a file (SQLite) or the URL of a database, `postgresql://USER@HOST/NAME`.
+        place: a file (SQLite) or the URL of a database, `postgresql://USER@HOST/NAME`.
         keep_s: the oldest to keep, such as `30d`.
         max_bytes: the most to keep, such as `20GB`; of a file only.
         spool_bytes: room for what the database cannot take, such as `200MB`.
     """
 
-    path: str = entry(write='"poses.db"')
+    place: Path | str = entry(key="path", read=read_place, write='"poses.db"')
     keep_s: float | None = entry(None, key="keep", read=age_s)
     max_bytes: int | None = entry(None, key="max_size", read=size_bytes)
     spool_bytes: int = entry(32_000_000, key="spool", read=size_bytes)
@@ -97,7 +110,7 @@ class ViewTable:
     listen: str = "127.0.0.1:8470"
     hosts: tuple[str, ...] = ()
     proxies: tuple[str, ...] = ()
-    tokens: str = "view-tokens.toml"
+    tokens: Path = Path("view-tokens.toml")
     insecure: bool = False
     pictures: bool | None = None
     pictures_per_s: float = 2.0
@@ -126,7 +139,7 @@ class RecordTable:
         part_s: length of one recording, such as `10min`.
     """
 
-    path: str = "recordings"
+    path: Path = Path("recordings")
     max_bytes: int | None = entry(None, key="max_size", read=size_bytes)
     part_s: float | None = entry(None, key="part", read=duration_s)
 
@@ -185,7 +198,7 @@ class CameraTable:
     idle_mode: IdleMode = "power-saving"
     source: str | None = None
     detector: str | None = None
-    model: str | None = None
+    model: Path | None = None
     provider: str = "auto"
     threads: int | None = None
     rotation: Rotation | None = None
@@ -214,14 +227,14 @@ class SiteTable:
         version: 1.
         name: of the site.
         calibration: file of the rig.
-        skeleton: of the poses; by default that of the cameras' detectors.
+        skeleton_name: of the poses; by default that of the cameras' detectors.
         fps: slots per second.
         pace: how fast files and recordings are played, where the machine cannot keep up: 0.1 is a
             tenth of their speed, and then slots are ten times as long.
         deadline_ms: how long after the middle of a slot its views are waited for.
         smooth_delay_ms: how much later poses are published a second time, smoothed; 0 for never.
         lead: slots between an order and the slot it is for; `adaptive` follows the delays.
-        state: file that the edge goes on from after a restart; empty for none.
+        state: file that the edge goes on from after a restart; None for none, which is `""`.
         learn: folder of the online trainer; without it nothing is learned.
         budget: what each camera may spend, see `energy.budgets`; by default that of `loop` and
             `energy`.
@@ -234,7 +247,7 @@ class SiteTable:
         energy: what the cameras draw and have.
         zone: parts of the floor that are watched.
         camera: the cameras; those of the calibration that are not named here have the defaults.
-        path: of the file, to which all others are relative.
+        path: of the file; relative ones in it start from its folder, and were found from there.
 
     Raises:
         InputError: naming the key, what was found and what was expected.
@@ -243,15 +256,15 @@ class SiteTable:
     format: Literal["e3pose-site"] = entry()
     version: Literal[1] = entry()
     name: str = entry(write='"lab"')
-    calibration: str = entry(write='"rig.toml"')
+    calibration: Path = entry(write='"rig.toml"')
     fps: float = entry(write="25.0")
-    skeleton: str | None = None
+    skeleton_name: str | None = entry(None, key="skeleton")
     pace: float = 1.0
     deadline_ms: float = 150.0
     smooth_delay_ms: float = 0.0
     lead: int | Literal["adaptive"] = "adaptive"
-    state: str = "state.npz"
-    learn: str | None = None
+    state: Path | None = entry(Path("state.npz"), read=read_state)
+    learn: Path | None = None
     budget: str | None = None
     metrics_port: int | None = None
     link: LinkTable = LinkTable()
@@ -289,38 +302,16 @@ class SiteTable:
         for camera_id in ids:
             if ids.count(camera_id) > 1:
                 raise InputError(f"camera {camera_id}", "twice", "once")
-        if self.state and not self.state.endswith(".npz"):  # it is replaced again and again
-            raise InputError("state", repr(self.state[:80]), "a name that ends in .npz, or ''")
-
-    def near(self, name: str) -> Path:
-        """Return the place that a name in the file means: relative to it; `~` is one's home."""
-        try:
-            return near(self.path.parent, name)
-        except InputError as error:
-            raise error.at(self.path) from None
 
     @property
-    def store_place(self) -> Path | str | None:
-        """The file or the URL of the store."""
-        if self.store is None:
-            return None
-        return self.store.path if "://" in self.store.path else self.near(self.store.path)
+    def folder(self) -> Path:
+        """Where the file is, and what the site's programs write."""
+        return self.path.parent
 
-    def cameras_of(self, rig: Rig) -> dict[str, CameraTable]:
-        """Return the configuration of every camera of the rig, in its order.
-
-        Raises:
-            InputError: when the site names a camera that the calibration does not have.
-        """
-        named = {camera.id: camera for camera in self.camera}
-        for camera_id in named:
-            if camera_id not in rig.camera_ids:
-                known = f"one of {', '.join(rig.camera_ids)[:300]}"
-                error = InputError(
-                    f"camera {camera_id}", "no such camera in the calibration", known
-                )
-                raise error.at(self.path)
-        return {i: named.get(i) or CameraTable(i) for i in rig.camera_ids}
+    @property
+    def keys(self) -> Path:
+        """Folder of the certificates, made or to be made."""
+        return self.link.keys or self.folder / "keys"
 
 
 def load_site(named: Path) -> SiteTable:
@@ -361,31 +352,30 @@ def read_site(table: Mapping[str, object], path: Path) -> SiteTable:
     loop = table.get("loop")
     if isinstance(loop, Mapping) and "lead" in loop:
         raise InputError("loop.lead", "it in [loop]", "lead at the top, a number or adaptive")
-    site = replace(read_table(SiteTable, table), path=path)
-    lead = site.lead if isinstance(site.lead, int) else 1
-    return replace(
-        site,
-        loop=replace(
-            site.loop,
-            lead_slots=lead,
-            pipeline=own_beside(site.loop.pipeline, path.parent),
-            policy=_maybe_beside(site, site.loop.policy),
-            predictor=_maybe_beside(site, site.loop.predictor),
-            noise=None if site.loop.noise is None else _beside(site, site.loop.noise),
-        ),
-        energy=replace(
-            site.energy, profile=site.energy.profile.map(lambda name: _beside(site, name))
-        ),
+    site, folder = placed(read_table(SiteTable, table), path.parent), path.parent
+    cameras = tuple(_placed_camera(camera, folder) for camera in site.camera)
+    loop = replace(
+        site.loop,
+        lead_slots=site.lead if isinstance(site.lead, int) else 1,
+        pipeline=own_beside(site.loop.pipeline, folder),
+        policy=_maybe_beside(folder, site.loop.policy),
+        predictor=_maybe_beside(folder, site.loop.predictor),
+        noise=_maybe_beside(folder, site.loop.noise),
     )
+    profile = site.energy.profile.map(lambda name: beside(folder, name))
+    energy = replace(site.energy, profile=profile)
+    return replace(site, path=path, camera=cameras, loop=loop, energy=energy)
 
 
-def _maybe_beside(site: SiteTable, named: T) -> T | str:
-    return _beside(site, named) if isinstance(named, str) else named
+def _placed_camera(camera: CameraTable, folder: Path) -> CameraTable:
+    """Return a camera whose source and own network are given by their places."""
+    try:
+        source = camera.source and located(camera.source, partial(near, folder))
+        detector = camera.detector and beside(folder, camera.detector)
+    except InputError as error:
+        raise error.under(f"camera {camera.id}") from None
+    return replace(camera, source=source, detector=detector)
 
 
-def _beside(site: SiteTable, name: str) -> str:
-    """Return a name, or the file beside the site file that it means."""
-    if is_own(name):
-        return own_beside(name, site.path.parent)
-    file = site.near(name)
-    return str(file) if file.is_file() else name
+def _maybe_beside(folder: Path, named: T) -> T | str:
+    return beside(folder, named) if isinstance(named, str) else named

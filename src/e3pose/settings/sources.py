@@ -29,6 +29,11 @@ def place_of(source: str) -> str | None:
     return None if "://" in source or source.startswith(DEVICES) else source
 
 
+def shown_source(source: str, folder: Path) -> str:
+    """Return a source as a settings file in a folder has it, in at most 60 characters."""
+    return source.replace(f"{folder}/", "", 1)[:60]
+
+
 def located(source: str, near: Callable[[str], Path]) -> str:
     """Return a source whose file or folder is given by its place.
 

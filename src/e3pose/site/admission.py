@@ -31,9 +31,8 @@ def edge_link(site: SiteTable) -> tuple[Link, Roll | None]:
     """
     table, roll, certificates = site.link, None, None
     if split_endpoint(table.endpoint)[0] == "tls" and table.keys is not None:
-        folder = site.near(table.keys)
-        roll = read_roll(folder)
-        certificates = certificates_in(folder, "edge")
+        roll = read_roll(table.keys)
+        certificates = certificates_in(table.keys, "edge")
         check_certificates(certificates, datetime.datetime.now(datetime.timezone.utc))
     link = Link(
         "edge", site.name, table.endpoint, certificates, table.upstream, insecure=table.insecure
@@ -100,7 +99,7 @@ class Admission:
         return lambda: self.join(link, roll)
 
     def _version(self) -> Version | None:
-        if self.site.link.keys is None:
+        folder = self.site.link.keys
+        if folder is None:
             return ()
-        folder = self.site.near(self.site.link.keys)
         return version_of(folder / name for name in ("keys.toml", "edge.pem", "edge.key"))

@@ -23,7 +23,7 @@ from e3pose.model.skeleton import SKELETONS
 from e3pose.recording.videos import MAX_BYTES, PART_S
 from e3pose.runtime.clock import Clock, WallClock
 from e3pose.settings.camera_file import NodeTable, load_node
-from e3pose.settings.sources import is_recorded, located
+from e3pose.settings.sources import is_recorded
 from e3pose.site.program_log import NO_LOG, Log
 from e3pose.site.run import run_until_stopped
 from e3pose.wire.access import Link, check_link, split_endpoint
@@ -42,7 +42,7 @@ def camera_link(node: NodeTable) -> Link:
     """
     certificates = None
     if split_endpoint(node.endpoint)[0] == "tls" and node.keys is not None:
-        certificates = certificates_in(node.near(node.keys), "camera")
+        certificates = certificates_in(node.keys, "camera")
         check_certificates(certificates, datetime.datetime.now(datetime.timezone.utc))
     link = Link("camera", node.site, node.endpoint, certificates, insecure=node.insecure)
     check_link(link)
@@ -53,19 +53,14 @@ def open_charge_file(node: NodeTable, report: Callable[[str], None]) -> ChargeFi
     """Return the charge file of a camera's battery; None on mains.
 
     Args:
-        node: its configuration; the charge is saved beside its file, unless it names another.
+        node: its configuration.
         report: called with messages for operators.
     """
     if node.battery_wh is None:
         return None
-    path = None
-    if node.state:
-        path = node.near(node.state)
-    elif node.state is None and node.path is not None:
-        path = node.path.with_name(f"{node.path.stem}.battery.json")
-    elif node.state is None:
+    if node.state is None:
         report("no battery gauge: assuming a full battery at each start; --state stores the charge")
-    return ChargeFile(path, node.camera, node.battery_wh, report)
+    return ChargeFile(node.state or None, node.camera, node.battery_wh, report)
 
 
 @dataclass(slots=True, eq=False)
@@ -218,9 +213,7 @@ def make_camera(
     Raises:
         InputError: when the source or the network cannot be used.
     """
-    source = make_source(
-        located(node.source, node.near), node.camera, clock, node.fps, node.pace, node.begin_s
-    )
+    source = make_source(node.source, node.camera, clock, node.fps, node.pace, node.begin_s)
     finds: LiveDetector
     if detector is None:
         finds, joints, name = _detector(node, source)
@@ -263,7 +256,7 @@ def _recorder(node: NodeTable, report: Callable[[str], Any]) -> VideoRecorder | 
         return None
     profile = load_profile(node.profile)
     settings = VideoSettings(
-        folder=node.near(node.videos),
+        folder=node.videos,
         camera_id=node.camera,
         part_s=node.videos_part_s or PART_S,
         max_bytes=node.videos_max_bytes or MAX_BYTES,
@@ -282,8 +275,7 @@ def _detector(node: NodeTable, source: Any) -> tuple[LiveDetector, tuple[str, ..
 
     from e3pose.detectors import make_detector
 
-    model = None if node.model is None else node.near(node.model)
-    made = make_detector(node.detector, model, node.provider, node.threads)
+    made = make_detector(node.detector, node.model, node.provider, node.threads)
     detector = turned(made, node.rotation)
     detector.detect(np.zeros((480, 640, 3), dtype=np.uint8))  # the first detection is slow
     return detector, detector.skeleton.joints, node.detector

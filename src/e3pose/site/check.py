@@ -21,7 +21,7 @@ from e3pose.geometry.camera import Rig
 from e3pose.model.blind_slot import blind_words
 from e3pose.quantities import plural
 from e3pose.select.policies.base import Floats
-from e3pose.settings.live import calibrate_advice
+from e3pose.settings.resolved import ResolvedSite, calibrate_advice
 from e3pose.settings.site_file import SiteTable
 from e3pose.site.admission import edge_link
 from e3pose.wire.access import is_loopback, split_endpoint
@@ -56,9 +56,9 @@ class Finding:
     advice: str = ""
 
 
-def uncalibrated(site: SiteTable) -> Finding:
+def uncalibrated(site: ResolvedSite) -> Finding:
     """Return the finding of a site without camera positions."""
-    file = site.near(site.calibration)
+    file = site.calibration
     found = f"{file} has lenses, but no places" if file.exists() else f"{file} is missing"
     return Finding("problem", "calibration", found, calibrate_advice(site))
 
@@ -122,14 +122,14 @@ def _seen_by(rig: Rig, centres: Floats, axes: Floats) -> NDArray[np.int64]:
     return counts
 
 
-def check_link_of(site: SiteTable, rig: Rig) -> Iterator[Finding]:
+def check_link_of(site: ResolvedSite) -> Iterator[Finding]:
     """Check the endpoint and the certificates."""
     try:
         _, roll = edge_link(site)
     except InputError as error:
         advice = ""
         if split_endpoint(site.link.endpoint)[0] == "tls":
-            folder = site.near(site.link.keys or "keys")
+            folder = site.keys
             if not (folder / "keys.toml").exists():
                 advice = f"e3pose keys init {site.name} --out {folder}"
             if site.link.keys is None:
@@ -151,10 +151,10 @@ def check_link_of(site: SiteTable, rig: Rig) -> Iterator[Finding]:
         yield Finding(
             "warning", "link", "reachable from this machine only", "endpoint = 'tls/0.0.0.0:7447'"
         )
-    folder = site.near(site.link.keys or "keys")
+    folder = site.keys
     now = datetime.datetime.now(datetime.timezone.utc)
     yield from _lasting(folder, site.name, roll, now)
-    for camera_id in rig.camera_ids:
+    for camera_id in site.rig.camera_ids:
         if roll is None or camera_id not in roll.cameras:
             yield Finding(
                 "problem",
@@ -218,11 +218,11 @@ def _certificate(
 
 def check_places(site: SiteTable) -> Iterator[Finding]:
     """Check the folders that the edge writes to."""
-    places = {"state": site.state, "store": site.store.path if site.store else ""}
-    for what, name in places.items():
-        if not name or "://" in name:
+    store = None if site.store is None else site.store.place
+    for what, file in (("state", site.state), ("store", store)):
+        if not isinstance(file, Path):
             continue
-        folder = site.near(name).resolve().parent
+        folder = file.resolve().parent
         if not folder.is_dir():
             yield Finding("problem", what, f"{folder} does not exist", f"mkdir -p {folder}")
             continue
@@ -236,15 +236,15 @@ def check_places(site: SiteTable) -> Iterator[Finding]:
             )
         else:
             yield Finding("ok", what, f"{free / 1e9:.0f} GB free in {folder}")
-        yield from _readers(what, site.near(name))
-    if site.store is None:
+        yield from _readers(what, file)
+    if store is None:
         yield Finding(
             "warning", "store", "no [store]: poses are not stored", "[store] path = 'poses.db'"
         )
-    elif "://" not in site.store.path:
-        yield from check_store(site.near(site.store.path))
+    elif isinstance(store, Path):
+        yield from check_store(store)
     else:
-        yield check_server(site.store.path)
+        yield check_server(store)
 
 
 def _readers(what: str, file: Path) -> Iterator[Finding]:

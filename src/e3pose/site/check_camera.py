@@ -7,6 +7,7 @@ import socket
 import threading
 import time
 from collections.abc import Iterator
+from pathlib import Path
 
 from e3pose.camera.orientation import Orientation
 from e3pose.camera.probe import probe
@@ -15,7 +16,7 @@ from e3pose.errors import InputError
 from e3pose.quantities import three_digits
 from e3pose.runtime.clock import WallClock
 from e3pose.settings.camera_file import NodeTable
-from e3pose.settings.sources import is_recorded, located
+from e3pose.settings.sources import is_recorded, shown_source
 from e3pose.site.camera_program import camera_link
 from e3pose.site.check import CLOCK_MS, Finding, Level, check_clock
 from e3pose.wire import topics
@@ -58,13 +59,14 @@ def check_camera(node: NodeTable, timeout_s: float) -> Iterator[Finding]:
 def _source(node: NodeTable) -> Iterator[tuple[Finding, tuple[int, int] | None]]:
     what = "source"
     try:
-        seen = probe(located(node.source, node.near), node.camera, node.fps)
+        seen = probe(node.source, node.camera, node.fps)
     except InputError as error:
         advice = "connect the camera" if node.source.startswith("usb:") else ""
         yield Finding("problem", what, str(error), advice), None
         return
     width, height = seen.image_size
-    shown = f"{node.source[:60]}: {width} x {height} at {seen.rate_words()}"
+    named = shown_source(node.source, Path() if node.path is None else node.path.parent)
+    shown = f"{named}: {width} x {height} at {seen.rate_words()}"
     yield Finding("ok", what, shown), seen.image_size
     if seen.dark:
         yield Finding("warning", what, "its picture is dark", "is the lens covered?"), None
@@ -76,9 +78,8 @@ def _source(node: NodeTable) -> Iterator[tuple[Finding, tuple[int, int] | None]]
 def _network(node: NodeTable, size: tuple[int, int] | None) -> Iterator[Finding]:
     if is_recorded(node.source):
         return
-    model = None if node.model is None else node.near(node.model)
     seen_size = Orientation.from_degrees(node.rotation).size(*(size or DEFAULT_SIZE))
-    workload = Workload(node.detector, model, node.provider, node.threads, seen_size)
+    workload = Workload(node.detector, node.model, node.provider, node.threads, seen_size)
     try:
         detect_s = float(time_detections([workload]).alone_s[0])
     except InputError as error:
@@ -93,7 +94,7 @@ def _certificate(node: NodeTable) -> Finding:
     from e3pose.wire.keys.authority import expires
 
     assert node.keys is not None
-    until = expires(certificates_in(node.near(node.keys), "camera").certificate.read_bytes())
+    until = expires(certificates_in(node.keys, "camera").certificate.read_bytes())
     soon = until - datetime.datetime.now(datetime.timezone.utc) < datetime.timedelta(days=SOON_DAYS)
     again = f"e3pose keys add {node.camera} --again on the edge, then copy its folder here"
     if soon:

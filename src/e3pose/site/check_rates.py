@@ -8,26 +8,21 @@ from functools import partial
 from e3pose.camera.probe import Probe, probe, probe_all
 from e3pose.edge.delivery import SHORT
 from e3pose.errors import InputError
-from e3pose.geometry.camera import Rig
-from e3pose.settings.site_file import SiteTable
-from e3pose.settings.sources import is_recorded, located
+from e3pose.settings.resolved import ResolvedSite
+from e3pose.settings.sources import is_recorded
 from e3pose.site.check import Finding
 
 
-def check_rates(
-    site: SiteTable, rig: Rig, progress: Callable[[int, int], None]
-) -> Iterator[Finding]:
+def check_rates(site: ResolvedSite, progress: Callable[[int, int], None]) -> Iterator[Finding]:
     """Count the frames of the cameras that `e3pose up` would run here; takes three seconds.
 
     Args:
-        site: its file; the site must not be running, or it has the devices.
-        rig: its cameras.
+        site: what its file says; it must not be running, or it has the devices.
         progress: called with cameras done, and how many there are.
     """
-    cameras = site.cameras_of(rig)
     asked = {
-        camera_id: partial(probe, located(camera.source, site.near), camera_id)
-        for camera_id, camera in cameras.items()
+        camera_id: partial(probe, camera.source, camera_id)
+        for camera_id, camera in site.cameras.items()
         if camera.source is not None and not is_recorded(camera.source)
     }
     tried = probe_all(asked, progress)

@@ -11,8 +11,7 @@ from e3pose.errors import InputError
 from e3pose.model.skeleton import lacking, serves
 from e3pose.quantities import plural
 from e3pose.runtime.plugins import is_own, member
-from e3pose.settings.live import LiveSite
-from e3pose.settings.skeletons import camera_skeletons, detector_of
+from e3pose.settings.resolved import ResolvedSite
 from e3pose.settings.sources import is_recorded
 from e3pose.site.check import Finding
 
@@ -20,18 +19,19 @@ JOULES = 3600.0  # a watt-hour
 ENOUGH = 1e-6
 
 
-def check_skeletons(live: LiveSite) -> Iterator[Finding]:
+def check_skeletons(site: ResolvedSite) -> Iterator[Finding]:
     """Check what the cameras' detectors output, and what of it the site needs."""
-    known = camera_skeletons(live.site, live.cameras)
-    own = "" if live.site.skeleton else ", that of the detectors"
-    yield Finding("ok", "skeleton", f"{live.skeleton.name}{own if known else ', the default'}")
-    for name, skeleton in known.items():
-        if skeleton == live.skeleton:
+    own = "" if site.skeleton_name else ", that of the detectors"
+    yield Finding(
+        "ok", "skeleton", f"{site.skeleton.name}{own if site.skeletons else ', the default'}"
+    )
+    for name, skeleton in site.skeletons.items():
+        if skeleton == site.skeleton:
             continue
-        what, missing = f"camera {name}", lacking(skeleton.joints, live.skeleton.joints)
+        what, missing = f"camera {name}", lacking(skeleton.joints, site.skeleton.joints)
         outputs = f"its detector outputs {skeleton.name}"
         lost = f"without {', '.join(missing)}"
-        if not serves(skeleton.joints, live.skeleton.joints):
+        if not serves(skeleton.joints, site.skeleton.joints):
             fix = f'skeleton = "{skeleton.name}", or another detector'
             yield Finding("problem", what, f"{outputs}, {lost}", fix)
         elif missing:
@@ -40,14 +40,14 @@ def check_skeletons(live: LiveSite) -> Iterator[Finding]:
             yield Finding("ok", what, f"{outputs}, converted")
 
 
-def check_feedback(live: LiveSite) -> Iterator[Finding]:
+def check_feedback(site: ResolvedSite) -> Iterator[Finding]:
     """Check which cameras could not use the feedback that the site sends them."""
-    if not live.loop.feedback:
+    if not site.loop.feedback:
         return
-    for name, camera in live.cameras.items():
+    for name, camera in site.cameras.items():
         if is_recorded(camera.source):
             why = "its source has keypoints, no images"
-        elif is_own(detector := detector_of(camera) or "") and not _own_uses_feedback(detector):
+        elif is_own(detector := camera.detector or "") and not _own_uses_feedback(detector):
             why = f"{detector} has neither detect_part nor detect_in_boxes"
         else:
             continue
@@ -65,32 +65,31 @@ def _own_uses_feedback(detector: str) -> bool:
     return True
 
 
-def check_budgets(live: LiveSite, now: datetime) -> Iterator[Finding]:
+def check_budgets(site: ResolvedSite, now: datetime) -> Iterator[Finding]:
     """Check whether budgets pay for what cameras draw, by their power profiles.
 
     Args:
-        live: the site.
+        site: what its file says.
         now: the present, with its time zone.
     """
-    site = live.site
-    if site.budget is None and not any(camera.budget for camera in live.cameras.values()):
+    if site.budget is None and not any(camera.budget for camera in site.cameras.values()):
         return
-    pipeline = live.pipeline()
+    pipeline = site.pipeline()
     try:
-        budgets = live.budgets(pipeline.budget.tolist(), now)
+        budgets = site.budgets(pipeline.budget.tolist(), now)
     except InputError as error:
         yield Finding("problem", "budget", str(error))
         return
-    modes = [camera.idle_mode for camera in live.cameras.values()]
-    active_w = [profile.watts("active") for profile in live.plan.profiles]
-    idle_w = [p.watts(mode) for p, mode in zip(live.plan.profiles, modes, strict=True)]
+    modes = [camera.idle_mode for camera in site.cameras.values()]
+    active_w = [profile.watts("active") for profile in site.plan.profiles]
+    idle_w = [p.watts(mode) for p, mode in zip(site.plan.profiles, modes, strict=True)]
     supplies = [
         Supply() if camera.battery_wh is None else Supply(camera.battery_wh * JOULES)
-        for camera in live.cameras.values()
+        for camera in site.cameras.values()
     ]
-    slot_s = live.interval_s
+    slot_s = site.interval_s
     active_j, idle_j = [w * slot_s for w in active_w], [w * slot_s for w in idle_w]
-    selected = live.loop.num_selected or 1.0
+    selected = site.loop.num_selected or 1.0
     allowed_j = allowance_j(budgets, supplies, active_j, idle_j, slot_s, now.timestamp(), selected)
     starved = [
         index
@@ -98,9 +97,9 @@ def check_budgets(live: LiveSite, now: datetime) -> Iterator[Finding]:
         if budget.kind != "duty" and allowed_j[index] <= idle_j[index] * (1 + ENOUGH)
     ]
     for index in starved:
-        yield _starved(live, index, budgets[index], active_w[index], idle_w[index])
+        yield _starved(site, index, budgets[index], active_w[index], idle_w[index])
     shares = slot_shares(allowed_j, active_j, idle_j)
-    if not starved and shares.sum() < selected - ENOUGH and live.loop.target_error_m is None:
+    if not starved and shares.sum() < selected - ENOUGH and site.loop.target_error_m is None:
         yield Finding(
             "warning",
             "budget",
@@ -112,16 +111,18 @@ def check_budgets(live: LiveSite, now: datetime) -> Iterator[Finding]:
         yield Finding("ok", "budget", f"pays for {shares.sum():.2g} cameras per slot")
 
 
-def _starved(live: LiveSite, index: int, budget: Budget, active_w: float, idle_w: float) -> Finding:
+def _starved(
+    site: ResolvedSite, index: int, budget: Budget, active_w: float, idle_w: float
+) -> Finding:
     """Return the problem of a camera whose budget pays for no detection."""
-    name, camera = list(live.cameras.items())[index]
-    profile = live.plan.profiles[index]
-    wanted_w = budget.value / (live.interval_s if budget.kind == "joules" else 1.0)
+    name, camera = list(site.cameras.items())[index]
+    profile = site.plan.profiles[index]
+    wanted_w = budget.value / (site.interval_s if budget.kind == "joules" else 1.0)
     sleeps = budget.kind != "until" and profile.watts("aggressive-power-saving") < wanted_w
     return Finding(
         "problem",
         f"camera {name}",
-        f"budget {camera.budget or live.site.budget!r} does not even pay for idling: it draws "
+        f"budget {camera.budget or site.budget!r} does not even pay for idling: it draws "
         f"{idle_w:.2g} W idle and {active_w:.2g} W active (profile {profile.name}), so it would "
         "never be selected",
         f"a budget above {idle_w:.2g} W"

@@ -6,38 +6,36 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from e3pose.errors import InputError
-from e3pose.geometry.camera import Rig
 from e3pose.runtime.plugins import is_own
-from e3pose.settings.live import rotations_of
-from e3pose.settings.site_file import DEFAULT_DETECTOR, CameraTable, SiteTable
-from e3pose.settings.sources import is_recorded, place_of
+from e3pose.settings.resolved import ResolvedSite
+from e3pose.settings.site_file import CameraTable
+from e3pose.settings.sources import is_recorded, place_of, shown_source
 from e3pose.site.check import Finding
 
 SOURCE_ADVICE = "correct its source, relative to the folder of the site file"
 
 
-def require_sources(site: SiteTable, rig: Rig) -> None:
+def require_sources(site: ResolvedSite) -> None:
     """Raise `InputError` for a source or network that is not there, with what helps."""
-    for finding in check_sources(site, rig):
+    for finding in check_sources(site):
         if finding.level == "problem":
             advice = f": {finding.advice}" if finding.advice else ""
             raise InputError(f"{site.path}: {finding.what}: {finding.found}{advice}")
 
 
-def check_sources(site: SiteTable, rig: Rig) -> Iterator[Finding]:
+def check_sources(site: ResolvedSite) -> Iterator[Finding]:
     """Check the sources and networks of cameras that `e3pose up` would run here."""
-    rotations = rotations_of(site, rig)
-    for camera in site.cameras_of(rig).values():
+    for camera in site.cameras.values():
         yield from _recording(camera)
         if camera.source is None:
-            if degrees := rotations.get(camera.id):
+            if degrees := camera.rotation:
                 found = f"rotation = {degrees}: it turns its images on its own machine"
                 advice = f"rotation = {degrees} in its camera file"
                 yield Finding("warning", f"camera {camera.id}", found, advice)
             continue
         yield from _source(site, camera, camera.source)
         if not is_recorded(camera.source):
-            yield from _network(site, camera)
+            yield from _network(camera)
 
 
 def _recording(camera: CameraTable) -> Iterator[Finding]:
@@ -53,10 +51,10 @@ def _recording(camera: CameraTable) -> Iterator[Finding]:
         yield Finding("problem", what, found, 'record = "keypoints"')
 
 
-def _source(site: SiteTable, camera: CameraTable, source: str) -> Iterator[Finding]:
+def _source(site: ResolvedSite, camera: CameraTable, source: str) -> Iterator[Finding]:
     """Check whether a source exists, without opening it."""
     what, place = f"camera {camera.id}", place_of(source)
-    path = None if place is None else site.near(place)
+    path = None if place is None else Path(place)
     if path is not None and not path.exists():
         yield Finding("problem", what, f"source {path} does not exist", SOURCE_ADVICE)
     elif path is not None and not is_recorded(source) and (broken := _broken(path)):
@@ -64,22 +62,22 @@ def _source(site: SiteTable, camera: CameraTable, source: str) -> Iterator[Findi
     elif source.startswith("usb:") and not Path(f"/dev/video{source.partition(':')[2]}").exists():
         yield Finding("problem", what, f"{source}: no such device", "connect the camera")
     else:
-        yield Finding("ok", what, f"source {source[:60]}")
+        yield Finding("ok", what, f"source {shown_source(source, site.folder)}")
 
 
-def _network(site: SiteTable, camera: CameraTable) -> Iterator[Finding]:
+def _network(camera: CameraTable) -> Iterator[Finding]:
     """Check whether the network that a camera detects with is installed."""
     from e3pose.detectors import DETECTORS
     from e3pose.detectors.weights import MODELS, is_installed
 
-    what, detector = f"camera {camera.id}", camera.detector or DEFAULT_DETECTOR
+    what, detector = f"camera {camera.id}", camera.detector or ""
     if camera.model is not None:
-        if not site.near(camera.model).exists():
-            yield Finding("problem", what, f"model {site.near(camera.model)} does not exist")
+        if not camera.model.exists():
+            yield Finding("problem", what, f"model {camera.model} does not exist")
     elif detector in MODELS and not is_installed(detector):
         advice = f"e3pose models pull {detector}"
         yield Finding("problem", what, f"network {detector} is not installed", advice)
-    elif not (detector in DETECTORS or is_own(detector) or site.near(detector).exists()):
+    elif not (detector in DETECTORS or is_own(detector) or Path(detector).exists()):
         known = ", ".join(DETECTORS)
         yield Finding("problem", what, f"unknown detector {detector}", f"one of {known}")
 

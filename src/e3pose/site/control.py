@@ -19,9 +19,9 @@ from e3pose.pipeline import Pipeline
 from e3pose.quantities import plural
 from e3pose.runtime.rate_limit import Rate
 from e3pose.select.policies import Policy
-from e3pose.settings.live import LiveSite
 from e3pose.settings.loop import LoopSettings
 from e3pose.settings.parts import make_policy, shares
+from e3pose.settings.resolved import ResolvedSite
 from e3pose.wire.codec import decode, encode, one_line
 from e3pose.wire.site_messages import Control, Controlled
 
@@ -37,18 +37,18 @@ class SiteControls:
 
     def __init__(
         self,
-        live: LiveSite,
+        site: ResolvedSite,
         ledger: EnergyLedger,
         now_s: Callable[[], float] = time.monotonic,
     ) -> None:
         """Start with the settings of the site file.
 
         Args:
-            live: the site.
+            site: what its file says.
             ledger: takes other budgets.
             now_s: a clock, for the rates of requests.
         """
-        self._live, self._ledger, self._loop = live, ledger, live.loop
+        self._site, self._ledger, self._loop = site, ledger, site.loop
         self._own: dict[str, Budget] = {}  # camera to the budget that an operator gave it
         self._paused: frozenset[str] = frozenset()
         self._chosen: Chosen | None = None  # to be used from the next slot on
@@ -132,8 +132,8 @@ class SiteControls:
             words.append(f"quality weight {control.quality_weight:g}")
         if not words:
             return ""
-        loop = loop.for_rig(len(self._live.rig))
-        chosen = make_policy(self._live, loop)
+        loop = loop.for_rig(len(self._site.rig))
+        chosen = make_policy(self._site, loop)
         if chosen[1] is None and control.cameras is not None:
             found = f"with the policy {loop.policy_name}, which has no number of cameras"
             raise InputError("cameras", found, "another policy in the site file")
@@ -143,8 +143,8 @@ class SiteControls:
 
     def _of_camera(self, control: Control) -> str:
         name, words = control.camera_id, []
-        if name not in self._live.rig.camera_ids:
-            raise InputError("camera_id", name, f"one of {', '.join(self._live.rig.camera_ids)}")
+        if name not in self._site.rig.camera_ids:
+            raise InputError("camera_id", name, f"one of {', '.join(self._site.rig.camera_ids)}")
         if {control.cameras, control.target_error_mm, control.quality_weight} != {None}:
             raise InputError("camera_id", "with a setting of the site", "one of them at a time")
         if control.budget:
@@ -159,8 +159,8 @@ class SiteControls:
 
     def _budget(self, own: dict[str, Budget], loop: LoopSettings) -> None:
         """Have the ledger go on with the budgets of a loop, but for those given to cameras."""
-        share = shares(loop, len(self._live.rig)).tolist()
-        usual = self._live.budgets(share, datetime.now().astimezone())
-        names = self._live.rig.camera_ids
+        share = shares(loop, len(self._site.rig)).tolist()
+        usual = self._site.budgets(share, datetime.now().astimezone())
+        names = self._site.rig.camera_ids
         budgets = [own.get(name, budget) for name, budget in zip(names, usual, strict=True)]
         self._ledger.change(budgets, loop.num_selected or 0.0)

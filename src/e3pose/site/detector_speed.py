@@ -16,11 +16,9 @@ from e3pose.camera.orientation import Orientation
 from e3pose.detectors.timing import DEFAULT_SIZE, DetectionTimes, Workload, time_detections
 from e3pose.files.atomic import atomic_file
 from e3pose.files.bounded import read_bytes
-from e3pose.geometry.camera import Rig
 from e3pose.quantities import plural
-from e3pose.settings.live import rotations_of
+from e3pose.settings.resolved import ResolvedSite
 from e3pose.settings.site_file import SiteTable
-from e3pose.settings.skeletons import detector_of
 from e3pose.settings.sources import is_recorded
 from e3pose.site.check import Finding
 
@@ -31,43 +29,38 @@ WAIT_S = 0.04  # of a view for its frame and its way to the edge, beyond the det
 HOPELESS = 1.5  # times what is reached: a busy moment's measurement errs by less
 
 
-def workloads_of(site: SiteTable, rig: Rig) -> dict[str, Workload]:
+def workloads_of(site: ResolvedSite) -> dict[str, Workload]:
     """Return the cameras whose networks `e3pose up` runs on this machine, and how."""
     found = {}
-    sizes = dict(zip(rig.camera_ids, (c.image_size for c in rig.cameras), strict=True))
-    rotations = rotations_of(site, rig)
-    for name, camera in site.cameras_of(rig).items():
+    for (name, camera), seen in zip(site.cameras.items(), site.rig.cameras, strict=True):
         if camera.source is None or is_recorded(camera.source):
             continue
-        detector = detector_of(camera) or ""
-        own = site.near(detector)
         found[name] = Workload(
-            str(own) if own.is_file() else detector,
-            None if camera.model is None else site.near(camera.model),
+            camera.detector or "",
+            camera.model,
             camera.provider,
             camera.threads,
-            Orientation.from_degrees(rotations.get(name, 0)).size(
-                *(sizes[name] if rig.placed else DEFAULT_SIZE)
+            Orientation.from_degrees(camera.rotation or 0).size(
+                *(seen.image_size if site.rig.placed else DEFAULT_SIZE)
             ),
         )
     return found
 
 
-def measure_detections(site: SiteTable, rig: Rig, again: bool = True) -> DetectionTimes | None:
+def measure_detections(site: ResolvedSite, again: bool = True) -> DetectionTimes | None:
     """Return how long detections take on this machine; None if it runs no network.
 
     Args:
-        site: its file, beside which the times are kept.
-        rig: its cameras.
+        site: what its file says, beside which the times are kept.
         again: measure, even if it was done before with the same networks on this machine.
 
     Raises:
         InputError: when a network cannot be loaded.
     """
-    workloads = workloads_of(site, rig)
+    workloads = workloads_of(site)
     if not workloads:
         return None
-    kept, asked = site.near(KEPT), _asked(workloads)
+    kept, asked = site.folder / KEPT, _asked(workloads)
     if not again and (known := _read(kept, asked)) is not None:
         return known
     times = time_detections(list(workloads.values()))
@@ -150,7 +143,7 @@ def hopeless(site: SiteTable, times: DetectionTimes, num_selected: float) -> lis
     return [f for f in check_speed(site, times, num_selected) if f.level == "problem"]
 
 
-def with_time_for_all(site: SiteTable, times: DetectionTimes) -> SiteTable:
+def with_time_for_all(site: ResolvedSite, times: DetectionTimes) -> ResolvedSite:
     """Return a site slowed down until all its cameras can detect in every slot.
 
     Films are played slower; cameras that film get longer slots.

@@ -30,10 +30,9 @@ from e3pose.recording.videos import MAX_BYTES, PART_S
 from e3pose.runtime.clock import Clock, WallClock
 from e3pose.select.policies.base import Policy
 from e3pose.settings.edge import EdgeSettings
-from e3pose.settings.live import LiveSite, live_site, noise_of, rotations_of
-from e3pose.settings.loop import LoopSettings
 from e3pose.settings.parts import noise_warning
-from e3pose.settings.site_file import SiteTable, load_site
+from e3pose.settings.resolved import ResolvedSite, resolve
+from e3pose.settings.site_file import load_site
 from e3pose.site.admission import Admission, edge_link, join_as_edge
 from e3pose.site.control import SiteControls
 from e3pose.site.expiry import ExpiryWatch
@@ -65,10 +64,7 @@ class Edge:
         """Own a started server, and the resources to close after it."""
         self.site, self.server = admission.site, server
         self._admission, self._stack = admission, stack
-        keys = self.site.link.keys
-        self._expiry = ExpiryWatch(
-            None if keys is None else self.site.near(keys), self.server.event_log.report
-        )
+        self._expiry = ExpiryWatch(self.site.link.keys, self.server.event_log.report)
 
     def __enter__(self) -> Edge:
         """Return itself."""
@@ -107,7 +103,7 @@ class Edge:
 
 
 def open_edge(
-    site: Path | str | SiteTable,
+    site: Path | str,
     log: Log | None = None,
     *,
     policy: str | Policy | None = None,
@@ -130,57 +126,45 @@ def open_edge(
     Raises:
         InputError: naming the file, the key, what was found and what was expected.
     """
-    table = site if isinstance(site, SiteTable) else load_site(Path(site))
-
-    def own(loop: LoopSettings) -> LoopSettings:
-        return replace(
-            loop,
-            policy=loop.policy if policy is None else policy,
-            predictor=loop.predictor if predictor is None else predictor,
-            estimator=estimator,
-        )
-
-    live = live_site(table, own)
-    pipeline = live.pipeline()
-    check_places(live)
-    return _start(live, pipeline, log or NO_LOG, clock or WallClock())
+    table = load_site(Path(site))
+    loop = replace(
+        table.loop,
+        policy=table.loop.policy if policy is None else policy,
+        predictor=table.loop.predictor if predictor is None else predictor,
+        estimator=estimator,
+    )
+    return start_edge(resolve(replace(table, loop=loop)), log or NO_LOG, clock or WallClock())
 
 
-def check_edge(site: SiteTable) -> LiveSite:
-    """Return a site with its rig, after checking what its edge needs to start.
+def check_edge(site: ResolvedSite) -> Pipeline:
+    """Return the parts of the loop of a site, after checking all that its edge needs to start.
 
     Raises:
         InputError: for what is wrong in the file or in its places.
     """
-    live = live_site(site)
-    live.pipeline()
-    check_places(live)
-    return live
-
-
-def check_places(live: LiveSite) -> None:
-    """Raise `InputError` where what the edge writes would be where something else stands."""
     from e3pose.learn.versions import check_learning_folder
 
-    site = live.site
-    live.budgets([1.0] * len(live.rig), datetime.datetime.now().astimezone())
+    pipeline = site.pipeline()
+    site.budgets([1.0] * len(site.rig), datetime.datetime.now().astimezone())
     try:
-        if site.state:
-            check_file_free(site.near(site.state))
-        if site.store_place is not None:
+        if site.state is not None:
+            check_file_free(site.state)
+        if site.store is not None:
             from e3pose.store.database import check_place, database_url
 
-            check_place(database_url(site.store_place))
+            check_place(database_url(site.store.place))
         if site.learn is not None:
-            check_learning_folder(site.near(site.learn))
+            check_learning_folder(site.learn)
     except InputError as error:
         raise error.at(site.path) from None
+    return pipeline
 
 
-def _start(live: LiveSite, pipeline: Pipeline, log: Log, clock: Clock) -> Edge:
-    site = live.site
+def start_edge(site: ResolvedSite, log: Log, clock: Clock) -> Edge:
+    """Start the edge of a site; see `open_edge`."""
+    pipeline = check_edge(site)
     link, roll = edge_link(site)
-    for warning in (live.world_warning(), noise_warning(live, live.loop)):
+    for warning in (site.world_warning(), noise_warning(site, site.loop)):
         if warning:
             log.warning(warning)
 
@@ -190,8 +174,8 @@ def _start(live: LiveSite, pipeline: Pipeline, log: Log, clock: Clock) -> Edge:
     with ExitStack() as stack:
         transport = join_as_edge(link, roll)
         stack.callback(transport.close)
-        server = make_edge(live, pipeline, transport, clock, report, stack)
-        server.inbox.not_admitted = not_admitted(roll, live.rig.camera_ids)
+        server = make_edge(site, pipeline, transport, clock, report, stack)
+        server.inbox.not_admitted = not_admitted(roll, site.rig.camera_ids)
         if site.metrics_port is not None:
             from e3pose.site.metrics import serve_metrics
 
@@ -199,16 +183,16 @@ def _start(live: LiveSite, pipeline: Pipeline, log: Log, clock: Clock) -> Edge:
         stack.callback(server.stop)
         admission = Admission(site, server, join_as_edge, log.info)
         watchdog = server.housekeeping.watchdog
-        watchdog.prepare, watchdog.folder = admission.prepare, site.near("logs")
+        watchdog.prepare, watchdog.folder = admission.prepare, site.folder / "logs"
         log.info("getting ready; the very first time this compiles for a minute or two")
         server.start()
-        log.info("waiting for cameras", endpoint=link.endpoint, cameras=len(live.rig))
+        log.info("waiting for cameras", endpoint=link.endpoint, cameras=len(site.rig))
         return Edge(server, admission, stack.pop_all())
     raise AssertionError("an exit stack lets no error pass")
 
 
 def make_edge(
-    live: LiveSite,
+    site: ResolvedSite,
     pipeline: Pipeline,
     transport: Transport,
     clock: Clock,
@@ -218,15 +202,14 @@ def make_edge(
     """Return the edge of a site, not yet started, with its store, its ledger and its trainer.
 
     Args:
-        live: the site.
+        site: what its file says.
         pipeline: the parts of its loop.
         transport: how to reach the cameras.
         clock: the edge's.
         report: called with messages for operators.
         stack: closes what is opened here.
     """
-    site = live.site
-    checkpoint = site.near(site.state) if site.state else None
+    checkpoint = site.state
     if checkpoint is not None:
         with suppress(OSError):  # reported when the state is saved
             make_folder(checkpoint.parent)
@@ -234,59 +217,56 @@ def make_edge(
     event_log = EventLog(clock, report)
     state_file = StateFile(checkpoint, event_log.report, clock.now_ns())
     state_file.take_up(pipeline)
-    sink = open_store(live, state_file.run_ns, event_log, stack)
+    sink = open_store(site, state_file.run_ns, event_log, stack)
     learner = None
     if site.learn is not None:
         from e3pose.learn import LearningSettings, OnlineTrainer
 
-        learner = OnlineTrainer(
-            site.near(site.learn), live.skeleton, LearningSettings(live.interval_s), clock
-        )
+        learner = OnlineTrainer(site.learn, site.skeleton, LearningSettings(site.interval_s), clock)
         stack.callback(learner.close)
-    idle_modes = [camera.idle_mode for camera in live.cameras.values()]
+    idle_modes = [camera.idle_mode for camera in site.cameras.values()]
     now = datetime.datetime.now().astimezone()
     ledger = EnergyLedger(
-        live.rig.camera_ids,
-        live.plan.profiles,
+        site.rig.camera_ids,
+        site.plan.profiles,
         idle_modes,
-        live.budgets(pipeline.budget.tolist(), now),
-        live.interval_s,
-        live.loop.num_selected or 0.0,
+        site.budgets(pipeline.budget.tolist(), now),
+        site.interval_s,
+        site.loop.num_selected or 0.0,
         clock.now_ns,
         None if sink is None else sink.energy,
-        [WH_J * (camera.battery_wh or np.inf) for camera in live.cameras.values()],
+        [WH_J * (camera.battery_wh or np.inf) for camera in site.cameras.values()],
     )
     settings = EdgeSettings(
         site=site.name,
-        joints=live.skeleton.joints,
+        joints=site.skeleton.joints,
         deadline_s=site.deadline_ms / 1e3,
         idle_modes=idle_modes,
         adaptive_lead=site.lead == "adaptive",
         pace=site.pace,
         smooth_delay_s=site.smooth_delay_ms / 1e3,
-        wakes_s=[camera.wake_s for camera in live.cameras.values()],
+        wakes_s=[camera.wake_s for camera in site.cameras.values()],
     )
-    controls = SiteControls(live, ledger)
-    recorder = open_recorder(live, event_log, stack)
+    controls = SiteControls(site, ledger)
+    recorder = open_recorder(site, event_log, stack)
     kept = ZoneSink(sink, Zones(site.zone)) if sink is not None and site.zone else sink
-    watch = KnockWatch(live.rig)
+    watch = KnockWatch(site.rig)
     consumers = Consumers(kept, learner, ledger, controls, recorder, watch)
     return EdgeServer(pipeline, transport, settings, clock, state_file, event_log, consumers)
 
 
 def open_store(
-    live: LiveSite, started_ns: int, event_log: EventLog, stack: ExitStack
+    site: ResolvedSite, started_ns: int, event_log: EventLog, stack: ExitStack
 ) -> StoreWriter | None:
     """Return the store of a site; None if none is configured.
 
     Args:
-        live: the site.
+        site: what its file says.
         started_ns: when the run began that its slots belong to.
         event_log: called with events of saving.
         stack: closes it.
     """
-    site, place = live.site, live.site.store_place
-    if site.store is None or place is None:
+    if site.store is None:
         return None
     from e3pose.store import Retention, StoreWriter, WriterSettings
     from e3pose.store.database import database_path, database_url
@@ -295,48 +275,47 @@ def open_store(
         site=site.name,
         name=site.name,
         started_ns=started_ns,
-        interval_s=live.interval_s,
-        skeleton=live.skeleton.name,
-        joints=live.skeleton.joints,
-        cameras=live.rig.camera_ids,
+        interval_s=site.interval_s,
+        skeleton=site.skeleton.name,
+        joints=site.skeleton.joints,
+        cameras=site.rig.camera_ids,
         software=f"e3pose {__version__}",
     )
-    if (file := database_path(database_url(place))) is not None:
+    if (file := database_path(database_url(site.store.place))) is not None:
         stack.enter_context(hold(file, site.name))  # other sites may share it
     keeping = WriterSettings(
         retention=Retention(site.store.keep_s, site.store.max_bytes),
         spool_bytes=site.store.spool_bytes,
-        spool_beside=site.near(site.name),
+        spool_beside=site.folder / site.name,
         one_writer=True,
     )
-    return stack.enter_context(StoreWriter(place, run, keeping, report=event_log.add))
+    return stack.enter_context(StoreWriter(site.store.place, run, keeping, report=event_log.add))
 
 
-def open_recorder(live: LiveSite, event_log: EventLog, stack: ExitStack) -> Recorder | None:
+def open_recorder(site: ResolvedSite, event_log: EventLog, stack: ExitStack) -> Recorder | None:
     """Return the recorder of a site; None if none is configured.
 
     Args:
-        live: the site.
+        site: what its file says.
         event_log: called with reasons that it cannot record.
         stack: closes it.
     """
-    cameras = [camera.record in ("keypoints", "both") for camera in live.cameras.values()]
+    cameras = [camera.record in ("keypoints", "both") for camera in site.cameras.values()]
     if not any(cameras):
         return None
-    site, table = live.site, live.site.record
     settings = RecorderSettings(
-        folder=site.near(table.path),
+        folder=site.record.path,
         site=site.name,
         cameras=cameras,
         fps=site.fps,
         pace=site.pace,
-        skeleton=live.skeleton.name,
-        detector=noise_of(live.site, live.cameras),
-        part_s=table.part_s or PART_S,
-        max_bytes=table.max_bytes or MAX_BYTES,
-        filmed=[name for name, camera in live.cameras.items() if camera.record == "both"],
-        rotations=rotations_of(site, live.rig),
+        skeleton=site.skeleton.name,
+        detector=site.named_detector,
+        part_s=site.record.part_s or PART_S,
+        max_bytes=site.record.max_bytes or MAX_BYTES,
+        filmed=[name for name, camera in site.cameras.items() if camera.record == "both"],
+        rotations=site.rotations,
     )
-    recorder = Recorder(settings, live.rig, event_log.report)
+    recorder = Recorder(settings, site.rig, event_log.report)
     stack.callback(recorder.close)
     return recorder

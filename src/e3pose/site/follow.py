@@ -130,7 +130,7 @@ def viewer_link(site: SiteTable, viewer: Path | None, operates: bool = False) ->
     certificates = None
     if protocol == "tls":
         if viewer is None:
-            folder = site.near(site.link.keys or "keys")
+            folder = site.keys
             found = sorted((folder / "viewers").glob("*/viewer.pem"))
             found = sorted((folder / "operators").glob("*/operator.pem")) * operates + found
             if not found:

@@ -20,6 +20,7 @@ from e3pose.geometry.camera import Rig
 from e3pose.geometry.camera_fields import check_camera_id
 from e3pose.quantities import plural, three_digits
 from e3pose.recording.calibration import save_rig
+from e3pose.settings.resolved import resolve
 from e3pose.settings.site_file import SITE_FILE, load_site
 from e3pose.settings.sources import place_of
 from e3pose.site.detector_speed import (
@@ -148,10 +149,9 @@ def write_site(folder: Path, choice: Choice) -> Path:
             save_rig(choice.rig, made / RIG_FILE)
         path = made / SITE_FILE
         path.write_text(site_text(choice, folder))
-        site = load_site(path)  # what was written can be read
+        site = resolve(load_site(path), placed=False)  # what was written can be read
         if choice.times is not None:
-            rig = choice.rig or _named(choice)
-            save_times(made / KEPT, workloads_of(site, rig), choice.times)
+            save_times(made / KEPT, workloads_of(site), choice.times)
     return folder / SITE_FILE
 
 

@@ -12,12 +12,9 @@ from pathlib import Path
 
 from e3pose.errors import InputError
 from e3pose.files.private import append_to
-from e3pose.geometry.camera import Rig
 from e3pose.quantities import LEAST_SIZE_BYTES
 from e3pose.recording.videos import MAX_BYTES, VIDEOS
-from e3pose.settings.live import rotations_of
-from e3pose.settings.site_file import SiteTable
-from e3pose.settings.sources import located
+from e3pose.settings.resolved import ResolvedSite
 from e3pose.site.follow import ANY_HOST
 from e3pose.site.run import END_S
 from e3pose.wire.access import is_loopback, split_endpoint
@@ -37,22 +34,21 @@ def view_command(path: Path) -> list[str]:
     return [sys.executable, "-m", "e3pose", "view", str(path), CHILD]
 
 
-def camera_command(site: SiteTable, camera_id: str, rig: Rig) -> list[str]:
+def camera_command(site: ResolvedSite, camera_id: str) -> list[str]:
     """Return the command line of a camera of a site, run on this machine.
 
     Raises:
         InputError: when the site file does not say what the camera sees.
     """
-    camera = site.cameras_of(rig)[camera_id]
+    camera = site.cameras[camera_id]
     if camera.source is None:
         wanted = "what it sees, such as a video or recorded:RECORDING"
         raise InputError(f"camera {camera_id}: source", "none", wanted, str(site.path))
     protocol, host, port = split_endpoint(site.link.endpoint)
     host = "localhost" if host in ANY_HOST or protocol == "tls" else host
-    source = located(camera.source, site.near)
     command = [
         sys.executable, "-m", "e3pose", "camera",
-        "--site", site.name, "--name", camera_id, "--source", source,
+        "--site", site.name, "--name", camera_id, "--source", camera.source,
         "--endpoint", f"{protocol}/{host}:{port}", "--wake-s", str(camera.wake_s),
         # On one machine every camera would measure the same watts, those of all together.
         "--provider", camera.provider, "--meter", camera.meter or "model", CHILD,
@@ -60,13 +56,12 @@ def camera_command(site: SiteTable, camera_id: str, rig: Rig) -> list[str]:
     if _allow_pictures(site):
         command += ["--pictures"]
     if protocol == "tls":
-        keys = site.near(site.link.keys or "keys") / "cameras" / camera_id
-        command += ["--keys", str(keys)]
+        command += ["--keys", str(site.keys / "cameras" / camera_id)]
     for option, value in (
         ("--detector", camera.detector),
-        ("--model", None if camera.model is None else str(site.near(camera.model))),
+        ("--model", camera.model),
         ("--threads", camera.threads),
-        ("--rotation", rotations_of(site, rig).get(camera_id)),
+        ("--rotation", camera.rotation or None),
         ("--delay-ms", camera.delay_ms or None),
         ("--pace", None if site.pace == 1 else site.pace),
         ("--battery-wh", camera.battery_wh),
@@ -76,13 +71,13 @@ def camera_command(site: SiteTable, camera_id: str, rig: Rig) -> list[str]:
     if camera.record in ("video", "both"):
         command += _video_options(site, camera_id)
     if camera.battery_wh is not None:
-        command += ["--state", str(site.near(BATTERIES) / f"{camera_id}.json")]
+        command += ["--state", str(site.folder / BATTERIES / f"{camera_id}.json")]
     if site.link.insecure:
         command.append("--insecure")
     return command
 
 
-def _allow_pictures(site: SiteTable) -> bool:
+def _allow_pictures(site: ResolvedSite) -> bool:
     """Return whether cameras on this machine show pictures; unless asked, to nobody beyond it."""
     if site.view.pictures is not None:
         return site.view.pictures
@@ -91,10 +86,10 @@ def _allow_pictures(site: SiteTable) -> bool:
     return here and not site.view.proxies
 
 
-def _video_options(site: SiteTable, camera_id: str) -> list[str]:
+def _video_options(site: ResolvedSite, camera_id: str) -> list[str]:
     """Return the options of a camera that records videos; all share the size that is allowed."""
     cameras = sum(camera.record in ("video", "both") for camera in site.camera)
-    folder = site.near(site.record.path) / VIDEOS / camera_id
+    folder = site.record.path / VIDEOS / camera_id
     size = (site.record.max_bytes or MAX_BYTES) // cameras
     options = [
         "--videos",

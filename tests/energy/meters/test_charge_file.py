@@ -25,6 +25,15 @@ class Steady:
         return Reading(10.0, None, False, "modelled", (Rail("all", 10.0, True),))
 
 
+CAMERA_FILE = """format = "e3pose-camera"
+version = 1
+site = "lab"
+camera = "cam0"
+source = "usb:0"
+battery_wh = 1.0
+"""
+
+
 def written(**other: object) -> str:
     """Return the content of a file that is good but for what is given."""
     good = {"format": "e3pose-battery", "version": 1, "camera": "cam0"}
@@ -137,15 +146,17 @@ def test_place_that_cannot_be_written_is_reported_once(tmp_path: Path) -> None:
 
 
 def test_place_is_beside_the_camera_file_unless_it_says_where(tmp_path: Path) -> None:
-    from e3pose.settings.camera_file import NodeTable
+    from e3pose.settings.camera_file import NodeTable, load_node
     from e3pose.site.camera_program import open_charge_file
 
     node = NodeTable("e3pose-camera", 1, "lab", "cam0", "usb:0", battery_wh=1.0)
     config, messages = tmp_path / "cam0.toml", list[str]()
     for state, place in ((None, "cam0.battery.json"), ("b.json", "b.json"), ("", None)):
-        charge = open_charge_file(replace(node, state=state, path=config), messages.append)
+        config.write_text(CAMERA_FILE + ("" if state is None else f'state = "{state}"\n'))
+        charge = open_charge_file(load_node(config), messages.append)
         assert charge is not None
         charge.keep()
+        config.unlink()
         assert [p.name for p in tmp_path.iterdir()] == ([] if place is None else [place])
         for file in tmp_path.iterdir():
             file.unlink()

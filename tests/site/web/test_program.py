@@ -15,7 +15,7 @@ from tests.site.tables import write_site
 
 from e3pose.errors import InputError
 from e3pose.recording.calibration import save_rig
-from e3pose.settings.live import live_site
+from e3pose.settings.resolved import resolve
 from e3pose.site.web.program import _listen, address_of, open_view
 from e3pose.wire.keys.folder import init_keys
 from e3pose.wire.keys.renewal import renew_keys
@@ -50,12 +50,12 @@ def test_place_that_is_none_is_refused(tmp_path: Path, listen: str) -> None:
 
 def test_port_that_is_taken_is_an_error_that_names_it(tmp_path: Path) -> None:
     save_rig(looking((4, 0), (0, 4)), tmp_path / "rig.toml")
-    live = live_site(write_site(tmp_path))
-    with open_view(live, "127.0.0.1:0", transport=Hub().join()) as view:
+    site = resolve(write_site(tmp_path))
+    with open_view(site, "127.0.0.1:0", transport=Hub().join()) as view:
         port = int(view.url.rpartition(":")[2].strip("/"))
         with pytest.raises(InputError, match=f"port {port} is in use"):
-            open_view(live, f"127.0.0.1:{port}", transport=Hub().join())
-    with open_view(live, f"127.0.0.1:{port}", transport=Hub().join()) as view:  # it is free again
+            open_view(site, f"127.0.0.1:{port}", transport=Hub().join())
+    with open_view(site, f"127.0.0.1:{port}", transport=Hub().join()) as view:  # it is free again
         assert view.running()
 
 
@@ -70,9 +70,9 @@ def test_beyond_loopback_it_is_https_with_the_certificate_of_the_edge_and_a_toke
 ) -> None:
     init_keys(tmp_path / "keys", "lab", [], NOW)
     save_rig(looking((4, 0), (0, 4)), tmp_path / "rig.toml")
-    live = live_site(write_site(tmp_path, TLS))
+    site = resolve(write_site(tmp_path, TLS))
     trusted = ssl.create_default_context(cafile=str(tmp_path / "keys" / "authority.pem"))
-    with open_view(live, "0.0.0.0:0", transport=Hub().join()) as view:
+    with open_view(site, "0.0.0.0:0", transport=Hub().join()) as view:
         assert view.url.startswith("https://localhost:") and not view.rules.open_reading
         with httpx.Client(base_url=view.url, verify=trusted) as client:
             assert client.get("/").status_code == 200
@@ -85,12 +85,12 @@ def test_renewed_certificate_is_shown_to_new_connections(tmp_path: Path) -> None
     keys = tmp_path / "keys"
     init_keys(keys, "lab", [], NOW - datetime.timedelta(days=100))
     save_rig(looking((4, 0), (0, 4)), tmp_path / "rig.toml")
-    live = live_site(write_site(tmp_path, TLS))
+    site = resolve(write_site(tmp_path, TLS))
 
     def shown(port: int) -> bytes:
         return ssl.PEM_cert_to_DER_cert(ssl.get_server_certificate(("127.0.0.1", port)))
 
-    with open_view(live, "0.0.0.0:0", transport=Hub().join()) as view:
+    with open_view(site, "0.0.0.0:0", transport=Hub().join()) as view:
         before = shown(view.address.port)
         renew_keys(keys, "edge", NOW)
         assert view.running()

@@ -19,8 +19,7 @@ from e3pose.model.skeleton import COCO17
 from e3pose.pipeline import SlotRecord
 from e3pose.recording.calibration import save_rig
 from e3pose.runtime.rate_limit import Rate
-from e3pose.settings.live import live_site
-from e3pose.settings.site_file import load_site
+from e3pose.settings.resolved import resolve_site
 from e3pose.site.web.program import View, open_view
 from e3pose.store import EnergyReading, Event, Run, StoreWriter
 from e3pose.wire.arrays import pack, unpack
@@ -131,8 +130,7 @@ def watched_site(folder: Path) -> Iterator[Watched]:
         writer.energy(EnergyReading(STARTED_NS + 10**9, "c0", 7.5, 1.0, "measured: VDD_IN", 0.75))
         writer.event(Event(STARTED_NS + 10**9, "camera-lost", "silent for 2 s", "c2"))
     hub = Hub()
-    live = live_site(load_site(folder))
-    with open_view(live, "127.0.0.1:0", transport=hub.join()) as view:
+    with open_view(resolve_site(folder), "127.0.0.1:0", transport=hub.join()) as view:
         view.rules.writes = Rate(1e6, 1e6, time.monotonic)  # tests ask for much
         view.feed.quiet_s = 1e9  # and their edge says little
         yield Watched(view, hub.join(), folder)

@@ -11,7 +11,7 @@ from pathlib import Path
 from e3pose.errors import InputError
 from e3pose.geometry.camera import Rig
 from e3pose.model.pose import Poses2D
-from e3pose.settings.site_file import load_site
+from e3pose.settings.resolved import resolve_site
 from e3pose.site.follow import Follower, viewer_link
 from e3pose.site.up import Program, camera_command, edge_command, run_site
 from e3pose.wire import topics
@@ -114,7 +114,7 @@ def run_live(
     Raises:
         InputError: with the last words of the program that did not do its work.
     """
-    site = load_site(site_file)
+    site = resolve_site(site_file)
     logs = site_file.parent / "logs"
     logs.mkdir()
     programs = [Program("edge", edge_command(site_file), logs / "edge.log")]
@@ -139,7 +139,7 @@ def run_live(
             heard.begin_ns = time.time_ns() + round(wait_s * 1e9)
             for camera_id in rig.camera_ids:
                 begin = ["--begin-s", str(heard.begin_ns / 1e9)]
-                command = camera_command(site, camera_id, rig) + begin
+                command = camera_command(site, camera_id) + begin
                 programs.append(Program(camera_id, command, logs / f"{camera_id}.log"))
                 programs[-1].start()
         heard.status = status or heard.status

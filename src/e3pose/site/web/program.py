@@ -12,7 +12,7 @@ from pathlib import Path
 
 from e3pose.errors import InputError
 from e3pose.files.version import Version, version_of
-from e3pose.settings.live import LiveSite
+from e3pose.settings.resolved import ResolvedSite
 from e3pose.settings.site_file import SiteTable
 from e3pose.site.follow import ANY_HOST, LOCAL_OPERATOR, operator_of, viewer_link
 from e3pose.site.listener import Bounds, open_socket
@@ -81,7 +81,7 @@ def address_of(site: SiteTable, listen: str | None = None) -> Address:
     hosts |= {socket.gethostname().lower(), socket.getfqdn().lower()}
     certificate = key = None
     if site.link.keys is not None:
-        certificate, key = (site.near(site.link.keys) / name for name in ("edge.pem", "edge.key"))
+        certificate, key = (site.link.keys / name for name in ("edge.pem", "edge.key"))
     if certificate is None or key is None or not (certificate.is_file() and key.is_file()):
         if not table.insecure:
             raise InputError(
@@ -101,7 +101,7 @@ def page_links(site: SiteTable, address: Address) -> list[str]:
         site: its file.
         address: where its view listens.
     """
-    tokens = open_tokens(site.near(site.view.tokens))
+    tokens = open_tokens(site.view.tokens)
     reading = rules_of(site, address, tokens).open_reading
     token = "" if reading else f"#token={tokens.read}"
     return [
@@ -160,7 +160,7 @@ class View:
 
 
 def open_view(
-    live: LiveSite,
+    site: ResolvedSite,
     listen: str | None = None,
     keys: Path | None = None,
     transport: Transport | None = None,
@@ -169,7 +169,7 @@ def open_view(
     """Serve a site over HTTP until the view is closed.
 
     Args:
-        live: the site with its rig.
+        site: what its file says.
         listen: in place of the file's `HOST:PORT`.
         keys: folder of a viewer's certificate.
         transport: how to reach the edge; by default that of the site file.
@@ -178,9 +178,8 @@ def open_view(
     Raises:
         InputError: for a port that is taken, and all that is wrong in the file.
     """
-    site = live.site
     address = address_of(site, listen)
-    tokens = open_tokens(site.near(site.view.tokens))
+    tokens = open_tokens(site.view.tokens)
     listening = _listen(address)
     address = replace(address, port=listening.getsockname()[1])
     rules = rules_of(site, address, tokens)
@@ -189,15 +188,14 @@ def open_view(
     view = View(address, rules, feed)
     with ExitStack() as stack:
         stack.callback(listening.close)
-        place = site.store_place
         operator: str | None = LOCAL_OPERATOR
         if transport is None:
             link = viewer_link(site, keys, operates=True)
             operator, transport = operator_of(link), open_network(link)
         stack.callback(transport.close)
         feed.listen(transport)
-        body = describe(live)
-        store = None if place is None else Store(place)
+        body = describe(site)
+        store = None if site.store is None else Store(site.store.place)
 
         def asking(topic: str, seconds: float) -> Ask:
             return lambda payload: transport.ask(topic, payload, seconds)
@@ -205,9 +203,9 @@ def open_view(
         ask = asking(of_control(site.name, operator), ASK_S) if operator is not None else None
         shown, pictures = picture_rules(site, rules, operator is not None), None
         if shown.shown:
-            names = {i: of_camera(site.name, i, "picture") for i in live.rig.camera_ids}
+            names = {i: of_camera(site.name, i, "picture") for i in site.rig.camera_ids}
             asks = {i: asking(name, PICTURE_S) for i, name in names.items()}
-            pictures = make_pictures(live.rig, feed, asks, live.interval_s / site.pace, shown.per_s)
+            pictures = make_pictures(site.rig, feed, asks, site.interval_s / site.pace, shown.per_s)
         made = Site(feed, store, lambda: body, ask, pictures, shown)
         view._stack.push(stack.pop_all())
     bounds = Bounds(CONNECTIONS, PER_ADDRESS, proxies=rules.proxies)
