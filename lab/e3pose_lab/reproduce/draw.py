@@ -25,6 +25,8 @@ HATCHES: dict[Basis, str] = {
     "simulated": "xx",
 }
 ROOM = 0.8  # of the space between two groups of bars
+LONG = 30  # characters of a legend's names beyond which two of them do not fit side by side
+DENSE = 30  # values of a line beyond which marks would hide it
 
 
 def draw(panel: Panel, path: Path) -> None:
@@ -33,12 +35,15 @@ def draw(panel: Panel, path: Path) -> None:
         axes = figure.subplots()
         bases = {line.basis for line in panel.lines}
         one = len(bases) == 1
-        plain = panel.kind == "limbs" or not one
-        axes.set_title(panel.title if plain else f"{panel.title} ({next(iter(bases))})")
+        basis = next(iter(bases))
+        plain = panel.kind == "limbs" or not one or basis in panel.title
+        axes.set_title(panel.title if plain else f"{panel.title} ({basis})")
         axes.set_xlabel(panel.x_title)
         axes.set_ylabel(panel.y_title)
         if panel.kind in ("bars", "stacked"):
             _bars(axes, panel, one)
+        elif panel.kind == "points":
+            _points(axes, panel, one)
         elif panel.kind in ("steps", "limbs"):
             (_steps if panel.kind == "steps" else _limbs)(axes, panel)
             return
@@ -49,7 +54,8 @@ def draw(panel: Panel, path: Path) -> None:
             more = other.get_legend_handles_labels()
             handles, labels = handles + more[0], labels + more[1]
         if len(labels) > 1 or not one:
-            figure.legend(handles, labels, loc="outside lower center", ncols=2)
+            columns = 1 if max(map(len, labels)) > LONG else 2
+            figure.legend(handles, labels, loc="outside lower center", ncols=columns)
 
 
 def _label(line: Line, one: bool) -> str:
@@ -68,7 +74,7 @@ def _lines(axes: Axes, panel: Panel, one: bool) -> None:
         colour = PALE if line.basis == "paper" else COLOURS[number % len(COLOURS)]
         place.plot(
             x, line.y, STYLES[line.basis], color=colour, label=_label(line, one),
-            marker=MARKERS[number % len(MARKERS)],
+            marker="" if len(x) > DENSE else MARKERS[number % len(MARKERS)],
         )  # fmt: skip
         if line.low:
             place.fill_between(x, line.low, line.high, color=colour, alpha=0.15, linewidth=0)
@@ -119,6 +125,23 @@ def _bars(axes: Axes, panel: Panel, one: bool) -> None:
         bottom = bottom + np.nan_to_num(heights) * stacked
     long = max((len(name) for name in names), default=0) * len(names) > 50
     axes.set_xticks(places, names, rotation=30 if long else 0, ha="right" if long else "center")
+    axes.grid(visible=False, axis="x")
+
+
+def _points(axes: Axes, panel: Panel, one: bool) -> None:
+    """Draw marks above names, those of one name side by side."""
+    names = list(dict.fromkeys(str(name) for line in panel.lines for name in line.x))
+    width = ROOM / len(panel.lines)
+    for number, line in enumerate(panel.lines):
+        shift = width * (number - (len(panel.lines) - 1) / 2)
+        places = np.array([names.index(str(name)) + shift for name in line.x])
+        colour = PALE if line.basis == "paper" else COLOURS[number % len(COLOURS)]
+        spread = np.abs(np.array([line.low, line.high]) - np.array(line.y)) if line.low else None
+        axes.errorbar(
+            places, line.y, spread, fmt=MARKERS[number % len(MARKERS)], color=colour, capsize=2,
+            markersize=6, label=_label(line, one),
+        )  # fmt: skip
+    axes.set_xticks(range(len(names)), names)
     axes.grid(visible=False, axis="x")
 
 

@@ -71,7 +71,7 @@ def reproduce(
         track: wraps the results as they come in, for a progress bar.
     """
     scale = Scale(quick, sources.names, most_seeds, sources.detectors)
-    lacks = {item.key: _lacks(item, sources) for item in items}
+    lacks = {item.key: _lacks(item, scale) for item in items}
     ready = [item for item in items if not lacks[item.key]]
     results = Results(folder / KEPT, sources)
     made = Made(results)
@@ -102,16 +102,16 @@ def about(sources: Sources, workers: Workers, scale: Scale) -> dict[str, str]:
         **{name: found for name in LIBRARIES if (found := _version(name))},
         "machine": f"{_processor()}, {os.cpu_count()} cores, {platform.platform(terse=True)}",
         "workers": workers.dask or ("all cores" if workers.jobs == -1 else f"{workers.jobs}"),
-        "data": f"{', '.join(sources.names) or 'none'} {sources.stamp}".strip(),
+        "data": f"{', '.join(scale.data) or 'none'} {sources.stamp}".strip(),
         "seeds": "repetition i has seed and phase i; simulated scenes have seed 1000 + i",
         "scale": ("quick" if scale.quick else "full")
         + ("" if scale.most_seeds is None else f", at most {scale.most_seeds} seeds an item"),
     }
 
 
-def _lacks(item: Item, sources: Sources) -> str:
+def _lacks(item: Item, scale: Scale) -> str:
     """Return what an item cannot do without; empty if it has everything."""
-    missing = [WHERE[name] for name in item.needs if name not in sources.names]
+    missing = [WHERE[name] for name in item.needs if name not in scale.data]
     if missing:
         return f"no data; expected {' and '.join(missing)}"
     absent = [name for name in item.imports if find_spec(name) is None]

@@ -86,7 +86,7 @@ def _section(folder: Path, part: Part) -> str:
         f'<section id="{item.key}"><h2>{escape(item.title)}</h2><p class="soft">{escape(label)}</p>'
     )
     if section is None:
-        return f"{head}<p>Skipped: {escape(part.skipped)}</p></section>"
+        return f"{head}<p>Skipped: {_prose(part.skipped)}</p></section>"
     words = (
         ("Paper", section.paper), ("Here", section.ours), ("Why", section.why),
         ("How", section.how),
@@ -113,7 +113,8 @@ def _chart(folder: Path, panel: Panel) -> str:
             rows.append([line.name, line.basis, *(str(value) for value in values)])
     _write_csv(path.with_suffix(".csv"), rows)
     data = base64.b64encode(path.read_bytes()).decode("ascii")
-    alt = escape(f"{panel.title}: {panel.y_title} against {panel.x_title}", quote=True)
+    against = f" against {panel.x_title}" if panel.x_title else ""
+    alt = escape(f"{panel.title}: {panel.y_title}{against}", quote=True)
     return f'<figure><img alt="{alt}" src="data:image/svg+xml;base64,{data}"></figure>'
 
 
@@ -134,8 +135,15 @@ def _table(folder: Path, table: Table) -> str:
         rows.append(cells)
     _write_csv(folder / TABLES / f"{table.name}.csv", rows)
     head = "".join(f"<th>{escape(name)}</th>" for name in table.columns)
+    many = len(table.columns)
+    digits = (table.digits,) * many if isinstance(table.digits, int) else table.digits
     body = "".join(
-        "<tr>" + "".join(f"<td>{escape(shown(cell, table.digits))}</td>" for cell in row) + "</tr>"
+        "<tr>"
+        + "".join(
+            f"<td>{escape(shown(cell, places))}</td>"
+            for cell, places in zip(row, digits, strict=True)
+        )
+        + "</tr>"
         for row in table.rows
     )
     whole = f'<div class="wide"><table><tr>{head}</tr>{body}</table></div>'
@@ -154,10 +162,14 @@ def shown(cell: Cell, digits: int) -> str:
     """Return a cell as text; what is missing as a dash."""
     if isinstance(cell, Spread):
         spread = f" ± {cell.sd:.{digits}f}" if cell.count > 1 else ""
-        return f"{cell.mean:.{digits}f}{spread}" if isfinite(cell.mean) else MISSING
+        return f"{_rounded(cell.mean, digits)}{spread}" if isfinite(cell.mean) else MISSING
     if isinstance(cell, float | int):
-        return f"{cell:.{digits}f}" if isfinite(cell) else MISSING
+        return _rounded(cell, digits) if isfinite(cell) else MISSING
     return MISSING if cell is None else cell
+
+
+def _rounded(value: float, digits: int) -> str:
+    return f"{round(value, digits) + 0.0:.{digits}f}"  # without the sign of -0.0
 
 
 def _headline(headline: Headline) -> str:

@@ -9,7 +9,7 @@ from typing import Literal
 
 # Where a figure comes from. `simulated`: detections are simulated, on real or simulated motion.
 Basis = Literal["paper", "measured", "modelled", "simulated"]
-Kind = Literal["lines", "bars", "stacked", "steps", "limbs"]
+Kind = Literal["lines", "bars", "stacked", "points", "steps", "limbs"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +44,7 @@ class Table:
         title: what it shows.
         columns: headings.
         rows: cells in the order of the columns; None where there is nothing to say.
-        digits: decimals of numbers.
+        digits: decimals of numbers, of all columns or of each.
         folded: whether the report shows it only where it is asked for.
     """
 
@@ -52,7 +52,7 @@ class Table:
     title: str
     columns: tuple[str, ...]
     rows: tuple[tuple[Cell, ...], ...]
-    digits: int = 1
+    digits: int | tuple[int, ...] = 1
     folded: bool = False
 
 
@@ -63,7 +63,7 @@ class Line:
     Attributes:
         name: in the legend.
         basis: where its figures come from.
-        x: places; names for bars.
+        x: places; names for bars and points.
         y: values; NaN leaves a gap.
         low: lower ends of an interval about each value; none if empty.
         high: upper ends likewise.
@@ -89,8 +89,9 @@ class Panel:
         x_title: of the axis.
         y_title: likewise.
         lines: what it shows.
-        kind: how it is drawn; `steps` shows which of some rows holds in each slot, `limbs` draws
-            people as lines in the plane, y downward where it is pixels.
+        kind: how it is drawn; `points` marks values above names where bars from 0 would hide what
+            differs, `steps` shows which of some rows holds in each slot, `limbs` draws people as
+            lines in the plane, y downward where it is pixels.
         y_second: title of the axis on the right.
         logarithmic: whether the x axis is.
         logarithmic_y: whether the y axis is.

@@ -31,6 +31,7 @@ def section(scale: Scale, made: Made) -> Section:
             Table("table", "T", ("row", "PCP"), (
                 ("x", Spread(95.04, 0.5, 3)), ("y", None), ("z", Spread(1, 0, 1)),
             )),
+            Table("small", "S", ("row", "PCP", "IoU"), (("x", 95.04, -0.0001),), (0, 1, 3)),
             Table("long", "All <rows>", ("row", "PCP"), (("x", 1.0),), folded=True),
         ),
         panels=(
@@ -39,6 +40,11 @@ def section(scale: Scale, made: Made) -> Section:
                 Line("paper", "paper", names, (1, 2)), Line("here", "modelled", names, (2, 3)),
             ), kind="bars"),
             Panel("stack", "S", "", "W", (Line("cpu", "modelled", names, (1, 2)),), kind="stacked"),
+            Panel("points", "Q", "", "PCP, %", (
+                Line("paper", "paper", names, (94, 95)),
+                Line("here, in words that fill a line of the legend", "measured", names, (93, 96),
+                     (92, 95), (94, 97)),
+            ), kind="points"),
             Panel("decades", "D", "x", "mm", (
                 Line("one", "simulated", (1, 2, 3), (20, 50, 190)),
             ), logarithmic_y=True),
@@ -94,7 +100,7 @@ def test_words_are_escaped_and_skipped_items_say_why(folder: Path) -> None:
 
 
 def test_every_panel_is_a_picture_and_a_csv(folder: Path) -> None:
-    for name in ("lines", "bars", "stack", "decades", "steps", "limbs"):
+    for name in ("lines", "bars", "stack", "points", "decades", "steps", "limbs"):
         assert (folder / "figures" / f"{name}.svg").read_text().startswith("<?xml")
     assert "(modelled)" in (folder / "figures" / "bars.svg").read_text()
     ticks = (folder / "figures" / "decades.svg").read_text()
@@ -111,6 +117,16 @@ def test_a_table_keeps_its_spread(folder: Path) -> None:
         ["y", "", ""],
         ["z", "1", ""],
     ]
+
+
+def test_columns_have_their_own_decimals_and_zero_no_sign(folder: Path) -> None:
+    page = (folder / "report.html").read_text()
+    assert "<td>x</td><td>95.0</td><td>0.000</td>" in page
+
+
+def test_what_an_axis_does_not_name_is_not_said(folder: Path) -> None:
+    page = (folder / "report.html").read_text()
+    assert 'alt="B: W"' in page and 'alt="L: y against x"' in page
 
 
 def test_a_long_table_is_folded(folder: Path) -> None:
