@@ -8,6 +8,7 @@ from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
 
 from e3pose.estimate.per_slot.fuse import Fuser
 from e3pose.evaluate import metrics
@@ -22,6 +23,7 @@ Floats = NDArray[np.float64]
 Limbs = list[list[float]]  # of one person: both ends of each limb that is known
 
 CHOSEN = 3
+SAME_PX, SAME_M = 150.0, 0.5  # within which two are the same person
 TRUNK = ((8, 9), (2, 3), (8, 2), (9, 3))  # of Shelf-14, for the eye
 
 
@@ -48,7 +50,8 @@ class Scene:
         slot: which.
         chosen: the three cameras.
         error_mm: mean error with all cameras, and with these.
-        seen: people by camera, pixels `u0 v0 u1 v1` of each limb.
+        seen: people by camera, pixels `u0 v0 u1 v1` of each limb; here and below in the order of
+            the people from three cameras, without limbs where one of them lacks, others after them.
         projected: the people from three cameras, likewise.
         people: by what they are from, `all`, `chosen` and `truth`; metres `x0 y0 z0 x1 y1 z1`.
     """
@@ -95,19 +98,45 @@ def scene(sources: Sources, asked: SceneAsked) -> Scene:
     joints_m, shelf_m = fused(slot, cameras)
     limbs = recording.skeleton.limbs
     shelf = [pair for pair in (*LIMBS, *TRUNK) if max(pair) < len(truth.skeleton)]
-    views = [recording.view(slot, camera) for camera in everyone]
+    projected = [camera.project(joints_m) for camera in recording.rig.cameras]
+    seen = []
+    for camera in everyone:
+        view = recording.view(slot, camera)
+        keypoints_px = projected[camera][:0] if view is None else view.keypoints_px
+        seen.append(limbs_of(in_order(keypoints_px, projected[camera], SAME_PX), limbs))
     return Scene(
         slot,
         list(cameras),
         errors_mm,
-        [limbs_of(np.zeros((0, 1, 2)) if v is None else v.keypoints_px, limbs) for v in views],
-        [limbs_of(camera.project(joints_m), limbs) for camera in recording.rig.cameras],
+        seen,
+        [limbs_of(each, limbs) for each in projected],
         {
-            "all": limbs_of(fused(slot, everyone)[1], shelf),
+            "all": limbs_of(in_order(fused(slot, everyone)[1], shelf_m, SAME_M), shelf),
             "chosen": limbs_of(shelf_m, shelf),
-            "truth": limbs_of(truth.joints_m[slot], shelf),
+            "truth": limbs_of(in_order(truth.joints_m[slot], shelf_m, SAME_M), shelf),
         },
     )
+
+
+def in_order(people: Floats, like: Floats, within: float) -> Floats:
+    """Return people in the order of others, so that one person has one colour in all pictures.
+
+    Args:
+        people: `(num_people, num_joints, 2 or 3)`, NaN where a joint is not known.
+        like: `(num_others, num_joints, 2 or 3)` likewise.
+        within: mean distance up to which two are the same, in the same unit.
+
+    Returns:
+        `(num_others + num_new, num_joints, 2 or 3)`: NaN where nobody is like one of the others,
+        people who are like none of them after these.
+    """
+    people = people[np.isfinite(people).any(axis=(1, 2))]
+    mean = metrics.mean_errors_m(people, like)
+    rows, columns = linear_sum_assignment(np.minimum(mean, 2 * within))
+    same = mean[rows, columns] <= within
+    ordered = np.full_like(like, np.nan)
+    ordered[columns[same]] = people[rows[same]]
+    return np.concatenate([ordered, np.delete(people, rows[same], axis=0)])
 
 
 def _error_mm(joints_m: Floats, wanted_m: Floats) -> float:

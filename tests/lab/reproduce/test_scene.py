@@ -50,10 +50,24 @@ def test_a_panel_for_each_camera_and_two_in_three_dimensions() -> None:
 
     found = section(Scale(), made)  # type: ignore[arg-type]
     assert [panel.name for panel in found.panels] == [
-        *(f"scene-camera{number}" for number in range(1, 6)), "scene-all", "scene-chosen",
+        *(f"scene-camera{number}" for number in range(5)), "scene-all", "scene-chosen",
     ]  # fmt: skip
     first, last = found.panels[0], found.panels[-1]
     assert [line.second for line in first.lines] == [False, True]
     assert [line.second for line in last.lines] == [False, True, True]
     assert first.lines[0].x[:2] == (1.0, 3.0) and math.isnan(float(first.lines[0].x[2]))
-    assert "cameras 2, 3, 4 50 mm" in found.ours
+    assert "cameras 1, 2, 3 50 mm" in found.ours
+
+
+def test_people_are_put_in_the_order_of_others() -> None:
+    rng = np.random.default_rng(0)
+    like = rng.normal(size=(3, 5, 3)) + 10.0 * np.arange(3)[:, None, None]
+    stranger, empty = like[:1] + 100.0, np.full((1, 5, 3), np.nan)
+    people = np.concatenate([stranger, like[2:] + 0.01, empty, like[:1]])
+    people[3, 2] = np.nan  # a joint that nobody saw
+    found = in_order(people, like, 0.5)
+    assert np.isnan(found[1]).all()  # nobody is like the second
+    expected = np.concatenate([like[:1], like[1:2] * np.nan, like[2:] + 0.01, stranger])
+    expected[0, 2] = np.nan
+    np.testing.assert_array_equal(found, expected)
+    assert in_order(people[:0], like, 0.5).shape == like.shape
