@@ -69,6 +69,14 @@ class Asked:
     fps: float = 0.0
 
 
+# Keys of `Run.pcp`, and what each counts.
+READINGS = {
+    "estimated": "as estimated",
+    "shown": "filled",
+    "skipped": "limbs without an estimate not counted",
+}
+
+
 @dataclass(frozen=True, slots=True)
 class Run:
     """What came of a replay.

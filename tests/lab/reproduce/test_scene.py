@@ -13,7 +13,7 @@ from e3pose.recording import Recording, Truth
 from e3pose.simulate import SceneSettings, simulate
 from e3pose_lab.reproduce.items.base import Scale
 from e3pose_lab.reproduce.items.scene import section
-from e3pose_lab.reproduce.scene import Scene, SceneAsked, scene
+from e3pose_lab.reproduce.scene import Scene, SceneAsked, in_order, scene
 from e3pose_lab.reproduce.sources import Sources
 
 
