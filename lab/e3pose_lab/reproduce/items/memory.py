@@ -72,9 +72,9 @@ def section(scale: Scale, made: Made) -> Section:
         paper="E3Pose holds about as much memory as SA, slightly less, because cameras that do "
         "not detect keep their network in memory; memory rises slightly with the people in the "
         "scene. The paper shows a figure without numbers, of its camera devices.",
-        ours=f"From {few} to {many} people per camera goes from {least.camera_rss:.1f} to "
-        f"{most.camera_rss:.1f} MB and the edge from {least.edge_rss:.0f} to {most.edge_rss:.0f} "
-        f"MB with E3Pose; with SA and {many} people they hold {all_on.camera_rss:.1f} and "
+        ours=f"With E3Pose a camera holds {least.camera_rss:.1f} MB with {few} person in the scene "
+        f"and {most.camera_rss:.1f} MB with {many}, the edge {least.edge_rss:.0f} and "
+        f"{most.edge_rss:.0f} MB; with SA and {many} people they hold {all_on.camera_rss:.1f} and "
         f"{all_on.edge_rss:.0f} MB. {with_network}",
         why="The same holds here, and for the same reason: selection changes what a camera does, "
         "not what it keeps. The processes are mostly libraries, compiled code and, with "
