@@ -57,9 +57,10 @@ def pytest_sessionstart(session: pytest.Session) -> None:
     config = session.config
     if not config.getoption("numprocesses", None) or hasattr(config, "workerinput"):
         return
-    from e3pose.runtime.kernel import PREDICTOR_SOURCES, SELECTION_SOURCES, sources_stamp
+    from e3pose.evaluate import replay
+    from e3pose.runtime.kernel_cache import stamp_of
 
-    stamp = sources_stamp((*SELECTION_SOURCES, *PREDICTOR_SOURCES))
+    stamp = stamp_of(Path(replay.__file__).resolve())
     cache = getattr(config, "cache", None)
     if cache is None:
         compile_kernels()

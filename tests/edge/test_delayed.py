@@ -42,13 +42,13 @@ def test_smoothing_compiles_nothing_more_once_it_is_warm() -> None:
     kernels: tuple[Any, ...] = (move_all, keep_all)
     delayed = Delayed(scene().skeleton.joints, 3)
     delayed.warm_up()
-    ready = [len(kernel.signatures) for kernel in kernels]
+    ready = [len(kernel.compiled.signatures) for kernel in kernels]
     people: list[People] = []
     records = list(replay(scene(), ReplaySettings(num_selected=2), publish=people.append))
     posteriors = [each.posterior for each in people if each.posterior is not None]
     found = [delayed.push(*each) for each in zip(records, posteriors, strict=True)]
     assert any(late is not None and len(late.poses) for late in found) and all(ready)
-    assert [len(kernel.signatures) for kernel in kernels] == ready
+    assert [len(kernel.compiled.signatures) for kernel in kernels] == ready
 
 
 def test_slots_come_as_late_as_in_a_replay() -> None:

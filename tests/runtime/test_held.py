@@ -39,7 +39,7 @@ def test_a_kernel_works_on_the_arrays_that_are_held() -> None:
 def test_other_values_of_the_same_kinds_need_no_other_kernel() -> None:
     for factor in (1.0, 2.0):
         scale(hold(Outer(Inner(np.ones(3), factor), np.array([0]))))
-    assert len(scale.signatures) == 1  # type: ignore[attr-defined]
+    assert len(scale.compiled.signatures) == 1  # type: ignore[attr-defined]
 
 
 def test_arrays_live_as_long_as_what_holds_them() -> None:

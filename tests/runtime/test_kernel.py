@@ -1,50 +1,105 @@
-"""When a compiled kernel on disk may be used again."""
+"""When a compiled kernel on disk may be used again, and what declaring one costs."""
 
 from __future__ import annotations
 
-import ast
+import subprocess
+import sys
+import threading
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
-from tests.test_docs import ROOT
 
-from e3pose.estimate.filter.kernels.step import step_slot
-from e3pose.runtime import kernel as compiling
+from e3pose.estimate.filter.kernels import bias, step
+from e3pose.estimate.per_slot import slot
+from e3pose.predict.kernels import prediction
+from e3pose.runtime import kernel_cache
+from e3pose.runtime.kernel import kernel
+from e3pose.runtime.kernel_cache import KernelCache, sources_of, stamp_of
+from e3pose.select.kernels import foresight
 
 
-def test_kernel_on_disk_is_stamped_with_sources_and_constants() -> None:
-    names = {path.name for path in compiling.FILTER_SOURCES}
-    assert {"step.py", "update.py", "undistort.py", "triangulate.py"} <= names
-    stamp = compiling.sources_stamp(compiling.FILTER_SOURCES)
-    assert step_slot._cache._cache_file._source_stamp == stamp  # type: ignore[attr-defined]
-    assert compiling.sources_stamp(compiling.FILTER_SOURCES[:-1]) != stamp
+@kernel
+def thrice(values: Any) -> float:
+    return 3 * float(values.sum())
 
 
 @pytest.mark.parametrize(
-    ("kernels", "sources"),
+    ("declared", "taken_over"),
     [
-        ("estimate/filter/kernels", compiling.FILTER_SOURCES),
-        ("select/kernels", compiling.SELECTION_SOURCES),
-        ("predict/kernels", compiling.PREDICTOR_SOURCES),
+        (step, {"step.py", "update.py", "undistort.py", "triangulate.py", "outliers.py"}),
+        (slot, {"slot.py", "pairs.py", "triangulate.py", "undistort.py", "distortion.py"}),
+        (foresight, {"foresight.py", "people.py", "carry.py", "blindness.py"}),
+        (prediction, {"network.py", "layers.py", "history.py"}),
     ],
 )
-def test_constants_that_kernels_take_over_are_in_the_stamp(
-    kernels: str, sources: tuple[Path, ...]
+def test_kernel_on_disk_is_stamped_with_all_that_it_takes_over(
+    declared: Any, taken_over: set[str]
 ) -> None:
-    """A constant has a name in capitals; a kernel on disk would keep an old one."""
-    package = ROOT / "src" / "e3pose"
-    stamped = {path.relative_to(package).with_suffix("") for path in sources}
-    for path in (package / kernels).glob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text())):
-            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("e3pose."):
-                constants = [each.name for each in node.names if each.name.isupper()]
-                module = Path(*(node.module or "").split(".")[1:])
-                assert not constants or module in stamped, f"{path.name}: {module} {constants}"
+    sources = {path.name for path in sources_of(Path(declared.__file__).resolve())}
+    assert {*taken_over, "kernel.py", "dispatcher.py", "kernel_cache.py"} <= sources
 
 
-def test_index_on_disk_of_another_version_is_stale_and_no_error() -> None:
+def test_no_kernel_is_stamped_with_what_it_does_not_import() -> None:
+    sources = {path.name for path in sources_of(Path(bias.__file__).resolve())}
+    assert "foresight.py" not in sources and "step.py" not in sources
+
+
+def test_a_changed_source_makes_another_stamp(tmp_path: Path) -> None:
+    path = tmp_path / "law.py"
+    stamps = set()
+    for text in ("A = 1\n", "A = 2\n", "from e3pose.estimate.filter import bias\nA = 2\n"):
+        path.write_text(text)
+        for cached in (kernel_cache._imported, sources_of, stamp_of):
+            cached.cache_clear()
+        stamps.add(stamp_of(path))
+    assert len(stamps) == 3
+
+
+def test_numba_keeps_a_kernel_under_its_stamp() -> None:
+    kept = step.step_slot.compiled._cache  # type: ignore[attr-defined]
+    assert isinstance(kept, KernelCache)
+    assert kept._cache_file._source_stamp == stamp_of(Path(step.__file__).resolve())
+
+
+def test_index_on_disk_of_another_version_is_stale_and_no_error(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    thrice(np.ones(2))
+    dispatcher: Any = thrice.compiled  # type: ignore[attr-defined]
+    kept, (types,) = dispatcher._cache, dispatcher.overloads
+    assert kept.is_filled() and kept.load_overload(types, dispatcher.targetctx) is not None
+
     def broken() -> dict[object, str]:
         raise AttributeError("Can't get attribute 'Scratch'")
 
-    assert compiling._or_nothing(broken)() == {}
-    assert compiling._or_nothing(lambda: {1: "file"})() == {1: "file"}
+    monkeypatch.setattr(kept._cache_file, "_load_index", broken)
+    assert not kept.is_filled() and kept.load_overload(types, dispatcher.targetctx) is None
+    kept.save_overload(types, dispatcher.overloads[types])  # as beside a program of that version
+    monkeypatch.undo()
+    assert not kept.is_filled()  # emptied, so that the next one can be kept
+
+
+def test_declaring_a_kernel_imports_no_compiler() -> None:
+    code = "import sys, e3pose.runtime.kernel; print('numba' in sys.modules)"
+    output = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout
+    assert output.strip() == "False"
+
+
+def test_threads_that_call_a_new_kernel_share_what_is_compiled() -> None:
+    @kernel
+    def doubled(value: float) -> float:
+        return 2 * value
+
+    found: list[tuple[float, int]] = []
+
+    def call() -> None:
+        found.append((doubled(2.0), id(doubled.compiled)))  # type: ignore[attr-defined]
+
+    threads = [threading.Thread(target=call) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert {value for value, _ in found} == {4.0} and len({made for _, made in found}) == 1

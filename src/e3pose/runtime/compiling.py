@@ -7,8 +7,6 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from numba.core import event
-
 # Of a first start, in units of an ordinary part: see docs/experiments/2026-11-23-first-start.md.
 WEIGHTS = {"step_slot": 40.0, "predict_tracks": 20.0}
 SHOWN_FROM = 0.03  # of the work; before, an estimate of the rest says little
@@ -36,8 +34,8 @@ def words(rest_s: float | None) -> str:
     return f"compiling: {max(5 * round(rest_s / 5), 5)} s left"
 
 
-class Compiling(event.Listener):  # type: ignore[misc]  # untyped
-    """Follows what is compiled in this process."""
+class Compiling:
+    """Follows what is compiled in this process; `dispatcher` makes numba tell it."""
 
     def __init__(self) -> None:
         self._expected: dict[Callable[..., Any], float] = {}
@@ -49,22 +47,19 @@ class Compiling(event.Listener):  # type: ignore[misc]  # untyped
         """Add a function that may have to be compiled."""
         self._expected[function] = WEIGHTS.get(function.__name__, 1.0)
 
-    def on_start(self, event: Any) -> None:
-        """Note that a function is being compiled."""
-        if event.data["dispatcher"].py_func not in self._expected:
+    def notify(self, event: Any) -> None:
+        """Take an event of numba: a function is about to be compiled, or is compiled."""
+        function = event.data["dispatcher"].py_func
+        if function not in self._expected:
+            return
+        if event.is_end:
+            self._active -= 1
+            self._done.add(function)
+            self._log()
             return
         if self._begun_s is None:
             self._begun_s = time.monotonic()
         self._active += 1
-        self._log()
-
-    def on_end(self, event: Any) -> None:
-        """Note that it is compiled."""
-        function = event.data["dispatcher"].py_func
-        if function not in self._expected:
-            return
-        self._active -= 1
-        self._done.add(function)
         self._log()
 
     @property
@@ -88,4 +83,3 @@ class Compiling(event.Listener):  # type: ignore[misc]  # untyped
 
 
 COMPILING = Compiling()
-event.register("numba:compile", COMPILING)

@@ -6,21 +6,32 @@ hundred functions, six calls deep: their code would be optimised and generated a
 a function that a kernel calls stays unoptimised code without an entry, until the kernel at the root
 is linked, optimised and generated as a whole. Only that one is kept on disk.
 
-This looks inside of numba. `kernel` takes plain numba where that has changed.
+This looks inside of numba. `dispatcher_of` takes plain numba where that has changed.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from typing import Any
 
 import llvmlite.binding as llvm
+import numba
 from numba import types
-from numba.core import cpu
+from numba.core import cpu, event
 from numba.core.caching import NullCache
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Flags, compile_extra
 from numba.core.registry import CPUDispatcher
+from numba.extending import typeof_impl
+
+from e3pose.runtime.compiling import COMPILING, Compiling
+from e3pose.runtime.kernel import Kernel
+from e3pose.runtime.kernel_cache import KernelCache
+
+# Of the fast-math flags only `contract` is safe: it fuses a product and a sum, with one rounding
+# where the reference has two. Reordering or ignoring NaN would break the agreement.
+OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": {"contract"}}
 
 
 class Part(JITCodeLibrary):  # type: ignore[misc]
@@ -162,3 +173,30 @@ def _executable(self: Any, library: Any, fndesc: Any, env: Any) -> Any:
 
 
 cpu.CPUContext.get_executable = _executable
+
+
+def dispatcher_of(function: Callable[..., Any]) -> Any:
+    """Return what compiles a function and calls it; kept on disk where it can be written."""
+    try:
+        made = KernelDispatcher(function, targetoptions={**OPTIONS, "nopython": True})
+    except AttributeError:  # another numba: compile each time
+        return numba.njit(**OPTIONS)(function)
+    with suppress(RuntimeError, OSError):  # nowhere to write, or no files to stamp
+        made._cache = KernelCache(function)
+    return made
+
+
+def is_kept(dispatcher: Any) -> bool | None:
+    """Return whether a compiled form is on disk; None where none can be kept."""
+    kept = getattr(dispatcher, "_cache", None)
+    return kept.is_filled() if isinstance(kept, KernelCache) else None
+
+
+@typeof_impl.register(Kernel)  # type: ignore[untyped-decorator]
+def _type_of_kernel(kernel: Any, context: Any) -> Any:
+    """Tell numba what a kernel that another one calls is."""
+    return types.Dispatcher(kernel.compiled)
+
+
+event.Listener.register(Compiling)
+event.register("numba:compile", COMPILING)

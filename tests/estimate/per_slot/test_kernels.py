@@ -15,13 +15,11 @@ from numpy.typing import NDArray
 from tests.reference.fuse import ReferenceFuser
 from tests.reference.triangulate import noise_px
 
-from e3pose.estimate.per_slot import slot
 from e3pose.estimate.per_slot import triangulate as place
 from e3pose.estimate.per_slot.fuse import Fuser, Fusion, FusionSettings
 from e3pose.estimate.per_slot.fusion import MATCHERS
 from e3pose.estimate.per_slot.nullspace import null_vector
 from e3pose.geometry.camera import Camera, Rig
-from e3pose.runtime import kernel as compiling
 
 pytestmark = pytest.mark.slow
 
@@ -207,15 +205,6 @@ def test_fusers_of_several_threads_do_not_disturb_each_other() -> None:
     for thread in threads:
         thread.join()
     assert not wrong
-
-
-def test_kernel_on_disk_is_stamped_with_all_sources() -> None:
-    names = {path.name for path in compiling.SOURCES}
-    assert {"slot.py", "pairs.py", "triangulate.py", "undistort.py"} <= names
-    assert {"pose.py", "distortion.py"} <= names
-    assert all(path.exists() for path in compiling.SOURCES)
-    cache_file = slot.fuse_slot._cache._cache_file  # type: ignore[attr-defined]
-    assert cache_file._source_stamp == compiling.sources_stamp()
 
 
 def test_kernels_compile_where_nothing_can_be_written() -> None:

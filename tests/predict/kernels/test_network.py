@@ -9,7 +9,6 @@ import pytest
 from numpy.typing import NDArray
 from tests.reference import attention_network as runtime
 
-import e3pose.runtime.kernel as compiling
 from e3pose.model.skeleton import COCO17
 from e3pose.predict.attention_lstm import AttentionLstm
 from e3pose.predict.calibration import read_curves
@@ -77,10 +76,3 @@ def test_expected_errors_are_interpolated_as_in_numpy() -> None:
     for log_error in np.linspace(-4, -1, 31):
         expected = 2 * np.exp(np.interp(log_error, curve[0][0], curve[1][0]))
         assert calibrated(log_error, 3, curves) == pytest.approx(expected)
-
-
-def test_kernel_on_disk_is_stamped_with_its_sources() -> None:
-    names = {path.name for path in compiling.PREDICTOR_SOURCES}
-    assert {"network.py", "layers.py", "history.py", "tracks.py", "kernel.py"} <= names
-    stamp = compiling.sources_stamp(compiling.PREDICTOR_SOURCES)
-    assert run_network._cache._cache_file._source_stamp == stamp  # type: ignore[attr-defined]

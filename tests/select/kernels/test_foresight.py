@@ -9,11 +9,9 @@ from tests.reference import expected_information as plain
 from tests.reference import newcomers
 from tests.rigs import looking
 
-import e3pose.runtime.kernel as compiling
 from e3pose.estimate.base import Outlook
 from e3pose.model.noise import ErrorMemory
 from e3pose.select.expected_information import Foresight, foresee
-from e3pose.select.kernels.foresight import foresee_views
 from e3pose.select.newcomers import expected_entrants
 
 Flags = NDArray[np.bool_]
@@ -104,10 +102,3 @@ def test_entrants_are_those_of_numpy(seed: int) -> None:
     np.testing.assert_allclose(found.others, expected.others)
     np.testing.assert_allclose(found.weights, expected.weights)
     np.testing.assert_allclose(found.starts(subsets()), newcomers.starts(expected, subsets()))
-
-
-def test_kernel_on_disk_is_stamped_with_its_sources() -> None:
-    names = {path.name for path in compiling.SELECTION_SOURCES}
-    assert {"foresight.py", "people.py", "carry.py", "blindness.py", "kernel.py"} <= names
-    stamp = compiling.sources_stamp(compiling.SELECTION_SOURCES)
-    assert foresee_views._cache._cache_file._source_stamp == stamp  # type: ignore[attr-defined]

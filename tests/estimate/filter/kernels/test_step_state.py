@@ -61,7 +61,7 @@ def test_views_of_read_only_and_strided_arrays_compile_nothing_new() -> None:
     views, time_s = seen(ring(), 5)[10]
     belief, _ = KERNEL(model(), Belief.empty(model()), views, 0.0)
     expected, _ = KERNEL(model(), belief, views, time_s)
-    versions = len(step_slot.signatures)  # type: ignore[attr-defined]
+    versions = len(step_slot.compiled.signatures)  # type: ignore[attr-defined]
     strided = {}
     for camera, view in views.items():
         keypoints = np.asfortranarray(view.keypoints_px)
@@ -71,7 +71,7 @@ def test_views_of_read_only_and_strided_arrays_compile_nothing_new() -> None:
     frozen.covariance.flags.writeable = False
     found, _ = KERNEL(model(), frozen, strided, time_s)
     assert_agree(found, expected)
-    assert len(step_slot.signatures) == versions  # type: ignore[attr-defined]
+    assert len(step_slot.compiled.signatures) == versions  # type: ignore[attr-defined]
 
 
 def test_one_kernel_serves_several_models() -> None:
