@@ -14,7 +14,7 @@ from tests.estimate.filter.room import BODY
 from e3pose.estimate.base import STEER_SLOTS, People
 from e3pose.estimate.filter import Model
 from e3pose.estimate.filter.estimator import Filtered
-from e3pose.estimate.filter.kernels.step import StepKernel
+from e3pose.estimate.filter.step import StepKernel
 from e3pose.estimate.per_slot.estimator import PerSlot
 from e3pose.estimate.per_slot.fuse import Fuser
 from e3pose.geometry.camera import Camera, Rig

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from bench_fuse import Workload, make_workload, workloads
 from e3pose.estimate.filter import Belief, Estimate, Model
-from e3pose.estimate.filter.kernels.step import StepKernel
+from e3pose.estimate.filter.step import StepKernel
 from e3pose.model.noises import load_noise
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from e3pose.estimate.filter import Model
 from e3pose.estimate.filter.estimator import Filtered
-from e3pose.estimate.filter.kernels.step import StepKernel
+from e3pose.estimate.filter.step import StepKernel
 from e3pose.estimate.per_slot.fuse import Fuser, FusionSettings
 from e3pose.estimate.per_slot.track import Tracks, update_tracks
 from e3pose.model.noises import load_noise

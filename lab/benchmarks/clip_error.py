@@ -35,7 +35,7 @@ from scipy.ndimage import maximum_filter1d
 from scipy.optimize import linear_sum_assignment
 
 from e3pose.estimate.filter import Noise
-from e3pose.estimate.filter.proportions import proportions_of
+from e3pose.estimate.filter.bones import proportions_of
 from e3pose.estimate.filter.tree import grow
 from e3pose.evaluate.faults import downsampled
 from e3pose.evaluate.metrics import mean_errors_m

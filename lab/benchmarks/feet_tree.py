@@ -7,7 +7,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from e3pose.estimate.filter import proportions, tree
+from e3pose.estimate.filter import bones as bones_of
+from e3pose.estimate.filter import tree
 from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.simulate import SceneSettings, simulate
 from e3pose.simulate.feet import with_skeleton
@@ -34,8 +35,8 @@ def head_on_nose() -> None:
 def bones() -> None:
     """Learn the lengths of the bones of feet, too, with the top of the head on the nose."""
     head_on_nose()
-    more = ((f"{s}_{a}", f"{s}_{b}") for s in proportions.SIDES for a, b in FOOT_BONES)
-    vars(proportions)["STIFF"] = (*proportions.STIFF, *more)
+    more = ((f"{s}_{a}", f"{s}_{b}") for s in bones_of.SIDES for a, b in FOOT_BONES)
+    vars(bones_of)["STIFF"] = (*bones_of.STIFF, *more)
 
 
 def no_lengths() -> None:

@@ -36,8 +36,8 @@ def scene() -> Recording:
 
 
 def test_smoothing_compiles_nothing_more_once_it_is_warm() -> None:
-    from e3pose.estimate.filter.kernels.motion import move_all
-    from e3pose.estimate.filter.kernels.proportions import keep_all
+    from e3pose.estimate.filter.motion import move_all
+    from e3pose.estimate.filter.proportions import keep_all
 
     kernels: tuple[Any, ...] = (move_all, keep_all)
     delayed = Delayed(scene().skeleton.joints, 3)

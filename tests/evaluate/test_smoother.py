@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from e3pose.estimate.filter.proportions import proportions_of
+from e3pose.estimate.filter.bones import proportions_of
 from e3pose.estimate.filter.tree import grow
 from e3pose.evaluate.smoother import project_all, smooth
 from e3pose.simulate import DetectorSettings, SceneSettings, simulate

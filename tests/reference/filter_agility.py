@@ -9,7 +9,8 @@ from tests.reference.filter_update import Sightings, pixel_variance
 
 from e3pose.estimate.filter.agility import FURTHEST, LASTS_S, RATE, STALE_S
 from e3pose.estimate.filter.outliers import OUTLIER_SIGMAS
-from e3pose.estimate.filter.state import MIN_SCORE, Belief, Flags, Ints
+from e3pose.estimate.filter.projected import USED_SCORE
+from e3pose.estimate.filter.state import Belief, Flags, Ints
 from e3pose.geometry.projection import MIN_DEPTH_M, project
 
 
@@ -34,7 +35,7 @@ def learn(belief: Belief, seen: Sightings, cameras: Ints, dt: float) -> Belief:
         total = total + (error**2).sum(axis=-1) / OUTLIER_SIGMAS**2
         for view, camera in enumerate(cameras.tolist()):
             other = np.asarray(fresh & (belief.last_seen_s[:, camera] > newest_s))
-            usable = (seen.scores[view] > MIN_SCORE) & (depth[view] > MIN_DEPTH_M)
+            usable = (seen.scores[view] > USED_SCORE) & (depth[view] > MIN_DEPTH_M)
             usable &= np.broadcast_to(other, (1, len(belief))).T
             alike = (error[view] * moved[view]).sum(axis=-1) / total[view]
             step = np.where(usable, RATE * np.clip(alike, -1, 1), 0.0)

@@ -8,7 +8,7 @@ from scipy.optimize import linear_sum_assignment
 from tests.reference.filter_sides import exchanged_limbs, order
 from tests.reference.filter_update import pixel_variance
 
-from e3pose.estimate.filter.kernels.associate import (
+from e3pose.estimate.filter.associate import (
     BIAS_PX,
     COST_LIMIT,
     COST_USUAL,
@@ -16,7 +16,8 @@ from e3pose.estimate.filter.kernels.associate import (
     MIN_JOINTS,
     NEVER,
 )
-from e3pose.estimate.filter.state import MIN_SCORE, Belief, Model
+from e3pose.estimate.filter.projected import USED_SCORE
+from e3pose.estimate.filter.state import Belief, Model
 from e3pose.geometry.projection import MIN_DEPTH_M, project
 
 Floats = NDArray[np.float64]
@@ -101,7 +102,7 @@ def costs(
     variance = variance + (BIAS_PX * model.scales[camera]) ** 2
     vague = 0.5 * np.log1p(spread[:, None] / variance)
     variance = variance + spread[:, None]  # (num_tracks, num_persons, num_joints)
-    shown = (scores > MIN_SCORE) & (depth[0] > MIN_DEPTH_M)[:, None]
+    shown = (scores > USED_SCORE) & (depth[0] > MIN_DEPTH_M)[:, None]
     error = np.where(shown[..., None], keypoints_px - pixels[0][:, None], 0.0)
     distance = np.minimum(np.sqrt((error**2).sum(axis=-1) / variance), JOINT_LIMIT)
     weight = np.where(shown, scores, 0.0)

@@ -18,7 +18,8 @@ from e3pose.estimate.filter.covariance_inflation import (
     OWN_SHARE,
     STEERED,
 )
-from e3pose.estimate.filter.state import MIN_SCORE, Belief, Ints, Model
+from e3pose.estimate.filter.projected import USED_SCORE
+from e3pose.estimate.filter.state import Belief, Ints, Model
 from e3pose.geometry.projection import MIN_DEPTH_M, project
 
 
@@ -38,7 +39,7 @@ def learn(belief: Belief, seen: Sightings, cameras: Ints, dt: float, model: Mode
     since_s = belief.last_seen_s + dt
     taught = proved(belief, seen, cameras, since_s)
     pixels, depth, jacobian = project(belief.state[..., :3], seen.projections)
-    usable = (seen.scores > MIN_SCORE) & (depth > MIN_DEPTH_M) & taught[:, None]
+    usable = (seen.scores > USED_SCORE) & (depth > MIN_DEPTH_M) & taught[:, None]
     factor = np.where(belief.drift_share == 1.0, ALONE, STEERED)
     doubt = factor**2 * pixel_variance(jacobian, belief.covariance[..., :3, :3])
     terms = bias.memory_terms(model.noise.memory)

@@ -10,7 +10,7 @@ from tests.reference import filter_blindness
 
 from e3pose.estimate.filter import blindness
 from e3pose.estimate.filter.blindness import FASTEST_S
-from e3pose.estimate.filter.kernels.existence import (
+from e3pose.estimate.filter.existence import (
     CHEST_M,
     CONFIRM_CAMERAS,
     CONFIRM_HITS,

@@ -12,7 +12,6 @@ from e3pose.estimate.filter.blindness import PROOF_CAMERAS, PROOF_S
 from e3pose.estimate.filter.learned_noise import (
     ALIKE,
     MEDIAN,
-    MEMORY,
     MIDDLE_SCORE,
     MOST,
     MOST_LEVERAGE,
@@ -22,8 +21,9 @@ from e3pose.estimate.filter.learned_noise import (
 )
 from e3pose.estimate.filter.learned_shift import COUNT, LEAST, PRIOR
 from e3pose.estimate.filter.learned_shift import MOST as FURTHEST
-from e3pose.estimate.filter.outliers import OUTLIER_SIGMAS
-from e3pose.estimate.filter.state import MIN_SCORE, Belief, Flags, Floats, Ints, Model
+from e3pose.estimate.filter.outliers import MEMORY, OUTLIER_SIGMAS
+from e3pose.estimate.filter.projected import USED_SCORE
+from e3pose.estimate.filter.state import Belief, Flags, Floats, Ints, Model
 from e3pose.geometry.projection import MIN_DEPTH_M, project
 
 
@@ -87,7 +87,7 @@ def learn(belief: Belief, seen: Sightings, cameras: Ints, dt: float, model: Mode
     since_s = belief.last_seen_s + dt
     taught = proved(belief, seen, cameras, since_s)
     pixels, depth, jacobian = project(belief.state[..., :3], seen.projections)
-    usable = (seen.scores > MIN_SCORE) & (depth > MIN_DEPTH_M) & taught[:, None]
+    usable = (seen.scores > USED_SCORE) & (depth > MIN_DEPTH_M) & taught[:, None]
     error = np.where(usable[..., None], seen.keypoints_px - pixels, 0.0)
     squares = (error**2).sum(axis=-1)
     doubt = pixel_variance(jacobian, belief.covariance[..., :3, :3])

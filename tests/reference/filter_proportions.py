@@ -1,18 +1,13 @@
-"""The lengths of limbs by proportions of people: the plain form of `kernels/proportions.py`."""
+"""The lengths of limbs by proportions of people: the plain form of `filter/proportions.py`."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.estimate.filter.kernels.proportions import (
-    PASSES,
-    ROUNDING,
-    SHORTEST_M,
-    SWEEPS,
-)
+from e3pose.estimate.filter.bones import Proportions
 from e3pose.estimate.filter.outliers import MEASURED_SIGMAS, OUTLIER_SIGMAS
-from e3pose.estimate.filter.proportions import Proportions
+from e3pose.estimate.filter.proportions import PASSES, ROUNDING, SHORTEST_M, SWEEPS
 from e3pose.model.proportions import (
     LEAST_M,
     MOST_M,

@@ -10,7 +10,7 @@ from tests.reference.filter_blindness import proof
 from tests.reference.filter_motion import places
 
 from e3pose.estimate.filter.blindness import PLAIN
-from e3pose.estimate.filter.kernels.shown import ALONE_S, LEAVES_HZ, SHOWN_SPREAD_M, WALK_MPS
+from e3pose.estimate.filter.shown import ALONE_S, LEAVES_HZ, SHOWN_SPREAD_M, WALK_MPS
 from e3pose.estimate.filter.state import Belief, Model
 from e3pose.estimate.filter.steer import GAIN
 from e3pose.estimate.filter.tree import Tree

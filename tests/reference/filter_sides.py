@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from tests.reference.filter_update import pixel_variance
 
-from e3pose.estimate.filter.kernels.existence import LEARN_RATE
-from e3pose.estimate.filter.kernels.sides import (
+from e3pose.estimate.filter.existence import LEARN_RATE
+from e3pose.estimate.filter.projected import USED_SCORE
+from e3pose.estimate.filter.sides import (
     APART_S,
     ARMS,
     ARMS_ODDS,
@@ -20,7 +21,7 @@ from e3pose.estimate.filter.kernels.sides import (
     PAIR_ODDS,
     SIDE_PX,
 )
-from e3pose.estimate.filter.state import MIN_SCORE, Belief, Model
+from e3pose.estimate.filter.state import Belief, Model
 from e3pose.geometry.projection import MIN_DEPTH_M, project
 
 Floats = NDArray[np.float64]
@@ -51,7 +52,7 @@ def exchanged_limbs(
     middle = (predicted + predicted[..., opposites, :]) / 2
     variance = np.interp(scores, model.noise.scores, knots_px)[None] ** 2
     variance = variance + (SIDE_PX * model.scales[camera]) ** 2
-    shown = scores[None] > MIN_SCORE
+    shown = scores[None] > USED_SCORE
     both = shown & shown[..., opposites]
     found = np.where(shown[..., None], keypoints_px[None], 0.0)
     pair = 2 * ((found - found[..., opposites, :]) * across).sum(axis=-1)

@@ -20,13 +20,14 @@ from tests.reference.filter_sides import order, turn_round
 from tests.reference.filter_update import Sightings, learn_biases, learn_bones, predict, update
 
 from e3pose.estimate.filter import bias
-from e3pose.estimate.filter.kernels.step import (
+from e3pose.estimate.filter.projected import USED_SCORE
+from e3pose.estimate.filter.shown import Estimate, estimate_of
+from e3pose.estimate.filter.state import Belief, Floats, Ints, Leftovers, Model
+from e3pose.estimate.filter.step import (
     LONGEST_S,
     bounded,
     check_slot,
 )
-from e3pose.estimate.filter.shown import Estimate, estimate_of
-from e3pose.estimate.filter.state import MIN_SCORE, Belief, Floats, Ints, Leftovers, Model
 from e3pose.model.pose import MAX_PIXEL, Poses2D
 from e3pose.model.pose import MIN_SCORE as MISSING_SCORE
 
@@ -133,7 +134,7 @@ def _sightings(
 def _information_share(seen: Sightings, knots_px: Floats) -> Floats:
     """Return `(num_views, num_tracks)`: the views' information, as a share of a perfect one's."""
     best = knots_px.min(axis=-1).reshape(-1, 1, 1)
-    share = np.where(seen.scores > MIN_SCORE, (best / seen.sigma_px) ** 2, 0.0)
+    share = np.where(seen.scores > USED_SCORE, (best / seen.sigma_px) ** 2, 0.0)
     return np.asarray(share.mean(axis=-1))
 
 

@@ -11,15 +11,16 @@ from tests.reference.filter_motion import spread
 from tests.reference.filter_tree import Links, conditionals, solve
 
 from e3pose.estimate.filter.bias import memory_terms
-from e3pose.estimate.filter.kernels.update import (
+from e3pose.estimate.filter.motion import places
+from e3pose.estimate.filter.outliers import MEASURED_SIGMAS, OUTLIER_SIGMAS
+from e3pose.estimate.filter.projected import USED_SCORE
+from e3pose.estimate.filter.proportions import BONE_MEMORY, BONE_TEACHERS
+from e3pose.estimate.filter.state import Belief, Ints, Model
+from e3pose.estimate.filter.update import (
     BONE_KNOWN_M,
     ITERATIONS,
     USUAL_SLACK_M,
 )
-from e3pose.estimate.filter.motion import places
-from e3pose.estimate.filter.outliers import MEASURED_SIGMAS, OUTLIER_SIGMAS
-from e3pose.estimate.filter.proportions import BONE_MEMORY, BONE_TEACHERS
-from e3pose.estimate.filter.state import MIN_SCORE, Belief, Ints, Model
 from e3pose.geometry.projection import MIN_DEPTH_M, project
 
 Floats = NDArray[np.float64]
@@ -82,7 +83,7 @@ def update(belief: Belief, seen: Sightings, model: Model) -> Belief:
         for iteration in range(ITERATIONS):
             state = belief.state + moved
             pixels, depth, jacobian = project(state[..., :3], seen.projections)
-            usable = (seen.scores > MIN_SCORE) & (depth > MIN_DEPTH_M)
+            usable = (seen.scores > USED_SCORE) & (depth > MIN_DEPTH_M)
             error = np.where(usable[..., None], seen.keypoints_px - pixels, 0.0)
             variance = (seen.sigma_px * seen.look) ** 2
             doubt = pixel_variance(jacobian, belief.covariance[..., :3, :3])
@@ -106,7 +107,7 @@ def learn_biases(belief: Belief, seen: Sightings, cameras: Ints, dt: float, mode
     """Return the belief after each view of a slot was compared with the updated people."""
     biases, terms = belief.bias_px.copy(), memory_terms(model.noise.memory)
     pixels, depth, jacobian = project(belief.state[..., :3], seen.projections)
-    usable = (seen.scores > MIN_SCORE) & (depth > MIN_DEPTH_M)
+    usable = (seen.scores > USED_SCORE) & (depth > MIN_DEPTH_M)
     error = np.where(usable[..., None], seen.keypoints_px - pixels, 0.0)
     doubt = pixel_variance(jacobian, belief.covariance[..., :3, :3])
     for view, camera in enumerate(cameras.tolist()):

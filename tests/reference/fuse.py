@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 from tests.reference.match import match, match_epipolar, match_tanke_gall
 from tests.reference.triangulate import refine, reprojection_error, triangulate
 
-from e3pose.estimate.per_slot.fuse import Fused, Fuser
+from e3pose.estimate.per_slot.fuse import Fused, Fuser, FusionSettings
 from e3pose.estimate.per_slot.triangulate import MIN_VIEWS
+from e3pose.geometry.camera import Rig
 from e3pose.model.pose import MAX_PIXEL, MIN_SCORE
 
 Floats = NDArray[np.float64]
@@ -21,8 +21,9 @@ Integers = NDArray[np.int64]
 class ReferenceFuser(Fuser):
     """A `Fuser` without a kernel."""
 
-    def _compiled(self) -> Callable[[Floats, Floats, Integers], Fused]:
-        return self._reference
+    def __init__(self, rig: Rig, num_joints: int, settings: FusionSettings | None = None) -> None:
+        super().__init__(rig, num_joints, settings)
+        self._run = self._reference
 
     def _undistort(self, keypoints: Floats, counts: Integers) -> Floats:
         keypoints = keypoints.copy()

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from e3pose.estimate.filter.kernels import bias, step
+from e3pose.estimate.filter import bias, step
 from e3pose.estimate.per_slot import slot
 from e3pose.predict.kernels import prediction
 from e3pose.runtime import kernel_cache

@@ -1,19 +1,19 @@
 """Estimators: the views of a slot -> the people in it."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 from e3pose.estimate.base import Estimator as Estimator
 from e3pose.estimate.base import Outlook as Outlook
 from e3pose.estimate.base import People as People
-from e3pose.estimate.filter import Belief, Estimate, Model, Noise, wait_s
-from e3pose.estimate.filter.estimator import Filtered, FilterStep
+from e3pose.estimate.filter import Model, Noise, wait_s
+from e3pose.estimate.filter.estimator import Filtered
+from e3pose.estimate.filter.step import StepKernel
 from e3pose.estimate.per_slot.estimator import PerSlot
 from e3pose.estimate.per_slot.fuse import Fuser
 from e3pose.estimate.per_slot.fusion import FusionSettings
 from e3pose.geometry.camera import Rig
-from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import Skeleton
 from e3pose.runtime.plugins import made, member
 
@@ -59,23 +59,7 @@ def _per_slot(settings: EstimatorSettings) -> PerSlot:
 def _filtered(settings: EstimatorSettings) -> Filtered:
     waiting_s = wait_s(settings.interval_s, settings.num_selected)
     model = Model(settings.rig, settings.skeleton, settings.noise, waiting_s)
-    return Filtered(model, _Compiled(), settings.history_slots)
-
-
-class _Compiled:
-    """A `StepKernel` made in its first slot: a program that only checks settings needs no numba."""
-
-    def __init__(self) -> None:
-        self._step: FilterStep | None = None
-
-    def __call__(
-        self, model: Model, belief: Belief, views: Mapping[int, Poses2D], time_s: float
-    ) -> tuple[Belief, Estimate]:
-        if self._step is None:
-            from e3pose.estimate.filter.kernels.step import StepKernel
-
-            self._step = StepKernel()
-        return self._step(model, belief, views, time_s)
+    return Filtered(model, StepKernel(), settings.history_slots)
 
 
 GROUP = "e3pose.estimators"  # the entry points of other packages

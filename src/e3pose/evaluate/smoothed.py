@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.estimate.base import Posterior
-from e3pose.estimate.filter.proportions import proportions_of
+from e3pose.estimate.filter.bones import proportions_of
 from e3pose.estimate.filter.tree import grow
 from e3pose.estimate.smooth import SmoothSettings, smoothed
 from e3pose.estimate.smooth.bodies import smooth_bodies

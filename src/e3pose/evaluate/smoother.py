@@ -13,7 +13,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.estimate.filter.proportions import Proportions, expected_m, median_lengths_m
+from e3pose.estimate.filter.bones import Proportions
+from e3pose.estimate.filter.proportions import expected_m, median_lengths_m
 from e3pose.model.proportions import RIGID
 
 Floats = NDArray[np.float64]

@@ -13,13 +13,13 @@ from e3pose.files.bounded import read_bytes
 from e3pose.model.skeleton import Skeleton
 from e3pose.predict.base import Prediction
 from e3pose.predict.normalise import COMMON_JOINTS, LEFT_RIGHT, common_columns
+from e3pose.runtime.held import Held, hold
 
 if TYPE_CHECKING:
     from e3pose.predict.kernels.network import Weights
     from e3pose.predict.kernels.prediction import Parts
     from e3pose.predict.kernels.tracks import Curves
     from e3pose.predict.weights_file import WeightsFile
-    from e3pose.runtime.held import Held
 
 Floats = NDArray[np.float64]
 
@@ -84,8 +84,6 @@ class AttentionLstm:
     def _predict(self, history_m: Floats, interval_s: float, lead_slots: int) -> Prediction:
         """Return the prediction of some tracks."""
         if self._held is None:
-            from e3pose.runtime.held import hold
-
             self._held = hold(self._parts)
         shape = lead_slots, history_m.shape[1], self.num_joints
         joints_m, error_m = np.empty((*shape, 3)), np.empty(shape)

@@ -2,17 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.runtime.deferred import Deferred
-
-if TYPE_CHECKING:
-    from e3pose.predict.kernels import velocity as kernels
-else:
-    kernels = Deferred("e3pose.predict.kernels.velocity")
+from e3pose.predict.kernels import velocity as kernels
 
 Floats = NDArray[np.float64]
 

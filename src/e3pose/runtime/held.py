@@ -7,26 +7,13 @@ which a kernel gets as one pointer.
 
 from __future__ import annotations
 
-from typing import Any, Generic, TypeVar, cast
-
-from numba import types
-from numba.experimental import structref
-
-from e3pose.runtime.kernel import kernel
+from importlib import import_module
+from typing import Protocol, TypeVar, cast
 
 Values = TypeVar("Values")
 
 
-@structref.register
-class HeldType(types.StructRef):  # type: ignore[misc]
-    """The type that numba gives to `Held`."""
-
-    def preprocess_fields(self, fields: Any) -> Any:
-        """Return the fields without literal types, which every value would have anew."""
-        return tuple((name, types.unliteral(kind)) for name, kind in fields)
-
-
-class Held(structref.StructRefProxy, Generic[Values]):  # type: ignore[misc]
+class Held(Protocol[Values]):
     """A named tuple that compiled code holds; made by `hold`.
 
     Attributes:
@@ -36,14 +23,7 @@ class Held(structref.StructRefProxy, Generic[Values]):  # type: ignore[misc]
     values: Values
 
 
-structref.define_proxy(Held, HeldType, ["values"])
-
-
 def hold(values: Values) -> Held[Values]:
     """Return a named tuple of arrays and numbers in the form that kernels take at once."""
-    return cast("Held[Values]", _hold(values))
-
-
-@kernel
-def _hold(values: Any) -> Any:
-    return Held(values)
+    made = import_module("e3pose.runtime.structure").structure_of(values)
+    return cast("Held[Values]", made)

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,14 +21,9 @@ from e3pose.estimate.base import Outlook
 from e3pose.estimate.filter.bias import MemoryTerms, memory_terms
 from e3pose.geometry.camera import Rig
 from e3pose.model.noise import ErrorMemory
-from e3pose.runtime.deferred import Deferred
 from e3pose.select.hidden_people import HiddenPeople
+from e3pose.select.kernels import foresight as kernels
 from e3pose.select.newcomers import Entrants, expected_entrants
-
-if TYPE_CHECKING:
-    from e3pose.select.kernels import foresight as kernels
-else:
-    kernels = Deferred("e3pose.select.kernels.foresight")
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]

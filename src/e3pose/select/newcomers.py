@@ -8,19 +8,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.geometry.camera import Rig
 from e3pose.geometry.overlap import overlap
-from e3pose.runtime.deferred import Deferred
-
-if TYPE_CHECKING:
-    from e3pose.select.kernels import people as kernels
-else:
-    kernels = Deferred("e3pose.select.kernels.people")
+from e3pose.select.kernels import people as kernels
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]

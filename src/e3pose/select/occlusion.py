@@ -5,22 +5,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from e3pose.geometry.camera import Rig
-from e3pose.runtime.deferred import Deferred
-
-if TYPE_CHECKING:
-    from e3pose.select.kernels import boxes as kernels
-else:
-    kernels = Deferred("e3pose.select.kernels.boxes")
-
-if TYPE_CHECKING:
-    from e3pose.geometry.project import Optics
-    from e3pose.runtime.held import Held
+from e3pose.geometry.project import Optics, make_optics
+from e3pose.runtime.held import Held, hold
+from e3pose.select.kernels import boxes as kernels
 
 Floats = NDArray[np.float64]
 
@@ -128,7 +120,4 @@ def expected_views(rig: Rig, joints_m: Floats) -> tuple[Floats, Floats]:
 
 @lru_cache(maxsize=8)
 def _optics(rig: Rig) -> Held[Optics]:
-    from e3pose.geometry.project import make_optics
-    from e3pose.runtime.held import hold
-
     return hold(make_optics(rig))

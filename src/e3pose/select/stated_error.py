@@ -9,17 +9,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.runtime.deferred import Deferred
-
-if TYPE_CHECKING:
-    from e3pose.select.kernels import foresight as kernels
-else:
-    kernels = Deferred("e3pose.select.kernels.foresight")
+from e3pose.select.kernels import foresight as kernels
 
 Floats = NDArray[np.float64]
 

@@ -11,8 +11,8 @@ from tests.reference import filter_blindness
 
 from e3pose.estimate.filter import Belief, Model
 from e3pose.estimate.filter import blindness as blind
-from e3pose.estimate.filter.kernels.blindness import proof
-from e3pose.estimate.filter.kernels.step import StepKernel
+from e3pose.estimate.filter.blindness import proof
+from e3pose.estimate.filter.step import StepKernel
 from e3pose.model.noises import load_noise
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17

@@ -20,8 +20,6 @@ from e3pose.estimate.filter.covariance_inflation import (
     PRIOR_M,
     STEERED,
     USUAL,
-)
-from e3pose.estimate.filter.kernels.covariance_inflation import (
     learned_factor,
     spread_factor,
 )

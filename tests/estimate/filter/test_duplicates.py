@@ -12,7 +12,7 @@ from tests.reference.filter_step import step
 
 from e3pose.estimate.filter import Belief, Model
 from e3pose.estimate.filter.estimator import FilterStep
-from e3pose.estimate.filter.kernels.step import StepKernel
+from e3pose.estimate.filter.step import StepKernel
 from e3pose.model.noises import load_noise
 from e3pose.model.pose import Poses2D
 from e3pose.recording import Recording

@@ -22,14 +22,8 @@ from tests.reference.belief_arrays import belief_from_arrays, belief_to_arrays
 from tests.reference.filter_learned_noise import knots_px
 
 from e3pose.estimate.filter import Belief, Model, Noise, outlook
-from e3pose.estimate.filter.learned_noise import (
-    CAUTION,
-    LEAST_KNOWN,
-    MEMORY,
-    MOST,
-    factors,
-    found,
-)
+from e3pose.estimate.filter.learned_noise import CAUTION, MOST, factors, found
+from e3pose.estimate.filter.outliers import LEAST_KNOWN, MEMORY
 from e3pose.model.noise import ASSUMED_WEIGHT, KNOWN_WEIGHT
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17

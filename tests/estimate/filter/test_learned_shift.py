@@ -12,8 +12,8 @@ from tests.estimate.filter.test_learned_noise import FPS, stated, walking
 from tests.reference.belief_arrays import belief_from_arrays, belief_to_arrays
 
 from e3pose.estimate.filter import Belief
-from e3pose.estimate.filter.learned_noise import MEMORY
 from e3pose.estimate.filter.learned_shift import COUNT, MOST, found_px, shifts_px
+from e3pose.estimate.filter.outliers import MEMORY
 from e3pose.model.pose import Poses2D
 
 Floats = NDArray[np.float64]

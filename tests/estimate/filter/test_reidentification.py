@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from e3pose.estimate.filter import Belief, Model
 from e3pose.estimate.filter.estimator import Filtered
-from e3pose.estimate.filter.kernels.step import StepKernel
 from e3pose.estimate.filter.reidentification import (
     DECIDE_S,
     DEPARTED_S,
@@ -23,6 +22,7 @@ from e3pose.estimate.filter.reidentification import (
     length_odds,
     place_odds,
 )
+from e3pose.estimate.filter.step import StepKernel
 from e3pose.model.noises import load_noise
 from e3pose.model.pose import Poses2D
 from e3pose.model.proportions import NOISE_M, SLIDE_M

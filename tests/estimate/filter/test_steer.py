@@ -12,13 +12,14 @@ from numpy.typing import NDArray
 from tests.estimate.filter.room import step
 
 from e3pose.estimate.filter import Belief, Model, outlook
-from e3pose.estimate.filter.kernels.motion import (
+from e3pose.estimate.filter.motion import (
     LEAST_KNOWN_SLOTS,
     LEAST_SHARE,
     MOST_SHARE,
     SQUARES,
+    fading,
+    places,
 )
-from e3pose.estimate.filter.motion import fading, places
 from e3pose.estimate.filter.steer import GAIN, foreseen, steer
 from e3pose.model.noises import load_noise
 from e3pose.model.pose import Poses2D

@@ -11,8 +11,8 @@ from tests.estimate.filter.room import BODY, MODEL, run, see
 from tests.reference.filter_existence import end, wide
 
 from e3pose.estimate.filter import Belief, Model
-from e3pose.estimate.filter.kernels.existence import MOST_WIDE_M
-from e3pose.estimate.filter.kernels.step import StepKernel
+from e3pose.estimate.filter.existence import MOST_WIDE_M
+from e3pose.estimate.filter.step import StepKernel
 from e3pose.model.noises import load_noise
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import Skeleton

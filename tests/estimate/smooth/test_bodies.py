@@ -9,8 +9,8 @@ import pytest
 from tests.reference.filter_motion import spread
 
 from e3pose.estimate.base import People, Posterior, Start
+from e3pose.estimate.filter.bones import proportions_of
 from e3pose.estimate.filter.motion import places
-from e3pose.estimate.filter.proportions import proportions_of
 from e3pose.estimate.filter.tree import grow
 from e3pose.estimate.smooth.bodies import FixedLag, body_transition, smooth_bodies, written_out
 from e3pose.estimate.smooth.rauch import expect, step_back

@@ -7,8 +7,8 @@ import pytest
 
 from e3pose.estimate.filter import Belief, Model, outlook
 from e3pose.estimate.filter import blindness as blind
-from e3pose.estimate.filter.kernels.blindness import chance
-from e3pose.estimate.filter.kernels.step import StepKernel
+from e3pose.estimate.filter.blindness import chance
+from e3pose.estimate.filter.step import StepKernel
 from e3pose.model.noises import load_noise
 from e3pose.model.pose import Poses2D
 from e3pose.select.kernels.blind_places import INFORMATION_RATIO, worth

@@ -14,12 +14,22 @@ whose prediction is less certain than they are count: the others measure the det
 
 from __future__ import annotations
 
-from e3pose.estimate.filter.learned_noise import MEDIAN, NORMAL
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.estimate.filter.bias import left_over
+from e3pose.estimate.filter.learned_noise import MEDIAN, NORMAL, proved
+from e3pose.estimate.filter.projected import beside
+from e3pose.estimate.filter.scratch import Matches, Site, Tracks, Views
+from e3pose.runtime.kernel import kernel
+
+Floats = NDArray[np.float64]
 
 # Mean error over mean stated error. A predictor explains a part of the motion of the joints that it
 # steers.
 STEERED, ALONE = 0.75, 0.85
-
 ACTUAL, EXPECTED = 0, 1  # layout: of `Belief.innovations`
 # Innovations over expected ones where the reported error is the actual one. It is below 1 as
 # uncertainty is mostly along one line of sight, and errors in two directions are longer.
@@ -31,3 +41,88 @@ CLIP = 5.0  # times the expected innovation: a wild keypoint teaches no more
 MOST_M = 0.3  # nor does a joint count for more that nothing is known of
 LEAST_SHARE = 0.5  # of an innovation's variance that must be the prediction's
 OWN_SHARE = MEDIAN / NORMAL  # of the variance that the filter takes for a keypoint's own
+MEAN = math.pi / 2  # definition: squared mean of a distance over the variance of either coordinate
+
+
+@kernel
+def compare_predicted(
+    track: int, dt: float, site: Site, views: Views, matches: Matches, tracks: Tracks
+) -> None:
+    """Compare the keypoints of a track that is about to be updated with its prediction.
+
+    Advances its row of `Belief.innovations`.
+    """
+    sums_m = tracks.innovations[track]
+    left = math.exp(-dt / MEMORY_S)
+    sums_m[ACTUAL] *= left
+    sums_m[EXPECTED] *= left
+    if not proved(track, dt, views, matches, tracks):
+        return
+    for camera in range(len(views.counts)):
+        person = matches.assigned[camera, track]
+        if views.arrived[camera] and person >= 0:
+            since_s = tracks.last_seen_s[track, camera] + dt
+            _compare(
+                views.starts[camera] + person,
+                OWN_SHARE * left_over(since_s, site.memory),
+                tracks.state[track],
+                tracks.covariance[track],
+                tracks.drift_share[track],
+                site.projections[camera],
+                views,
+                tracks.bias_px[track, camera],
+                sums_m,
+            )
+
+
+@kernel
+def _compare(
+    row: int,
+    own_share: float,
+    state: Floats,
+    covariance: Floats,
+    drift_share: Floats,
+    projection: Floats,
+    views: Views,
+    bias_px: Floats,
+    sums_m: Floats,
+) -> None:
+    """Add the innovations of one detection; `own_share` is on its variances."""
+    for joint in range(len(state)):
+        known, du, dv, variance_px2, ux, uy, uz, vx, vy, vz = beside(
+            row, joint, state, covariance, projection, views.pixels, views.weights, bias_px
+        )
+        if not known:
+            continue
+        factor = spread_factor(drift_share[joint], 1.0)
+        variance_px2 *= factor**2
+        total = variance_px2 + own_share * views.variances[row, joint]
+        if variance_px2 > LEAST_SHARE * total:
+            expected_px = math.sqrt(MEAN * total)
+            off = math.sqrt(du * du + dv * dv) / expected_px
+            squares = ux * ux + uy * uy + uz * uz + vx * vx + vy * vy + vz * vz
+            expected_m = min(expected_px / math.sqrt(squares / 2.0), MOST_M)
+            sums_m[ACTUAL] += min(off, CLIP) * expected_m
+            sums_m[EXPECTED] += expected_m
+
+
+@kernel
+def learned_factor(innovations: Floats) -> float:
+    """Return the factor on all reported standard deviations of one person.
+
+    Args:
+        innovations: `(2,)` of `Belief`.
+    """
+    factor = (innovations[ACTUAL] / USUAL + PRIOR_M) / (innovations[EXPECTED] + PRIOR_M)
+    return float(min(max(factor, 1 / MOST), MOST))
+
+
+@kernel
+def spread_factor(drift_share: float, of_person: float) -> float:
+    """Return the factor that makes a joint's standard deviations consistent with its errors.
+
+    Args:
+        drift_share: of `Belief`; a joint that was not steered has all of its process noise.
+        of_person: see `learned_factor`.
+    """
+    return (ALONE if drift_share == 1.0 else STEERED) * of_person

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,21 +17,15 @@ from e3pose.estimate.filter import (
     learned_shift,
     outlook,
 )
+from e3pose.estimate.filter.allocation import held_site
 from e3pose.estimate.filter.lasting import AT_ONCE, Lasting
 from e3pose.estimate.filter.outlook import stated_factor
 from e3pose.estimate.filter.posterior import Grades, posterior_of
 from e3pose.estimate.filter.reidentification import Identities, identify
+from e3pose.estimate.filter.shown import grade
 from e3pose.estimate.filter.steer import foreseen, steer
 from e3pose.model.pose import Poses2D, Poses3D
 from e3pose.predict.base import Prediction
-from e3pose.runtime.deferred import Deferred
-
-if TYPE_CHECKING:
-    from e3pose.estimate.filter.kernels import scratch
-    from e3pose.estimate.filter.kernels import shown as kernels
-else:
-    kernels = Deferred("e3pose.estimate.filter.kernels.shown")
-    scratch = Deferred("e3pose.estimate.filter.kernels.scratch")
 
 FilterStep = Callable[[Model, Belief, Mapping[int, Poses2D], float], tuple[Belief, Estimate]]
 
@@ -158,8 +151,8 @@ def _prolonged(memory: FilterMemory, estimate: Estimate) -> NDArray[np.float64]:
 def _graded(model: Model, belief: Belief, rows: NDArray[np.int64], estimate: Estimate) -> Grades:
     """Grade the tracks at `rows`, which are published."""
     grades = Grades.empty(*estimate.measured.shape)
-    kernels.grade(
-        scratch.held_site(model),
+    grade(
+        held_site(model),
         rows,
         belief.state,
         belief.drift_share,

@@ -7,7 +7,7 @@ is larger than usual, what is stated grows:
 
     S + g (R' - R)
 
-with R the errors that views repeat as the noise file has them (`kernels.repeated_errors`), R' as
+with R the errors that views repeat as the noise file has them (`filter.repeated_errors`), R' as
 large as the biases are, and g how much larger these are than those of a detector whose errors are
 as the file says (fit: `docs/experiments/2026-11-24-smoothed-covariances.md`). Poses at once, whose
 own covariance is larger than that of smoothed ones, need a quarter of it.

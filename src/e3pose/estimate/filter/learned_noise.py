@@ -14,21 +14,23 @@ the file states, or the other way round.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import math
 
 import numpy as np
+from numpy.typing import NDArray
 
-from e3pose.estimate.filter.state import Floats
-from e3pose.runtime.deferred import Deferred
+from e3pose.estimate.filter.bias import inflation, left_over
+from e3pose.estimate.filter.blindness import PROOF_CAMERAS, PROOF_S
+from e3pose.estimate.filter.learned_shift import compare_shift
+from e3pose.estimate.filter.outliers import LEAST_KNOWN, MEMORY, ROBUST
+from e3pose.estimate.filter.projected import beside
+from e3pose.estimate.filter.scratch import Detectors, Matches, Site, Tracks, Views
+from e3pose.runtime.kernel import kernel
 
-if TYPE_CHECKING:
-    from e3pose.estimate.filter.kernels import learned_noise as kernels
-else:
-    kernels = Deferred("e3pose.estimate.filter.kernels.learned_noise")
+Floats = NDArray[np.float64]
 
 LOG, COUNT = 0, 1  # layout: of the last axis of `Belief.noise`
 ALIKE = 60.0  # keypoints that the other cameras' mean counts for
-MEMORY = 15_000.0  # keypoints of a camera: some minutes of two people who are seen all the time
 MOST = 5.0  # the factor and its inverse
 MOST_LEVERAGE = 0.9  # numerics
 # The filter takes joints for independent, which they are not: it is best where it takes keypoints
@@ -39,7 +41,7 @@ MEDIAN = 0.8 * NORMAL / CAUTION**2  # of squared residuals where the factor is r
 SLOPE = np.log(2)  # definition: of the share beyond their median, by the logarithm of sigma
 MIDDLE_SCORE, SCORE_REACH = 0.7, 0.25  # where the tilt does nothing, and how far it reaches
 STEEPEST = 3.0  # the tilt at its ends, and its inverse
-LEAST_KNOWN = 50.0  # definition: keypoints from which on a camera's factor is worth telling
+FURTHEST = math.log(MOST)
 
 
 def nothing_known(num_cameras: int) -> Floats:
@@ -55,7 +57,7 @@ def factors(noise: Floats, weight: float) -> Floats:
         weight: keypoints that the file counts for.
     """
     logs = np.empty(len(noise))
-    kernels.find_logs(noise, weight, logs)
+    find_logs(noise, weight, logs)
     return np.asarray(np.exp(logs[:-1]))
 
 
@@ -65,5 +67,196 @@ def found(noise: Floats, weight: float) -> Floats:
     Arguments are those of `factors`.
     """
     factor = np.empty(len(noise) - 1)
-    kernels.stated_factors(noise, weight, factor)
+    stated_factors(noise, weight, factor)
     return factor
+
+
+@kernel
+def recall_noise(noise: Floats, site: Site, detectors: Detectors) -> None:
+    """Start a slot: compute the factors and scales of all cameras."""
+    num_cameras = len(noise) - 1
+    find_logs(noise, site.noise_weight, detectors.logs)
+    for camera in range(num_cameras):
+        detectors.scales[camera] = site.scales[camera] * math.exp(detectors.logs[camera])
+    tilt_knots(detectors.logs[num_cameras], site.noise_scores, site.noise_px, detectors.noise_px)
+    for row in range(num_cameras + 1):
+        detectors.fresh[row] = 0.0
+        detectors.steps[row] = 0.0
+
+
+@kernel
+def find_logs(noise: Floats, weight: float, logs: Floats) -> None:
+    """Fill `logs` `(num_cameras + 1,)`: of the factor of each camera on the file's sigma; the tilt.
+
+    Args:
+        noise: `Belief.noise`.
+        weight: keypoints that the noise file counts for.
+        logs: filled.
+    """
+    num_cameras = len(noise) - 1
+    total, mean = weight, 0.0
+    for camera in range(num_cameras):
+        count = noise[camera, COUNT]
+        own = count * ALIKE / (count + ALIKE)
+        mean += own * noise[camera, LOG]
+        total += own
+    mean /= total
+    for camera in range(num_cameras):
+        count = noise[camera, COUNT]
+        logs[camera] = (count * noise[camera, LOG] + ALIKE * mean) / (count + ALIKE)
+    count = noise[num_cameras, COUNT]
+    logs[num_cameras] = noise[num_cameras, LOG] * count / (count + weight)
+
+
+@kernel
+def tilt_knots(tilt: float, scores: Floats, stated_px: Floats, noise_px: Floats) -> None:
+    """Fill `noise_px` `(num_knots,)`: what the file states at `scores`, tilted."""
+    for knot in range(len(scores)):
+        noise_px[knot] = stated_px[knot] * math.exp(tilt * _leaning(scores[knot]))
+
+
+@kernel
+def quietest(
+    noise: Floats,
+    weight: float,
+    scales: Floats,
+    scores: Floats,
+    stated_px: Floats,
+    sigma_px: Floats,
+) -> None:
+    """Fill `sigma_px` `(num_cameras,)`: of each camera's keypoints of the best score.
+
+    Args:
+        noise: as of `find_logs`, like `weight`.
+        weight: keypoints.
+        scales: `(num_cameras,)` of `Model`.
+        scores: `(num_knots,)` of the noise file.
+        stated_px: `(num_knots,)` of the noise file.
+        sigma_px: filled.
+    """
+    logs, noise_px = np.empty(len(noise)), np.empty(len(scores))
+    find_logs(noise, weight, logs)
+    tilt_knots(logs[len(scales)], scores, stated_px, noise_px)
+    for camera in range(len(scales)):
+        sigma_px[camera] = scales[camera] * math.exp(logs[camera]) * noise_px.min()
+
+
+@kernel
+def stated_factors(noise: Floats, weight: float, found: Floats) -> None:
+    """Fill `found` `(num_cameras,)` as `learned_noise.found` has it; arguments of `find_logs`."""
+    logs = np.empty(len(noise))
+    find_logs(noise, weight, logs)
+    for camera in range(len(found)):
+        enough = noise[camera, COUNT] >= LEAST_KNOWN
+        found[camera] = math.exp(logs[camera]) / CAUTION if enough else np.nan
+
+
+@kernel
+def _leaning(score: float) -> float:
+    lean = (score - MIDDLE_SCORE) / SCORE_REACH
+    return -1.0 if lean < -1.0 else 1.0 if lean > 1.0 else lean
+
+
+@kernel
+def proved(track: int, dt: float, views: Views, matches: Matches, tracks: Tracks) -> bool:
+    """Return whether several cameras recently detected a track, so that it is no ghost."""
+    recent = 0
+    for camera in range(len(views.counts)):
+        shown = views.arrived[camera] and matches.assigned[camera, track] >= 0
+        recent += shown or tracks.last_seen_s[track, camera] + dt < PROOF_S
+    return bool(tracks.confirmed[track] and recent >= PROOF_CAMERAS)
+
+
+@kernel
+def compare_noise(
+    track: int,
+    dt: float,
+    site: Site,
+    views: Views,
+    matches: Matches,
+    tracks: Tracks,
+    detectors: Detectors,
+) -> None:
+    """Compare the keypoints of a track just updated with the other cameras."""
+    if not proved(track, dt, views, matches, tracks):
+        return
+    for camera in range(len(views.counts)):
+        person = matches.assigned[camera, track]
+        if views.arrived[camera] and person >= 0:
+            since_s = tracks.last_seen_s[track, camera] + dt
+            _compare(
+                camera,
+                views.starts[camera] + person,
+                left_over(since_s, site.memory),
+                inflation(since_s, site.memory),
+                tracks.state[track],
+                tracks.covariance[track],
+                site.projections[camera],
+                views,
+                tracks.bias_px[track, camera],
+                detectors,
+            )
+
+
+@kernel
+def _compare(
+    camera: int,
+    row: int,
+    own_share: float,
+    factor: float,
+    state: Floats,
+    covariance: Floats,
+    projection: Floats,
+    views: Views,
+    bias_px: Floats,
+    detectors: Detectors,
+) -> None:
+    """Add the evidence of one detection, and how much of it lies beyond the median.
+
+    `own_share` is the share of its variances beside the learned bias, `factor` that of the update.
+    """
+    tilt = len(detectors.logs) - 1
+    for joint in range(len(state)):
+        known, du, dv, variance_px2, _, _, _, _, _, _ = beside(
+            row, joint, state, covariance, projection, views.pixels, views.weights, bias_px
+        )
+        if not known:
+            continue
+        squares = du * du + dv * dv
+        variance = views.variances[row, joint] * factor
+        leverage = variance_px2 / (variance * (1.0 + squares / variance * ROBUST))
+        left = 1.0 - (leverage if leverage < MOST_LEVERAGE else MOST_LEVERAGE)
+        own = views.variances[row, joint] * own_share
+        total = own + variance_px2 / left
+        share = own / total
+        compare_shift(
+            camera,
+            share,
+            (du + bias_px[joint, 0]) / left,
+            (dv + bias_px[joint, 1]) / left,
+            total,
+            detectors,
+        )
+        lean = _leaning(views.weights[row, joint])
+        beyond = squares / (left * left) > MEDIAN * total
+        surprise = share * (0.5 if beyond else -0.5) / SLOPE
+        detectors.fresh[camera] += share * share
+        detectors.steps[camera] += surprise
+        detectors.fresh[tilt] += (share * lean) ** 2
+        detectors.steps[tilt] += surprise * lean
+
+
+@kernel
+def learn_noise(noise: Floats, detectors: Detectors) -> None:
+    """Add the evidence of a slot to `noise`, which is `Belief.noise`."""
+    for camera in range(len(noise)):  # and the tilt, which comes last
+        fresh = detectors.fresh[camera]
+        if not fresh > 0.0:
+            continue
+        count = noise[camera, COUNT]
+        log = noise[camera, LOG] * count + detectors.logs[camera] * fresh + detectors.steps[camera]
+        log /= count + fresh
+        most = FURTHEST if camera < len(noise) - 1 else math.log(STEEPEST)
+        log = -most if log < -most else most if log > most else log
+        noise[camera, LOG] = log
+        noise[camera, COUNT] = count + fresh if count + fresh < MEMORY else MEMORY

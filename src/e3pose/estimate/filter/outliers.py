@@ -3,3 +3,5 @@
 OUTLIER_SIGMAS = 2.0  # where the weight of a residual is halved
 ROBUST = 1 / OUTLIER_SIGMAS**2  # definition
 MEASURED_SIGMAS = 3.0  # a joint counts as measured if a keypoint was this near
+MEMORY = 15_000.0  # keypoints of a camera: some minutes of two people who are seen all the time
+LEAST_KNOWN = 50.0  # definition: keypoints from which on what a camera taught is worth telling

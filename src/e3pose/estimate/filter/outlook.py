@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.estimate.base import Outlook
+from e3pose.estimate.filter.allocation import held_site
+from e3pose.estimate.filter.covariance_inflation import learned_factor, spread_factor
+from e3pose.estimate.filter.failed_pairs import count_newest
+from e3pose.estimate.filter.learned_noise import quietest
+from e3pose.estimate.filter.motion import move
+from e3pose.estimate.filter.scratch import Site
+from e3pose.estimate.filter.shown import find_needed, likely_shown
 from e3pose.estimate.filter.state import Belief, Ints, Model
-from e3pose.runtime.deferred import Deferred
-
-if TYPE_CHECKING:
-    from e3pose.estimate.filter.kernels import failed_pairs, scratch
-    from e3pose.estimate.filter.kernels import outlook as kernels
-else:
-    failed_pairs = Deferred("e3pose.estimate.filter.kernels.failed_pairs")
-    kernels = Deferred("e3pose.estimate.filter.kernels.outlook")
-    scratch = Deferred("e3pose.estimate.filter.kernels.scratch")
+from e3pose.runtime.held import Held
+from e3pose.runtime.kernel import kernel
 
 Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
 
 def outlook(
@@ -44,8 +43,8 @@ def outlook(
     joints_m, covariance = np.empty((*people, 3)), np.empty((*people, 6, 6))
     drift_m2ps3, shows = np.empty(people), np.empty(pairs)
     needed, sigma_px = np.empty(pairs, dtype=bool), np.empty(num_cameras)
-    kernels.expect(
-        scratch.held_site(model),
+    expect(
+        held_site(model),
         ahead_s,
         factor,
         drift,
@@ -65,7 +64,7 @@ def outlook(
         sigma_px,
     )
     unexplained, times_s = np.empty(num_cameras, dtype=np.int64), np.empty(num_cameras)
-    failed_pairs.count_newest(
+    count_newest(
         leftovers.cameras,
         leftovers.times_s,
         leftovers.keypoints_px,
@@ -100,4 +99,91 @@ def stated_factor(belief: Belief) -> float:
 
     One factor for everybody changes what is expected, but not which cameras tell most.
     """
-    return kernels.mean_factor(belief.drift_share, belief.innovations, belief.confirmed)
+    return mean_factor(belief.drift_share, belief.innovations, belief.confirmed)
+
+
+@kernel
+def expect(
+    constants: Held[Site],
+    ahead_s: float,
+    factor: float,
+    drift_m2ps3: Floats,
+    state: Floats,
+    covariance: Floats,
+    drift_share: Floats,
+    last_seen_s: Floats,
+    seen_by: Flags,
+    confirmed: Flags,
+    detection_map: Floats,
+    noise: Floats,
+    joints_m: Floats,
+    stated: Floats,
+    drift: Floats,
+    shows: Floats,
+    needed: Flags,
+    sigma_px: Floats,
+) -> None:
+    """Fill the people and keypoint noise of an `Outlook`.
+
+    Args:
+        constants: of the rig, the skeleton and the detector.
+        ahead_s: seconds after the belief's slot, if nothing is seen.
+        factor: on standard deviations (`covariance_inflation`).
+        drift_m2ps3: `(num_joints,)` of `Model.alone`.
+        state: as in `Belief`, like all up to `noise`.
+        covariance: `(num_tracks, num_joints, 6, 6)`.
+        drift_share: `(num_tracks, num_joints)`.
+        last_seen_s: `(num_tracks, num_cameras)`.
+        seen_by: `(num_tracks, num_cameras)`.
+        confirmed: `(num_tracks,)`.
+        detection_map: `(num_cameras, NUM_CELLS, NUM_CELLS, 2)`.
+        noise: `(num_cameras + 1, 2)`.
+        joints_m: as in `Outlook`, like all that follow; filled.
+        stated: `(num_tracks, num_joints, 6, 6)`, the covariance of the `Outlook`.
+        drift: `(num_tracks, num_joints)`.
+        shows: `(num_tracks, num_cameras)`.
+        needed: `(num_tracks, num_cameras)`.
+        sigma_px: `(num_cameras,)`.
+    """
+    site = constants.values
+    moved = np.empty(state.shape[1:])
+    for track in range(len(state)):
+        move(
+            ahead_s,
+            site.order,
+            site.parents,
+            site.lasts_s,
+            state[track],
+            moved,
+        )
+        for joint in range(state.shape[1]):
+            drift[track, joint] = drift_m2ps3[joint] * drift_share[track, joint] * factor**2
+            for axis in range(3):
+                joints_m[track, joint, axis] = moved[joint, axis]
+            for row in range(6):
+                for column in range(6):
+                    block = covariance[track, joint, row, column]
+                    stated[track, joint, row, column] = block * factor**2
+        root = joints_m[track, site.order[0]]
+        for camera in range(len(detection_map)):
+            shows[track, camera] = likely_shown(detection_map[camera], root, site.corner_m)
+    find_needed(state, last_seen_s, confirmed, seen_by, ahead_s, needed)
+    quietest(noise, site.noise_weight, site.scales, site.noise_scores, site.noise_px, sigma_px)
+    for camera in range(len(sigma_px)):
+        sigma_px[camera] *= factor
+
+
+@kernel
+def mean_factor(drift_share: Floats, innovations: Floats, confirmed: Flags) -> float:
+    """Return the mean factor on the standard deviations of confirmed tracks; 1 without any.
+
+    Arguments are of `Belief`.
+    """
+    total, count = 0.0, 0
+    for track in range(len(confirmed)):
+        if confirmed[track]:
+            of_person = learned_factor(innovations[track])
+            for joint in range(drift_share.shape[1]):
+                total += spread_factor(drift_share[track, joint], of_person)
+                count += 1
+    return total / count if count else 1.0

@@ -1,120 +1,35 @@
-"""The bones of a skeleton: which lengths are learned, and what is known of them from people."""
+"""The lengths of a person's limbs: what is known of people, and what was learned of this one."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+import math
 
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.estimate.filter.tree import Tree
-from e3pose.model.proportions import KINDS, kind_of
-from e3pose.model.skeleton import BODY_LIMBS, FACE_LIMBS
-from e3pose.runtime.deferred import Deferred
-
-if TYPE_CHECKING:
-    from e3pose.estimate.filter.kernels import proportions as kernels
-else:
-    kernels = Deferred("e3pose.estimate.filter.kernels.proportions")
+from e3pose.estimate.filter.bones import Proportions
+from e3pose.estimate.filter.outliers import MEASURED_SIGMAS, ROBUST
+from e3pose.model.proportions import (
+    LEAST_M,
+    MOST_M,
+    NOISE_M,
+    SLIDE_M,
+    STATURE_M,
+    STATURE_SPREAD,
+    UNLIKE,
+)
+from e3pose.runtime.kernel import kernel
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Ints = NDArray[np.int64]
+Integers = NDArray[np.int64]
 
-SIDES = ("left", "right")
-GIRDLES = ("shoulder", "hip")
-STIFF = (
-    *BODY_LIMBS,
-    ("left_shoulder", "right_hip"),
-    ("right_shoulder", "left_hip"),
-    *FACE_LIMBS,
-    ("left_eye", "right_eye"),
-    ("left_ear", "right_ear"),
-)
 BONE_TEACHERS, BONE_MEMORY = 5, 100  # slots before a length is trusted, and that it averages over
-STIFF_SLACK_M = 0.03  # detectors slide joints along the body by about this
-# A head turns and nods: what it does to these lengths is a few centimetres.
-LOOSE = tuple((f, f"{s}_shoulder") for f in ("nose", "left_ear", "right_ear") for s in SIDES)
-LOOSE_SLACK_M = 0.08
-LIMBS = (  # joints of which detectors exchange left and right together
-    ("shoulder", "elbow", "wrist", "palm", "hand", "thumb", "fingers"),
-    ("hip", "knee", "ankle", "foot", "toes", "big_toe", "small_toe", "heel"),
-)
-
-
-class Proportions(NamedTuple):
-    """The bones of a skeleton, as kernels take them.
-
-    Attributes:
-        bones: `(num_bones, 2)` joints that stay about as far apart as they are.
-        slacks_m: `(num_bones,)` how far the length of a bone strays, as a standard deviation.
-        links: `(num_joints,)` the bone between each joint and its parent, -1 where there is none.
-        order: `(num_joints,)` the root first, each joint after its parent.
-        parents: `(num_joints,)` -1 at the root.
-        limbs: `(num_joints,)` of arms 1, of legs 2, else 0.
-        kinds: `(num_bones,)` row of the next two, -1 where nothing is known of people.
-        shares: `(num_kinds,)` logarithms of shares of the stature.
-        spreads: `(num_kinds,)` of a logarithm, given the stature.
-        gives: `(num_bones,)` factor by which a shown limb may be longer or shorter; 0 for any.
-        anchored: `(num_bones,)` limbs of which the first joint is of the trunk.
-    """
-
-    bones: Ints
-    slacks_m: Floats
-    links: Ints
-    order: Ints
-    parents: Ints
-    limbs: Ints
-    kinds: Ints
-    shares: Floats
-    spreads: Floats
-    gives: Floats
-    anchored: Flags
-
-
-def proportions_of(joints: Sequence[str], tree: Tree) -> Proportions:
-    """Return the bones of a skeleton of these joints, and its tree."""
-    pairs = [
-        (pair, slack_m)
-        for links, slack_m in ((STIFF, STIFF_SLACK_M), (LOOSE, LOOSE_SLACK_M))
-        for pair in links
-        if set(pair) <= set(joints)
-    ]
-    ends = [[joints.index(a), joints.index(b)] for (a, b), _ in pairs]
-    rows = {frozenset(pair): row for row, pair in enumerate(ends)}
-    edges = enumerate(tree.parents.tolist())
-    kinds = np.array([kind_of(*pair) for pair, _ in pairs], dtype=np.int64)
-    gives = np.array([*(kind.give for kind in KINDS.values()), 0.0])
-    return Proportions(
-        bones=np.array(ends, dtype=np.int64).reshape(-1, 2),
-        slacks_m=np.array([slack_m for _, slack_m in pairs]),
-        links=np.array([rows.get(frozenset(edge), -1) for edge in edges], dtype=np.int64),
-        order=np.ascontiguousarray(tree.order),
-        parents=np.ascontiguousarray(tree.parents),
-        limbs=limbs_of(joints),
-        kinds=kinds,
-        shares=np.log([kind.share for kind in KINDS.values()]),
-        spreads=np.array([kind.spread for kind in KINDS.values()]),
-        gives=gives[kinds],
-        anchored=np.array([_is_anchored(*pair) for pair, _ in pairs], dtype=bool),
-    )
-
-
-def _is_anchored(first: str, second: str) -> bool:
-    trunk = {f"{side}_{girdle}" for side in SIDES for girdle in GIRDLES}
-    return kind_of(first, second) >= 0 and first in trunk and second not in trunk
-
-
-def limbs_of(joints: Sequence[str]) -> Ints:
-    """Return `(num_joints,)` 1 for joints of arms, 2 for legs, 0 for those of one side only."""
-    limbs = np.zeros(len(joints), dtype=np.int64)
-    for limb, names in enumerate(LIMBS, start=1):
-        for name in names:
-            pair = [f"{side}_{name}" for side in SIDES]
-            if set(pair) <= set(joints):
-                limbs[[joints.index(joint) for joint in pair]] = limb
-    return limbs
+PASSES = 3  # numerics
+SHORTEST_M = 1e-3  # numerics
+SWEEPS = 4  # numerics
+ROUNDING = 1.0 + 1e-9  # numerics
 
 
 def kept(
@@ -141,7 +56,7 @@ def kept(
     joints_m, covariance_m2 = np.array(joints_m, order="C"), np.array(covariance_m2, order="C")
     measured = np.array(measured, order="C")
     lengths = np.ascontiguousarray(bones_m), np.ascontiguousarray(counts)
-    kernels.keep_all(body, *lengths, joints_m, covariance_m2, measured)
+    keep_all(body, *lengths, joints_m, covariance_m2, measured)
     return joints_m, covariance_m2, measured
 
 
@@ -155,7 +70,7 @@ def expected_m(body: Proportions, bones_m: Floats, counts: Floats) -> Floats:
     """
     lengths_m, variances = np.empty(len(body.bones)), np.empty(len(body.bones))
     room = np.empty((4, len(body.shares)))
-    kernels.expect_lengths(bones_m, counts, body, room, lengths_m, variances)
+    expect_lengths(bones_m, counts, body, room, lengths_m, variances)
     return lengths_m
 
 
@@ -174,3 +89,241 @@ def median_lengths_m(body: Proportions, joints_m: Floats, telling: Flags) -> tup
     ranked = np.sort(np.where(both, apart_m, np.inf), axis=0)
     middle = ranked[np.maximum(counts - 1, 0) // 2, np.arange(len(first))]
     return np.where(counts > 0, middle, 0.0), counts.astype(np.float64)
+
+
+@kernel
+def expect_lengths(
+    bones_m: Floats,
+    counts: Floats,
+    body: Proportions,
+    room: Floats,
+    lengths_m: Floats,
+    variances: Floats,
+) -> float:
+    """Fill the lengths that a person's limbs have; return the variance of the person's log size.
+
+    With w the information of what was learned about a kind of limb, y its mean, s the logarithm of
+    the stature and a = 1 / (1 + w spread^2):
+
+        s ~ N(prior) and y - log share ~ N(s, spread^2 + 1/w),  log length = share + a s + (1 - a) y
+
+    exact where all is normal. A kind that does not fit the others is a mistake of the detector
+    rather than odd proportions, and counts less.
+
+    Args:
+        bones_m: `(num_bones,)` learned.
+        counts: `(num_bones,)` slots that taught them.
+        body: the bones.
+        room: scratch, `(4, num_kinds)`.
+        lengths_m: `(num_bones,)` filled; 0 where the kind is -1.
+        variances: `(num_bones,)` filled, of their logarithms.
+    """
+    kinds, shares, spreads = body.kinds, body.shares, body.spreads
+    means, weights, doubts, there = room[0], room[1], room[2], room[3]
+    for kind in range(len(shares)):
+        means[kind] = weights[kind] = there[kind] = 0.0
+        doubts[kind] = 1.0
+    for bone in range(len(kinds)):
+        kind = kinds[bone]
+        if kind < 0:
+            continue
+        there[kind] = 1.0
+        if counts[bone] > 0.0:
+            length_m = max(bones_m[bone], SHORTEST_M)
+            error = (SLIDE_M**2 + NOISE_M**2 / counts[bone]) / length_m**2
+            weight = 1.0 / (UNLIKE**2 + error)
+            means[kind] += weight * (math.log(length_m) - shares[kind])
+            weights[kind] += weight
+    for kind in range(len(shares)):
+        if weights[kind] > 0.0:
+            means[kind] /= weights[kind]
+    stature, known = math.log(STATURE_M), 1.0 / STATURE_SPREAD**2
+    for _ in range(PASSES):
+        total, known = math.log(STATURE_M) / STATURE_SPREAD**2, 1.0 / STATURE_SPREAD**2
+        for kind in range(len(shares)):
+            if weights[kind] > 0.0:
+                weight = doubts[kind] / (spreads[kind] ** 2 + 1.0 / weights[kind])
+                total += weight * means[kind]
+                known += weight
+        stature = min(max(total / known, math.log(LEAST_M)), math.log(MOST_M))
+        for kind in range(len(shares)):
+            if weights[kind] > 0.0:
+                off = (means[kind] - stature) ** 2 / (spreads[kind] ** 2 + 1.0 / weights[kind])
+                doubts[kind] = 1.0 / (1.0 + off * ROBUST)
+    shared, own, num_kinds = 0.0, 0.0, 0.0
+    for kind in range(len(shares)):
+        if there[kind] > 0.0:
+            weight = doubts[kind] * weights[kind]
+            part = 1.0 / (1.0 + weight * spreads[kind] ** 2)
+            alone = part * spreads[kind] ** 2
+            means[kind] = shares[kind] + part * stature + (1.0 - part) * means[kind]
+            weights[kind] = part * part / known + alone
+            shared += part
+            own += alone
+            num_kinds += 1.0
+    for bone in range(len(kinds)):
+        kind = kinds[bone]
+        lengths_m[bone] = math.exp(means[kind]) if kind >= 0 else 0.0
+        variances[bone] = weights[kind] + UNLIKE**2 if kind >= 0 else 0.0
+    if num_kinds == 0.0:
+        return STATURE_SPREAD**2
+    return (shared * shared / known + own) / num_kinds**2
+
+
+@kernel
+def keep_lengths(
+    lengths_m: Floats,
+    body: Proportions,
+    joints_m: Floats,
+    covariance_m2: Floats,
+    measured: Flags,
+) -> None:
+    """Move the joints of a person until no limb is longer or shorter than it can be.
+
+    The less certain end of a limb moves more, but no arm or leg moves the trunk. In the end each
+    joint beyond shoulder or hip goes by the one before it, and takes feet and hands along. What a
+    joint moves by is added to its covariance; one that moves by more than `MEASURED_SIGMAS` was
+    not measured.
+
+    Args:
+        lengths_m: `(num_bones,)` expected.
+        body: the bones.
+        joints_m: `(num_joints, 3)` NaN where missing; changed.
+        covariance_m2: `(num_joints, 3, 3)` widened.
+        measured: `(num_joints,)` cleared where a length contradicts.
+    """
+    bones, gives = body.bones, body.gives
+    moved = np.zeros_like(joints_m)
+    for sweep in range(SWEEPS):
+        kept = True
+        for bone in range(len(bones)):
+            first, second = bones[bone, 0], bones[bone, 1]
+            excess = _excess_m(joints_m[first], joints_m[second], lengths_m[bone], gives[bone])
+            if excess != 0.0:
+                kept = False
+                near, far = _variance(covariance_m2[first]), _variance(covariance_m2[second])
+                share = 0.0 if body.anchored[bone] else near / (near + far)
+                _pull(joints_m, moved, first, second, share * excess)
+                _pull(joints_m, moved, second, first, (1.0 - share) * excess)
+        if kept:
+            if sweep == 0:
+                return
+            break
+    for place in range(1, len(body.order)):
+        joint = body.order[place]
+        parent, bone = body.parents[joint], body.links[joint]
+        if body.limbs[joint] == 0:
+            continue
+        if bone < 0 or gives[bone] == 0.0:  # it goes where its limb went
+            for axis in range(3):
+                joints_m[joint, axis] += moved[parent, axis]
+                moved[joint, axis] += moved[parent, axis]
+            continue
+        excess = _excess_m(joints_m[parent], joints_m[joint], lengths_m[bone], gives[bone])
+        if excess != 0.0:
+            _pull(joints_m, moved, joint, parent, excess)
+    for joint in range(len(joints_m)):
+        squares = moved[joint, 0] ** 2 + moved[joint, 1] ** 2 + moved[joint, 2] ** 2
+        if squares > MEASURED_SIGMAS**2 * _variance(covariance_m2[joint]):
+            measured[joint] = False
+        for a in range(3):
+            for b in range(3):
+                covariance_m2[joint, a, b] += moved[joint, a] * moved[joint, b]
+
+
+@kernel
+def _excess_m(first: Floats, second: Floats, length_m: float, give: float) -> float:
+    """Return by how much a limb is too long, below 0 if too short; 0 where it can be so."""
+    if not give > 0.0:
+        return 0.0
+    squares = 0.0
+    for axis in range(3):
+        squares += (first[axis] - second[axis]) ** 2
+    apart_m = math.sqrt(squares)
+    if apart_m > length_m * give * ROUNDING:
+        return apart_m - length_m * give
+    if apart_m < length_m / give / ROUNDING:
+        return apart_m - length_m / give
+    return 0.0  # for NaN, too
+
+
+@kernel
+def _pull(joints_m: Floats, moved: Floats, joint: int, other: int, by_m: float) -> None:
+    """Move a joint towards another, away from it below 0."""
+    squares = 0.0
+    for axis in range(3):
+        squares += (joints_m[other, axis] - joints_m[joint, axis]) ** 2
+    apart_m = math.sqrt(squares)
+    for axis in range(3):
+        along = (joints_m[other, axis] - joints_m[joint, axis]) / apart_m
+        if not apart_m > SHORTEST_M:  # no direction: downwards
+            along = 1.0 if axis == 2 else 0.0
+        joints_m[joint, axis] += by_m * along
+        moved[joint, axis] += by_m * along
+
+
+@kernel
+def _variance(block: Floats) -> float:
+    return float((block[0, 0] + block[1, 1] + block[2, 2]) / 3)
+
+
+@kernel
+def keep_all(
+    body: Proportions,
+    bones_m: Floats,
+    counts: Floats,
+    joints_m: Floats,
+    covariance_m2: Floats,
+    measured: Flags,
+) -> None:
+    """Do what `keep_lengths` does for people, by the lengths that each has.
+
+    Args:
+        body: the bones.
+        bones_m: `(num_persons, num_bones)` learned.
+        counts: `(num_persons, num_bones)` slots that taught them.
+        joints_m: `(num_persons, num_joints, 3)` NaN where missing; changed.
+        covariance_m2: `(num_persons, num_joints, 3, 3)` widened.
+        measured: `(num_persons, num_joints)` cleared where a length contradicts.
+    """
+    num_bones = len(body.bones)
+    room = np.empty((4, len(body.shares)))
+    lengths_m, variances = np.empty(num_bones), np.empty(num_bones)
+    for person in range(len(joints_m)):
+        expect_lengths(bones_m[person], counts[person], body, room, lengths_m, variances)
+        keep_lengths(lengths_m, body, joints_m[person], covariance_m2[person], measured[person])
+
+
+@kernel
+def stature_of(joints_m: Floats, body: Proportions, logs: Floats) -> float:
+    """Return the stature that limbs `(num_joints, 3)` have in the median; 0 without any.
+
+    `logs` is scratch, `(num_joints,)` or longer.
+    """
+    count = 0
+    for bone in range(len(body.bones)):
+        kind = body.kinds[bone]
+        if kind < 0:
+            continue
+        squares = 0.0
+        for axis in range(3):
+            between = joints_m[body.bones[bone, 0], axis] - joints_m[body.bones[bone, 1], axis]
+            squares += between * between
+        if squares > SHORTEST_M**2:  # not for NaN
+            logs[count] = math.log(squares) / 2 - body.shares[kind]
+            count += 1
+    return math.exp(median_of(logs, count)) if count else 0.0
+
+
+@kernel
+def median_of(values: Floats, count: int) -> float:
+    """Return the median of the first `count` values, which it puts in order."""
+    for index in range(1, count):
+        value = values[index]
+        place = index
+        while place > 0 and values[place - 1] > value:
+            values[place] = values[place - 1]
+            place -= 1
+        values[place] = value
+    half = count // 2
+    return float(values[half] if count % 2 else (values[half - 1] + values[half]) / 2)

@@ -2,18 +2,38 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
-from e3pose.estimate.filter.state import Belief, Flags, Floats, Ints, Model
-from e3pose.runtime.deferred import Deferred
+from e3pose.estimate.filter.blindness import PLAIN, chance, proof
+from e3pose.estimate.filter.bones import Proportions
+from e3pose.estimate.filter.covariance_inflation import learned_factor, spread_factor
+from e3pose.estimate.filter.learned_noise import quietest
+from e3pose.estimate.filter.proportions import keep_all
+from e3pose.estimate.filter.repeated_errors import (
+    MOST_LASTING_M,
+    MOST_M,
+    find_repeated,
+    weigh_biases,
+    weigh_views,
+)
+from e3pose.estimate.filter.scratch import Site
+from e3pose.estimate.filter.state import Belief, Ints, Model
+from e3pose.runtime.held import Held
+from e3pose.runtime.kernel import kernel
 
-if TYPE_CHECKING:
-    from e3pose.estimate.filter.kernels import shown as kernels
-else:
-    kernels = Deferred("e3pose.estimate.filter.kernels.shown")
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+HALF_SCORE_M = 0.1  # definition: standard deviation of a joint at which its score is a half
+LEAST_SCORE = 1e-3  # definition: a joint that is known at all is not missing
+ALONE_S, WALK_MPS = 1.2, 0.3  # who walks, led for so long by one camera alone, is not shown
+SHOWN_SPREAD_M = 0.3  # nor who has no joint that is more certain
+LEAVES_HZ = 0.03  # of somebody who is there: once in half a minute
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,7 +60,7 @@ class Estimate:
 def shown(belief: Belief, model: Model) -> Flags:
     """Return `(num_tracks,)`: published tracks; the others are kept for re-association."""
     flags = np.empty(len(belief), dtype=bool)
-    kernels.who_is_shown(
+    who_is_shown(
         int(model.tree.order[0]),
         model.corner_m,
         belief.state,
@@ -60,7 +80,7 @@ def estimate_of(belief: Belief, model: Model) -> Estimate:
     shape = len(rows), len(model.skeleton)
     joints_m, covariance_m2 = np.empty((*shape, 3)), np.empty((*shape, 3, 3))
     measured = np.empty(shape, dtype=bool)
-    kernels.show(
+    show(
         model.proportions,
         rows,
         belief.unmeasured_s,
@@ -73,3 +93,218 @@ def estimate_of(belief: Belief, model: Model) -> Estimate:
         measured,
     )
     return Estimate(belief.track_ids[rows], joints_m, covariance_m2, measured)
+
+
+@kernel
+def who_is_shown(
+    root: int,
+    corner_m: Floats,
+    state: Floats,
+    covariance: Floats,
+    confirmed: Flags,
+    last_seen_s: Floats,
+    missed: Floats,
+    detection_map: Floats,
+    shown: Flags,
+) -> None:
+    """Fill `shown` `(num_tracks,)`; other arguments are those of `Belief`."""
+    for track in range(len(shown)):
+        shown[track] = confirmed[track] and not led_alone(state[track], last_seen_s[track], 0.0)
+        if shown[track]:
+            least = np.inf
+            for joint in range(state.shape[1]):
+                block = covariance[track, joint]
+                least = min(least, block[0, 0] + block[1, 1] + block[2, 2])
+            shown[track] = math.sqrt(least) < SHOWN_SPREAD_M
+        if shown[track]:
+            odds = left_odds(
+                state[track, root],
+                last_seen_s[track],
+                missed[track],
+                detection_map,
+                corner_m,
+            )
+            shown[track] = odds < 1.0  # who has more likely left than not is followed only
+
+
+@kernel
+def led_alone(state: Floats, last_seen_s: Floats, ahead_s: float) -> bool:
+    """Return which moving people will by then long have been seen by at most one camera.
+
+    Args:
+        state: `(num_joints, 6)`.
+        last_seen_s: `(num_cameras,)`.
+        ahead_s: seconds without a look.
+    """
+    first_s, second_s = np.inf, np.inf
+    for camera in range(len(last_seen_s)):
+        second_s = min(second_s, max(first_s, last_seen_s[camera]))
+        first_s = min(first_s, last_seen_s[camera])
+    if not second_s + ahead_s > ALONE_S:
+        return False
+    squares = 0.0
+    for a in range(3, 6):
+        total = 0.0
+        for joint in range(len(state)):
+            total += state[joint, a]
+        squares += (total / len(state)) ** 2
+    return math.sqrt(squares) > WALK_MPS
+
+
+@kernel
+def left_odds(
+    root: Floats,
+    last_seen_s: Floats,
+    missed: Floats,
+    detection_map: Floats,
+    corner_m: Floats,
+) -> float:
+    """Return the odds that a person has left since a view last showed them.
+
+    With the rate h at which people leave, t seconds without a measurement and looks since then
+    that show people there with probabilities p, they are h t / prod (1 - p).
+
+    Args:
+        root: `(6,)` state of the root of the body.
+        last_seen_s: `(num_cameras,)`.
+        missed: `(num_cameras,)`.
+        detection_map: as in `Belief`.
+        corner_m: of its cells.
+    """
+    unseen_s = np.inf
+    for camera in range(len(last_seen_s)):
+        unseen_s = min(unseen_s, last_seen_s[camera])
+    if not unseen_s > 0:
+        return 0.0
+    misses = 0.0  # as many as these in plain sight
+    for camera in range(len(missed)):
+        misses += missed[camera] * proof(detection_map[camera], root, corner_m)
+    return float(LEAVES_HZ * unseen_s * (1 - PLAIN) ** -misses)
+
+
+@kernel
+def likely_shown(detection_map: Floats, root_m: Floats, corner_m: Floats) -> float:
+    """Return the probability that a camera detects a person at a place, see `Outlook.shows`."""
+    return float(min(chance(detection_map, root_m, corner_m) / PLAIN, 1.0))
+
+
+@kernel
+def find_needed(
+    state: Floats,
+    last_seen_s: Floats,
+    confirmed: Flags,
+    seen_by: Flags,
+    ahead_s: float,
+    needed: Flags,
+) -> None:
+    """Fill `needed` `(num_tracks, num_cameras)`, see `Outlook.needed`.
+
+    Somebody new is shown once a third camera has seen the person, and who walks while a second one
+    does. Nobody else needs a camera.
+
+    All but the last two are of `Belief`; `ahead_s` seconds pass without a look.
+    """
+    for track in range(len(needed)):
+        alone = led_alone(state[track], last_seen_s[track], ahead_s)
+        newest_s = last_seen_s[track].min()
+        for camera in range(needed.shape[1]):
+            if confirmed[track]:
+                needed[track, camera] = alone and last_seen_s[track, camera] > newest_s
+            else:
+                needed[track, camera] = not seen_by[track, camera]
+
+
+@kernel
+def show(
+    body: Proportions,
+    rows: Integers,
+    unmeasured_s: Floats,
+    state: Floats,
+    covariance: Floats,
+    bones_m: Floats,
+    bone_counts: Floats,
+    joints_m: Floats,
+    covariance_m2: Floats,
+    measured: Flags,
+) -> None:
+    """Fill an `Estimate` with the tracks at `rows`; up to `bone_counts` all is of `Belief`."""
+    for index in range(len(rows)):
+        track = rows[index]
+        for joint in range(state.shape[1]):
+            unmeasured = unmeasured_s[track, joint]
+            ever_measured = math.isfinite(unmeasured)
+            measured[index, joint] = unmeasured == 0.0
+            for a in range(3):
+                joints_m[index, joint, a] = state[track, joint, a] if ever_measured else np.nan
+                for b in range(3):
+                    block = covariance[track, joint, a, b]
+                    covariance_m2[index, joint, a, b] = block if ever_measured else np.nan
+    keep_all(body, bones_m[rows], bone_counts[rows], joints_m, covariance_m2, measured)
+
+
+@kernel
+def grade(
+    constants: Held[Site],
+    rows: Integers,
+    state: Floats,
+    drift_share: Floats,
+    innovations: Floats,
+    last_seen_s: Floats,
+    delivered: Floats,
+    noise: Floats,
+    bias_px: Floats,
+    covariance_m2: Floats,
+    stated_m2: Floats,
+    scores: Floats,
+    inflation: Floats,
+    repeated_m2: Floats,
+    lasting_m2: Floats,
+    bias_share: Floats,
+) -> None:
+    """Fill the published covariances of people, and the scores of their joints.
+
+    Args:
+        constants: of the rig, the skeleton and the detector.
+        rows: `(num_persons,)` of their tracks.
+        state: `(num_tracks, num_joints, 6)` of `Belief`, like all up to `bias_px`.
+        drift_share: `(num_tracks, num_joints)`.
+        innovations: `(num_tracks, 2)`.
+        last_seen_s: `(num_tracks, num_cameras)`.
+        delivered: `(num_tracks, num_cameras)`.
+        noise: `(num_cameras + 1, 2)`.
+        bias_px: `(num_tracks, num_cameras, num_joints, 2)`.
+        covariance_m2: `(num_persons, num_joints, 3, 3)` of `Estimate`.
+        stated_m2: likewise, filled: with the factors and the errors that views repeat.
+        scores: `(num_persons, num_joints)` filled: certainty in (0, 1], 0 for joints never
+            measured.
+        inflation: `(num_persons, num_joints)` filled: the factors on standard deviations.
+        repeated_m2: `(num_persons, num_joints, 3, 3)` filled: the errors that views repeat.
+        lasting_m2: likewise: the same, as large as the learned biases.
+        bias_share: `(2,)` adds up the squares of these over the variance, and counts them.
+    """
+    site = constants.values
+    sigma_px, weights = np.empty(len(site.scales)), np.empty(len(site.scales))
+    lasting = np.empty(len(site.scales))
+    quietest(noise, site.noise_weight, site.scales, site.noise_scores, site.noise_px, sigma_px)
+    for index in range(len(rows)):
+        track = rows[index]
+        weigh_views(last_seen_s[track], delivered[track], sigma_px, site.memory, weights)
+        of_person = learned_factor(innovations[track])
+        for joint in range(scores.shape[1]):
+            factor = spread_factor(drift_share[track, joint], of_person)
+            block = covariance_m2[index, joint]
+            variance = (block[0, 0] + block[1, 1] + block[2, 2]) / 3
+            score = max(1.0 / (1.0 + variance / HALF_SCORE_M**2), LEAST_SCORE)
+            scores[index, joint] = score if math.isfinite(variance) else 0.0
+            inflation[index, joint] = factor
+            repeated = repeated_m2[index, joint]
+            place = state[track, joint]
+            find_repeated(place, weights, site.projections, MOST_M, repeated)
+            biases_px, seen_s = bias_px[track, :, joint], last_seen_s[track]
+            weigh_biases(biases_px, seen_s, sigma_px, site.memory, weights, lasting, bias_share)
+            find_repeated(
+                place, lasting, site.projections, MOST_LASTING_M, lasting_m2[index, joint]
+            )
+            for a in range(3):
+                for b in range(3):
+                    stated_m2[index, joint, a, b] = block[a, b] * factor**2 + repeated[a, b]

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.estimate.filter import blindness, failed_pairs
+from e3pose.estimate.filter.bones import GIRDLES, SIDES, Proportions, proportions_of
 from e3pose.estimate.filter.motion import alone
-from e3pose.estimate.filter.proportions import GIRDLES, SIDES, Proportions, proportions_of
 from e3pose.estimate.filter.tree import Tree, grow
 from e3pose.geometry.camera import Rig
 from e3pose.model.noise import Noise
@@ -32,10 +32,8 @@ OF_THE_SITE = (
 )
 WAIT_S = 0.14  # three slots of 1/25 s
 WAIT_VIEWS = 2.5  # that a detection waits for where slots are long or few cameras look
-MAX_LEFTOVERS = 64  # capacity: newest first: a view full of noise must not cost the slot
 MAX_TRACKS = 64  # capacity: nobody is started beyond, so ghosts of hostile views cannot pile up
 APART_M = 0.35  # somebody nearer to a track than this is that track
-MIN_SCORE = 0.05  # keypoints below this are not used
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,7 +175,7 @@ class Belief:
             are off for seconds.
         confirmed: `(num_tracks,)` whether the person is believed to exist, and is shown.
         mirrored: `(num_tracks, 2)` in [0, 1]: recent share of the looks at arms and at legs that
-            showed left and right exchanged (`kernels.sides`).
+            showed left and right exchanged (`filter.sides`).
         bones_m: `(num_tracks, num_bones)` lengths learned; 0 where none is.
         bone_counts: `(num_tracks, num_bones)` slots that taught them.
         innovations: `(num_tracks, 2)` sums of the last seconds, in metres: how far keypoints were

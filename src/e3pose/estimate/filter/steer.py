@@ -8,21 +8,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from e3pose.estimate.base import STEER_SLOTS
-from e3pose.estimate.filter.motion import fading
+from e3pose.estimate.filter.motion import fading, foresee_joints, steer_all
 from e3pose.estimate.filter.state import Belief, Floats, Ints, Model
 from e3pose.estimate.filter.tree import Tree
 from e3pose.predict.base import Prediction
-from e3pose.runtime.deferred import Deferred
-
-if TYPE_CHECKING:
-    from e3pose.estimate.filter.kernels import motion as kernels
-else:
-    kernels = Deferred("e3pose.estimate.filter.kernels.motion")
 
 # Of the way from the filter's own prediction to the other one. The errors of the two hang together,
 # and far from what was learned the filter's is the safer one; 0.5 to 0.7 are alike
@@ -58,7 +51,7 @@ def steer(
     state = belief.state.copy()
     left = np.empty(joints_m.shape[:2])
     left[:] = drift_share
-    kernels.steer_all(
+    steer_all(
         float(ahead_s),
         GAIN,
         tree.order,
@@ -91,11 +84,11 @@ def foreseen(
     Returns:
         `(num_steered, num_joints, 3)` metres after `STEER_SLOTS`, NaN where no error is stated and
         of people with a short history; `(num_steered, num_joints)` the share of the process noise
-        that is left, in `[LEAST_SHARE, MOST_SHARE]` of `kernels.motion`.
+        that is left, in `[LEAST_SHARE, MOST_SHARE]` of `filter.motion`.
     """
     shape = prediction.joints_m.shape[1:]
     joints_m, shares = np.empty(shape), np.empty(shape[:2])
-    kernels.foresee_joints(
+    foresee_joints(
         history_m,
         prediction.joints_m[STEER_SLOTS - 1],
         prediction.error_m,

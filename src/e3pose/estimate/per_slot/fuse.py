@@ -11,6 +11,7 @@ from e3pose.errors import InputError
 from e3pose.estimate.per_slot.fusion import Fused as Fused
 from e3pose.estimate.per_slot.fusion import Fusion as Fusion
 from e3pose.estimate.per_slot.fusion import FusionSettings as FusionSettings
+from e3pose.estimate.per_slot.slot import SlotKernel
 from e3pose.geometry.camera import Rig
 from e3pose.model.pose import Poses2D, Poses3D
 
@@ -42,12 +43,9 @@ class Fuser:
         self.rig = rig
         self.num_joints = num_joints
         self.settings = settings or FusionSettings()
-        self._run: Callable[[Floats, Floats, Integers], Fused] = self._compiled()
-
-    def _compiled(self) -> Callable[[Floats, Floats, Integers], Fused]:
-        from e3pose.estimate.per_slot.slot import SlotKernel
-
-        return SlotKernel(self.rig, self.num_joints, self.settings)
+        self._run: Callable[[Floats, Floats, Integers], Fused] = SlotKernel(
+            rig, num_joints, self.settings
+        )
 
     def warm_up(self) -> None:
         """Compile, or load from the cache, all that a slot needs; takes seconds the first time."""

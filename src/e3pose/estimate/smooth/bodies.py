@@ -16,9 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.estimate.base import Posterior
+from e3pose.estimate.filter.bones import Proportions
 from e3pose.estimate.filter.lasting import grown_m2
 from e3pose.estimate.filter.motion import places, transitions
-from e3pose.estimate.filter.proportions import Proportions, kept
+from e3pose.estimate.filter.proportions import kept
 from e3pose.estimate.filter.tree import Tree
 from e3pose.estimate.smooth.rauch import Expected, expect, step_back
 from e3pose.estimate.smooth.stated import own_m2

@@ -9,8 +9,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from e3pose.estimate.base import Posterior
+from e3pose.estimate.filter.bones import Proportions, proportions_of
 from e3pose.estimate.filter.motion import places
-from e3pose.estimate.filter.proportions import Proportions, kept, proportions_of
+from e3pose.estimate.filter.proportions import kept
 from e3pose.estimate.filter.tree import grow
 from e3pose.estimate.smooth.bodies import FixedLag, Smoothed
 from e3pose.model.pose import Poses3D

@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from e3pose.estimate.filter.proportions import kept, median_lengths_m, proportions_of
+from e3pose.estimate.filter.bones import proportions_of
+from e3pose.estimate.filter.proportions import kept, median_lengths_m
 from e3pose.estimate.filter.tree import grow
 from e3pose.estimate.smooth.points import UNKNOWN_SIGMA_M
 from e3pose.model.proportions import LEAST_M, MOST_M

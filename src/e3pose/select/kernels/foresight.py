@@ -10,11 +10,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.estimate.filter.bias import MemoryTerms
+from e3pose.estimate.filter.bias import MemoryTerms, inflation, worth_inflation
 from e3pose.estimate.filter.blindness import PLAIN
-from e3pose.estimate.filter.kernels.bias import inflation, worth_inflation
-from e3pose.estimate.filter.kernels.carry import carry
-from e3pose.estimate.filter.kernels.existence import INSIDE_JOINTS
+from e3pose.estimate.filter.carry import carry
+from e3pose.estimate.filter.existence import INSIDE_JOINTS
 from e3pose.geometry.projection import MIN_DEPTH_M
 from e3pose.runtime.kernel import kernel
 from e3pose.select.kernels.blind_places import worth

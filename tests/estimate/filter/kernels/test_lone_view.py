@@ -9,9 +9,9 @@ import pytest
 from numpy.typing import NDArray
 
 from e3pose.estimate.filter import Model
-from e3pose.estimate.filter.kernels.lone_view import SIZE_SHARE
-from e3pose.estimate.filter.kernels.step import StepKernel
+from e3pose.estimate.filter.lone_view import SIZE_SHARE
 from e3pose.estimate.filter.state import Belief
+from e3pose.estimate.filter.step import StepKernel
 from e3pose.model.noises import load_noise
 from e3pose.model.pose import Poses2D
 from e3pose.simulate import SceneSettings, simulate

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from tests.estimate.filter.room import BODY
 from tests.reference import filter_proportions
 
-from e3pose.estimate.filter.kernels.proportions import expect_lengths, stature_of
-from e3pose.estimate.filter.proportions import Proportions, kept, proportions_of
+from e3pose.estimate.filter.bones import Proportions, proportions_of
+from e3pose.estimate.filter.proportions import expect_lengths, kept, stature_of
 from e3pose.estimate.filter.tree import grow
 from e3pose.model.proportions import KINDS, RIGID, STATURE_M, STATURE_SPREAD
 from e3pose.model.skeleton import COCO17, SKELETONS

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from tests.estimate.filter.room import MODEL, NUM_CAMERAS
 
 from e3pose.estimate.filter.bias import memory_terms
-from e3pose.estimate.filter.kernels.repeated_errors import (
+from e3pose.estimate.filter.repeated_errors import (
     COMMON,
     LEAST_WEIGHT,
     MOST_M,

@@ -13,7 +13,8 @@ from tests.reference.filter_step import step
 
 from e3pose.errors import InputError
 from e3pose.estimate.filter import Belief
-from e3pose.estimate.filter.state import MAX_LEFTOVERS, MAX_TRACKS
+from e3pose.estimate.filter.scratch import MAX_LEFTOVERS
+from e3pose.estimate.filter.state import MAX_TRACKS
 from e3pose.model.pose import Poses2D
 
 pytestmark = pytest.mark.slow

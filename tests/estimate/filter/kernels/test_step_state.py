@@ -20,7 +20,7 @@ from tests.estimate.filter.kernels.agreement import (
 from tests.reference.belief_arrays import belief_from_arrays, belief_to_arrays
 
 from e3pose.estimate.filter import Belief, Estimate, Model
-from e3pose.estimate.filter.kernels.step import StepKernel, step_slot
+from e3pose.estimate.filter.step import StepKernel, step_slot
 from e3pose.model.pose import Poses2D
 
 pytestmark = pytest.mark.slow

@@ -7,10 +7,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.estimate.filter.blindness import FASTEST_S, PROOF_S
-from e3pose.estimate.filter.kernels.blindness import proof
-from e3pose.estimate.filter.kernels.scratch import Matches, Tracks, Views
-from e3pose.estimate.filter.state import MIN_SCORE
+from e3pose.estimate.filter.blindness import FASTEST_S, PROOF_S, proof
+from e3pose.estimate.filter.projected import USED_SCORE
+from e3pose.estimate.filter.scratch import Matches, Tracks, Views
 from e3pose.runtime.kernel import kernel
 
 Floats = NDArray[np.float64]
@@ -70,7 +69,7 @@ def attend(
                     row = views.starts[camera] + person
                     best = (finest * scales[camera]) ** 2
                     for joint in range(num_joints):
-                        if views.weights[row, joint] > MIN_SCORE:
+                        if views.weights[row, joint] > USED_SCORE:
                             information += best / views.variances[row, joint]
                     information /= num_joints
                     tracks.hits[track] += 1

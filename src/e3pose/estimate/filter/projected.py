@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.estimate.filter.state import MIN_SCORE
 from e3pose.geometry.projection import MIN_DEPTH_M
 from e3pose.runtime.kernel import kernel
 
 Floats = NDArray[np.float64]
 
+USED_SCORE = 0.05  # keypoints below this are not used
 U, V, SPREAD, IN_FRONT = range(4)  # layout: planes of `Offers.projected`
 
 
@@ -107,7 +107,7 @@ def beside(
         mean variance of the joint's pixel, px2; the gradients of `shown_at`. Without the first, the
         rest means nothing.
     """
-    if not weights[row, joint] > MIN_SCORE:
+    if not weights[row, joint] > USED_SCORE:
         return False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     x, y, z = state[joint, 0], state[joint, 1], state[joint, 2]
     depth, u, v, ux, uy, uz, vx, vy, vz = shown_at(projection, x, y, z)

@@ -7,10 +7,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.estimate.filter.kernels.motion import move
-from e3pose.estimate.filter.kernels.scratch import Passes, Site, Tracks
-from e3pose.estimate.filter.kernels.tree import backward, decompose, forward
-from e3pose.estimate.filter.motion import ACCELERATION_LASTS_S
+from e3pose.estimate.filter.motion import ACCELERATION_LASTS_S, move
+from e3pose.estimate.filter.scratch import Passes, Site, Tracks
+from e3pose.estimate.filter.tree import backward, decompose, forward
 from e3pose.runtime.kernel import kernel
 
 Floats = NDArray[np.float64]

@@ -7,8 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.estimate.filter.bias import MemoryTerms
-from e3pose.estimate.filter.kernels.bias import inflation
+from e3pose.estimate.filter.bias import MemoryTerms, inflation
 from e3pose.runtime.kernel import kernel
 
 Floats = NDArray[np.float64]

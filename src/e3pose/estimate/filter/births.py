@@ -7,12 +7,12 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.estimate.filter.kernels.existence import DELIVERED_PRIOR, is_wide
-from e3pose.estimate.filter.kernels.failed_pairs import count_failures
-from e3pose.estimate.filter.kernels.leftovers import MIN_JOINTS, collect
-from e3pose.estimate.filter.kernels.proportions import median_of, stature_of
-from e3pose.estimate.filter.kernels.scratch import Pairs, Site, Tracks, Views, Waiting
-from e3pose.estimate.filter.proportions import Proportions
+from e3pose.estimate.filter.bones import Proportions
+from e3pose.estimate.filter.existence import DELIVERED_PRIOR, is_wide
+from e3pose.estimate.filter.failed_pairs import count_failures
+from e3pose.estimate.filter.leftovers import MIN_JOINTS, collect
+from e3pose.estimate.filter.proportions import median_of, stature_of
+from e3pose.estimate.filter.scratch import Pairs, Site, Tracks, Views, Waiting
 from e3pose.estimate.filter.state import APART_M, MAX_TRACKS
 from e3pose.estimate.per_slot.triangulate import triangulate_person
 from e3pose.model.proportions import LEAST_M, MOST_M

@@ -10,30 +10,30 @@ from typing import Any
 import numpy as np
 
 from e3pose.errors import InputError
-from e3pose.estimate.filter.kernels.agility import learn_agility, note_correction, note_place
-from e3pose.estimate.filter.kernels.associate import associate
-from e3pose.estimate.filter.kernels.bias import learn_bias
-from e3pose.estimate.filter.kernels.births import give_birth
-from e3pose.estimate.filter.kernels.blindness import learn_detection_map
-from e3pose.estimate.filter.kernels.covariance_inflation import compare_predicted
-from e3pose.estimate.filter.kernels.existence import attend, end
-from e3pose.estimate.filter.kernels.learned_noise import compare_noise, learn_noise, recall_noise
-from e3pose.estimate.filter.kernels.learned_shift import learn_shifts, recall_shifts
-from e3pose.estimate.filter.kernels.lone_view import update_by_views
-from e3pose.estimate.filter.kernels.predict import predict
-from e3pose.estimate.filter.kernels.scratch import (
+from e3pose.estimate.filter.agility import learn_agility, note_correction, note_place
+from e3pose.estimate.filter.allocation import held_site, make_memory
+from e3pose.estimate.filter.associate import associate
+from e3pose.estimate.filter.bias import learn_bias
+from e3pose.estimate.filter.births import give_birth
+from e3pose.estimate.filter.blindness import learn_detection_map
+from e3pose.estimate.filter.covariance_inflation import compare_predicted
+from e3pose.estimate.filter.existence import attend, end
+from e3pose.estimate.filter.learned_noise import compare_noise, learn_noise, recall_noise
+from e3pose.estimate.filter.learned_shift import learn_shifts, recall_shifts
+from e3pose.estimate.filter.lone_view import update_by_views
+from e3pose.estimate.filter.predict import predict
+from e3pose.estimate.filter.scratch import (
+    MAX_LEFTOVERS,
     Detectors,
     Memory,
     Site,
     Tracks,
     Views,
-    held_site,
-    make_memory,
 )
-from e3pose.estimate.filter.kernels.sides import turn_round
-from e3pose.estimate.filter.kernels.update import learn_bones
 from e3pose.estimate.filter.shown import Estimate, estimate_of
-from e3pose.estimate.filter.state import MAX_LEFTOVERS, MAX_TRACKS, Belief, Floats, Leftovers, Model
+from e3pose.estimate.filter.sides import turn_round
+from e3pose.estimate.filter.state import MAX_TRACKS, Belief, Floats, Leftovers, Model
+from e3pose.estimate.filter.update import learn_bones
 from e3pose.geometry.undistort import undistort_slot
 from e3pose.model.pose import MAX_PIXEL, MIN_SCORE, Poses2D
 from e3pose.runtime.held import Held, hold

@@ -7,11 +7,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.estimate.filter.kernels.existence import INSIDE_JOINTS
-from e3pose.estimate.filter.kernels.projected import IN_FRONT, SPREAD, U, V
-from e3pose.estimate.filter.kernels.scratch import Matches, Offers, Site, Views
-from e3pose.estimate.filter.kernels.sides import SIDE_PX, exchange, exchanged_limbs
-from e3pose.estimate.filter.state import MIN_SCORE
+from e3pose.estimate.filter.existence import INSIDE_JOINTS
+from e3pose.estimate.filter.projected import IN_FRONT, SPREAD, USED_SCORE, U, V
+from e3pose.estimate.filter.scratch import Matches, Offers, Site, Views
+from e3pose.estimate.filter.sides import SIDE_PX, exchange, exchanged_limbs
 from e3pose.estimate.per_slot.assign import assign
 from e3pose.geometry.projection import MIN_DEPTH_M
 from e3pose.runtime.kernel import kernel
@@ -195,7 +194,7 @@ def _cost(
     total = weighted = 0.0
     for joint in range(weights.shape[1]):
         weight = weights[row, joint]
-        if weight > MIN_SCORE and projected[IN_FRONT, joint] > 0:
+        if weight > USED_SCORE and projected[IN_FRONT, joint] > 0:
             du = pixels[row, joint, 0] - projected[U, joint]
             dv = pixels[row, joint, 1] - projected[V, joint]
             variance = variances[row, joint] + bias + projected[SPREAD, joint]
@@ -216,7 +215,7 @@ def _vagueness(
     total = weighted = 0.0
     for joint in range(weights.shape[1]):
         weight = weights[row, joint]
-        if weight > MIN_SCORE and projected[IN_FRONT, joint] > 0:
+        if weight > USED_SCORE and projected[IN_FRONT, joint] > 0:
             total += weight
             weighted += weight * math.log1p(
                 projected[SPREAD, joint] / (variances[row, joint] + bias)

@@ -18,10 +18,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.estimate.filter.kernels.existence import LEARN_RATE
-from e3pose.estimate.filter.kernels.projected import IN_FRONT, SPREAD, U, V
-from e3pose.estimate.filter.kernels.scratch import Matches, Site, Tracks, Views
-from e3pose.estimate.filter.state import MIN_SCORE
+from e3pose.estimate.filter.existence import LEARN_RATE
+from e3pose.estimate.filter.projected import IN_FRONT, SPREAD, USED_SCORE, U, V
+from e3pose.estimate.filter.scratch import Matches, Site, Tracks, Views
 from e3pose.runtime.kernel import kernel
 
 Floats = NDArray[np.float64]
@@ -64,7 +63,7 @@ def exchanged_limbs(
     arms = legs = 0.0  # log-odds of being as given
     for joint in range(len(opposites)):
         other = opposites[joint]
-        if other == joint or not weights[row, joint] > MIN_SCORE:
+        if other == joint or not weights[row, joint] > USED_SCORE:
             continue
         if not (projected[IN_FRONT, joint] > 0 and projected[IN_FRONT, other] > 0):
             continue
@@ -72,7 +71,7 @@ def exchanged_limbs(
         across_v = projected[V, joint] - projected[V, other]
         spread = projected[SPREAD, joint] + projected[SPREAD, other]
         variance = variances[row, joint] + bias
-        if weights[row, other] > MIN_SCORE:
+        if weights[row, other] > USED_SCORE:
             if other < joint:
                 continue
             du = pixels[row, joint, 0] - pixels[row, other, 0]

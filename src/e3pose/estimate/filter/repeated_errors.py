@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.estimate.filter.bias import MemoryTerms
-from e3pose.estimate.filter.kernels.projected import shown_at
+from e3pose.estimate.filter.projected import shown_at
 from e3pose.geometry.projection import MIN_DEPTH_M
 from e3pose.runtime.kernel import kernel
 

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.estimate.filter.bias import MemoryTerms
-from e3pose.estimate.filter.kernels.scratch import Passes, Site, Tracks, Views
-from e3pose.estimate.filter.kernels.update import update
+from e3pose.estimate.filter.scratch import Passes, Site, Tracks, Views
+from e3pose.estimate.filter.update import update
 from e3pose.runtime.kernel import kernel
 
 Floats = NDArray[np.float64]

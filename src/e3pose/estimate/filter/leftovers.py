@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.estimate.filter.kernels.scratch import Views, Waiting
-from e3pose.estimate.filter.state import MAX_LEFTOVERS
+from e3pose.estimate.filter.scratch import MAX_LEFTOVERS, Views, Waiting
 from e3pose.runtime.kernel import kernel
 
 Floats = NDArray[np.float64]

@@ -7,14 +7,12 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.estimate.filter.kernels.bias import inflation
-from e3pose.estimate.filter.kernels.projected import shown_at
-from e3pose.estimate.filter.kernels.proportions import expect_lengths
-from e3pose.estimate.filter.kernels.scratch import Passes, Site, Tracks, Views
-from e3pose.estimate.filter.kernels.tree import eliminate, prepare, spread_out
+from e3pose.estimate.filter.bias import inflation
 from e3pose.estimate.filter.outliers import MEASURED_SIGMAS, ROBUST
-from e3pose.estimate.filter.proportions import BONE_MEMORY, BONE_TEACHERS
-from e3pose.estimate.filter.state import MIN_SCORE
+from e3pose.estimate.filter.projected import USED_SCORE, shown_at
+from e3pose.estimate.filter.proportions import BONE_MEMORY, BONE_TEACHERS, expect_lengths
+from e3pose.estimate.filter.scratch import Passes, Site, Tracks, Views
+from e3pose.estimate.filter.tree import eliminate, prepare, spread_out
 from e3pose.geometry.projection import MIN_DEPTH_M
 from e3pose.runtime.kernel import kernel
 
@@ -183,7 +181,7 @@ def _pull_view(
     `factor` is on its variances.
     """
     for joint in range(len(places)):
-        if not weights[row, joint] > MIN_SCORE:
+        if not weights[row, joint] > USED_SCORE:
             continue
         x, y, z = places[joint, 0], places[joint, 1], places[joint, 2]
         depth, u, v, ux, uy, uz, vx, vy, vz = shown_at(projection, x, y, z)

@@ -1,0 +1,110 @@
+"""The bones of a skeleton: which lengths are learned, and which limbs stay together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.estimate.filter.tree import Tree
+from e3pose.model.proportions import KINDS, kind_of
+from e3pose.model.skeleton import BODY_LIMBS, FACE_LIMBS
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Ints = NDArray[np.int64]
+
+SIDES = ("left", "right")
+GIRDLES = ("shoulder", "hip")
+STIFF = (
+    *BODY_LIMBS,
+    ("left_shoulder", "right_hip"),
+    ("right_shoulder", "left_hip"),
+    *FACE_LIMBS,
+    ("left_eye", "right_eye"),
+    ("left_ear", "right_ear"),
+)
+STIFF_SLACK_M = 0.03  # detectors slide joints along the body by about this
+# A head turns and nods: what it does to these lengths is a few centimetres.
+LOOSE = tuple((f, f"{s}_shoulder") for f in ("nose", "left_ear", "right_ear") for s in SIDES)
+LOOSE_SLACK_M = 0.08
+LIMBS = (  # joints of which detectors exchange left and right together
+    ("shoulder", "elbow", "wrist", "palm", "hand", "thumb", "fingers"),
+    ("hip", "knee", "ankle", "foot", "toes", "big_toe", "small_toe", "heel"),
+)
+
+
+class Proportions(NamedTuple):
+    """The bones of a skeleton, as kernels take them.
+
+    Attributes:
+        bones: `(num_bones, 2)` joints that stay about as far apart as they are.
+        slacks_m: `(num_bones,)` how far the length of a bone strays, as a standard deviation.
+        links: `(num_joints,)` the bone between each joint and its parent, -1 where there is none.
+        order: `(num_joints,)` the root first, each joint after its parent.
+        parents: `(num_joints,)` -1 at the root.
+        limbs: `(num_joints,)` of arms 1, of legs 2, else 0.
+        kinds: `(num_bones,)` row of the next two, -1 where nothing is known of people.
+        shares: `(num_kinds,)` logarithms of shares of the stature.
+        spreads: `(num_kinds,)` of a logarithm, given the stature.
+        gives: `(num_bones,)` factor by which a shown limb may be longer or shorter; 0 for any.
+        anchored: `(num_bones,)` limbs of which the first joint is of the trunk.
+    """
+
+    bones: Ints
+    slacks_m: Floats
+    links: Ints
+    order: Ints
+    parents: Ints
+    limbs: Ints
+    kinds: Ints
+    shares: Floats
+    spreads: Floats
+    gives: Floats
+    anchored: Flags
+
+
+def proportions_of(joints: Sequence[str], tree: Tree) -> Proportions:
+    """Return the bones of a skeleton of these joints, and its tree."""
+    pairs = [
+        (pair, slack_m)
+        for links, slack_m in ((STIFF, STIFF_SLACK_M), (LOOSE, LOOSE_SLACK_M))
+        for pair in links
+        if set(pair) <= set(joints)
+    ]
+    ends = [[joints.index(a), joints.index(b)] for (a, b), _ in pairs]
+    rows = {frozenset(pair): row for row, pair in enumerate(ends)}
+    edges = enumerate(tree.parents.tolist())
+    kinds = np.array([kind_of(*pair) for pair, _ in pairs], dtype=np.int64)
+    gives = np.array([*(kind.give for kind in KINDS.values()), 0.0])
+    return Proportions(
+        bones=np.array(ends, dtype=np.int64).reshape(-1, 2),
+        slacks_m=np.array([slack_m for _, slack_m in pairs]),
+        links=np.array([rows.get(frozenset(edge), -1) for edge in edges], dtype=np.int64),
+        order=np.ascontiguousarray(tree.order),
+        parents=np.ascontiguousarray(tree.parents),
+        limbs=limbs_of(joints),
+        kinds=kinds,
+        shares=np.log([kind.share for kind in KINDS.values()]),
+        spreads=np.array([kind.spread for kind in KINDS.values()]),
+        gives=gives[kinds],
+        anchored=np.array([_is_anchored(*pair) for pair, _ in pairs], dtype=bool),
+    )
+
+
+def _is_anchored(first: str, second: str) -> bool:
+    trunk = {f"{side}_{girdle}" for side in SIDES for girdle in GIRDLES}
+    return kind_of(first, second) >= 0 and first in trunk and second not in trunk
+
+
+def limbs_of(joints: Sequence[str]) -> Ints:
+    """Return `(num_joints,)` 1 for joints of arms, 2 for legs, 0 for those of one side only."""
+    limbs = np.zeros(len(joints), dtype=np.int64)
+    for limb, names in enumerate(LIMBS, start=1):
+        for name in names:
+            pair = [f"{side}_{name}" for side in SIDES]
+            if set(pair) <= set(joints):
+                limbs[[joints.index(joint) for joint in pair]] = limb
+    return limbs

@@ -1,1 +1,0 @@
-"""The estimators, compiled with numba."""
