@@ -1,16 +1,26 @@
-"""Pages that the documentation makes of the code: one per verb of the command line, and the API."""
+"""Pages that the documentation makes of the code.
+
+One per verb of the command line, the Python API, and the tuned numbers of the filter.
+"""
 
 from __future__ import annotations
 
+import ast
 import re
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 
+import e3pose.estimate.filter
 from e3pose import _HOMES
 from e3pose.cli.app import GROUPS, app
+
+FILTER = Path(e3pose.estimate.filter.__file__).parent
+TERMS = "experiments/2026-11-24-terms-of-the-filter.md"  # what each term is worth, measured
+NOT_MEASURED = "not measured"
 
 # Pages of the Python API: title, what it is for, and the names to show.
 API: dict[str, tuple[str, str, tuple[str, ...]]] = {
@@ -91,7 +101,84 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
             f"::: e3pose.{member}\n    options:\n      heading_level: 2\n" for member in members
         )
         files.append(File.generated(config, f"reference/api/{name}.md", content=text))
+    text = numbers_page(Path(config.docs_dir))
+    files.append(File.generated(config, "research/tuned-numbers.md", content=text))
     return files
+
+
+class Mark(NamedTuple):
+    """A comment above a tuned number: `# tuned: UNIT | CHOSEN ON | WORTH`.
+
+    Attributes:
+        name: of the constants.
+        value: as the code has it.
+        unit: of each.
+        chosen_on: recordings, or what else decided.
+        worth: the term of `TERMS` that is out of force without it, or `NOT_MEASURED`.
+    """
+
+    name: str
+    value: str
+    unit: str
+    chosen_on: str
+    worth: str
+
+
+def marks(source: str) -> Iterator[Mark]:
+    """Yield the marked numbers of a module; raise `ValueError` for a mark that lacks a part."""
+    lines = source.splitlines()
+    for node in ast.parse(source).body:
+        if isinstance(node, ast.Assign):
+            first = node.lineno - 1
+            while first and lines[first - 1].startswith("#"):
+                first -= 1
+            above = " ".join(line[1:].strip() for line in lines[first : node.lineno - 1])
+            if "tuned:" in above:
+                unit, chosen_on, worth = above.split("tuned:")[1].split("|")
+                name = ast.unparse(node.targets[0]).strip("()")
+                parts = (part.strip() for part in (unit, chosen_on, worth))
+                yield Mark(name, ast.unparse(node.value).strip("()"), *parts)
+
+
+def worths(terms: str) -> dict[str, float]:
+    """Return how much larger the mean error is without each term, percent.
+
+    Args:
+        terms: the page `TERMS`.
+    """
+    rows = (line.strip("| ").split(" | ") for line in terms.splitlines() if line.startswith("| "))
+    return {
+        row[0]: sum(float(cell.split()[0]) for cell in row[1:]) / len(row[1:])
+        for row in rows
+        if len(row) > 1 and all(re.match(r"[+-][\d.]+( |$)", cell) for cell in row[1:])
+    }
+
+
+def numbers_page(docs: Path) -> str:
+    """Return the table of the tuned numbers of the filter."""
+    known = worths((docs / TERMS).read_text())
+    page = [
+        "# Tuned numbers of the filter",
+        "",
+        "Generated from the marks above the constants in `src/e3pose/estimate/filter/`. No number",
+        "was fitted to labels of a recording. *Worth* is how much larger the mean error is over",
+        f"[twelve recordings](../{TERMS}) without the term that a number belongs to; that",
+        "page says what else each term is there for.",
+        "",
+        "| law | constant | value | unit | chosen on | worth |",
+        "|---|---|---|---|---|---|",
+    ]
+    for path in sorted(FILTER.glob("*.py")):
+        for mark in marks(path.read_text()):
+            worth = mark.worth
+            if worth != NOT_MEASURED:
+                worth = f"{known[worth]:+.1f} % ({worth})"
+            origin = re.sub(
+                r"docs/(experiments/[\w-]+)\.md", r"[experiment](../\1.md)", mark.chosen_on
+            )
+            cells = (path.stem, f"`{mark.name}`", f"`{mark.value}`", mark.unit, origin, worth)
+            page.append(f"| {' | '.join(cells)} |")
+    return "\n".join(page) + "\n"
 
 
 def command_page(verb: str) -> str:

@@ -28,7 +28,8 @@ COMMAND = re.compile(
     r"^ *(?:sudo (?:-u e3pose )?)?(?:E3POSE_CACHE=\S+ )?(?:/opt/e3pose/bin/)?e3pose "
 )
 GENERATED = (
-    r"(\.\./|docs/)?reference/(cli|api)/"  # by docs/hooks.py; `make docs` checks links to them
+    # By docs/hooks.py; `make docs` checks links to them.
+    r"(\.\./|docs/)?(reference/(cli|api)/|(research/)?tuned-numbers\.md)"
 )
 PLACEHOLDER = re.compile(r"[\[\]|<>$]|\.\.\.")  # of a synopsis or a loop, not a command
 BY_PAGE = {str(page.relative_to(ROOT)): text for page, text in TEXTS.items()}

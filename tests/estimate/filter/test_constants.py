@@ -3,8 +3,13 @@
 from __future__ import annotations
 
 import ast
+import importlib.util
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
+
+import pytest
+from tests.test_docs import ROOT
 
 import e3pose.estimate.filter
 
@@ -13,6 +18,17 @@ FOLDER = Path(e3pose.estimate.filter.__file__).parent
 # what keeps arithmetic finite.
 NO_TUNING = ("layout", "definition", "capacity", "numerics")
 MOST = 138
+
+
+def _hooks() -> Any:
+    spec = importlib.util.spec_from_file_location("hooks", ROOT / "docs" / "hooks.py")
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+hooks = _hooks()
 
 
 def numbers(value: ast.expr) -> int:
@@ -40,6 +56,28 @@ def tuned(source: str) -> Iterator[tuple[str, int]]:
             count = 0 if isinstance(value, ast.Dict | ast.Lambda) else numbers(value)
             if count and isinstance(name, ast.Name) and name.id.isupper():
                 yield name.id, count
+
+
+def test_every_tuned_number_is_marked() -> None:
+    """With its unit, what it was chosen on, and what it is worth, also where that is not known."""
+    worth = {*hooks.worths((ROOT / "docs" / hooks.TERMS).read_text()), hooks.NOT_MEASURED}
+    assert len(worth) > 40
+    for path in sorted(FOLDER.rglob("*.py")):
+        marks = list(hooks.marks(path.read_text()))
+        marked = {name for mark in marks for name in mark.name.split(", ")}
+        assert marked == {name for name, _ in tuned(path.read_text())}, path.name
+        for mark in marks:
+            assert mark.unit and mark.chosen_on and mark.worth in worth, f"{path.name}: {mark}"
+
+
+def test_marks_are_read() -> None:
+    source = (
+        "# Why.\n# tuned: s, m | on a scene,\n#   seed 1 | agility\nA, B = 1.0, 2.0  # c\nC = 3\n"
+    )
+    (mark,) = hooks.marks(source)
+    assert mark == ("A, B", "1.0, 2.0", "s, m", "on a scene, seed 1", "agility")
+    with pytest.raises(ValueError, match="not enough values"):
+        list(hooks.marks("# tuned: s | on a scene\nA = 1.0\n"))
 
 
 def test_tuned_numbers_are_no_more_than_they_were() -> None:

@@ -4,7 +4,7 @@
 
 A step is a pure function: the belief of the slot before and the views of this slot in, the belief
 of this slot and the people out. Method: `docs/explanation/estimator.md`; origin of the constants:
-`docs/research/estimator.md`.
+the marks above them.
 """
 
 from e3pose.estimate.filter.outlook import outlook as outlook

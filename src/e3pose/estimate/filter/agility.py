@@ -19,9 +19,13 @@ from e3pose.estimate.filter.projected import beside
 from e3pose.estimate.filter.scratch import Floats, Matches, Site, Tracks, Views
 from e3pose.runtime.kernel import kernel
 
+# tuned: per keypoint | not recorded | agility
 RATE = 0.1  # of one keypoint that confirms, or takes back, all of the correction before it
+# tuned: logarithm | not recorded | agility
 FURTHEST = 2.0  # the logarithm of the factor, either way
+# tuned: s | not recorded | agility
 LASTS_S = 3.0  # until what was learned is down to 1/e: people who stood begin to walk
+# tuned: s | not recorded | agility
 STALE_S = 0.5  # a correction older than this is not compared
 
 

@@ -21,12 +21,19 @@ from e3pose.runtime.kernel import kernel
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
+# tuned: m/s | not recorded | walk between views
 WALK_MPS = 0.7  # all joints may have moved together so fast between two slots
+# tuned: score | not recorded | score to start
 SHARED_SCORE = 0.15
+# tuned: px | first guess | not measured
 MAX_ERROR_PX = 10.0  # reprojection, the median over joints
+# tuned: m | first guess | not measured
 MIN_EXTENT_M = 0.4  # along the longest axis of the world
+# tuned: m, m | first guess | not measured
 START_JOINT_M, START_UNSEEN_M = 0.1, 0.5  # uncertainty at the start
+# tuned: m/s, m/s | first guess | not measured
 START_SPEED_MPS, START_TURN_MPS = 1.0, 0.5  # of the root; of a joint beside its parent
+# tuned: share | first guess | not measured
 START_EXISTENCE = 0.6
 
 

@@ -25,8 +25,11 @@ Integers = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
 ROWS, COLUMNS = 8, 10  # layout: cells of an image
+# tuned: looks | not recorded | failed pairs
 SEVERAL = 3.0  # looks that must have failed
+# tuned: looks | not recorded | failed pairs
 MOST = 9.0  # looks that are kept
+# tuned: s | not recorded | failed pairs
 FADES_S = 30.0  # until their number is down to 1/e
 
 

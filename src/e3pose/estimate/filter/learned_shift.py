@@ -29,10 +29,15 @@ COUNT = 2  # layout: of the last axis of `Belief.shifts`; before it right and do
 # detections they count as 2.5 to 5 times fewer than independent ones, for which 300 would do
 # (`lab/benchmarks/body_shifts.py`). A body that is off in one view for seconds is no shift of the
 # camera.
+# tuned: keypoints | 300 for a prior of 1 px, simulated, seeds 701 to 704; three times that as
+#   keypoints of one body err together, docs/experiments/2026-11-22-shifts-learned-live.md | shift
 PRIOR = 900.0
+# tuned: share of the image | beyond that detections fit nobody | shift
 MOST = 30 / 1032  # of the image: farther off a camera's detections fit nobody
 # What simulated cameras that are not shifted at all are found to be off after minutes: people's
 # bones and the motion model pull all cameras a little the same way.
+# tuned: share of the image | simulated: unshifted cameras are found up to 0.9 px off after a minute
+#   | least shift
 LEAST = 1 / 1032  # of the image: what is not more than this is none
 
 

@@ -12,6 +12,7 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 
+# tuned: score, joints | first guess | not measured
 SURE_SCORE, MIN_JOINTS = 0.2, 8  # of a detection that may start somebody
 
 

@@ -22,6 +22,7 @@ from e3pose.runtime.kernel import kernel
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
+# tuned: share of the distance | docs/experiments/2026-11-23-one-camera.md | lone view
 SIZE_SHARE = 0.02  # standard deviation of a person's size as one camera shows it: of the distance
 NEAREST_M = 1e-3  # numerics
 

@@ -10,6 +10,7 @@ from e3pose.runtime.kernel import kernel
 
 Floats = NDArray[np.float64]
 
+# tuned: score | not recorded | not measured
 USED_SCORE = 0.05  # keypoints below this are not used
 U, V, SPREAD, IN_FRONT = range(4)  # layout: planes of `Offers.projected`
 

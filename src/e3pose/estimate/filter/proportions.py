@@ -25,6 +25,7 @@ Flags = NDArray[np.bool_]
 Ints = NDArray[np.int64]
 Integers = NDArray[np.int64]
 
+# tuned: slots, slots | not recorded | learned bones
 BONE_TEACHERS, BONE_MEMORY = 5, 100  # slots before a length is trusted, and that it averages over
 PASSES = 3  # numerics
 SHORTEST_M = 1e-3  # numerics

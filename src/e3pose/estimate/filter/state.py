@@ -30,9 +30,13 @@ OF_THE_SITE = (
     "shifts",
     "next_id",
 )
+# tuned: s | first guess: 0.25 s finds simulated people sooner and adds false ones on Shelf | not
+#   measured
 WAIT_S = 0.14  # three slots of 1/25 s
+# tuned: views | not recorded | waiting views
 WAIT_VIEWS = 2.5  # that a detection waits for where slots are long or few cameras look
 MAX_TRACKS = 64  # capacity: nobody is started beyond, so ghosts of hostile views cannot pile up
+# tuned: m | first guess | not measured
 APART_M = 0.35  # somebody nearer to a track than this is that track
 
 

@@ -39,6 +39,7 @@ from e3pose.model.pose import MAX_PIXEL, MIN_SCORE, Poses2D
 from e3pose.runtime.held import Held, hold
 from e3pose.runtime.kernel import kernel
 
+# tuned: s | not recorded | not measured
 LONGEST_S = 10.0  # after a longer pause everybody is somewhere else
 MAX_PEOPLE = 64  # capacity: in one view; more are noise, and must not cost the slot
 

@@ -41,24 +41,32 @@ class Habit(NamedTuple):
     usual_m: float = 0.0
 
 
+# tuned: m/s2, s | motion capture and simulated: 20 % more is 1 to 2 % worse, less was not tried,
+#   docs/experiments/2026-11-22-lag.md | not measured
 TRUNK, STIFF = Habit(4.3, 0.78), Habit(2.9, 0.4)  # the body; spine, girdles and head
 
 
+# tuned: m/s2, s | motion capture and simulated, docs/experiments/2026-11-22-lag.md | not measured
 FACE = Habit(1.6, 0.4)
 
 
+# tuned: m/s2, s | motion capture and simulated: 20 % more is 1 to 2 % worse,
+#   docs/experiments/2026-11-22-lag.md | not measured
 MIDDLE, END = Habit(6.2, 0.25), Habit(8.2, 0.2)  # elbows and knees; wrists and ankles
 
 
 # A foot turns as CMU's motion capture does beside the ankle, by the distance from it, half as
 # strongly again, as the ankle's habit is to CMU's. Their bones are too short to be learned; usual
 # lengths keep feet near ankles that are better known than they, as feet are seen less often.
+# tuned: m/s2, s, m | CMU motion capture, half as strong again | one habit of feet
 TOE = Habit(9.0, 0.15, usual_m=0.2)
 
 
+# tuned: m/s2, s, m | CMU motion capture, half as strong again | one habit of feet
 SMALL_TOE = Habit(4.0, 0.15, usual_m=0.09)
 
 
+# tuned: m/s2, s, m | CMU motion capture, half as strong again | one habit of feet
 HEEL = Habit(3.5, 0.15, usual_m=0.08)
 
 

@@ -21,7 +21,9 @@ Integers = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
 ITERATIONS = 3  # numerics: of Gauss-Newton
+# tuned: m | not recorded | usual feet
 USUAL_SLACK_M = 0.05  # of a length that is not learned
+# tuned: m | not recorded | learned bones
 BONE_KNOWN_M = 0.05  # both ends must be known better than this, per axis, to teach a length
 
 
