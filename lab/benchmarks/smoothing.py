@@ -1,13 +1,15 @@
 """What waiting is worth: error and jitter of poses at once, 200 ms later, and after the fact.
 
     python lab/benchmarks/smoothing.py [--seeds 701 702 703 704] [--held-out] [--what scenes]
+    python lab/benchmarks/smoothing.py --what situations cmu pizza --policy round-robin --lag 0.08
 
-Panoptic motion and Shelf need the recordings that E3POSE_SHARED names.
+Motion capture (Panoptic, CMU), Shelf and pizza need the recordings that E3POSE_SHARED names.
 
 A table of MPJPE (mm), the 95 % quantile (mm), acceleration error (m/s2) and the share of joints in
 their 90 % band, by cameras per slot: the causal filter, the smoother over bodies with 200 ms and
 with everything that comes later, and smoothers of the kept poses alone. Simulated people in ten
-scenes, people who move as the Panoptic sequence before a ring of cameras, and PCP on Shelf.
+scenes, people who move as the Panoptic sequence before a ring of cameras, and PCP on Shelf; scenes
+with errors by situation, CMU motion capture, and 15 s of pizza against the smoother of all views.
 """
 
 from __future__ import annotations
@@ -16,6 +18,7 @@ import argparse
 import os
 import time
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -34,9 +37,8 @@ SCENES = (
     "pillar",
 )
 SECONDS, FPS = 16.0, 12.5
-LAG_S = 0.2
+PIZZA_S = 15.0
 KEYS = ("mpjpe_mm", "p95_mm", "acceleration_error_mps2", "coverage_90")
-WAYS = ("causal", "rts, 200 ms", "rts, all", "kept, rts", "kept, butterworth", "kept, one-euro")
 
 
 def simulated(seeds: Sequence[int]) -> Iterator[Any]:
@@ -59,6 +61,45 @@ def panoptic(shared: Path) -> Iterator[Any]:
             yield seen(joints_m, 30.0)
 
 
+def situations() -> Iterator[Any]:
+    """Yield scenes whose detector errs by situation, so that its errors last."""
+    from e3pose.simulate import SceneSettings, simulate
+    from e3pose.simulate.gatherings import GUESSES
+
+    for scene, seed in (("ring", 701), ("ring", 702), ("pillar", 701)):
+        settings = SceneSettings(scene=scene, seconds=SECONDS, fps=FPS, detector=GUESSES)
+        yield simulate(settings, seed)
+    for scene in ("round-table", "lab"):
+        yield simulate(SceneSettings(scene=scene, seconds=SECONDS), 702)
+
+
+def cmu(shared: Path) -> Iterator[Any]:
+    """Yield recordings of people who move as CMU motion capture, 30 slots per second."""
+    from predictor_in_the_loop import captured, seen
+
+    for kind, joints_m in captured(shared):
+        if kind == "CMU":
+            yield seen(joints_m, 30.0)
+
+
+def pizza(shared: Path) -> Iterator[Any]:
+    """Yield 15 s of pizza; its truth is what the smoother of all views says."""
+    from clip_error import references
+    from e3pose.evaluate.noise.calibrate import first_slots
+    from e3pose.model.noises import detector_of, load_noise
+    from e3pose.recording import Truth, load_recording
+
+    recording = load_recording(shared / "data/pizza/recording")
+    recording = first_slots(recording, round(PIZZA_S * recording.fps))
+    people = references(recording, load_noise(detector_of(recording)))
+    shape = (recording.num_slots, len(people), len(recording.skeleton), 3)
+    joints_m, names = np.full(shape, np.nan), tuple(f"person{i}" for i in range(len(people)))
+    for index, each in enumerate(people):
+        slots = slice(each.first_slot, each.first_slot + len(each.joints_m))
+        joints_m[slots, index] = each.joints_m
+    yield replace(recording, truth=Truth(recording.skeleton, names, joints_m))
+
+
 def shelf(shared: Path) -> Iterator[Any]:
     """Yield the Shelf recording."""
     from e3pose.recording.datasets.shelf import import_shelf
@@ -66,7 +107,9 @@ def shelf(shared: Path) -> Iterator[Any]:
     yield import_shelf(shared / "data/shelf/shelf.npz")
 
 
-def figures(recording: Any, cameras: float, phase: int) -> dict[str, dict[str, float]]:
+def figures(
+    recording: Any, cameras: float, phase: int, policy: str, lag_s: float
+) -> dict[str, dict[str, float]]:
     """Return the figures of one replay by way of smoothing."""
     from e3pose.estimate.smooth import SmoothSettings
     from e3pose.evaluate.expected_figures import expected_figures
@@ -75,15 +118,15 @@ def figures(recording: Any, cameras: float, phase: int) -> dict[str, dict[str, f
     from e3pose.evaluate.smoothed import smooth_poses, smooth_records
     from e3pose.evaluate.summary import accuracy
 
-    settings = ReplaySettings(num_selected=cameras, seed=phase, phase=phase)
+    settings = ReplaySettings(policy=policy, num_selected=cameras, seed=phase, phase=phase)
     people: list[Any] = []
     records = list(replay(recording, settings, publish=people.append))
     posteriors = [each.posterior for each in people]
     skeleton, interval_s = recording.skeleton, recording.interval_s
-    lag = max(1, int(LAG_S / interval_s + 1e-6))
+    lag = max(1, int(lag_s / interval_s + 1e-6))
     found = {
         "causal": records,
-        "rts, 200 ms": smooth_records(records, posteriors, skeleton, lag),
+        f"rts, {1000 * lag_s:.0f} ms": smooth_records(records, posteriors, skeleton, lag),
         "rts, all": smooth_records(records, posteriors, skeleton),
         **{
             f"kept, {method}": smooth_poses(records, skeleton, interval_s, SmoothSettings(method))
@@ -99,16 +142,18 @@ def figures(recording: Any, cameras: float, phase: int) -> dict[str, dict[str, f
     return result
 
 
-def table(name: str, recordings: Sequence[Any], phases: Sequence[int]) -> None:
+def table(
+    name: str, recordings: Sequence[Any], phases: Sequence[int], policy: str, lag_s: float
+) -> None:
     """Print the rows of one kind of recordings."""
     for count in (1, 2, None):
         found = [
-            figures(recording, count or len(recording.rig), phase)
+            figures(recording, count or len(recording.rig), phase, policy, lag_s)
             for recording in recordings
             for phase in (phases if count else phases[:1])
         ]
         base: dict[str, float] = {}
-        for way in WAYS:
+        for way in found[0]:
             means = {
                 key: float(np.mean([one[way][key] for one in found if key in one[way]]))
                 for key in (*KEYS, "pcp")
@@ -151,10 +196,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--shared", type=Path, default=os.environ.get("E3POSE_SHARED"))
     parser.add_argument("--seeds", type=int, nargs="+", default=(701, 702, 703, 704))
+    parser.add_argument("--policy", default="information")
+    parser.add_argument("--lag", type=float, default=0.2, help="seconds")
     parser.add_argument("--held-out", action="store_true", help="seeds 1003 and 1004")
     parser.add_argument(
-        "--what", nargs="+", choices=("scenes", "panoptic", "shelf", "cost"),
-        default=("scenes", "panoptic", "shelf"),
+        "--what", nargs="+", default=("scenes", "panoptic", "shelf"),
+        choices=("scenes", "panoptic", "shelf", "situations", "cmu", "pizza", "cost"),
     )  # fmt: skip
     options = parser.parse_args()
     if "cost" in options.what:
@@ -163,13 +210,18 @@ def main() -> None:
     print("| what, cameras | poses | MPJPE | | p95 | acceleration | | in 90 % | PCP |")
     print("|---" * 9 + "|")
     seeds = (1003, 1004) if options.held_out else options.seeds
+    how = options.policy, options.lag
     if "scenes" in options.what:
-        table("ten scenes", list(simulated(seeds)), (1,))
+        table("ten scenes", list(simulated(seeds)), (1,), *how)
+    if "situations" in options.what:
+        table("errors by situation", list(situations()), (1,), *how)
     if options.shared is not None and not options.held_out:
-        if "panoptic" in options.what:
-            table("Panoptic motion", list(panoptic(options.shared)), (0, 1))
-        if "shelf" in options.what:
-            table("Shelf", list(shelf(options.shared)), (0, 1, 2, 3, 4))
+        real = {"panoptic": panoptic, "cmu": cmu, "pizza": pizza, "shelf": shelf}
+        names = {"panoptic": "Panoptic motion", "cmu": "CMU motion", "shelf": "Shelf"}
+        phases = {"shelf": (0, 1, 2, 3, 4)}
+        for name in [each for each in real if each in options.what]:
+            found = list(real[name](options.shared))
+            table(names.get(name, name), found, phases.get(name, (0, 1)), *how)
 
 
 if __name__ == "__main__":
