@@ -15,8 +15,9 @@ from tests.calibrate.people_scenes import (
 )
 
 from e3pose.calibrate.fit import CameraFit, disagreeing
-from e3pose.calibrate.from_people import solve_people
+from e3pose.calibrate.from_people import _finish, _rounds, _Scene, solve_people
 from e3pose.calibrate.judge import judge
+from e3pose.calibrate.matched_people import observe_people
 from e3pose.calibrate.people_places import from_people
 from e3pose.calibrate.places import KnownLength
 from e3pose.calibrate.synchronise import synchronise, with_offsets
@@ -99,6 +100,25 @@ def test_camera_that_disagrees_is_refused_unless_forced(two: Recording) -> None:
     with pytest.raises(InputError, match="cam1: 40 % of its keypoints disagree"):
         disagreeing(two.rig, fit, force=False)
     assert "cam1" in disagreeing(two.rig, fit, force=True)[0]
+
+
+@pytest.mark.parametrize("lenses", ["known", "unknown"])
+def test_camera_that_disagrees_is_placed_again_by_the_others(two: Recording, lenses: str) -> None:
+    recording = two if lenses == "known" else without_calibration(two)
+    scene = _Scene(recording, NOISE, observe_people(recording, NOISE))
+    good = solve_people(two, NOISE, two.rig).solved.adjusted.rig
+    cameras = list(good.cameras)
+    if lenses == "unknown":
+        cameras = [replace(camera, lens_assumed=True) for camera in cameras]
+        cameras[2] = replace(cameras[2], K=cameras[2].K * [[1.5, 1, 1], [1, 1.5, 1], [1, 1, 1]])
+    cameras[2] = disturbed(Rig((cameras[2],)), 60.0, 1.0, 3).cameras[0]
+    scene, everyone = scene.with_rig(Rig(tuple(cameras))), np.ones(4, dtype=bool)
+    without = _rounds(scene, everyone, quiet)
+    assert without is not None and without.fit.poor[2]  # else there is nothing to mend
+    found = _finish(scene, everyone, quiet)
+    assert found is not None and not found.fit.poor.any()
+    degrees, millimetres, _ = distances(found.solved.adjusted.rig, two.rig)
+    assert degrees < 0.5 and millimetres < 50
 
 
 def test_nobody_is_an_error(two: Recording) -> None:

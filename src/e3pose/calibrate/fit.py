@@ -74,7 +74,8 @@ def disagreeing(rig: Rig, fit: CameraFit, force: bool) -> list[str]:
     help_words = "record people who walk through all of the room, one or two at a time"
     if not force:
         raise InputError(
-            f"cameras: {words}; expected at most {100 * POOR_OUTLIERS:.0f} %: {help_words}, or "
-            "write the calibration nevertheless with --force"
+            f"cameras: {words}; expected at most {100 * POOR_OUTLIERS:.0f} %. They are off, or see "
+            f"people who are hidden or stay in one place: {help_words}, or write the calibration "
+            "nevertheless with --force and let another recording judge it (e3pose calibrate check)"
         )
     return [f"{words}: these cameras may be far off; {help_words}"]

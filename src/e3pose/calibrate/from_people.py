@@ -8,13 +8,15 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.calibrate.bundle import placed
+from e3pose.calibrate.bundle import first_lenses, placed
 from e3pose.calibrate.fit import CameraFit, fit_of
 from e3pose.calibrate.from_points import PointRig, adjust_all, pair_poses, solve_points
 from e3pose.calibrate.lenses import expected_lenses, final_lenses, kinds_of
 from e3pose.calibrate.matched_people import Joints, gather, observe_people, rematch, without_lenses
 from e3pose.calibrate.progress import Progress, silent
+from e3pose.calibrate.resection import PlacedPerson, resect
 from e3pose.calibrate.same_people import Evidence, Seen, group, pair_by_essential
+from e3pose.calibrate.triangulation import place_points
 from e3pose.errors import InputError
 from e3pose.geometry.camera import Rig
 from e3pose.model.noise import Noise
@@ -113,7 +115,7 @@ def solve_people(
     if start is not None:
         best = _from_start(scene, start, progress)
     for factor in NOISE_FACTORS:
-        if best is not None and best.explains:
+        if best is not None and best.explains and (start is not None or not best.fit.poor.any()):
             break
         other = _from_nothing(scene.with_rig(rig, factor), progress)
         if other is not None and (best is None or _better(other, best)):
@@ -147,7 +149,10 @@ def _check(rig: Rig, seen: Seen) -> None:
 
 
 def _better(one: PeopleRig, other: PeopleRig) -> bool:
-    ours, theirs = ((int(r.solved.placed.sum()), r.inliers) for r in (one, other))
+    ours, theirs = (
+        (int(r.solved.placed.sum()), r.explains, -int(r.fit.poor.sum()), r.inliers)
+        for r in (one, other)
+    )
     return ours > theirs
 
 
@@ -187,6 +192,61 @@ def _from_start(scene: _Scene, start: Rig, progress: Progress) -> PeopleRig | No
 
 
 def _finish(scene: _Scene, done: Bools, progress: Progress) -> PeopleRig | None:
+    """Match people again and adjust; cameras that disagree are placed again by the others."""
+    found = _rounds(scene, done, progress)
+    good = done if found is None else done & ~found.fit.poor
+    if found is None or (good == done).all() or good.sum() < 2:
+        return found
+    start = found.solved.adjusted.rig
+    # They have pulled the others along: those go back to where they agree before they judge.
+    others = _rounds(scene.with_rig(start, found.noise / scene.factor), good, progress)
+    if others is None:
+        return found
+    again = _placed_again(scene, others, progress)
+    return again if again is not None and _better(again, found) else found
+
+
+def _placed_again(scene: _Scene, others: PeopleRig, progress: Progress) -> PeopleRig | None:
+    """Place the cameras that a rig lacks by the people whom its others place, and adjust all."""
+    done = others.solved.placed
+    rig = _likely_lenses(others.solved.adjusted.rig, done)
+    scene = scene.with_rig(rig, others.noise / scene.factor)
+    joints, num_joints = others.joints, len(scene.recording.skeleton)
+    pixels = np.where(done[:, None, None], joints.keypoints_px, np.nan)
+    points = place_points(rig, pixels, joints.sigma_px).reshape(-1, num_joints, 3)
+    person, slot = joints.person[::num_joints], joints.slot[::num_joints]
+    people = []
+    for name in np.unique(person).tolist():
+        rows = np.flatnonzero(person == name)
+        rows = rows[np.argsort(slot[rows])]
+        people.append(PlacedPerson(slot[rows], points[rows]))
+    cameras = list(rig.cameras)
+    for index in np.flatnonzero(~done).tolist():
+        best = resect(scene.seen, index, people)
+        if best is None:
+            return None
+        cameras[index] = placed(cameras[index], best.R, best.t)
+    everyone = np.ones(len(rig), dtype=bool)
+    return _rounds(scene.with_rig(Rig(tuple(cameras), rig.placed)), everyone, progress)
+
+
+def _likely_lenses(rig: Rig, done: Bools) -> Rig:
+    """Return a rig whose cameras that are not placed have the lens of one that is, if unknown."""
+    cameras = list(rig.cameras)
+    for index in np.flatnonzero(~done).tolist():
+        camera = cameras[index]
+        if camera.lens_assumed:
+            alike = [
+                other
+                for other, there in zip(rig.cameras, done.tolist(), strict=True)
+                if there and other.lens_assumed and other.image_size == camera.image_size
+            ]
+            lens = alike[0] if alike else first_lenses(rig).cameras[index]
+            cameras[index] = replace(camera, K=lens.K, distortion=lens.distortion)
+    return Rig(tuple(cameras), rig.placed)
+
+
+def _rounds(scene: _Scene, done: Bools, progress: Progress) -> PeopleRig | None:
     """Match people again with the current rig and adjust again."""
     best: PeopleRig | None = None
     for number, tolerance in enumerate(FINE_SIGMAS):
