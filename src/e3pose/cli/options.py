@@ -8,36 +8,29 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
-from cyclopts import Group, Parameter, Token
+from cyclopts import Group, Parameter
 
 from e3pose.cli.output import STDOUT
+from e3pose.cli.settings_options import Flag as Flag
+from e3pose.cli.settings_options import Whole as Whole
+from e3pose.cli.settings_options import options_from
 from e3pose.errors import InputError
 from e3pose.files.table import read_table
-from e3pose.settings.energy import EnergySettings, IdleMode
-from e3pose.settings.loop import FEEDBACK, ReplaySettings
+from e3pose.settings.energy import EnergySettings
+from e3pose.settings.loop import FEEDBACK, PAPER_ONLY, ReplaySettings
 
-LOOP, ENERGY = ReplaySettings(), EnergySettings()
 # Groups of options in `--help`, in their order.
 GOAL = Group("Goal", sort_key=1)
-PAPER = Group("Only for --pipeline paper and its policies", sort_key=2)
+PAPER = Group(PAPER_ONLY, sort_key=2)
 POWER = Group("Energy", sort_key=3)
 FAULTS = Group("Faults to inject", sort_key=4)
 SMOOTHING = Group("Smoothing", sort_key=5)
 OUTPUT = Group("Output", sort_key=6)
+GROUPS = {"Goal": GOAL, PAPER_ONLY: PAPER, "Energy": POWER}
 
 
-def whole_number(_: Any, tokens: Sequence[Token]) -> int:
-    """Read a whole number and nothing that merely rounds to one."""
-    try:
-        return int(tokens[0].value)
-    except ValueError:
-        raise ValueError(f"{tokens[0].value!r} is not a whole number") from None
-
-
-Whole = Annotated[int, Parameter(converter=whole_number)]
-Flag = Annotated[bool, Parameter(negative="")]  # an option without a --no- form
 Redetect = Annotated[
     str | None,
     Parameter(
@@ -100,70 +93,15 @@ def check_outputs(source: Path, outputs: Mapping[str, Path | None]) -> None:
             raise InputError(f"{option}: found a file of the recording, expected another: {path}")
 
 
-@Parameter(name="*")
+@options_from(ReplaySettings, GROUPS)
 @dataclass(frozen=True, kw_only=True)
 class LoopOptions:
-    """How the loop runs, for every verb that runs it."""
+    """How the loop runs, for every verb that runs it; verbs themselves look at these options."""
 
-    pipeline: str = LOOP.pipeline
-    """Estimator. `default` (= `memory`): a Kalman-type filter per person that accepts any number
-    of views, with the policy `information`. `paper`: the published system, which triangulates
-    each slot from two or more views, with the policy `e3pose`."""
-    target_error: Annotated[str | None, Parameter(group=GOAL)] = None
-    """Wake as few cameras as keep the expected joint error below this: 40mm, 4cm. Replaces
-    --cameras; policy `information` only."""
-    budget: Annotated[str | None, Parameter(alias="-E")] = None
-    """Energy budget E: share of slots a camera may be active, C/N to 1. Default: C/N + 0.2.
-    `evaluate` also takes several, comma-separated."""
-    quality_weight: Annotated[str | None, Parameter(alias="-V")] = None
-    """Quality weight V: larger favours better views, smaller favours even energy use. For the
-    paper's policies, V is the number of active slots that a typical difference of occlusion
-    between two cameras is worth. Default: set by the policy. `evaluate` also takes several,
-    comma-separated."""
-    raw_weight: Annotated[bool, Parameter(group=PAPER, negative="")] = LOOP.raw_weight
-    """V of the paper's policies weighs IoU itself, as in its eq. (9)."""
-    lead: Whole = LOOP.lead_slots
-    """Lead tau: slots between a decision and the slot it is for."""
-    warmup: Whole = LOOP.warmup_slots
-    """Warm-up M: slots at the start in which every camera detects."""
-    seed: Whole = LOOP.seed
-    """Random seed."""
-    phase: Whole = LOOP.phase
-    """Camera that starts the round robin and wins ties."""
-    predictor: str | None = None
-    """Motion predictor: attention-lstm, attention-lstm-paper (the published network),
-    constant-velocity, damped-velocity, zero-velocity, or a file from `e3pose train`. The policy
-    predicts with it; attention-lstm and trained files also correct the filter's velocities
-    (pipeline `memory`). Default: attention-lstm for the correction and the policy's own for the
-    policy; with --pipeline paper, attention-lstm-paper for the policy `e3pose`."""
-    noise: str | None = None
-    """Keypoint noise model: a detector name, or a file from `e3pose calibrate noise`. Default:
-    the model of the recording's detector."""
-    feedback: Annotated[bool, Parameter(negative="")] = LOOP.feedback
-    """Semantic feedback: detect again in the videos of the recording, only where people are
-    expected, in parts scaled to the network's best size. Same as +feedback after the name of a
-    policy."""
-    whole_every: Whole = LOOP.whole_every
-    """With feedback, detect in the whole image every this many detections."""
-    matcher: Annotated[str | None, Parameter(group=PAPER)] = None
-    """How the views of one person are matched: `epipolar` (as the paper words it, default),
-    `tanke-gall` (by the rules of the publication that the paper names) or `rays`."""
-    match_distance: Annotated[str | None, Parameter(group=PAPER)] = None
-    """Maximum mean distance between the rays of two views of one person: 100mm, 0.1m. Default:
-    150mm. Matcher `rays` only."""
-    epipolar_px: Annotated[float | None, Parameter(group=PAPER)] = None
-    """Maximum mean distance from epipolar lines between two views of one person, in pixels.
-    Default: 30 with the matcher `epipolar`, 20 with `tanke-gall`."""
-    reject_outliers: Annotated[bool, Parameter(group=PAPER)] = LOOP.reject_outliers
-    """Reject views that disagree with the others."""
-    fill: Annotated[bool | None, Parameter(group=PAPER)] = None
-    """Keep a joint that a slot lacks where it last was on the body. Default: on."""
-    occlusion_limit: Annotated[float, Parameter(group=PAPER)] = LOOP.occlusion_limit
-    """Occlusion threshold of the policy `independent`."""
-    independent_queue: Annotated[bool, Parameter(group=PAPER, negative="")] = LOOP.independent_queue
-    """Keep cameras of the policy `independent` within their energy budgets, too."""
-    round_trip_ms: Annotated[float, Parameter(group=PAPER)] = 1000 * LOOP.round_trip_s
-    """Network round trip that the policy `central-2d` waits for in each decision."""
+    pipeline: str = "default"
+    target_error: str | None = None
+    budget: str | None = None
+    quality_weight: str | None = None
 
     def settings(self, policy: str | None = None, cameras: float | None = None) -> ReplaySettings:
         """Return the settings that these options and two that some verbs have mean.
@@ -209,21 +147,10 @@ def _one(name: str, text: str | None) -> float | None:
         raise InputError(option, repr(text[:40]), "a number, such as 0.8") from None
 
 
-@Parameter(name="*", group=POWER)
+@options_from(EnergySettings, GROUPS)
 @dataclass(frozen=True, kw_only=True)
 class EnergyOptions:
     """What the cameras draw, for every verb that reports energy."""
-
-    profile: str = ENERGY.profile.usual or ""
-    """Power profile of the cameras: xavier-nx, tx2, generic, or a TOML file. Per camera:
-    xavier-nx,cam3=tx2."""
-    idle_mode: IdleMode = ENERGY.idle_mode
-    """Mode of a camera in slots in which it is not selected."""
-    battery_wh: str | None = None
-    """Battery capacity in watt-hours. Per camera: 50,cam1=20. Default: the recording's, else 50."""
-    lifetime: Annotated[str | None, Parameter(group=GOAL)] = None
-    """Make every battery last this long: 10h, 90min, 2d. Sets the budget of each camera. Without
-    --cameras and --target-error it also sets how many cameras to wake."""
 
     def settings(self) -> EnergySettings:
         """Return the settings that these options mean; raise `InputError` naming the option."""

@@ -40,6 +40,7 @@ def entry(
     key: str | None = None,
     read: Callable[[Any], Any] | None = None,
     write: str = "",
+    **option: Any,
 ) -> Any:
     """Declare a field of a record that is read from a table, where its type does not say it all.
 
@@ -48,8 +49,11 @@ def entry(
         key: its name in the table; the field's own by default, and none at all if empty.
         read: from what is written to the value; it may raise `InputError` without a thing.
         write: an example to tell whoever left the key out.
+        option: where a command line may set it too: its `help`, and what else is not usual there,
+            see `cli.settings_options`.
     """
-    return dataclasses.field(default=default, metadata={"key": key, "read": read, "write": write})
+    said = {"key": key, "read": read, "write": write, **option}
+    return dataclasses.field(default=default, metadata=said)
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -73,23 +77,30 @@ def entries(kind: Any) -> tuple[Entry, ...]:
             Entry(item.name, item.encode_name, hints[item.name], item.required)
             for item in msgspec.structs.fields(kind)
         )
-    found = []
+    found, hints = [], _hints(kind)
     for item in dataclasses.fields(kind):
         key = item.metadata.get("key")
         if item.init and key != "":
             missing = item.default is item.default_factory is dataclasses.MISSING
             read, write = item.metadata.get("read"), item.metadata.get("write", "")
-            hint = str if read else _hint(kind, item)
+            hint = str if read else hints[item.name]
             found.append(Entry(item.name, key or item.name, hint, missing, read, write))
     return tuple(found)
 
 
-def _hint(kind: Any, item: dataclasses.Field[Any]) -> Any:
-    """Return the type of one field: those that no table sets may have types that are not loaded."""
-    if not isinstance(item.type, str):
-        return item.type
-    home = next(base for base in kind.__mro__ if item.name in inspect.get_annotations(base))
-    return eval(item.type, vars(sys.modules[home.__module__]))
+def _hints(kind: Any) -> dict[str, Any]:
+    """Return the types of the fields that a table sets: those of others may not be loaded."""
+    plain = {
+        item.name
+        for item in dataclasses.fields(kind)
+        if item.metadata.get("key") != "" and not item.metadata.get("read")
+    }
+    hints: dict[str, Any] = {}
+    for base in reversed(kind.__mro__):
+        own = inspect.get_annotations(base)
+        read = types.SimpleNamespace(__annotations__={n: own[n] for n in own if n in plain})
+        hints |= typing.get_type_hints(read, vars(sys.modules[base.__module__]))
+    return hints
 
 
 def read_table(kind: type[T], table: object) -> T:

@@ -21,6 +21,7 @@ from e3pose.wire.access import split_endpoint
 from e3pose.wire.topics import check_site
 
 CAMERA_FORMAT = "e3pose-camera"
+CONNECTION, DETECTION, RECORDING = "Connection", "Detection", "Recording"  # groups of options
 
 
 def read_charge_file(found: object) -> Path | Literal[""]:
@@ -35,35 +36,12 @@ def read_charge_file(found: object) -> Path | Literal[""]:
 class NodeTable:
     """A camera file; the options of `e3pose camera` take precedence.
 
+    See `LoopSettings` for what the fields say.
+
     Attributes:
         format: `e3pose-camera`.
         version: 1.
-        site: name of the site.
-        camera: its id there.
-        source: see `camera.live_source`.
-        endpoint: of the edge.
-        keys: folder that `e3pose keys add` made, for tls.
-        insecure: whether plain tcp beyond this machine is allowed.
-        detector: name of a detector.
-        model: file of the network.
-        provider: where it runs.
-        threads: of the processor for the network; all cores by default.
-        rotation: degrees clockwise that make people in its images upright, for the detector alone.
-        fps: frames per second to ask of the source; None for its own.
-        pace: how fast a file or recording is played.
-        begin_s: seconds since 1970 at which a round of it begins, and before which nothing is
-            shown; by default rounds are counted from 1970.
-        wake_s: seconds from aggressive power-saving to the first frame.
-        delay_ms: how long after the moment it shows a frame arrives, which is taken off its time.
-        battery_wh: capacity; without it the camera is on mains.
-        meter: how its power is measured.
-        profile: power profile, for what is not measured.
-        state: file that remembers the charge of a battery without a gauge, by default beside the
-            camera file; empty for none.
-        pictures: whether operators may see small pictures of what it sees.
-        videos: folder for videos of what it sees; without it none are recorded.
-        videos_max_bytes: the most to keep, such as `10GB`; the oldest videos go first.
-        videos_part_s: length of one video, such as `10min`, best that of the site's recordings.
+        state: empty for no file.
         path: of the file, None without one; relative ones in it and in options start from its
             folder, and were found from there.
 
@@ -73,30 +51,104 @@ class NodeTable:
 
     format: Literal["e3pose-camera"] = entry()
     version: Literal[1] = entry()
-    site: str = entry(write='"lab"')
-    camera: str = entry(write='"cam1"')
-    source: str = entry(write='"usb:0"')
-    endpoint: str = DEFAULT_ENDPOINT
-    keys: Path | None = None
-    insecure: bool = False
-    detector: str = DEFAULT_DETECTOR
-    model: Path | None = None
-    provider: str = "auto"
-    threads: int | None = None
-    rotation: Rotation = 0
-    fps: float | None = None
-    pace: float = 1.0
-    begin_s: float = 0.0
-    wake_s: float = 0.5
-    delay_ms: float = 0.0
-    battery_wh: float | None = None
-    meter: Literal["auto", "model"] = "auto"
-    profile: str = "xavier-nx"
-    state: Path | Literal[""] | None = entry(None, read=read_charge_file)
-    pictures: bool = False
-    videos: Path | None = None
-    videos_max_bytes: int | None = entry(None, key="videos_max_size", read=size_bytes)
-    videos_part_s: float | None = entry(None, key="videos_part", read=duration_s)
+    site: str = entry(write='"lab"', group=CONNECTION, help="Site name.")
+    camera: str = entry(
+        write='"cam1"',
+        option="name",
+        group=CONNECTION,
+        help="Camera id in the site's calibration.",
+    )
+    source: str = entry(
+        write='"usb:0"',
+        help="usb:0, rtsp://..., gstreamer:PIPELINE, a video, a folder of images, "
+        "recorded:RECORDING.",
+    )
+    endpoint: str = entry(
+        DEFAULT_ENDPOINT,
+        group=CONNECTION,
+        help="Endpoint of the edge: tls/HOST:PORT, or tcp/HOST:PORT on the same machine.",
+    )
+    keys: Path | None = entry(None, group=CONNECTION, help="Folder from `e3pose keys add`.")
+    insecure: bool = entry(
+        False, group=CONNECTION, help="Allow unencrypted tcp beyond this machine."
+    )
+    pictures: bool = entry(
+        False,
+        group=CONNECTION,
+        help="Let the site's live page show small pictures of what the camera detects in.",
+    )
+    fps: float | None = entry(None, help="Frame rate to request from the source.")
+    rotation: Rotation = entry(
+        0,
+        help="""0, 90, 180 or 270: degrees clockwise that make people in the images upright, for a
+        camera mounted on its side. Only the detector sees turned images.""",
+    )
+    pace: float = entry(
+        1.0,
+        help="""Playback speed of a file or recording; must equal the site's `pace`. Default: 1.""",
+    )
+    begin_s: float = entry(
+        0.0,
+        help="""Start time of playback in seconds since 1970. Default: playback loops are aligned
+        to 1970, so that all cameras show the same moment.""",
+    )
+    wake_s: float = entry(0.5, help="Seconds from aggressive power-saving to the first frame.")
+    delay_ms: float = entry(
+        0.0,
+        help="""Milliseconds from the moment that a frame shows to its arrival; `e3pose sync` finds
+        them.""",
+    )
+    detector: str = entry(
+        DEFAULT_DETECTOR, group=DETECTION, help="2D pose network; see `e3pose models list`."
+    )
+    model: Path | None = entry(None, group=DETECTION, help="Network file.")
+    provider: str = entry(
+        "auto",
+        group=DETECTION,
+        help="Execution provider: auto, tensorrt, cuda, openvino, coreml, cpu.",
+    )
+    threads: int | None = entry(
+        None, group=DETECTION, help="CPU threads of the network. Default: all cores."
+    )
+    battery_wh: float | None = entry(
+        None, group="Energy", help="Battery capacity. Default: mains power."
+    )
+    meter: Literal["auto", "model"] = entry(
+        "auto",
+        group="Energy",
+        help="Power measurement: auto, or model for the profile's figures.",
+    )
+    profile: str = entry(
+        "xavier-nx", group="Energy", help="Power profile for whatever cannot be measured."
+    )
+    state: Path | Literal[""] | None = entry(
+        None,
+        read=read_charge_file,
+        group="Energy",
+        help="""File that stores the modelled charge of a battery without a gauge. Default:
+        NAME.battery.json beside the camera file. Delete it after charging the battery.""",
+    )
+    videos: Path | None = entry(
+        None,
+        group=RECORDING,
+        help="""Folder for videos of what the camera sees, one frame per slot. Default: none are
+        recorded.""",
+    )
+    videos_max_bytes: int | None = entry(
+        None,
+        key="videos_max_size",
+        read=size_bytes,
+        group=RECORDING,
+        help="""Maximum size of its videos, such as 10GB; the oldest are deleted. Default: 10GB.""",
+    )
+    videos_part_s: float | None = entry(
+        None,
+        key="videos_part",
+        read=duration_s,
+        group=RECORDING,
+        help="""Length of one video, such as 10min, best that of the site's recordings. Default:
+        10min.""",
+    )
     path: Path | None = field(default=None, metadata={"key": ""})
 
     def __post_init__(self) -> None:

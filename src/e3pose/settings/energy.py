@@ -91,18 +91,38 @@ def read_battery_wh(text: object) -> PerCamera[float]:
 class EnergySettings:
     """What the cameras draw and have.
 
-    Attributes:
-        profile: names or files of power profiles.
-        idle_mode: what a camera does in slots for which it is not selected.
-        battery_wh: capacities; by default what the recording or the site says of a camera, and 50
-            for the others.
-        lifetime_s: how long every battery is to last; it sets the budget of each camera.
+    See `LoopSettings` for what the fields say; by default a battery has what the recording or the
+    site says of its camera.
     """
 
-    profile: PerCamera[str] = entry(PerCamera("xavier-nx"), read=read_profile)
-    idle_mode: IdleMode = "power-saving"
-    battery_wh: PerCamera[float] | None = entry(None, read=read_battery_wh)
-    lifetime_s: float | None = entry(None, key="lifetime", read=duration_s)
+    profile: PerCamera[str] = entry(
+        PerCamera("xavier-nx"),
+        read=read_profile,
+        shown="xavier-nx",
+        group="Energy",
+        help="""Power profile of the cameras: xavier-nx, tx2, generic, or a TOML file. Per camera:
+        xavier-nx,cam3=tx2.""",
+    )
+    idle_mode: IdleMode = entry(
+        "power-saving",
+        group="Energy",
+        help="Mode of a camera in slots in which it is not selected.",
+    )
+    battery_wh: PerCamera[float] | None = entry(
+        None,
+        read=read_battery_wh,
+        group="Energy",
+        help="""Battery capacity in watt-hours. Per camera: 50,cam1=20. Default: the recording's,
+        else 50.""",
+    )
+    lifetime_s: float | None = entry(
+        None,
+        key="lifetime",
+        read=duration_s,
+        group="Goal",
+        help="""Make every battery last this long: 10h, 90min, 2d. Sets the budget of each camera.
+        Without --cameras and --target-error it also sets how many cameras to wake.""",
+    )
 
     def plan(
         self,

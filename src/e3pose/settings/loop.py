@@ -31,6 +31,7 @@ LIFETIME_SHARE = 0.95
 MAX_LEAD = 1000
 WHOLE_EVERY = 5  # detections; simulated scenes: docs/research/camera-selection.md
 MAX_WHOLE_EVERY = 1000
+PAPER_ONLY = "Only for --pipeline paper and its policies"  # a group of options
 FEEDBACK = "+feedback"  # after the name of a policy
 MAX_TARGET_M = 1.0
 MAX_SEED = 2**31 - 1
@@ -57,79 +58,138 @@ def read_cameras(found: object) -> float:
 class LoopSettings:
     """How the loop runs; checked when it is made, as far as that needs no rig.
 
+    A field that a person may set is explained by its help; `read_table` reads it from a site file,
+    and `cli.settings_options` makes it an option. `policy` and `predictor` may be objects.
+
     Attributes:
-        pipeline: a name of `PIPELINES`: `paper` has no memory, `memory` a filter per person, and
-            `default` is `memory`; or that of an estimator of one's own.
         policy: who decides: a name of `POLICIES` or of one's own, or an object; the pipeline's
             own by default.
         num_selected: the paper's C; a mean if it is no whole number. By default what the budget of
             a lifetime pays for, or else 2, and 3 with the pipeline `paper`.
-        target_error_m: wake the fewest cameras whose expected error meets this instead.
-        budget: the paper's E_n, the share of slots a camera may be active, one for all or one for
-            each; C/N + 0.2 by default, and without a limit with a target.
-        quality_weight: the paper's V, of its own policies in camera slots; the policy's own by
-            default.
-        raw_weight: the weight of the paper's policies is the paper's V, of IoU itself.
-        lead_slots: the paper's tau.
-        warmup_slots: the paper's M, in which all cameras detect.
-        predictor: a name of `PREDICTORS` or of one's own, a file of weights, or an object, which
-            foresees the people for the policy and, where it states its errors, steers the
-            estimator with a memory. By default the policy's own does the one and
-            `parts.STEERING` the other.
-        matcher: how the pipeline `paper` finds the views of one person: `epipolar`, as the paper
-            words it and its default, `tanke-gall`, by the rules of the publication that it names,
-            or `rays`.
-        match_distance_m: mean distance of rays up to which two views show one person, for the
-            matcher `rays` alone; that of `FusionSettings` by default.
-        epipolar_px: mean distance from epipolar lines up to which two views show one person, for
-            `epipolar` and `tanke-gall` alone; the matcher's own by default.
-        reject_outliers: drop views that disagree with the others.
-        fill: whether the pipeline `paper` keeps a joint that a slot lacks where it last was on the
-            body (`per_slot.track.filled`); it does by default.
-        seed: of random choices.
-        phase: offset of turns and ties.
-        occlusion_limit: threshold of `independent`.
-        independent_queue: keep its cameras within their energy budgets, which the paper's ID does
-            not.
-        round_trip_s: network and server delay that `central-2d` waits for.
         foresees: compute the information expected of each camera even if the policy needs none.
-        feedback: send cameras the people to expect, so that they detect only there.
-        whole_every: with feedback, one of so many detections uses the full frame.
         cost_j: energy of an active slot beyond that of an idle one, of each camera; all alike by
             default, and only the proportions matter.
-        noise: of the detector's keypoints, a name or file for `load_noise`; by default that of the
-            detector which the recording names.
         estimator: an object in place of the pipeline's own.
 
     Raises:
         InputError: naming the key of a site file, which is also the option.
     """
 
-    pipeline: str = "default"
+    pipeline: str = entry(
+        "default",
+        help="""Estimator. `default` (= `memory`): a Kalman-type filter per person that accepts any
+        number of views, with the policy `information`. `paper`: the published system, which
+        triangulates each slot from two or more views, with the policy `e3pose`.""",
+    )
     policy: str | Policy | None = entry(None, read=read_name)
     num_selected: float | None = entry(None, key="cameras", read=read_cameras)
-    target_error_m: float | None = entry(None, key="target_error", read=length_m)
-    budget: float | tuple[float, ...] | None = None
-    quality_weight: float | None = None
-    raw_weight: bool = False
-    lead_slots: int = entry(1, key="lead")
-    warmup_slots: int = entry(10, key="warmup")
-    predictor: str | Predictor | None = entry(None, read=read_name)
-    match_distance_m: float | None = entry(None, key="match_distance", read=length_m)
-    matcher: str | None = entry(None, read=read_name)
-    epipolar_px: float | None = None
-    reject_outliers: bool = False
-    fill: bool | None = None
-    seed: int = 0
-    phase: int = 0
-    occlusion_limit: float = 0.05
-    independent_queue: bool = False
-    round_trip_s: float = entry(0.05, key="round_trip_ms", read=milliseconds_s)
+    target_error_m: float | None = entry(
+        None,
+        key="target_error",
+        read=length_m,
+        group="Goal",
+        help="""Wake as few cameras as keep the expected joint error below this: 40mm, 4cm. Replaces
+        --cameras; policy `information` only.""",
+    )
+    budget: float | tuple[float, ...] | None = entry(
+        None,
+        flag="-E",
+        help="""Energy budget E: share of slots a camera may be active, C/N to 1. Default:
+        C/N + 0.2. `evaluate` also takes several, comma-separated.""",
+    )
+    quality_weight: float | None = entry(
+        None,
+        flag="-V",
+        help="""Quality weight V: larger favours better views, smaller favours even energy use. For
+        the paper's policies, V is the number of active slots that a typical difference of
+        occlusion between two cameras is worth. Default: set by the policy. `evaluate` also takes
+        several, comma-separated.""",
+    )
+    raw_weight: bool = entry(
+        False,
+        group=PAPER_ONLY,
+        help="V of the paper's policies weighs IoU itself, as in its eq. (9).",
+    )
+    lead_slots: int = entry(
+        1, key="lead", help="Lead tau: slots between a decision and the slot it is for."
+    )
+    warmup_slots: int = entry(
+        10, key="warmup", help="Warm-up M: slots at the start in which every camera detects."
+    )
+    seed: int = entry(0, help="Random seed.")
+    phase: int = entry(0, help="Camera that starts the round robin and wins ties.")
+    predictor: str | Predictor | None = entry(
+        None,
+        read=read_name,
+        help="""Motion predictor: attention-lstm, attention-lstm-paper (the published network),
+        constant-velocity, damped-velocity, zero-velocity, or a file from `e3pose train`. The
+        policy predicts with it; attention-lstm and trained files also correct the filter's
+        velocities (pipeline `memory`). Default: attention-lstm for the correction and the policy's
+        own for the policy; with --pipeline paper, attention-lstm-paper for the policy `e3pose`.""",
+    )
+    noise: str | None = entry(
+        None,
+        help="""Keypoint noise model: a detector name, or a file from `e3pose calibrate noise`.
+        Default: the model of the recording's detector.""",
+    )
+    feedback: bool = entry(
+        False,
+        help="""Semantic feedback: detect again in the videos of the recording, only where people
+        are expected, in parts scaled to the network's best size. Same as +feedback after the name
+        of a policy.""",
+    )
+    whole_every: int = entry(
+        WHOLE_EVERY,
+        help="With feedback, detect in the whole image every this many detections.",
+    )
+    matcher: str | None = entry(
+        None,
+        read=read_name,
+        group=PAPER_ONLY,
+        help="""How the views of one person are matched: `epipolar` (as the paper words it,
+        default), `tanke-gall` (by the rules of the publication that the paper names) or `rays`.""",
+    )
+    match_distance_m: float | None = entry(
+        None,
+        key="match_distance",
+        read=length_m,
+        group=PAPER_ONLY,
+        help="""Maximum mean distance between the rays of two views of one person: 100mm, 0.1m.
+        Default: 150mm. Matcher `rays` only.""",
+    )
+    epipolar_px: float | None = entry(
+        None,
+        group=PAPER_ONLY,
+        help="""Maximum mean distance from epipolar lines between two views of one person, in
+        pixels. Default: 30 with the matcher `epipolar`, 20 with `tanke-gall`.""",
+    )
+    reject_outliers: bool = entry(
+        False, group=PAPER_ONLY, negative=True, help="Reject views that disagree with the others."
+    )
+    fill: bool | None = entry(
+        None,
+        group=PAPER_ONLY,
+        negative=True,
+        help="Keep a joint that a slot lacks where it last was on the body. Default: on.",
+    )
+    occlusion_limit: float = entry(
+        0.05, group=PAPER_ONLY, help="Occlusion threshold of the policy `independent`."
+    )
+    independent_queue: bool = entry(
+        False,
+        group=PAPER_ONLY,
+        help="Keep cameras of the policy `independent` within their energy budgets, too.",
+    )
+    round_trip_s: float = entry(
+        0.05,
+        key="round_trip_ms",
+        read=milliseconds_s,
+        shown=50.0,
+        group=PAPER_ONLY,
+        help="Network round trip that the policy `central-2d` waits for in each decision.",
+    )
     foresees: bool = entry(False, key="")
-    feedback: bool = False
-    whole_every: int = WHOLE_EVERY
     cost_j: tuple[float, ...] | None = entry(None, key="")
-    noise: str | None = None
     estimator: Estimator[Any] | None = entry(None, key="")
 
     def __post_init__(self) -> None:
