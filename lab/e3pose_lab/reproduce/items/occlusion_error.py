@@ -104,7 +104,7 @@ def section(scale: Scale, made: Made) -> Section:
         tables=(_table(relations),),
         panels=tuple(_panel(name, basis, relations) for name, basis, _ in sets),
         headlines=(
-            Headline("Occlusion: Spearman's correlation on Shelf, 3 cameras", rhos[1], 0.1, 0.5),
+            Headline("Occlusion: Spearman's correlation on Shelf, 3 cameras", rhos[1], 0.25, 0.33),
         ),
     )
 

@@ -16,7 +16,7 @@ BUDGETS = (0.6, 0.7, 0.8, 0.9, 1.0)
 WEIGHTS = (0.1, 1.0, 10.0, 100.0, 1000.0)
 HIGH = 100.0  # V at which occlusion decides on Shelf rather than the queues
 PAPER_BUDGET = 0.8
-LEAD = 0.4, 1.0  # of three cameras over five
+LEAD = 0.5, 0.8  # of three cameras over five
 
 Readings = Mapping[str, Mapping[Asked, Spread]]
 
