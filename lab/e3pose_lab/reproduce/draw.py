@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 WIDTH_IN, HEIGHT_IN = 4.7, 3.3  # small enough to be read on a phone
+IMAGE_HEIGHT_IN = 4.7  # of panels with an image, which may be upright
 STYLES: dict[Basis, str] = {"paper": ":", "measured": "-", "modelled": "--", "simulated": "-."}
 HATCHES: dict[Basis, str] = {
     "paper": "///",
@@ -31,7 +32,7 @@ DENSE = 30  # values of a line beyond which marks would hide it
 
 def draw(panel: Panel, path: Path) -> None:
     """Draw a panel into an .svg file."""
-    with picture(path, WIDTH_IN, HEIGHT_IN) as figure:
+    with picture(path, WIDTH_IN, IMAGE_HEIGHT_IN if panel.jpeg else HEIGHT_IN) as figure:
         axes = figure.subplots()
         bases = {line.basis for line in panel.lines}
         one = len(bases) == 1
@@ -154,7 +155,7 @@ def _limbs(axes: Axes, panel: Panel) -> None:
         axes.imshow(
             pixels, extent=(-0.5, panel.image_size[0] - 0.5, panel.image_size[1] - 0.5, -0.5)
         )
-        axes.grid(visible=False)
+        axes.set_axis_off()  # the image says what is right and down
     for number, line in enumerate(panel.lines):
         colour = INK if line.second else COLOURS[number % len(COLOURS)]
         style, width = ("--", 0.7) if line.second else ("-", 1.6)

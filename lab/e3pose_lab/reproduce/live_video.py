@@ -60,7 +60,8 @@ class OverImage:
         camera: its name.
         jpeg: of the image, base64.
         image_size: `(width, height)` in pixels.
-        people: in the image, pixels `u0 v0 u1 v1` of each limb.
+        people: in the image, pixels `u0 v0 u1 v1` of each limb; in one order in all images, without
+            limbs where somebody is not in that slot.
     """
 
     camera: str
@@ -143,6 +144,7 @@ def _spent_s(processes: Sequence[Any]) -> float:
 def _views(run: SiteRun, rig: Rig) -> list[OverImage]:
     """Return the newest image of each camera with the poses of its slot."""
     found = []
+    order: dict[int, int] = {}  # of tracks
     for camera in rig.cameras:
         end_s = time.monotonic() + WAIT_S
         while time.monotonic() < end_s:
@@ -151,7 +153,12 @@ def _views(run: SiteRun, rig: Rig) -> list[OverImage]:
             if picture is not None and shown and len(unpack(shown[0].track_ids)):
                 pixels = camera.project(unpack(shown[0].joints_m).astype(np.float64))
                 jpeg = base64.b64encode(picture.jpeg).decode("ascii")
-                people = limbs_of(pixels, COCO18.limbs)
+                track_ids = unpack(shown[0].track_ids).tolist()
+                for track_id in track_ids:
+                    order.setdefault(track_id, len(order))
+                people: list[Limbs] = [[] for _ in order]
+                for track_id, limbs in zip(track_ids, limbs_of(pixels, COCO18.limbs), strict=True):
+                    people[order[track_id]] = limbs
                 found.append(OverImage(camera.camera_id, jpeg, picture.image_size, people))
                 break
             time.sleep(0.2)

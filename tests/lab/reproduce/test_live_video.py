@@ -47,6 +47,7 @@ def test_saving_and_errors_are_said_and_every_view_is_shown() -> None:
     section = ITEM.section(Scale(quick=True), made)  # type: ignore[arg-type]
     assert "25 % less" in section.ours
     assert "40 mm, 46 mm and 43 mm" in section.ours
+    assert "does not lower the error (+3.0 mm)" in section.ours
     assert [panel.name for panel in section.panels] == ["live-video-cam1", "live-video-cpu"]
     assert [headline.value for headline in section.headlines] == [pytest.approx(25)]
 
