@@ -6,6 +6,7 @@ import signal
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from attack_lies import POSES_SHARE, Seen, got, viewer
 from e3pose.site.up import Program
 from e3pose.wire.keys.authority import LEAF_DAYS
 from e3pose.wire.keys.renewal import certificate_files, expiring, renew_keys
+from e3pose.wire.site_messages import Status
 from live_site import Site, live_site, wait
 
 CAMERAS, FPS = 4, 25.0
@@ -23,31 +25,64 @@ WHILE_S = 4.0  # for which a moved clock stays moved
 STEPPED_S = 10.0  # for which poses are counted after a jump
 BACK_S = 20.0  # within which cameras must be back
 STOPPED_S = 15.0
+ASLEEP_SHARE = 0.2  # of the heartbeats of cameras that may sleep
 TRUE_S = 0.5  # that times of poses may be wrong by
 Report = Callable[[Result], None]
 
 
 def clocks(report: Report) -> list[Result]:
-    """Move clocks, stop a camera, let certificates expire; two minutes and more."""
-    offsets: dict[str, Path] = {}
+    """Move clocks, stop a camera, let certificates expire; three minutes and more."""
+    return [*_clocks_of_sleepers(report), *_clocks_and_certificates(report)]
 
-    def moved(program: Program) -> None:
-        """Let a program run with clocks that can be moved."""
-        offsets[program.name] = program.log.with_suffix(".offsets")
-        program.command = [
-            sys.executable,
-            str(MOVED),
-            str(offsets[program.name]),
-            *program.command[3:],
-        ]
 
+@dataclass
+class _Movable:
+    """Lets programs run with clocks that can be moved.
+
+    Attributes:
+        offsets: by program, the file that says by how much.
+    """
+
+    offsets: dict[str, Path] = field(default_factory=dict)
+
+    def change(self, program: Program) -> None:
+        self.offsets[program.name] = program.log.with_suffix(".offsets")
+        moved = str(MOVED), str(self.offsets[program.name])
+        program.command = [sys.executable, *moved, *program.command[3:]]
+
+
+def _clocks_of_sleepers(report: Report) -> list[Result]:
+    """Move the clocks of a site whose cameras sleep between their orders."""
+    movable = _Movable()
+    with (
+        live_site(
+            cameras=CAMERAS, people=3, fps=FPS, loop="cameras = 1", asleep=True,
+            change=movable.change,
+        ) as site,
+        viewer(site) as seen,
+    ):  # fmt: skip
+        trials = _Trials(site, seen, movable.offsets, report, "cameras that sleep, ")
+        trials.asleep()
+        trials.system("cam3", -86400.0)
+        trials.camera_steps(5.0)
+        trials.camera_steps(600.0)
+        trials.camera_is_stopped()
+        trials.edge_steps(5.0)
+        trials.asleep()
+    return trials.results
+
+
+def _clocks_and_certificates(report: Report) -> list[Result]:
+    movable = _Movable()
     now = datetime.now(timezone.utc)
     made = now - timedelta(days=LEAF_DAYS) + timedelta(seconds=LIFE_S)
     with (
-        live_site(cameras=CAMERAS, people=3, fps=FPS, keys_made=made, change=moved) as site,
+        live_site(
+            cameras=CAMERAS, people=3, fps=FPS, keys_made=made, change=movable.change
+        ) as site,
         viewer(site) as seen,
     ):
-        trials = _Trials(site, seen, offsets, report)
+        trials = _Trials(site, seen, movable.offsets, report)
         trials.usual()
         for seconds in (5.0, -5.0, 600.0, -86400.0):
             trials.system("cam3", seconds)
@@ -65,13 +100,16 @@ def clocks(report: Report) -> list[Result]:
 class _Trials:
     """What is tried, and what came of it."""
 
-    def __init__(self, site: Site, seen: Seen, offsets: dict[str, Path], report: Report) -> None:
-        self.site, self.seen, self.offsets, self._report = site, seen, offsets, report
+    def __init__(
+        self, site: Site, seen: Seen, offsets: dict[str, Path], report: Report, where: str = ""
+    ) -> None:
+        self.site, self.seen, self.offsets = site, seen, offsets
+        self._report, self._where = report, where
         self.results: list[Result] = []
         self._moved = {name: [0.0, 0.0] for name in offsets}
 
     def _add(self, name: str, figures: str, held: bool) -> None:
-        self.results.append(Result(name, figures, held))
+        self.results.append(Result(f"{self._where}{name}", figures, held))
         self._report(self.results[-1])
 
     def _move(self, name: str, steady_s: float = 0.0, system_s: float = 0.0) -> None:
@@ -111,6 +149,24 @@ class _Trials:
         wait(WHILE_S)
         found, words = self._flow(since_s)
         self._add("clocks at rest", words, found > POSES_SHARE * FPS)
+
+    def asleep(self) -> None:
+        """Look whether cameras sleep, and how many views come nevertheless."""
+        end_s = time.monotonic() + BACK_S
+        while time.monotonic() < end_s and not self._sleeping(self.seen.statuses[-1][1]):
+            wait(0.2)  # all are awake in the first slots
+        since_s = time.monotonic()
+        wait(2 * WHILE_S)
+        newest = [status for at_s, status in list(self.seen.statuses) if at_s >= since_s]
+        share = sum(map(self._sleeping, newest)) / max(CAMERAS * len(newest), 1)
+        found, words = self._flow(since_s)
+        held = found > POSES_SHARE * FPS and share > ASLEEP_SHARE
+        self._add("at rest", f"{words}, asleep in {share:.0%} of their heartbeats", held)
+
+    @staticmethod
+    def _sleeping(status: Status) -> int:
+        """Return how many cameras slept at their last heartbeats."""
+        return sum(camera.mode == "aggressive-power-saving" for camera in status.cameras)
 
     def system(self, name: str, seconds: float) -> None:
         """Set the system's clock of a program, and back."""

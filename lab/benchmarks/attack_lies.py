@@ -207,9 +207,15 @@ def tell(seconds: float, report: Callable[[Result], None]) -> list[Result]:
                 add(f"{number} liars, gone", gone.words(), gone.poses > POSES_SHARE * FPS)
                 _while(transports, HONEST, number, 4.0, seen, honest)
                 for lie, each_s in lies_to_tell(seconds):
+                    name = f"{number} liars, {lie.name}"
                     found = _while(transports, lie, number, each_s, seen, honest)
-                    add(f"{number} liars, {lie.name}", found.words(), _held(found, usual, gone))
                     _while(transports, HONEST, number, PAUSE_S, seen, honest)
+                    if not _held(found, usual, gone):
+                        report(Result(name, found.words(), False))
+                        name = f"{name}, a second time"
+                        found = _while(transports, lie, number, each_s, seen, honest)
+                        _while(transports, HONEST, number, PAUSE_S, seen, honest)
+                    add(name, found.words(), _held(found, usual, gone))
             show(site, ids[-2:], transports, seen, add)
         _kept(site, seen, ids[:3], add)
     return results

@@ -28,6 +28,7 @@ from e3pose.wire.network import open_network
 
 SETTLE_S = 4.0
 PAGE = "page"
+ASLEEP = '[[camera]]\nidle_mode = "aggressive-power-saving"\nwake_s = 0.1'
 # Names of the edge's threads, and what they do.
 PARTS = {
     "fusion": "step, encoding",
@@ -156,6 +157,7 @@ def live_site(
     page: bool = False,
     spare: int = 0,
     record: bool = False,
+    asleep: bool = False,
     keys_made: datetime.datetime | None = None,
     change: Callable[[Program], None] = lambda program: None,
 ) -> Iterator[Site]:
@@ -172,6 +174,7 @@ def live_site(
         page: whether its page runs too.
         spare: so many cameras, the last ones, have no program.
         record: whether the edge keeps the views of all cameras.
+        asleep: whether cameras close their sources between orders, as soon as there is time.
         keys_made: from when on the certificates are valid; None for now.
         change: called with each program before it starts.
     """
@@ -190,6 +193,8 @@ def live_site(
         file = _site_file(recording.rig.camera_ids, fps, loop, store, tls, metrics_port)
         if record:
             file = file.replace("[[camera]]", '[[camera]]\nrecord = "keypoints"')
+        if asleep:
+            file = file.replace("[[camera]]", ASLEEP)
         path.write_text(file)
         site = resolve_site(path)
         command = [*edge_command(path), "--json-logs"]
