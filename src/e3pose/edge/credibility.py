@@ -111,7 +111,11 @@ def _seldom(share: float, age_s: float) -> str:
 
 
 class Credibility:
-    """The observations of an edge; `claim` may be called on any thread, the rest on one."""
+    """The observations of an edge.
+
+    `claim` and `impairments`, which reads values that are replaced whole, may be called on any
+    thread; the rest on one.
+    """
 
     def __init__(self, num_cameras: int, interval_s: float, wakes_s: Sequence[float] = ()) -> None:
         """Presume that all cameras answer.
