@@ -84,7 +84,7 @@ lint: $(VENV)/.dev  ## fix formatting and simple lint findings
 reproduce-quick: $(VENV)/.dev  ## redo the paper's tables and figures with few seeds; fails outside their margins
 	$(BIN)/e3pose reproduce reproduced --quick $(if $(E3POSE_SHARED),--data $(E3POSE_SHARED)/data)
 
-bench: $(VENV)/.all  ## run the speed benchmarks, and calibration against known truth
+bench: $(VENV)/.all  ## run the speed benchmarks, and calibration beside other programs (OTHERS=their python)
 	$(BIN)/python lab/benchmarks/bench_fuse.py
 	$(BIN)/python lab/benchmarks/bench_filter.py
 	$(BIN)/python lab/benchmarks/bench_predict.py
@@ -96,7 +96,8 @@ bench: $(VENV)/.all  ## run the speed benchmarks, and calibration against known 
 	$(BIN)/python lab/benchmarks/bench_live.py
 	$(BIN)/python lab/benchmarks/bench_floor.py
 	$(BIN)/python lab/benchmarks/bench_view.py
-	$(BIN)/python lab/benchmarks/bench_calibration.py --cases "ring, one person;operating-room"
+	$(BIN)/python lab/benchmarks/bench_calibration.py --cases "ring, one person;operating-room" \
+	  $(if $(OTHERS),--others $(OTHERS))
 
 soak: $(VENV)/.all  ## run a live site for half an hour and check for leaks
 	$(BIN)/python lab/benchmarks/soak.py --minutes 30
