@@ -19,7 +19,15 @@ from e3pose_lab.reproduce.items import ITEMS, Item, Scale
 from e3pose_lab.reproduce.page import Part, write_page
 from e3pose_lab.reproduce.records import Headline
 from e3pose_lab.reproduce.sources import WHERE, Sources
-from e3pose_lab.reproduce.work import AnyPiece, Made, Results, code_stamp, once, run
+from e3pose_lab.reproduce.work import (
+    AnyPiece,
+    Made,
+    Results,
+    code_stamp,
+    failure_of,
+    once,
+    run,
+)
 
 LIBRARIES = ("numpy", "scipy", "numba", "onnxruntime", "joblib", "distributed", "matplotlib")
 KEPT = "results"
@@ -34,7 +42,7 @@ class Outcome:
     Attributes:
         page: the report.
         skipped: titles of items that lack data or a library, or failed, with the reason.
-        failed: whether one failed.
+        failed: whether one failed, or data could not be read.
         headlines: all of them.
     """
 
@@ -71,27 +79,35 @@ def reproduce(
         track: wraps the results as they come in, for a progress bar.
     """
     scale = Scale(quick, sources.names, most_seeds, sources.detectors)
-    lacks = {item.key: _lacks(item, scale) for item in items}
+    lacks = {item.key: _lacks(item, scale, sources) for item in items}
     ready = [item for item in items if not lacks[item.key]]
     results = Results(folder / KEPT, sources)
     made = Made(results)
     todo = once(results, [piece for item in ready for piece in item.pieces(scale)])
     for piece, result in track(run(results, todo, workers), len(todo)):
         made.add(piece, result)
-    failures = {item.key: made.failure(item.pieces(scale)) for item in ready}
     parts = [
-        Part(item, None, reason)
-        if (reason := lacks[item.key] or failures[item.key])
-        else Part(item, item.section(scale, made))
+        Part(item, None, reason) if (reason := lacks[item.key]) else _part(item, scale, made)
         for item in items
     ]
     page = write_page(folder, parts, about(sources, workers, scale), quick)
     return Outcome(
         page,
         tuple((part.item.title, part.skipped) for part in parts if part.section is None),
-        any(failures.values()),
+        any(name in sources.broken for item in items for name in item.needs)
+        or any(part.section is None for part in parts if part.item in ready),
         tuple(h for part in parts if part.section is not None for h in part.section.headlines),
     )
+
+
+def _part(item: Item, scale: Scale, made: Made) -> Part:
+    """Return an item with its section, or with what failed."""
+    if reason := made.failure(item.pieces(scale)):
+        return Part(item, None, reason)
+    try:
+        return Part(item, item.section(scale, made))
+    except Exception as error:  # the page is worth more than one item
+        return Part(item, None, failure_of(item.key, error).reason)
 
 
 def about(sources: Sources, workers: Workers, scale: Scale) -> dict[str, str]:
@@ -109,8 +125,11 @@ def about(sources: Sources, workers: Workers, scale: Scale) -> dict[str, str]:
     }
 
 
-def _lacks(item: Item, scale: Scale) -> str:
+def _lacks(item: Item, scale: Scale, sources: Sources) -> str:
     """Return what an item cannot do without; empty if it has everything."""
+    broken = [sources.broken[name] for name in item.needs if name in sources.broken]
+    if broken:
+        return broken[0]
     missing = [WHERE[name] for name in item.needs if name not in scale.data]
     if missing:
         return f"no data; expected {' and '.join(missing)}"

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from e3pose.detectors.weights import is_installed
@@ -42,6 +42,7 @@ class Sources:
         panoptic: three people on Panoptic's five cameras, truth alone.
         motion: one person's real motion on the same cameras, truth alone.
         stamp: a digest of the files.
+        broken: why data that are there could not be read, by data set.
     """
 
     shelf: Recording | None = None
@@ -49,6 +50,7 @@ class Sources:
     panoptic: Recording | None = None
     motion: Recording | None = None
     stamp: str = ""
+    broken: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -77,7 +79,7 @@ def load_sources(folder: Path | None) -> Sources:
             for if None.
 
     Raises:
-        InputError: when the folder does not exist, or a file in it is broken.
+        InputError: when the folder does not exist. Broken files are named in the result.
     """
     if folder is None:
         return Sources()
@@ -88,12 +90,22 @@ def load_sources(folder: Path | None) -> Sources:
         digest.update(path.read_bytes())
     fragment, motion = (folder / PANOPTIC / name for name in (FRAGMENT_FILE, MOTION_FILE))
     both = fragment.exists() and motion.exists()
+    broken: dict[str, str] = {}
+
+    def read(name: str, load: Callable[[], Recording | None]) -> Recording | None:
+        try:
+            return load()
+        except InputError as error:
+            broken[name] = str(error)
+            return None
+
     return Sources(
-        shelf=_shelf(folder / SHELF),
-        feedback=_shelf(folder / SHELF_FEEDBACK),
-        panoptic=import_panoptic(fragment) if both else None,
-        motion=_motion(motion, fragment) if both else None,
+        shelf=read(SHELF, lambda: _shelf(folder / SHELF)),
+        feedback=read(SHELF_FEEDBACK, lambda: _shelf(folder / SHELF_FEEDBACK)),
+        panoptic=read(PANOPTIC, lambda: import_panoptic(fragment)) if both else None,
+        motion=read(PANOPTIC, lambda: _motion(motion, fragment)) if both else None,
         stamp=digest.hexdigest()[:16],
+        broken=broken,
     )
 
 

@@ -189,8 +189,13 @@ def _work(sources: Sources, piece: AnyPiece) -> Any:
     try:
         return piece.function(sources, piece.settings)
     except Exception as error:  # one item must not cost the others, which took minutes
-        said = " ".join(str(error).split())
-        return Failed(f"{piece.name}: {type(error).__name__}: {said}"[:MOST_SAID])
+        return failure_of(piece.name, error)
+
+
+def failure_of(name: str, error: Exception) -> Failed:
+    """Return what failed and why, in one line."""
+    said = " ".join(str(error).split())
+    return Failed(f"{name}: {type(error).__name__}: {said}"[:MOST_SAID])
 
 
 def _result_type(piece: AnyPiece) -> Any:

@@ -13,7 +13,7 @@ from e3pose_lab.reproduce.items import ITEMS, Item, Scale
 from e3pose_lab.reproduce.job import reproduce
 from e3pose_lab.reproduce.page import shown
 from e3pose_lab.reproduce.records import Headline, Line, Panel, Section, Spread, Table
-from e3pose_lab.reproduce.sources import WHERE, Sources
+from e3pose_lab.reproduce.sources import WHERE, Sources, load_sources
 from e3pose_lab.reproduce.work import Made, Piece
 
 NAN = float("nan")
@@ -88,6 +88,25 @@ def test_item_that_fails_or_lacks_a_library_is_left_out_with_the_reason(tmp_path
     assert "Skipped: no_such_library is not installed: pip install" in page
     assert "Skipped: test_page-fails: RuntimeError: &lt;nothing&gt; works" in page
     assert (tmp_path / "figures" / "lines.svg").exists()
+
+
+def test_item_whose_section_fails_is_left_out_with_the_reason(tmp_path: Path) -> None:
+    def fails_to_show(scale: Scale, made: Made) -> Section:
+        raise ZeroDivisionError("no slots")
+
+    item = Item("unshown", "Unshown", "", lambda scale: [], fails_to_show)
+    outcome = reproduce(tmp_path, Sources(), Workers(1), items=(item, HERE))
+    assert outcome.failed and len(outcome.headlines) == 2
+    assert "Skipped: unshown: ZeroDivisionError: no slots" in outcome.page.read_text()
+
+
+def test_data_that_cannot_be_read_cost_their_items_alone(tmp_path: Path) -> None:
+    (tmp_path / "data" / "shelf").mkdir(parents=True)
+    (tmp_path / "data" / "shelf" / "shelf.npz").write_bytes(b"PK" + bytes(100))
+    sources = load_sources(tmp_path / "data")
+    outcome = reproduce(tmp_path / "out", sources, Workers(1), items=(HERE, AWAY))
+    assert outcome.failed and len(outcome.headlines) == 2
+    assert "shelf.npz: found no .npz archive" in outcome.page.read_text()
 
 
 def test_words_are_escaped_and_skipped_items_say_why(folder: Path) -> None:
