@@ -19,7 +19,6 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from tests.calibrate.people_scenes import without_calibration  # on the path by bench_calibration
 
 from bench_calibration import CASES, declared, rays_deg, recordings
 from e3pose.calibrate.bundle import (
@@ -104,6 +103,8 @@ def main() -> None:
     parser.add_argument("--cases", default="axes beside the middle;errors that follow the view")
     parser.add_argument("--real", action="store_true")
     options = parser.parse_args()
+    from tests.calibrate.people_scenes import without_calibration  # where bench_calibration looks
+
     names = [name for name in options.cases.split(";") if name in CASES]
     shares = " | ".join(f"{100 * middle:g} %: degrees, rays, mm" for middle in MIDDLES)
     print(f"| case | {shares} | points found | points known | repeated |")
