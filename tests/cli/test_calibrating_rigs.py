@@ -162,6 +162,18 @@ def test_sync_says_what_to_record_where_little_is_seen(
         (("extrinsics", "a.mp4"), "found 1 path"),
         (("extrinsics", "a.mp4", "b.mp4", "{top}/x.toml"), "--intrinsics: found none"),
         (("extrinsics", "{top}/known", "{top}/x.toml", "--limb", "knee=4cm"), "--limb: found"),
+        (
+            ("extrinsics", "{top}/known", "{top}/x.toml", "--limb", "knee,left_ankle=43cm"),
+            "--limb: found 'knee', expected two of nose",
+        ),
+        (
+            ("extrinsics", "{top}/known", "{top}/x.toml", "--distance", "cam0,cam9=3m"),
+            "--distance: found 'cam9', expected two of cam0",
+        ),
+        (
+            ("extrinsics", "{top}/known", "{top}/x.toml", "--ball", "green"),
+            "a recording of people, expected videos",
+        ),
         (("extrinsics", "{top}/known", "{top}/x.toml", "--seconds", "0"), "--seconds: found 0"),
         (("align", "{top}/yup.toml", "{top}/x.toml", "--up=w"), "--up: found 'w'"),
         (("align", "{top}/yup.toml", "{top}/x.toml", "--points=1,2"), "--points: expected"),

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from e3pose.calibrate.uncertainty import CameraErrors
     from e3pose.calibrate.wand import Wand
     from e3pose.geometry.camera import Rig
+    from e3pose.recording.record import Recording
 
 MOST_SECONDS = 3600.0
 
@@ -191,6 +192,11 @@ def _places(
     first = Path(sources[0])
     carried = film.carried(known)
     if len(sources) == 1 and (first / "recording.toml").is_file():
+        if carried is not None or film.board != DEFAULT_BOARD:
+            raise InputError(
+                f"--board, --ball, --wand: found one beside {first}, a recording of people, "
+                "expected videos"
+            )
         return _people(first, lenses, known, people)
     if people.update:
         raise InputError("--update: expected only with a recording")
@@ -217,6 +223,7 @@ def _people(path: Path, lenses: Rig | None, known: KnownLength, people: PeopleOp
     if not 0 < people.seconds <= MOST_SECONDS:
         raise InputError(f"--seconds: found {people.seconds:g}, expected more than 0, at most 3600")
     recording = first_seconds(load_recording(path), people.seconds)
+    _check_names(recording, known)
     if lenses is not None:
         recording = replace(recording, rig=with_lenses(recording.rig, lenses))
     rough = None
@@ -232,6 +239,17 @@ def _people(path: Path, lenses: Rig | None, known: KnownLength, people: PeopleOp
             recording, load_noise(people.noise or detector_of(recording)), rough, known, progress,
             people.force,
         )  # fmt: skip
+
+
+def _check_names(recording: Recording, known: KnownLength) -> None:
+    """Refuse a joint or camera that the recording lacks before minutes of computing."""
+    for option, given, names in (
+        ("--limb", known.limb, recording.skeleton.joints),
+        ("--distance", known.distance, recording.rig.camera_ids),
+    ):
+        for name in () if given is None else given[:2]:
+            if name not in names:
+                raise InputError(f"{option}: found {name!r}, expected two of {', '.join(names)}")
 
 
 def _points(path: Path, lenses: Rig, carried: str | Wand | None, known: KnownLength) -> Places:
