@@ -100,9 +100,9 @@ def recordings(out: Path, mocap: Path) -> tuple[list[Any], list[Any]]:
 
 def clips_of(recording: Any, target: str, shortest: int, place: Path) -> list[Any]:
     """Return the clips that a recording teaches; kept in `place`, for the fusing takes minutes."""
-    from e3pose.runtime.workers import Workers
     from e3pose_lab.train.training_clips import ClipSettings, training_clips
     from e3pose_lab.train.windows import Clip
+    from e3pose_lab.workers import Workers
 
     path = place / f"{recording.name.replace(' ', '-')}-{target}.npz"
     if not path.exists():

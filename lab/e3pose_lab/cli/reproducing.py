@@ -54,10 +54,10 @@ def reproduce(
     """
     from e3pose.cli.progress import track_progress
     from e3pose.errors import InputError
-    from e3pose.runtime.workers import Workers
     from e3pose_lab.reproduce.items import ITEMS
     from e3pose_lab.reproduce.job import reproduce as run
     from e3pose_lab.reproduce.sources import load_sources
+    from e3pose_lab.workers import Workers
 
     items = ITEMS
     if only is not None:

@@ -16,11 +16,11 @@ if TYPE_CHECKING:
     from rich.progress import Progress
 
     from e3pose.recording import Recording
-    from e3pose.runtime.workers import Workers
     from e3pose_lab.train.attention_lstm import TrainSettings
     from e3pose_lab.train.network import AttentionLstm
     from e3pose_lab.train.training_clips import ClipSettings
     from e3pose_lab.train.windows import Clip
+    from e3pose_lab.workers import Workers
 
 SHIPPED_NAME = "shipped"
 
@@ -123,7 +123,7 @@ def train(
     out
         Output folder.
     """
-    from e3pose.runtime.workers import Workers
+    from e3pose_lab.workers import Workers
 
     _check(data, network, optimisation)
     workers = Workers(data.jobs, data.dask)

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import e3pose
-from e3pose.runtime.workers import Workers
 from e3pose_lab.reproduce.items import ITEMS, Item, Scale
 from e3pose_lab.reproduce.page import Part, write_page
 from e3pose_lab.reproduce.records import Headline
@@ -28,6 +27,7 @@ from e3pose_lab.reproduce.work import (
     once,
     run,
 )
+from e3pose_lab.workers import Workers
 
 LIBRARIES = ("numpy", "scipy", "numba", "onnxruntime", "joblib", "distributed", "matplotlib")
 KEPT = "results"

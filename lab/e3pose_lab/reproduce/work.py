@@ -14,8 +14,8 @@ import msgspec
 import e3pose
 import e3pose_lab
 from e3pose.files.atomic import atomic_file
-from e3pose.runtime.workers import Workers
 from e3pose_lab.reproduce.sources import Sources
+from e3pose_lab.workers import Workers
 
 FORMAT = "e3pose-reproduced"
 VERSION = 1

@@ -16,13 +16,13 @@ from torch import nn
 
 from e3pose.errors import InputError
 from e3pose.files.atomic import atomic_file
-from e3pose.runtime.workers import Workers
 from e3pose_lab.train.card import model_card
 from e3pose_lab.train.experts import start_experts
 from e3pose_lab.train.export import export, halved
 from e3pose_lab.train.network import AttentionLstm, NetworkSettings
 from e3pose_lab.train.validation import Exam, error_curves, examine, make_exams, score
 from e3pose_lab.train.windows import Clip, Corruption, Sampler, Variety, Windows
+from e3pose_lab.workers import Workers
 
 CHECKPOINT = "checkpoint.pt"
 WARMUP = 0.03  # share of the training in which the learning rate rises

@@ -27,10 +27,10 @@ from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import Skeleton
 from e3pose.predict.normalise import common_columns, to_common
 from e3pose.recording import Recording
-from e3pose.runtime.workers import Workers
 from e3pose.select.occlusion import occlusion, person_boxes
 from e3pose_lab.train.smooth import smooth
 from e3pose_lab.train.windows import Clip
+from e3pose_lab.workers import Workers
 
 Floats = NDArray[np.float64]
 Halves = NDArray[np.float16]

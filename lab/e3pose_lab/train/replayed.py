@@ -23,11 +23,11 @@ from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.geometry.camera import Rig
 from e3pose.predict.normalise import NUM_COMMON, common_columns, to_common
 from e3pose.recording import Recording, ViewSeries
-from e3pose.runtime.workers import Workers
 from e3pose.simulate import DetectorSettings
 from e3pose_lab.train.estimates import joined
 from e3pose_lab.train.watched import watched
 from e3pose_lab.train.windows import Clip, between_frames
+from e3pose_lab.workers import Workers
 
 Floats = NDArray[np.float64]
 

@@ -10,11 +10,11 @@ import numpy as np
 
 from e3pose.errors import InputError
 from e3pose.recording import Recording
-from e3pose.runtime.workers import Workers
 from e3pose_lab.train.clips import clips_of
 from e3pose_lab.train.estimates import EstimateSettings, estimated_clips
 from e3pose_lab.train.replayed import ReplayedSettings, replayed_clips
 from e3pose_lab.train.windows import Clip
+from e3pose_lab.workers import Workers
 
 Target = Literal["auto", "truth", "estimates", "least-occluded"]
 Stretch = tuple[int, int]

@@ -14,7 +14,6 @@ from e3pose.detectors.focus import Part
 from e3pose.model.expected import ExpectedView
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17
-from e3pose.runtime.workers import Workers
 from e3pose_lab.reproduce import sources
 from e3pose_lab.reproduce.clip_feedback import WAYS, WayFigures, WholeImages
 from e3pose_lab.reproduce.draw import draw
@@ -23,6 +22,7 @@ from e3pose_lab.reproduce.items.live_video import ITEM
 from e3pose_lab.reproduce.job import reproduce
 from e3pose_lab.reproduce.live_video import LiveAsked, LiveFigures, OverImage
 from e3pose_lab.reproduce.sources import Sources
+from e3pose_lab.workers import Workers
 
 
 def jpeg() -> str:

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import pytest
 
-from e3pose.runtime.workers import Workers
 from e3pose_lab.reproduce.items import ITEMS, Item, Scale
 from e3pose_lab.reproduce.job import reproduce
 from e3pose_lab.reproduce.page import shown
 from e3pose_lab.reproduce.records import Headline, Line, Panel, Section, Spread, Table
 from e3pose_lab.reproduce.sources import WHERE, Sources, load_sources
 from e3pose_lab.reproduce.work import Made, Piece
+from e3pose_lab.workers import Workers
 
 NAN = float("nan")
 ONE = Line("one", "measured", (1, 2), (3, NAN), (2, 2), (4, 4))

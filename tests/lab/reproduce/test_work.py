@@ -12,11 +12,11 @@ from pathlib import Path
 import pytest
 from tests.ports import free_port
 
-from e3pose.runtime.workers import Workers
 from e3pose_lab.reproduce import work
 from e3pose_lab.reproduce.replays import Asked, over_seeds
 from e3pose_lab.reproduce.sources import Sources
 from e3pose_lab.reproduce.work import Made, Piece, Results, once, run
+from e3pose_lab.workers import Workers
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,7 +14,6 @@ from e3pose.errors import InputError
 from e3pose.model.pose import Poses2D
 from e3pose.predict.normalise import NUM_COMMON, common_columns, to_common
 from e3pose.recording import Recording, ViewSeries
-from e3pose.runtime.workers import Workers
 from e3pose.simulate import DetectorSettings, SceneSettings, simulate
 from e3pose_lab.train.clips import gather, hold_out_ends
 from e3pose_lab.train.estimates import (
@@ -27,6 +26,7 @@ from e3pose_lab.train.estimates import (
 )
 from e3pose_lab.train.training_clips import ClipSettings, Target, free_stretches, training_clips
 from e3pose_lab.train.windows import Clip, Corruption, Sampler, Variety
+from e3pose_lab.workers import Workers
 
 Floats = NDArray[np.float64]
 REFERENCE = EstimateSettings()

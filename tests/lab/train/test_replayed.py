@@ -12,12 +12,12 @@ from e3pose.errors import InputError
 from e3pose.geometry.camera import Rig
 from e3pose.predict.normalise import NUM_COMMON
 from e3pose.recording import Recording
-from e3pose.runtime.workers import Workers
 from e3pose.simulate import DetectorSettings, SceneSettings, simulate
 from e3pose_lab.train.clips import gather
 from e3pose_lab.train.replayed import ReplayedSettings
 from e3pose_lab.train.training_clips import ClipSettings, training_clips
 from e3pose_lab.train.windows import Clip, Corruption, Sampler, between_frames
+from e3pose_lab.workers import Workers
 
 pytestmark = pytest.mark.slow
 

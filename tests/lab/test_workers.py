@@ -11,7 +11,7 @@ import pytest
 from tests.waiting import settled
 
 from e3pose.errors import InputError
-from e3pose.runtime.workers import ROUND, Workers
+from e3pose_lab.workers import ROUND, Workers
 
 pytestmark = pytest.mark.slow
 
@@ -104,7 +104,7 @@ def test_a_cluster_without_a_worker_is_named(monkeypatch: pytest.MonkeyPatch) ->
     distributed = pytest.importorskip(
         "distributed", reason="distributed is not installed: pip install e3pose[train]"
     )
-    monkeypatch.setattr("e3pose.runtime.workers.WAIT_S", 2.0)
+    monkeypatch.setattr("e3pose_lab.workers.WAIT_S", 2.0)
     with (
         distributed.LocalCluster(n_workers=0, dashboard_address="127.0.0.1:0") as cluster,
         pytest.raises(InputError, match="--dask: found no worker of tcp"),
