@@ -94,6 +94,7 @@ def test_people_are_where_they_are_and_keep_their_identity() -> None:
         by_x = np.argsort(expected[:, 0, 0])
         np.testing.assert_allclose(record.poses.joints_m[order], expected[by_x], atol=1e-6)
     assert len({tuple(sorted(record.track_ids)) for record in records}) == 1
+    np.testing.assert_allclose([record.time_s for record in records], np.arange(30) * 0.04)
 
 
 def test_all_cameras_warm_up_then_exactly_c_detect() -> None:
@@ -280,6 +281,21 @@ def test_an_order_to_a_camera_that_went_offline_is_not_expected_to_be_followed()
         state, _ = step(pipeline, state, scene(slot), online)
     # Slot 11 decides slot 14: camera 0 is expected to detect in slot 13, camera 1 did in slot 9.
     assert policy.seen[-1].unseen_slots[:2].tolist() == [1, 5]
+
+
+@pytest.mark.parametrize(("retry_slot", "unseen"), [(11, 2), (12, 2), (13, 15)])
+def test_a_camera_that_was_given_up_is_expected_from_its_next_try_on(
+    retry_slot: int, unseen: int
+) -> None:
+    policy = Recorder([])
+    pipeline = make(policy=policy, lead_slots=4)
+    state = initial_state(pipeline)
+    orders = state.selections.copy()  # of slots 10 to 13
+    orders[:, 1] = [False, True, True, False]
+    retry = np.array([0, retry_slot, 0, 0, 0])
+    silence = replace(state.silence, retry_slot=retry)
+    step(pipeline, replace(state, slot=10, selections=orders, silence=silence), scene(10), ONLINE)
+    assert policy.seen[-1].unseen_slots.tolist() == [1, unseen, 1, 1, 1]
 
 
 def test_held_slots_show_the_last_poses() -> None:
