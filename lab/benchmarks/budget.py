@@ -1,0 +1,215 @@
+"""What programs and verbs cost: CPU as a ratio to a reference loop of the same run, and memory.
+
+    python lab/benchmarks/budget.py            # fails where a limit of budget.toml is exceeded
+
+CPU is counted, not time on the clock, and divided by the CPU of a loop of plain Python and numpy
+that runs in turns with what is measured: a busy or slow machine changes the ratio little. Imports
+and verbs start in fresh interpreters. Programs are those of a site over TLS on loopback, whose five
+cameras replay four simulated people at 25 slots per second.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import pty
+import statistics
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import psutil
+
+from e3pose.cli.app import VERBS
+from e3pose.files.bounded import tomllib
+from live_site import Site, live_site, wait
+
+LIMITS = Path(__file__).with_name("budget.toml")
+# The command lines' modules, and what their verbs import when called.
+PROGRAMS = {
+    "edge": "e3pose.site.edge_program",
+    "camera": "e3pose.site.camera_program",
+    "view": "e3pose.site.web.program",
+    "top": "e3pose.site.follow, e3pose.site.screen, e3pose.wire.network",
+}
+# Every interpreter says at its end how large it was. What its parent could ask for, `ru_maxrss`,
+# counts the parent's own pages, which a child has before it starts its program.
+PEAK = """
+import atexit, os, re
+def say_peak():
+    with open("/proc/self/status") as status:
+        os.write(2, re.search(r"VmHWM:\\s*(\\d+) kB", status.read())[1].encode())
+atexit.register(say_peak)
+"""
+VERB = f"{PEAK}\nimport sys\nfrom e3pose.cli import main\nmain(sys.argv[1:])"
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What one thing costs, and what it may.
+
+    Attributes:
+        name: of a program's import or run, or of a verb.
+        loops: CPU, in runs of the reference loop; of a program, in each second.
+        memory_mb: the most at once, or of a program the proportional set size.
+        limit_loops: of the table; infinite where it has none.
+        limit_mb: of the table.
+    """
+
+    name: str
+    loops: float
+    memory_mb: float
+    limit_loops: float
+    limit_mb: float
+
+    def over(self) -> bool:
+        return self.loops > self.limit_loops or self.memory_mb > self.limit_mb
+
+
+def reference_s() -> float:
+    """Return the CPU seconds of the reference loop: plain Python and small matrices."""
+    import numpy as np
+
+    matrix, sums = np.eye(17) + 0.01, 0.0
+    begun_s = time.process_time()
+    for number in range(100_000):
+        sums += float((matrix @ matrix)[0, 0]) + len(str(number)) + sum(range(20))
+    return time.process_time() - begun_s
+
+
+def children_s() -> float:
+    """Return the CPU seconds of all children that ended."""
+    times = os.times()
+    return times.children_user + times.children_system
+
+
+def started(words: Sequence[str]) -> tuple[float, float]:
+    """Return CPU seconds and largest memory in MB of a fresh interpreter that writes the latter."""
+    before_s = children_s()
+    ended = subprocess.run([sys.executable, *words], check=True, capture_output=True, text=True)
+    return children_s() - before_s, int(ended.stderr) * 1024 / 1e6
+
+
+def starts(runs: int) -> dict[str, tuple[float, float]]:
+    """Return CPU in reference loops and MB of each import and each verb's help."""
+    commands = {
+        f"import of {name}": ["-c", f"{PEAK}\nimport {modules}"]
+        for name, modules in PROGRAMS.items()
+    }
+    commands |= {f"verb {verb}": ["-c", VERB, verb, "--help"] for verb in VERBS}
+    found: dict[str, list[tuple[float, float]]] = {name: [] for name in commands}
+    loops_s: list[float] = []
+    for words in [*commands.values()][: len(PROGRAMS) + 1]:  # bytecode that all then share
+        started(words)
+    for _ in range(runs):
+        for name, words in commands.items():
+            loops_s.append(reference_s())
+            found[name].append(started(words))
+    unit_s = statistics.median(loops_s)
+    return {
+        name: (min(cpu_s for cpu_s, _ in each) / unit_s, max(mb for _, mb in each))
+        for name, each in found.items()
+    }
+
+
+@contextmanager
+def top_of(site: Site) -> Iterator[psutil.Process]:
+    """Run `e3pose top` on a terminal of its own."""
+    ours, its = pty.openpty()
+
+    def drain() -> None:
+        with suppress(OSError):  # its end
+            while os.read(ours, 65536):
+                pass
+
+    command = [sys.executable, "-m", "e3pose", "top", str(site.folder / "site.toml")]
+    top = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=its, stderr=its)
+    os.close(its)
+    reader = threading.Thread(target=drain)
+    reader.start()
+    try:
+        yield psutil.Process(top.pid)
+    finally:
+        top.terminate()
+        top.wait()
+        reader.join()
+        os.close(ours)
+
+
+def running(seconds: float) -> dict[str, tuple[float, float]]:
+    """Return CPU in reference loops per second and MB of each program of a site."""
+    with live_site(page=True) as site, top_of(site) as top:
+        wait(3.0)  # until top shows the site
+        groups = {"edge": [site.edge()], "camera": site.cameras(), "view": site.page()}
+        groups["top"] = [top]
+        before_s = {name: _cpu_s(group) for name, group in groups.items()}
+        begun_s, loops_s = time.monotonic(), list[float]()
+        while time.monotonic() < begun_s + seconds:
+            loops_s.append(reference_s())
+            wait(seconds / 10)
+        passed_s = time.monotonic() - begun_s
+        unit_s = statistics.median(loops_s) * passed_s
+        return {
+            f"running {name}": (
+                (_cpu_s(group) - before_s[name]) / len(group) / unit_s,
+                statistics.mean(map(_proportional_mb, group)),
+            )
+            for name, group in groups.items()
+        }
+
+
+def _cpu_s(processes: list[psutil.Process]) -> float:
+    return sum(times.user + times.system for times in (p.cpu_times() for p in processes))
+
+
+def _proportional_mb(process: psutil.Process) -> float:
+    return float(process.memory_full_info().pss) / 1e6
+
+
+def costs(measured: dict[str, tuple[float, float]], limits: dict[str, Any]) -> list[Cost]:
+    """Join what was measured with its limits: those of its name, or else of its kind."""
+    found = []
+    for name, (loops, memory_mb) in measured.items():
+        limit = limits.get(name, limits.get(name.split()[0], {}))
+        most = (float(limit.get(key, "inf")) for key in ("loops", "memory_mb"))
+        found.append(Cost(name, loops, memory_mb, *most))
+    return found
+
+
+def table(rows: Sequence[Cost]) -> str:
+    """Return the costs as a table, what is over its limit marked."""
+    lines = [f"{'':<30} {'loops':>7} {'limit':>7} {'MB':>7} {'limit':>7}"]
+    for row in rows:
+        line = f"{row.name:<30} {row.loops:7.2f} {row.limit_loops:7.2f} "
+        line += f"{row.memory_mb:7.0f} {row.limit_mb:7.0f}"
+        lines.append(line + ("  OVER" if row.over() else ""))
+    return "\n".join(lines)
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--seconds", type=float, default=10.0, help="that programs are watched")
+    parser.add_argument("--runs", type=int, default=1, help="fresh interpreters of each start")
+    parser.add_argument("--limits", type=Path, default=LIMITS)
+    parser.add_argument("--json", type=Path, help="write the figures here too")
+    options = parser.parse_args()
+    limits = tomllib.loads(options.limits.read_text())
+    measured = {**starts(options.runs), **running(options.seconds)}
+    rows = costs(measured, limits)
+    print(table(rows))
+    if options.json:
+        options.json.write_text(json.dumps([asdict(row) for row in rows], indent=2) + "\n")
+    over = [row.name for row in rows if row.over()]
+    print(f"over the limit: {', '.join(over)}" if over else "within all limits")
+    return 1 if over else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
