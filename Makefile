@@ -4,13 +4,14 @@ VENV := .venv
 BIN := $(VENV)/bin
 LOCKER := .venv-lock
 CONTAINER := .venv-container
+MUTATOR := .venv-mutants
 # Real recordings and networks, if available; tests that need them skip otherwise.
 ifneq ($(wildcard ../shared/data),)
 export E3POSE_SHARED ?= $(abspath ../shared)
 endif
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help demo test test-computing test-sites test-fast coverage check docs lint reproduce-quick bench soak attack lock sbom licences test-all clean
+.PHONY: help demo test test-computing test-sites test-fast coverage check docs lint reproduce-quick bench budget mutants soak attack lock sbom licences test-all clean
 help:  ## list the targets
 	@echo 'make TARGET; each needs only Python 3.10 to 3.13 ($(PYTHON), or PYTHON=...):'
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/; s/^/  /' | expand -t 12
@@ -41,6 +42,9 @@ PYTEST := $(BIN)/python -m pytest -q --dist loadscope --no-loadscope-reorder
 COVERAGE := .coverage-data
 COVERED = $(and $(TRACED),--cov --cov-append --cov-report= --cov-fail-under=0)
 RERUN := --reruns 1 --rerun-show-tracebacks
+# Of what the machine's cores do, a process at 5 gets a third of one at 0, and one at 10 a ninth:
+# beside a load of 15 a run at 10 took 70 minutes for 17 of CPU.
+COMPUTING_NICE ?= 5
 export RERUNS := $(CURDIR)/.reruns
 # Workers read the rewritten assertions of each other and of the run before.
 export PYTHONDONTWRITEBYTECODE :=
@@ -58,7 +62,7 @@ coverage:  ## run the tests with coverage, which takes a third longer; fails bel
 	@$(MAKE) --no-print-directory test TRACED=yes
 
 test-computing: $(VENV)/.dev
-	COVERAGE_FILE=$(COVERAGE)/.coverage.computing nice -n 10 $(PYTEST) $(COVERED) -n 3 -m 'not live and not timed' --ignore tests/live
+	COVERAGE_FILE=$(COVERAGE)/.coverage.computing nice -n $(COMPUTING_NICE) $(PYTEST) $(COVERED) -n 3 -m 'not live and not timed' --ignore tests/live
 
 test-sites: $(VENV)/.dev
 	COVERAGE_FILE=$(COVERAGE)/.coverage.sites $(PYTEST) $(COVERED) $(RERUN) -n 5 -m 'live and not timed' tests/live
@@ -99,6 +103,24 @@ bench: $(VENV)/.all  ## run the speed benchmarks, and calibration beside other p
 	$(BIN)/python lab/benchmarks/bench_calibration.py --cases "ring, one person;operating-room" \
 	  $(if $(OTHERS),--others $(OTHERS))
 
+budget: $(VENV)/.dev  ## what programs and verbs cost; fails over a limit of lab/benchmarks/budget.toml
+	$(BIN)/python lab/benchmarks/budget.py
+
+# cosmic-ray makes the mutants in an environment of its own. The tests run in the usual one, on a copy.
+# `make mutants PACKAGES=wire MUTANTS=40 SEED=2 MINUTES=20`
+PACKAGES ?= pipeline select wire estimate
+MUTANTS ?= 150
+SEED ?= 1
+MINUTES ?= 120
+mutants: $(VENV)/.dev $(MUTATOR)/.installed  ## change the source at random and see whether a test fails
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 nice -n 15 $(BIN)/python lab/benchmarks/mutants.py \
+	  $(MUTATOR)/bin/python $(PACKAGES) --count $(MUTANTS) --seed $(SEED) --minutes $(MINUTES)
+
+$(MUTATOR)/.installed: | $(BIN)/python
+	$(PYTHON) -m venv --clear $(MUTATOR)
+	$(MUTATOR)/bin/python -m pip install --quiet 'cosmic-ray==8.7.0'
+	@touch $@
+
 soak: $(VENV)/.all  ## run a live site for half an hour and check for leaks
 	$(BIN)/python lab/benchmarks/soak.py --minutes 30
 
@@ -133,4 +155,4 @@ licences: $(VENV)/.dev  ## list the licences of everything installed; fails on A
 	$(BIN)/python requirements/licences.py $(VENV)/sbom.json
 
 clean:  ## remove everything these targets created
-	rm -rf $(VENV) .reruns .nox .mypy_cache .ruff_cache .pytest_cache .hypothesis .coverage* demo-output reproduced site $(LOCKER) $(CONTAINER) sbom.json
+	rm -rf $(VENV) .reruns .nox .mypy_cache .ruff_cache .pytest_cache .hypothesis .coverage* demo-output reproduced site $(LOCKER) $(CONTAINER) $(MUTATOR) .mutants sbom.json
