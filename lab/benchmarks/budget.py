@@ -28,7 +28,7 @@ from typing import Any
 import psutil
 
 from e3pose.cli.app import VERBS
-from e3pose.files.bounded import tomllib
+from e3pose.files.bounded import parse_toml
 from live_site import Site, live_site, wait
 
 LIMITS = Path(__file__).with_name("budget.toml")
@@ -166,7 +166,7 @@ def running(seconds: float) -> dict[str, tuple[float, float]]:
 
 
 def _cpu_s(processes: list[psutil.Process]) -> float:
-    return sum(times.user + times.system for times in (p.cpu_times() for p in processes))
+    return float(sum(times.user + times.system for times in (p.cpu_times() for p in processes)))
 
 
 def _proportional_mb(process: psutil.Process) -> float:
@@ -200,7 +200,7 @@ def main() -> int:
     parser.add_argument("--limits", type=Path, default=LIMITS)
     parser.add_argument("--json", type=Path, help="write the figures here too")
     options = parser.parse_args()
-    limits = tomllib.loads(options.limits.read_text())
+    limits = parse_toml(options.limits.read_text(), str(options.limits))
     measured = {**starts(options.runs), **running(options.seconds)}
     rows = costs(measured, limits)
     print(table(rows))

@@ -45,7 +45,7 @@ PLAIN_TESTS = (  # of kernels by themselves, and against their plain forms
     "tests/reference",
 )
 MARKS = "not shared and not live and not timed and not network"
-Lines = dict[str, list[int]]  # a file, and lines of it
+KERNEL = "from e3pose.runtime.kernel import"  # of files that declare kernels
 
 
 class Stopwatch:
@@ -106,7 +106,7 @@ def plain_kernels() -> None:
 
     replaced: dict[Any, dict[str, Any]] = {
         kernel: {"kernel": lambda function: function},
-        held: {"Held": Held, "hold": Held},
+        held: {"hold": Held},
     }
     for module, names in replaced.items():
         for name, value in names.items():
@@ -120,12 +120,14 @@ def import_first(tree: Path) -> set[str]:
     os.environ["PYTHONPATH"] = str(tree / "src")
     for name in ("numba", "scipy.optimize", "scipy.spatial", "coverage", "zenoh"):
         __import__(name)
-    from e3pose.runtime import kernel
+    from e3pose.runtime import kernel_cache
 
-    sources = {*kernel.SELECTION_SOURCES, *kernel.PREDICTOR_SOURCES}
-    for path in (tree / "src").rglob("*.py"):  # digests of the unchanged files
-        kernel._stamp_of(".".join(path.relative_to(tree / "src").with_suffix("").parts))
-    return {str(path.relative_to(tree)) for path in sources}
+    compiled: set[Path] = set()
+    for path in (tree / "src").resolve().rglob("*.py"):
+        kernel_cache.stamp_of(path)  # remembered: of the unchanged files
+        if KERNEL in path.read_text():
+            compiled |= {*kernel_cache.sources_of(path)}
+    return {str(path.relative_to(tree.resolve())) for path in compiled}
 
 
 def forked(run: Callable[[], int], log: Path, limit_s: float) -> int:
@@ -205,7 +207,7 @@ def measure(
     covered.read()
     lines: dict[str, dict[int, set[str]]] = {}
     for name in covered.measured_files():
-        of_file = defaultdict(set)
+        of_file = defaultdict[int, set[str]](set)
         for line, contexts in covered.contexts_by_lineno(name).items():
             of_file[line] |= {context.partition("|")[0] for context in contexts} & took_s.keys()
         lines[str(Path(name).relative_to(Path.cwd()))] = of_file
@@ -246,7 +248,7 @@ def chosen(
     for line, of_line in lines.items():
         if line in span or not inside:
             tests |= of_line
-    kept, sum_s = [], 0.0
+    kept, sum_s = list[str](), 0.0
     for test in sorted(tests, key=lambda test: took_s[test]):
         sum_s += took_s[test]
         if sum_s < TESTS_S or not kept:
@@ -265,8 +267,7 @@ def attempt(
     path = Path(mutant["path"])
     source = path.read_text()
     span, inside = statement_at(source, mutant["line"])
-    has_kernels = "e3pose.runtime.kernel import" in source
-    plain = mutant["path"] in compiled and (has_kernels or not inside)
+    plain = mutant["path"] in compiled and (KERNEL in source or not inside)
     if plain not in measured:
         measured[plain] = measure(plain, packages, out)
     took_s, lines = measured[plain]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from budget import LIMITS, PROGRAMS, costs, reference_s, started, table
-from e3pose.files.bounded import tomllib
+from e3pose.files.bounded import parse_toml
 
 TABLE = {
     "verb": {"loops": 2.0, "memory_mb": 60},
@@ -29,7 +29,7 @@ def test_everything_measured_has_a_limit() -> None:
         "verb anything",
         *(f"{kind} {name}" for kind in ("import of", "running") for name in PROGRAMS),
     ]
-    for row in costs(dict.fromkeys(names, (0.0, 0.0)), tomllib.loads(LIMITS.read_text())):
+    for row in costs(dict.fromkeys(names, (0.0, 0.0)), parse_toml(LIMITS.read_text(), "limits")):
         assert row.limit_loops < 100 and row.limit_mb < 1000, row.name
 
 
