@@ -182,7 +182,7 @@ def test_last_picture_of_a_camera_that_sleeps_has_its_age() -> None:
     [
         (None, None, "edge gone"),
         (None, CameraStatus("c0", False, "silent for 2 s"), "offline: silent for 2 s"),
-        (None, CameraStatus("c0", True), "not allowed: set pictures = true"),
+        (None, CameraStatus("c0", True), "no answer: does the camera file have"),
         (Picture("c0", 0, (1, 1), b"", why="no detection yet"), CameraStatus("c0", True), "no det"),
         (b"garbage", CameraStatus("c0", True), "c0: message"),
     ],
@@ -214,7 +214,7 @@ def test_camera_that_lies_shows_nothing_and_is_named(name: str) -> None:
     found = seen.ask(after_s=POSES_S)  # also what comes of a later moment would be shown by now
     assert found["captured_ns"] == before["captured_ns"] and found["jpeg"] == before["jpeg"]
     assert len(found["why"]) < 200
-    assert "byte" in name or found["why"].startswith(("c0: ", "not allowed"))
+    assert "byte" in name or found["why"].startswith(("c0: ", "no answer"))
     seen.answer = taken(3)
     assert seen.ask()["slot"] == 3  # an honest one
 
@@ -341,7 +341,7 @@ def test_page_is_told_of_pictures(watched: Watched) -> None:
         assert told == {"shown": True, "why": "", "per_s": 2.0}
         watched.publish(3)
         found = client.get("/api/pictures/c0").json()
-        assert found["jpeg"] is None and "not allowed" in found["why"]
+        assert found["jpeg"] is None and "no answer" in found["why"]
         assert 0 <= client.get("/api/status").json()["silent_s"] < 60
 
 

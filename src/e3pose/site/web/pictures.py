@@ -162,7 +162,7 @@ class CameraPictures:
         for camera in self.feed.status.cameras:
             if camera.camera_id == self.camera.camera_id and not camera.online:
                 return f"offline: {camera.why}" if camera.why else "offline"
-        return "not allowed: set pictures = true in the camera file"
+        return "no answer: does the camera file have pictures = true?"
 
     def _body(self, have: str) -> dict[str, Any]:
         shown, edge_ns = self._shown, self.feed.edge_ns()
