@@ -153,7 +153,9 @@ class _Trials:
     def asleep(self) -> None:
         """Look whether cameras sleep, and how many views come nevertheless."""
         end_s = time.monotonic() + BACK_S
-        while time.monotonic() < end_s and not self._sleeping(self.seen.statuses[-1][1]):
+        while time.monotonic() < end_s and not any(
+            self._sleeping(status) for _, status in self.seen.statuses[-1:]
+        ):
             wait(0.2)  # all are awake in the first slots
         since_s = time.monotonic()
         wait(2 * WHILE_S)
