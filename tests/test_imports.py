@@ -37,7 +37,7 @@ HEAVY = {
 # The rooms, innermost first: each may import those before it.
 LAYERS: list[str] = []
 for rooms in (
-    "errors quantities runtime files model geometry predict energy",
+    "arrays errors quantities runtime files model geometry predict energy",
     "estimate select pipeline recording detectors wire settings store",
     "simulate camera evaluate calibrate learn edge report exports site",
     "cli __main__",

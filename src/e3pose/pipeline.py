@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.energy.queues import advance_deficit, price
 from e3pose.estimate.base import STEER_SLOTS, Estimator, People
 from e3pose.geometry.camera import Rig
@@ -31,8 +32,6 @@ from e3pose.select.motion_2d import LastView, own_occlusion, with_view
 from e3pose.select.occlusion import Spread, expected_views
 from e3pose.select.policies.base import Policy, Selection, Situation, selected_by
 from e3pose.select.stated_error import StatedError
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from tests.calibrate.people_scenes import knocked, walk
 
 from e3pose.edge.knock_watch import KnockWatch
-from e3pose.edge.knocks import Watch, moved, turned_deg
+from e3pose.edge.knocks import Votes, moved, turned_deg
 from e3pose.evaluate.replay import ReplaySettings, replay, selected_views
 from e3pose.recording.record import Recording
 
@@ -67,15 +67,15 @@ def voted(turn_deg: float, others: float, seconds: float = 20.0) -> Floats:
 
 @pytest.mark.parametrize("degrees", [0.0, 0.5, 2.0, 8.0])
 def test_turn_is_found_among_votes_of_mixed_people(degrees: float) -> None:
-    found, least = turned_deg(Watch((voted(degrees, 0.4),)))
+    found, least = turned_deg(Votes((voted(degrees, 0.4),)))
     assert found[0] == pytest.approx(degrees, abs=0.1)
     assert least[0] <= found[0] + 1e-9
     assert (moved(found, least) is not None) == (degrees > 0.25)
 
 
 def test_few_votes_or_seconds_say_nothing() -> None:
-    assert np.isnan(turned_deg(Watch((voted(2.0, 0.0)[::8],)))[0][0])
-    assert np.isnan(turned_deg(Watch((voted(2.0, 0.0, seconds=3.0),)))[0][0])
+    assert np.isnan(turned_deg(Votes((voted(2.0, 0.0)[::8],)))[0][0])
+    assert np.isnan(turned_deg(Votes((voted(2.0, 0.0, seconds=3.0),)))[0][0])
 
 
 def test_worst_camera_alone_is_named() -> None:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from tests.reference.filter_bias import inflation, worth_inflation
 
+from e3pose.arrays import Flags, Floats
 from e3pose.estimate.base import Outlook
 from e3pose.estimate.filter.bias import memory_terms
 from e3pose.estimate.filter.blindness import PLAIN
@@ -22,9 +22,6 @@ from e3pose.select.kernels.foresight import (
     BEHIND_SHARE,
 )
 from e3pose.select.newcomers import Entrants
-
-Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 UPPER = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))  # of a symmetric matrix, as stored here
 

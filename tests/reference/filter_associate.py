@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 from tests.reference.filter_sides import exchanged_limbs, order
 from tests.reference.filter_update import pixel_variance
 
+from e3pose.arrays import Floats, Integers
 from e3pose.estimate.filter.associate import (
     BIAS_PX,
     COST_LIMIT,
@@ -20,9 +20,6 @@ from e3pose.estimate.filter.projected import USED_SCORE
 from e3pose.estimate.filter.state import Belief, Model
 from e3pose.geometry.projection import MIN_DEPTH_M, project
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-
 
 def associate(
     belief: Belief,
@@ -31,7 +28,7 @@ def associate(
     camera: int,
     model: Model,
     knots_px: Floats,
-) -> tuple[Ints, Floats, Ints]:
+) -> tuple[Integers, Floats, Integers]:
     """Assign the detections of one view to tracks, at most one each, by the least total cost.
 
     People who are believed to exist choose first; tracks that are not yet confirmed get what is

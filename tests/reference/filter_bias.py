@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.estimate.filter.bias import (
     LEARNED_S,
     SHORTEST_S,
     MemoryTerms,
 )
 from e3pose.estimate.filter.outliers import MEASURED_SIGMAS
-
-Floats = NDArray[np.float64]
 
 
 def fade(bias_px: Floats, dt: float, terms: MemoryTerms) -> Floats:

@@ -11,6 +11,7 @@ from tests.reference.filter_failed_pairs import count_failures
 from tests.reference.filter_proportions import stature_m
 from tests.reference.triangulate import triangulate
 
+from e3pose.arrays import Floats, Integers
 from e3pose.estimate.filter.births import (
     MAX_ERROR_PX,
     MIN_EXTENT_M,
@@ -25,14 +26,14 @@ from e3pose.estimate.filter.births import (
 from e3pose.estimate.filter.existence import DELIVERED_PRIOR
 from e3pose.estimate.filter.leftovers import MIN_JOINTS, SURE_SCORE
 from e3pose.estimate.filter.scratch import MAX_LEFTOVERS
-from e3pose.estimate.filter.state import APART_M, MAX_TRACKS, Belief, Ints, Leftovers, Model
+from e3pose.estimate.filter.state import APART_M, MAX_TRACKS, Belief, Leftovers, Model
 from e3pose.geometry.projection import project
 from e3pose.model.proportions import LEAST_M, MOST_M
 
-Floats = NDArray[np.float64]
 
-
-def give_birth(belief: Belief, fresh: Leftovers, cameras: Ints, dt: float, model: Model) -> Belief:
+def give_birth(
+    belief: Belief, fresh: Leftovers, cameras: Integers, dt: float, model: Model
+) -> Belief:
     """Start people from pairs of leftovers, best pair first, and keep the rest waiting.
 
     Args:
@@ -65,7 +66,7 @@ def give_birth(belief: Belief, fresh: Leftovers, cameras: Ints, dt: float, model
     return replace(belief, leftovers=waiting.take(keep), failed_pairs=failed)
 
 
-def _spread(fresh: Leftovers) -> Ints:
+def _spread(fresh: Leftovers) -> Integers:
     """Return the rows of at most `MAX_LEFTOVERS`, as many of each camera, by falling score."""
     if len(fresh) <= MAX_LEFTOVERS:
         return np.arange(len(fresh))

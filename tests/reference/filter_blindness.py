@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Floats, Integers
 from e3pose.estimate.filter.blindness import (
     CELL_M,
     MOST_VIEWS,
@@ -13,9 +13,6 @@ from e3pose.estimate.filter.blindness import (
     PRIOR_VIEWS,
     VIEWS,
 )
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
 def learn(
@@ -43,7 +40,7 @@ def learn(
     return detection_map
 
 
-def chance(detection_map: Floats, cameras: Ints, places_m: Floats, corner: Floats) -> Floats:
+def chance(detection_map: Floats, cameras: Integers, places_m: Floats, corner: Floats) -> Floats:
     """Return `(num_views, num_places)` in (0, 1): how likely a view shows a person who is present.
 
     Args:
@@ -59,7 +56,7 @@ def chance(detection_map: Floats, cameras: Ints, places_m: Floats, corner: Float
     return np.asarray((shown + PRIOR_VIEWS * PLAIN) / (views + PRIOR_VIEWS))
 
 
-def proof(detection_map: Floats, cameras: Ints, places_m: Floats, corner: Floats) -> Floats:
+def proof(detection_map: Floats, cameras: Integers, places_m: Floats, corner: Floats) -> Floats:
     """Return `(num_views, num_places)` in [0, 1]: the share of a miss in plain sight.
 
     Arguments are those of `chance`.
@@ -69,7 +66,7 @@ def proof(detection_map: Floats, cameras: Ints, places_m: Floats, corner: Floats
     return np.asarray(np.minimum(blind, 1.0))
 
 
-def around(offset_m: Floats) -> tuple[Ints, Floats]:
+def around(offset_m: Floats) -> tuple[Integers, Floats]:
     """Return the four cells `(num_places, 4, 2)` nearest to each place, and their weights."""
     position = np.clip(offset_m / CELL_M - 0.5, 0.0, NUM_CELLS - 1.001)
     low = np.floor(position).astype(np.int64)

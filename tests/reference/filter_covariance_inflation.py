@@ -8,6 +8,7 @@ import numpy as np
 from tests.reference.filter_learned_noise import own_share, proved
 from tests.reference.filter_update import Sightings, pixel_variance
 
+from e3pose.arrays import Integers
 from e3pose.estimate.filter import bias
 from e3pose.estimate.filter.covariance_inflation import (
     ALONE,
@@ -19,11 +20,11 @@ from e3pose.estimate.filter.covariance_inflation import (
     STEERED,
 )
 from e3pose.estimate.filter.projected import USED_SCORE
-from e3pose.estimate.filter.state import Belief, Ints, Model
+from e3pose.estimate.filter.state import Belief, Model
 from e3pose.geometry.projection import MIN_DEPTH_M, project
 
 
-def learn(belief: Belief, seen: Sightings, cameras: Ints, dt: float, model: Model) -> Belief:
+def learn(belief: Belief, seen: Sightings, cameras: Integers, dt: float, model: Model) -> Belief:
     """Return the belief after the views of a slot were compared with the predicted people.
 
     Args:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from tests.reference import filter_blindness
 
+from e3pose.arrays import Flags, Floats, Integers
 from e3pose.estimate.filter import blindness
 from e3pose.estimate.filter.blindness import FASTEST_S
 from e3pose.estimate.filter.existence import (
@@ -24,14 +25,14 @@ from e3pose.estimate.filter.existence import (
     MOST_WIDE_M,
     SAME_M,
 )
-from e3pose.estimate.filter.state import Belief, Flags, Floats, Ints, Model
+from e3pose.estimate.filter.state import Belief, Model
 from e3pose.geometry.projection import MIN_DEPTH_M, project
 
 
 def attend(
     belief: Belief,
     predicted: Belief,
-    cameras: Ints,
+    cameras: Integers,
     fits: Floats,
     hits: Flags,
     shares: Floats,
@@ -122,7 +123,7 @@ def wide(joints_m: Floats, model: Model) -> Flags:
     return np.asarray(np.linalg.norm(across, axis=-1).sum(axis=-1) > MOST_WIDE_M)
 
 
-def _inside(belief: Belief, cameras: Ints, model: Model) -> Flags:
+def _inside(belief: Belief, cameras: Integers, model: Model) -> Flags:
     pixels, depth, _ = project(belief.state[..., :3], model.rig.projections[cameras])
     size = model.rig.image_sizes[cameras].reshape(-1, 1, 1, 2)
     inside = ((pixels > 0) & (pixels < size)).all(axis=-1) & (depth > MIN_DEPTH_M)

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from tests.reference.filter_update import Sightings, pixel_variance
 
+from e3pose.arrays import Flags, Floats, Integers
 from e3pose.estimate.filter import bias
 from e3pose.estimate.filter.blindness import PROOF_CAMERAS, PROOF_S
 from e3pose.estimate.filter.learned_noise import (
@@ -23,7 +24,7 @@ from e3pose.estimate.filter.learned_shift import COUNT, LEAST, PRIOR
 from e3pose.estimate.filter.learned_shift import MOST as FURTHEST
 from e3pose.estimate.filter.outliers import MEMORY, OUTLIER_SIGMAS
 from e3pose.estimate.filter.projected import USED_SCORE
-from e3pose.estimate.filter.state import Belief, Flags, Floats, Ints, Model
+from e3pose.estimate.filter.state import Belief, Model
 from e3pose.geometry.projection import MIN_DEPTH_M, project
 
 
@@ -72,7 +73,7 @@ def own_share(since_s: Floats, terms: bias.MemoryTerms) -> Floats:
     return np.asarray(1 - terms.removed * np.exp(-2 * since_s / terms.lasting_s))
 
 
-def learn(belief: Belief, seen: Sightings, cameras: Ints, dt: float, model: Model) -> Belief:
+def learn(belief: Belief, seen: Sightings, cameras: Integers, dt: float, model: Model) -> Belief:
     """Return the belief after the views of a slot were compared with the updated people.
 
     Args:
@@ -118,7 +119,12 @@ def learn(belief: Belief, seen: Sightings, cameras: Ints, dt: float, model: Mode
 
 
 def _shifts(
-    shifts: Floats, cameras: Ints, residual_px: Floats, share: Floats, total: Floats, model: Model
+    shifts: Floats,
+    cameras: Integers,
+    residual_px: Floats,
+    share: Floats,
+    total: Floats,
+    model: Model,
 ) -> Floats:
     """Return `Belief.shifts` after a slot; residuals are those of the views of `cameras`."""
     off = np.linalg.norm(residual_px, axis=-1) / np.sqrt(total) / OUTLIER_SIGMAS
@@ -138,7 +144,7 @@ def _shifts(
     return shifts
 
 
-def proved(belief: Belief, seen: Sightings, cameras: Ints, since_s: Floats) -> Flags:
+def proved(belief: Belief, seen: Sightings, cameras: Integers, since_s: Floats) -> Flags:
     """Return `(num_tracks,)` people whom several cameras showed of late: nobody's ghost."""
     recent: Flags = np.asarray(since_s < PROOF_S)
     recent[:, cameras] |= (seen.scores > 0).any(axis=-1).T

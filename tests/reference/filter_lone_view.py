@@ -8,14 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 from tests.reference.filter_update import size_variances
 
+from e3pose.arrays import Floats, Integers
 from e3pose.estimate.filter.lone_view import SIZE_SHARE
-from e3pose.estimate.filter.state import Belief, Floats, Ints, Model
+from e3pose.estimate.filter.state import Belief, Model
 
 
 def discount(
     before: Belief,
     after: Belief,
-    cameras: Ints,
+    cameras: Integers,
     assigned: NDArray[np.bool_],
     dt: float,
     model: Model,

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Floats, Integers
 from e3pose.estimate.filter.motion import ACCELERATION_LASTS_S
 from e3pose.estimate.filter.tree import Tree
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
 def spread(
@@ -52,7 +49,7 @@ def spread(
     return after, with_parent
 
 
-def _transitions(tree: Tree, level: Ints, dt: float) -> tuple[Floats, Floats]:
+def _transitions(tree: Tree, level: Integers, dt: float) -> tuple[Floats, Floats]:
     """Return R and the covariance of w, `(num_joints_of_level, 6, 6)` each."""
     tau = tree.lasts_s[level]
     fade = np.exp(-dt / tau)

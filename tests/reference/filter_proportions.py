@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Flags, Floats
 from e3pose.estimate.filter.bones import Proportions
 from e3pose.estimate.filter.outliers import MEASURED_SIGMAS, OUTLIER_SIGMAS
 from e3pose.estimate.filter.proportions import PASSES, ROUNDING, SHORTEST_M, SWEEPS
@@ -17,9 +17,6 @@ from e3pose.model.proportions import (
     STATURE_SPREAD,
     UNLIKE,
 )
-
-Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 
 def expect(bones_m: Floats, counts: Floats, body: Proportions) -> tuple[Floats, Floats, float]:

@@ -5,19 +5,15 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from tests.reference.filter_blindness import proof
 from tests.reference.filter_motion import places
 
+from e3pose.arrays import Flags, Floats, Integers
 from e3pose.estimate.filter.blindness import PLAIN
 from e3pose.estimate.filter.shown import ALONE_S, LEAVES_HZ, SHOWN_SPREAD_M, WALK_MPS
 from e3pose.estimate.filter.state import Belief, Model
 from e3pose.estimate.filter.steer import GAIN
 from e3pose.estimate.filter.tree import Tree
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Flags = NDArray[np.bool_]
 
 
 def left_odds(belief: Belief, model: Model) -> Floats:
@@ -53,7 +49,7 @@ def led_alone(belief: Belief, ahead_s: float = 0.0) -> Flags:
 def steer(
     tree: Tree,
     belief: Belief,
-    rows: Ints,
+    rows: Integers,
     joints_m: Floats,
     ahead_s: float,
     drift_share: Floats | float = 1.0,

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tests.reference.filter_update import pixel_variance
 
+from e3pose.arrays import Floats, Integers
 from e3pose.estimate.filter.existence import LEARN_RATE
 from e3pose.estimate.filter.projected import USED_SCORE
 from e3pose.estimate.filter.sides import (
@@ -24,9 +25,6 @@ from e3pose.estimate.filter.sides import (
 from e3pose.estimate.filter.state import Belief, Model
 from e3pose.geometry.projection import MIN_DEPTH_M, project
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-
 
 def exchanged_limbs(
     belief: Belief,
@@ -35,7 +33,7 @@ def exchanged_limbs(
     camera: int,
     model: Model,
     knots_px: Floats,
-) -> Ints:
+) -> Integers:
     """Return `(num_tracks, num_persons)`: bits of the limbs exchanged, and of those as given.
 
     Arguments are those of `associate`.
@@ -71,7 +69,7 @@ def exchanged_limbs(
     return np.asarray(exchanged, dtype=np.int64)
 
 
-def order(exchanged: Ints, model: Model) -> Ints:
+def order(exchanged: Integers, model: Model) -> Integers:
     """Return `(*batch, num_joints)`: where each joint of a detection is to be found."""
     opposites, limbs = model.sides
     turned = (exchanged[..., None] & limbs) > 0
@@ -79,8 +77,13 @@ def order(exchanged: Ints, model: Model) -> Ints:
 
 
 def turn_round(
-    belief: Belief, exchanged: Ints, hits: NDArray[np.bool_], cameras: Ints, dt: float, model: Model
-) -> tuple[Belief, Ints]:
+    belief: Belief,
+    exchanged: Integers,
+    hits: NDArray[np.bool_],
+    cameras: Integers,
+    dt: float,
+    model: Model,
+) -> tuple[Belief, Integers]:
     """Return the belief with the sides of contradicted tracks exchanged, and what is left.
 
     Args:

@@ -19,17 +19,17 @@ from tests.reference.filter_existence import attend, end
 from tests.reference.filter_sides import order, turn_round
 from tests.reference.filter_update import Sightings, learn_biases, learn_bones, predict, update
 
+from e3pose.arrays import Floats, Integers
 from e3pose.estimate.filter import bias
 from e3pose.estimate.filter.projected import USED_SCORE
 from e3pose.estimate.filter.shown import Estimate, estimate_of
-from e3pose.estimate.filter.state import Belief, Floats, Ints, Leftovers, Model
+from e3pose.estimate.filter.state import Belief, Leftovers, Model
 from e3pose.estimate.filter.step import (
     LONGEST_S,
     bounded,
     check_slot,
 )
-from e3pose.model.pose import MAX_PIXEL, Poses2D
-from e3pose.model.pose import MIN_SCORE as MISSING_SCORE
+from e3pose.model.pose import MAX_PIXEL, MISSING_SCORE, Poses2D
 
 
 def step(
@@ -89,7 +89,7 @@ def step(
 
 def _sorted(
     model: Model, views: Mapping[int, Poses2D], shifts_px: Floats
-) -> tuple[Ints, list[Floats], list[Floats]]:
+) -> tuple[Integers, list[Floats], list[Floats]]:
     """Return cameras in rig order and their people, without lenses and shifts."""
     cameras = np.array(sorted(views), dtype=np.int64)
     keypoints, scores = [], []
@@ -106,11 +106,11 @@ def _sorted(
 
 def _sightings(
     belief: Belief,
-    cameras: Ints,
+    cameras: Integers,
     keypoints: list[Floats],
     scores: list[Floats],
-    assigned: Ints,
-    joints: Ints,
+    assigned: Integers,
+    joints: Integers,
     dt: float,
     model: Model,
     knots_px: Floats,
@@ -139,7 +139,11 @@ def _information_share(seen: Sightings, knots_px: Floats) -> Floats:
 
 
 def _unexplained(
-    belief: Belief, cameras: Ints, keypoints: list[Floats], scores: list[Floats], assigned: Ints
+    belief: Belief,
+    cameras: Integers,
+    keypoints: list[Floats],
+    scores: list[Floats],
+    assigned: Integers,
 ) -> Leftovers:
     free = [~np.isin(np.arange(len(s)), row) for s, row in zip(scores, assigned, strict=True)]
     counts = [int(f.sum()) for f in free]

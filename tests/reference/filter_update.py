@@ -5,26 +5,23 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from tests.reference import filter_bias, filter_proportions
 from tests.reference.filter_motion import spread
 from tests.reference.filter_tree import Links, conditionals, solve
 
+from e3pose.arrays import Floats, Integers
 from e3pose.estimate.filter.bias import memory_terms
 from e3pose.estimate.filter.motion import places
 from e3pose.estimate.filter.outliers import MEASURED_SIGMAS, OUTLIER_SIGMAS
 from e3pose.estimate.filter.projected import USED_SCORE
 from e3pose.estimate.filter.proportions import BONE_MEMORY, BONE_TEACHERS
-from e3pose.estimate.filter.state import Belief, Ints, Model
+from e3pose.estimate.filter.state import Belief, Model
 from e3pose.estimate.filter.update import (
     BONE_KNOWN_M,
     ITERATIONS,
     USUAL_SLACK_M,
 )
 from e3pose.geometry.projection import MIN_DEPTH_M, project
-
-Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,7 +100,9 @@ def update(belief: Belief, seen: Sightings, model: Model) -> Belief:
     return replace(belief, unmeasured_s=np.where(measured, 0.0, belief.unmeasured_s))
 
 
-def learn_biases(belief: Belief, seen: Sightings, cameras: Ints, dt: float, model: Model) -> Belief:
+def learn_biases(
+    belief: Belief, seen: Sightings, cameras: Integers, dt: float, model: Model
+) -> Belief:
     """Return the belief after each view of a slot was compared with the updated people."""
     biases, terms = belief.bias_px.copy(), memory_terms(model.noise.memory)
     pixels, depth, jacobian = project(belief.state[..., :3], seen.projections)

@@ -5,17 +5,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 from tests.reference.match import match, match_epipolar, match_tanke_gall
 from tests.reference.triangulate import refine, reprojection_error, triangulate
 
+from e3pose.arrays import Floats, Integers
 from e3pose.estimate.per_slot.fuse import Fused, Fuser, FusionSettings
 from e3pose.estimate.per_slot.triangulate import MIN_VIEWS
 from e3pose.geometry.camera import Rig
-from e3pose.model.pose import MAX_PIXEL, MIN_SCORE
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
+from e3pose.model.pose import MAX_PIXEL, MISSING_SCORE
 
 
 class ReferenceFuser(Fuser):
@@ -40,7 +37,7 @@ class ReferenceFuser(Fuser):
         keypoints = self._undistort(keypoints, counts)
         keypoints, scores = keypoints[present], scores[present]  # (num_poses, num_joints, ...)
         with np.errstate(invalid="ignore"):
-            seen = (np.abs(keypoints) <= MAX_PIXEL).all(axis=-1) & (scores >= MIN_SCORE)
+            seen = (np.abs(keypoints) <= MAX_PIXEL).all(axis=-1) & (scores >= MISSING_SCORE)
         keypoints = np.where(seen[..., None], keypoints, np.nan)
         scores = np.where(seen, np.minimum(scores, 1.0), 0.0)
         settings = self.settings

@@ -5,13 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.arrays import Flags, Floats
 from e3pose.geometry.camera import Rig
 from e3pose.geometry.overlap import overlap
 from e3pose.select.kernels.people import FIRST_VIEW
 from e3pose.select.newcomers import Entrants
-
-Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 
 def starts(entrants: Entrants, subsets: Flags) -> Floats:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.predict.kernels.history import (
     FAR_M,
     LONGEST_S,
@@ -14,8 +15,6 @@ from e3pose.predict.kernels.history import (
     SPEED_FLOOR_M,
 )
 from e3pose.predict.normalise import LEFT_RIGHT, NUM_COMMON, NUM_FEATURES, Normalised, last_slots
-
-Floats = NDArray[np.float64]
 
 
 def fill_gaps(history_m: Floats) -> tuple[Floats, NDArray[np.bool_]]:

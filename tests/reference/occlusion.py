@@ -7,9 +7,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from e3pose.arrays import Floats
 from e3pose.select.kernels.boxes import BOX_EXPANSION
-
-Floats = NDArray[np.float64]
 
 
 def inside_image(pixels: Floats, image_size: ArrayLike) -> NDArray[np.bool_]:

@@ -6,12 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from tests.reference.triangulate import noise_px, refine, reprojection_error, triangulate
 
 from e3pose.geometry.camera import Camera, Rig
-
-Floats = NDArray[np.float64]
 
 
 def ring(num_cameras: int, radius_m: float = 5.0, offset_m: float = 0.0) -> Rig:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.estimate.per_slot.triangulate import (
     MAX_STEP_M,
     MIN_DEPTH_M,
@@ -13,8 +14,6 @@ from e3pose.estimate.per_slot.triangulate import (
     NOISE_SCORES,
     OUTLIER_SIGMAS,
 )
-
-Floats = NDArray[np.float64]
 
 
 def triangulate(keypoints_px: Floats, scores: Floats, projections: Floats) -> Floats:

@@ -14,7 +14,7 @@ from tests.store.writers import QUICK, Records, Runs, limit_connections, stored_
 
 from e3pose.errors import InputError
 from e3pose.store import Event, Store, StoreWriter, WriterSettings
-from e3pose.store.integrity import Watch, problem_of
+from e3pose.store.integrity import IntegrityWatch, problem_of
 
 pytestmark = pytest.mark.slow
 
@@ -149,7 +149,7 @@ def test_damage_is_not_held_against_the_file_that_took_its_place(
     path = tmp_path / "live.db"
     path.write_bytes(b"dear all, " * 1000)
     for replaced in (False, True):
-        watch = Watch(path, every_s=1000.0)
+        watch = IntegrityWatch(path, every_s=1000.0)
         assert watch.check() == ""
         assert watch._thread is not None
         watch._thread.join()

@@ -8,7 +8,6 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from e3pose.errors import InputError
 from e3pose.predict import make_predictor
@@ -27,7 +26,6 @@ from e3pose_lab.prediction.tally import Tally, calibration, figures
 if TYPE_CHECKING:
     from e3pose.pipeline import SlotRecord
 
-Floats = NDArray[np.float64]
 Progress = Callable[[Iterable["SlotRecord"]], Iterable["SlotRecord"]]
 Tallies = dict[str, dict[str, Tally]]  # condition -> predictor
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Literal
 from zlib import crc32
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.geometry.camera import Rig
 from e3pose.model.noise import ErrorMemory
 from e3pose.model.skeleton import MEANS, Skeleton
@@ -19,7 +19,6 @@ from e3pose.simulate.noise import correlated
 if TYPE_CHECKING:
     from e3pose.pipeline import SlotRecord
 
-Floats = NDArray[np.float64]
 
 LIMB_JOINTS = tuple(
     f"{side}_{joint}"

@@ -12,13 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.arrays import Floats, Integers
 from e3pose.errors import InputError
 from e3pose.predict.base import Prediction, Predictor
 from e3pose_lab.prediction.motion import Motion, body_errors, body_joints, disturbed
 from e3pose_lab.prediction.tally import MM, Tally, actual_boxes, tally
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 LEADS = (1, 2, 3, 5, 8, 10, 15)
 MAX_LEAD = 300
@@ -76,7 +74,7 @@ def count_windows(motion: Motion, settings: PredictionSettings) -> int:
     return sum(len(window_ends(joints_m, settings)) for joints_m in motion.people)
 
 
-def window_ends(joints_m: Floats, settings: PredictionSettings) -> Ints:
+def window_ends(joints_m: Floats, settings: PredictionSettings) -> Integers:
     """Return the newest slots of the windows of a person `(num_slots, num_joints, 3)`."""
     known: NDArray[np.bool_] = np.asarray(np.isfinite(joints_m).all(axis=-1).any(axis=-1))
     length = settings.history_slots

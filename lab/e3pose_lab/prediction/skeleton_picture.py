@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.evaluate.drawing import INK, colour_of, legend_above, picture
 from e3pose.model.skeleton import BODY_LIMBS, Skeleton
 from e3pose.predict.base import Predictor
@@ -19,7 +19,6 @@ from e3pose_lab.prediction.windows import Window, foresee
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Floats = NDArray[np.float64]
 Maker = Callable[[str, Skeleton], Predictor]
 
 LIMBS = [(BODY_JOINTS.index(a), BODY_JOINTS.index(b)) for a, b in (*BODY_LIMBS, ("neck", "head"))]

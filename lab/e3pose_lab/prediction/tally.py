@@ -8,12 +8,11 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.geometry.camera import Rig
 from e3pose.predict.base import Prediction
 from e3pose.select.occlusion import box_iou, person_boxes
 from e3pose_lab.prediction.motion import HIPS
-
-Floats = NDArray[np.float64]
 
 MM = 1000.0
 # Borders between groups of joints by the error that the predictor expects, metres.

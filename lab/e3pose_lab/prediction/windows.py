@@ -6,14 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.model.skeleton import Skeleton
 from e3pose.predict.base import Predictor
 from e3pose_lab.prediction.motion import Motion, body_joints
 from e3pose_lab.prediction.scores import PredictionSettings, window_ends
-
-Floats = NDArray[np.float64]
 
 RANKED_LEAD = 10  # or the longest lead below it
 SHARES = (0.5, 0.75, 0.95)  # of the windows that are predicted better than the one shown

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from e3pose.arrays import Floats
 from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.model.skeleton import COCO17
 from e3pose.predict import make_predictor
@@ -19,8 +19,6 @@ from e3pose.recording import Recording
 from e3pose.select.occlusion import box_iou, person_boxes
 from e3pose_lab.reproduce.replays import Asked, recording_of
 from e3pose_lab.reproduce.sources import Sources
-
-Floats = NDArray[np.float64]
 
 CALLS = 100  # of a predictor that is timed
 INTERVAL_S = 0.04  # as on Shelf

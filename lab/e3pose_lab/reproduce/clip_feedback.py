@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from e3pose.arrays import Floats
 from e3pose.camera.detect import DetectSettings, detect_videos
 from e3pose.detectors import make_detector
 from e3pose.detectors.base import Image
@@ -32,8 +32,6 @@ from e3pose.recording.calibration import load_rig
 from e3pose.settings.loop import MAX_WHOLE_EVERY, WHOLE_EVERY
 from e3pose.site.demo.clip import find_clip
 from e3pose_lab.reproduce.sources import NETWORK, Sources
-
-Floats = NDArray[np.float64]
 
 OTHER = "movenet-multipose"  # a reference that the network under test did not make
 FPS, LEAD, WARMUP = 20.0, 2, 4

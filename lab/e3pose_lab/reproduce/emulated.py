@@ -5,12 +5,13 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 
+from e3pose.arrays import Floats
 from e3pose.detectors.base import Image
 from e3pose.detectors.drawn import Drawn
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import Skeleton
 from e3pose.predict.attention_lstm import PUBLISHED, AttentionLstm
-from e3pose.predict.base import Floats, Prediction, Predictor
+from e3pose.predict.base import Prediction, Predictor
 
 DETECT_S = 0.020
 SERVER_S = 0.030

@@ -6,17 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from e3pose.arrays import Floats, Integers
 from e3pose.model.slot_record import SlotRecord
 from e3pose.recording import Recording
 from e3pose_lab.reproduce.identities import FOUND_M, LOST, RETURNED, SWAPPED, changes
 from e3pose_lab.reproduce.replays import Asked, recording_of, records_of
 from e3pose_lab.reproduce.sources import Sources
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 ALPHAS = np.arange(0.05, 0.99, 0.05)  # similarities from which a pair counts as found
 

@@ -9,6 +9,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.evaluate.summary import accuracy, pcp_readings
 from e3pose.pipeline import SlotRecord
@@ -20,8 +21,6 @@ from e3pose.simulate import SceneSettings, simulate
 from e3pose_lab.reproduce.simulated import gathered, with_detections
 from e3pose_lab.reproduce.sources import Sources
 from e3pose_lab.reproduce.work import Piece
-
-Floats = NDArray[np.float64]
 
 SHELF, FRAGMENT, MOTION = "shelf", "panoptic-fragment", "panoptic-motion"
 SHELF_FEEDBACK = "shelf-feedback"

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from e3pose.arrays import Floats
 from e3pose.estimate.per_slot.fuse import Fuser
 from e3pose.evaluate import metrics
 from e3pose.evaluate.pcp import LIMBS
@@ -19,7 +19,6 @@ from e3pose_lab.reproduce.replays import SHELF, Asked, recording_of
 from e3pose_lab.reproduce.sources import Sources
 from e3pose_lab.reproduce.subsets import PAPER
 
-Floats = NDArray[np.float64]
 Limbs = list[list[float]]  # of one person: both ends of each limb that is known
 
 CHOSEN = 3

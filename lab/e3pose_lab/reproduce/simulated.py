@@ -5,16 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.geometry.rigs import watched_area
 from e3pose.model.skeleton import COCO17, PANOPTIC19, convert
 from e3pose.recording import Recording, Truth
 from e3pose.simulate.detections import detect_people
 from e3pose.simulate.place import Habits, Scene
 from e3pose.simulate.settings import DetectorSettings
-
-Floats = NDArray[np.float64]
 
 HIPS = [11, 12]  # of COCO-17
 # The same joint of the other side; the nose has an eye for it.

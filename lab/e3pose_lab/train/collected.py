@@ -7,13 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.learn.ring_buffer import Chunk
 from e3pose.model.skeleton import Skeleton
 from e3pose.predict.normalise import common_columns, to_common
 from e3pose_lab.train.smooth import smooth
 from e3pose_lab.train.windows import Clip
-
-Floats = NDArray[np.float64]
 
 LEAST_SCORE = 0.2  # a joint that was hardly seen is no example; in a history it may stand
 

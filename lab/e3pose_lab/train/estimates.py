@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from e3pose.arrays import Floats
 from e3pose.estimate import EstimatorSettings, make_estimator
 from e3pose.estimate.per_slot.fuse import Fuser, FusionSettings
 from e3pose.estimate.per_slot.track import GATE_M
@@ -32,7 +33,6 @@ from e3pose_lab.train.smooth import smooth
 from e3pose_lab.train.windows import Clip
 from e3pose_lab.workers import Workers
 
-Floats = NDArray[np.float64]
 Halves = NDArray[np.float16]
 Views = Mapping[int, Poses2D]
 

@@ -6,11 +6,10 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.predict.normalise import normalise, to_person
 from e3pose_lab.train.network import NUM_AXES, AttentionLstm, evidence
 from e3pose_lab.train.windows import Corruption, Sampler, usual_error
-
-Floats = NDArray[np.float64]
 
 # Kinds of histories: with noise in a range, each at rates in a range. The first expert is for exact
 # histories, and does nothing: what regression finds there it finds in this motion alone.

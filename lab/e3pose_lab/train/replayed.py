@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.errors import InputError
 from e3pose.estimate.base import People
 from e3pose.evaluate.replay import ReplaySettings, replay
@@ -28,8 +29,6 @@ from e3pose_lab.train.estimates import joined
 from e3pose_lab.train.watched import watched
 from e3pose_lab.train.windows import Clip, between_frames
 from e3pose_lab.workers import Workers
-
-Floats = NDArray[np.float64]
 
 FPS = (11.0, 31.0)  # what live sites run at
 LOG_PACE = 0.2  # people move faster or slower by up to this

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.errors import InputError
 from e3pose.model.skeleton import CMU31, COCO17, Skeleton, convert
 from e3pose.recording import Recording
@@ -15,8 +15,6 @@ from e3pose.simulate.guesses import DECLARED, OUTPUTS
 from e3pose.simulate.place import Habits, Scene
 from e3pose.simulate.settings import DetectorSettings
 from e3pose.simulate.situations import draw_fields
-
-Floats = NDArray[np.float64]
 
 EARS_M, EYES_M, FACE_M = 0.075, 0.03, 0.09  # of a head, from its middle
 FOCUS_M = 4.0

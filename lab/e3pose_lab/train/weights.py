@@ -22,7 +22,7 @@ from e3pose.predict.weights_file import tensors_of
 from e3pose_lab.train.export import export
 from e3pose_lab.train.network import AttentionLstm, NetworkSettings
 
-Floats = NDArray[np.float32]
+Singles = NDArray[np.float32]
 
 DIGIT = 1000  # numbers are marked digit by digit, so that float16 holds each exactly
 TOLERANCE = 1e-3  # half precision is good for three digits
@@ -80,7 +80,7 @@ def _settings(model: Any, properties: dict[str, str]) -> NetworkSettings:
     return NetworkSettings(history_slots=int(properties["history_slots"]), hidden=int(hidden))
 
 
-def _flat(network: AttentionLstm, names: list[str]) -> Floats:
+def _flat(network: AttentionLstm, names: list[str]) -> Singles:
     state = network.state_dict()
     return np.concatenate([state[name].numpy().ravel() for name in names])
 
@@ -95,7 +95,7 @@ def _load(network: AttentionLstm, names: list[str], values: NDArray[Any]) -> Non
     network.load_state_dict(state)
 
 
-def _exported(network: AttentionLstm, names: list[str], values: NDArray[Any]) -> list[Floats]:
+def _exported(network: AttentionLstm, names: list[str], values: NDArray[Any]) -> list[Singles]:
     _load(network, names, values)
     return list(tensors_of(onnx.load_model_from_string(export(network, [1.0])).graph))
 

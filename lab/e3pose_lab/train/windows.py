@@ -10,11 +10,11 @@ from typing import Literal, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.model.noise import ErrorMemory
 from e3pose.predict.normalise import NUM_COMMON, Normalised, fill_gaps, normalise, to_person
 from e3pose_lab.train.bodies import mirrored, other_bodies, swapped_arms, uneven_time
 
-Floats = NDArray[np.float64]
 Real = TypeVar("Real", np.float32, np.float64)
 # What windows are made of recorded motion: `bodies` for other rates, paces, sides, limbs and sizes;
 # `motion` for the same without other limbs and sizes; `none` for motion as it was recorded, with

@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.calibrate.board import Board, make_finder
 from e3pose.camera.source import MAX_PIXELS, open_video
 from e3pose.errors import InputError
 
-Floats = NDArray[np.float64]
 Grey = NDArray[np.uint8]
 
 PICTURES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")

@@ -15,11 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from e3pose.arrays import Floats
 from e3pose.calibrate.least_squares import Linearised, Solution, solve
 from e3pose.geometry.camera import Camera, Rig
 from e3pose.recording.calibration.world import ASSUMED_FOCAL, assumed_rig
-
-Floats = NDArray[np.float64]
 
 LENS_STEP = 1e-5  # normalised units, for the derivative of the lens
 MIN_DEPTH = 1e-3  # metres; nearer points count as this far

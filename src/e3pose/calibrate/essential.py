@@ -12,9 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.geometry.rotations import cross_matrices
-
-Floats = NDArray[np.float64]
 
 MIN_POINTS = 12  # five fix the pose, of any points at all
 MAX_POINTS = 600  # for the five-point samples; all are counted afterwards

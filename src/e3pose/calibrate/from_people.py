@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Flags
 from e3pose.calibrate.bundle import first_lenses, placed
 from e3pose.calibrate.fit import CameraFit, fit_of
 from e3pose.calibrate.from_points import PointRig, adjust_all, pair_poses, solve_points
@@ -21,9 +21,6 @@ from e3pose.errors import InputError
 from e3pose.geometry.camera import Rig
 from e3pose.model.noise import Noise
 from e3pose.recording.record import Recording
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 ROUGH_SIGMAS = (25.0, 10.0, 5.0)  # tolerances of matching, from a rough start
 FINE_SIGMAS = (4.0, 3.0, 3.0)
@@ -85,7 +82,7 @@ class _Scene:
             recording, noise, without_lenses(recording, noise, self.seen.tracklets), total
         )
 
-    def rematch(self, done: Bools, tolerance: float) -> tuple[Joints, int]:
+    def rematch(self, done: Flags, tolerance: float) -> tuple[Joints, int]:
         return rematch(self.recording, self.noise, self.seen, done, tolerance)
 
 
@@ -191,7 +188,7 @@ def _from_start(scene: _Scene, start: Rig, progress: Progress) -> PeopleRig | No
     return _finish(scene, everyone, progress)
 
 
-def _finish(scene: _Scene, done: Bools, progress: Progress) -> PeopleRig | None:
+def _finish(scene: _Scene, done: Flags, progress: Progress) -> PeopleRig | None:
     """Match people again and adjust; cameras that disagree are placed again by the others."""
     found = _rounds(scene, done, progress)
     good = done if found is None else done & ~found.fit.poor
@@ -230,7 +227,7 @@ def _placed_again(scene: _Scene, others: PeopleRig, progress: Progress) -> Peopl
     return _rounds(scene.with_rig(Rig(tuple(cameras), rig.placed)), everyone, progress)
 
 
-def _likely_lenses(rig: Rig, done: Bools) -> Rig:
+def _likely_lenses(rig: Rig, done: Flags) -> Rig:
     """Return a rig whose cameras that are not placed have the lens of one that is, if unknown."""
     cameras = list(rig.cameras)
     for index in np.flatnonzero(~done).tolist():
@@ -246,7 +243,7 @@ def _likely_lenses(rig: Rig, done: Bools) -> Rig:
     return Rig(tuple(cameras), rig.placed)
 
 
-def _rounds(scene: _Scene, done: Bools, progress: Progress) -> PeopleRig | None:
+def _rounds(scene: _Scene, done: Flags, progress: Progress) -> PeopleRig | None:
     """Match people again with the current rig and adjust again."""
     best: PeopleRig | None = None
     for number, tolerance in enumerate(FINE_SIGMAS):
@@ -265,7 +262,7 @@ def _rounds(scene: _Scene, done: Bools, progress: Progress) -> PeopleRig | None:
     return best
 
 
-def _adjusted(scene: _Scene, joints: Joints, done: Bools) -> tuple[PointRig, Rig] | None:
+def _adjusted(scene: _Scene, joints: Joints, done: Flags) -> tuple[PointRig, Rig] | None:
     """Adjust a rig; unknown lenses by themselves first, to see which cameras are of one kind.
 
     Returns:

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.calibrate.board_views import BoardViews
 from e3pose.calibrate.intrinsics import Intrinsics
 from e3pose.calibrate.view_choice import GRID, advice, covered
@@ -18,7 +18,6 @@ from e3pose.files.atomic import atomic_file
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Floats = NDArray[np.float64]
 
 GOOD_PX = 0.5  # a sharp board seen by a still camera is below this
 POOR_PX = 1.5

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.calibrate.expected_error import ErrorMap, error_map
 from e3pose.calibrate.from_people import PeopleRig, solve_people
 from e3pose.calibrate.matched_people import match_people
@@ -18,8 +19,6 @@ from e3pose.errors import InputError
 from e3pose.geometry.camera import Rig
 from e3pose.model.noise import Noise
 from e3pose.recording.record import Recording
-
-Floats = NDArray[np.float64]
 
 MIN_JOINTS = 100
 ENOUGH_S = 10.0  # of recording, to solve the rig anew

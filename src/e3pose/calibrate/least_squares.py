@@ -15,7 +15,8 @@ from typing import Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from e3pose.arrays import Floats
+
 State = TypeVar("State")
 
 MAX_STEPS = 60

@@ -9,11 +9,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.calibrate.bundle import NUM_LENS, Adjusted
 from e3pose.geometry.camera import Rig
 from e3pose.recording.calibration.world import ASSUMED_FOCAL
-
-Floats = NDArray[np.float64]
 
 FOCAL_SIGMA = 0.35  # of the logarithm, round what is assumed
 KIND_SIGMA = 0.01  # the same between cameras of one kind: lenses focused at other distances

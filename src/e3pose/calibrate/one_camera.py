@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from e3pose.calibrate.bundle import AdjustOptions, adjust_points, root_mean_square
 from e3pose.calibrate.from_people import (
@@ -21,8 +20,6 @@ from e3pose.geometry.camera import Rig
 from e3pose.geometry.rotations import angles_between
 from e3pose.model.noise import Noise
 from e3pose.recording.record import Recording
-
-Floats = NDArray[np.float64]
 
 MIN_POINTS = 200  # joints that the camera shares with others
 MIN_OTHERS = 2  # cameras that it shares some with: one alone does not say how far away it is

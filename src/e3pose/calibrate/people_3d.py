@@ -7,12 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.calibrate.matched_people import Joints
 from e3pose.calibrate.triangulation import place_points
 from e3pose.geometry.camera import Rig
 from e3pose.model.skeleton import Skeleton
-
-Floats = NDArray[np.float64]
 
 # Shares of stature after Drillis and Contini, as tabulated by Winter: thigh, shank, and from the
 # middle of the hips to that of the shoulders.

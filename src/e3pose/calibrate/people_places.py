@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from e3pose.calibrate.align import Move, floor_from_people, guess
 from e3pose.calibrate.fit import disagreeing
@@ -18,8 +17,6 @@ from e3pose.geometry.camera import Rig
 from e3pose.geometry.rotations import similarity
 from e3pose.model.noise import Noise
 from e3pose.recording.record import Recording
-
-Floats = NDArray[np.float64]
 
 ENOUGH_S, ENOUGH_SPREAD = 8.0, 0.08  # of matched people: seconds, and share of the distance
 

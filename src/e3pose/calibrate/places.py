@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.calibrate.align import Move, from_axis, guess
 from e3pose.calibrate.ball import track_balls
 from e3pose.calibrate.board import Board
@@ -24,7 +25,6 @@ from e3pose.camera.source import open_video
 from e3pose.errors import InputError
 from e3pose.geometry.camera import Rig
 
-Floats = NDArray[np.float64]
 Fit = tuple[Floats, Floats, NDArray[np.int64], NDArray[np.int64]]
 
 BALL_SIGMA_PX = 1.0

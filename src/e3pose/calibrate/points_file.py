@@ -8,14 +8,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.errors import InputError
 from e3pose.files.bounded import read_bytes
 from e3pose.geometry.camera import Rig
 from e3pose.quantities import plural
-
-Floats = NDArray[np.float64]
 
 MAX_BYTES = 200_000_000
 MAX_POINTS = 1_000_000

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.calibrate.same_people import MIN_COMMON, MOST_COMMON, Evidence, Seen, one_to_one
 
-Floats = NDArray[np.float64]
 Pairs = dict[tuple[int, int], tuple[Floats, Floats, Floats]]
 
 MOST_HYPOTHESES = 12  # pairs of tracklet and person that may propose a position

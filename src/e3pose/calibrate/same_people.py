@@ -7,13 +7,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from e3pose.arrays import Floats
 from e3pose.calibrate.essential import RelativePose, epipolar_errors, relative_pose
 from e3pose.calibrate.tracklets import Tracklet
-
-Floats = NDArray[np.float64]
 
 MIN_COMMON = 60  # joints that two tracklets share before they are compared
 MOST_COMMON = 400

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
+from e3pose.arrays import Floats
 from e3pose.calibrate.pair_shifts import (
     disagreement,
     incidence,
@@ -22,8 +22,6 @@ from e3pose.calibrate.pair_shifts import (
     subsample_peak,
 )
 from e3pose.errors import InputError
-
-Floats = NDArray[np.float64]
 
 RATE = 8000  # samples per second
 STEPS = 1000  # of loudness, a second

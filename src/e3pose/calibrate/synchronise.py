@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.calibrate.from_people import solve_people
 from e3pose.calibrate.matched_people import observe_people
 from e3pose.calibrate.pair_shifts import disagreement, incidence, spanning_tree_offsets
@@ -24,8 +24,6 @@ from e3pose.errors import InputError
 from e3pose.geometry.camera import Rig
 from e3pose.model.noise import Noise
 from e3pose.recording.record import Recording, ViewSeries
-
-Floats = NDArray[np.float64]
 
 CLEAR_HEIGHT = 8.0  # standard deviations from which motion alone is believed
 ENOUGH_PAIRS = 3  # of a camera, after which only cameras with fewer are looked at

@@ -5,16 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.calibrate.essential import epipolar_errors
 from e3pose.calibrate.pair_shifts import subsample_peak
 from e3pose.calibrate.same_people import Seen, one_to_one, pair_by_essential, pair_by_rig
 from e3pose.calibrate.tracklets import Tracklet
 from e3pose.geometry.camera import Rig
 from e3pose.recording.record import Recording
-
-Floats = NDArray[np.float64]
 
 STEP = 0.125  # of a slot, in the search by geometry
 REACH = 1.5  # slots to either side of the coarse shift

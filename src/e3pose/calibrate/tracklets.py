@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from e3pose.arrays import Floats
 from e3pose.recording.record import ViewSeries
-
-Floats = NDArray[np.float64]
 
 MOST_STEP = 0.25  # of a person's size, that joints move from slot to slot
 STEP_PER_GAP = 0.1  # more for each slot without the person

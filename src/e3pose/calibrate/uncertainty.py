@@ -12,8 +12,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Floats, Integers
 from e3pose.calibrate.align import Move
 from e3pose.calibrate.bundle import (
     LENS,
@@ -32,9 +32,6 @@ from e3pose.calibrate.least_squares import Linearised, curvature_share, reduced_
 from e3pose.calibrate.lenses import REPEATED
 from e3pose.geometry.camera import Rig
 from e3pose.geometry.rotations import angles_between, similarity
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 GROUP_S = 5.0  # of one person's walk, where few people are there
 MIN_PEOPLE = 3  # to leave out one after the other
@@ -177,7 +174,7 @@ def _covariance(found: PeopleRig, fps: float) -> Floats:
     return covariance
 
 
-def _jackknife(system: Linearised, total: Floats, chosen: Ints, groups: Ints) -> Floats:
+def _jackknife(system: Linearised, total: Floats, chosen: Integers, groups: Integers) -> Floats:
     """Return the covariance of the chosen parameters, by leaving out one group after the other.
 
     Args:

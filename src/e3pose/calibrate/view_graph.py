@@ -11,11 +11,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.geometry.rotations import angles_between, nearest_rotation
-
-Floats = NDArray[np.float64]
 
 AGREE_RAD = 0.1  # relative poses of one pair within this of the best are averaged
 AGREE_SHARE = 0.2  # of the distance between the two cameras, likewise

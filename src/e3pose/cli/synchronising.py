@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.cli.options import Flag, warn
 from e3pose.cli.output import JsonFile, is_stdout, write_json, wrote
 from e3pose.cli.progress import stage_progress
@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from e3pose.calibrate.synchronise import Synchrony
     from e3pose.recording import Recording
 
-Floats = NDArray[np.float64]
 
 ENOUGH_S = 8.0  # of people, to solve a calibration on the way
 MOST_APART = 0.5  # slots between pairs of cameras

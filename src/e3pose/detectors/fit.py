@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.detectors.base import Image
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,11 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.arrays import Floats, Integers
 from e3pose.detectors.topology import Topology
 
-Floats = NDArray[np.float64]
 Maps = NDArray[np.float32]
-Ints = NDArray[np.int64]
 
 MAX_PEAKS = 64  # of one part; bounds the work on noise
 # What is added to a heatmap where a joint is expected, and as how wide a spot beyond the reach of
@@ -96,7 +95,7 @@ def expected_heat(prior: Prior, shape: tuple[int, ...]) -> Maps:
 
 def find_peaks(
     heatmaps: Maps, upsample: int, blur_cells: float, threshold: float
-) -> tuple[Ints, Floats, Floats]:
+) -> tuple[Integers, Floats, Floats]:
     """Find the local maxima of smoothed heatmaps.
 
     Returns:
@@ -141,8 +140,8 @@ def find_peaks(
 
 
 def score_limbs(
-    parts: Ints, cells: Floats, affinity: Maps, topology: Topology
-) -> tuple[Ints, Ints, Ints, Floats]:
+    parts: Integers, cells: Floats, affinity: Maps, topology: Topology
+) -> tuple[Integers, Integers, Integers, Floats]:
     """Score every pair of peaks that could be a limb by the field along the line between them.
 
     Returns:
@@ -177,8 +176,13 @@ def score_limbs(
 
 
 def assemble(
-    parts: Ints, limbs: Ints, first: Ints, second: Ints, strengths: Floats, num_parts: int
-) -> Ints:
+    parts: Integers,
+    limbs: Integers,
+    first: Integers,
+    second: Integers,
+    strengths: Floats,
+    num_parts: int,
+) -> Integers:
     """Join peaks into people, strongest limb first.
 
     A limb is taken if neither of its peaks has that limb yet and the two people it would join have
@@ -209,7 +213,7 @@ def assemble(
     return people
 
 
-def _summit(smooth: Maps, rows: Ints, columns: Ints, axis: int) -> Floats:
+def _summit(smooth: Maps, rows: Integers, columns: Integers, axis: int) -> Floats:
     """Offset of the vertex of the parabola through a maximum and its two neighbours, in cells."""
     index, size = (rows, columns)[axis], smooth.shape[axis]
     before, after = np.clip(index - 1, 0, size - 1), np.clip(index + 1, 0, size - 1)
@@ -222,7 +226,7 @@ def _summit(smooth: Maps, rows: Ints, columns: Ints, axis: int) -> Floats:
     return np.where((index > 0) & (index < size - 1), np.clip(offset, -0.5, 0.5), 0.0)
 
 
-def _apart(points: Floats, radius: float) -> Ints:
+def _apart(points: Floats, radius: float) -> Integers:
     """Indices of the points that no earlier kept point is within `radius` of."""
     near = np.linalg.norm(points[:, None] - points[None], axis=-1) <= radius
     kept: list[int] = []
@@ -232,7 +236,7 @@ def _apart(points: Floats, radius: float) -> Ints:
     return np.asarray(kept, dtype=np.int64)
 
 
-def _bilinear(maps: Maps, channels: Ints, points: Floats) -> Floats:
+def _bilinear(maps: Maps, channels: Integers, points: Floats) -> Floats:
     """Read `(num_pairs, 2)` channels at `(num_pairs, samples, 2)` cells, giving that shape."""
     height, width = maps.shape[1:]
     x = np.clip(points[..., 0], 0, width - 1)

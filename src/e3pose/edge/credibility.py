@@ -13,8 +13,8 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Flags, Floats, Integers
 from e3pose.edge.lateness import too_late
 from e3pose.edge.lead import (
     FAR_S,
@@ -26,10 +26,6 @@ from e3pose.edge.lead import (
     take_in_delay,
 )
 from e3pose.edge.trials import RELIABLE, Trials
-
-Flags = NDArray[np.bool_]
-Floats = NDArray[np.float64]
-Counts = NDArray[np.int64]
 
 MEMORY_ORDERS = 32  # that the share of answered orders is averaged over
 ANSWERING = 0.95  # share of answered orders with which a camera needs no longer lead
@@ -168,7 +164,7 @@ class Credibility:
         awaited = ordered & online & (self._silent < SILENT_ORDERS)
         return np.where(awaited, wait_s, 0.0)
 
-    def followed(self, failures: Counts) -> Flags:
+    def followed(self, failures: Integers) -> Flags:
         """Return `(num_cameras,)`: cameras whose delays the lead may follow.
 
         Args:
@@ -209,7 +205,7 @@ class Credibility:
         return [why or (_seldom(share, age_s) if it else "") for why, it, share, age_s in found]
 
     def observe(
-        self, slot: int, ordered: Flags, online: Flags, ages_s: Mapping[int, float], views: Counts
+        self, slot: int, ordered: Flags, online: Flags, ages_s: Mapping[int, float], views: Integers
     ) -> None:
         """Add a slot.
 

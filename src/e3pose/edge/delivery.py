@@ -11,12 +11,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Flags, Floats
 from e3pose.edge.roster import CameraState
-
-Flags = NDArray[np.bool_]
-Floats = NDArray[np.float64]
 
 SHORT, ENOUGH = 0.9, 0.95  # shares at which the warning begins and ends
 MEMORY_ORDERS = 500

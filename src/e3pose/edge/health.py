@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.arrays import Flags
 from e3pose.edge.delivery import Delivery, after_slot, shortages
 from e3pose.edge.lateness import impairments
 from e3pose.edge.lead import Lead
@@ -15,8 +16,6 @@ from e3pose.edge.overload import Load, after_work, level_change
 from e3pose.edge.roster import CameraState
 from e3pose.pipeline import SlotRecord
 from e3pose.select.failure_detector import Silence
-
-Flags = NDArray[np.bool_]
 
 
 @dataclass(slots=True, eq=False)

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from e3pose.edge.knocks import MOVED_DEG, Knock, Observation, Watch, moved, observe, turned_deg
+from e3pose.edge.knocks import MOVED_DEG, Knock, Observation, Votes, moved, observe, turned_deg
 from e3pose.geometry.camera import Rig
 from e3pose.model.pose import Poses2D
 from e3pose.model.slot_record import SlotRecord
@@ -27,7 +27,7 @@ class KnockWatch:
         """
         self.rig = rig
         self.knock: Knock | None = None
-        self._watch = Watch.begin(len(rig))
+        self._watch = Votes.begin(len(rig))
         self._observed_s = dict.fromkeys(range(len(rig)), -np.inf)
         self._observations: dict[int, list[Observation]] = {}  # since the last check
         self._ask_s = -np.inf

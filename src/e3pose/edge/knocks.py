@@ -13,13 +13,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Floats, Integers
 from e3pose.geometry.camera import Camera, Rig
 from e3pose.model.pose import Poses2D, Poses3D
-
-Floats = NDArray[np.float64]
-Counts = NDArray[np.int64]
 
 WINDOW_S = 20.0  # votes older than this are dropped
 SPAN_S = 8.0  # of votes needed: people who stand still carry little information
@@ -42,7 +39,7 @@ LEAST_DEG = 0.12  # in each part of the window
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Watch:
+class Votes:
     """Recent votes by camera.
 
     Attributes:
@@ -52,7 +49,7 @@ class Watch:
     votes: tuple[Floats, ...]
 
     @classmethod
-    def begin(cls, num_cameras: int) -> Watch:
+    def begin(cls, num_cameras: int) -> Votes:
         """Return a watch without votes."""
         return cls((np.zeros((0, 6)),) * num_cameras)
 
@@ -87,7 +84,7 @@ class Observation:
     covariance_m2: Floats
 
 
-def observe(watch: Watch, rig: Rig, observations: Mapping[int, Sequence[Observation]]) -> Watch:
+def observe(watch: Votes, rig: Rig, observations: Mapping[int, Sequence[Observation]]) -> Votes:
     """Return the watch with the votes of some more slots.
 
     Args:
@@ -103,11 +100,11 @@ def observe(watch: Watch, rig: Rig, observations: Mapping[int, Sequence[Observat
         if len(kept) > MOST_VOTES:  # subsampled, so that a crowd does not shorten the window
             kept = kept[np.linspace(0, len(kept) - 1, MOST_VOTES).astype(int)]
         votes[index] = kept
-    return Watch(tuple(votes))
+    return Votes(tuple(votes))
 
 
 def _votes(camera: Camera, observations: Sequence[Observation]) -> Floats:
-    """Return `(n, 6)` votes, as in `Watch`, of people and poses of one slot that match."""
+    """Return `(n, 6)` votes, as in `Votes`, of people and poses of one slot that match."""
     expected, found = _expected(camera, observations), _found(camera, observations)
     people, poses = _pairs(observations)
     offsets = found[poses] - expected[people]  # (num_pairs, num_joints, 2)
@@ -145,7 +142,7 @@ def _found(camera: Camera, observations: Sequence[Observation]) -> Floats:
     return camera.normalise(np.where((scores >= MIN_SCORE)[..., None], keypoints_px, np.nan))
 
 
-def _pairs(observations: Sequence[Observation]) -> tuple[Counts, Counts]:
+def _pairs(observations: Sequence[Observation]) -> tuple[Integers, Integers]:
     """Return `(num_pairs,)` rows of people and of poses: all with all of the same slot."""
     people, poses = [], []
     first_person = first_pose = 0
@@ -168,7 +165,7 @@ def _medians(values: Floats) -> Floats:
     return np.asarray(np.take_along_axis(ranked, np.maximum(middle, 0), axis=1)[:, 0])
 
 
-def turned_deg(watch: Watch) -> tuple[Floats, Floats]:
+def turned_deg(watch: Votes) -> tuple[Floats, Floats]:
     """Return `(num_cameras,)` degrees by which each camera seems turned, and lower bounds.
 
     NaN where too little is seen; the bound is the minimum over parts of the window.

@@ -10,8 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-Flags = NDArray[np.bool_]
-Counts = NDArray[np.int64]
+from e3pose.arrays import Flags, Integers
 
 TURN_S, EVERY_S = 1.0, 10.0  # the turn of a camera, and how often it comes
 LONGEST_PAUSE = 4  # turns from one trial to the next
@@ -38,7 +37,7 @@ class Trials:
         """Return `(num_cameras,)`: seconds since some first turn of each camera."""
         return np.asarray(slot * self._interval_s + TURN_S * np.arange(len(self._pause)))
 
-    def _turns(self, slot: int) -> Counts:
+    def _turns(self, slot: int) -> Integers:
         return np.asarray((self._since_s(slot) // EVERY_S).astype(np.int64))
 
     def whose(self, unreliable: Flags, slot: int) -> int | None:

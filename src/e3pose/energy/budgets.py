@@ -13,12 +13,12 @@ from datetime import datetime, timedelta
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from e3pose.arrays import Floats
 from e3pose.errors import InputError
 from e3pose.quantities import DURATIONS_S, ENERGIES_J, POWERS_W, SHARES, quantity
 
-Floats = NDArray[np.float64]
 Kind = Literal["duty", "joules", "watts", "until", "together"]
 
 FORM = "0.6 (share of slots), 60%, 0.3J (per slot), 4W, until 18:00, for 8h, or together"

@@ -10,11 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.energy.profiles import DeviceProfile, Mode
-
-Floats = NDArray[np.float64]
 
 PRIOR_SHARE = 0.5  # standard deviation of a profile's power, of itself: boards of a kind vary
 NOISE_SHARE = 0.1  # of the mean power of a second, before residuals have said more

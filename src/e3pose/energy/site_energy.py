@@ -9,11 +9,10 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.energy.budgets import Budget, Supply, allowance_j, slot_shares
 from e3pose.energy.learned_cost import LearnedCost, SlotCost, learn, slot_cost, unlearned
 from e3pose.energy.profiles import DeviceProfile, Mode
-
-Floats = NDArray[np.float64]
 
 SUN_S = 600.0  # over which charging is averaged: a cloud is no evening
 LEAST_COST_J = 1e-6

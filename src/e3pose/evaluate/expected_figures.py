@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.evaluate.figures import Expected
 from e3pose.evaluate.metrics import MATCH_LIMIT_M, mean_errors_m
 from e3pose.model.uncertainty import distance_within_m, expected_distance_m
@@ -16,7 +16,6 @@ from e3pose.recording import Recording
 if TYPE_CHECKING:
     from e3pose.pipeline import SlotRecord
 
-Floats = NDArray[np.float64]
 
 MM = 1000.0
 BAND = 0.9

@@ -9,13 +9,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.arrays import Flags, Floats
 from e3pose.errors import InputError
 from e3pose.recording import Recording, ViewSeries
 from e3pose.recording.record import MIN_FPS
 from e3pose.settings.faults import EACH, Kill
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 KILL = re.compile(r"(?P<camera>.+)@(?P<when>\d{1,9}(?:\.\d{1,9})?)(?P<unit>s?)")
 LOSS_STREAM = 7  # sets the draws of losses apart from those of policies with the same seed
@@ -59,7 +57,7 @@ def deaths_s(recording: Recording, kills: Sequence[Kill], phase: int = 0) -> Flo
     return deaths
 
 
-def arriving(num_cameras: int, loss: float, seed: int, slot: int) -> Bools:
+def arriving(num_cameras: int, loss: float, seed: int, slot: int) -> Flags:
     """Return `(num_cameras,)`: whose view of `slot` arrives, if it is sent.
 
     The draws depend on seed, slot and camera alone: policies that are compared lose the same views.

@@ -13,8 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from e3pose.arrays import Floats, Integers
 
 MATCH_LIMIT_M = 0.5  # of MPJPE and recall in the Panoptic protocol
 
@@ -33,7 +32,7 @@ class Candidates:
     """
 
     errors_m: Floats
-    actors: Ints
+    actors: Integers
     coverage: Floats
     joint_errors_m: Floats
     num_truths: int
@@ -177,7 +176,7 @@ def joint_coverage(found: Candidates) -> float | None:
 
 
 def id_switches(
-    predicted: Sequence[Floats], track_ids: Sequence[Ints], truth: Floats
+    predicted: Sequence[Floats], track_ids: Sequence[Integers], truth: Floats
 ) -> int | None:
     """Count how often the track that follows an actor changes, or return None without truth.
 
@@ -206,7 +205,7 @@ def id_switches(
 
 
 def acceleration_error_mps2(
-    predicted: Sequence[Floats], track_ids: Sequence[Ints], truth: Floats, interval_s: float
+    predicted: Sequence[Floats], track_ids: Sequence[Integers], truth: Floats, interval_s: float
 ) -> float | None:
     """Return how far accelerations are from the true ones, or None without three slots in a row.
 

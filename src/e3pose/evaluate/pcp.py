@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.evaluate.metrics import mean_errors_m
-
-Floats = NDArray[np.float64]
 
 THRESHOLD = 0.5  # of the true limb length
 MID_HIP = 14  # an extra joint, the mean of both hips

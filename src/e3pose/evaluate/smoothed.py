@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.estimate.base import Posterior
 from e3pose.estimate.filter.bones import proportions_of
 from e3pose.estimate.filter.tree import grow
@@ -19,8 +19,6 @@ from e3pose.model.skeleton import Skeleton
 from e3pose.model.take import Take, motion_of
 from e3pose.model.uncertainty import axis_sigma_m
 from e3pose.pipeline import SlotRecord
-
-Floats = NDArray[np.float64]
 
 
 def smooth_records(

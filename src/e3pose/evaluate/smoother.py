@@ -11,13 +11,11 @@ may be held to one length each, which the path itself tells: `rigid`.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.estimate.filter.bones import Proportions
 from e3pose.estimate.filter.proportions import expected_m, median_lengths_m
 from e3pose.model.proportions import RIGID
-
-Floats = NDArray[np.float64]
 
 # As the filter's: white acceleration of 7 m/s2, drawn anew every 1/25 s (`filter/motion.py`).
 DENSITY_M2_PER_S3 = 7.0**2 / 25

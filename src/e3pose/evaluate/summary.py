@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.energy.profiles import DeviceProfile, Mode
 from e3pose.energy.queues import DEFAULT_BATTERY_WH
 from e3pose.evaluate import metrics
@@ -35,7 +36,6 @@ if TYPE_CHECKING:
     from e3pose.evaluate.replay import ReplaySettings
     from e3pose.pipeline import SlotRecord
 
-Floats = NDArray[np.float64]
 
 AP_LIMITS_MM = (25, 50, 75, 100, 105, 125, 150)  # the paper reports 25, 50, 105, 150
 PANOPTIC_JOINTS = 15  # the protocol leaves out eyes and ears

@@ -12,11 +12,9 @@ as the ISB has them.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.model.skeleton import MEANS, Skeleton
-
-Floats = NDArray[np.float64]
 
 SIDES = (("left", -1.0), ("right", 1.0))
 LEAST_ELEVATION_DEG = 15.0  # below which an arm has no plane of elevation

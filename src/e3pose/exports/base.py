@@ -10,11 +10,11 @@ from typing import Any, Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.errors import InputError
 from e3pose.geometry.camera import Rig
 from e3pose.model.take import Take
 
-Floats = NDArray[np.float64]
 Units = Literal["mm", "m"]
 Progress = Callable[[Iterable[Any], int, str], Iterable[Any]]
 

@@ -19,14 +19,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.arrays import Flags, Floats
 from e3pose.errors import InputError
 from e3pose.exports.base import person_name, y_up
 from e3pose.geometry.rotations import cross_matrices, nearest_rotation
 from e3pose.model.skeleton import MEANS, Skeleton
 from e3pose.model.take import Motion
-
-Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 ROOT = "mid_hip"
 # Nodes at the place of their parent, which let spine and head turn by themselves.

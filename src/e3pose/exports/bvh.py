@@ -11,15 +11,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.exports.base import PER_METRE, ExportSettings
 from e3pose.exports.bone_names import bone_names
 from e3pose.exports.bones import Bones, bones_of, count_held, held, present
 from e3pose.files.atomic import atomic_file
 from e3pose.model.take import Take
-
-Floats = NDArray[np.float64]
 
 END_SHARE = 0.3  # of the length of the bone before: how far a hand goes on, for its looks
 CHANNELS = "Zrotation Xrotation Yrotation"

@@ -12,7 +12,6 @@ from typing import Any
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from e3pose.errors import InputError
 from e3pose.exports.base import ExportSettings
@@ -20,8 +19,6 @@ from e3pose.exports.views import frames, keypoints
 from e3pose.files.atomic import atomic_file
 from e3pose.model.skeleton import COCO17
 from e3pose.model.take import MEASURED, Take
-
-Floats = NDArray[np.float64]
 
 
 def write_coco(take: Take, dest: Path, settings: ExportSettings) -> str:

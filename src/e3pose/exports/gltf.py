@@ -19,13 +19,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose import __version__
+from e3pose.arrays import Floats
 from e3pose.exports.base import ExportSettings, person_name
 from e3pose.exports.bone_names import bone_names
 from e3pose.exports.bones import Bones, bones_of, count_held, present, rest_places
 from e3pose.files.atomic import atomic_file
 from e3pose.model.take import Take
-
-Floats = NDArray[np.float64]
 
 THICKNESS = 0.09  # of a bone, as a share of its length
 FLOAT, USHORT = 5126, 5123  # component types

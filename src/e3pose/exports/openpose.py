@@ -12,15 +12,13 @@ from typing import Any
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.exports.base import ExportSettings
 from e3pose.exports.views import Frame, frames, keypoints
 from e3pose.files.atomic import atomic_folder
 from e3pose.model.skeleton import BODY25
 from e3pose.model.take import Take
-
-Floats = NDArray[np.float64]
 
 VERSION = 1.3  # of OpenPose's format
 PARTS = ("pose", "face", "hand_left", "hand_right")

@@ -6,12 +6,9 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from e3pose.errors import InputError
 from e3pose.model.take import MISSING, Motion, Take
-
-Floats = NDArray[np.float64]
 
 FPS = (0.1, 1000.0)
 SAME = 1e-6  # of a slot: a frame as near to a slot is that slot

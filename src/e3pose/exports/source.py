@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.errors import InputError
 from e3pose.exports.wide import is_wide, read_wide
 from e3pose.model.region import in_rectangle, middles_m
@@ -20,8 +21,6 @@ from e3pose.model.take import Take, kept_rows, motion_of
 from e3pose.store import Store
 from e3pose.store.answers import StoredPoses, StoredRun
 from e3pose.store.times import as_when
-
-Floats = NDArray[np.float64]
 
 TABLES = (".csv", ".parquet")
 NEEDED = ("slot", "track", "joint", "x", "y", "z")

@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from e3pose.arrays import Floats
 from e3pose.exports.angles import joint_angles
-from e3pose.exports.base import ExportSettings, Floats
+from e3pose.exports.base import ExportSettings
 from e3pose.exports.wide import write_wide
 from e3pose.model.take import MISSING, ORIGINS, Motion, Take
 from e3pose.store.export import write_tables

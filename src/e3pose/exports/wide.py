@@ -17,8 +17,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.errors import InputError
-from e3pose.exports.base import MAX_VALUES, ExportSettings, Floats
+from e3pose.exports.base import MAX_VALUES, ExportSettings
 from e3pose.files.atomic import atomic_file
 from e3pose.model.skeleton import SKELETONS, Skeleton
 from e3pose.model.take import FILLED, MEASURED, MISSING, PREDICTED, Motion, Take

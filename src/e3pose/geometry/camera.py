@@ -14,6 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from e3pose.arrays import Floats
 from e3pose.errors import InputError
 from e3pose.geometry.camera_fields import (
     ROTATION_TOLERANCE,
@@ -23,8 +24,6 @@ from e3pose.geometry.camera_fields import (
 )
 from e3pose.geometry.distortion import Distortion
 from e3pose.geometry.rotations import cross_matrices
-
-Floats = NDArray[np.float64]
 
 MIN_DEPTH_M = 1e-6  # nearer than this a point is as good as inside the lens
 

@@ -6,13 +6,12 @@ import re
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from e3pose.arrays import Floats
 from e3pose.errors import InputError
 from e3pose.geometry.distortion import LENGTHS
 from e3pose.geometry.rotations import nearest_rotation
-
-Floats = NDArray[np.float64]
 
 CAMERA_ID = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,63}")
 MAX_DISTANCE_M = 1000.0

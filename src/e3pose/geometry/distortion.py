@@ -12,9 +12,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from e3pose.arrays import Floats
 
 LENGTHS = (0, 4, 5, 8)
 TOLERANCE = 1e-9  # normalised units; about 1e-6 px at a focal length of 1000 px

@@ -5,11 +5,9 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.geometry.camera import Rig
-
-Floats = NDArray[np.float64]
 
 OVERLAP_DEPTHS_M = np.arange(1.0, 9.0, 0.5)
 PERSON_M = 2.0  # up to which height people are seen

@@ -6,13 +6,11 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.geometry.camera import MIN_DEPTH_M, Rig
 from e3pose.geometry.undistort import FISHEYE, IDEAL, LENS, LIMITS, Lenses, make_lenses
 from e3pose.runtime.kernel import kernel
-
-Floats = NDArray[np.float64]
 
 
 class Optics(NamedTuple):

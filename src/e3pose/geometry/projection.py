@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from e3pose.arrays import Floats
 
 MIN_DEPTH_M = 0.1  # nearer points are not seen
 

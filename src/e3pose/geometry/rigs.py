@@ -6,11 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.geometry.camera import Camera, Rig
-
-Floats = NDArray[np.float64]
 
 TARGET_HEIGHT_M = 1.0  # ring cameras look at the middle of a person
 FIELD_OF_VIEW_DEG = 52.0  # horizontal; the cameras of Shelf have 51 degrees

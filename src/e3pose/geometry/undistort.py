@@ -11,15 +11,12 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Floats, Integers
 from e3pose.geometry.camera import Rig
 from e3pose.geometry.distortion import NEWTON_STEPS, TABLE_SIZE, TOLERANCE
-from e3pose.model.pose import MAX_PIXEL, MIN_SCORE
+from e3pose.model.pose import MAX_PIXEL, MISSING_SCORE
 from e3pose.runtime.kernel import LANES, kernel
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 IDEAL, BROWN, FISHEYE = range(3)
 SMALL_ERROR = TOLERANCE * 1e-3  # a point this near takes no more steps
@@ -86,7 +83,7 @@ def undistort_slot(
             size = min(LANES, num_points - start)
             for lane in range(LANES):
                 x = y = np.nan
-                if lane < size and own_scores[start + lane] >= MIN_SCORE:
+                if lane < size and own_scores[start + lane] >= MISSING_SCORE:
                     u, v = own_px[2 * (start + lane)], own_px[2 * (start + lane) + 1]
                     if abs(u) <= MAX_PIXEL and abs(v) <= MAX_PIXEL:
                         y = (v - cy) / fy

@@ -12,9 +12,8 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.arrays import Flags
 from e3pose.model.slot_record import SlotRecord
-
-Flags = NDArray[np.bool_]
 
 Cause = Literal["orders-late", "views-late", "views-missing", "cameras-offline"]
 CAUSES: tuple[Cause, ...] = get_args(Cause)

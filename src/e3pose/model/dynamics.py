@@ -14,7 +14,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from e3pose.arrays import Floats
+
 Bytes = NDArray[np.uint8]
 
 SIZE, PACKED_SIZE = 6, 9

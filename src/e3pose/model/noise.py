@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.errors import InputError
-
-Floats = NDArray[np.float64]
 
 # One keypoint that no other resembles has a standard error of 0.7 in the logarithm of sigma, but
 # the errors of joints and slots resemble each other: 100 stand for about ten of these.

@@ -6,13 +6,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.errors import InputError
 
-Floats = NDArray[np.float64]
-
-MIN_SCORE = 1e-3  # a keypoint less certain than this is missing
+MISSING_SCORE = 1e-3  # a keypoint less certain than this is missing
 MAX_PIXEL = 1e6  # and so is one further out than this
 
 

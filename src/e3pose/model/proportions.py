@@ -19,13 +19,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from e3pose.model.skeleton import BODY_LIMBS
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 STATURE_M = 1.68
 STATURE_SPREAD = 0.12  # of its logarithm: adults 0.055, and children

@@ -11,11 +11,9 @@ from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.errors import InputError
-
-Floats = NDArray[np.float64]
 
 # A joint that a skeleton lacks is the mean of these, if it has all of them.
 MEANS = {

@@ -8,10 +8,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.model.expected import ExpectedView
 from e3pose.model.pose import Poses3D
 
-Floats = NDArray[np.float64]
 Selection = NDArray[np.bool_]  # (num_cameras,)
 
 

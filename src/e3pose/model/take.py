@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.errors import InputError
 from e3pose.model.skeleton import Skeleton
 
-Floats = NDArray[np.float64]
 Origins = NDArray[np.uint8]
 
 # Where a joint's place comes from.

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.errors import InputError
 from e3pose.files.bounded import read_bytes
 from e3pose.model.skeleton import Skeleton
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from e3pose.predict.kernels.tracks import Curves
     from e3pose.predict.weights_file import WeightsFile
 
-Floats = NDArray[np.float64]
 
 SHIPPED = Path(__file__).parent / "weights" / "attention-lstm.onnx"
 PUBLISHED = SHIPPED.with_name("attention-lstm-paper.onnx")  # the paper's own network

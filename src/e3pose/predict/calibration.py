@@ -6,11 +6,9 @@ import json
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.predict.kernels.tracks import Curves
-
-Floats = NDArray[np.float64]
 
 MAX_LENGTH = 10_000  # characters of a property: tens of leads, ten points each
 MAX_LOG = 20.0

@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.predict.base import Prediction
 from e3pose.predict.kernels import velocity as kernels
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,12 +6,10 @@ from dataclasses import dataclass
 from math import ceil
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.predict.base import Prediction
 from e3pose.predict.newest import newest_known
-
-Floats = NDArray[np.float64]
 
 FRAME_S = 1 / 30  # the time unit of span and decay
 SPAN_FRAMES = 3

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.predict.kernels import velocity as kernels
-
-Floats = NDArray[np.float64]
 
 
 def newest_known(history_m: Floats) -> tuple[Floats, Floats]:

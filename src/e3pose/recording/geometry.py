@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.geometry.camera import Rig
 from e3pose.model.pose import Poses2D
 from e3pose.recording.record import Recording
-
-Floats = NDArray[np.float64]
 
 SAMPLED_SLOTS = 60
 MAX_SAMPLED_PEOPLE = 12  # of one view

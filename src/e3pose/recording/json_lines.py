@@ -7,13 +7,11 @@ from typing import Annotated, TypeVar
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.errors import InputError
 from e3pose.model.pose import Poses2D
 from e3pose.recording.record import MAX_PEOPLE
-
-Floats = NDArray[np.float64]
 
 PIXEL_LIMIT = 1e6
 METRE_LIMIT = 1e5

@@ -7,10 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.geometry.camera import Rig
 from e3pose.model.slot_record import SlotRecord
-
-Floats = NDArray[np.float64]
 
 APART_M = 0.3  # between the middles of two people; nearer, one of them may not be there
 ROUNDING = 1e-6

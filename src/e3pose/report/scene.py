@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.geometry.camera import Camera, Rig
 from e3pose.model.blind_slot import WORDS
 from e3pose.model.skeleton import Skeleton
@@ -16,8 +16,6 @@ from e3pose.model.uncertainty import distance_within_m
 from e3pose.pipeline import SlotRecord
 from e3pose.recording import Recording, Truth
 from e3pose.report.first_slot import opening_slot
-
-Floats = NDArray[np.float64]
 
 MAX_SLOTS = 1500  # a page with more becomes slow to open and its strips too fine to see
 MAX_COORDINATES = 3_000_000  # about 20 MB of page

@@ -17,6 +17,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.arrays import Flags, Floats
 from e3pose.estimate.base import Outlook
 from e3pose.estimate.filter.bias import MemoryTerms, memory_terms
 from e3pose.geometry.camera import Rig
@@ -24,9 +25,6 @@ from e3pose.model.noise import ErrorMemory
 from e3pose.select.hidden_people import HiddenPeople
 from e3pose.select.kernels import foresight as kernels
 from e3pose.select.newcomers import Entrants, expected_entrants
-
-Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -114,43 +112,45 @@ def foresee(
     if ordered is None:
         ordered = np.zeros((0, len(rig)), dtype=bool)
     num_tracks, num_joints, _ = outlook.joints_m.shape
-    prior = np.empty((num_tracks, num_joints, 6))
-    views = np.empty((len(rig), *prior.shape))
-    shown, counted, new = np.empty((3, len(rig), num_tracks))
-    weights, hidden = np.empty((2, num_tracks))
+    per_view, per_person = (len(rig), num_tracks), (num_tracks, num_joints, 6)
+    foreseen = kernels.Foreseen(
+        views=np.empty((len(rig), *per_person)),
+        prior=np.empty(per_person),
+        counted=np.empty(per_view),
+        new=np.empty(per_view),
+        weights=np.empty(num_tracks),
+        shown=np.empty(per_view),
+        hidden=np.empty(num_tracks),
+    )
     kernels.foresee_views(
-        np.ascontiguousarray(outlook.joints_m),
+        kernels.Expected(
+            np.ascontiguousarray(outlook.joints_m),
+            outlook.sigma_px,
+            np.ascontiguousarray(outlook.delivered),
+            np.ascontiguousarray(outlook.shows),
+            outlook.covariance,
+            outlook.drift_m2ps3,
+            outlook.velocity_lasts_s,
+            outlook.last_seen_s,
+            outlook.needed,
+        ),
         rig.projections,
         rig.image_sizes,
-        outlook.sigma_px,
-        np.ascontiguousarray(outlook.delivered),
-        np.ascontiguousarray(outlook.shows),
-        outlook.covariance,
-        outlook.drift_m2ps3,
-        outlook.velocity_lasts_s,
         _terms(outlook.memory),
         interval_s,
         ordered if outlook.has_memory else np.zeros_like(ordered),
         ordered,
-        outlook.last_seen_s,
-        outlook.needed,
-        views,
-        prior,
-        counted,
-        new,
-        weights,
-        shown,
-        hidden,
+        foreseen,
     )
     return Foresight(
         track_ids=outlook.track_ids,
         confirmed=outlook.confirmed,
-        prior=prior,
-        views=views,
-        counted=counted,
-        new=new,
-        weights=weights,
-        hidden=HiddenPeople(hidden, shown),
+        prior=foreseen.prior,
+        views=foreseen.views,
+        counted=foreseen.counted,
+        new=foreseen.new,
+        weights=foreseen.weights,
+        hidden=HiddenPeople(foreseen.hidden, foreseen.shown),
         entrants=expected_entrants(
             rig,
             outlook.unexplained,

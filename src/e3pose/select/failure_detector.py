@@ -14,11 +14,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-Flags = NDArray[np.bool_]
-Floats = NDArray[np.float64]
-Counts = NDArray[np.int64]
+from e3pose.arrays import Flags, Floats, Integers
 
 MEAN_LIFE_S = 86400.0  # between two deaths of a camera: once a day is often
 # What a link may lose at any time, however good it was: that of the Wi-Fi a site must live with.
@@ -43,11 +40,11 @@ class Silence:
         retry_slot: `(num_cameras,)` the first slot for which a camera may be ordered again.
     """
 
-    missed: Counts
-    useless: Counts
+    missed: Integers
+    useless: Integers
     loss: Floats
-    failures: Counts
-    retry_slot: Counts
+    failures: Integers
+    retry_slot: Integers
 
     @classmethod
     def none(cls, num_cameras: int) -> Silence:
@@ -55,12 +52,12 @@ class Silence:
         zeros = np.zeros(num_cameras, dtype=np.int64)
         return cls(zeros, zeros, np.full(num_cameras, LOSS_RANGE[0]), zeros, zeros)
 
-    def answering(self, slot: int | Counts) -> Flags:
+    def answering(self, slot: int | Integers) -> Flags:
         """Return `(num_cameras,)`: selectable cameras in `slot`; a row for each `(*slots, 1)`."""
         return np.asarray(self.retry_slot <= slot)
 
 
-def patience(loss: Floats, interval_s: float) -> Counts:
+def patience(loss: Floats, interval_s: float) -> Integers:
     """Return `(num_cameras,)`: after how many misses in a row death is likelier than bad luck.
 
     Args:
@@ -127,7 +124,7 @@ def _is_useless(silence: Silence, interval_s: float) -> Flags:
 
 
 def _answered(
-    silence: Silence, who: Flags, interval_s: float, missed: Counts, useless: Counts
+    silence: Silence, who: Flags, interval_s: float, missed: Integers, useless: Integers
 ) -> Silence:
     """Return the state after an answer: the few misses before it were lost views.
 

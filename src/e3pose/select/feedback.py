@@ -7,12 +7,10 @@ smart edge sensors" (RSS 2021). What cameras do with it is in `detectors.focus`.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.geometry.camera import Rig
 from e3pose.model.expected import ExpectedView
-
-Floats = NDArray[np.float64]
 
 NINE_OF_TEN = 1.567  # the 90 % distance over the mean one, of a normal error in three dimensions
 MIN_DEPTH_M = 0.3  # somebody nearer fills the image

@@ -12,12 +12,10 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.arrays import Flags, Floats
 from e3pose.geometry.camera import Rig
 from e3pose.geometry.overlap import overlap
 from e3pose.select.kernels import people as kernels
-
-Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

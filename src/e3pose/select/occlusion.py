@@ -7,14 +7,13 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from e3pose.arrays import Floats
 from e3pose.geometry.camera import Rig
 from e3pose.geometry.project import Optics, make_optics
 from e3pose.runtime.held import Held, hold
 from e3pose.select.kernels import boxes as kernels
-
-Floats = NDArray[np.float64]
 
 SPREAD_MEMORY_S = 60.0  # a site's people come and go
 

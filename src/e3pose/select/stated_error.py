@@ -11,11 +11,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.select.kernels import foresight as kernels
-
-Floats = NDArray[np.float64]
 
 MEMORY_S = 8.0  # of the mean
 CORRECTION = 5.0  # powers of target over stated error that the aim differs from the target

@@ -12,12 +12,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.simulate.collision_avoidance import NOWHERE, PERSON_RADIUS_M, Group, advance
 from e3pose.simulate.gestures import CALM, GESTURES, RAMP_S, Gesturing
 from e3pose.simulate.path_finding import Ways
 from e3pose.simulate.place import Scene
-
-Floats = NDArray[np.float64]
 
 GRID_HZ = 50.0  # lives do not depend on the frame rate of the recording
 SIT_S = 1.7  # time to sit down, and to get up

@@ -9,9 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from e3pose.arrays import Floats
 
 MAX_REACH = 0.9995  # share of a straight leg; beyond it the ankle stays behind its target
 SIDES = (1.0, -1.0)  # left, right along y

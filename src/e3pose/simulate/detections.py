@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.geometry.camera import Camera
 from e3pose.model.noise import ErrorMemory
 from e3pose.recording import ViewSeries
@@ -17,8 +18,6 @@ from e3pose.simulate.noise import GROSS_MEMORY, correlated, normal_cdf, residual
 from e3pose.simulate.place import Scene
 from e3pose.simulate.settings import DetectorSettings
 from e3pose.simulate.situations import Fields
-
-Floats = NDArray[np.float64]
 
 MIN_JOINTS = 3  # with fewer a detector does not speak of a person
 MIN_SCORE = 0.1

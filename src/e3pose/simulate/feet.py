@@ -10,14 +10,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.errors import InputError
 from e3pose.geometry.camera import Camera
 from e3pose.model.skeleton import BODY25, COCO17, HALPE26, MEANS, Skeleton
 from e3pose.recording import Recording, Truth, ViewSeries
-
-Floats = NDArray[np.float64]
 
 SKELETONS = {skeleton.name: skeleton for skeleton in (COCO17, BODY25, HALPE26)}
 # From the ankle, ahead, outward and up; metres of an adult: a foot is 0.152 of the stature long

@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.simulate.gait import smoothstep
-
-Floats = NDArray[np.float64]
 
 RAMP_S = 0.8  # time to raise the arms and to let them sink
 SWING = 0.38  # radians of arm swing at a brisk walk

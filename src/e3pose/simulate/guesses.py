@@ -12,14 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.arrays import Flags, Floats
 from e3pose.geometry.camera import Camera
 from e3pose.simulate.hidden_joints import covered_by_self, covered_by_whom
 from e3pose.simulate.noise import correlated, normal_cdf
 from e3pose.simulate.settings import Guessing
 from e3pose.simulate.situations import NEXT, Fields, situations
-
-Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 DECLARED = "openpose"  # whose noise these errors have, and whose noise file a replay takes
 OUTPUTS = 7  # of the fields: error right and down, score, miss, what is guessed, sides, person

@@ -11,9 +11,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.simulate.occluders import Occluder
-
-Floats = NDArray[np.float64]
 
 # Capsules between points of the body: COCO-17 joints, then 17 mid-ear, 18 mid-shoulder, 19 mid-hip.
 MID_EAR, MID_SHOULDER, MID_HIP = 17, 18, 19

@@ -5,14 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.arrays import Flags, Floats
 from e3pose.geometry.camera import Camera
 from e3pose.model.noise import ErrorMemory
 from e3pose.simulate.body import Posture, draw_body, joints_of
 from e3pose.simulate.gestures import HANGING, SEATED
 from e3pose.simulate.noise import correlated, normal_cdf
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 EPISODE_S = 0.15  # memory of swaps, misses and merges
 MERGE_IOU = 0.3  # people whose boxes overlap so much may merge
@@ -29,7 +27,7 @@ def episodes(
     interval_s: float,
     share: Floats | float,
     episode_s: float = EPISODE_S,
-) -> Bools:
+) -> Flags:
     """Return `shape` booleans that are true in episodes along the first axis.
 
     Args:

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.simulate.activities import GRID_HZ, Life
 from e3pose.simulate.body import Body, Posture, joints_of
 from e3pose.simulate.gait import Gait, plan_gait, smoothstep
 from e3pose.simulate.gestures import RAMP_S, move_arms
-
-Floats = NDArray[np.float64]
 
 SEAT_HEIGHT_M = 0.45
 HIP_OVER_SEAT_M = 0.09

@@ -10,9 +10,8 @@ are a quarter to a third less than OpenPose's noise, which is measured by leavin
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from e3pose.arrays import Floats
 
 # Share of the variance, seconds: a detector that has taken a chair for a leg keeps doing so.
 GROSS_MEMORY = ((1.0, 2.5),)

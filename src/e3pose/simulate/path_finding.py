@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.simulate.occluders import Occluder
-
-Floats = NDArray[np.float64]
 
 CLEARANCE_M = 0.3  # a body's half width and a little
 STEP_M = 0.1

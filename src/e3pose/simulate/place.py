@@ -6,13 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.geometry.rigs import Spot
 from e3pose.simulate.occluders import Box, Occluder
 from e3pose.simulate.settings import DetectorSettings
-
-Floats = NDArray[np.float64]
 
 STEP_M = 0.35  # length of a stride onto a raised floor
 

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.errors import InputError
 from e3pose.geometry.camera import Rig
 from e3pose.geometry.rigs import ring_rig, spot_rig, watched_area
@@ -23,8 +23,6 @@ from e3pose.simulate.place import Condition, Scene
 from e3pose.simulate.scenes import scene_by_name
 from e3pose.simulate.settings import MAX_SLOTS, DetectorSettings, SceneSettings, check_number
 from e3pose.simulate.situations import draw_fields
-
-Floats = NDArray[np.float64]
 
 ACTIVE_W = 12.5  # of a camera that is always active: the shipped profile of the Xavier NX
 LIVES_SHARE = 0.15  # of the work, for the progress bar

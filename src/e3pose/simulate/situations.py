@@ -12,10 +12,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from e3pose.arrays import Floats
 
 # By joint of COCO-17: the other joint whose place tells most of how it looks.
 NEXT = np.array([3, 3, 4, 4, 3, 7, 8, 9, 10, 7, 8, 13, 14, 15, 16, 13, 14])

@@ -75,7 +75,7 @@ def _quick_check(connection: sqlite3.Connection) -> str:
     return " ".join(str(found[0]).split())
 
 
-class Watch:
+class IntegrityWatch:
     """Checks the file of a store on its own thread; `check` starts it and never waits.
 
     Args:

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.errors import InputError
 from e3pose.model.dynamics import packed
 from e3pose.model.uncertainty import axis_sigma_m
 from e3pose.model.zone_event import ZoneEvent
 from e3pose.pipeline import SlotRecord
 
-Floats = NDArray[np.float64]
 Row = tuple[str, dict[str, Any]]  # table name and columns, less the run id
 
 NS = 1_000_000_000

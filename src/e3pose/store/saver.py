@@ -22,7 +22,7 @@ from e3pose.store.database import (
     shown,
 )
 from e3pose.store.delivery import Delivery
-from e3pose.store.integrity import Watch
+from e3pose.store.integrity import IntegrityWatch
 from e3pose.store.patience import Caller
 from e3pose.store.postgres import ANSWER_S
 from e3pose.store.retention import Retention
@@ -78,7 +78,7 @@ class Saver:
         beside, spool_bytes = spool
         self._delivery = Delivery(url, beside, run.site if one_writer else None)
         self._caller = None if self._path else Caller(ANSWER_S, self._delivery.cut)
-        self._watch = None if self._path is None else Watch(self._path, check_s)
+        self._watch = None if self._path is None else IntegrityWatch(self._path, check_s)
         self._next_try_s = 0.0
         self._delivered = 0  # rows, from the spool
         self._stale = False  # whether a connection is left that a call hung on

@@ -14,6 +14,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from e3pose.arrays import Floats
 from e3pose.errors import InputError
 from e3pose.model.zone_event import ZoneEvent
 from e3pose.pipeline import SlotRecord
@@ -25,7 +26,6 @@ from e3pose.store.rows import (
     NS,
     EnergyReading,
     Event,
-    Floats,
     Row,
     Run,
     energy_row,

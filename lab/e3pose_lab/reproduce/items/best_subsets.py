@@ -5,16 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Integers
 from e3pose_lab.reproduce.items.base import Item, Scale
 from e3pose_lab.reproduce.records import Headline, Line, Panel, Section, Table
 from e3pose_lab.reproduce.replays import SHELF
 from e3pose_lab.reproduce.subsets import SubsetFigures, SubsetsAsked, joined, subset_figures
 from e3pose_lab.reproduce.work import AnyPiece, Made, Piece
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 SIZES = (1, 2, 3, 4, 5)
 SLOTS, PART = 301, 50  # of Shelf, and of one piece of work

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import spearmanr
 
+from e3pose.arrays import Floats
 from e3pose_lab.reproduce.items.base import Item, Scale
 from e3pose_lab.reproduce.items.best_subsets import shelf_pieces
 from e3pose_lab.reproduce.records import Basis, Cell, Headline, Line, Panel, Section, Table
@@ -16,8 +17,6 @@ from e3pose_lab.reproduce.replays import MOTION
 from e3pose_lab.reproduce.sources import PANOPTIC
 from e3pose_lab.reproduce.subsets import SubsetFigures, SubsetsAsked, joined, subset_figures
 from e3pose_lab.reproduce.work import AnyPiece, Made, Piece
-
-Floats = NDArray[np.float64]
 
 SIZES = (2, 3, 4, 5)
 BINS = 5

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from statistics import fmean
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.energy.profiles import load_profile
 from e3pose.energy.queues import active_cost_j
 from e3pose_lab.reproduce.items.base import Item, Scale
@@ -27,8 +27,6 @@ from e3pose_lab.reproduce.records import Cell, Headline, Line, Panel, Section, T
 from e3pose_lab.reproduce.replays import MOTION, SHELF, Asked, Run, over_seeds, piece
 from e3pose_lab.reproduce.sources import PANOPTIC
 from e3pose_lab.reproduce.work import AnyPiece, Made
-
-Floats = NDArray[np.float64]
 
 INTERVALS_S = {SHELF: 1 / 25, MOTION: 1 / 29.97}
 TITLES = {SHELF: "Shelf", MOTION: "Panoptic motion"}

@@ -1,7 +1,7 @@
 """Weights of 2D pose networks: catalogue, download, verification."""
 
 from e3pose.detectors.weights.catalogue import MODELS as MODELS
-from e3pose.detectors.weights.catalogue import Model as Model
+from e3pose.detectors.weights.catalogue import Network as Network
 from e3pose.detectors.weights.fetch import Progress as Progress
 from e3pose.detectors.weights.fetch import fetch_file as fetch_file
 from e3pose.detectors.weights.index import fetch_from_index as fetch_from_index

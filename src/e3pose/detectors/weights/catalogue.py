@@ -30,7 +30,7 @@ class FromIndex:
 
 
 @dataclass(frozen=True, slots=True)
-class Model:
+class Network:
     """One network that a detector can run.
 
     Attributes:
@@ -52,7 +52,7 @@ class Model:
     sha256: str = ""
 
 
-MOVENET = Model(
+MOVENET = Network(
     name="movenet-multipose",
     title="Google MoveNet MultiPose Lightning, up to 6 people",
     licence="Apache-2.0",
@@ -63,7 +63,7 @@ MOVENET = Model(
     size_bytes=19_035_168,
     sha256="928b982973ef77aca38d3c881dc89e8ed71aa979273d5030d5af2f2550004bd8",
 )
-OPENPOSE_THIN = Model(
+OPENPOSE_THIN = Network(
     name="openpose-thin",
     title="OpenPose with a thin MobileNet, any number of people",
     licence="Apache-2.0",
@@ -77,13 +77,13 @@ OPENPOSE_THIN = Model(
     size_bytes=7_804_434,
     sha256="51f84ea82b3d0143dd4cf362e018c125e832c64771908ee8766fbd8b0328008d",
 )
-TRT_POSE = Model(
+TRT_POSE = Network(
     name="trt-pose",
     title="NVIDIA trt_pose ResNet18 224x224 as .onnx, the paper's network",
     licence="MIT",
     source=None,
 )
-YOLO_POSE = Model(
+YOLO_POSE = Network(
     name="yolo-pose",
     title="any YOLO-pose .onnx with output [1, 56, N]",
     licence="its own (often AGPL-3.0)",
@@ -91,7 +91,7 @@ YOLO_POSE = Model(
 )
 
 # The files of one publisher, at a commit; sizes and checksums as documented for that commit.
-RTMO_M = Model(
+RTMO_M = Network(
     name="rtmo-m",
     title="RTMO-m 640x640 (COCO AP 72.6), any number of people",
     licence="Apache-2.0",
@@ -103,7 +103,7 @@ RTMO_M = Model(
     size_bytes=89_291_929,
     sha256="76d82c45e5c4810baf587ecf2638d15cbf7ed196afb2055e977382532021b59e",
 )
-RTMO_L = Model(
+RTMO_L = Network(
     name="rtmo-l",
     title="RTMO-l 640x640 (COCO AP 74.8), any number of people",
     licence="Apache-2.0",
@@ -115,25 +115,25 @@ RTMO_L = Model(
     size_bytes=175_926_543,
     sha256="293b4b10165b3862fc00b81a9473803838a22046115d54d80f8fdc24daa9a030",
 )
-RTMPOSE = Model(
+RTMPOSE = Network(
     name="rtmpose",
     title="a folder with RTMDet (people) and RTMPose (17 or 26 keypoints), as .onnx of MMDeploy",
     licence="its own (OpenMMLab's: Apache-2.0)",
     source=None,
 )
-VITPOSE = Model(
+VITPOSE = Network(
     name="vitpose",
     title="a folder with RTMDet (people) and a network of heatmaps, such as ViTPose, as .onnx",
     licence="its own (ViTPose's: Apache-2.0)",
     source=None,
 )
-RTMO = Model(
+RTMO = Network(
     name="rtmo",
     title="any RTMO .onnx (t, s, m, l) with outputs dets and keypoints",
     licence="its own (OpenMMLab's: Apache-2.0)",
     source=None,
 )
-ECPOSE = Model(
+ECPOSE = Network(
     name="ecpose",
     title="ECPose of EdgeCrafter as .onnx (S to X), any number of people",
     licence="its own (Intellindust's: Apache-2.0)",

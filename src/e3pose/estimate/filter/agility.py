@@ -13,10 +13,11 @@ import math
 
 import numpy as np
 
+from e3pose.arrays import Floats
 from e3pose.estimate.filter.bias import inflation
 from e3pose.estimate.filter.outliers import ROBUST
 from e3pose.estimate.filter.projected import beside
-from e3pose.estimate.filter.scratch import Floats, Matches, Site, Tracks, Views
+from e3pose.estimate.filter.scratch import Constants, Matches, Tracks, Views
 from e3pose.runtime.kernel import kernel
 
 # tuned: per keypoint | not recorded | agility
@@ -31,7 +32,7 @@ STALE_S = 0.5  # a correction older than this is not compared
 
 @kernel
 def learn_agility(
-    track: int, dt: float, site: Site, views: Views, matches: Matches, tracks: Tracks
+    track: int, dt: float, constants: Constants, views: Views, matches: Matches, tracks: Tracks
 ) -> None:
     """Compare the keypoints of a track that is about to be updated with the correction before."""
     agility = tracks.agility[track]
@@ -48,11 +49,11 @@ def learn_agility(
         if views.arrived[camera] and person >= 0 and since_s > newest_s:
             _compare(
                 views.starts[camera] + person,
-                inflation(since_s + dt, site.memory),
+                inflation(since_s + dt, constants.memory),
                 tracks.state[track],
                 tracks.covariance[track],
                 tracks.corrected_m[track],
-                site.projections[camera],
+                constants.projections[camera],
                 views,
                 tracks.bias_px[track, camera],
                 agility,

@@ -9,16 +9,16 @@ import numpy as np
 from e3pose.estimate.filter.bias import memory_terms
 from e3pose.estimate.filter.scratch import (
     MAX_LEFTOVERS,
+    Constants,
     Detectors,
     Matches,
-    Memory,
     Offers,
     Pairs,
     Passes,
-    Site,
     Tracks,
     Views,
     Waiting,
+    Workspace,
 )
 from e3pose.estimate.filter.state import Belief, Model
 from e3pose.geometry.overlap import overlap
@@ -28,7 +28,7 @@ from e3pose.runtime.held import Held, hold
 from e3pose.runtime.kernel import LANES
 
 
-def make_site(model: Model) -> Site:
+def make_constants(model: Model) -> Constants:
     """Collect the constants of a model."""
     tree = model.tree
     body = model.proportions
@@ -37,7 +37,7 @@ def make_site(model: Model) -> Site:
     depths = np.zeros(len(model.skeleton), np.int64)
     for depth, joints in enumerate(tree.levels):
         depths[joints] = depth
-    return Site(
+    return Constants(
         np.ascontiguousarray(model.rig.projections),
         np.ascontiguousarray(model.rig.centers_m),
         np.ascontiguousarray(model.rig.image_sizes),
@@ -64,16 +64,16 @@ def make_site(model: Model) -> Site:
 
 
 @lru_cache(maxsize=8)
-def held_site(model: Model) -> Held[Site]:
+def held_constants(model: Model) -> Held[Constants]:
     """Return the constants of a model as kernels take them."""
-    return hold(make_site(model))
+    return hold(make_constants(model))
 
 
-def make_memory(model: Model, num_tracks: int, num_people: int, num_waiting: int) -> Memory:
+def make_workspace(model: Model, num_tracks: int, num_people: int, num_waiting: int) -> Workspace:
     """Allocate room for so many tracks, people in one view, and leftovers from earlier slots."""
     cameras, joints = len(model.rig), len(model.skeleton)
     waiting = MAX_LEFTOVERS + num_waiting
-    return Memory(
+    return Workspace(
         _views(cameras, num_people, joints),
         _tracks(model, num_tracks),
         _waiting(waiting, joints),

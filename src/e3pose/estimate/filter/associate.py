@@ -5,20 +5,16 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Flags, Floats
 from e3pose.estimate.filter.existence import INSIDE_JOINTS
 from e3pose.estimate.filter.projected import IN_FRONT, SPREAD, USED_SCORE, U, V
-from e3pose.estimate.filter.scratch import Matches, Offers, Site, Views
+from e3pose.estimate.filter.scratch import Constants, Matches, Offers, Views
 from e3pose.estimate.filter.sides import SIDE_PX, exchange, exchanged_limbs
 from e3pose.estimate.per_slot.assign import assign
 from e3pose.geometry.projection import MIN_DEPTH_M
 from e3pose.runtime.kernel import kernel
 
-Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
-
-Ints = NDArray[np.int64]
 # tuned: px | simulated: 8, 14, 20 within 1 %; on Shelf without labels identities at 1.15 cameras 7
 #   to 10, 5 to 8, 5 to 7 | not measured
 BIAS_PX = 14.0  # of a view's whole detection, on top of its keypoints' noise: errors are correlated
@@ -36,7 +32,7 @@ NEVER = 1e3  # numerics
 def associate(
     camera: int,
     num_tracks: int,
-    site: Site,
+    constants: Constants,
     views: Views,
     confirmed: Flags,
     state: Floats,
@@ -48,7 +44,7 @@ def associate(
 
     Where a detection that is assigned has exchanged left and right, they are put right in `views`.
     """
-    _weigh(camera, num_tracks, site, views, state, covariance, matches, offers)
+    _weigh(camera, num_tracks, constants, views, state, covariance, matches, offers)
     for turn in range(2):  # people who are believed to exist choose first
         num_choosers = num_free = 0
         for track in range(num_tracks):
@@ -60,14 +56,14 @@ def associate(
                 offers.people[num_free] = person
                 num_free += 1
         if num_choosers > 0 and num_free > 0:
-            _choose(camera, num_choosers, num_free, site, views, matches, offers)
+            _choose(camera, num_choosers, num_free, constants, views, matches, offers)
 
 
 @kernel
 def _weigh(
     camera: int,
     num_tracks: int,
-    site: Site,
+    constants: Constants,
     views: Views,
     state: Floats,
     covariance: Floats,
@@ -75,7 +71,11 @@ def _weigh(
     offers: Offers,
 ) -> None:
     """Fill the costs of `offers` for every track and detection; assign nothing yet."""
-    projection, size, scale = site.projections[camera], site.sizes[camera], site.scales[camera]
+    projection, size, scale = (
+        constants.projections[camera],
+        constants.sizes[camera],
+        constants.scales[camera],
+    )
     bias = (BIAS_PX * scale) ** 2
     first, num_people = views.starts[camera], views.counts[camera]
     for track in range(num_tracks):
@@ -93,15 +93,15 @@ def _weigh(
                 views.variances,
                 (SIDE_PX * scale) ** 2,
                 offers.projected,
-                site.opposites,
-                site.limbs,
+                constants.opposites,
+                constants.limbs,
             )
-            exchange(row, exchanged, site.opposites, site.limbs, views)
+            exchange(row, exchanged, constants.opposites, constants.limbs, views)
             cost = _cost(row, views.pixels, views.weights, views.variances, bias, offers.projected)
             vagueness = 0.0
             if cost <= COST_LIMIT:
                 vagueness = _vagueness(row, views.weights, views.variances, bias, offers.projected)
-            exchange(row, exchanged, site.opposites, site.limbs, views)  # back again
+            exchange(row, exchanged, constants.opposites, constants.limbs, views)  # back again
             offers.exchanged[track, person] = exchanged
             offers.cost[track, person] = cost
             offers.vagueness[track, person] = vagueness
@@ -112,7 +112,7 @@ def _choose(
     camera: int,
     num_choosers: int,
     num_free: int,
-    site: Site,
+    constants: Constants,
     views: Views,
     matches: Matches,
     offers: Offers,
@@ -136,7 +136,7 @@ def _choose(
         exchanged = offers.exchanged[track, person]
         matches.assigned[camera, track] = person
         matches.exchanged[camera, track] = exchanged
-        exchange(first + person, exchanged, site.opposites, site.limbs, views)
+        exchange(first + person, exchanged, constants.opposites, constants.limbs, views)
         matches.fits[camera, track] = fit_of(offers.cost[track, person])
         views.free[first + person] = False
 

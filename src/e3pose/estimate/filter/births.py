@@ -5,21 +5,18 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Floats, Integers
 from e3pose.estimate.filter.bones import Proportions
 from e3pose.estimate.filter.existence import DELIVERED_PRIOR, is_wide
 from e3pose.estimate.filter.failed_pairs import count_failures
 from e3pose.estimate.filter.leftovers import MIN_JOINTS, collect
 from e3pose.estimate.filter.proportions import median_of, stature_of
-from e3pose.estimate.filter.scratch import Pairs, Site, Tracks, Views, Waiting
+from e3pose.estimate.filter.scratch import Constants, Pairs, Tracks, Views, Waiting
 from e3pose.estimate.filter.state import APART_M, MAX_TRACKS
 from e3pose.estimate.per_slot.triangulate import triangulate_person
 from e3pose.model.proportions import LEAST_M, MOST_M
 from e3pose.runtime.kernel import kernel
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 # tuned: m/s | not recorded | walk between views
 WALK_MPS = 0.7  # all joints may have moved together so fast between two slots
@@ -44,7 +41,7 @@ def give_birth(
     time_s: float,
     dt: float,
     next_id: int,
-    site: Site,
+    constants: Constants,
     views: Views,
     tracks: Tracks,
     waiting: Waiting,
@@ -56,14 +53,14 @@ def give_birth(
     The first `num_old` rows of `waiting` are of earlier slots. What still waits in the end is in
     the rows that `waiting.order` begins with.
     """
-    num_waiting = collect(num_old, time_s, site.wait_s, views, waiting)
+    num_waiting = collect(num_old, time_s, constants.wait_s, views, waiting)
     num_pairs = _pair(
         num_waiting,
         time_s,
-        site.projections,
-        site.scales,
-        site.girdles,
-        site.body,
+        constants.projections,
+        constants.scales,
+        constants.girdles,
+        constants.body,
         waiting,
         pairs,
     )
@@ -88,7 +85,7 @@ def give_birth(
             next_id,
             best,
             moved_m,
-            site.depths,
+            constants.depths,
             pairs.joints_m,
             pairs.middle,
             pairs.sorted,
@@ -101,7 +98,7 @@ def give_birth(
             tracks.last_seen_s[num_tracks, waiting.cameras[waiting.order[index]]] = 0.0
         num_tracks += 1
         next_id += 1
-    count_failures(num_waiting, dt, site, views.arrived, waiting, pairs.taken, failed_pairs)
+    count_failures(num_waiting, dt, constants, views.arrived, waiting, pairs.taken, failed_pairs)
     left = 0
     for index in range(num_waiting):
         if not pairs.taken[index]:

@@ -16,14 +16,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Flags, Floats
 from e3pose.estimate.filter.scratch import Matches, Tracks
 from e3pose.geometry.camera import Rig
 from e3pose.runtime.kernel import kernel
-
-Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 # tuned: s | not recorded | rate beyond 25
 FASTEST_S = 1 / 25  # above this rate a view says less, since successive ones say the same

@@ -6,15 +6,11 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Flags, Floats, Integers
 from e3pose.estimate.filter.tree import Tree
 from e3pose.model.proportions import KINDS, kind_of
 from e3pose.model.skeleton import BODY_LIMBS, FACE_LIMBS
-
-Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
-Ints = NDArray[np.int64]
 
 SIDES = ("left", "right")
 GIRDLES = ("shoulder", "hip")
@@ -55,13 +51,13 @@ class Proportions(NamedTuple):
         anchored: `(num_bones,)` limbs of which the first joint is of the trunk.
     """
 
-    bones: Ints
+    bones: Integers
     slacks_m: Floats
-    links: Ints
-    order: Ints
-    parents: Ints
-    limbs: Ints
-    kinds: Ints
+    links: Integers
+    order: Integers
+    parents: Integers
+    limbs: Integers
+    kinds: Integers
     shares: Floats
     spreads: Floats
     gives: Floats
@@ -101,7 +97,7 @@ def _is_anchored(first: str, second: str) -> bool:
     return kind_of(first, second) >= 0 and first in trunk and second not in trunk
 
 
-def limbs_of(joints: Sequence[str]) -> Ints:
+def limbs_of(joints: Sequence[str]) -> Integers:
     """Return `(num_joints,)` 1 for joints of arms, 2 for legs, 0 for those of one side only."""
     limbs = np.zeros(len(joints), dtype=np.int64)
     for limb, names in enumerate(LIMBS, start=1):

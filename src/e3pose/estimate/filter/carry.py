@@ -5,13 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Flags, Floats
 from e3pose.estimate.filter.bias import MemoryTerms, inflation
 from e3pose.runtime.kernel import kernel
-
-Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 
 @kernel

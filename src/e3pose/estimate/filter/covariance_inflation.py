@@ -16,16 +16,12 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
+from e3pose.arrays import Floats
 from e3pose.estimate.filter.bias import left_over
 from e3pose.estimate.filter.learned_noise import MEDIAN, NORMAL, proved
 from e3pose.estimate.filter.projected import beside
-from e3pose.estimate.filter.scratch import Matches, Site, Tracks, Views
+from e3pose.estimate.filter.scratch import Constants, Matches, Tracks, Views
 from e3pose.runtime.kernel import kernel
-
-Floats = NDArray[np.float64]
 
 # Mean error over mean stated error. A predictor explains a part of the motion of the joints that it
 # steers.
@@ -60,7 +56,7 @@ MEAN = math.pi / 2  # definition: squared mean of a distance over the variance o
 
 @kernel
 def compare_predicted(
-    track: int, dt: float, site: Site, views: Views, matches: Matches, tracks: Tracks
+    track: int, dt: float, constants: Constants, views: Views, matches: Matches, tracks: Tracks
 ) -> None:
     """Compare the keypoints of a track that is about to be updated with its prediction.
 
@@ -78,11 +74,11 @@ def compare_predicted(
             since_s = tracks.last_seen_s[track, camera] + dt
             _compare(
                 views.starts[camera] + person,
-                OWN_SHARE * left_over(since_s, site.memory),
+                OWN_SHARE * left_over(since_s, constants.memory),
                 tracks.state[track],
                 tracks.covariance[track],
                 tracks.drift_share[track],
-                site.projections[camera],
+                constants.projections[camera],
                 views,
                 tracks.bias_px[track, camera],
                 sums_m,

@@ -17,7 +17,7 @@ from e3pose.estimate.filter import (
     learned_shift,
     outlook,
 )
-from e3pose.estimate.filter.allocation import held_site
+from e3pose.estimate.filter.allocation import held_constants
 from e3pose.estimate.filter.lasting import AT_ONCE, Lasting
 from e3pose.estimate.filter.outlook import stated_factor
 from e3pose.estimate.filter.posterior import Grades, posterior_of
@@ -152,7 +152,7 @@ def _graded(model: Model, belief: Belief, rows: NDArray[np.int64], estimate: Est
     """Grade the tracks at `rows`, which are published."""
     grades = Grades.empty(*estimate.measured.shape)
     grade(
-        held_site(model),
+        held_constants(model),
         rows,
         belief.state,
         belief.drift_share,

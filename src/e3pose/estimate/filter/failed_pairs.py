@@ -13,16 +13,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Flags, Floats, Integers
 from e3pose.estimate.filter.leftovers import SURE_SCORE
-from e3pose.estimate.filter.scratch import Site, Waiting
+from e3pose.estimate.filter.scratch import Constants, Waiting
 from e3pose.geometry.camera import Rig
 from e3pose.runtime.kernel import kernel
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Flags = NDArray[np.bool_]
 
 ROWS, COLUMNS = 8, 10  # layout: cells of an image
 # tuned: looks | not recorded | failed pairs
@@ -42,7 +38,7 @@ def nothing_known(rig: Rig) -> Floats:
 def count_failures(
     num_waiting: int,
     dt: float,
-    site: Site,
+    constants: Constants,
     arrived: Flags,
     waiting: Waiting,
     taken: Flags,
@@ -53,7 +49,7 @@ def count_failures(
     Args:
         num_waiting: how many of `waiting.order` there are.
         dt: seconds since the slot before.
-        site: the rig.
+        constants: the rig.
         arrived: `(num_cameras,)` whose views this slot has.
         waiting: the detections, before those that started somebody are taken out.
         taken: `(num_waiting,)` which those are, in order.
@@ -65,21 +61,21 @@ def count_failures(
             for column in range(COLUMNS):
                 failed_pairs[camera, row, column] *= fading
     for index in range(num_waiting):
-        if not taken[index] and _is_newest(index, waiting, taken, site.sizes):
+        if not taken[index] and _is_newest(index, waiting, taken, constants.sizes):
             at = waiting.order[index]
             camera = waiting.cameras[at]
             missed = 1.0
             for other in range(len(arrived)):
                 if arrived[other]:  # a camera does not overlap itself
-                    missed *= 1.0 - site.overlap[camera, other]
-            row, column = _cell(at, waiting.keypoints_px, waiting.scores, site.sizes[camera])
+                    missed *= 1.0 - constants.overlap[camera, other]
+            row, column = _cell(at, waiting.keypoints_px, waiting.scores, constants.sizes[camera])
             count = failed_pairs[camera, row, column] + 1.0 - missed
             failed_pairs[camera, row, column] = count if count < MOST else MOST
     for index in range(num_waiting):
         if taken[index]:
             at = waiting.order[index]
             camera = waiting.cameras[at]
-            row, column = _cell(at, waiting.keypoints_px, waiting.scores, site.sizes[camera])
+            row, column = _cell(at, waiting.keypoints_px, waiting.scores, constants.sizes[camera])
             failed_pairs[camera, row, column] = 0.0
 
 

@@ -17,17 +17,15 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.estimate.filter.bias import inflation, left_over
 from e3pose.estimate.filter.blindness import PROOF_CAMERAS, PROOF_S
 from e3pose.estimate.filter.learned_shift import compare_shift
 from e3pose.estimate.filter.outliers import LEAST_KNOWN, MEMORY, ROBUST
 from e3pose.estimate.filter.projected import beside
-from e3pose.estimate.filter.scratch import Detectors, Matches, Site, Tracks, Views
+from e3pose.estimate.filter.scratch import Constants, Detectors, Matches, Tracks, Views
 from e3pose.runtime.kernel import kernel
-
-Floats = NDArray[np.float64]
 
 LOG, COUNT = 0, 1  # layout: of the last axis of `Belief.noise`
 # tuned: keypoints | first guess | noise by camera
@@ -80,13 +78,15 @@ def found(noise: Floats, weight: float) -> Floats:
 
 
 @kernel
-def recall_noise(noise: Floats, site: Site, detectors: Detectors) -> None:
+def recall_noise(noise: Floats, constants: Constants, detectors: Detectors) -> None:
     """Start a slot: compute the factors and scales of all cameras."""
     num_cameras = len(noise) - 1
-    find_logs(noise, site.noise_weight, detectors.logs)
+    find_logs(noise, constants.noise_weight, detectors.logs)
     for camera in range(num_cameras):
-        detectors.scales[camera] = site.scales[camera] * math.exp(detectors.logs[camera])
-    tilt_knots(detectors.logs[num_cameras], site.noise_scores, site.noise_px, detectors.noise_px)
+        detectors.scales[camera] = constants.scales[camera] * math.exp(detectors.logs[camera])
+    tilt_knots(
+        detectors.logs[num_cameras], constants.noise_scores, constants.noise_px, detectors.noise_px
+    )
     for row in range(num_cameras + 1):
         detectors.fresh[row] = 0.0
         detectors.steps[row] = 0.0
@@ -179,7 +179,7 @@ def proved(track: int, dt: float, views: Views, matches: Matches, tracks: Tracks
 def compare_noise(
     track: int,
     dt: float,
-    site: Site,
+    constants: Constants,
     views: Views,
     matches: Matches,
     tracks: Tracks,
@@ -195,11 +195,11 @@ def compare_noise(
             _compare(
                 camera,
                 views.starts[camera] + person,
-                left_over(since_s, site.memory),
-                inflation(since_s, site.memory),
+                left_over(since_s, constants.memory),
+                inflation(since_s, constants.memory),
                 tracks.state[track],
                 tracks.covariance[track],
-                site.projections[camera],
+                constants.projections[camera],
                 views,
                 tracks.bias_px[track, camera],
                 detectors,

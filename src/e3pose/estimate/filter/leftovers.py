@@ -2,15 +2,9 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-
+from e3pose.arrays import Floats, Integers
 from e3pose.estimate.filter.scratch import MAX_LEFTOVERS, Views, Waiting
 from e3pose.runtime.kernel import kernel
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-
 
 # tuned: score, joints | first guess | not measured
 SURE_SCORE, MIN_JOINTS = 0.2, 8  # of a detection that may start somebody

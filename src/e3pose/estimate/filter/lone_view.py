@@ -12,15 +12,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Floats, Integers
 from e3pose.estimate.filter.bias import MemoryTerms
-from e3pose.estimate.filter.scratch import Passes, Site, Tracks, Views
+from e3pose.estimate.filter.scratch import Constants, Passes, Tracks, Views
 from e3pose.estimate.filter.update import update
 from e3pose.runtime.kernel import kernel
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 # tuned: share of the distance | docs/experiments/2026-11-23-one-camera.md | lone view
 SIZE_SHARE = 0.02  # standard deviation of a person's size as one camera shows it: of the distance
@@ -31,7 +28,7 @@ NEAREST_M = 1e-3  # numerics
 def update_by_views(
     track: int,
     dt: float,
-    site: Site,
+    constants: Constants,
     views: Views,
     assigned: Integers,
     tracks: Tracks,
@@ -48,31 +45,31 @@ def update_by_views(
             alone = camera
             shown += 1
     if shown != 1:
-        update(track, dt, site, views, assigned, tracks, passes)
+        update(track, dt, constants, views, assigned, tracks, passes)
         return
-    root = site.order[0]
+    root = constants.order[0]
     state, covariance = tracks.state[track], tracks.covariance[track]
     axes, old, new, moved_m = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.zeros(3)
-    far_m = _axes_of(state[root], site.centers_m[alone], axes)
+    far_m = _axes_of(state[root], constants.centers_m[alone], axes)
     _turn(covariance[root], axes, old)
     per_s = _between(covariance[root], axes[0], axes[0], 3) / old[0, 0]
     for axis in range(3):
         for a in range(3):
             moved_m[axis] -= axes[axis, a] * state[root, a]
-    size_variance = update(track, dt, site, views, assigned, tracks, passes)
+    size_variance = update(track, dt, constants, views, assigned, tracks, passes)
     _turn(covariance[root], axes, new)
     for axis in range(3):
         for a in range(3):
             moved_m[axis] += axes[axis, a] * state[root, a]
     repeated_m2 = (SIZE_SHARE**2 + size_variance) * far_m**2
-    back_m, wider_m2 = _discount(old, new, moved_m, repeated_m2, dt, site.memory)
+    back_m, wider_m2 = _discount(old, new, moved_m, repeated_m2, dt, constants.memory)
     if wider_m2 > 0.0:
         _move(
             back_m,
             wider_m2,
             per_s,
-            site.centers_m[alone],
-            site.parents,
+            constants.centers_m[alone],
+            constants.parents,
             state,
             covariance,
             tracks.shared[track],

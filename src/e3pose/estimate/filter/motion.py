@@ -13,14 +13,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Floats, Integers
 from e3pose.estimate.filter.tree import Tree
 from e3pose.runtime.kernel import kernel
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Integers = NDArray[np.int64]
 
 ACCELERATION_LASTS_S = 1 / 25  # definition: those of `tree` are drawn anew so often
 # tuned: slots | not recorded | known slots
@@ -89,7 +85,7 @@ def fading(density_m2ps3: Floats, lasts_s: Floats, dt: float) -> tuple[Floats, F
     return np.asarray(R, dtype=np.float64), np.asarray(W, dtype=np.float64)
 
 
-def transitions(tree: Tree, level: Ints, dt: float) -> tuple[Floats, Floats]:
+def transitions(tree: Tree, level: Integers, dt: float) -> tuple[Floats, Floats]:
     """Return R and the covariance of w of joints, `(num_joints_of_level, 6, 6)` each.
 
     Args:

@@ -3,29 +3,26 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Flags, Floats, Integers
 from e3pose.estimate.base import Outlook
-from e3pose.estimate.filter.allocation import held_site
+from e3pose.estimate.filter.allocation import held_constants
 from e3pose.estimate.filter.covariance_inflation import learned_factor, spread_factor
 from e3pose.estimate.filter.failed_pairs import count_newest
 from e3pose.estimate.filter.learned_noise import quietest
 from e3pose.estimate.filter.motion import move
-from e3pose.estimate.filter.scratch import Site
+from e3pose.estimate.filter.scratch import Constants
 from e3pose.estimate.filter.shown import find_needed, likely_shown
-from e3pose.estimate.filter.state import Belief, Ints, Model
+from e3pose.estimate.filter.state import Belief, Model
 from e3pose.runtime.held import Held
 from e3pose.runtime.kernel import kernel
-
-Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 
 def outlook(
     model: Model,
     belief: Belief,
     ahead_s: float,
-    track_ids: Ints | None = None,
+    track_ids: Integers | None = None,
     factor: float = 1.0,
 ) -> Outlook:
     """Return the prediction `ahead_s` seconds after the belief's slot, without new views.
@@ -44,7 +41,7 @@ def outlook(
     drift_m2ps3, shows = np.empty(people), np.empty(pairs)
     needed, sigma_px = np.empty(pairs, dtype=bool), np.empty(num_cameras)
     expect(
-        held_site(model),
+        held_constants(model),
         ahead_s,
         factor,
         drift,
@@ -104,7 +101,7 @@ def stated_factor(belief: Belief) -> float:
 
 @kernel
 def expect(
-    constants: Held[Site],
+    held: Held[Constants],
     ahead_s: float,
     factor: float,
     drift_m2ps3: Floats,
@@ -126,7 +123,7 @@ def expect(
     """Fill the people and keypoint noise of an `Outlook`.
 
     Args:
-        constants: of the rig, the skeleton and the detector.
+        held: constants of the rig, the skeleton and the detector.
         ahead_s: seconds after the belief's slot, if nothing is seen.
         factor: on standard deviations (`covariance_inflation`).
         drift_m2ps3: `(num_joints,)` of `Model.alone`.
@@ -145,14 +142,14 @@ def expect(
         needed: `(num_tracks, num_cameras)`.
         sigma_px: `(num_cameras,)`.
     """
-    site = constants.values
+    constants = held.values
     moved = np.empty(state.shape[1:])
     for track in range(len(state)):
         move(
             ahead_s,
-            site.order,
-            site.parents,
-            site.lasts_s,
+            constants.order,
+            constants.parents,
+            constants.lasts_s,
             state[track],
             moved,
         )
@@ -164,11 +161,18 @@ def expect(
                 for column in range(6):
                     block = covariance[track, joint, row, column]
                     stated[track, joint, row, column] = block * factor**2
-        root = joints_m[track, site.order[0]]
+        root = joints_m[track, constants.order[0]]
         for camera in range(len(detection_map)):
-            shows[track, camera] = likely_shown(detection_map[camera], root, site.corner_m)
+            shows[track, camera] = likely_shown(detection_map[camera], root, constants.corner_m)
     find_needed(state, last_seen_s, confirmed, seen_by, ahead_s, needed)
-    quietest(noise, site.noise_weight, site.scales, site.noise_scores, site.noise_px, sigma_px)
+    quietest(
+        noise,
+        constants.noise_weight,
+        constants.scales,
+        constants.noise_scores,
+        constants.noise_px,
+        sigma_px,
+    )
     for camera in range(len(sigma_px)):
         sigma_px[camera] *= factor
 

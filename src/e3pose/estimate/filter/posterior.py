@@ -6,9 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from e3pose.arrays import Floats, Integers
 from e3pose.estimate.base import Posterior, Start
 from e3pose.estimate.filter.lasting import grown_m2
-from e3pose.estimate.filter.state import Belief, Floats, Ints
+from e3pose.estimate.filter.state import Belief
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,7 +52,12 @@ class Grades:
 
 
 def posterior_of(
-    before: Belief, belief: Belief, track_ids: Ints, rows: Ints, grades: Grades, excess: float
+    before: Belief,
+    belief: Belief,
+    track_ids: Integers,
+    rows: Integers,
+    grades: Grades,
+    excess: float,
 ) -> Posterior:
     """Return the posterior of a belief, which is not copied.
 

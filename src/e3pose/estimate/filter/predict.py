@@ -4,26 +4,24 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
+from e3pose.arrays import Floats
 from e3pose.estimate.filter.motion import ACCELERATION_LASTS_S, move
-from e3pose.estimate.filter.scratch import Passes, Site, Tracks
+from e3pose.estimate.filter.scratch import Constants, Passes, Tracks
 from e3pose.estimate.filter.tree import backward, decompose, forward
 from e3pose.runtime.kernel import kernel
 
-Floats = NDArray[np.float64]
-
 
 @kernel
-def predict(num_tracks: int, dt: float, site: Site, tracks: Tracks, passes: Passes) -> None:
+def predict(
+    num_tracks: int, dt: float, constants: Constants, tracks: Tracks, passes: Passes
+) -> None:
     """Move the first `num_tracks` tracks on by `dt` seconds, in place."""
-    bias_fade = math.exp(-dt / site.memory.lasting_s)
-    num_joints = len(site.order)
+    bias_fade = math.exp(-dt / constants.memory.lasting_s)
+    num_joints = len(constants.order)
     for track in range(num_tracks):
         _advance(
             dt,
-            site,
+            constants,
             tracks.state[track],
             tracks.covariance[track].reshape(num_joints, 36),
             tracks.shared[track].reshape(num_joints, 36),
@@ -40,7 +38,7 @@ def predict(num_tracks: int, dt: float, site: Site, tracks: Tracks, passes: Pass
 @kernel
 def _advance(
     dt: float,
-    site: Site,
+    constants: Constants,
     state: Floats,
     covariance: Floats,
     shared: Floats,
@@ -53,11 +51,11 @@ def _advance(
     """
     moved, spread, with_parent = passes.moved, passes.own, passes.across
     before, factors = passes.prior_own, passes.prior_across
-    move(dt, site.order, site.parents, site.lasts_s, state, moved)
-    for place in range(len(site.order)):
-        joint = site.order[place]
-        parent = site.parents[joint]
-        tau = site.lasts_s[joint]
+    move(dt, constants.order, constants.parents, constants.lasts_s, state, moved)
+    for place in range(len(constants.order)):
+        joint = constants.order[place]
+        parent = constants.parents[joint]
+        tau = constants.lasts_s[joint]
         fade = math.exp(-dt / tau)
         reach = tau * (1.0 - fade)
         if parent < 0:
@@ -73,7 +71,7 @@ def _advance(
         else:
             _advance_child(joint, parent, reach, fade, covariance, shared, passes)
         gone = 1.0 - fade
-        density = ACCELERATION_LASTS_S * site.drift_m2ps4[joint] * drift_share[joint]
+        density = ACCELERATION_LASTS_S * constants.drift_m2ps4[joint] * drift_share[joint]
         pp = density * tau**2 * (dt - 2 * tau * gone + tau / 2 * (1 - fade * fade))
         pv = density * tau**2 * gone * gone / 2
         vv = density * tau / 2 * (1 - fade * fade)
@@ -85,7 +83,7 @@ def _advance(
         for entry in range(36):
             factors[joint, entry] = covariance[joint, entry]
         decompose(factors[joint])
-    for joint in range(len(site.order)):
+    for joint in range(len(constants.order)):
         for entry in range(36):
             covariance[joint, entry] = spread[joint, entry]
             shared[joint, entry] = with_parent[joint, entry]

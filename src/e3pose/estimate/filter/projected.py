@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-
+from e3pose.arrays import Floats
 from e3pose.geometry.projection import MIN_DEPTH_M
 from e3pose.runtime.kernel import kernel
-
-Floats = NDArray[np.float64]
 
 # tuned: score | not recorded | not measured
 USED_SCORE = 0.05  # keypoints below this are not used

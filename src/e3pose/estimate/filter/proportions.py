@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Flags, Floats
 from e3pose.estimate.filter.bones import Proportions
 from e3pose.estimate.filter.outliers import MEASURED_SIGMAS, ROBUST
 from e3pose.model.proportions import (
@@ -19,11 +19,6 @@ from e3pose.model.proportions import (
     UNLIKE,
 )
 from e3pose.runtime.kernel import kernel
-
-Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
-Ints = NDArray[np.int64]
-Integers = NDArray[np.int64]
 
 # tuned: slots, slots | not recorded | learned bones
 BONE_TEACHERS, BONE_MEMORY = 5, 100  # slots before a length is trusted, and that it averages over

@@ -20,8 +20,9 @@ from typing import TypeVar
 
 import numpy as np
 
+from e3pose.arrays import Flags, Floats, Integers
 from e3pose.estimate.filter.proportions import BONE_TEACHERS
-from e3pose.estimate.filter.state import APART_M, Belief, Flags, Floats, Ints, Model
+from e3pose.estimate.filter.state import APART_M, Belief, Model
 from e3pose.model.proportions import KINDS, NOISE_M, SLIDE_M
 
 # tuned: s | not recorded | not measured
@@ -66,8 +67,8 @@ class Present:
         taught: `(num_present, num_kinds)` slots that taught those.
     """
 
-    tracks: Ints
-    track_ids: Ints
+    tracks: Integers
+    track_ids: Integers
     since_s: Floats
     place_m: Floats
     lengths_m: Floats
@@ -86,7 +87,7 @@ class Departed:
         taught: `(num_departed, num_kinds)` slots that taught those.
     """
 
-    track_ids: Ints
+    track_ids: Integers
     seen_s: Floats
     place_m: Floats
     lengths_m: Floats
@@ -113,7 +114,7 @@ class Identities:
             Departed(ids, times, places, kinds, kinds),
         )
 
-    def of(self, tracks: Ints) -> Ints:
+    def of(self, tracks: Integers) -> Integers:
         """Return the identities `(num_tracks,)` that tracks are shown with, else their own ids."""
         present = self.present
         names = dict(zip(present.tracks.tolist(), present.track_ids.tolist(), strict=True))
@@ -122,7 +123,7 @@ class Identities:
 
 
 def identify(
-    identities: Identities, before: Belief, belief: Belief, shown: Ints, model: Model
+    identities: Identities, before: Belief, belief: Belief, shown: Integers, model: Model
 ) -> Identities:
     """Advance by one slot.
 
@@ -157,7 +158,7 @@ def identify(
 
 
 def _recognise(
-    present: Present, departed: Departed, rows: Ints, belief: Belief, model: Model
+    present: Present, departed: Departed, rows: Integers, belief: Belief, model: Model
 ) -> tuple[Present, Departed]:
     """Give the tracks at `rows` their past identities where these are clear."""
     lengths, taught = _lengths(belief, present.tracks[rows], model)
@@ -244,14 +245,14 @@ def _left(gone: Present, before: Belief, belief: Belief, model: Model) -> Depart
     return _take(left, beside >= APART_M)  # else it was a second track of that person
 
 
-def _shown(tracks: Ints, belief: Belief, model: Model) -> Present:
+def _shown(tracks: Integers, belief: Belief, model: Model) -> Present:
     rows = np.searchsorted(belief.track_ids, tracks)
     place = belief.state[rows, :, :2].mean(axis=1)
     nothing = np.zeros((len(tracks), len(_kinds(model))))
     return Present(tracks, tracks, np.full(len(tracks), belief.time_s), place, nothing, nothing)
 
 
-def _lengths(belief: Belief, tracks: Ints, model: Model) -> tuple[Floats, Floats]:
+def _lengths(belief: Belief, tracks: Integers, model: Model) -> tuple[Floats, Floats]:
     """Return `(num_tracks, num_kinds)` lengths and the slots that taught them, left with right."""
     rows = np.searchsorted(belief.track_ids, tracks)
     lengths, taught = np.zeros((2, len(rows), len(_kinds(model))))
@@ -271,13 +272,13 @@ def _kinds(model: Model) -> list[list[int]]:
     return [bones for bones in kinds if bones] or [[]]
 
 
-def _not_among(known: Ints, tracks: Ints) -> list[int]:
+def _not_among(known: Integers, tracks: Integers) -> list[int]:
     """Return the rows of the ids `(num_tracks,)` that are not among those known."""
     ids = set(known.tolist())
     return [row for row, track in enumerate(tracks.tolist()) if track not in ids]
 
 
-def _take(columns: Rows, rows: Ints | Flags) -> Rows:
+def _take(columns: Rows, rows: Integers | Flags) -> Rows:
     return type(columns)(*(getattr(columns, item.name)[rows] for item in fields(columns)))
 
 

@@ -9,15 +9,11 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
+from e3pose.arrays import Floats
 from e3pose.estimate.filter.bias import MemoryTerms
 from e3pose.estimate.filter.projected import shown_at
 from e3pose.geometry.projection import MIN_DEPTH_M
 from e3pose.runtime.kernel import kernel
-
-Floats = NDArray[np.float64]
 
 # tuned: share | docs/experiments/2026-11-23-errors-that-views-repeat.md | stays
 STAYS = 0.3  # of the variance of lasting errors: what learned biases leave

@@ -7,21 +7,15 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
+from e3pose.arrays import Flags, Floats, Integers
 from e3pose.estimate.filter.bias import MemoryTerms
 from e3pose.estimate.filter.bones import Proportions
 from e3pose.geometry.undistort import Lenses
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Flags = NDArray[np.bool_]
-
 MAX_LEFTOVERS = 64  # capacity: newest first: a view full of noise must not cost the slot
 
 
-class Site(NamedTuple):
+class Constants(NamedTuple):
     """What is constant about a rig, a skeleton and a detector."""
 
     projections: Floats  # (num_cameras, 3, 4)
@@ -120,7 +114,7 @@ class Detectors(NamedTuple):
 
     noise_px: Floats  # (num_knots,) of the noise file, with the tilt by score
     logs: Floats  # (num_cameras + 1,) logarithm of the factor on the noise file; the tilt
-    scales: Floats  # (num_cameras,) `Site.scales` times that factor
+    scales: Floats  # (num_cameras,) `Constants.scales` times that factor
     fresh: Floats  # (num_cameras + 1,) keypoints that teach
     steps: Floats  # (num_cameras + 1,) how much they are beyond their median
     shifts_px: Floats  # (num_cameras, 2) what is taken off all keypoints
@@ -178,7 +172,7 @@ class Pairs(NamedTuple):
     logs: Floats  # (num_bones,)
 
 
-class Memory(NamedTuple):
+class Workspace(NamedTuple):
     """All of it, allocated once for as many tracks, people and leftovers."""
 
     views: Views

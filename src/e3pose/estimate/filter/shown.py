@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Flags, Floats, Integers
 from e3pose.estimate.filter.blindness import PLAIN, chance, proof
 from e3pose.estimate.filter.bones import Proportions
 from e3pose.estimate.filter.covariance_inflation import learned_factor, spread_factor
@@ -20,14 +20,10 @@ from e3pose.estimate.filter.repeated_errors import (
     weigh_biases,
     weigh_views,
 )
-from e3pose.estimate.filter.scratch import Site
-from e3pose.estimate.filter.state import Belief, Ints, Model
+from e3pose.estimate.filter.scratch import Constants
+from e3pose.estimate.filter.state import Belief, Model
 from e3pose.runtime.held import Held
 from e3pose.runtime.kernel import kernel
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Flags = NDArray[np.bool_]
 
 HALF_SCORE_M = 0.1  # definition: standard deviation of a joint at which its score is a half
 LEAST_SCORE = 1e-3  # definition: a joint that is known at all is not missing
@@ -54,7 +50,7 @@ class Estimate:
             others are carried on from earlier slots.
     """
 
-    track_ids: Ints
+    track_ids: Integers
     joints_m: Floats
     covariance_m2: Floats
     measured: Flags
@@ -250,7 +246,7 @@ def show(
 
 @kernel
 def grade(
-    constants: Held[Site],
+    held: Held[Constants],
     rows: Integers,
     state: Floats,
     drift_share: Floats,
@@ -270,7 +266,7 @@ def grade(
     """Fill the published covariances of people, and the scores of their joints.
 
     Args:
-        constants: of the rig, the skeleton and the detector.
+        held: constants of the rig, the skeleton and the detector.
         rows: `(num_persons,)` of their tracks.
         state: `(num_tracks, num_joints, 6)` of `Belief`, like all up to `bias_px`.
         drift_share: `(num_tracks, num_joints)`.
@@ -288,13 +284,20 @@ def grade(
         lasting_m2: likewise: the same, as large as the learned biases.
         bias_share: `(2,)` adds up the squares of these over the variance, and counts them.
     """
-    site = constants.values
-    sigma_px, weights = np.empty(len(site.scales)), np.empty(len(site.scales))
-    lasting = np.empty(len(site.scales))
-    quietest(noise, site.noise_weight, site.scales, site.noise_scores, site.noise_px, sigma_px)
+    constants = held.values
+    sigma_px, weights = np.empty(len(constants.scales)), np.empty(len(constants.scales))
+    lasting = np.empty(len(constants.scales))
+    quietest(
+        noise,
+        constants.noise_weight,
+        constants.scales,
+        constants.noise_scores,
+        constants.noise_px,
+        sigma_px,
+    )
     for index in range(len(rows)):
         track = rows[index]
-        weigh_views(last_seen_s[track], delivered[track], sigma_px, site.memory, weights)
+        weigh_views(last_seen_s[track], delivered[track], sigma_px, constants.memory, weights)
         of_person = learned_factor(innovations[track])
         for joint in range(scores.shape[1]):
             factor = spread_factor(drift_share[track, joint], of_person)
@@ -305,11 +308,13 @@ def grade(
             inflation[index, joint] = factor
             repeated = repeated_m2[index, joint]
             place = state[track, joint]
-            find_repeated(place, weights, site.projections, MOST_M, repeated)
+            find_repeated(place, weights, constants.projections, MOST_M, repeated)
             biases_px, seen_s = bias_px[track, :, joint], last_seen_s[track]
-            weigh_biases(biases_px, seen_s, sigma_px, site.memory, weights, lasting, bias_share)
+            weigh_biases(
+                biases_px, seen_s, sigma_px, constants.memory, weights, lasting, bias_share
+            )
             find_repeated(
-                place, lasting, site.projections, MOST_LASTING_M, lasting_m2[index, joint]
+                place, lasting, constants.projections, MOST_LASTING_M, lasting_m2[index, joint]
             )
             for a in range(3):
                 for b in range(3):

@@ -15,18 +15,13 @@ not, so a track that several looks in a row contradict is turned round instead o
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-
+from e3pose.arrays import Floats, Integers
 from e3pose.estimate.filter.existence import LEARN_RATE
 from e3pose.estimate.filter.projected import IN_FRONT, SPREAD, USED_SCORE, U, V
-from e3pose.estimate.filter.scratch import Matches, Site, Tracks, Views
+from e3pose.estimate.filter.scratch import Constants, Matches, Tracks, Views
 from e3pose.runtime.kernel import kernel
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-
-ARMS, LEGS = 1, 2  # layout: bits of `Site.limbs`; of limbs that are exchanged
+ARMS, LEGS = 1, 2  # layout: bits of `Constants.limbs`; of limbs that are exchanged
 GIVEN = 4  # layout: times these: of limbs that are clearly as given
 # Log-odds against an exchange, before comparing. Legs are mistaken for each other by a track that
 # is half a step behind a walker, too.
@@ -64,8 +59,8 @@ def exchanged_limbs(
         variances: `(num_rows, num_joints)` px^2.
         bias: `SIDE_PX` in this view, squared.
         projected: `(4, num_joints)` the track in the view.
-        opposites: `(num_joints,)` as in `Site`.
-        limbs: `(num_joints,)` as in `Site`.
+        opposites: `(num_joints,)` as in `Constants`.
+        limbs: `(num_joints,)` as in `Constants`.
     """
     arms = legs = 0.0  # log-odds of being as given
     for joint in range(len(opposites)):
@@ -129,7 +124,7 @@ def exchange(row: int, exchanged: int, opposites: Integers, limbs: Integers, vie
 
 @kernel
 def turn_round(
-    num_tracks: int, dt: float, site: Site, views: Views, matches: Matches, tracks: Tracks
+    num_tracks: int, dt: float, constants: Constants, views: Views, matches: Matches, tracks: Tracks
 ) -> None:
     """Exchange the sides of tracks that their detections contradict, and of these back again."""
     for track in range(num_tracks):
@@ -145,13 +140,13 @@ def turn_round(
                     share += rate * ((1.0 if exchanged & limb else 0.0) - share)
             if share > 0.5:
                 share = 1.0 - share
-                _mirror(track, limb, site.opposites, site.limbs, tracks)
+                _mirror(track, limb, constants.opposites, constants.limbs, tracks)
                 for camera in range(len(views.counts)):
                     person = matches.assigned[camera, track]
                     exchanged = matches.exchanged[camera, track] & (limb + GIVEN * limb)
                     if views.arrived[camera] and person >= 0 and exchanged:
                         first = views.starts[camera]
-                        exchange(first + person, limb, site.opposites, site.limbs, views)
+                        exchange(first + person, limb, constants.opposites, constants.limbs, views)
             tracks.mirrored[track, row] = share
 
 

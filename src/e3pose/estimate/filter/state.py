@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.arrays import Flags, Floats, Integers
 from e3pose.estimate.filter import blindness, failed_pairs
 from e3pose.estimate.filter.bones import GIRDLES, SIDES, Proportions, proportions_of
 from e3pose.estimate.filter.motion import alone
@@ -16,10 +17,6 @@ from e3pose.estimate.filter.tree import Tree, grow
 from e3pose.geometry.camera import Rig
 from e3pose.model.noise import Noise
 from e3pose.model.skeleton import Skeleton
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Flags = NDArray[np.bool_]
 
 OF_THE_SITE = (
     "time_s",
@@ -85,7 +82,7 @@ class Model:
         return proportions_of(self.skeleton.joints, self.tree)
 
     @cached_property
-    def girdles(self) -> Ints:
+    def girdles(self) -> Integers:
         """`(num_girdles, 2)` left and right joint of the shoulders and of the hips."""
         names = self.skeleton.joints
         pairs = [[f"{side}_{girdle}" for side in SIDES] for girdle in GIRDLES]
@@ -93,7 +90,7 @@ class Model:
         return np.array(found, dtype=np.int64).reshape(-1, 2)
 
     @cached_property
-    def sides(self) -> tuple[Ints, Ints]:
+    def sides(self) -> tuple[Integers, Integers]:
         """The other side of each joint, or itself; and 1 for arms, 2 for legs, else 0.
 
         `(num_joints,)` each. Joints that the skeleton has on one side only have none.
@@ -129,14 +126,14 @@ class Leftovers:
     """
 
     times_s: Floats
-    cameras: Ints
+    cameras: Integers
     keypoints_px: Floats
     scores: Floats
 
     def __len__(self) -> int:
         return len(self.cameras)
 
-    def take(self, rows: Ints | Flags) -> Leftovers:
+    def take(self, rows: Integers | Flags) -> Leftovers:
         """Return the leftovers at `rows`."""
         return Leftovers(*(getattr(self, item.name)[rows] for item in fields(self)))
 
@@ -201,14 +198,14 @@ class Belief:
     """
 
     time_s: float
-    track_ids: Ints
+    track_ids: Integers
     state: Floats
     covariance: Floats
     shared: Floats
     unmeasured_s: Floats
     drift_share: Floats
     existence: Floats
-    hits: Ints
+    hits: Integers
     alone: Floats
     seen_by: Flags
     last_seen_s: Floats

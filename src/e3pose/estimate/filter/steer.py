@@ -11,9 +11,10 @@ from functools import lru_cache
 
 import numpy as np
 
+from e3pose.arrays import Floats, Integers
 from e3pose.estimate.base import STEER_SLOTS
 from e3pose.estimate.filter.motion import fading, foresee_joints, steer_all
-from e3pose.estimate.filter.state import Belief, Floats, Ints, Model
+from e3pose.estimate.filter.state import Belief, Model
 from e3pose.estimate.filter.tree import Tree
 from e3pose.predict.base import Prediction
 
@@ -28,7 +29,7 @@ GAIN = 0.5
 def steer(
     tree: Tree,
     belief: Belief,
-    rows: Ints,
+    rows: Integers,
     joints_m: Floats,
     ahead_s: float,
     drift_share: Floats | float = 1.0,

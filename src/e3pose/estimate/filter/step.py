@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from e3pose.arrays import Floats
 from e3pose.errors import InputError
 from e3pose.estimate.filter.agility import learn_agility, note_correction, note_place
-from e3pose.estimate.filter.allocation import held_site, make_memory
+from e3pose.estimate.filter.allocation import held_constants, make_workspace
 from e3pose.estimate.filter.associate import associate
 from e3pose.estimate.filter.bias import learn_bias
 from e3pose.estimate.filter.births import give_birth
@@ -24,18 +25,18 @@ from e3pose.estimate.filter.lone_view import update_by_views
 from e3pose.estimate.filter.predict import predict
 from e3pose.estimate.filter.scratch import (
     MAX_LEFTOVERS,
+    Constants,
     Detectors,
-    Memory,
-    Site,
     Tracks,
     Views,
+    Workspace,
 )
 from e3pose.estimate.filter.shown import Estimate, estimate_of
 from e3pose.estimate.filter.sides import turn_round
-from e3pose.estimate.filter.state import MAX_TRACKS, Belief, Floats, Leftovers, Model
+from e3pose.estimate.filter.state import MAX_TRACKS, Belief, Leftovers, Model
 from e3pose.estimate.filter.update import learn_bones
 from e3pose.geometry.undistort import undistort_slot
-from e3pose.model.pose import MAX_PIXEL, MIN_SCORE, Poses2D
+from e3pose.model.pose import MAX_PIXEL, MISSING_SCORE, Poses2D
 from e3pose.runtime.held import Held, hold
 from e3pose.runtime.kernel import kernel
 
@@ -81,7 +82,9 @@ class StepKernel:
     def __init__(self) -> None:
         self._model: Model | None = None
         self._call: Any = step_slot
-        self._newest: tuple[Any, ...] = ()  # columns of the newest belief, as memory has them
+        self._newest: tuple[
+            Any, ...
+        ] = ()  # columns of the newest belief, as the workspace has them
 
     def warm_up(self, model: Model) -> None:
         """Compile, or load from the cache, all that a slot needs; takes seconds the first time."""
@@ -108,19 +111,19 @@ class StepKernel:
         before = belief.without_people() if dt > LONGEST_S else belief
         waiting, num_tracks, num_old = before.leftovers, len(before), len(before.leftovers)
         most = min(max((len(view) for view in views.values()), default=0), MAX_PEOPLE)
-        memory = self._room_for(model, num_tracks + MAX_LEFTOVERS // 2, most, num_old)
-        _pack(memory.views, views)
+        workspace = self._room_for(model, num_tracks + MAX_LEFTOVERS // 2, most, num_old)
+        _pack(workspace.views, views)
         if num_tracks:
-            given_rows = zip(memory.tracks, _columns(before), self._newest, strict=True)
+            given_rows = zip(workspace.tracks, _columns(before), self._newest, strict=True)
             for column, given, newest in given_rows:
-                if given is not newest:  # beliefs never change: memory still has what it made
+                if given is not newest:  # beliefs never change: it still has what it made
                     column[:num_tracks] = given
         if num_old:
-            memory.waiting.times_s[:num_old] = waiting.times_s
-            memory.waiting.cameras[:num_old] = waiting.cameras
-            memory.waiting.keypoints_px[:num_old] = waiting.keypoints_px
-            memory.waiting.scores[:num_old] = waiting.scores
-        self._newest = (None,) * len(memory.tracks)  # until the kernel returns
+            workspace.waiting.times_s[:num_old] = waiting.times_s
+            workspace.waiting.cameras[:num_old] = waiting.cameras
+            workspace.waiting.keypoints_px[:num_old] = waiting.keypoints_px
+            workspace.waiting.scores[:num_old] = waiting.scores
+        self._newest = (None,) * len(workspace.tracks)  # until the kernel returns
         failed_pairs, detection_map, noise, shifts = (
             np.array(of_site, order="C")
             for of_site in (
@@ -138,26 +141,26 @@ class StepKernel:
             detection_map,
             noise,
             shifts,
-            self._held_memory,
+            self._held_workspace,
         )
-        rows = memory.waiting.order[:num_waiting]
+        rows = workspace.waiting.order[:num_waiting]
         leftovers = Leftovers(
-            memory.waiting.times_s[rows],
-            memory.waiting.cameras[rows],
-            memory.waiting.keypoints_px[rows],
-            memory.waiting.scores[rows],
+            workspace.waiting.times_s[rows],
+            workspace.waiting.cameras[rows],
+            workspace.waiting.keypoints_px[rows],
+            workspace.waiting.scores[rows],
         )
-        self._newest = tuple(column[:num_tracks].copy() for column in memory.tracks)
+        self._newest = tuple(column[:num_tracks].copy() for column in workspace.tracks)
         site = leftovers, failed_pairs, detection_map, noise, shifts, next_id
         columns: tuple[Any, ...] = (*self._newest, *site)
         belief = Belief(now, *columns)
         return belief, estimate_of(belief, model)
 
-    def _room_for(self, model: Model, tracks: int, people: int, old: int) -> Memory:
-        """Return memory with room for so many tracks, people in a view and old leftovers."""
+    def _room_for(self, model: Model, tracks: int, people: int, old: int) -> Workspace:
+        """Return a workspace with room for so many tracks, people in a view and old leftovers."""
         if model is not self._model:
             self._model = model
-            self._constants = held_site(model)
+            self._constants = held_constants(model)
             self._room = (0, 0, 0)
         room = self._room
         if tracks > room[0] or people > room[1] or old > room[2]:
@@ -166,22 +169,22 @@ class StepKernel:
                 max(people, room[1], LEAST_PEOPLE),
                 max(old, room[2], MAX_LEFTOVERS),
             )
-            self._memory = make_memory(model, *self._room)
-            self._held_memory = hold(self._memory)
-            self._newest = (None,) * len(self._memory.tracks)
-        return self._memory
+            self._workspace = make_workspace(model, *self._room)
+            self._held_workspace = hold(self._workspace)
+            self._newest = (None,) * len(self._workspace.tracks)
+        return self._workspace
 
 
-def _pack(memory: Views, views: Mapping[int, Poses2D]) -> None:
-    memory.arrived[:] = False
-    memory.counts[:] = 0
+def _pack(arrays: Views, views: Mapping[int, Poses2D]) -> None:
+    arrays.arrived[:] = False
+    arrays.counts[:] = 0
     for camera, view in views.items():
         keypoints_px, scores = bounded(view)
         people = len(scores)
-        memory.arrived[camera] = True
-        memory.counts[camera] = people
-        memory.keypoints_px[camera, :people] = keypoints_px
-        memory.scores[camera, :people] = scores
+        arrays.arrived[camera] = True
+        arrays.counts[camera] = people
+        arrays.keypoints_px[camera, :people] = keypoints_px
+        arrays.scores[camera, :people] = scores
 
 
 @kernel
@@ -191,23 +194,23 @@ def step_slot(
     time_s: float,
     dt: float,
     next_id: int,
-    constants: Held[Site],
+    held: Held[Constants],
     failed_pairs: Floats,
     detection_map: Floats,
     noise: Floats,
     shifts: Floats,
-    room: Held[Memory],
+    room: Held[Workspace],
 ) -> tuple[int, int, int]:
     """Advance the tracks and leftovers in `room`; return their numbers and the next id."""
-    site, memory = constants.values, room.values
-    views, tracks = memory.views, memory.tracks
-    predict(num_tracks, dt, site, tracks, memory.passes)
+    constants, workspace = held.values, room.values
+    views, tracks = workspace.views, workspace.tracks
+    predict(num_tracks, dt, constants, tracks, workspace.passes)
     for track in range(num_tracks):
         for axis in range(2):
-            memory.matches.places_m[track, axis] = tracks.state[track, site.order[0], axis]
-    recall_noise(noise, site, memory.detectors)
-    recall_shifts(shifts, site.sizes, memory.detectors)
-    _prepare(site, memory.detectors, views)
+            workspace.matches.places_m[track, axis] = tracks.state[track, constants.order[0], axis]
+    recall_noise(noise, constants, workspace.detectors)
+    recall_shifts(shifts, constants.sizes, workspace.detectors)
+    _prepare(constants, workspace.detectors, views)
     num_views = 0
     for camera in range(len(views.counts)):
         if views.arrived[camera]:
@@ -215,31 +218,31 @@ def step_slot(
             associate(
                 camera,
                 num_tracks,
-                site,
+                constants,
                 views,
                 tracks.confirmed,
                 tracks.state,
                 tracks.covariance,
-                memory.matches,
-                memory.offers,
+                workspace.matches,
+                workspace.offers,
             )
-    turn_round(num_tracks, dt, site, views, memory.matches, tracks)
-    _revise(num_tracks, num_views, dt, site, memory)
-    learn_noise(noise, memory.detectors)
-    learn_shifts(shifts, site.sizes, memory.detectors)
+    turn_round(num_tracks, dt, constants, views, workspace.matches, tracks)
+    _revise(num_tracks, num_views, dt, constants, workspace)
+    learn_noise(noise, workspace.detectors)
+    learn_shifts(shifts, constants.sizes, workspace.detectors)
     attend(
         num_tracks,
         dt,
-        memory.detectors.scales,
-        memory.detectors.noise_px,
+        workspace.detectors.scales,
+        workspace.detectors.noise_px,
         views,
-        memory.matches,
+        workspace.matches,
         detection_map,
-        site.corner_m,
+        constants.corner_m,
         tracks,
     )
     learn_detection_map(
-        num_tracks, dt, site.corner_m, views.arrived, memory.matches, detection_map, tracks
+        num_tracks, dt, constants.corner_m, views.arrived, workspace.matches, detection_map, tracks
     )
     num_tracks, num_waiting, next_id = give_birth(
         num_tracks,
@@ -247,44 +250,48 @@ def step_slot(
         time_s,
         dt,
         next_id,
-        site,
+        constants,
         views,
         tracks,
-        memory.waiting,
-        memory.pairs,
+        workspace.waiting,
+        workspace.pairs,
         failed_pairs,
     )
-    num_tracks = end(num_tracks, site.girdles, tracks, memory.offers.flags[0])
+    num_tracks = end(num_tracks, constants.girdles, tracks, workspace.offers.flags[0])
     return num_tracks, num_waiting, next_id
 
 
 @kernel
-def _revise(num_tracks: int, num_views: int, dt: float, site: Site, memory: Memory) -> None:
+def _revise(
+    num_tracks: int, num_views: int, dt: float, constants: Constants, workspace: Workspace
+) -> None:
     """Update every track with its detections, and learn noise, biases and bone lengths."""
-    views, tracks, passes = memory.views, memory.tracks, memory.passes
+    views, tracks, passes = workspace.views, workspace.tracks, workspace.passes
     for track in range(num_tracks):
-        compare_predicted(track, dt, site, views, memory.matches, tracks)
-        learn_agility(track, dt, site, views, memory.matches, tracks)
+        compare_predicted(track, dt, constants, views, workspace.matches, tracks)
+        learn_agility(track, dt, constants, views, workspace.matches, tracks)
         shown = False
         for camera in range(len(views.counts)):
-            shown |= views.arrived[camera] and memory.matches.assigned[camera, track] >= 0
+            shown |= views.arrived[camera] and workspace.matches.assigned[camera, track] >= 0
         if shown:
             note_place(track, tracks)
         if num_views:
-            update_by_views(track, dt, site, views, memory.matches.assigned, tracks, passes)
-            compare_noise(track, dt, site, views, memory.matches, tracks, memory.detectors)
+            update_by_views(track, dt, constants, views, workspace.matches.assigned, tracks, passes)
+            compare_noise(
+                track, dt, constants, views, workspace.matches, tracks, workspace.detectors
+            )
         if shown:
             note_correction(track, tracks)
         for camera in range(len(views.counts)):
-            person = memory.matches.assigned[camera, track]
+            person = workspace.matches.assigned[camera, track]
             if views.arrived[camera] and person >= 0:
                 learn_bias(
                     views.starts[camera] + person,
                     tracks.last_seen_s[track, camera] + dt,
-                    site.memory,
+                    constants.memory,
                     tracks.state[track],
                     tracks.covariance[track],
-                    site.projections[camera],
+                    constants.projections[camera],
                     views.pixels,
                     views.weights,
                     views.variances,
@@ -294,7 +301,7 @@ def _revise(num_tracks: int, num_views: int, dt: float, site: Site, memory: Memo
             tracks.state[track],
             tracks.covariance[track],
             tracks.unmeasured_s[track],
-            site.body.bones,
+            constants.body.bones,
             tracks.bones_m[track],
             tracks.bone_counts[track],
             passes.measured,
@@ -302,15 +309,15 @@ def _revise(num_tracks: int, num_views: int, dt: float, site: Site, memory: Memo
 
 
 @kernel
-def _prepare(site: Site, detectors: Detectors, views: Views) -> None:
+def _prepare(constants: Constants, detectors: Detectors, views: Views) -> None:
     """Undistort and shift keypoints and look up their noise; no detection is explained yet."""
     undistort_slot(
         views.keypoints_px,
         views.scores,
         views.counts,
-        site.lenses.models,
-        site.lenses.numbers,
-        site.lenses.tables,
+        constants.lenses.models,
+        constants.lenses.numbers,
+        constants.lenses.tables,
         views.lanes,
         views.pixels,
     )
@@ -325,11 +332,11 @@ def _prepare(site: Site, detectors: Detectors, views: Views) -> None:
                     views.pixels[row, joint, axis] -= detectors.shifts_px[camera, axis]
                 u, v = views.pixels[row, joint, 0], views.pixels[row, joint, 1]
                 score = views.scores[camera, person, joint]
-                if not (score >= MIN_SCORE and abs(u) <= MAX_PIXEL and abs(v) <= MAX_PIXEL):
+                if not (score >= MISSING_SCORE and abs(u) <= MAX_PIXEL and abs(v) <= MAX_PIXEL):
                     score = 0.0
                     views.pixels[row, joint, 0] = views.pixels[row, joint, 1] = np.nan
                 views.weights[row, joint] = score
-                sigma = _noise_px(score, site.noise_scores, detectors.noise_px)
+                sigma = _noise_px(score, constants.noise_scores, detectors.noise_px)
                 sigma *= detectors.scales[camera]
                 views.variances[row, joint] = sigma * sigma
             row += 1

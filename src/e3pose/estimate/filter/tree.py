@@ -17,14 +17,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Floats, Integers
 from e3pose.model.skeleton import Skeleton
 from e3pose.runtime.kernel import kernel
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Integers = NDArray[np.int64]
 
 
 class Habit(NamedTuple):
@@ -105,9 +101,9 @@ class Tree:
         usual_m: `(num_joints,)` its usual distance from its parent; 0 where none is known.
     """
 
-    parents: Ints
-    levels: tuple[Ints, ...]
-    order: Ints
+    parents: Integers
+    levels: tuple[Integers, ...]
+    order: Integers
     drift_m2ps4: Floats
     lasts_s: Floats
     usual_m: Floats

@@ -4,21 +4,15 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
+from e3pose.arrays import Flags, Floats, Integers
 from e3pose.estimate.filter.bias import inflation
 from e3pose.estimate.filter.outliers import MEASURED_SIGMAS, ROBUST
 from e3pose.estimate.filter.projected import USED_SCORE, shown_at
 from e3pose.estimate.filter.proportions import BONE_MEMORY, BONE_TEACHERS, expect_lengths
-from e3pose.estimate.filter.scratch import Passes, Site, Tracks, Views
+from e3pose.estimate.filter.scratch import Constants, Passes, Tracks, Views
 from e3pose.estimate.filter.tree import eliminate, prepare, spread_out
 from e3pose.geometry.projection import MIN_DEPTH_M
 from e3pose.runtime.kernel import kernel
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Flags = NDArray[np.bool_]
 
 ITERATIONS = 3  # numerics: of Gauss-Newton
 # tuned: m | not recorded | usual feet
@@ -31,7 +25,7 @@ BONE_KNOWN_M = 0.05  # both ends must be known better than this, per axis, to te
 def update(
     track: int,
     dt: float,
-    site: Site,
+    constants: Constants,
     views: Views,
     assigned: Integers,
     tracks: Tracks,
@@ -48,8 +42,8 @@ def update(
     shared = tracks.shared[track].reshape(num_joints, 36)
     moved, places = passes.moved, passes.places
     prepare(
-        site.order,
-        site.parents,
+        constants.order,
+        constants.parents,
         blocks,
         shared,
         passes.prior_own,
@@ -57,7 +51,7 @@ def update(
         passes.own,
         passes.room,
     )
-    size_variance = _expect_bones(track, site, tracks, passes)
+    size_variance = _expect_bones(track, constants, tracks, passes)
     for joint in range(num_joints):
         passes.measured[joint] = False
         for axis in range(6):
@@ -66,7 +60,7 @@ def update(
     for camera in range(num_cameras):
         shown |= views.arrived[camera] and assigned[camera, track] >= 0
     for iteration in range(ITERATIONS):
-        _pull_views(track, dt, iteration == 0, site, views, assigned, tracks, passes)
+        _pull_views(track, dt, iteration == 0, constants, views, assigned, tracks, passes)
         if shown:  # else two joints would make each other surer without anybody having looked
             _pull_loose_bones(
                 places,
@@ -74,8 +68,8 @@ def update(
                 covariance,
                 passes.lengths_m,
                 passes.slacks_m,
-                site.body.bones,
-                site.loose,
+                constants.body.bones,
+                constants.loose,
                 passes.seen,
             )
         _sum_up(passes)
@@ -84,38 +78,40 @@ def update(
             moved,
             passes.lengths_m,
             passes.slacks_m,
-            site.body.links,
-            site.parents,
-            site.usual_m,
+            constants.body.links,
+            constants.parents,
+            constants.usual_m,
             passes.own,
             passes.across,
             passes.pull,
         )
-        eliminate(site.order, site.parents, passes.own, passes.across, passes.pull, moved)
+        eliminate(constants.order, constants.parents, passes.own, passes.across, passes.pull, moved)
     for joint in range(num_joints):
         for axis in range(6):
             state[joint, axis] += moved[joint, axis]
         if passes.measured[joint]:
             tracks.unmeasured_s[track, joint] = 0.0
-    spread_out(site.order, site.parents, passes.own, passes.across, blocks, shared, passes.room)
+    spread_out(
+        constants.order, constants.parents, passes.own, passes.across, blocks, shared, passes.room
+    )
     return size_variance
 
 
 @kernel
-def _expect_bones(track: int, site: Site, tracks: Tracks, passes: Passes) -> float:
+def _expect_bones(track: int, constants: Constants, tracks: Tracks, passes: Passes) -> float:
     """Fill the lengths and slacks of bones: of limbs by proportions, of others as learned."""
     bones_m, counts = tracks.bones_m[track], tracks.bone_counts[track]
     size_variance = expect_lengths(
         bones_m,
         counts,
-        site.body,
+        constants.body,
         passes.kinds,
         passes.lengths_m,
         passes.variances,
     )
     for bone in range(len(bones_m)):
-        slack_m = site.body.slacks_m[bone]
-        if site.body.kinds[bone] >= 0:
+        slack_m = constants.body.slacks_m[bone]
+        if constants.body.kinds[bone] >= 0:
             spread_m2 = passes.variances[bone] * passes.lengths_m[bone] ** 2
             passes.slacks_m[bone] = math.sqrt(slack_m**2 + spread_m2)
         else:
@@ -129,7 +125,7 @@ def _pull_views(
     track: int,
     dt: float,
     first: bool,
-    site: Site,
+    constants: Constants,
     views: Views,
     assigned: Integers,
     tracks: Tracks,
@@ -150,12 +146,12 @@ def _pull_views(
                 places,
                 moved,
                 covariance,
-                site.projections[camera],
+                constants.projections[camera],
                 views.pixels,
                 views.weights,
                 views.variances,
                 tracks.bias_px[track, camera],
-                inflation(tracks.last_seen_s[track, camera] + dt, site.memory),
+                inflation(tracks.last_seen_s[track, camera] + dt, constants.memory),
                 first,
                 seen,
                 passes.measured,

@@ -10,14 +10,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Floats, Integers
 from e3pose.estimate.per_slot.group import PRIOR_JOINTS
 from e3pose.estimate.per_slot.pairs import measure_tile
 from e3pose.runtime.kernel import LANES, kernel
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 STRENGTH_UNIT = 1e-6  # sums of scores that differ by less are equal; then the first pose leads
 

@@ -28,14 +28,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Floats, Integers
 from e3pose.estimate.per_slot.assign import assign
 from e3pose.geometry.camera import Rig
 from e3pose.runtime.kernel import kernel
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 # Of Tanke and Gall, of the mean score of a pose.
 DROPPED_SCORE, STRONG_SCORE = 0.3, 0.5

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.arrays import Floats, Integers
 from e3pose.errors import InputError
 from e3pose.estimate.per_slot.fusion import Fused as Fused
 from e3pose.estimate.per_slot.fusion import Fusion as Fusion
@@ -14,9 +15,6 @@ from e3pose.estimate.per_slot.fusion import FusionSettings as FusionSettings
 from e3pose.estimate.per_slot.slot import SlotKernel
 from e3pose.geometry.camera import Rig
 from e3pose.model.pose import Poses2D, Poses3D
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 MAX_POSES = 4096  # in one slot, all views together: 1 GB of working memory at most
 
@@ -97,7 +95,7 @@ class Fuser:
         Args:
             keypoints_px: `(num_cameras, max_persons, num_joints, 2)` pixels in the real images.
             scores: `(num_cameras, max_persons, num_joints)` in [0, 1]. A keypoint counts as missing
-                where its score is NaN or below `pose.MIN_SCORE`, or its pixels are not finite; a
+                where its score is NaN or below `MISSING_SCORE`, or its pixels are not finite; a
                 score above 1 is 1.
             counts: `(num_cameras,)` people in each view; rows from there on are ignored.
 

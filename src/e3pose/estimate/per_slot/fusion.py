@@ -7,14 +7,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
+from e3pose.arrays import Floats, Integers
 from e3pose.errors import InputError
 from e3pose.model.pose import Poses3D
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 # joints_m, scores, members, reprojection_error_px
 Fused = tuple[Floats, Floats, Integers, Floats]
 

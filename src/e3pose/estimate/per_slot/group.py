@@ -13,12 +13,9 @@ first, so the order of views and people does not matter.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Floats, Integers
 from e3pose.runtime.kernel import kernel
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 # So many certain joints at the distance `cap_m` are added to what two groups have in common: a
 # scrap of two joints needs more than a lucky coincidence, and larger groups merge before smaller.

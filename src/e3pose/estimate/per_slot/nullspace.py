@@ -4,12 +4,8 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
+from e3pose.arrays import Floats
 from e3pose.runtime.kernel import kernel
-
-Floats = NDArray[np.float64]
 
 MAX_ITERATIONS = 16
 CONVERGED2 = 1e-22  # squared error, relative to the squared length of the vector

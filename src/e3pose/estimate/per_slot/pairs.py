@@ -10,14 +10,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Floats, Integers
 from e3pose.estimate.per_slot.triangulate import noise_px
-from e3pose.model.pose import MAX_PIXEL, MIN_SCORE
+from e3pose.model.pose import MAX_PIXEL, MISSING_SCORE
 from e3pose.runtime.kernel import LANES, kernel
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 # Squared sine of the angle under which two rays count as parallel: their distance says nothing.
 PARALLEL_SINE2 = 1e-9
@@ -58,7 +55,7 @@ def gather(
                 if score > 1.0:  # unlike min(), leaves NaN alone
                     score = 1.0
                 x = y = z = precision = 0.0
-                if score >= MIN_SCORE and abs(u) <= MAX_PIXEL and abs(v) <= MAX_PIXEL:
+                if score >= MISSING_SCORE and abs(u) <= MAX_PIXEL and abs(v) <= MAX_PIXEL:
                     x = m[0, 0] * u + m[0, 1] * v + m[0, 2]
                     y = m[1, 0] * u + m[1, 1] * v + m[1, 2]
                     z = m[2, 0] * u + m[2, 1] * v + m[2, 2]

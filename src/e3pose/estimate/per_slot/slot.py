@@ -1,4 +1,4 @@
-"""One slot in one compiled call, with the working memory that it needs."""
+"""One slot in one compiled call, with the working workspace that it needs."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Floats, Integers
 from e3pose.estimate.per_slot.dissolve import dissolve_groups, weigh_groups
 from e3pose.estimate.per_slot.epipolar import (
     fundamental_matrices,
@@ -27,14 +27,11 @@ from e3pose.geometry.camera import Rig
 from e3pose.geometry.undistort import make_lenses, undistort_slot
 from e3pose.runtime.kernel import LANES, kernel
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-
 RAYS, TANKE_GALL = MATCHERS.index("rays"), MATCHERS.index("tanke-gall")
-CAMERA, ROW, LABEL, NEAREST, ALIVE, SIZE, MEMBER = range(7)  # the rows of `Memory.integers`
+CAMERA, ROW, LABEL, NEAREST, ALIVE, SIZE, MEMBER = range(7)  # the rows of `Workspace.integers`
 
 
-class Memory(NamedTuple):
+class Workspace(NamedTuple):
     """Scratch of a slot of at most `capacity` poses, allocated once."""
 
     pixels: Floats  # (capacity, num_joints, 2)
@@ -55,12 +52,12 @@ class Memory(NamedTuple):
     members: Integers  # (capacity // 2, num_cameras)
 
 
-def make_memory(num_cameras: int, num_joints: int, capacity: int) -> Memory:
+def make_workspace(num_cameras: int, num_joints: int, capacity: int) -> Workspace:
     """Allocate scratch; `capacity` is rounded up to whole tiles."""
     num_tiles = max(1, -(-capacity // LANES))
     capacity = num_tiles * LANES
     people = capacity // MIN_VIEWS
-    return Memory(
+    return Workspace(
         pixels=np.zeros((capacity, num_joints, 2)),
         scores=np.zeros((capacity, num_joints)),
         tiles=np.zeros((num_tiles, num_joints * PLANES * LANES)),
@@ -81,7 +78,7 @@ def make_memory(num_cameras: int, num_joints: int, capacity: int) -> Memory:
 
 
 class SlotKernel:
-    """What `Fuser` runs: keeps what is constant per rig, and the working memory."""
+    """What `Fuser` runs: keeps what is constant per rig, and the working workspace."""
 
     def __init__(self, rig: Rig, num_joints: int, settings: FusionSettings) -> None:
         self._rig = (
@@ -102,21 +99,23 @@ class SlotKernel:
             MATCHERS.index(settings.matcher),
             settings.epipolar_px,
         )
-        self._memory = make_memory(len(rig), num_joints, 8 * len(rig))
+        self._workspace = make_workspace(len(rig), num_joints, 8 * len(rig))
 
     def __call__(self, keypoints_px: Floats, scores: Floats, counts: Integers) -> Fused:
         """Fuse one slot; the arguments are those of `Fuser.fuse_arrays`."""
-        memory = self._memory
-        if counts.sum() > len(memory.strength):
+        workspace = self._workspace
+        if counts.sum() > len(workspace.strength):
             num_cameras, num_joints = len(counts), scores.shape[2]
-            memory = make_memory(num_cameras, num_joints, 2 * int(counts.sum()))
-            self._memory = memory
-        people: int = self._call(keypoints_px, scores, counts, *self._rig, *self._settings, memory)
+            workspace = make_workspace(num_cameras, num_joints, 2 * int(counts.sum()))
+            self._workspace = workspace
+        people: int = self._call(
+            keypoints_px, scores, counts, *self._rig, *self._settings, workspace
+        )
         return (
-            memory.joints_m[:people].copy(),
-            memory.joint_scores[:people].copy(),
-            memory.members[:people].copy(),
-            memory.errors_px[:people].copy(),
+            workspace.joints_m[:people].copy(),
+            workspace.joint_scores[:people].copy(),
+            workspace.members[:people].copy(),
+            workspace.errors_px[:people].copy(),
         )
 
 
@@ -140,9 +139,9 @@ def fuse_slot(
     reject_outliers: bool,
     matcher: int,
     max_epipolar_px: float,
-    memory: Memory,
+    workspace: Workspace,
 ) -> int:
-    """Match and triangulate one slot into the last four arrays of `memory`; return the people."""
+    """Match and triangulate one slot into the last four arrays of `workspace`; return people."""
     undistort_slot(
         keypoints_px,
         scores,
@@ -150,30 +149,30 @@ def fuse_slot(
         lens_models,
         lens_numbers,
         lens_tables,
-        memory.lanes,
-        memory.pixels,
+        workspace.lanes,
+        workspace.pixels,
     )
-    cameras, rows = memory.integers[CAMERA], memory.integers[ROW]
+    cameras, rows = workspace.integers[CAMERA], workspace.integers[ROW]
     num_poses = gather(
         scores,
         counts,
         ray_matrices,
         centers_m,
-        memory.pixels,
-        memory.scores,
-        memory.precisions,
+        workspace.pixels,
+        workspace.scores,
+        workspace.precisions,
         cameras,
         rows,
-        memory.tiles,
-        memory.tile_centers,
+        workspace.tiles,
+        workspace.tile_centers,
     )
     if matcher == RAYS:
-        _match_rays(num_poses, max_distance_m, cap_m, memory)
+        _match_rays(num_poses, max_distance_m, cap_m, workspace)
     else:
-        _match_epipolar(num_poses, matcher, fundamentals, max_epipolar_px, memory)
+        _match_epipolar(num_poses, matcher, fundamentals, max_epipolar_px, workspace)
     people = 0
     while True:
-        group = _take_strongest(num_poses, memory)
+        group = _take_strongest(num_poses, workspace)
         if len(group) == 0:
             return people
         people += _fuse_person(
@@ -184,7 +183,7 @@ def fuse_slot(
             min_joints,
             steps,
             reject_outliers,
-            memory,
+            workspace,
         )
 
 
@@ -197,16 +196,16 @@ def _fuse_person(
     min_joints: int,
     steps: int,
     reject_outliers: bool,
-    memory: Memory,
+    workspace: Workspace,
 ) -> bool:
-    """Triangulate a group of poses into row `person` of `memory`; return whether it is a person.
+    """Triangulate a group of poses into row `person` of `workspace`; return whether it is a person.
 
     With fewer than `min_joints` it is none, nor within `duplicate_m`, if positive, of another one.
     """
-    cameras, rows = memory.integers[CAMERA], memory.integers[ROW]
-    joints_m = memory.joints_m[person]
+    cameras, rows = workspace.integers[CAMERA], workspace.integers[ROW]
+    joints_m = workspace.joints_m[person]
     found = triangulate_person(
-        group, cameras, memory.pixels, memory.scores, projections, memory.small, joints_m
+        group, cameras, workspace.pixels, workspace.scores, projections, workspace.small, joints_m
     )
     if found < min_joints:
         return False
@@ -214,114 +213,114 @@ def _fuse_person(
         refine_person(
             group,
             cameras,
-            memory.pixels,
-            memory.precisions,
+            workspace.pixels,
+            workspace.precisions,
             projections,
             steps,
             reject_outliers,
             joints_m,
         )
-    if duplicate_m > 0 and _is_duplicate(memory.joints_m, person, duplicate_m):
+    if duplicate_m > 0 and _is_duplicate(workspace.joints_m, person, duplicate_m):
         return False
     score_person(
         group,
         cameras,
-        memory.pixels,
-        memory.scores,
-        memory.precisions,
+        workspace.pixels,
+        workspace.scores,
+        workspace.precisions,
         projections,
         reject_outliers,
         joints_m,
-        memory.joint_scores[person],
-        memory.errors_px[person],
+        workspace.joint_scores[person],
+        workspace.errors_px[person],
     )
-    memory.members[person] = -1
+    workspace.members[person] = -1
     for index in range(len(group)):
-        memory.members[person, cameras[group[index]]] = rows[group[index]]
+        workspace.members[person, cameras[group[index]]] = rows[group[index]]
     return True
 
 
 @kernel
 def _match_epipolar(
-    num_poses: int, matcher: int, fundamentals: Floats, max_epipolar_px: float, memory: Memory
+    num_poses: int, matcher: int, fundamentals: Floats, max_epipolar_px: float, workspace: Workspace
 ) -> None:
     """Group poses by person by epipolar lines: their labels, group sizes and strengths."""
-    labels = memory.integers[LABEL]
+    labels = workspace.integers[LABEL]
     arguments = (
         num_poses,
-        memory.integers[CAMERA],
-        memory.pixels,
-        memory.scores,
+        workspace.integers[CAMERA],
+        workspace.pixels,
+        workspace.scores,
         fundamentals,
         max_epipolar_px,
         labels,
-        memory.sums,
+        workspace.sums,
     )
     if matcher == TANKE_GALL:
         match_tanke_gall(*arguments)
     else:
         match_epipolar(*arguments)
-    weigh_groups(num_poses, labels, memory.scores, memory.integers[SIZE], memory.strength)
+    weigh_groups(num_poses, labels, workspace.scores, workspace.integers[SIZE], workspace.strength)
 
 
 @kernel
-def _match_rays(num_poses: int, max_distance_m: float, cap_m: float, memory: Memory) -> None:
+def _match_rays(num_poses: int, max_distance_m: float, cap_m: float, workspace: Workspace) -> None:
     """Group poses by person, the closest first: their labels, group sizes and strengths."""
-    cameras, labels = memory.integers[CAMERA], memory.integers[LABEL]
-    nearest, sizes = memory.integers[NEAREST], memory.integers[SIZE]
+    cameras, labels = workspace.integers[CAMERA], workspace.integers[LABEL]
+    nearest, sizes = workspace.integers[NEAREST], workspace.integers[SIZE]
     measure_pairs(
         num_poses,
-        memory.scores.shape[1],
+        workspace.scores.shape[1],
         cameras,
-        memory.tiles,
-        memory.tile_centers,
+        workspace.tiles,
+        workspace.tile_centers,
         cap_m,
-        memory.lanes,
-        memory.sums,
-        memory.weights,
+        workspace.lanes,
+        workspace.sums,
+        workspace.weights,
     )
     group_poses(
         num_poses,
-        memory.sums,
-        memory.weights,
+        workspace.sums,
+        workspace.weights,
         max_distance_m,
         cap_m,
         labels,
         nearest,
-        memory.distance,
-        memory.integers[ALIVE],
+        workspace.distance,
+        workspace.integers[ALIVE],
     )
-    weigh_groups(num_poses, labels, memory.scores, sizes, memory.strength)
+    weigh_groups(num_poses, labels, workspace.scores, sizes, workspace.strength)
     dissolve_groups(
         num_poses,
         cameras,
-        memory.scores,
-        memory.tiles,
-        memory.tile_centers,
-        memory.lanes,
+        workspace.scores,
+        workspace.tiles,
+        workspace.tile_centers,
+        workspace.lanes,
         max_distance_m,
         cap_m,
         labels,
         sizes,
         nearest,
-        memory.strength,
-        memory.distance,
-        memory.weights[0],
+        workspace.strength,
+        workspace.distance,
+        workspace.weights[0],
     )
 
 
 @kernel
-def _take_strongest(num_poses: int, memory: Memory) -> Integers:
+def _take_strongest(num_poses: int, workspace: Workspace) -> Integers:
     """Return the poses of the strongest remaining group, by camera; empty if there is none."""
-    labels, sizes = memory.integers[LABEL], memory.integers[SIZE]
+    labels, sizes = workspace.integers[LABEL], workspace.integers[SIZE]
     strongest = -1
     for pose in range(num_poses):
-        stronger = strongest < 0 or memory.strength[pose] > memory.strength[strongest]
+        stronger = strongest < 0 or workspace.strength[pose] > workspace.strength[strongest]
         if sizes[pose] >= MIN_VIEWS and stronger:
             strongest = pose
     if strongest < 0:
-        return memory.integers[MEMBER, :0]
-    group = memory.integers[MEMBER, : sizes[strongest]]
+        return workspace.integers[MEMBER, :0]
+    group = workspace.integers[MEMBER, : sizes[strongest]]
     count = 0
     for pose in range(num_poses):  # poses are stored by camera, so the group is too
         if labels[pose] == strongest:

@@ -11,9 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.model.pose import Poses3D
-
-Floats = NDArray[np.float64]
 
 GATE_M = 0.4  # mean joint distance explained by estimation noise of two triangulated poses
 GATE_SPEED_MPS = 4.0  # how fast a person may move away from where they were last seen

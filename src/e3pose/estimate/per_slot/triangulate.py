@@ -16,13 +16,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Floats, Integers
 from e3pose.estimate.per_slot.nullspace import null_vector
 from e3pose.runtime.kernel import kernel
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 MIN_VIEWS = 2
 # Standard deviation in pixels of a keypoint by its score. Detectors guess below a score of about

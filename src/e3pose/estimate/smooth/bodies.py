@@ -13,8 +13,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Floats, Integers
 from e3pose.estimate.base import Posterior
 from e3pose.estimate.filter.bones import Proportions
 from e3pose.estimate.filter.lasting import grown_m2
@@ -23,9 +23,6 @@ from e3pose.estimate.filter.proportions import kept
 from e3pose.estimate.filter.tree import Tree
 from e3pose.estimate.smooth.rauch import Expected, expect, step_back
 from e3pose.estimate.smooth.stated import own_m2
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,7 +56,7 @@ class Smoothed:
         own = np.moveaxis(np.diagonal(blocks, axis1=1, axis2=3), -1, 1)
         return np.asarray(own[..., :3, :3])
 
-    def of(self, track_ids: Ints, scores: Floats, body: Proportions) -> tuple[Floats, Floats]:
+    def of(self, track_ids: Integers, scores: Floats, body: Proportions) -> tuple[Floats, Floats]:
         """Return the published people of the slot, and their covariances (`stated`).
 
         A joint that was missing stays missing, and limbs are as long as they can be.
@@ -209,8 +206,8 @@ class _Link:
 
     posterior: Posterior
     covariance: Floats
-    now: Ints
-    then: Ints
+    now: Integers
+    then: Integers
     expected: Expected | None
 
 

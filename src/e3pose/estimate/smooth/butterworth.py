@@ -2,14 +2,9 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-
 from e3pose.errors import InputError
 from e3pose.estimate.smooth.gaps import stretches
 from e3pose.model.take import Motion
-
-Floats = NDArray[np.float64]
 
 ORDER = 2  # of one pass; two passes make the fourth order
 # Two passes halve the power at a cut-off twice: each is given one that is higher (Winter 2009).

@@ -6,12 +6,9 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Flags, Floats
 from e3pose.model.take import FILLED, MISSING, Motion
-
-Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 
 def stretches(known: Flags, longest_gap: int) -> Iterator[tuple[int, int]]:

@@ -8,11 +8,9 @@ It looks at no later slot, so it lags; what runs live can be had here, too.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.model.take import Motion
-
-Floats = NDArray[np.float64]
 
 BETA_PER_M = 10.0  # Hz by which each metre per second raises the cut-off
 SPEED_CUTOFF_HZ = 1.0  # of the speed itself, as published

@@ -19,8 +19,8 @@ of the whole body's filter: they know how a joint moved that no view showed, bec
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Flags, Floats
 from e3pose.estimate.filter.motion import alone, fading
 from e3pose.estimate.filter.tree import grow
 from e3pose.estimate.smooth.gaps import stretches
@@ -28,9 +28,6 @@ from e3pose.estimate.smooth.rauch import Expected, expect, step_back
 from e3pose.model.dynamics import covariance_of
 from e3pose.model.skeleton import Skeleton
 from e3pose.model.take import FILLED, Motion
-
-Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 UNKNOWN_SIGMA_M = 0.03  # of an estimator that states none: the usual error of two views
 FIRST_SPEED_MPS = 1.0  # standard deviation of a velocity of which nothing is known

@@ -13,9 +13,8 @@ experiments/2026-11-24-smoothed-covariances.md`).
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from e3pose.arrays import Floats
 
 SHARED = 0.3  # of what smoothing gains, where g is 1: errors that slots share
 

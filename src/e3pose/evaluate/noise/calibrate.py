@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Floats, Integers
 from e3pose.errors import InputError
 from e3pose.evaluate.noise.residuals import MIN_SLOTS, Observed, assign_detections, leave_one_out
 from e3pose.evaluate.noise.statistics import Statistics, describe, falling, fit_memory
@@ -27,8 +27,6 @@ from e3pose.simulate.noise import GROSS_MEMORY, GROSS_SIGMA_PX, correlated, norm
 if TYPE_CHECKING:
     from e3pose.pipeline import SlotRecord
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 Replayed = Callable[[Iterable["SlotRecord"]], Iterable["SlotRecord"]]
 Progress = Callable[[str, int, int], None]  # what is done, how much of it, of how much
 
@@ -137,7 +135,7 @@ def calibrate_noise(
 
 def all_camera_tracks(
     recording: Recording, num_slots: int, replayed: Replayed = iter
-) -> tuple[list[tuple[Ints, Floats]], Floats, Floats]:
+) -> tuple[list[tuple[Integers, Floats]], Floats, Floats]:
     """Return what the estimator with a memory finds with all cameras on.
 
     Returns:

@@ -14,13 +14,11 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 from scipy.optimize import linear_sum_assignment
 
+from e3pose.arrays import Floats, Integers
 from e3pose.evaluate.smoother import project_all, smooth
 from e3pose.geometry.camera import Rig
 from e3pose.model.noise import Noise
 from e3pose.recording import Recording
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 MIN_SCORE = 0.1  # below this keypoints are as good as missing, and detectors rarely report any
 SHARED_JOINTS = 5  # that a detection and a track have in common, to tell whether they are one
@@ -66,16 +64,16 @@ class Residuals:
 
     errors_px: Floats
     scores: Floats
-    cameras: Ints
-    series: Ints
-    slots: Ints
+    cameras: Integers
+    series: Integers
+    slots: Integers
 
     def __len__(self) -> int:
         return len(self.scores)
 
 
 def assign_detections(
-    recording: Recording, tracks: Sequence[tuple[Ints, Floats]], num_slots: int
+    recording: Recording, tracks: Sequence[tuple[Integers, Floats]], num_slots: int
 ) -> Iterator[Observed]:
     """Give the detections of a recording to its tracks.
 
@@ -174,7 +172,7 @@ def _apart(expected_px: Floats, found_px: Floats) -> Floats:
     return np.where(shared >= SHARED_JOINTS, middle[..., 0], np.inf)
 
 
-def _closed(slots: Ints, joints_m: Floats, num_slots: int) -> Floats:
+def _closed(slots: Integers, joints_m: Floats, num_slots: int) -> Floats:
     """Return `(num_slots, num_joints, 3)`: gaps closed in time, unknown joints in the middle."""
     middle = np.nanmean(joints_m, axis=(0, 1))
     path = np.empty((num_slots, *joints_m.shape[1:]))

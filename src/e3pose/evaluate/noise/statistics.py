@@ -8,12 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.arrays import Floats, Integers
 from e3pose.errors import InputError
 from e3pose.evaluate.noise.residuals import MIN_SCORE, Residuals
 from e3pose.model.noise import ErrorMemory
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 EDGES = np.array([MIN_SCORE, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0 + 1e-9])
 LEAST = 400  # keypoints of a bin, whose errors last; bins with fewer are joined
@@ -57,7 +55,7 @@ class Statistics:
     """
 
     scores: Floats
-    counts: Ints
+    counts: Integers
     sigma_px: Floats
     gross_share: Floats
     autocorrelation: dict[float, float]
@@ -154,7 +152,7 @@ def fit_memory(correlations: Mapping[float, float]) -> ErrorMemory:
     return replace(memory, lasting_share=lasting, quick_share=quick)
 
 
-def _bins(scores: Floats) -> Ints:
+def _bins(scores: Floats) -> Integers:
     """Return the bin of each score; bins that hold too little are joined to their neighbours."""
     index = np.clip(np.digitize(scores, EDGES) - 1, 0, len(EDGES) - 2)
     counts = np.bincount(index, minlength=len(EDGES) - 1)

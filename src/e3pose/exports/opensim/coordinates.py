@@ -10,15 +10,13 @@ its bent knee or elbow says; where the limb is straight, as little as it can.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.exports.base import y_up
 from e3pose.exports.bones import held, least_rotation
 from e3pose.exports.opensim.markers import PLACES, SIDES
 from e3pose.exports.opensim.model import BALL_M, HEEL_M, SHIFTS, SOLE_M
 from e3pose.model.skeleton import Skeleton
-
-Floats = NDArray[np.float64]
 
 NEEDED = ("left_hip", "right_hip", "left_shoulder", "right_shoulder")
 BENT_DEG = (5.0, 20.0)  # from the first on, a knee or elbow begins to tell its plane; then it does

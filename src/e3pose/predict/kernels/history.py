@@ -7,12 +7,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.arrays import Flags, Floats, Integers
 from e3pose.runtime.kernel import kernel
 
-Floats = NDArray[np.float64]
 Floats32 = NDArray[np.float32]
-Integers = NDArray[np.int64]
-Flags = NDArray[np.bool_]
 
 FAR_M = 1e4  # from the origin of the world; beyond it a position is taken for a mistake
 ROUGH_FLOOR_M = 1e-4  # a slot; rougher than this is noise or motion

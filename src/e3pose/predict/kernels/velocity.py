@@ -5,11 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.runtime.kernel import kernel
-
-Floats = NDArray[np.float64]
 
 
 @kernel

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from e3pose.arrays import Floats
 from e3pose.errors import InputError
 from e3pose.files.atomic import atomic_file
 from e3pose.files.bounded import parse_toml
@@ -67,7 +68,7 @@ def read_camera(
     """
     where = f"{path}: camera {section}"
 
-    def numbers(key: str, *shapes: tuple[int, ...]) -> fields.Floats:
+    def numbers(key: str, *shapes: tuple[int, ...]) -> Floats:
         return fields.numbers(fields.field(camera, key, where), shapes, f"{where}: {key}")
 
     made = fields.make_camera(

@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from e3pose.arrays import Floats
 from e3pose.errors import InputError
 from e3pose.geometry.camera import Camera, Rig
 from e3pose.recording.calibration import fields
@@ -51,9 +52,7 @@ def _camera(
 ) -> Camera:
     shown = name[:80].encode("unicode_escape").decode()
 
-    def numbers(
-        file: tuple[Path, Mapping[str, Any]], key: str, *shapes: tuple[int, ...]
-    ) -> fields.Floats:
+    def numbers(file: tuple[Path, Mapping[str, Any]], key: str, *shapes: tuple[int, ...]) -> Floats:
         where = f"{file[0]}: camera {shown}"
         node = fields.field(file[1], f"{key}_{name}", where)
         return fields.numbers(node, shapes, f"{where}: {key}_{shown}")

@@ -8,14 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from e3pose.arrays import Floats
 from e3pose.errors import InputError
 from e3pose.files.bounded import read_bytes
 from e3pose.geometry.camera import Camera, Rig
 from e3pose.geometry.rotations import rotation_of
-
-Floats = NDArray[np.float64]
 
 MAX_BYTES = 2_000_000  # a thousand cameras fit
 MAX_CAMERAS = 2000

@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from e3pose.arrays import Floats
 from e3pose.errors import InputError
 from e3pose.geometry.camera import Camera, Rig
 from e3pose.recording.calibration import fields
@@ -76,7 +77,7 @@ def _camera(path: Path, where: str, nodes: Mapping[str, Any], default_name: str 
     def optional(key: str, default: Any) -> Any:
         return next((nodes[name] for name in FIELDS[key] if name in nodes), default)
 
-    def numbers(key: str, *shapes: tuple[int, ...]) -> fields.Floats:
+    def numbers(key: str, *shapes: tuple[int, ...]) -> Floats:
         name, value = node(key)
         return fields.numbers(value, shapes, f"{where}: {name}")
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from e3pose.arrays import Floats
 from e3pose.errors import InputError
 from e3pose.geometry.camera import Camera, Rig
 from e3pose.recording.calibration import fields
@@ -34,7 +35,7 @@ def load(path: Path) -> Rig:
     return fields.make_rig(path, cameras, "centimetres")
 
 
-def world_points(points_cm: fields.Floats) -> fields.Floats:
+def world_points(points_cm: Floats) -> Floats:
     """Bring `(*batch, 3)` Panoptic points to metres with z up."""
     return np.asarray(points_cm @ WORLD_FROM_PANOPTIC.T * METRES_PER_UNIT, dtype=np.float64)
 
@@ -44,7 +45,7 @@ def _camera(path: Path, index: int, entry: object) -> Camera:
     name = fields.name_of(fields.field(camera, "name", f"{path}: camera number {index + 1}"))
     where = f"{path}: camera {name[:80].encode('unicode_escape').decode()}"
 
-    def numbers(key: str, *shapes: tuple[int, ...]) -> fields.Floats:
+    def numbers(key: str, *shapes: tuple[int, ...]) -> Floats:
         return fields.numbers(fields.field(camera, key, where), shapes, f"{where}: {key}")
 
     with np.errstate(all="ignore"):

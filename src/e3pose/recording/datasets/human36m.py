@@ -8,8 +8,8 @@ from typing import TypeVar
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.errors import InputError
 from e3pose.files.bounded import read_bytes
 from e3pose.geometry.camera import Camera, Rig
@@ -19,8 +19,6 @@ from e3pose.recording.datasets.detected import detected_views
 from e3pose.recording.datasets.openpose import Progress
 from e3pose.recording.datasets.views import MAX_SLOTS
 from e3pose.recording.json_lines import METRE_LIMIT
-
-Floats = NDArray[np.float64]
 
 FPS = 50.0
 MAX_FILE_BYTES = 1 * 2**30

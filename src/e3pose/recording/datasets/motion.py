@@ -8,8 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.errors import InputError
 from e3pose.files.bounded import open_regular
 from e3pose.geometry.camera import Rig
@@ -18,8 +18,6 @@ from e3pose.model.skeleton import CMU31
 from e3pose.recording import Recording, Truth, ViewSeries
 from e3pose.recording.datasets.arrays import MAX_FILE_BYTES, floats, load_arrays
 from e3pose.recording.datasets.views import MAX_SLOTS, check_fps
-
-Floats = NDArray[np.float64]
 
 FPS = 30.0
 SOURCE = (

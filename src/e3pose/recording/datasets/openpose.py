@@ -8,8 +8,8 @@ from pathlib import Path
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.errors import InputError
 from e3pose.files.bounded import read_bytes
 from e3pose.geometry.camera import Rig
@@ -24,7 +24,6 @@ MAX_FILE_BYTES = 64 * 2**20
 SKELETONS_BY_COUNT = {3 * len(s): s for s in (BODY25, COCO18, COCO17)}
 FRAME_NUMBER = re.compile(r"(\d{1,18})(?!.*\d)")
 
-Floats = NDArray[np.float64]
 Progress = Callable[[Sequence[Path]], Iterable[Path]]
 
 

@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.errors import InputError
 from e3pose.geometry.camera import Camera, Rig
 from e3pose.model.pose import Poses2D
@@ -21,7 +21,6 @@ from e3pose.recording.datasets.openpose import Progress, read_detections
 from e3pose.recording.datasets.panoptic_json import read_bodies
 from e3pose.recording.datasets.views import MAX_SLOTS, poses_from_triples
 
-Floats = NDArray[np.float64]
 Bodies = Mapping[int, Mapping[int, Floats]]  # frame number -> person -> (19, 4) cm and confidence
 
 FPS = 29.97

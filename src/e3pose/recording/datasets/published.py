@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.errors import InputError
 from e3pose.files.bounded import open_regular, read_bytes
 from e3pose.geometry.camera import Camera, Rig
@@ -19,8 +19,6 @@ from e3pose.recording import Recording, Truth
 from e3pose.recording.datasets.detected import detected_views
 from e3pose.recording.datasets.openpose import Progress, frame_number
 from e3pose.recording.json_lines import METRE_LIMIT
-
-Floats = NDArray[np.float64]
 
 LABELS = "actorsGT.mat"
 MAX_LABEL_BYTES = 512 * 2**20

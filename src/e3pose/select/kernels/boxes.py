@@ -5,13 +5,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.geometry.project import Optics, project_people
 from e3pose.runtime.held import Held
 from e3pose.runtime.kernel import kernel
-
-Floats = NDArray[np.float64]
 
 BOX_EXPANSION = 0.10  # paper section 3.2.1: a body is a little larger than its joints
 

@@ -6,10 +6,11 @@ Symmetric 3 x 3 matrices are their six upper entries, xx, xy, xz, yy, yz and zz.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Flags, Floats
 from e3pose.estimate.filter.bias import MemoryTerms, inflation, worth_inflation
 from e3pose.estimate.filter.blindness import PLAIN
 from e3pose.estimate.filter.carry import carry
@@ -19,9 +20,6 @@ from e3pose.runtime.kernel import kernel
 from e3pose.select.kernels.blind_places import worth
 from e3pose.select.kernels.people import hide
 
-Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
-
 # Of the information about a joint that lies in the box of somebody nearer. A box is about half
 # filled by its body.
 BEHIND_SHARE = 0.5
@@ -30,80 +28,85 @@ LEAST_DEPTH_M = 1e-6  # in place of smaller depths, so that no pixel is infinite
 MOST_PRODUCT = 1e200  # of ratios before their logarithm is taken
 
 
+class Expected(NamedTuple):
+    """People expected in a slot; everything as in `Outlook`."""
+
+    joints_m: Floats  # (num_tracks, num_joints, 3)
+    sigma_px: Floats  # (num_cameras,)
+    delivered: Floats  # (num_tracks, num_cameras)
+    shows: Floats  # (num_tracks, num_cameras)
+    covariance: Floats  # (num_tracks, num_joints, 6, 6)
+    drift_m2ps3: Floats  # (num_tracks, num_joints)
+    velocity_lasts_s: Floats  # (num_joints,)
+    last_seen_s: Floats  # (num_tracks, num_cameras)
+    needed: Flags  # (num_tracks, num_cameras)
+
+
+class Foreseen(NamedTuple):
+    """What each camera is expected to add: as in `Foresight`, the last two as in `HiddenPeople`."""
+
+    views: Floats  # (num_cameras, num_tracks, num_joints, 6)
+    prior: Floats  # (num_tracks, num_joints, 6)
+    counted: Floats  # (num_cameras, num_tracks)
+    new: Floats  # (num_cameras, num_tracks)
+    weights: Floats  # (num_tracks,)
+    shown: Floats  # (num_cameras, num_tracks)
+    hidden: Floats  # (num_tracks,)
+
+
 @kernel
 def foresee_views(
-    joints_m: Floats,
+    expected: Expected,
     projections: Floats,
     sizes: Floats,
-    sigma_px: Floats,
-    delivered: Floats,
-    shows: Floats,
-    covariance: Floats,
-    drift_m2ps3: Floats,
-    velocity_lasts_s: Floats,
     terms: MemoryTerms,
     interval_s: float,
     carried: Flags,
     ordered: Flags,
-    last_seen_s: Floats,
-    needed: Flags,
-    views: Floats,
-    prior: Floats,
-    counted: Floats,
-    new: Floats,
-    weights: Floats,
-    shown: Floats,
-    hidden: Floats,
+    foreseen: Foreseen,
 ) -> None:
-    """Fill the arrays of a `Foresight`, from `views` on.
+    """Fill `foreseen`.
 
     Less is expected of cameras that seldom show somebody where people will be (`blind_places`).
 
     Args:
-        joints_m: `(num_tracks, num_joints, 3)` metres; it and all that `Outlook` has are of that.
+        expected: people.
         projections: `(num_cameras, 3, 4)`.
         sizes: `(num_cameras, 2)` width and height.
-        sigma_px: `(num_cameras,)`.
-        delivered: `(num_tracks, num_cameras)`.
-        shows: `(num_tracks, num_cameras)`.
-        covariance: `(num_tracks, num_joints, 6, 6)`.
-        drift_m2ps3: `(num_tracks, num_joints)`.
-        velocity_lasts_s: `(num_joints,)`.
         terms: how the filter counts repeated looks.
         interval_s: seconds per slot.
         carried: `(num_ordered, num_cameras)` the looks that will be known by then.
         ordered: `(num_ordered, num_cameras)` the looks until then.
-        last_seen_s: `(num_tracks, num_cameras)`.
-        needed: `(num_tracks, num_cameras)`.
-        views: `(num_cameras, num_tracks, num_joints, 6)` see `Foresight`.
-        prior: `(num_tracks, num_joints, 6)`.
-        counted: `(num_cameras, num_tracks)`.
-        new: `(num_cameras, num_tracks)`.
-        weights: `(num_tracks,)`.
-        shown: `(num_cameras, num_tracks)` of `HiddenPeople`.
-        hidden: `(num_tracks,)` of `HiddenPeople`.
+        foreseen: filled.
     """
+    views, weights = foreseen.views, foreseen.weights
     weights[:] = 0.0
     for camera in range(len(views)):
         _expect(
-            joints_m,
+            expected.joints_m,
             projections[camera],
             sizes[camera],
-            sigma_px[camera],
-            delivered[:, camera],
-            shows[:, camera],
+            expected.sigma_px[camera],
+            expected.delivered[:, camera],
+            expected.shows[:, camera],
             views[camera],
             weights,
-            shown[camera],
+            foreseen.shown[camera],
         )
-    since_s = last_seen_s.copy()
-    steps = (covariance, drift_m2ps3, velocity_lasts_s, interval_s, terms)
-    carry(*steps, carried, views, since_s, prior)
+    since_s = expected.last_seen_s.copy()
+    steps = (
+        expected.covariance,
+        expected.drift_m2ps3,
+        expected.velocity_lasts_s,
+        interval_s,
+        terms,
+    )
+    carry(*steps, carried, views, since_s, foreseen.prior)
     for camera in range(len(views)):
         for track in range(len(weights)):
-            counted[camera, track] = 1.0 / inflation(since_s[track, camera], terms)
-            new[camera, track] = 1.0 / worth_inflation(since_s[track, camera], terms)
-    hide(shown, needed, ordered, hidden)
+            foreseen.counted[camera, track] = 1.0 / inflation(since_s[track, camera], terms)
+            foreseen.new[camera, track] = 1.0 / worth_inflation(since_s[track, camera], terms)
+    hide(foreseen.shown, expected.needed, ordered, foreseen.hidden)
 
 
 @kernel

@@ -2,13 +2,8 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-
+from e3pose.arrays import Flags, Floats
 from e3pose.runtime.kernel import kernel
-
-Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 FIRST_VIEW = 0.5  # of a start: one view is worth half, a later one the rest
 

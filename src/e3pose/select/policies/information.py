@@ -17,13 +17,10 @@ from itertools import combinations
 from math import comb
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Flags, Floats
 from e3pose.select.expected_information import Foresight
 from e3pose.select.policies.base import Selection, Situation, count_at
-
-Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 MOST_SUBSETS = 60  # that are all tried: any count of up to seven cameras, and 2 of 11
 WATCH_NATS_PER_S = 0.5  # what a camera that has not looked for a second may show that is new

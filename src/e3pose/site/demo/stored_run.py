@@ -7,16 +7,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.arrays import Floats
 from e3pose.model.pose import Poses2D
 from e3pose.pipeline import SlotRecord
 from e3pose.recording import Recording, Truth, ViewSeries
 from e3pose.site.demo.live import Heard
 from e3pose.store import Store
 from e3pose.store.records import slot_records
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

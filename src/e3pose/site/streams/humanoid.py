@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pythonosc.udp_client import UDPClient
 
+from e3pose.arrays import Floats
 from e3pose.errors import InputError
 from e3pose.exports.bones import posed, present, rest_of
 from e3pose.model.skeleton import Skeleton
@@ -23,8 +24,6 @@ from e3pose.model.take import Motion, motion_of
 from e3pose.model.zone_event import ZoneEvent
 from e3pose.site.connect import LiveSlot
 from e3pose.site.streams.base import Source, host_port
-
-Floats = NDArray[np.float64]
 
 KEPT_S, MEASURE_S = 4.0, 1.0  # whose lengths are measured, and how often
 GONE_S = 1.0  # who is not shown for so long is gone, and another one is sent

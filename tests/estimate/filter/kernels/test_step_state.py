@@ -119,7 +119,7 @@ def test_a_slot_that_fails_half_way_can_be_computed_again(
     expected, _ = StepKernel()(model(), belief, *slots[2])
 
     def fail(*_: object) -> None:
-        for column in kernel._memory.tracks:
+        for column in kernel._workspace.tracks:
             column[:] = 0
         raise MemoryError
 
