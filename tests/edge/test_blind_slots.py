@@ -69,7 +69,7 @@ def test_policy_that_rests_on_purpose_makes_no_slot_blind(site: Site) -> None:
     edge = site.edge
     assert edge is not None
 
-    edge.pipeline = replace(edge.pipeline, policy=Rest())
+    edge.owner.pipeline = replace(edge.pipeline, policy=Rest())
     here = edge.counts.slots
     assert eventually(lambda: edge.counts.slots > here + 30)
     assert all(not poses.blind and not poses.selected for poses in site.poses[-15:])

@@ -8,7 +8,9 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
+from e3pose.edge.consumers import Consumers
 from e3pose.edge.energy_ledger import EnergyLedger
+from e3pose.edge.pipeline_owner import PipelineOwner
 from e3pose.energy.budgets import Budget
 from e3pose.energy.profiles import load_profile
 from e3pose.energy.site_energy import CameraEnergy, estimate_energy, new_camera, observe
@@ -170,12 +172,13 @@ def test_pipeline_follows_the_estimate() -> None:
         predictor=cast(Any, None), policy=DriftPlusPenalty(2), budget=np.ones(2),
         clock=lambda: 0.0, waking=DriftPlusPenalty,
     )  # fmt: skip
-    on_mains, news = ledger.updated(pipeline)
-    assert news == []
+    owner, consumers, record = PipelineOwner(pipeline), Consumers(ledger=ledger), cast(Any, None)
+    assert owner.after_slot(consumers, record) == []
+    on_mains = owner.pipeline
     np.testing.assert_array_equal(on_mains.budget, [1.0, 1.0])
     assert on_mains.policy == DriftPlusPenalty(2)
-    again, _ = ledger.updated(on_mains)
-    assert again is on_mains, "nothing changes within a minute"
+    owner.after_slot(consumers, record)
+    assert owner.pipeline is on_mains, "nothing changes within a minute"
     energy_j = active_s = 0.0
     rng = np.random.default_rng(0)
     for number in range(300):
@@ -191,13 +194,14 @@ def test_pipeline_follows_the_estimate() -> None:
                     battery_j=5.0 * (3600 - now_ns[0] / 1e9),
                 )
             )  # fmt: skip
-    changed, news = ledger.updated(on_mains)
+    news = owner.after_slot(consumers, record)
+    changed = owner.pipeline
     np.testing.assert_allclose(changed.budget, 0.5, atol=0.02)  # 5 W between 3 and 7
     assert isinstance(changed.policy, DriftPlusPenalty)
     assert changed.policy.num_selected == pytest.approx(0.95, abs=0.04)
     assert changed.cost_j is not None
     np.testing.assert_allclose(changed.cost_j, 0.16, rtol=0.03)
-    assert [camera_id for camera_id, _ in news] == ["a", "b", None]
+    assert [camera_id for _, _, camera_id in news] == ["a", "b", None]
     assert "measured" in news[0][1]
     assert re.fullmatch(r"budgets allow 0\.9\d cameras per slot, 2 requested", news[2][1])
 
@@ -209,17 +213,12 @@ def test_battery_that_cannot_last_is_reported_once() -> None:
         ["a", "b"], [PROFILE] * 2, ["power-saving"] * 2, [Budget("watts", 4.0), Budget("duty", 1)],
         0.04, 1, lambda: now_ns[0],
     )  # fmt: skip
-    pipeline = Pipeline(
-        rig=cast(Any, None), num_joints=17, interval_s=0.04, estimator=cast(Any, None),
-        predictor=cast(Any, None), policy=DriftPlusPenalty(1), budget=np.ones(2),
-        clock=lambda: 0.0,
-    )  # fmt: skip
-    _, news = ledger.updated(pipeline)
+    _, news = ledger.updated()
     ((camera_id, line),) = news
     assert camera_id == "a"
     assert "budget below its idle power of 5.2 W" in line
     now_ns[0] = 61 * 10**9
-    assert ledger.updated(pipeline)[1] == []
+    assert ledger.updated()[1] == []
 
 
 def other_power(times: float) -> CameraEnergy:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from typing import cast
 
 import pytest
 from tests.manual_clock import ManualClock
@@ -13,9 +14,10 @@ from tests.rigs import looking
 from tests.site.tables import write_site
 
 from e3pose.edge.consumers import Consumers
+from e3pose.edge.pipeline_owner import PipelineOwner
 from e3pose.edge.server import EdgeServer
 from e3pose.errors import InputError
-from e3pose.pipeline import Pipeline
+from e3pose.pipeline import Pipeline, SlotRecord
 from e3pose.recording.calibration import save_rig
 from e3pose.select.policies.information import Information
 from e3pose.settings.resolved import resolve
@@ -47,9 +49,9 @@ def controls(made: EdgeServer) -> SiteControls:
 
 def next_pipeline(consumers: Consumers, pipeline: Pipeline) -> tuple[Pipeline, list[str]]:
     """Return the pipeline of the next slot and the messages, without a learner."""
-    assert consumers.controls is not None and consumers.ledger is not None
-    pipeline, messages = consumers.controls.applied(pipeline)
-    return consumers.ledger.updated(pipeline)[0], messages
+    owner = PipelineOwner(pipeline)
+    events = owner.after_slot(consumers, cast("SlotRecord", None))
+    return owner.pipeline, [line for kind, line, _ in events if kind == "control"]
 
 
 def policy(pipeline: Pipeline) -> Information:
@@ -129,7 +131,7 @@ def test_what_cannot_be_had_is_refused_and_changes_nothing(
             controls(made).take(control)
         answer = hub.join().ask("e3pose/lab/control/desk", encode(control), 1.0)
         assert answer is not None and messages in decode(answer, Controlled, "edge").problem
-        assert controls(made).applied(made.pipeline) == (made.pipeline, [])
+        assert controls(made).applied() == (None, [])
         assert not controls(made).paused
 
 
@@ -154,13 +156,13 @@ def test_operator_who_floods_is_refused_and_counted_in_one_event(tmp_path: Path)
         assert problems[: int(BURST)] == [""] * int(BURST)
         assert all("more than 2 requests per second" in one for one in problems[int(BURST) :])
         assert ask("hall") == ""  # another operator is heard
-        _, lines = asked.applied(made.pipeline)
+        _, lines = asked.applied()
         assert len(lines) == BURST + 1
         now_s[0] = COUNT_S
-        assert asked.applied(made.pipeline)[1] == [
+        assert asked.applied()[1] == [
             "1980 requests refused, most of operator desk: too many per second"
         ]
-        assert asked.applied(made.pipeline)[1] == [] and ask("desk") == ""
+        assert asked.applied()[1] == [] and ask("desk") == ""
 
 
 def test_many_names_of_operators_have_a_rate_together(tmp_path: Path) -> None:

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.edge.energy_ledger import EnergyLedger
-from e3pose.pipeline import Pipeline, SlotRecord
+from e3pose.pipeline import SlotRecord
 from e3pose.predict.base import Predictor
+from e3pose.select.policies.base import Policy
 from e3pose.store.rows import Event
 from e3pose.wire.messages import Heartbeat
 from e3pose.wire.topics import ANY, of_control
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
     from e3pose.edge.knock_watch import KnockWatch
     from e3pose.edge.recorder import Recorder
     from e3pose.store.writer import WriterStatus
+
+Chosen = tuple[Policy, Callable[[float], Policy] | None]  # who selects, for any number of cameras
 
 
 class Sink(Protocol):
@@ -71,8 +74,8 @@ class Controls(Protocol):
         """Answer a `Control` of an operator; on a thread of the transport."""
         ...
 
-    def applied(self, pipeline: Pipeline) -> tuple[Pipeline, list[str]]:
-        """Return the pipeline for the next slot, and messages for operators."""
+    def applied(self) -> tuple[Chosen | None, list[str]]:
+        """Return who selects from the next slot on, if that changed, and messages for operators."""
         ...
 
 
@@ -139,37 +142,6 @@ class Consumers:
         if self.sink is not None:
             spent_j = None if self.ledger is None else self.ledger.spent_j(record.selected)
             self.sink.append(record, time_ns=time_ns, energy_j=spent_j)
-
-    def improved(
-        self, pipeline: Pipeline, record: SlotRecord
-    ) -> tuple[Pipeline, list[tuple[str, str, str | None]]]:
-        """Return the pipeline for the next slot, and events.
-
-        Args:
-            pipeline: of the slot just computed.
-            record: of that slot.
-
-        Returns:
-            The pipeline with new budgets and a better predictor, if any; and kind, message and
-            camera of each event.
-        """
-        events: list[tuple[str, str, str | None]] = []
-        if self.controls is not None:
-            pipeline, lines = self.controls.applied(pipeline)
-            events += [("control", line, None) for line in lines]
-        if self.watch is not None:
-            events += self.watch.events()
-        if self.ledger is not None:
-            pipeline, changes = self.ledger.updated(pipeline)
-            events += [("energy", line, camera_id) for camera_id, line in changes]
-        if self.learner is not None:
-            self.learner.collect(record)
-            better = self.learner.poll()
-            if better is not None:
-                pipeline = pipeline.with_predictor(better)
-                line = "another learned predictor is used from now on"
-                events.append(("predictor", line, None))
-        return pipeline, events
 
 
 NO_CONSUMERS = Consumers()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,7 +18,6 @@ from e3pose.energy.site_energy import (
     new_camera,
     observe,
 )
-from e3pose.pipeline import Pipeline
 from e3pose.quantities import plural
 
 if TYPE_CHECKING:
@@ -116,20 +114,17 @@ class EnergyLedger:
             self._estimate, self._estimated_ns = self._estimated(), now_ns
             return self._estimate, True
 
-    def updated(self, pipeline: Pipeline) -> tuple[Pipeline, list[tuple[str | None, str]]]:
-        """Return a pipeline with the current budgets and costs; call it between slots.
+    def updated(self) -> tuple[EnergyEstimate | None, list[tuple[str | None, str]]]:
+        """Return budgets and costs, if they are new; call it between slots.
 
         Also returns messages for operators, each with its camera: costs measured for the first
         time, or no longer; budgets that are too small.
         """
         estimate, new = self.estimate()
         if not new:
-            return pipeline, []
+            return None, []
         last, self._last = self._last, estimate
-        changed = replace(pipeline, budget=estimate.budget, cost_j=estimate.cost_j)
-        if pipeline.waking is not None:
-            changed = replace(changed, policy=pipeline.waking(estimate.num_selected))
-        return changed, self._events(last, estimate)
+        return estimate, self._events(last, estimate)
 
     def _events(
         self, last: EnergyEstimate | None, now: EnergyEstimate

@@ -30,7 +30,7 @@ from e3pose.edge.lead_change import lasting, skip_to, still_true, with_lead
 from e3pose.edge.membership import Membership
 from e3pose.edge.orders import Orders
 from e3pose.edge.outbox import Outbox
-from e3pose.edge.overload import shed_load
+from e3pose.edge.pipeline_owner import PipelineOwner
 from e3pose.edge.precompile import compiling_left_s, warm_up
 from e3pose.edge.publisher import Publisher
 from e3pose.edge.reports import SiteSnapshot, site_status
@@ -77,7 +77,7 @@ class EdgeServer:
             event_log: logs and stores events.
             consumers: of slots and heartbeats.
         """
-        self.pipeline, self.settings, self.clock = pipeline, settings, clock
+        self.settings, self.clock = settings, clock
         self.consumers, self.event_log = consumers, event_log or EventLog(clock)
         self.membership = Membership(transport, clock, self._listen)
         self.interval_ns = round(pipeline.interval_s / settings.pace * 1e9)
@@ -108,11 +108,8 @@ class EdgeServer:
             clock,
         )
         self.state_file = state_file or StateFile(None, self.event_log.report, self.started_ns)
-        if settings.adaptive_lead:
-            self.lead = cautious(settings.deadline_s, interval_s)
-            self.pipeline = replace(pipeline, lead_slots=self.lead.slots)
-        else:
-            self.lead = Lead(pipeline.lead_slots)
+        lead = cautious(settings.deadline_s, interval_s) if settings.adaptive_lead else None
+        self.owner = PipelineOwner(pipeline, lead)
         self.health = Health(num_cameras, interval_s, settings.pace, pipeline.warmup_slots)
         self.state: SlotState = initial_state(self.pipeline)
         self.times: SlotTimes | None = None  # until the first slot
@@ -129,6 +126,16 @@ class EdgeServer:
 
     def __exit__(self, *_: object) -> None:
         self.stop()
+
+    @property
+    def pipeline(self) -> Pipeline:
+        """The parts of the loop in the next slot."""
+        return self.owner.pipeline
+
+    @property
+    def lead(self) -> Lead:
+        """The lead of the next slot."""
+        return self.owner.lead
 
     def start(self) -> None:
         """Start to receive, and to compute slots once cameras are connected."""
@@ -317,19 +324,17 @@ class EdgeServer:
             stored = self.consumers.stored()
             self.publisher.publish(slot, time_ns, people, used, ordered & online, blind, stored)
 
-        pipeline = shed_load(self.pipeline, self.health.load)
         usable = online & self.credibility.usable(reachable)
         usable[list(used)] = True
-        self.state, record = step(pipeline, state, views, usable, publish)
+        self.state, record = step(self.owner.shed(self.health.load), state, views, usable, publish)
         record = replace(record, blind=blind)
         took_ns = self.clock.now_ns() - begun_ns
         lead = self.pipeline.lead_slots
-        answering = self.state.silence.answering(slot + lead)
-        none = no_choice(online, answering, self.gather.newest_late)
+        none = no_choice(online, self.state.silence.answering(slot + lead), self.gather.newest_late)
         decision = self._with_trial(times, slot, record.next_selection, reachable)
         self.orders.give(times, slot + lead, decision, lead, record.expected, none)
         late_s = (self.clock.now_ns() - self._deadline_ns(times, slot)) / 1e9
-        self.lead = with_edge_delay(self.lead, late_s, self.interval_ns / 1e9)
+        self.owner.follow(with_edge_delay(self.lead, late_s, self.interval_ns / 1e9))
         self.orders.forget_before(slot)
         self.newest = record
         ages_s = {camera: (arrived_ns - time_ns) / 1e9 for camera, arrived_ns in used.items()}
@@ -366,8 +371,7 @@ class EdgeServer:
         self, times: SlotTimes, record: SlotRecord, online: NDArray[np.bool_]
     ) -> None:
         """Update lead, predictor and budgets between two slots."""
-        self.pipeline, events = self.consumers.improved(self.pipeline, record)
-        for kind, line, camera_id in events:
+        for kind, line, camera_id in self.owner.after_slot(self.consumers, record):
             self.event_log.report(kind, line, camera_id)
         if not self.settings.adaptive_lead:
             return
@@ -375,13 +379,10 @@ class EdgeServer:
         counted = (self.credibility.followed(self.state.silence.failures) & online).tolist()
         claims_s = [s if counts else None for s, counts in zip(claims_s, counted, strict=True)]
         wake_s, before = self.credibility.wake_s(claims_s), self.lead.slots
-        self.lead = self.credibility.lead_after_claims(self.lead, wake_s, counted)
-        self.lead = adapt(self.lead, self.interval_ns / 1e9, wake_s, online.tolist(), counted)
-        if self.lead.slots != before:
-            changed = "raised" if self.lead.slots > before else "reduced"
-            change = f"lead {changed} from {before} to {plural(self.lead.slots, 'slot')}"
+        lead = self.credibility.lead_after_claims(self.lead, wake_s, counted)
+        lead = adapt(lead, self.interval_ns / 1e9, wake_s, online.tolist(), counted)
+        if change := self.owner.follow(lead):
             self.event_log.report("lead", change)
-            self.pipeline = replace(self.pipeline, lead_slots=self.lead.slots)
             self.state = with_lead(self.state, self.lead.slots)
             self._order_ahead(times, before)  # slots without orders yet
 
@@ -391,8 +392,7 @@ class EdgeServer:
             return
         self.times = SlotTimes(found.origin_ns, self.interval_ns)
         if self.settings.adaptive_lead:
-            self.lead = starting(found.lead_slots)
-        self.pipeline = replace(self.pipeline, lead_slots=self.lead.slots)
+            self.owner.follow(starting(found.lead_slots))
         memory = self.pipeline.estimator.leave_out_ids(found.state.memory, IDS_LEFT_OUT)
         self.state = with_lead(replace(found.state, memory=memory), self.lead.slots)
         away_s = (self.clock.now_ns() - found.made_ns) / 1e9

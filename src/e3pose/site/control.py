@@ -12,20 +12,18 @@ from collections.abc import Callable
 from dataclasses import replace
 from datetime import datetime
 
+from e3pose.edge.consumers import Chosen
 from e3pose.edge.energy_ledger import EnergyLedger
 from e3pose.energy.budgets import Budget, parse_budget
 from e3pose.errors import InputError
-from e3pose.pipeline import Pipeline
 from e3pose.quantities import plural
 from e3pose.runtime.rate_limit import Rate
-from e3pose.select.policies import Policy
 from e3pose.settings.loop import LoopSettings
 from e3pose.settings.parts import make_policy, shares
 from e3pose.settings.resolved import ResolvedSite
 from e3pose.wire.codec import decode, encode, one_line
 from e3pose.wire.site_messages import Control, Controlled
 
-Chosen = tuple[Policy, Callable[[float], Policy] | None]
 PER_S, BURST = 2.0, 20.0  # requests of an operator
 ALL_PER_S, ALL_BURST = 10.0, 60.0  # of all of them
 COUNT_S = 10.0  # how long refused requests are counted before they are reported
@@ -87,16 +85,14 @@ class SiteControls:
             self._reported.append(said)
         return said
 
-    def applied(self, pipeline: Pipeline) -> tuple[Pipeline, list[str]]:
+    def applied(self) -> tuple[Chosen | None, list[str]]:
         """See `edge.consumers.Controls`."""
         if not self._reported and not self._refused:  # nearly always
-            return pipeline, []
+            return None, []
         with self._lock:
             lines, self._reported = [*self._reported, *self._refusals()], []
             chosen, self._chosen = self._chosen, None
-        if chosen is not None:
-            pipeline = replace(pipeline, policy=chosen[0], waking=chosen[1])
-        return pipeline, lines
+        return chosen, lines
 
     def _too_many(self, operator: str) -> bool:
         """Return whether an operator asks too often, and count that."""
