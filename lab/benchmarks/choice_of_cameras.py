@@ -4,22 +4,29 @@
     python lab/benchmarks/choice_of_cameras.py --recording RECORDING --seconds 15 --rates 30
 
 Ten joints count: shoulders, elbows, wrists, hips and knees. `off mm` is their mean distance from
-the offline smoother over all cameras (`clip_error.py`), which real recordings have, too; `MPJPE mm`
-that from the truth. People are matched one to one below half a metre; `recall %` is the share of
-the smoother's people found. Cells are round robin / `information` / random, with the standard
-deviation over seeds, which are phases of the turns on real recordings; `gain %` is how much nearer
-`information` is than round robin, paired by seed. `--cameras 1,40mm` has a target error beside a
-number; `awake` is how many cameras were. A scene with `+` has errors by situation, one with `-`
-errors by score alone. A rate above a recording's own is the recording's. Every line of `--out` is
-one replay; a run that was stopped goes on.
+the offline smoother over all cameras (`clip_error.py`), which real recordings have, too; `bodies
+mm` that from the smoother over whole bodies (`replay --policy all --smooth rts`); `MPJPE mm` that
+from the truth. People are matched one to one below half a metre; `found %` is the share of the
+smoother's people found, `in 90 %` that of joints in the stated 90 % radius around `off mm`. Cells
+are round robin / `information` / random, with the standard deviation over seeds, which are phases
+of the turns on real recordings; `gain %` is how much nearer `information` is than round robin,
+paired by seed. `--cameras 1,40mm` has a target error beside a number; `awake` is how many cameras
+were. A scene with `+` has errors by situation, one with `-` errors by score alone; `motion-1` and
+`motion-2` are Panoptic motion before simulated cameras. A rate above a recording's own is the
+recording's. `--by-lead` prints a column per lead instead. Every line of `--out` is one replay; a
+run that was stopped goes on, and several files, with commas, are read as one: of two lines of the
+same replay the later counts.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import os
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -27,14 +34,19 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from clip_error import Reference, references
+from clip_error import references
 from detector_errors import simulated
+from e3pose.estimate.base import People, Posterior
 from e3pose.evaluate.faults import downsampled
 from e3pose.evaluate.metrics import mean_errors_m
 from e3pose.evaluate.replay import ReplaySettings, replay
+from e3pose.evaluate.smoothed import smooth_records
 from e3pose.model.noises import detector_of, load_noise
+from e3pose.model.uncertainty import distance_within_m, expected_distance_m
+from e3pose.pipeline import SlotRecord
 from e3pose.recording import Recording, load_recording
 from e3pose.simulate.detections import until
+from predictor_in_the_loop import captured, seen
 
 Floats = NDArray[np.float64]
 Row = dict[str, Any]
@@ -46,89 +58,169 @@ JOINTS = [
     for side in ("left", "right")
 ]
 SCENES = "round-table,buffet,reception,operating-room,lab"
+MOTION = "motion-"
 SAME_M = 0.5
 WARMUP = 10  # slots with all cameras, left out
 
 
-def figures(
-    recording: Recording, people: Sequence[Reference], policy: str, goal: str, lead: int, seed: int
-) -> Row:
-    """Replay once; return the figures."""
+@dataclass(frozen=True, slots=True, eq=False)
+class Scene:
+    """A recording and its people as two smoothers over all cameras know them.
+
+    Attributes:
+        recording: simulated, or the start of a real one.
+        joints_m: by slot, `(num_people, num_counted, 3)` of the offline smoother; NaN where too few
+            cameras saw a joint.
+        bodies_m: by slot, `(num_people, num_counted, 3)` of the smoother over whole bodies.
+    """
+
+    recording: Recording
+    joints_m: list[Floats]
+    bodies_m: list[Floats]
+
+
+@lru_cache(maxsize=4)
+def scene_of(place: str, fps: float, seconds: float, seed: int) -> Scene:
+    """Make a recording and smooth it over all of its cameras."""
+    recording = made(place, fps, seconds, seed)
     columns = [recording.skeleton.index(joint) for joint in JOINTS]
-    truth = recording.truth
-    target_mm = goal.removesuffix("mm") if goal.endswith("mm") else None
-    settings = ReplaySettings(
+    people = references(recording, load_noise(detector_of(recording)))
+    joints_m = []
+    for slot in range(recording.num_slots):
+        here = np.array([person.at(slot) for person in people])[:, columns]
+        joints_m.append(here[np.isfinite(here).any(axis=(1, 2))])
+    posteriors: list[Posterior] = []
+    everybody = settings_of("all", len(recording.rig), 1, 0)
+
+    def keep(people: People) -> None:
+        assert people.posterior is not None
+        posteriors.append(people.posterior)
+
+    records = list(replay(recording, everybody, publish=keep))
+    late = smooth_records(records, posteriors, recording.skeleton)
+    return Scene(recording, joints_m, [record.poses.joints_m[:, columns] for record in late])
+
+
+def settings_of(policy: str, cameras: float, lead: int, seed: int) -> ReplaySettings:
+    """Return how to replay with a number of cameras per slot."""
+    return ReplaySettings(
         pipeline="memory", policy=policy, lead_slots=lead, seed=seed, phase=seed,
-        num_selected=float(goal) if target_mm is None else len(recording.rig),
-        target_error_m=None if target_mm is None else float(target_mm) / 1000,
-        warmup_slots=WARMUP,
+        num_selected=cameras, warmup_slots=WARMUP,
     )  # fmt: skip
+
+
+def figures(scene: Scene, policy: str, goal: str, lead: int, seed: int) -> Row:
+    """Replay once; return the figures."""
+    recording = scene.recording
+    columns = [recording.skeleton.index(joint) for joint in JOINTS]
+    if goal.endswith("mm"):
+        settings = settings_of(policy, len(recording.rig), lead, seed)
+        settings = replace(settings, target_error_m=float(goal.removesuffix("mm")) / 1000)
+    else:
+        settings = settings_of(policy, float(goal), lead, seed)
     off: list[Floats] = []
+    inside: list[NDArray[np.bool_]] = []
+    bodies: list[Floats] = []
     wrong: list[Floats] = []
+    stated: list[Floats] = []
     found = there = slots = awake = 0
     for record in replay(recording, settings):
         if record.slot < WARMUP + lead - 1:
             continue
         slots, awake = slots + 1, awake + int(record.selected.sum())
-        expected = np.array([person.at(record.slot) for person in people])[:, columns]
-        expected = expected[np.isfinite(expected).any(axis=(1, 2))]
-        joints_m = record.poses.joints_m[:, columns]
-        near = matched(joints_m, expected)
-        off += near
-        found, there = found + len(near), there + len(expected)
-        if truth is not None:
-            wrong += matched(joints_m, truth.joints_m[record.slot][:, columns])
+        joints_m, expected = record.poses.joints_m[:, columns], scene.joints_m[record.slot]
+        covariance_m2 = record.covariance_m2[:, columns]
+        pairs = matched(joints_m, expected)
+        found, there = found + len(pairs), there + len(expected)
+        for mine, theirs in pairs:
+            distance = np.linalg.norm(joints_m[mine] - expected[theirs], axis=-1)
+            known = np.isfinite(distance)
+            off.append(distance[known])
+            inside.append(distance[known] <= distance_within_m(covariance_m2[mine][known], 0.9))
+            stated.append(np.ravel(expected_distance_m(covariance_m2[mine][known])))
+        for reference, errors in (
+            (scene.bodies_m[record.slot], bodies),
+            (truth(scene, record), wrong),
+        ):
+            errors += distances_m(joints_m, reference)
     return {
         "awake": awake / max(slots, 1),
-        "off_mm": 1000 * float(np.concatenate(off).mean()) if off else None,
-        "recall": found / max(there, 1),
-        "mpjpe_mm": 1000 * float(np.concatenate(wrong).mean()) if wrong else None,
+        "off_mm": mean_mm(off),
+        "bodies_mm": mean_mm(bodies),
+        "mpjpe_mm": mean_mm(wrong),
+        "stated_mm": mean_mm(stated),
+        "found": found / max(there, 1),
+        "inside": float(np.concatenate(inside).mean()) if inside else None,
     }
 
 
-def matched(joints_m: Floats, expected_m: Floats) -> list[Floats]:
-    """Return the distances of known joints of each pair of people, `(num_joints,)` each."""
+def truth(scene: Scene, record: SlotRecord) -> Floats:
+    """Return the true places of a slot, nobody where they are not known."""
+    recording = scene.recording
+    if recording.truth is None:
+        return np.empty((0, len(JOINTS), 3))
+    columns = [recording.skeleton.index(joint) for joint in JOINTS]
+    return np.asarray(recording.truth.joints_m[record.slot][:, columns])
+
+
+def mean_mm(distances_m: Sequence[Floats]) -> float | None:
+    """Return the mean of all distances in millimetres; None without any."""
+    return 1000 * float(np.concatenate(distances_m).mean()) if distances_m else None
+
+
+def matched(joints_m: Floats, expected_m: Floats) -> list[tuple[int, int]]:
+    """Return who is whom: rows of people less than half a metre apart, one to one."""
     if not len(joints_m) or not len(expected_m):
         return []
     apart = np.nan_to_num(mean_errors_m(joints_m, expected_m), nan=np.inf)
     rows, columns = linear_sum_assignment(np.minimum(apart, 1e3))
-    pairs = []
-    for row, column in zip(rows, columns, strict=True):
-        if apart[row, column] < SAME_M:
-            off = np.linalg.norm(joints_m[row] - expected_m[column], axis=-1)
-            pairs.append(off[np.isfinite(off)])
-    return pairs
+    pairs = zip(rows.tolist(), columns.tolist(), strict=True)
+    return [pair for pair in pairs if apart[pair] < SAME_M]
 
 
-def measure(options: argparse.Namespace) -> Iterator[Row]:
+def distances_m(joints_m: Floats, expected_m: Floats) -> list[Floats]:
+    """Return the distances of known joints of each pair of people, `(num_joints,)` each."""
+    pairs = matched(joints_m, expected_m)
+    off = [np.linalg.norm(joints_m[mine] - expected_m[theirs], axis=-1) for mine, theirs in pairs]
+    return [each[np.isfinite(each)] for each in off]
+
+
+def measure(options: argparse.Namespace, out: Path) -> Iterator[Row]:
     """Yield the rows that are not in the file yet."""
-    done = read(options.out)
-    have = {(r["place"], r["fps"], r["seed"], r["policy"], r["goal"], r["lead"]) for r in done}
-    goals = options.cameras.split(",")
+    have = {key_of(row) for row in read([out])}
     runs = [
         (policy, goal)
-        for goal in goals
+        for goal in options.cameras.split(",")
         for policy in options.policies.split(",")
         if policy == "information" or not goal.endswith("mm")
     ]
     leads = [int(lead) for lead in options.leads.split(",")]
-    for place in places(options):
-        for seed in (int(seed) for seed in options.seeds.split(",")):
-            for fps in (float(rate) for rate in options.rates.split(",")):
-                key = (place, fps, seed)
-                todo = [
-                    (*run, lead) for lead in leads for run in runs if (*key, *run, lead) not in have
-                ]
-                if not todo:
-                    continue
-                recording = made(options, place, fps, seed)
-                people = references(recording, load_noise(detector_of(recording)))
-                for policy, goal, lead in todo:
-                    row = figures(recording, people, policy, goal, lead, seed % 1000)
-                    yield {
-                        "place": place, "fps": fps, "seed": seed, "policy": policy,
-                        "goal": goal, "lead": lead, **row,
-                    }  # fmt: skip
+    for place, fps, seed in product(
+        places(options),
+        [float(rate) for rate in options.rates.split(",")],
+        [int(seed) for seed in options.seeds.split(",")],
+    ):
+        todo = [
+            (*run, lead)
+            for lead, run in product(leads, runs)
+            if (place, fps, seed, *run, lead) not in have
+        ]
+        if not todo:
+            continue
+        real = Path(place).is_dir() or place.startswith(MOTION)
+        scene = scene_of(place, fps, options.seconds, 0 if real else seed)
+        for policy, goal, lead in todo:
+            if scene.recording.num_slots < 2 * (WARMUP + lead):
+                continue
+            yield {
+                "place": place, "fps": fps, "seed": seed, "policy": policy, "goal": goal,
+                "lead": lead, **figures(scene, policy, goal, lead, seed % 1000),
+            }  # fmt: skip
+
+
+def key_of(row: Row) -> tuple[Any, ...]:
+    """Return what tells one replay from another."""
+    return tuple(row[name] for name in ("place", "fps", "seed", "policy", "goal", "lead"))
 
 
 def places(options: argparse.Namespace) -> list[str]:
@@ -138,26 +230,33 @@ def places(options: argparse.Namespace) -> list[str]:
     return real + scenes.split(",") * bool(scenes)
 
 
-def made(options: argparse.Namespace, place: str, fps: float, seed: int) -> Recording:
+def made(place: str, fps: float, seconds: float, seed: int) -> Recording:
     """Return the recording: simulated, or the first seconds of a real one."""
+    if place.startswith(MOTION):
+        motions = [
+            m for kind, m in captured(Path(os.environ["E3POSE_SHARED"])) if kind == "Panoptic"
+        ]
+        return downsampled(seen(motions[int(place.removeprefix(MOTION)) - 1], 30.0), min(fps, 30.0))
     if not Path(place).is_dir():
-        return simulated(place, seed, seconds=options.seconds, fps=fps)
+        return simulated(place, seed, seconds=seconds, fps=fps)
     whole = load_recording(Path(place))
-    slots = min(whole.num_slots, round(options.seconds / whole.interval_s))
+    slots = min(whole.num_slots, round(seconds / whole.interval_s))
     views = tuple(until(series, slots) for series in whole.views)
     recording = replace(whole, num_slots=slots, views=views, truth=None)
     return downsampled(recording, min(fps, whole.fps))
 
 
-def read(out: Path) -> list[Row]:
-    """Read what was measured before."""
-    return [json.loads(line) for line in out.read_text().splitlines()] if out.exists() else []
+def read(files: Sequence[Path]) -> list[Row]:
+    """Read what was measured before; of two lines of the same replay the later counts."""
+    lines = [line for file in files if file.exists() for line in file.read_text().splitlines()]
+    return list({key_of(row): row for row in map(json.loads, lines)}.values())
 
 
 def report(rows: Sequence[Row]) -> Iterator[str]:
-    """Yield a table in Markdown."""
+    """Yield a table in Markdown, a line per place, rate, lead and goal."""
     columns = (
-        "place | slots/s | lead | goal | seeds | awake | off mm | gain % | MPJPE mm | recall %"
+        "place | slots/s | lead | goal | seeds | awake | off mm | gain % | bodies mm | gain % "
+        "| MPJPE mm | found % | in 90 %"
     )
     yield f"| {columns} |"
     yield "|---" * len(columns.split("|")) + "|"
@@ -167,15 +266,34 @@ def report(rows: Sequence[Row]) -> Iterator[str]:
             mine = [
                 r for r in rows if (r["place"], r["fps"], r["lead"], r["goal"]) == (place, *key)
             ]
-            cells = [
-                " / ".join(_mean(mine, policy, field, factor) for policy in POLICIES)
-                for field, factor in (("off_mm", 1.0), ("mpjpe_mm", 1.0), ("recall", 100.0))
-            ]
-            cells.insert(1, _gain(mine))
             awake = [row["awake"] for row in mine if row["policy"] == "information"]
-            start = [Path(place).name, *(f"{k:g}" if isinstance(k, float) else str(k) for k in key)]
-            start += [str(len({row["seed"] for row in mine})), f"{np.mean(awake or [np.nan]):.2f}"]
-            yield f"| {' | '.join([*start, *cells])} |"
+            cells = [
+                Path(place).name, f"{key[0]:g}", str(key[1]), key[2],
+                str(len({row["seed"] for row in mine})), f"{np.mean(awake or [np.nan]):.2f}",
+                _all(mine, "off_mm"), _gain(mine, "off_mm"),
+                _all(mine, "bodies_mm"), _gain(mine, "bodies_mm"),
+                _all(mine, "mpjpe_mm"), _all(mine, "found", 100.0), _all(mine, "inside", 100.0),
+            ]  # fmt: skip
+            yield f"| {' | '.join(cells)} |"
+
+
+def by_lead(rows: Sequence[Row], field: str) -> Iterator[str]:
+    """Yield a table in Markdown of one figure, a line per place, goal and rate."""
+    leads = sorted({row["lead"] for row in rows})
+    yield f"| recording | C | slots/s | {' | '.join(f'lead {lead}' for lead in leads)} |"
+    yield "|---" * (3 + len(leads)) + "|"
+    for place in dict.fromkeys(row["place"] for row in rows):
+        own = [row for row in rows if row["place"] == place]
+        for goal, fps in sorted({(row["goal"], row["fps"]) for row in own}):
+            cells = []
+            for lead in leads:
+                mine = [r for r in own if (r["goal"], r["fps"], r["lead"]) == (goal, fps, lead)]
+                cells.append(f"{_all(mine, field)} ({_gain(mine, field)} %)" if mine else "")
+            yield f"| {Path(place).name} | {goal} | {fps:g} | {' | '.join(cells)} |"
+
+
+def _all(rows: Sequence[Row], field: str, factor: float = 1.0) -> str:
+    return " / ".join(_mean(rows, policy, field, factor) for policy in POLICIES)
 
 
 def _mean(rows: Sequence[Row], policy: str, field: str, factor: float) -> str:
@@ -186,9 +304,9 @@ def _mean(rows: Sequence[Row], policy: str, field: str, factor: float) -> str:
     return f"{factor * np.mean(values):.1f}{spread}"
 
 
-def _gain(rows: Sequence[Row]) -> str:
+def _gain(rows: Sequence[Row], field: str) -> str:
     """Return by how much `information` is nearer than round robin, and its spread over seeds."""
-    off = {(row["policy"], row["seed"]): row["off_mm"] for row in rows if row["off_mm"]}
+    off = {(row["policy"], row["seed"]): row[field] for row in rows if row[field]}
     gains = [
         100 * (1 - mine / off["round-robin", seed])
         for (policy, seed), mine in off.items()
@@ -211,13 +329,18 @@ def main() -> None:
     parser.add_argument("--seeds", default="801,802", help="of a recording: phases of the turns")
     parser.add_argument("--seconds", type=float, default=16.0)
     parser.add_argument("--leads", default="4")
-    parser.add_argument("--out", type=Path, default=Path("choice.jsonl"))
+    parser.add_argument("--by-lead", help="print this figure by lead: off_mm, bodies_mm, mpjpe_mm")
+    parser.add_argument("--only-print", action="store_true", help="measure nothing")
+    parser.add_argument("--out", default="choice.jsonl", help="the last is written")
     options = parser.parse_args()
-    with options.out.open("a") as file:
-        for row in measure(options):
-            file.write(json.dumps(row) + "\n")
-            file.flush()
-    for line in report(read(options.out)):
+    files = [Path(name) for name in options.out.split(",")]
+    if not options.only_print:
+        with files[-1].open("a") as file:
+            for row in measure(options, files[-1]):
+                file.write(json.dumps(row) + "\n")
+                file.flush()
+    rows = read(files)
+    for line in by_lead(rows, options.by_lead) if options.by_lead else report(rows):
         print(line)
 
 

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from choice_of_cameras import made, matched
+from choice_of_cameras import distances_m, made
 from clip_error import Reference, references
 from e3pose.evaluate.replay import ReplaySettings, make_pipeline, selected_views
 from e3pose.model.noises import detector_of, load_noise
@@ -102,7 +102,7 @@ def figures(
             continue
         cameras.append(record.selected.sum())
         here = true_m[slot][np.isfinite(true_m[slot]).any(axis=(1, 2))]
-        off += matched(record.poses.joints_m, here)
+        off += distances_m(record.poses.joints_m, here)
         stated.append(expected_distance_m(record.covariance_m2).ravel())
     missed = missed_in(true_m, shown)
     there = np.asarray(np.isfinite(true_m).any(axis=(2, 3)))
@@ -144,7 +144,7 @@ def recordings(options: argparse.Namespace) -> Any:
     for place in places:
         for rate in map(float, options.rates.split(",")):
             for seed in map(int, options.seeds.split(",")):
-                yield place, rate, seed, made(options, place, rate, seed)
+                yield place, rate, seed, made(place, rate, options.seconds, seed)
 
 
 def main() -> None:
