@@ -30,7 +30,8 @@ from e3pose.select.failure_detector import Silence, listen
 from e3pose.select.feedback import expected_in_views, reach_m
 from e3pose.select.motion_2d import LastView, own_occlusion, with_view
 from e3pose.select.occlusion import Spread, expected_views
-from e3pose.select.policies.base import Policy, Selection, Situation, selected_by
+from e3pose.select.own_check import TURNS, OwnCheck, distance_m
+from e3pose.select.policies.base import Policy, Selection, Situation, selected_by, turns_of
 from e3pose.select.stated_error import StatedError
 
 
@@ -103,6 +104,7 @@ class SlotState:
         shown: the people of the slot before; None before the first.
         stated: how large errors the estimator stated in the last seconds, after the warm-up.
         focused: `(num_cameras,)` looks since each camera looked at all of its image.
+        check: what the policy's check on itself has found.
     """
 
     slot: int
@@ -115,6 +117,7 @@ class SlotState:
     shown: People | None = None
     stated: StatedError = field(default_factory=StatedError)
     focused: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    check: OwnCheck = field(default_factory=OwnCheck)
 
 
 def initial_state(pipeline: Pipeline) -> SlotState:
@@ -168,8 +171,10 @@ def step(
     silence = listen(state.silence, slot, selected, arrived, pipeline.interval_s)
     occlusion, visibility = expected_views(pipeline.rig, predicted_m)
     spread = state.spread.after(occlusion, pipeline.interval_s)
-    stated = _stated(pipeline, state, people)
-    state = replace(state, memory=memory, silence=silence, spread=spread, stated=stated)
+    stated, check = _stated(pipeline, state, people), _checked(pipeline, state, views, people)
+    state = replace(
+        state, memory=memory, silence=silence, spread=spread, stated=stated, check=check
+    )
     last_views = _with_views(pipeline, state.last_views, views, slot)
     ordered = _in_flight(pipeline, state, online)
     times.append(clock())
@@ -179,7 +184,7 @@ def step(
         pipeline, state, (occlusion, visibility), last_views, online, ordered, foresight
     )
     warming_up = (slot if pipeline.as_published else situation.slot) < pipeline.warmup_slots
-    decision, deficit = _decide(pipeline, situation, online, warming_up)
+    decision, deficit = _decide(pipeline, state.check, situation, online, warming_up)
     focused, expected = _feedback(pipeline, state, warming_up, decision, best, people.history_ids)
     times.append(clock())
     record = SlotRecord(
@@ -194,7 +199,7 @@ def step(
         next_selection=decision,
         covariance_m2=shown.covariance_m2,
         measured=shown.measured,
-        reasons=_reasons(situation, decision),
+        reasons=_reasons(situation, decision, state.check),
         stage_s={**people.stage_s, **_spent_s(times)},
         noise_factors=people.noise_factors,
         shifts_px=people.shifts_px,
@@ -221,12 +226,15 @@ def _shown(pipeline: Pipeline, state: SlotState, people: People, selected: Selec
 
 
 def _decide(
-    pipeline: Pipeline, situation: Situation, online: Selection, warming_up: bool
+    pipeline: Pipeline, check: OwnCheck, situation: Situation, online: Selection, warming_up: bool
 ) -> tuple[Selection, Floats]:
     """Return the cameras of the slot that is decided now, and the virtual queues after it."""
     if warming_up:
         return np.array(online), situation.deficit  # Algorithm 1: not charged
-    decision = selected_by(pipeline.policy, situation)
+    turns = turns_of(pipeline.policy)
+    plan = check.plan(situation.slot, pipeline.interval_s, len(online))
+    by_turns = turns is not None and (plan.common or plan.way == TURNS)
+    decision = selected_by(turns if turns and by_turns else pipeline.policy, situation)
     return decision, advance_deficit(situation.deficit, pipeline.budget, decision)
 
 
@@ -293,6 +301,20 @@ def _stated(pipeline: Pipeline, state: SlotState, people: People) -> StatedError
     return state.stated.after(people.covariance_m2, pipeline.interval_s)
 
 
+def _checked(
+    pipeline: Pipeline, state: SlotState, views: Mapping[int, Poses2D], people: People
+) -> OwnCheck:
+    """Return `SlotState.check` after this slot, where the policy has turns to compare it with."""
+    check, interval_s = state.check, pipeline.interval_s
+    plan = check.plan(state.slot, interval_s, len(pipeline.rig))
+    seen_m = error_m = np.nan
+    if plan.counts and turns_of(pipeline.policy) is not None:
+        outlook = pipeline.estimator.outlook(state.memory, interval_s)
+        seen_m = distance_m(pipeline.rig, outlook, views, state.selections[0])
+        error_m = StatedError().after(people.covariance_m2, interval_s).mean_m or np.nan
+    return check.after(state.slot, interval_s, plan.way, seen_m, error_m)
+
+
 def _situation(
     pipeline: Pipeline,
     state: SlotState,
@@ -356,13 +378,13 @@ def _foresight(
     return foresee(pipeline.rig, outlook, pipeline.interval_s, ordered)
 
 
-def _reasons(situation: Situation, decision: Selection) -> Reasons | None:
+def _reasons(situation: Situation, decision: Selection, check: OwnCheck) -> Reasons | None:
     foresight = situation.foresight
     if foresight is None:
         return None
     gains_nats = foresight.gains_nats(decision)
     error_m = float(foresight.expected_error_m(decision[None])[0])
-    return Reasons(situation.slot, gains_nats, situation.price, error_m)
+    return Reasons(situation.slot, gains_nats, situation.price, error_m, check.words())
 
 
 def _with_views(

@@ -26,8 +26,8 @@ from e3pose.select.failure_detector import RETRY_LIMIT_S
 
 # 1 lacks the run, 2 what links lose, 3 exits and noise, 4 shifts, 5 sides; 6 had another unit of V,
 # 7 other names, 8 lacks innovations, 9 has those of the site, 11 lacks failed pairs, 12 agility,
-# 13 has exits.
-VERSION = 14
+# 13 has exits, 14 lacks the check.
+VERSION = 15
 MAX_BYTES = 64 * 2**20  # 28 cameras and 20 people take about one
 MAX_ARRAYS = 10_000
 MAX_S = 100 * 365.25 * 86400  # of slots
@@ -173,7 +173,7 @@ def _check_values(arrays: Arrays, num_cameras: int, interval_s: float, where: st
         if array.dtype.kind == "f":
             low, high = -round(MAX_VALUE), round(MAX_VALUE)
             array = array[np.isfinite(array)]  # NaN is missing, and inf never
-        wrong = array[(array < low) | (array > high)] if array.dtype.kind != "b" else array[:0]
+        wrong = array[(array < low) | (array > high)] if array.dtype.kind != "b" else np.empty(0)
         if wrong.size:
             raise InputError(f"{where}: {name}: found {wrong.flat[0]}, expected {low} to {high}")
     if not np.isfinite(arrays["state.deficit"]).all():

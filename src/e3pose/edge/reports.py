@@ -255,6 +255,7 @@ def site_status(snapshot: SiteSnapshot) -> Status:
         blind=counts.blind,
         blind_share=counts.blind_share(),
         overload=snapshot.health.load.words(),
+        check=record.reasons.check if record and record.reasons else "",
         events_ns=tuple(event.time_ns for event in snapshot.events),
     )
 

@@ -26,12 +26,14 @@ class Reasons:
         price: `(num_cameras,)` what its queue asked for.
         error_m: mean distance of joints from the truth expected with the chosen cameras; NaN when
             nobody is known.
+        check: how the policy does against taking turns, in words; empty while that is unknown.
     """
 
     slot: int
     gain_nats: Floats
     price: Floats
     error_m: float
+    check: str = ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

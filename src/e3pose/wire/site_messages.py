@@ -214,6 +214,7 @@ class Status(msgspec.Struct, array_like=True, frozen=True, tag="status"):
         overload: that the edge is too slow for its slots, for operators; empty if it is not.
         events_ns: when each of `events` happened, by the edge's clock.
         compiling_s: seconds until the kernels are compiled, 0 while unknown; None if they are.
+        check: how the policy does against taking turns, for operators; empty while that is unknown.
     """
 
     site: str
@@ -237,3 +238,4 @@ class Status(msgspec.Struct, array_like=True, frozen=True, tag="status"):
     overload: str = ""
     events_ns: tuple[int, ...] = ()
     compiling_s: float | None = None
+    check: str = ""

@@ -269,7 +269,7 @@ def _check_status(status: Status, where: str) -> None:
     ):
         if found > most:
             raise InputError(f"{where}: {name}: found {found}, expected at most {most}")
-    _check_text(where, status.site, status.overload, *status.events)
+    _check_text(where, status.site, status.overload, status.check, *status.events)
     for time_ns in status.events_ns:
         _check_whole(where, events_ns=time_ns)
     _check_numbers(where, 0, 1, blind_share=status.blind_share)

@@ -92,13 +92,14 @@ def test_somebody_unexplained_pulls_in_cameras_that_see_the_same_ground() -> Non
     nobody_else = np.zeros((1, 3))
     new = Entrants(np.array([[0.0, 1.0, 0.9]]), nobody_else, np.ones(1))
     seen = foresight([30, 25, 0], sigma_m=0.05, entrants=new)
-    assert chosen(Information(1).select(situation(foresight([30, 25, 0], sigma_m=0.05)))) == [0]
+    plain = situation(foresight([30, 25, 0], sigma_m=0.05))
+    assert chosen(Information(1, phase=2).select(plain)) == [0]  # whose turn it is
     assert chosen(Information(1).select(situation(seen))) == [1]
     assert chosen(Information(2).select(situation(seen))) == [1, 2]
     aiming = Information(1, target_error_m=1.0)
     assert len(chosen(aiming.select(situation(seen)))) == 2
     met = foresight([30, 25, 0], sigma_m=0.05, entrants=replace(new, weights=np.array([0.1])))
-    assert chosen(Information(2).select(situation(met))) == [0, 1]
+    assert chosen(Information(2, phase=1).select(situation(met))) == [0, 1]
     assert chosen(aiming.select(situation(met))) == []
 
 
@@ -107,7 +108,27 @@ def test_somebody_about_to_be_hidden_pulls_in_a_camera_that_keeps_the_person_sho
     seen = foresight([30, 25, 0], sigma_m=0.05, hidden=led)
     assert chosen(Information(1).select(situation(seen))) == [2]
     met = replace(led, hidden=np.array([0.05]))  # looks in flight will do
-    assert chosen(Information(1).select(situation(replace(seen, hidden=met)))) == [0]
+    assert chosen(Information(1, phase=2).select(situation(replace(seen, hidden=met)))) == [0]
+
+
+def test_cameras_whose_turn_it_is_win_unless_others_are_clearly_better() -> None:
+    for turn in range(3):
+        alike = situation(foresight([100, 95, 98]), slot=turn)
+        assert chosen(Information(1).select(alike)) == [turn]
+        better = situation(foresight([300, 95, 98]), slot=turn)
+        assert chosen(Information(1).select(better)) == [0]
+    rounds = Information(1, order=(2, 0, 1))
+    assert chosen(rounds.select(situation(foresight([100, 95, 98]), slot=0))) == [2]
+    assert Information(3, target_error_m=0.04).turns is None
+
+
+def test_turns_leave_out_cameras_far_ahead_of_their_budgets_where_others_suffice() -> None:
+    turns = Information(1).turns
+    assert turns is not None
+    tired = np.array([0.0, 1000.0, 0.0])
+    now = situation(foresight([100, 100, 100]), slot=1, deficit=tired)
+    assert chosen(turns.select(now)) != [1]
+    assert chosen(turns.select(replace(now, online=np.array([False, True, False])))) == [1]
 
 
 @pytest.mark.parametrize("seed", range(6))

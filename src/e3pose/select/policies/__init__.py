@@ -153,7 +153,7 @@ POLICIES: dict[str, PolicyRow] = {
     ),
     "information": PolicyRow(
         lambda s: Information(
-            s.num_selected, s.weight(INFORMATION_WEIGHT), s.target_error_m, s.phase
+            s.num_selected, s.weight(INFORMATION_WEIGHT), s.target_error_m, s.phase, s.order
         ),
         "the cameras with the most expected information about all people",
         foresees=True,

@@ -6,12 +6,13 @@
 `information` grows with diminishing returns, prices and watches add up: where nobody comes in, a
 greedy choice of a given number of cameras, whose objective is shifted to be zero for no camera and
 to grow with every one, reaches 1 - 1/e of the best (Nemhauser, Wolsey and Fisher, 1978). Where
-there are few subsets all are tried. Method: `docs/explanation/camera-selection.md`.
+there are few subsets all are tried. A set is preferred to the one whose turn it is only where it is
+better by more than a margin. Method: `docs/explanation/camera-selection.md`.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import combinations
 from math import comb
@@ -21,6 +22,7 @@ import numpy as np
 from e3pose.arrays import Flags, Floats
 from e3pose.select.expected_information import Foresight
 from e3pose.select.policies.base import Selection, Situation, count_at
+from e3pose.select.policies.fixed import RoundRobin
 
 MOST_SUBSETS = 60  # that are all tried: any count of up to seven cameras, and 2 of 11
 WATCH_NATS_PER_S = 0.5  # what a camera that has not looked for a second may show that is new
@@ -29,9 +31,28 @@ ENTRANT_NATS = 1.0  # of a person started
 SHOWN_NATS = 1.0  # of a person shown by the look, who would be hidden without it
 UNMET_PEOPLE = 0.5  # with a target, two cameras look while so many wait to be started
 MAX_PAUSE_S = 0.2  # with a target, some camera looks at least this often, whoever is known
-BURST_S = 2.0  # with a target, how far ahead of its budget a camera may run
+BURST_S = 2.0  # with a target or by turns, how far ahead of its budget a camera may run
+LEAST_NATS = 0.1  # more than the cameras whose turn it is: where directions err alike, as turns do
 NEAR_NATS = 0.02  # sets of cameras that differ by less are equally good, and take turns
 NO_BETTER = 0.05  # a target that all cameras miss: go on while they lower the error by this share
+
+
+@dataclass(frozen=True, slots=True)
+class Turns:
+    """Cameras in turn, without those far ahead of their budgets where the others suffice.
+
+    Attributes:
+        rounds: the turns of all cameras.
+    """
+
+    rounds: RoundRobin
+
+    def select(self, situation: Situation) -> Selection:
+        """See `Policy.select`."""
+        allowed = situation.online & affordable(situation)
+        if allowed.sum() < min(self.rounds.num_selected, situation.online.sum()):
+            allowed = situation.online
+        return self.rounds.select(replace(situation, online=allowed))
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,13 +64,22 @@ class Information:
         quality_weight: the paper's V; larger prefers information to even batteries.
         target_error_m: wake the fewest cameras whose expected error, corrected by what was stated
             lately, meets this as a mean over the slots, in place of `num_selected`.
-        phase: which camera wins a tie.
+        phase: which camera wins a tie, and is first in turn.
+        order: of the turns; rig order if empty.
     """
 
     num_selected: float
     quality_weight: float = 1.0
     target_error_m: float | None = None
     phase: int = 0
+    order: tuple[int, ...] = ()
+
+    @property
+    def turns(self) -> Turns | None:
+        """The turns that a selection has to beat; None with a target error, which they lack."""
+        if self.target_error_m is not None:
+            return None
+        return Turns(RoundRobin(self.num_selected, self.phase, self.order))
 
     def select(self, situation: Situation) -> Selection:
         """See `Policy.select`."""
@@ -60,7 +90,13 @@ class Information:
             aim = situation.stated.aim_m(self.target_error_m)
             return self._fewest(situation, foresight, aim)
         count = count_at(situation.slot, self.num_selected)
-        return self._best(situation, foresight, situation.online, count)
+        best = self._best(situation, foresight, situation.online, count)
+        turn = best if self.turns is None else self.turns.select(situation)
+        worth = self.quality_weight * watch_nats(situation) - situation.price
+        both = np.stack([best, turn])
+        value = self.quality_weight * worth_nats(foresight, both) + both @ worth
+        better = value[0] - value[1] > self.quality_weight * LEAST_NATS
+        return best if better else turn
 
     def _best(
         self, situation: Situation, foresight: Foresight, allowed: Flags, count: int
@@ -93,8 +129,7 @@ class Information:
         Errors with whole numbers of cameras lie on both sides of the target; slots take turns
         between the two numbers, so that the mean over the slots meets it.
         """
-        affordable = situation.deficit <= max(1.0, BURST_S / situation.interval_s)
-        allowed = situation.online & affordable
+        allowed = situation.online & affordable(situation)
         everyone = self._best(situation, foresight, allowed, int(allowed.sum()))
         all_error_m = foresight.expected_error_m(everyone[None])[0]
         enough_m = max(target_m, all_error_m * (1 + NO_BETTER))
@@ -112,6 +147,11 @@ class Information:
                 return selection
             fewer, error_of_fewer_m = selection, error_m
         return everyone
+
+
+def affordable(situation: Situation) -> Flags:
+    """Return `(num_cameras,)` who is not far ahead of its budget."""
+    return np.asarray(situation.deficit <= max(1.0, BURST_S / situation.interval_s))
 
 
 def worth_nats(foresight: Foresight, subsets: Flags) -> Floats:
