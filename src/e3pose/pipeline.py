@@ -171,10 +171,8 @@ def step(
     silence = listen(state.silence, slot, selected, arrived, pipeline.interval_s)
     occlusion, visibility = expected_views(pipeline.rig, predicted_m)
     spread = state.spread.after(occlusion, pipeline.interval_s)
-    stated, check = _stated(pipeline, state, people), _checked(pipeline, state, views, people)
-    state = replace(
-        state, memory=memory, silence=silence, spread=spread, stated=stated, check=check
-    )
+    state = _judged(pipeline, state, views, people)
+    state = replace(state, memory=memory, silence=silence, spread=spread)
     last_views = _with_views(pipeline, state.last_views, views, slot)
     ordered = _in_flight(pipeline, state, online)
     times.append(clock())
@@ -301,10 +299,10 @@ def _stated(pipeline: Pipeline, state: SlotState, people: People) -> StatedError
     return state.stated.after(people.covariance_m2, pipeline.interval_s)
 
 
-def _checked(
+def _judged(
     pipeline: Pipeline, state: SlotState, views: Mapping[int, Poses2D], people: People
-) -> OwnCheck:
-    """Return `SlotState.check` after this slot, where the policy has turns to compare it with."""
+) -> SlotState:
+    """Return the state with `stated`, and with `check` where the policy has turns, of this slot."""
     check, interval_s = state.check, pipeline.interval_s
     plan = check.plan(state.slot, interval_s, len(pipeline.rig))
     seen_m = error_m = np.nan
@@ -312,7 +310,8 @@ def _checked(
         outlook = pipeline.estimator.outlook(state.memory, interval_s)
         seen_m = distance_m(pipeline.rig, outlook, views, state.selections[0])
         error_m = StatedError().after(people.covariance_m2, interval_s).mean_m or np.nan
-    return check.after(state.slot, interval_s, plan.way, seen_m, error_m)
+    check = check.after(state.slot, interval_s, plan.way, seen_m, error_m)
+    return replace(state, stated=_stated(pipeline, state, people), check=check)
 
 
 def _situation(
