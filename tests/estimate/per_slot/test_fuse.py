@@ -271,7 +271,7 @@ def test_importing_loads_no_numba_until_something_is_fused() -> None:
         "import sys, e3pose.estimate.per_slot.fuse as f, e3pose.geometry.camera as c, numpy as np\n"
         "rig = c.Rig((c.Camera('a', (10, 10), np.diag([9., 9., 1.]), np.eye(4)),))\n"
         "print('numba' in sys.modules)\n"
-        "f.Fuser(rig, 17)\n"
+        "f.Fuser(rig, 17).warm_up()\n"
         "print('numba' in sys.modules)\n"
     )
     result = subprocess.run(
