@@ -86,7 +86,7 @@ def test_a_round_without_views_says_nothing() -> None:
 
 @pytest.fixture(scope="module")
 def recording() -> Recording:
-    return simulate(SceneSettings(scene="two-rooms", seconds=75.0, fps=1 / SLOT_S), 701)
+    return simulate(SceneSettings(scene="two-rooms", seconds=100.0, fps=1 / SLOT_S), 701)
 
 
 def test_distance_is_that_of_keypoints_at_the_depth_of_the_person(recording: Recording) -> None:
@@ -146,9 +146,9 @@ def last_state(recording: Recording) -> tuple[SlotState, str, list[int]]:
 def test_a_policy_whose_model_is_wrong_falls_back_to_turns(
     recording: Recording, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(own_check, "STRETCH_S", 2.0)
+    monkeypatch.setattr(own_check, "STRETCH_S", 2.5)
     monkeypatch.setattr(own_check, "STRETCHES", 4)
-    monkeypatch.setattr(own_check, "SETTLE_S", 0.4)
+    monkeypatch.setattr(own_check, "SETTLE_S", 0.5)
     state, words, chosen = last_state(recording)
     assert state.check.by_turns and "take turns" in words
     assert np.mean(np.array(chosen[:300]) == 0) > 0.5
