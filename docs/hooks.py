@@ -55,7 +55,7 @@ API: dict[str, tuple[str, str, tuple[str, ...]]] = {
         "Write and query stored slots.",
         ("store.query.Store", "store.answers.StoredPoses", "store.writer.StoreWriter"),
     ),
-    "report": ("Reports", "Write the report page.", ("report.page.write_report",)),
+    "report": ("Reports", "Write the report page.", ("output.report.page.write_report",)),
 }
 
 

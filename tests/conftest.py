@@ -57,8 +57,8 @@ def pytest_sessionstart(session: pytest.Session) -> None:
     config = session.config
     if not config.getoption("numprocesses", None) or hasattr(config, "workerinput"):
         return
+    from e3pose.base.kernel_cache import stamp_of
     from e3pose.evaluate import replay
-    from e3pose.runtime.kernel_cache import stamp_of
 
     stamp = stamp_of(Path(replay.__file__).resolve())
     cache = getattr(config, "cache", None)

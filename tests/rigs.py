@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from e3pose.geometry.camera import Camera, Rig
+from e3pose.model.camera import Camera, Rig
 
 
 def looking(*places: tuple[float, float], away: bool = False) -> Rig:

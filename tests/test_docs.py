@@ -12,11 +12,11 @@ from typing import Any
 
 import pytest
 
+from e3pose.base.bounded import parse_toml
+from e3pose.base.table import read_table
 from e3pose.cli.app import CALIBRATE_VERBS, GROUPS, VERBS, app
 from e3pose.cli.options import EnergyOptions, LoopOptions
 from e3pose.edge import roster
-from e3pose.files.bounded import parse_toml
-from e3pose.files.table import read_table
 from e3pose.settings.camera_file import NodeTable
 from e3pose.settings.site_file import SiteTable
 

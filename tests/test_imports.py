@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import e3pose
-from e3pose.geometry.camera import Camera, Rig
+from e3pose.model.camera import Camera, Rig
 from e3pose.recording.calibration import save_rig
 
 HEAVY = {
@@ -37,15 +37,15 @@ HEAVY = {
 # The rooms, innermost first: each may import those before it.
 LAYERS: list[str] = []
 for rooms in (
-    "arrays errors quantities runtime files model geometry predict energy",
+    "base model predict energy",
     "estimate select pipeline recording detectors wire settings store",
-    "simulate camera evaluate calibrate learn edge report exports site",
+    "simulate camera evaluate calibrate edge output site",
     "cli __main__",
 ):
     LAYERS += rooms.split()
 # The pure part: numpy, scipy and the standard library only.
 PURE = (
-    "geometry.camera", "geometry.distortion", "geometry.projection", "geometry.rigs", "model.pose",
+    "model.camera", "model.distortion", "model.projection", "model.rigs", "model.pose",
     "model.skeleton", "model.noise", "model.noises", "model.slot_record", "model.uncertainty",
     "estimate", "estimate.base", "estimate.filter", "estimate.filter.step",
     "estimate.per_slot.fuse", "predict", "select",
@@ -55,7 +55,7 @@ PURE = (
     "energy.queues", "energy.learned_cost",
     "energy.budgets", "energy.site_energy", "estimate.smooth", "model.take", "pipeline",
     "recording.record",
-    "evaluate.metrics", "wire.codec", "wire.offset", "runtime.clock", "edge.lead", "edge.roster",
+    "evaluate.metrics", "wire.codec", "wire.offset", "base.clock", "edge.lead", "edge.roster",
 )  # fmt: skip
 PURE_IN_LAB = ("prediction.motion", "prediction.scores", "prediction.tally")
 SOURCE = Path(e3pose.__file__).parent
@@ -154,7 +154,7 @@ def test_a_climb_is_seen() -> None:
 
 
 def test_guard_bites_on_a_shell() -> None:
-    pure, shell = loaded_by("e3pose.pipeline", "e3pose.runtime.dispatcher")
+    pure, shell = loaded_by("e3pose.pipeline", "e3pose.base.dispatcher")
     assert HEAVY & pure == set() and "numba" in HEAVY & shell
 
 

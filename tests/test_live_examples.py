@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from e3pose.errors import InputError
-from e3pose.files.table import entries
-from e3pose.geometry.camera import Rig
-from e3pose.geometry.rigs import ring_rig
-from e3pose.quantities import size_bytes
+from e3pose.base.errors import InputError
+from e3pose.base.quantities import size_bytes
+from e3pose.base.table import entries
+from e3pose.model.camera import Rig
+from e3pose.model.rigs import ring_rig
 from e3pose.recording import load_recording
 from e3pose.recording.calibration import save_rig
 from e3pose.settings.camera_file import NodeTable, load_node

@@ -17,7 +17,7 @@ from e3pose.estimate.filter.estimator import Filtered
 from e3pose.estimate.filter.step import StepKernel
 from e3pose.estimate.per_slot.estimator import PerSlot
 from e3pose.estimate.per_slot.fuse import Fuser
-from e3pose.geometry.camera import Camera, Rig
+from e3pose.model.camera import Camera, Rig
 from e3pose.model.noises import load_noise
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17

@@ -17,8 +17,8 @@ import psutil
 from rich.console import Console
 
 import hostile_inputs
+from e3pose.base.errors import InputError
 from e3pose.cli import main as e3pose
-from e3pose.errors import InputError
 from e3pose.recording import save_recording
 from e3pose.simulate.settings import SceneSettings
 from e3pose.simulate.simulation import simulate

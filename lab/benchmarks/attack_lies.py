@@ -12,6 +12,7 @@ from datetime import datetime, timezone
 from pathlib import Path
 
 from attack_inputs import Result
+from e3pose.base.clock import WallClock
 from e3pose.camera.base import NodeSettings
 from e3pose.camera.live import CameraNode
 from e3pose.camera.live_source import RecordedDetector, RecordedSource
@@ -19,7 +20,6 @@ from e3pose.camera.pictures import Pictures
 from e3pose.edge.inbox import BEAT_S, NEAR_S
 from e3pose.edge.lead import FAR_S
 from e3pose.recording import load_recording
-from e3pose.runtime.clock import WallClock
 from e3pose.settings.site_file import load_site
 from e3pose.site.follow import Follower, viewer_link
 from e3pose.site.up import end

@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from adaptive_choice import ACTIVE_W, FPS, IDLE_W
-from e3pose.arrays import Flags, Floats
+from e3pose.base.arrays import Flags, Floats
 
 ASLEEP_W = 0.5  # assumed: a suspended board, from which its own clock wakes it
 WARMUP_SLOTS = 10

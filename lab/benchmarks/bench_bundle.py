@@ -28,7 +28,7 @@ from e3pose.calibrate.bundle import (
     observe,
 )
 from e3pose.calibrate.least_squares import Linearised
-from e3pose.geometry.camera import Rig
+from e3pose.model.camera import Rig
 from e3pose.simulate import DetectorSettings, SceneSettings, simulate
 
 Floats = NDArray[np.float64]

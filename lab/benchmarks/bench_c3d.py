@@ -17,9 +17,9 @@ from pathlib import Path
 
 import numpy as np
 
-from e3pose.exports import export
 from e3pose.model.skeleton import COCO17
 from e3pose.model.take import Take, motion_of
+from e3pose.output.exports import export
 
 FPS = 25.0
 

@@ -30,13 +30,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.base.errors import InputError
 from e3pose.calibrate.from_people import PeopleRig, solve_people
 from e3pose.calibrate.uncertainty import camera_errors, distances, likely_rigs
-from e3pose.errors import InputError
-from e3pose.geometry.camera import Rig
-from e3pose.geometry.rotations import similarity
+from e3pose.model.camera import Rig
 from e3pose.model.noise import Noise
 from e3pose.model.noises import detector_of, load_noise
+from e3pose.model.rotations import similarity
 from e3pose.recording import load_recording
 from e3pose.recording.calibration.world import assumed_rig
 from e3pose.recording.record import Recording

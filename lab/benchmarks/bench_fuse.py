@@ -20,7 +20,7 @@ from scipy.optimize import linear_sum_assignment
 
 from e3pose.estimate.per_slot.fuse import Fuser, FusionSettings
 from e3pose.estimate.per_slot.fusion import MATCHERS
-from e3pose.geometry.camera import Camera, Rig
+from e3pose.model.camera import Camera, Rig
 from e3pose.model.pose import Poses3D
 from reference import ReferenceFuser
 

@@ -16,7 +16,7 @@ HEAVY = ("numba", "cv2", "onnxruntime", "torch", "scipy", "av", "pyarrow", "plot
 COMMANDS = {
     "python -c pass": ("-c", "pass"),
     "import e3pose": ("-c", "import e3pose"),
-    "import e3pose.geometry.camera": ("-c", "import e3pose.geometry.camera"),
+    "import e3pose.model.camera": ("-c", "import e3pose.model.camera"),
     "e3pose --help": ("-m", "e3pose", "--help"),
     "e3pose detect --help": ("-m", "e3pose", "detect", "--help"),
     "e3pose replay --help": ("-m", "e3pose", "replay", "--help"),

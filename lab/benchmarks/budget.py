@@ -27,8 +27,8 @@ from typing import Any
 
 import psutil
 
+from e3pose.base.bounded import parse_toml
 from e3pose.cli.app import VERBS
-from e3pose.files.bounded import parse_toml
 from live_site import Site, live_site, wait
 
 LIMITS = Path(__file__).with_name("budget.toml")

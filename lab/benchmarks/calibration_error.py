@@ -24,9 +24,9 @@ from e3pose.calibrate.places import KnownLength, from_points_seen, from_wand_see
 from e3pose.calibrate.sound import RATE, onsets, shift_of
 from e3pose.calibrate.synchronise import synchronise
 from e3pose.calibrate.wand import Wand
-from e3pose.geometry.camera import Rig
-from e3pose.geometry.rigs import ring_rig
+from e3pose.model.camera import Rig
 from e3pose.model.noises import load_noise
+from e3pose.model.rigs import ring_rig
 from e3pose.simulate import SceneSettings, simulate
 
 sys.path.append(str(Path(__file__).resolve().parents[2]))  # scenes of the tests

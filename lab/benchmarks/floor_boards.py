@@ -15,8 +15,8 @@ from pathlib import Path
 
 import numpy as np
 
+from e3pose.base.errors import InputError
 from e3pose.calibrate.from_boards import board_on_floor
-from e3pose.errors import InputError
 
 sys.path.append(str(Path(__file__).resolve().parents[2]))  # scenes of the tests
 

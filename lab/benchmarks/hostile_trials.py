@@ -9,8 +9,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from e3pose.base.errors import InputError
 from e3pose.cli import main as e3pose
-from e3pose.errors import InputError
 
 LIMIT_S = 60.0  # of CPU, for a verb; init measures for seconds
 LIMIT_MB = 600.0  # more than before: a frame of the largest size takes 200 MB in RGB

@@ -13,10 +13,10 @@ from typing import Any
 import av
 import numpy as np
 
+from e3pose.base.clock import WallClock
 from e3pose.camera.live_source import make_source
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17
-from e3pose.runtime.clock import WallClock
 from hostile_trials import Trial, measured, tried
 
 WIDTH, HEIGHT = 64, 48

@@ -15,7 +15,7 @@ from typing import Any, Literal, get_args, get_origin, get_type_hints
 import msgspec
 import numpy as np
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 from e3pose.wire.arrays import pack
 from e3pose.wire.codec import decode, encode
 from e3pose.wire.messages import Array, CameraMode, ClockQuestion, Heartbeat, Hello, View

@@ -35,7 +35,7 @@ FIGURES = ("recall", "precision", "F1", "MPJPE")
 
 def operating_room() -> Any:
     """Return six cameras under the ceiling of a room of 6 m x 5 m, all of 100 degrees."""
-    from e3pose.geometry.rigs import Spot, spot_rig
+    from e3pose.model.rigs import Spot, spot_rig
 
     corners = [(x, y) for x in (-2.9, 2.9) for y in (-2.4, 2.4)]
     spots = [Spot(x, y, 2.5, 0.1 * x, 0.1 * y, 100.0) for x, y in (*corners, (0, -2.4), (0, 2.4))]

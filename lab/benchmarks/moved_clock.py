@@ -12,8 +12,8 @@ import sys
 import time
 from pathlib import Path
 
+from e3pose.base.clock import WallClock
 from e3pose.cli import main
-from e3pose.runtime.clock import WallClock
 
 _time_s, _time_ns = time.time, time.time_ns
 

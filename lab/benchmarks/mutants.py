@@ -45,7 +45,7 @@ PLAIN_TESTS = (  # of kernels by themselves, and against their plain forms
     "tests/reference",
 )
 MARKS = "not shared and not live and not timed and not network"
-KERNEL = "from e3pose.runtime.kernel import"  # of files that declare kernels
+KERNEL = "from e3pose.base.kernel import"  # of files that declare kernels
 
 
 class Stopwatch:
@@ -97,8 +97,8 @@ def copy_project(root: Path, tree: Path) -> None:
 
 def plain_kernels() -> None:
     """Leave kernels as they are written; before anything that has one is imported."""
-    import e3pose.runtime.held as held
-    import e3pose.runtime.kernel as kernel
+    import e3pose.base.held as held
+    import e3pose.base.kernel as kernel
 
     class Held:
         def __init__(self, values: Any) -> None:
@@ -120,7 +120,7 @@ def import_first(tree: Path) -> set[str]:
     os.environ["PYTHONPATH"] = str(tree / "src")
     for name in ("numba", "scipy.optimize", "scipy.spatial", "coverage", "zenoh"):
         __import__(name)
-    from e3pose.runtime import kernel_cache
+    from e3pose.base import kernel_cache
 
     compiled: set[Path] = set()
     for path in (tree / "src").resolve().rglob("*.py"):

@@ -15,8 +15,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from e3pose.base.clock import WallClock
 from e3pose.camera.pictures import Pictures
-from e3pose.runtime.clock import WallClock
 from e3pose.wire.codec import decode, encode
 from e3pose.wire.site_messages import Picture, PictureQuestion
 

@@ -157,7 +157,7 @@ def main() -> None:
     options = parser.parse_args()
     import torch
 
-    from e3pose.files.bounded import read_bytes
+    from e3pose.base.bounded import read_bytes
     from e3pose_lab.train.attention_lstm import TrainSettings, train
     from e3pose_lab.train.network import NetworkSettings
     from e3pose_lab.train.validation import examine, make_exams

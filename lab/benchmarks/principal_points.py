@@ -36,7 +36,7 @@ from e3pose.calibrate.from_points import OUTLIER_SIGMAS, adjust_all
 from e3pose.calibrate.least_squares import reduced_normal, weights_of
 from e3pose.calibrate.lenses import MIDDLE_SIGMA, REPEATED
 from e3pose.calibrate.uncertainty import distances
-from e3pose.geometry.camera import Rig
+from e3pose.model.camera import Rig
 from e3pose.recording.calibration.world import ASSUMED_FOCAL
 
 Floats = NDArray[np.float64]

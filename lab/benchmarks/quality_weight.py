@@ -36,7 +36,7 @@ MISSED_M = 0.5
 
 def crowd(mocap: Path, number: int) -> Any:
     """Return four people of motion capture, each somewhere and turned somehow, five cameras."""
-    from e3pose.geometry.rigs import ring_rig
+    from e3pose.model.rigs import ring_rig
     from e3pose.model.skeleton import COCO17
     from e3pose.recording import Truth
     from e3pose.recording.datasets.motion import import_cmu

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 
 Shared = TypeVar("Shared")
 Task = TypeVar("Task")

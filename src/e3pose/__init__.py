@@ -7,42 +7,42 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from e3pose.runtime.deferred import names_of
+from e3pose.base.deferred import names_of
 
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
-    from e3pose.errors import InputError as InputError
+    from e3pose.base.errors import InputError as InputError
     from e3pose.estimate.per_slot.fuse import Fuser as Fuser
     from e3pose.evaluate.replay import ReplaySettings as ReplaySettings
     from e3pose.evaluate.replay import replay as replay
-    from e3pose.exports.frame import to_frame as to_frame
-    from e3pose.exports.source import query as query
-    from e3pose.geometry.camera import Camera as Camera
-    from e3pose.geometry.camera import Rig as Rig
+    from e3pose.model.camera import Camera as Camera
+    from e3pose.model.camera import Rig as Rig
     from e3pose.model.pose import Poses2D as Poses2D
     from e3pose.model.pose import Poses3D as Poses3D
     from e3pose.model.skeleton import SKELETONS as SKELETONS
     from e3pose.model.skeleton import Skeleton as Skeleton
+    from e3pose.output.exports.frame import to_frame as to_frame
+    from e3pose.output.exports.source import query as query
+    from e3pose.output.report.plot import plot as plot
     from e3pose.recording import Recording as Recording
     from e3pose.recording import load_recording as load_recording
     from e3pose.recording import save_recording as save_recording
     from e3pose.recording.calibration import load_rig as load_rig
     from e3pose.recording.calibration import save_rig as save_rig
-    from e3pose.report.plot import plot as plot
     from e3pose.site.camera_program import open_camera as open_camera
     from e3pose.site.connect import connect as connect
     from e3pose.site.edge_program import open_edge as open_edge
 
 _HOMES = {
-    "Camera": "geometry.camera",
+    "Camera": "model.camera",
     "Fuser": "estimate.per_slot.fuse",
-    "InputError": "errors",
+    "InputError": "base.errors",
     "Poses2D": "model.pose",
     "Poses3D": "model.pose",
     "Recording": "recording",
     "ReplaySettings": "evaluate.replay",
-    "Rig": "geometry.camera",
+    "Rig": "model.camera",
     "SKELETONS": "model.skeleton",
     "Skeleton": "model.skeleton",
     "connect": "site.connect",
@@ -50,12 +50,12 @@ _HOMES = {
     "load_rig": "recording.calibration",
     "open_camera": "site.camera_program",
     "open_edge": "site.edge_program",
-    "plot": "report.plot",
-    "query": "exports.source",
+    "plot": "output.report.plot",
+    "query": "output.exports.source",
     "replay": "evaluate.replay",
     "save_recording": "recording",
     "save_rig": "recording.calibration",
-    "to_frame": "exports.frame",
+    "to_frame": "output.exports.frame",
 }
 
 

@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
 from e3pose.energy.queues import advance_deficit, price
 from e3pose.estimate.base import STEER_SLOTS, Estimator, People
-from e3pose.geometry.camera import Rig
+from e3pose.model.camera import Rig
 from e3pose.model.expected import ExpectedView
 from e3pose.model.pose import Poses2D
 from e3pose.model.slot_record import Reasons as Reasons

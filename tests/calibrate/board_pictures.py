@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.calibrate.board import Board
-from e3pose.geometry.camera import Camera
+from e3pose.model.camera import Camera
 
 Floats = NDArray[np.float64]
 SQUARE_PX = 32  # of the drawing that is warped

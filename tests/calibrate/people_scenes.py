@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from e3pose.calibrate.bundle import Cameras, placed
-from e3pose.geometry.camera import Rig
-from e3pose.geometry.rotations import angles_between, similarity
+from e3pose.model.camera import Rig
+from e3pose.model.rotations import angles_between, similarity
 from e3pose.recording.calibration.world import assumed_rig
 from e3pose.recording.record import Recording, ViewSeries
 from e3pose.simulate import SceneSettings, simulate

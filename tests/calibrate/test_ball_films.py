@@ -12,8 +12,8 @@ from tests.calibrate.people_scenes import distances
 from tests.cli.commands import run
 
 from e3pose.camera.video_file import VideoFile
-from e3pose.geometry.camera import Rig
-from e3pose.geometry.rigs import ring_rig
+from e3pose.model.camera import Rig
+from e3pose.model.rigs import ring_rig
 from e3pose.recording.calibration import load_rig, save_rig
 
 pytestmark = pytest.mark.slow

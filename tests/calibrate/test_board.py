@@ -11,11 +11,11 @@ import pytest
 from numpy.typing import NDArray
 from tests.calibrate.board_pictures import facing, render
 
+from e3pose.base.errors import InputError
 from e3pose.calibrate.board import Board, make_finder
 from e3pose.calibrate.board_page import as_pdf, as_svg, draw_page, largest_square_mm
 from e3pose.calibrate.board_views import find_board
-from e3pose.errors import InputError
-from e3pose.geometry.camera import Camera
+from e3pose.model.camera import Camera
 
 pytestmark = pytest.mark.slow
 

@@ -12,9 +12,9 @@ from tests.calibrate.people_scenes import distances, disturbed
 from e3pose.calibrate.bundle import AdjustOptions, Cameras, adjust_points, observe, placed
 from e3pose.calibrate.from_points import pair_poses, solve_points
 from e3pose.calibrate.triangulation import place_points
-from e3pose.geometry.camera import Rig
-from e3pose.geometry.rigs import ring_rig
-from e3pose.geometry.rotations import similarity
+from e3pose.model.camera import Rig
+from e3pose.model.rigs import ring_rig
+from e3pose.model.rotations import similarity
 
 LONGER = np.array([np.log(1.12), 0.0, 0.0, 0.0])  # a lens of 1.12 times the focal length
 RIG = Rig(

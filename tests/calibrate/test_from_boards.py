@@ -7,12 +7,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 from tests.calibrate.people_scenes import distances
 
+from e3pose.base.errors import InputError
 from e3pose.calibrate.board import Board
 from e3pose.calibrate.from_boards import board_on_floor, both_places, solve_boards
 from e3pose.calibrate.view_graph import Edge, chain, connected, robust_mean
-from e3pose.errors import InputError
-from e3pose.geometry.camera import Rig
-from e3pose.geometry.rigs import ring_rig
+from e3pose.model.camera import Rig
+from e3pose.model.rigs import ring_rig
 
 BOARD = Board.parse("charuco-5x7-54mm")
 A4 = Board.parse("charuco-5x7-37mm")

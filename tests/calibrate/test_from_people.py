@@ -14,6 +14,7 @@ from tests.calibrate.people_scenes import (
     without_calibration,
 )
 
+from e3pose.base.errors import InputError
 from e3pose.calibrate.fit import CameraFit, disagreeing
 from e3pose.calibrate.from_people import _finish, _rounds, _Scene, solve_people
 from e3pose.calibrate.judge import judge
@@ -21,8 +22,7 @@ from e3pose.calibrate.matched_people import observe_people
 from e3pose.calibrate.people_places import from_people
 from e3pose.calibrate.places import KnownLength
 from e3pose.calibrate.synchronise import synchronise, with_offsets
-from e3pose.errors import InputError
-from e3pose.geometry.camera import Rig
+from e3pose.model.camera import Rig
 from e3pose.model.noises import load_noise
 from e3pose.recording.record import Recording
 

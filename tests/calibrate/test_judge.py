@@ -9,7 +9,7 @@ import pytest
 from tests.calibrate.people_scenes import disturbed, walk
 
 from e3pose.calibrate.judge import judge
-from e3pose.geometry.camera import Rig
+from e3pose.model.camera import Rig
 from e3pose.model.noises import detector_of, load_noise
 from e3pose.simulate import SceneSettings, simulate
 

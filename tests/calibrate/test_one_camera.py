@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from tests.calibrate.people_scenes import knocked, walk
 
+from e3pose.base.errors import InputError
 from e3pose.calibrate.one_camera import place_one
 from e3pose.calibrate.recordings import first_seconds, last_seconds
-from e3pose.errors import InputError
-from e3pose.geometry.rotations import angles_between
 from e3pose.model.noises import load_noise
+from e3pose.model.rotations import angles_between
 from e3pose.recording.record import Recording
 
 pytestmark = pytest.mark.slow

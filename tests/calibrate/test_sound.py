@@ -10,9 +10,9 @@ import pytest
 from tests.calibrate.sounds import film, heard, room
 from tests.cli.commands import run
 
+from e3pose.base.errors import InputError
 from e3pose.calibrate.sound import RATE, shifts_by_sound
 from e3pose.camera.source import open_video
-from e3pose.errors import InputError
 
 pytestmark = pytest.mark.slow
 

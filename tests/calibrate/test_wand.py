@@ -11,9 +11,9 @@ from tests.calibrate.people_scenes import distances
 from tests.calibrate.wand_scenes import carried, ring
 from tests.cli.commands import run
 
+from e3pose.base.errors import InputError
 from e3pose.calibrate.places import from_wand_seen
 from e3pose.calibrate.wand import Wand
-from e3pose.errors import InputError
 from e3pose.recording.calibration import load_rig, save_rig
 
 pytestmark = pytest.mark.slow

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.calibrate.wand import Wand
-from e3pose.geometry.camera import Rig
-from e3pose.geometry.rigs import ring_rig
+from e3pose.model.camera import Rig
+from e3pose.model.rigs import ring_rig
 
 Floats = NDArray[np.float64]
 

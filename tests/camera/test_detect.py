@@ -9,11 +9,11 @@ import av
 import numpy as np
 import pytest
 
+from e3pose.base.errors import InputError
+from e3pose.base.lock import hold
 from e3pose.camera.detect import DetectSettings, detect_videos, partial_folder
 from e3pose.camera.provenance import load_video_starts
-from e3pose.errors import InputError
-from e3pose.files.lock import hold
-from e3pose.geometry.camera import Camera, Rig
+from e3pose.model.camera import Camera, Rig
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17
 from e3pose.recording import load_recording

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from tests.camera.mjpeg import network_camera
 
+from e3pose.base.errors import InputError
 from e3pose.camera.frame_rate import LEAST, NEWEST, FrameRate, rate_hz, rounded_hz
 from e3pose.camera.probe import Probe, probe, probe_all
-from e3pose.errors import InputError
 from e3pose.site.check_rates import compare_rates
 
 

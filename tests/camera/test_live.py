@@ -8,13 +8,13 @@ import time
 import pytest
 from tests.memory_transport import Hub
 
+from e3pose.base.clock import SlotTimes, WallClock
+from e3pose.base.errors import InputError
 from e3pose.camera.base import LiveFrame
 from e3pose.camera.live import CameraNode, NodeSettings
 from e3pose.camera.live_source import RecordedDetector
 from e3pose.camera.schedule import Schedule
-from e3pose.errors import InputError
 from e3pose.model.pose import Poses2D
-from e3pose.runtime.clock import SlotTimes, WallClock
 
 
 class Unplugged:

@@ -12,10 +12,10 @@ import cv2
 import numpy as np
 import pytest
 
+from e3pose.base.clock import WallClock
+from e3pose.base.errors import InputError
 from e3pose.camera.live_source import Loop, PacedSource, RecordedDetector, make_source, slower
-from e3pose.errors import InputError
 from e3pose.recording import save_recording
-from e3pose.runtime.clock import WallClock
 from e3pose.simulate import DetectorSettings, SceneSettings, simulate
 
 FAST = 100.0  # frames per second

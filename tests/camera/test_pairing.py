@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from e3pose.base.errors import InputError
 from e3pose.camera.pairing import pair_videos
-from e3pose.errors import InputError
-from e3pose.geometry.camera import Camera, Rig
+from e3pose.model.camera import Camera, Rig
 
 
 def rig(*camera_ids: str) -> Rig:

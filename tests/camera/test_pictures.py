@@ -11,11 +11,11 @@ from tests.manual_clock import ManualClock
 from tests.memory_transport import Hub
 from tests.waiting import eventually
 
+from e3pose.base.clock import WallClock
 from e3pose.camera.base import LiveFrame
 from e3pose.camera.live import CameraNode, NodeSettings, _Seen
 from e3pose.camera.pictures import LARGE_WIDTH, PERIOD_NS, WIDTH, Pictures
 from e3pose.model.pose import Poses2D
-from e3pose.runtime.clock import WallClock
 from e3pose.wire.codec import MAX_BYTES, decode, encode
 from e3pose.wire.site_messages import Picture, PictureQuestion
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from e3pose.base.clock import SlotTimes
 from e3pose.camera.schedule import KEPT_SLOTS, Schedule, slot_of_frame, take_order
-from e3pose.runtime.clock import SlotTimes
 from e3pose.wire.messages import Order
 
 ORIGIN, INTERVAL = 1_000_000_000_000, 40_000_000

@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 import pytest
 
+from e3pose.base.errors import InputError
 from e3pose.camera.source import Frame, VideoSource, open_video
-from e3pose.errors import InputError
 from hostile_videos import film
 
 WIDTH, HEIGHT = 64, 48

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from tests.waiting import eventually
 
+from e3pose.base.clock import SlotTimes
 from e3pose.camera import video_recorder
 from e3pose.camera.base import LiveFrame
 from e3pose.camera.source import open_video
@@ -19,7 +20,6 @@ from e3pose.camera.video_file import VideoFile
 from e3pose.camera.video_recorder import QUEUE_FRAMES, VideoRecorder, VideoSettings
 from e3pose.model.pose import Poses2D
 from e3pose.recording.videos import begin_of, videos_in
-from e3pose.runtime.clock import SlotTimes
 
 BEGIN_NS = 1_800_000_000 * 10**9
 FPS = 20.0

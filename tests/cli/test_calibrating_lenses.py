@@ -13,7 +13,7 @@ from tests.calibrate.board_pictures import facing, render
 from tests.cli.commands import run
 
 from e3pose.calibrate.board import Board
-from e3pose.geometry.camera import Camera
+from e3pose.model.camera import Camera
 from e3pose.recording.calibration import load_rig
 
 CAMERA = Camera(

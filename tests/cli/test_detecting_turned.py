@@ -19,7 +19,7 @@ from e3pose.detectors.base import Image
 from e3pose.detectors.drawn import Drawn, draw
 from e3pose.detectors.focus import Part
 from e3pose.evaluate.detect_again import open_pixels
-from e3pose.geometry.camera import Camera, Rig
+from e3pose.model.camera import Camera, Rig
 from e3pose.model.expected import ExpectedView
 from e3pose.model.pose import Poses2D
 from e3pose.recording import load_recording

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests.cli.commands import run
-from tests.exports.takes import STARTED_NS, records
+from tests.output.exports.takes import STARTED_NS, records
 
 from e3pose.evaluate.poses_table import write_poses
 from e3pose.model.skeleton import COCO17

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from tests.cli.commands import run
-from tests.exports.feet import (
+from tests.output.exports.feet import (
     NEAR_M,
     assert_feet_are_drawn,
     assert_feet_are_exported,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from tests.cli.commands import run
 
-from e3pose.geometry.camera import Camera, Rig
+from e3pose.model.camera import Camera, Rig
 from e3pose.recording import load_recording
 from e3pose.recording.calibration import save_rig
 

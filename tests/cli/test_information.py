@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from tests.cli.commands import run
 
-from e3pose.geometry.camera import Camera, Rig
+from e3pose.model.camera import Camera, Rig
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17
 from e3pose.recording import Recording, ViewSeries, save_recording

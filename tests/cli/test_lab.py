@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from e3pose.cli.lab import LAB, LAB_VERBS, lab_verbs
-from e3pose.learn.job import LACKS_TORCH
-from e3pose.learn.trainer import main as train
+from e3pose.edge.learn.job import LACKS_TORCH
+from e3pose.edge.learn.trainer import main as train
 
 # Runs the program where the package of the lab cannot be found.
 WITHOUT = """

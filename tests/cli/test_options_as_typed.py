@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from tests.cli.commands import run
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 from e3pose.recording import save_recording
 from e3pose.settings.site_file import SiteTable
 from e3pose.simulate import SceneSettings, simulate

@@ -12,8 +12,8 @@ from tests.cli.commands import run
 from tests.detectors.test_timing import NAPPER
 from tests.rigs import looking
 
+from e3pose.output.report.overlay import write_movie
 from e3pose.recording.calibration import save_rig
-from e3pose.report.overlay import write_movie
 from e3pose.settings.site_file import load_site
 
 pytestmark = pytest.mark.slow

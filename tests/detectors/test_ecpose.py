@@ -11,9 +11,9 @@ import pytest
 from numpy.typing import NDArray
 from onnx import TensorProto, helper, numpy_helper
 
+from e3pose.base.errors import InputError
 from e3pose.detectors import identify, make_detector, skeleton_of
 from e3pose.detectors.focus import Focusing, Part
-from e3pose.errors import InputError
 from e3pose.model.skeleton import COCO17
 
 RED = np.zeros((480, 640, 3), np.uint8)

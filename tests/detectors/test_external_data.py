@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from e3pose.base.errors import InputError
 from e3pose.detectors.inference import load_network
-from e3pose.errors import InputError
 from e3pose.predict import make_predictor
 from e3pose.predict.attention_lstm import SHIPPED
 

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from e3pose.base.errors import InputError
 from e3pose.detectors import make_detector
 from e3pose.detectors.drawn import draw
 from e3pose.detectors.focus import (
@@ -20,7 +21,6 @@ from e3pose.detectors.focus import (
     detect_expected,
     part_with,
 )
-from e3pose.errors import InputError
 from e3pose.model.expected import ExpectedView
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from e3pose.base.errors import InputError
 from e3pose.detectors import DETECTORS, identify, make_detector
 from e3pose.detectors.focus import Focusing, Part
 from e3pose.detectors.inference import choose_providers, load_network
 from e3pose.detectors.yolo import keep_people
-from e3pose.errors import InputError
 
 FLOAT, INT32 = 1, 6
 IMAGE = np.full((480, 640, 3), 50, np.uint8)

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from e3pose.base.errors import InputError
 from e3pose.detectors.timing import Workload, time_detections
-from e3pose.errors import InputError
 
 pytestmark = pytest.mark.slow
 

@@ -16,6 +16,7 @@ import numpy as np
 from tests.manual_clock import ManualClock
 from tests.memory_transport import Hub
 
+from e3pose.base.clock import SlotTimes
 from e3pose.edge.consumers import Consumers
 from e3pose.edge.energy_ledger import EnergyLedger
 from e3pose.edge.gather import Arrival, Gather
@@ -25,7 +26,6 @@ from e3pose.energy.profiles import load_profile
 from e3pose.model.pose import Poses2D
 from e3pose.recording import Recording
 from e3pose.recording.json_lines import encode_view
-from e3pose.runtime.clock import SlotTimes
 from e3pose.settings.edge import EdgeSettings
 from e3pose.settings.loop import ReplaySettings
 from e3pose.settings.parts import make_pipeline

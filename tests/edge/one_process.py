@@ -11,13 +11,13 @@ from pathlib import Path
 from tests.memory_transport import Hub
 from tests.waiting import eventually
 
+from e3pose.base.clock import WallClock
 from e3pose.camera.live import CameraNode, NodeSettings
 from e3pose.camera.live_source import RecordedDetector, RecordedSource
 from e3pose.edge.events import EventLog
 from e3pose.edge.server import EdgeServer
 from e3pose.edge.state_file import StateFile
 from e3pose.recording import Recording
-from e3pose.runtime.clock import WallClock
 from e3pose.settings.edge import EdgeSettings
 from e3pose.settings.loop import ReplaySettings
 from e3pose.settings.parts import make_pipeline

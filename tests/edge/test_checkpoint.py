@@ -15,13 +15,13 @@ import numpy as np
 import pytest
 from numpy.lib import format as npy
 
+from e3pose.base.clock import SlotTimes
+from e3pose.base.errors import InputError
 from e3pose.edge.checkpoint import Checkpoint, flatten, load_checkpoint, save_checkpoint
 from e3pose.edge.lead_change import skip_to, still_true, with_lead
 from e3pose.edge.state_file import StateFile
-from e3pose.errors import InputError
 from e3pose.pipeline import Pipeline, SlotRecord, SlotState, initial_state, step
 from e3pose.recording import Recording
-from e3pose.runtime.clock import SlotTimes
 from e3pose.settings.loop import ReplaySettings
 from e3pose.settings.parts import make_pipeline
 from e3pose.simulate.settings import SceneSettings

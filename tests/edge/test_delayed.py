@@ -14,9 +14,9 @@ from tests.edge.one_process import site_at_work
 from tests.manual_clock import ManualClock
 from tests.waiting import eventually
 
+from e3pose.base.errors import InputError
 from e3pose.edge.outbox import Outbox
 from e3pose.edge.publisher import Publisher
-from e3pose.errors import InputError
 from e3pose.estimate.base import People
 from e3pose.estimate.smooth.delayed import Delayed, lag_slots
 from e3pose.evaluate.replay import ReplaySettings, replay

@@ -10,10 +10,10 @@ import pytest
 from tests.edge.one_process import Site, site_at_work
 from tests.waiting import eventually
 
+from e3pose.base.clock import SlotTimes
+from e3pose.base.errors import InputError
 from e3pose.camera.schedule import Schedule, take_order
-from e3pose.errors import InputError
 from e3pose.model.expected import ExpectedView
-from e3pose.runtime.clock import SlotTimes
 from e3pose.wire.arrays import pack
 from e3pose.wire.codec import decode, encode
 from e3pose.wire.expected import expected_view, packed_expected

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from tests.manual_clock import ManualClock
 
+from e3pose.base.clock import WallClock
 from e3pose.edge.gather import MAX_AHEAD_SLOTS, Arrival, Gather
 from e3pose.model.pose import Poses2D
-from e3pose.runtime.clock import WallClock
 
 
 def arrival(x: float = 1.0) -> Arrival:

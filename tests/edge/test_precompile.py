@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from e3pose.base.dispatcher import KernelDispatcher
 from e3pose.edge import precompile
 from e3pose.edge.precompile import warm_up
 from e3pose.model.skeleton import SKELETONS, Skeleton
 from e3pose.pipeline import initial_state, step
 from e3pose.recording.record import ViewSeries
-from e3pose.runtime.dispatcher import KernelDispatcher
 from e3pose.settings.loop import ReplaySettings
 from e3pose.settings.parts import make_pipeline
 from e3pose.simulate.settings import SceneSettings

@@ -9,13 +9,13 @@ import pytest
 from tests.memory_transport import Hub
 from tests.waiting import eventually
 
+from e3pose.base.clock import WallClock
 from e3pose.camera.base import NodeSettings
 from e3pose.camera.live import CameraNode
 from e3pose.camera.live_source import RecordedDetector, RecordedSource
 from e3pose.edge.record_server import RecordingPlan, RecordServer
 from e3pose.recording import Recording, load_recording
 from e3pose.recording.calibration.world import assumed_rig
-from e3pose.runtime.clock import WallClock
 from e3pose.simulate import SceneSettings, simulate
 
 pytestmark = pytest.mark.slow

@@ -16,11 +16,11 @@ import pytest
 from tests.rigs import looking
 from tests.waiting import eventually
 
+from e3pose.base.errors import InputError
 from e3pose.camera.provenance import load_provenance, load_video_starts
 from e3pose.camera.session_videos import attach_videos
 from e3pose.edge.gather import Arrival
 from e3pose.edge.recorder import Recorder, RecorderSettings, recordings_in
-from e3pose.errors import InputError
 from e3pose.model.pose import Poses2D
 from e3pose.recording import load_recording, save_recording
 from e3pose.recording.videos import video_name

@@ -13,12 +13,12 @@ import pytest
 from tests.edge.one_process import Site, site_at_work
 from tests.waiting import eventually
 
+from e3pose.base.clock import WallClock
 from e3pose.edge import roster as rosters
 from e3pose.edge.consumers import Consumers
 from e3pose.edge.energy_ledger import EnergyLedger
 from e3pose.energy.budgets import parse_budget
 from e3pose.energy.profiles import load_profile
-from e3pose.runtime.clock import WallClock
 from e3pose.wire import topics
 from e3pose.wire.arrays import unpack
 from e3pose.wire.codec import decode

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from e3pose.base.errors import InputError
 from e3pose.energy.budgets import (
     FOREVER_S,
     Budget,
@@ -20,7 +21,6 @@ from e3pose.energy.budgets import (
     slot_shares,
 )
 from e3pose.energy.queues import advance_deficit
-from e3pose.errors import InputError
 from e3pose_lab.reproduce.depletion import BatteryCamera, deplete
 
 HOME = timezone(timedelta(hours=1))

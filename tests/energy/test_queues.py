@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from e3pose.base.errors import InputError
 from e3pose.energy.profiles import MODES, PROFILES
 from e3pose.energy.queues import (
     active_cost_j,
@@ -19,7 +20,6 @@ from e3pose.energy.queues import (
     price,
     savings,
 )
-from e3pose.errors import InputError
 
 # What 3 of 5 cameras save of CPU+GPU+WiFi+DDR in the paper, percent.
 PAPER_SAVINGS = {"xavier-nx": (20.66, 31.21), "tx2": (17.72, 28.67)}

@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 from e3pose.estimate import ESTIMATORS, EstimatorSettings, People, make_estimator
 from e3pose.estimate.per_slot.fuse import FusionSettings
 from e3pose.evaluate.expected_figures import expected_figures

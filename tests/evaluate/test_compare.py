@@ -16,7 +16,7 @@ from e3pose.evaluate.compare import compare, rows, tasks
 from e3pose.evaluate.figures import Duration, Summary
 from e3pose.evaluate.replay import ReplaySettings
 from e3pose.evaluate.tables import print_comparison, print_summary
-from e3pose.geometry.camera import Camera, Rig
+from e3pose.model.camera import Camera, Rig
 from e3pose.model.pose import Poses3D
 from e3pose.model.skeleton import COCO17
 from e3pose.pipeline import SlotRecord

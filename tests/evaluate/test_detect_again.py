@@ -10,11 +10,11 @@ import pytest
 from tests.cli.commands import run
 from tests.simulate.filmed import film
 
+from e3pose.base.errors import InputError
 from e3pose.camera.detect import DetectSettings, detect_videos, partial_folder
 from e3pose.detectors import make_detector
 from e3pose.detectors.base import Image
 from e3pose.detectors.focus import Part
-from e3pose.errors import InputError
 from e3pose.evaluate.detect_again import PixelViews, open_pixels, replay_stored
 from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.evaluate.summary import accuracy

@@ -10,7 +10,7 @@ from e3pose.energy.queues import load_profile
 from e3pose.evaluate.energy_figures import PAPER_SAVINGS, energy_figures
 from e3pose.evaluate.expected_figures import expected_figures
 from e3pose.evaluate.figures import Expected
-from e3pose.geometry.camera import Camera, Rig
+from e3pose.model.camera import Camera, Rig
 from e3pose.model.pose import Poses3D
 from e3pose.model.skeleton import COCO17, PANOPTIC19, Skeleton
 from e3pose.model.uncertainty import TAILS

@@ -8,10 +8,10 @@ from functools import cache
 import numpy as np
 import pytest
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 from e3pose.evaluate.faults import arriving, capacity_j, deaths_s, downsampled, parse_kill
 from e3pose.evaluate.replay import ReplaySettings, replay
-from e3pose.geometry.camera import Rig
+from e3pose.model.camera import Rig
 from e3pose.pipeline import SlotRecord
 from e3pose.recording import Recording
 from e3pose.settings.faults import Faults, Kill

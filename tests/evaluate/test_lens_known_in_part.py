@@ -13,7 +13,7 @@ from tests.calibrate.people_scenes import distances, walk
 
 from e3pose.calibrate.from_people import solve_people
 from e3pose.evaluate.replay import ReplaySettings, replay
-from e3pose.geometry.camera import Camera, Rig
+from e3pose.model.camera import Camera, Rig
 from e3pose.model.noises import load_noise
 from e3pose.recording.record import Recording, ViewSeries
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 from e3pose.evaluate.poses_table import write_poses
 from e3pose.model.pose import Poses3D
 from e3pose.model.skeleton import COCO17

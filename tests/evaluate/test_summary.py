@@ -15,7 +15,7 @@ from e3pose.energy.queues import load_profile
 from e3pose.evaluate.figures import as_json
 from e3pose.evaluate.replay import ReplaySettings
 from e3pose.evaluate.summary import summarise
-from e3pose.geometry.camera import Camera, Rig
+from e3pose.model.camera import Camera, Rig
 from e3pose.model.pose import Poses3D
 from e3pose.model.skeleton import COCO17, PANOPTIC19, SHELF14, Skeleton
 from e3pose.pipeline import SlotRecord

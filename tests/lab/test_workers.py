@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from tests.waiting import settled
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 from e3pose_lab.workers import ROUND, Workers
 
 pytestmark = pytest.mark.slow

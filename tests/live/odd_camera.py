@@ -9,11 +9,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from threading import Event
 
+from e3pose.base.clock import WallClock
 from e3pose.camera.base import LiveFrame, NodeSettings
 from e3pose.camera.live import CameraNode
 from e3pose.camera.live_source import RecordedDetector, RecordedSource
 from e3pose.recording import load_recording
-from e3pose.runtime.clock import WallClock
 from e3pose.site.run import run_until_stopped
 from e3pose.wire.access import Link
 from e3pose.wire.keys.folder import certificates_in

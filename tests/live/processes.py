@@ -21,7 +21,7 @@ import pytest
 from tests.ports import free_port
 from tests.waiting import WAIT_S, eventually
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 from e3pose.recording import save_recording
 from e3pose.settings.site_file import load_site
 from e3pose.simulate import SceneSettings, simulate

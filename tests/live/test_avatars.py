@@ -16,7 +16,7 @@ from tests.live.processes import COMPILE_S, e3pose, up
 from tests.live.test_programs import write_site
 from tests.site.streams.osc_reader import Messages, read_osc
 
-from e3pose.exports.source import Asked, take_from_store
+from e3pose.output.exports.source import Asked, take_from_store
 
 pytestmark = pytest.mark.live
 

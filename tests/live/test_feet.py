@@ -11,18 +11,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests.cli import commands
-from tests.exports.feet import (
+from tests.live.processes import up
+from tests.output.exports.feet import (
     NEAR_M,
     assert_feet_are_drawn,
     assert_feet_are_exported,
     error_of_feet_m,
     in_whole_slots,
 )
-from tests.live.processes import up
 from tests.ports import free_port
 from tests.waiting import eventually
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 from e3pose.store import Store
 
 pytestmark = pytest.mark.live

@@ -20,7 +20,7 @@ from tests.test_docs import BY_PAGE, blocks
 from tests.waiting import eventually
 
 from e3pose.detectors.timing import time_detections
-from e3pose.geometry.rotations import similarity
+from e3pose.model.rotations import similarity
 from e3pose.recording import load_recording
 from e3pose.recording.calibration import load_rig
 from e3pose.store import Store

@@ -13,8 +13,8 @@ from tests.calibrate.people_scenes import knocked, walk
 from tests.cli import commands
 from tests.waiting import eventually
 
-from e3pose.geometry.camera import Rig
-from e3pose.geometry.rotations import angles_between
+from e3pose.model.camera import Rig
+from e3pose.model.rotations import angles_between
 from e3pose.recording import save_recording
 from e3pose.recording.calibration import load_rig
 from e3pose.settings.site_file import load_site

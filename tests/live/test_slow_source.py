@@ -19,7 +19,7 @@ from tests.ports import free_port
 from tests.rigs import looking
 from tests.waiting import eventually
 
-from e3pose.geometry.camera import Rig
+from e3pose.model.camera import Rig
 from e3pose.recording.calibration import save_rig
 from e3pose.settings.site_file import load_site
 from e3pose.site.follow import Follower, viewer_link

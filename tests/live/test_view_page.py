@@ -18,7 +18,7 @@ pytestmark = [
     pytest.mark.live,
     pytest.mark.skipif(browser_path() is None, reason="found no chromium, .ci/run installs one"),
 ]
-TRACK_10 = (0x00, 0x9E, 0x73)  # its colour in report/scene.js
+TRACK_10 = (0x00, 0x9E, 0x73)  # its colour in output/report/scene.js
 TRACK_11 = (0xCC, 0x79, 0xA7)
 
 

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 from e3pose.model.pose import Poses2D, Poses3D
 
 KINDS: list[tuple[Any, int]] = [(Poses2D, 2), (Poses3D, 3)]

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 from e3pose.model.skeleton import (
     BODY25,
     CMU31,

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 from e3pose.model.skeleton import BODY25, CMU31, COCO17, SKELETONS, Skeleton, convert
 from e3pose.predict import Prediction, make_predictor, make_predictor_or_fallback
 from e3pose.predict.attention_lstm import MAX_LEADS, SHIPPED, AttentionLstm

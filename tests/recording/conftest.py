@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from e3pose.geometry.camera import Camera, Rig
+from e3pose.model.camera import Camera, Rig
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17
 from e3pose.recording import Recording, Truth, ViewSeries

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from e3pose.geometry.camera import Camera, Rig
+from e3pose.model.camera import Camera, Rig
 from e3pose.recording import Recording, Truth, ViewSeries
 from e3pose.recording.description import describe
 from e3pose.recording.geometry import epipolar_distances_px, truth_distances_px

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17
 from e3pose.recording import Recording, Truth, ViewSeries

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from tests.rigs import looking
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 from e3pose.model.pose import Poses2D
 from e3pose.recording import load_recording
 from e3pose.recording.calibration.world import assumed_rig

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 from tests.reference.filter_bias import inflation, worth_inflation
 
-from e3pose.arrays import Flags, Floats
+from e3pose.base.arrays import Flags, Floats
 from e3pose.estimate.base import Outlook
 from e3pose.estimate.filter.bias import memory_terms
 from e3pose.estimate.filter.blindness import PLAIN
 from e3pose.estimate.filter.carry import carry
 from e3pose.estimate.filter.existence import INSIDE_JOINTS
-from e3pose.geometry.camera import Rig
-from e3pose.geometry.projection import MIN_DEPTH_M, project
+from e3pose.model.camera import Rig
+from e3pose.model.projection import MIN_DEPTH_M, project
 from e3pose.model.uncertainty import mean_distance
 from e3pose.select.expected_information import Foresight
 from e3pose.select.hidden_people import HiddenPeople

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 from tests.reference.filter_update import Sightings, pixel_variance
 
-from e3pose.arrays import Flags, Integers
+from e3pose.base.arrays import Flags, Integers
 from e3pose.estimate.filter.agility import FURTHEST, LASTS_S, RATE, STALE_S
 from e3pose.estimate.filter.outliers import OUTLIER_SIGMAS
 from e3pose.estimate.filter.projected import USED_SCORE
 from e3pose.estimate.filter.state import Belief
-from e3pose.geometry.projection import MIN_DEPTH_M, project
+from e3pose.model.projection import MIN_DEPTH_M, project
 
 
 def learn(belief: Belief, seen: Sightings, cameras: Integers, dt: float) -> Belief:

@@ -7,7 +7,7 @@ from scipy.optimize import linear_sum_assignment
 from tests.reference.filter_sides import exchanged_limbs, order
 from tests.reference.filter_update import pixel_variance
 
-from e3pose.arrays import Floats, Integers
+from e3pose.base.arrays import Floats, Integers
 from e3pose.estimate.filter.associate import (
     BIAS_PX,
     COST_LIMIT,
@@ -18,7 +18,7 @@ from e3pose.estimate.filter.associate import (
 )
 from e3pose.estimate.filter.projected import USED_SCORE
 from e3pose.estimate.filter.state import Belief, Model
-from e3pose.geometry.projection import MIN_DEPTH_M, project
+from e3pose.model.projection import MIN_DEPTH_M, project
 
 
 def associate(

@@ -11,7 +11,7 @@ from tests.reference.filter_failed_pairs import count_failures
 from tests.reference.filter_proportions import stature_m
 from tests.reference.triangulate import triangulate
 
-from e3pose.arrays import Floats, Integers
+from e3pose.base.arrays import Floats, Integers
 from e3pose.estimate.filter.births import (
     MAX_ERROR_PX,
     MIN_EXTENT_M,
@@ -27,7 +27,7 @@ from e3pose.estimate.filter.existence import DELIVERED_PRIOR
 from e3pose.estimate.filter.leftovers import MIN_JOINTS, SURE_SCORE
 from e3pose.estimate.filter.scratch import MAX_LEFTOVERS
 from e3pose.estimate.filter.state import APART_M, MAX_TRACKS, Belief, Leftovers, Model
-from e3pose.geometry.projection import project
+from e3pose.model.projection import project
 from e3pose.model.proportions import LEAST_M, MOST_M
 
 

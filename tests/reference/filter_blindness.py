@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from e3pose.arrays import Floats, Integers
+from e3pose.base.arrays import Floats, Integers
 from e3pose.estimate.filter.blindness import (
     CELL_M,
     MOST_VIEWS,

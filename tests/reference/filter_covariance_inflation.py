@@ -8,7 +8,7 @@ import numpy as np
 from tests.reference.filter_learned_noise import own_share, proved
 from tests.reference.filter_update import Sightings, pixel_variance
 
-from e3pose.arrays import Integers
+from e3pose.base.arrays import Integers
 from e3pose.estimate.filter import bias
 from e3pose.estimate.filter.covariance_inflation import (
     ALONE,
@@ -21,7 +21,7 @@ from e3pose.estimate.filter.covariance_inflation import (
 )
 from e3pose.estimate.filter.projected import USED_SCORE
 from e3pose.estimate.filter.state import Belief, Model
-from e3pose.geometry.projection import MIN_DEPTH_M, project
+from e3pose.model.projection import MIN_DEPTH_M, project
 
 
 def learn(belief: Belief, seen: Sightings, cameras: Integers, dt: float, model: Model) -> Belief:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from tests.reference import filter_blindness
 
-from e3pose.arrays import Flags, Floats, Integers
+from e3pose.base.arrays import Flags, Floats, Integers
 from e3pose.estimate.filter import blindness
 from e3pose.estimate.filter.blindness import FASTEST_S
 from e3pose.estimate.filter.existence import (
@@ -26,7 +26,7 @@ from e3pose.estimate.filter.existence import (
     SAME_M,
 )
 from e3pose.estimate.filter.state import Belief, Model
-from e3pose.geometry.projection import MIN_DEPTH_M, project
+from e3pose.model.projection import MIN_DEPTH_M, project
 
 
 def attend(

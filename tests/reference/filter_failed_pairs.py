@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
 from e3pose.estimate.filter.failed_pairs import COLUMNS, FADES_S, MOST, ROWS
 from e3pose.estimate.filter.leftovers import SURE_SCORE
 from e3pose.estimate.filter.state import Leftovers, Model
-from e3pose.geometry.overlap import overlap
+from e3pose.model.overlap import overlap
 
 
 def cells(waiting: Leftovers, model: Model) -> list[tuple[int, int, int]]:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from tests.reference.filter_update import Sightings, pixel_variance
 
-from e3pose.arrays import Flags, Floats, Integers
+from e3pose.base.arrays import Flags, Floats, Integers
 from e3pose.estimate.filter import bias
 from e3pose.estimate.filter.blindness import PROOF_CAMERAS, PROOF_S
 from e3pose.estimate.filter.learned_noise import (
@@ -25,7 +25,7 @@ from e3pose.estimate.filter.learned_shift import MOST as FURTHEST
 from e3pose.estimate.filter.outliers import MEMORY, OUTLIER_SIGMAS
 from e3pose.estimate.filter.projected import USED_SCORE
 from e3pose.estimate.filter.state import Belief, Model
-from e3pose.geometry.projection import MIN_DEPTH_M, project
+from e3pose.model.projection import MIN_DEPTH_M, project
 
 
 def factors(noise: Floats, weight: float) -> Floats:

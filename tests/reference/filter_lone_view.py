@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tests.reference.filter_update import size_variances
 
-from e3pose.arrays import Floats, Integers
+from e3pose.base.arrays import Floats, Integers
 from e3pose.estimate.filter.lone_view import SIZE_SHARE
 from e3pose.estimate.filter.state import Belief, Model
 

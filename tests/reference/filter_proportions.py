@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from e3pose.arrays import Flags, Floats
+from e3pose.base.arrays import Flags, Floats
 from e3pose.estimate.filter.bones import Proportions
 from e3pose.estimate.filter.outliers import MEASURED_SIGMAS, OUTLIER_SIGMAS
 from e3pose.estimate.filter.proportions import PASSES, ROUNDING, SHORTEST_M, SWEEPS

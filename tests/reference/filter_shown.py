@@ -8,7 +8,7 @@ import numpy as np
 from tests.reference.filter_blindness import proof
 from tests.reference.filter_motion import places
 
-from e3pose.arrays import Flags, Floats, Integers
+from e3pose.base.arrays import Flags, Floats, Integers
 from e3pose.estimate.filter.blindness import PLAIN
 from e3pose.estimate.filter.shown import ALONE_S, LEAVES_HZ, SHOWN_SPREAD_M, WALK_MPS
 from e3pose.estimate.filter.state import Belief, Model

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tests.reference.filter_update import pixel_variance
 
-from e3pose.arrays import Floats, Integers
+from e3pose.base.arrays import Floats, Integers
 from e3pose.estimate.filter.existence import LEARN_RATE
 from e3pose.estimate.filter.projected import USED_SCORE
 from e3pose.estimate.filter.sides import (
@@ -23,7 +23,7 @@ from e3pose.estimate.filter.sides import (
     SIDE_PX,
 )
 from e3pose.estimate.filter.state import Belief, Model
-from e3pose.geometry.projection import MIN_DEPTH_M, project
+from e3pose.model.projection import MIN_DEPTH_M, project
 
 
 def exchanged_limbs(

@@ -19,7 +19,7 @@ from tests.reference.filter_existence import attend, end
 from tests.reference.filter_sides import order, turn_round
 from tests.reference.filter_update import Sightings, learn_biases, learn_bones, predict, update
 
-from e3pose.arrays import Floats, Integers
+from e3pose.base.arrays import Floats, Integers
 from e3pose.estimate.filter import bias
 from e3pose.estimate.filter.projected import USED_SCORE
 from e3pose.estimate.filter.shown import Estimate, estimate_of

@@ -9,7 +9,7 @@ from tests.reference import filter_bias, filter_proportions
 from tests.reference.filter_motion import spread
 from tests.reference.filter_tree import Links, conditionals, solve
 
-from e3pose.arrays import Floats, Integers
+from e3pose.base.arrays import Floats, Integers
 from e3pose.estimate.filter.bias import memory_terms
 from e3pose.estimate.filter.motion import places
 from e3pose.estimate.filter.outliers import MEASURED_SIGMAS, OUTLIER_SIGMAS
@@ -21,7 +21,7 @@ from e3pose.estimate.filter.update import (
     ITERATIONS,
     USUAL_SLACK_M,
 )
-from e3pose.geometry.projection import MIN_DEPTH_M, project
+from e3pose.model.projection import MIN_DEPTH_M, project
 
 
 @dataclass(frozen=True, slots=True, eq=False)

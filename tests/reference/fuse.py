@@ -8,10 +8,10 @@ import numpy as np
 from tests.reference.match import match, match_epipolar, match_tanke_gall
 from tests.reference.triangulate import refine, reprojection_error, triangulate
 
-from e3pose.arrays import Floats, Integers
+from e3pose.base.arrays import Floats, Integers
 from e3pose.estimate.per_slot.fuse import Fused, Fuser, FusionSettings
 from e3pose.estimate.per_slot.triangulate import MIN_VIEWS
-from e3pose.geometry.camera import Rig
+from e3pose.model.camera import Rig
 from e3pose.model.pose import MAX_PIXEL, MISSING_SCORE
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.arrays import Flags, Floats
-from e3pose.geometry.camera import Rig
-from e3pose.geometry.overlap import overlap
+from e3pose.base.arrays import Flags, Floats
+from e3pose.model.camera import Rig
+from e3pose.model.overlap import overlap
 from e3pose.select.kernels.people import FIRST_VIEW
 from e3pose.select.newcomers import Entrants
 

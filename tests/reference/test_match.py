@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from tests.reference.match import match, ray_distances
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
 
 CAP_M = 0.3
 MAX_DISTANCE_M = 0.1

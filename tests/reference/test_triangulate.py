@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.reference.triangulate import noise_px, refine, reprojection_error, triangulate
 
-from e3pose.geometry.camera import Camera, Rig
+from e3pose.model.camera import Camera, Rig
 
 
 def ring(num_cameras: int, radius_m: float = 5.0, offset_m: float = 0.0) -> Rig:

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from e3pose.geometry.camera import Camera, Rig
+from e3pose.model.camera import Camera, Rig
 from e3pose.select.camera_order import spread_order, viewing_angles
 
 

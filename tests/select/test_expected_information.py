@@ -13,9 +13,9 @@ from tests.rigs import looking
 
 from e3pose.estimate.base import Outlook
 from e3pose.estimate.filter.bias import memory_terms
-from e3pose.geometry.camera import Rig
-from e3pose.geometry.projection import project
+from e3pose.model.camera import Rig
 from e3pose.model.noise import ErrorMemory
+from e3pose.model.projection import project
 from e3pose.model.uncertainty import expected_distance_m
 from e3pose.select.expected_information import Foresight, foresee
 from e3pose.select.kernels.foresight import BEHIND_SHARE

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from tests.rigs import looking
 
-from e3pose.geometry.overlap import overlap
+from e3pose.model.overlap import overlap
 from e3pose.select.kernels.people import FIRST_VIEW
 from e3pose.select.newcomers import Entrants, expected_entrants
 

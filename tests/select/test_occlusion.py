@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from e3pose.geometry.camera import Camera, Rig
+from e3pose.model.camera import Camera, Rig
 from e3pose.select.occlusion import Spread, box_iou, expected_views, occlusion, person_boxes
 
 SIZE = (1000, 800)

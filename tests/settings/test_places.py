@@ -8,7 +8,7 @@ import pytest
 from tests.rigs import looking
 from tests.site.tables import resolved_site, write_site
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 from e3pose.settings.camera_file import load_node
 from e3pose.settings.resolved import resolve
 

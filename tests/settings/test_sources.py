@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 from e3pose.settings.sources import is_recorded, located, place_of
 
 

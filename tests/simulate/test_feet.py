@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 from e3pose.model.skeleton import COCO17, convert
 from e3pose.recording import Recording
 from e3pose.simulate import SceneSettings, simulate

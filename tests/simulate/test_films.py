@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from tests.simulate.filmed import film
 
+from e3pose.base.errors import InputError
 from e3pose.camera.source import open_video
 from e3pose.detectors import make_detector
 from e3pose.detectors.drawn import draw
-from e3pose.errors import InputError
 from e3pose.model.pose import Poses2D
 from e3pose.recording import Recording, load_recording
 from e3pose.simulate.films import check_people, frames, room

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from e3pose.errors import InputError
-from e3pose.geometry.camera import Camera
+from e3pose.base.errors import InputError
+from e3pose.model.camera import Camera
 from e3pose.recording import Recording
 from e3pose.simulate import (
     SCENES,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 from e3pose.recording import Recording
 from e3pose.simulate import SCENES, DetectorSettings, SceneSettings, simulate
 from e3pose.simulate.collision_avoidance import PERSON_RADIUS_M

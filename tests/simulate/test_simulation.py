@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from e3pose.errors import InputError
-from e3pose.geometry.camera import Camera, Rig
-from e3pose.geometry.rigs import ring_rig, watched_area
+from e3pose.base.errors import InputError
+from e3pose.model.camera import Camera, Rig
+from e3pose.model.rigs import ring_rig, watched_area
 from e3pose.recording import Recording
 from e3pose.simulate import SCENES, DetectorSettings, SceneSettings, simulate
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from e3pose.evaluate.replay import ReplaySettings, replay
-from e3pose.geometry.camera import Rig
+from e3pose.model.camera import Rig
 from e3pose.model.pose import Poses3D
 from e3pose.model.skeleton import skeleton_by_name
 from e3pose.pipeline import SlotRecord

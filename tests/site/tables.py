@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from e3pose.geometry.camera import Rig
+from e3pose.model.camera import Rig
 from e3pose.recording.calibration import save_rig
 from e3pose.settings.resolved import ResolvedSite, resolve
 from e3pose.settings.site_file import SiteTable, load_site

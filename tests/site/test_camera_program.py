@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 from tests.memory_transport import Hub
 
+from e3pose.base.clock import WallClock
 from e3pose.camera.turned import Turned
 from e3pose.detectors.base import Image
 from e3pose.detectors.drawn import Drawn
 from e3pose.model.pose import Poses2D
-from e3pose.runtime.clock import WallClock
 from e3pose.settings.camera_file import load_node
 from e3pose.site.camera_program import EdgeWatch, make_camera
 

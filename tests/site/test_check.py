@@ -16,7 +16,7 @@ from tests.postgres import Server
 from tests.rigs import looking
 from tests.site.tables import resolved_site, write_site
 
-from e3pose.geometry.camera import Camera, Rig
+from e3pose.model.camera import Camera, Rig
 from e3pose.site.check import (
     CLOCK_MS,
     Finding,

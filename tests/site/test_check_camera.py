@@ -13,11 +13,11 @@ from tests.cli.commands import run
 from tests.ports import free_port
 from tests.rigs import looking
 
+from e3pose.base.clock import WallClock
 from e3pose.edge.gather import Gather
 from e3pose.edge.inbox import Inbox
 from e3pose.model.skeleton import COCO17
 from e3pose.recording import save_recording
-from e3pose.runtime.clock import WallClock
 from e3pose.settings.camera_file import NodeTable
 from e3pose.simulate import SceneSettings, simulate
 from e3pose.site.check import Finding

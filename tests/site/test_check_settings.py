@@ -11,8 +11,8 @@ import pytest
 from tests.rigs import looking
 from tests.site.tables import resolved_site
 
+from e3pose.base.errors import InputError
 from e3pose.detectors.timing import DetectionTimes
-from e3pose.errors import InputError
 from e3pose.settings.resolved import ResolvedSite
 from e3pose.settings.site_file import SiteTable
 from e3pose.site.check import Finding

@@ -11,7 +11,7 @@ import pytest
 from tests.memory_transport import Hub, MemoryTransport
 
 from e3pose import connect, plot, to_frame
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 from e3pose.model.skeleton import SKELETONS
 from e3pose.site.connect import MAX_WAITING, Connection, LiveSlot, certified_site, take_of_slots
 from e3pose.wire.arrays import pack

@@ -13,10 +13,10 @@ from tests.memory_transport import Hub
 from tests.rigs import looking
 from tests.site.tables import write_site
 
+from e3pose.base.errors import InputError
 from e3pose.edge.consumers import Consumers
 from e3pose.edge.pipeline_owner import PipelineOwner
 from e3pose.edge.server import EdgeServer
-from e3pose.errors import InputError
 from e3pose.pipeline import Pipeline, SlotRecord
 from e3pose.recording.calibration import save_rig
 from e3pose.select.policies.information import Information

@@ -18,17 +18,17 @@ import pytest
 from tests.site.left_by_demo import BEGIN_NS, canned, nobody
 from tests.waiting import eventually
 
+from e3pose.base.errors import InputError
 from e3pose.camera.source import open_video
 from e3pose.detectors.weights import Progress
-from e3pose.errors import InputError
 from e3pose.evaluate.poses_table import write_poses
-from e3pose.geometry.rigs import ring_rig
 from e3pose.model.pose import Poses3D
+from e3pose.model.rigs import ring_rig
 from e3pose.model.skeleton import skeleton_by_name
+from e3pose.output.report.overlay import write_movie
 from e3pose.pipeline import SlotRecord
 from e3pose.recording import load_recording
 from e3pose.recording.calibration import save_rig
-from e3pose.report.overlay import write_movie
 from e3pose.settings.site_file import load_site
 from e3pose.simulate import DetectorSettings, SceneSettings
 from e3pose.site.demo import job as jobs

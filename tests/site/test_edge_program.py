@@ -13,8 +13,8 @@ from tests.memory_transport import Hub, MemoryTransport
 from tests.rigs import looking
 from tests.site.tables import write_site
 
+from e3pose.base.errors import InputError
 from e3pose.edge.server import EdgeServer
-from e3pose.errors import InputError
 from e3pose.model.noises import DEFAULT
 from e3pose.model.skeleton import COCO17
 from e3pose.recording.calibration import save_rig

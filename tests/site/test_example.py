@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 from e3pose.recording import load_recording
 from e3pose.recording.calibration import load_rig
 from e3pose.settings.resolved import resolve_site

@@ -10,7 +10,7 @@ import pytest
 from tests.memory_transport import Hub
 from tests.site.tables import write_site
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 from e3pose.site.follow import Follower, viewer_link
 from e3pose.wire.arrays import pack, unpack
 from e3pose.wire.codec import encode

@@ -14,8 +14,8 @@ from tests.edge.one_process import site_at_work
 from tests.ports import free_port
 from tests.waiting import eventually
 
+from e3pose.base.errors import InputError
 from e3pose.edge.consumers import Consumers
-from e3pose.errors import InputError
 from e3pose.model.blind_slot import CAUSES
 from e3pose.pipeline import SlotRecord
 from e3pose.site.listener import open_socket

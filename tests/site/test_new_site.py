@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from tests.rigs import looking
 
+from e3pose.base.errors import InputError
 from e3pose.camera.probe import Probe, find_devices
 from e3pose.detectors.timing import DetectionTimes
-from e3pose.errors import InputError
 from e3pose.settings.resolved import resolve, resolve_site
 from e3pose.settings.site_file import load_site
 from e3pose.site.detector_speed import (

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 from tests.memory_transport import Hub, MemoryTransport
 
+from e3pose.base.errors import InputError
 from e3pose.cli.app import main
-from e3pose.errors import InputError
 from e3pose.site.router_program import Router, router_link
 from e3pose.wire.access import Link
 from e3pose.wire.keys.folder import add_keys, init_keys, read_roll, revoke_keys

@@ -5,8 +5,8 @@ from __future__ import annotations
 import msgspec
 import pytest
 
+from e3pose.base.quantities import plural
 from e3pose.camera.status import CameraCounts
-from e3pose.quantities import plural
 from e3pose.site.summary import camera_summary, edge_summary
 from e3pose.wire.site_messages import CameraStatus, Status
 

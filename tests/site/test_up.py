@@ -12,8 +12,8 @@ import pytest
 from tests.rigs import looking
 from tests.site.tables import resolved_site
 
+from e3pose.base.errors import InputError
 from e3pose.cli.app import app
-from e3pose.errors import InputError
 from e3pose.recording.calibration import save_rig
 from e3pose.site import up
 from e3pose.site.up import Program, camera_command, edge_command, end, run_site, view_command

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 from e3pose.model.region import distance_m, in_polygon, middles_m
 from e3pose.settings.site_file import ZoneTable
 from e3pose.site.connect import LiveSlot

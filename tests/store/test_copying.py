@@ -12,7 +12,7 @@ from tests.postgres import Server
 from tests.store.test_versions import old, tables
 from tests.store.writers import QUICK, Records, Runs, stored_slots
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 from e3pose.model.zone_event import ZoneEvent
 from e3pose.store import EnergyReading, Event, Store, StoreWriter, schema
 from e3pose.store.copying import copy_store

@@ -17,7 +17,7 @@ from sqlalchemy import text
 from tests.postgres import Server, running_server
 from tests.store.writers import Records, Runs, stored_slots, wait_for
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 from e3pose.store import Event, Store, StoreWriter, WriterSettings
 from e3pose.store.database import database_url, writing_engine
 from e3pose.store.patience import Caller

@@ -10,7 +10,7 @@ from sqlalchemy import text
 from tests.postgres import Server, running_server
 from tests.store.writers import QUICK, Records, Runs, stored_slots, wait_for
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 from e3pose.store import Event, Retention, Store, StoreWriter, WriterSettings, schema
 from e3pose.store.database import check_place, database_url, reading, shown, writing_engine
 from e3pose.store.spool import spools_of

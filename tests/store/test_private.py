@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from e3pose.base.private import append_to, make_file, make_folder
 from e3pose.energy.meters.charge_file import save_charge
-from e3pose.files.private import append_to, make_file, make_folder
 from e3pose.pipeline import SlotRecord
 from e3pose.store import Run, StoreWriter, WriterSettings
 from e3pose.store.export import write_tables

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
+from e3pose.base.quantities import age_s, size_bytes
 from e3pose.pipeline import SlotRecord
-from e3pose.quantities import age_s, size_bytes
 from e3pose.store import (
     EnergyReading,
     Event,

@@ -9,8 +9,8 @@ import pytest
 
 from e3pose.estimate.smooth import SmoothSettings, smoothed
 from e3pose.evaluate.replay import ReplaySettings, replay
-from e3pose.exports.source import Asked, take_from_store
 from e3pose.model.take import Take
+from e3pose.output.exports.source import Asked, take_from_store
 from e3pose.recording import Recording
 from e3pose.simulate import SceneSettings, simulate
 from e3pose.store import Run, StoreWriter

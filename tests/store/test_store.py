@@ -13,8 +13,8 @@ import pytest
 from sqlalchemy import update
 from tests.store.conftest import KINDS, make_record, make_run, new_place
 
+from e3pose.base.errors import InputError
 from e3pose.cli import main
-from e3pose.errors import InputError
 from e3pose.model.skeleton import COCO17
 from e3pose.model.zone_event import ZoneEvent
 from e3pose.pipeline import SlotRecord

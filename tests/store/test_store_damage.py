@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from tests.store.writers import QUICK, Records, Runs, limit_connections, stored_slots, wait_for
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 from e3pose.store import Event, Store, StoreWriter, WriterSettings
 from e3pose.store.integrity import IntegrityWatch, problem_of
 

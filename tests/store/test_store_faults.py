@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 from tests.store.writers import QUICK, Records, Runs, limit_connections, stored_slots, wait_for
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 from e3pose.store import Event, Run, Store, StoreWriter, WriterSettings
 from e3pose.store.rows import Row, slot_rows
 from e3pose.store.spool import LeftSpool, Spool, spools_of

@@ -7,7 +7,7 @@ from zoneinfo import ZoneInfo
 
 import pytest
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 from e3pose.store.times import as_when, iso_text, parse_when
 
 BERLIN = timezone(timedelta(hours=1))

@@ -12,8 +12,8 @@ import pytest
 from sqlalchemy import inspect, text, update
 from tests.store.writers import Records, Runs
 
+from e3pose.base.errors import InputError
 from e3pose.cli import main
-from e3pose.errors import InputError
 from e3pose.store import EnergyReading, Event, Store, StoreWriter, migrations, schema
 from e3pose.store.database import database_url, writing_engine
 from e3pose.store.delivery import Delivery, known

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 from e3pose.wire.arrays import pack, poses_2d, unpack
 from e3pose.wire.codec import MAX_BYTES, Message, decode, encode
 from e3pose.wire.messages import (

@@ -16,7 +16,7 @@ import pytest
 from tests.ports import free_port
 from tests.waiting import eventually
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 from e3pose.wire.access import Certificates, Link, check_link
 from e3pose.wire.keys.folder import add_keys, certificates_in, init_keys, read_roll, revoke_keys
 from e3pose.wire.network import NetworkTransport, check_port, open_network

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 from e3pose.wire.topics import ANY, of_camera, of_order, of_site, sender
 
 

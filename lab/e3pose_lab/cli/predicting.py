@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Group, Parameter
 
+from e3pose.base.errors import InputError
 from e3pose.cli.options import OUTPUT, Flag, Whole, check_outputs
 from e3pose.cli.output import JsonFile, is_stdout, write_json, wrote
-from e3pose.errors import InputError
 
 if TYPE_CHECKING:
     from e3pose_lab.prediction.scores import PredictionSettings
@@ -95,8 +95,8 @@ def evaluate_predictor(
     overwrite
         Replace the folder of pictures.
     """
+    from e3pose.base.atomic import check_free
     from e3pose.evaluate.columns import table_console
-    from e3pose.files.atomic import check_free
     from e3pose_lab.prediction.plot import check_plot, write_plot
     from e3pose_lab.prediction.tables import print_calibration, print_figures, print_latency
 
@@ -200,7 +200,7 @@ def _draw(
     names: list[str],
     settings: Any,
 ) -> None:
-    from e3pose.files.atomic import atomic_folder
+    from e3pose.base.atomic import atomic_folder
     from e3pose.predict import make_predictor
     from e3pose_lab.prediction.pictures import (
         CLAIMS,

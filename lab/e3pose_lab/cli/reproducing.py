@@ -52,8 +52,8 @@ def reproduce(
         Address of a Dask scheduler, such as tcp://host:8786, or local. The results are the same.
         Use only a cluster you trust.
     """
+    from e3pose.base.errors import InputError
     from e3pose.cli.progress import track_progress
-    from e3pose.errors import InputError
     from e3pose_lab.reproduce.items import ITEMS
     from e3pose_lab.reproduce.job import reproduce as run
     from e3pose_lab.reproduce.sources import load_sources

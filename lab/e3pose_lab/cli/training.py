@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Group, Parameter
 
+from e3pose.base.errors import InputError
 from e3pose.cli.options import Flag, Whole
-from e3pose.errors import InputError
 
 if TYPE_CHECKING:
     from rich.progress import Progress
@@ -242,7 +242,7 @@ def _gone_on_from(start: Path, settings: TrainSettings) -> tuple[AttentionLstm, 
     """Return the network in a file, and the settings to go on from it."""
     import hashlib
 
-    from e3pose.files.bounded import read_bytes
+    from e3pose.base.bounded import read_bytes
     from e3pose.predict.attention_lstm import MAX_WEIGHTS_BYTES
     from e3pose_lab.train.weights import network_of
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 from e3pose.predict import make_predictor
 from e3pose.recording import Recording
 from e3pose_lab.prediction.motion import Motion, estimated_motion, true_motion

@@ -9,8 +9,8 @@ from zlib import crc32
 
 import numpy as np
 
-from e3pose.arrays import Floats
-from e3pose.geometry.camera import Rig
+from e3pose.base.arrays import Floats
+from e3pose.model.camera import Rig
 from e3pose.model.noise import ErrorMemory
 from e3pose.model.skeleton import MEANS, Skeleton
 from e3pose.recording import Recording, Truth

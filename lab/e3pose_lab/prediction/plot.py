@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from e3pose.errors import InputError
-from e3pose.files.atomic import atomic_file
-from e3pose.runtime.deferred import require_module
+from e3pose.base.atomic import atomic_file
+from e3pose.base.deferred import require_module
+from e3pose.base.errors import InputError
 
 COLOURS = ("#1f2937", "#b45309", "#1e40af", "#15803d", "#7c3aed", "#be123c", "#0e7490")
 DASHES = {"exact": "solid", "noisy": "dash", "estimated": "dot"}

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.arrays import Floats, Integers
-from e3pose.errors import InputError
+from e3pose.base.arrays import Floats, Integers
+from e3pose.base.errors import InputError
 from e3pose.predict.base import Prediction, Predictor
 from e3pose_lab.prediction.motion import Motion, body_errors, body_joints, disturbed
 from e3pose_lab.prediction.tally import MM, Tally, actual_boxes, tally

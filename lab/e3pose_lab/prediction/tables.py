@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from e3pose.quantities import plural
+from e3pose.base.quantities import plural
 
 if TYPE_CHECKING:
     from rich.console import Console

@@ -8,8 +8,8 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.arrays import Floats
-from e3pose.geometry.camera import Rig
+from e3pose.base.arrays import Floats
+from e3pose.model.camera import Rig
 from e3pose.predict.base import Prediction
 from e3pose.select.occlusion import box_iou, person_boxes
 from e3pose_lab.prediction.motion import HIPS

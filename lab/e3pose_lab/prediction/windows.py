@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
 from e3pose.model.skeleton import Skeleton
 from e3pose.predict.base import Predictor
 from e3pose_lab.prediction.motion import Motion, body_joints

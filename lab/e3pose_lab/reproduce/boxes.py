@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
 from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.model.skeleton import COCO17
 from e3pose.predict import make_predictor

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
 from e3pose.camera.detect import DetectSettings, detect_videos
 from e3pose.detectors import make_detector
 from e3pose.detectors.base import Image

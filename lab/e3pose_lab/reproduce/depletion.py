@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
 from e3pose.energy.budgets import Budget, Supply, allowance_j, slot_shares
 from e3pose.energy.queues import advance_deficit, price
 from e3pose.select.policies.base import Situation

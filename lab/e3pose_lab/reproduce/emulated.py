@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
 from e3pose.detectors.base import Image
 from e3pose.detectors.drawn import Drawn
 from e3pose.model.pose import Poses2D

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from e3pose.arrays import Floats, Integers
+from e3pose.base.arrays import Floats, Integers
 from e3pose.model.slot_record import SlotRecord
 from e3pose.recording import Recording
 from e3pose_lab.reproduce.identities import FOUND_M, LOST, RETURNED, SWAPPED, changes

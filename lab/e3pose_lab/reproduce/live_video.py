@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from e3pose.geometry.camera import Rig
+from e3pose.model.camera import Rig
 from e3pose.model.skeleton import COCO18
 from e3pose.recording.calibration import load_rig
 from e3pose.site.demo.clip import find_clip

@@ -13,8 +13,8 @@ from math import isfinite
 from pathlib import Path
 from string import Template
 
-from e3pose.files.atomic import atomic_file
-from e3pose.quantities import plural
+from e3pose.base.atomic import atomic_file
+from e3pose.base.quantities import plural
 from e3pose_lab.reproduce.draw import draw
 from e3pose_lab.reproduce.items import Item
 from e3pose_lab.reproduce.records import Cell, Headline, Panel, Section, Spread, Table

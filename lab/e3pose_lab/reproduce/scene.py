@@ -9,7 +9,7 @@ from itertools import combinations
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
 from e3pose.estimate.per_slot.fuse import Fuser
 from e3pose.evaluate import metrics
 from e3pose.evaluate.pcp import LIMBS

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from e3pose.arrays import Floats
-from e3pose.geometry.rigs import watched_area
+from e3pose.base.arrays import Floats
+from e3pose.model.rigs import watched_area
 from e3pose.model.skeleton import COCO17, PANOPTIC19, convert
 from e3pose.recording import Recording, Truth
 from e3pose.simulate.detections import detect_people

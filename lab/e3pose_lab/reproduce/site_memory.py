@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from e3pose.output.report.overlay import write_movie
 from e3pose.recording import Recording, save_recording
-from e3pose.report.overlay import write_movie
 from e3pose.simulate import SceneSettings, simulate
 from e3pose.simulate.films import frames
 from e3pose.site.example import Example

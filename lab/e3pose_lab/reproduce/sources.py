@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from e3pose.base.errors import InputError
 from e3pose.detectors.weights import is_installed
-from e3pose.errors import InputError
 from e3pose.recording import Recording, load_recording
 from e3pose.recording.datasets.panoptic import import_panoptic
 from e3pose.recording.datasets.shelf import import_shelf

@@ -12,7 +12,7 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 
-from e3pose.report.overlay import write_movie
+from e3pose.output.report.overlay import write_movie
 from e3pose.simulate import SceneSettings, simulate
 from e3pose.simulate.films import frames
 from e3pose.site.example import Example

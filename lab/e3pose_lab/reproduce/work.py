@@ -13,14 +13,14 @@ import msgspec
 
 import e3pose
 import e3pose_lab
-from e3pose.files.atomic import atomic_file
+from e3pose.base.atomic import atomic_file
 from e3pose_lab.reproduce.sources import Sources
 from e3pose_lab.workers import Workers
 
 FORMAT = "e3pose-reproduced"
 VERSION = 1
 # What no result depends on: what only shows it.
-SHOWING = ("cli", "report", "site", "exports", "store")
+SHOWING = ("cli", "output", "site", "store")
 SHOWING_HERE = ("__init__.py", "draw.py", "job.py", "page.py", "records.py")
 MOST_SAID = 300  # characters of why a piece failed
 CODE = (".py", ".toml", ".onnx")

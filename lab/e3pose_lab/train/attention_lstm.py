@@ -14,8 +14,8 @@ import numpy as np
 import torch
 from torch import nn
 
-from e3pose.errors import InputError
-from e3pose.files.atomic import atomic_file
+from e3pose.base.atomic import atomic_file
+from e3pose.base.errors import InputError
 from e3pose_lab.train.card import model_card
 from e3pose_lab.train.experts import start_experts
 from e3pose_lab.train.export import export, halved

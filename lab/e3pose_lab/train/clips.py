@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 from e3pose.predict.normalise import common_columns, to_common
 from e3pose.recording import Recording
 from e3pose_lab.train.windows import Clip

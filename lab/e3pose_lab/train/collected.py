@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.arrays import Floats
-from e3pose.learn.ring_buffer import Chunk
+from e3pose.base.arrays import Floats
+from e3pose.edge.learn.ring_buffer import Chunk
 from e3pose.model.skeleton import Skeleton
 from e3pose.predict.normalise import common_columns, to_common
 from e3pose_lab.train.smooth import smooth

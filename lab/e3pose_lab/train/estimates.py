@@ -18,11 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
 from e3pose.estimate import EstimatorSettings, make_estimator
 from e3pose.estimate.per_slot.fuse import Fuser, FusionSettings
 from e3pose.estimate.per_slot.track import GATE_M
-from e3pose.geometry.camera import Rig
+from e3pose.model.camera import Rig
 from e3pose.model.noises import detector_of, load_noise
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import Skeleton

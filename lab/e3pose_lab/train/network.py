@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor, nn
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 from e3pose.predict.normalise import NUM_COMMON, NUM_CONTEXT, NUM_FEATURES
 
 NUM_AXES = 3 * NUM_COMMON

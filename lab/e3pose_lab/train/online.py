@@ -21,11 +21,11 @@ from typing import TYPE_CHECKING
 import msgspec
 import numpy as np
 
-from e3pose.errors import InputError
-from e3pose.files.atomic import atomic_file
-from e3pose.files.bounded import read_bytes
-from e3pose.learn.job import CARD, LACKS_TORCH, VERDICT, WEIGHTS, Job, Verdict, read_job
-from e3pose.learn.ring_buffer import load_chunk
+from e3pose.base.atomic import atomic_file
+from e3pose.base.bounded import read_bytes
+from e3pose.base.errors import InputError
+from e3pose.edge.learn.job import CARD, LACKS_TORCH, VERDICT, WEIGHTS, Job, Verdict, read_job
+from e3pose.edge.learn.ring_buffer import load_chunk
 from e3pose.model.skeleton import Skeleton
 from e3pose.predict.attention_lstm import MAX_WEIGHTS_BYTES
 

@@ -17,11 +17,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.arrays import Floats
-from e3pose.errors import InputError
+from e3pose.base.arrays import Floats
+from e3pose.base.errors import InputError
 from e3pose.estimate.base import People
 from e3pose.evaluate.replay import ReplaySettings, replay
-from e3pose.geometry.camera import Rig
+from e3pose.model.camera import Rig
 from e3pose.predict.normalise import NUM_COMMON, common_columns, to_common
 from e3pose.recording import Recording, ViewSeries
 from e3pose.simulate import DetectorSettings

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
 
 # Half the window. With a parabola and these weights it passes motion of up to 4 or 5 Hz, in which
 # nearly all power of human movement lies (Winter, Biomechanics and Motor Control, chapter 3).

@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 from e3pose.recording import Recording
 from e3pose_lab.train.clips import clips_of
 from e3pose_lab.train.estimates import EstimateSettings, estimated_clips

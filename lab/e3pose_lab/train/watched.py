@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from e3pose.arrays import Floats
-from e3pose.errors import InputError
+from e3pose.base.arrays import Floats
+from e3pose.base.errors import InputError
 from e3pose.model.skeleton import CMU31, COCO17, Skeleton, convert
 from e3pose.recording import Recording
 from e3pose.simulate.detections import detect_people

@@ -16,7 +16,7 @@ import onnx
 import torch
 from numpy.typing import NDArray
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 from e3pose.predict.normalise import NUM_CONTEXT, NUM_FEATURES
 from e3pose.predict.weights_file import tensors_of
 from e3pose_lab.train.export import export

@@ -10,7 +10,7 @@ from typing import Literal, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
 from e3pose.model.noise import ErrorMemory
 from e3pose.predict.normalise import NUM_COMMON, Normalised, fill_gaps, normalise, to_person
 from e3pose_lab.train.bodies import mirrored, other_bodies, swapped_arms, uneven_time

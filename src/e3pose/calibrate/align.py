@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
+from e3pose.base.errors import InputError
 from e3pose.calibrate.bundle import placed
 from e3pose.calibrate.people_3d import ANKLE_HEIGHT, ASSUMED_STATURE_M, People3D
-from e3pose.errors import InputError
-from e3pose.geometry.camera import Rig
+from e3pose.model.camera import Rig
 
 AXES = ("x", "y", "z", "-x", "-y", "-z")
 STRAIGHT = 0.93  # of thigh and shank together, from which a leg counts as straight

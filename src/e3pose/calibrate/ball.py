@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
+from e3pose.base.errors import InputError
 from e3pose.camera.source import open_video
-from e3pose.errors import InputError
 
 # Hue in OpenCV's degrees (0 to 180), from and to; a range may pass through zero.
 HUES: Mapping[str, tuple[int, int]] = {

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.arrays import Floats
-from e3pose.errors import InputError
+from e3pose.base.arrays import Floats
+from e3pose.base.errors import InputError
 
 SIDE = r"(\d{1,4}(?:\.\d{1,3})?)mm"
 NAME = re.compile(rf"(charuco|chessboard)-(\d{{1,2}})x(\d{{1,2}})-{SIDE}((?:-[a-z0-9_.]+)*)")

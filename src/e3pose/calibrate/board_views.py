@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
+from e3pose.base.errors import InputError
 from e3pose.calibrate.board import Board, make_finder
 from e3pose.camera.source import MAX_PIXELS, open_video
-from e3pose.errors import InputError
 
 Grey = NDArray[np.uint8]
 

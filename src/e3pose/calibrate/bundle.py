@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
 from e3pose.calibrate.least_squares import Linearised, Solution, solve
-from e3pose.geometry.camera import Camera, Rig
+from e3pose.model.camera import Camera, Rig
 from e3pose.recording.calibration.world import ASSUMED_FOCAL, assumed_rig
 
 LENS_STEP = 1e-5  # normalised units, for the derivative of the lens

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
+from e3pose.base.atomic import atomic_file
 from e3pose.calibrate.expected_error import ErrorMap
-from e3pose.files.atomic import atomic_file
-from e3pose.geometry.camera import Rig
+from e3pose.model.camera import Rig
 
 
 def draw_error(path: Path, room: ErrorMap, rig: Rig) -> None:

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.arrays import Floats
-from e3pose.geometry.rotations import cross_matrices
+from e3pose.base.arrays import Floats
+from e3pose.model.rotations import cross_matrices
 
 MIN_POINTS = 12  # five fix the pose, of any points at all
 MAX_POINTS = 600  # for the five-point samples; all are counted afterwards

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
 from e3pose.calibrate.bundle import root_mean_square
 from e3pose.calibrate.triangulation import place_points
-from e3pose.geometry.camera import Rig
-from e3pose.geometry.projection import project
-from e3pose.geometry.rotations import similarity
+from e3pose.model.camera import Rig
+from e3pose.model.projection import project
+from e3pose.model.rotations import similarity
 
 HEIGHTS_M = (0.2, 1.0, 1.6)  # feet, hips, heads
 CELL_M = 0.2

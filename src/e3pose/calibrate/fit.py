@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
+from e3pose.base.errors import InputError
 from e3pose.calibrate.bundle import Adjusted
-from e3pose.errors import InputError
-from e3pose.geometry.camera import Rig
+from e3pose.model.camera import Rig
 
 GROSS_SIGMAS = 3.0
 POOR_OUTLIERS, POOR_MEDIAN = 0.15, 2.0  # share, and times the median over cameras

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
+from e3pose.base.errors import InputError
 from e3pose.calibrate.bundle import Adjusted, AdjustOptions, adjust_boards, placed, root_mean_square
 from e3pose.calibrate.intrinsics import resect
 from e3pose.calibrate.view_graph import chain, connected, edges_from_boards
-from e3pose.errors import InputError
-from e3pose.geometry.camera import Camera, Rig
+from e3pose.model.camera import Camera, Rig
 
 MIN_TIMES = 3  # in which a pair must have seen the board together
 OUTLIER_SIGMAS = 3.0

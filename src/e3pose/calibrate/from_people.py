@@ -7,7 +7,8 @@ from itertools import combinations
 
 import numpy as np
 
-from e3pose.arrays import Flags
+from e3pose.base.arrays import Flags
+from e3pose.base.errors import InputError
 from e3pose.calibrate.bundle import first_lenses, placed
 from e3pose.calibrate.fit import CameraFit, fit_of
 from e3pose.calibrate.from_points import PointRig, adjust_all, pair_poses, solve_points
@@ -17,8 +18,7 @@ from e3pose.calibrate.progress import Progress, silent
 from e3pose.calibrate.resection import PlacedPerson, resect
 from e3pose.calibrate.same_people import Evidence, Seen, group, pair_by_essential
 from e3pose.calibrate.triangulation import place_points
-from e3pose.errors import InputError
-from e3pose.geometry.camera import Rig
+from e3pose.model.camera import Rig
 from e3pose.model.noise import Noise
 from e3pose.recording.record import Recording
 

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
 from e3pose.calibrate.bundle import Adjusted, AdjustOptions, adjust_points, placed
 from e3pose.calibrate.essential import RelativePose, relative_pose
 from e3pose.calibrate.triangulation import place_points
-from e3pose.geometry.camera import Rig
+from e3pose.model.camera import Rig
 
 TOLERANCE_SIGMAS = 3.0  # to an epipolar line, for RANSAC
 OUTLIER_SIGMAS = 2.5  # Cauchy's loss in bundle adjustment

@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
+from e3pose.base.errors import InputError
 from e3pose.calibrate.bundle import AdjustOptions, adjust_boards
 from e3pose.calibrate.view_choice import choose_views, tilted_views
-from e3pose.errors import InputError
-from e3pose.geometry.camera import Camera, Rig
+from e3pose.model.camera import Camera, Rig
 
 MODELS = ("pinhole", "pinhole-k3", "fisheye")  # simplest first
 MIN_VIEW_CORNERS = 6

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
+from e3pose.base.atomic import atomic_file
 from e3pose.calibrate.board_views import BoardViews
 from e3pose.calibrate.intrinsics import Intrinsics
 from e3pose.calibrate.view_choice import GRID, advice, covered
-from e3pose.files.atomic import atomic_file
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -9,9 +9,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
 from e3pose.calibrate.bundle import NUM_LENS, Adjusted
-from e3pose.geometry.camera import Rig
+from e3pose.model.camera import Rig
 from e3pose.recording.calibration.world import ASSUMED_FOCAL
 
 FOCAL_SIGMA = 0.35  # of the logarithm, round what is assumed

@@ -9,10 +9,10 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
 from e3pose.calibrate.same_people import Seen, group, pair_by_rig
 from e3pose.calibrate.tracklets import Tracklet, find_tracklets
-from e3pose.geometry.camera import Rig
+from e3pose.model.camera import Rig
 from e3pose.model.noise import Noise
 from e3pose.recording.record import Recording
 

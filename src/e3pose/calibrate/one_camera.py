@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from e3pose.base.errors import InputError
 from e3pose.calibrate.bundle import AdjustOptions, adjust_points, root_mean_square
 from e3pose.calibrate.from_people import (
     FINAL_POINTS,
@@ -15,10 +16,9 @@ from e3pose.calibrate.from_people import (
 from e3pose.calibrate.from_points import OUTLIER_SIGMAS, subsampled
 from e3pose.calibrate.matched_people import match_people
 from e3pose.calibrate.triangulation import place_points
-from e3pose.errors import InputError
-from e3pose.geometry.camera import Rig
-from e3pose.geometry.rotations import angles_between
+from e3pose.model.camera import Rig
 from e3pose.model.noise import Noise
+from e3pose.model.rotations import angles_between
 from e3pose.recording.record import Recording
 
 MIN_POINTS = 200  # joints that the camera shares with others

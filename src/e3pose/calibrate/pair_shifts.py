@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
 
 
 def subsample_peak(values: Floats, best: int) -> float:

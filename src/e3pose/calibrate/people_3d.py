@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
 from e3pose.calibrate.matched_people import Joints
 from e3pose.calibrate.triangulation import place_points
-from e3pose.geometry.camera import Rig
+from e3pose.model.camera import Rig
 from e3pose.model.skeleton import Skeleton
 
 # Shares of stature after Drillis and Contini, as tabulated by Winter: thigh, shank, and from the

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from e3pose.base.errors import InputError
 from e3pose.calibrate.align import Move, floor_from_people, guess
 from e3pose.calibrate.fit import disagreeing
 from e3pose.calibrate.from_people import solve_people
@@ -12,10 +13,9 @@ from e3pose.calibrate.places import KnownLength, Places, agreement
 from e3pose.calibrate.progress import Progress
 from e3pose.calibrate.scale import Scale, from_distance, from_limb, from_stature
 from e3pose.calibrate.uncertainty import FAR_DEG, camera_errors, distances, likely_rigs
-from e3pose.errors import InputError
-from e3pose.geometry.camera import Rig
-from e3pose.geometry.rotations import similarity
+from e3pose.model.camera import Rig
 from e3pose.model.noise import Noise
+from e3pose.model.rotations import similarity
 from e3pose.recording.record import Recording
 
 ENOUGH_S, ENOUGH_SPREAD = 8.0, 0.08  # of matched people: seconds, and share of the distance

@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
+from e3pose.base.errors import InputError
 from e3pose.calibrate.align import Move, from_axis, guess
 from e3pose.calibrate.ball import track_balls
 from e3pose.calibrate.board import Board
@@ -22,8 +23,7 @@ from e3pose.calibrate.scale import Scale, from_distance
 from e3pose.calibrate.uncertainty import CameraErrors
 from e3pose.calibrate.wand import Wand, adjust_wand
 from e3pose.camera.source import open_video
-from e3pose.errors import InputError
-from e3pose.geometry.camera import Rig
+from e3pose.model.camera import Rig
 
 Fit = tuple[Floats, Floats, NDArray[np.int64], NDArray[np.int64]]
 

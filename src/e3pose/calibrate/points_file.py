@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
-from e3pose.arrays import Floats
-from e3pose.errors import InputError
-from e3pose.files.bounded import read_bytes
-from e3pose.geometry.camera import Rig
-from e3pose.quantities import plural
+from e3pose.base.arrays import Floats
+from e3pose.base.bounded import read_bytes
+from e3pose.base.errors import InputError
+from e3pose.base.quantities import plural
+from e3pose.model.camera import Rig
 
 MAX_BYTES = 200_000_000
 MAX_POINTS = 1_000_000

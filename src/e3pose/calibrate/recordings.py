@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from e3pose.errors import InputError
-from e3pose.geometry.camera import Rig
+from e3pose.base.errors import InputError
+from e3pose.model.camera import Rig
 from e3pose.recording.record import Recording, ViewSeries
 
 

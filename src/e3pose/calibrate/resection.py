@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
 from e3pose.calibrate.same_people import MIN_COMMON, MOST_COMMON, Evidence, Seen, one_to_one
 
 Pairs = dict[tuple[int, int], tuple[Floats, Floats, Floats]]

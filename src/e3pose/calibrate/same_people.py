@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
 from e3pose.calibrate.essential import RelativePose, epipolar_errors, relative_pose
 from e3pose.calibrate.tracklets import Tracklet
 

@@ -6,14 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from e3pose.base.errors import InputError
 from e3pose.calibrate.people_3d import (
     ASSUMED_STATURE_M,
     People3D,
     limb_length,
     statures,
 )
-from e3pose.errors import InputError
-from e3pose.geometry.camera import Rig
+from e3pose.model.camera import Rig
 
 ASSUMED_SHARE = 0.06  # how far off a guess from people of average stature may be
 

@@ -14,14 +14,14 @@ from itertools import combinations
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
+from e3pose.base.errors import InputError
 from e3pose.calibrate.pair_shifts import (
     disagreement,
     incidence,
     spanning_tree_offsets,
     subsample_peak,
 )
-from e3pose.errors import InputError
 
 RATE = 8000  # samples per second
 STEPS = 1000  # of loudness, a second

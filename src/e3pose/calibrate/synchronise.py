@@ -13,15 +13,15 @@ from itertools import combinations
 
 import numpy as np
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
+from e3pose.base.errors import InputError
 from e3pose.calibrate.from_people import solve_people
 from e3pose.calibrate.matched_people import observe_people
 from e3pose.calibrate.pair_shifts import disagreement, incidence, spanning_tree_offsets
 from e3pose.calibrate.progress import Progress, silent
 from e3pose.calibrate.same_people import Seen
 from e3pose.calibrate.time_shift import motion_signals, shift_by_geometry, shift_by_motion
-from e3pose.errors import InputError
-from e3pose.geometry.camera import Rig
+from e3pose.model.camera import Rig
 from e3pose.model.noise import Noise
 from e3pose.recording.record import Recording, ViewSeries
 

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
 from e3pose.calibrate.essential import epipolar_errors
 from e3pose.calibrate.pair_shifts import subsample_peak
 from e3pose.calibrate.same_people import Seen, one_to_one, pair_by_essential, pair_by_rig
 from e3pose.calibrate.tracklets import Tracklet
-from e3pose.geometry.camera import Rig
+from e3pose.model.camera import Rig
 from e3pose.recording.record import Recording
 
 STEP = 0.125  # of a slot, in the search by geometry

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
 from e3pose.recording.record import ViewSeries
 
 MOST_STEP = 0.25  # of a person's size, that joints move from slot to slot

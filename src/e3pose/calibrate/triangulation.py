@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
 from e3pose.estimate.per_slot.triangulate import refine_person, triangulate_person
-from e3pose.geometry.camera import Rig
+from e3pose.model.camera import Rig
 
 STEPS = 6
 # The kernels have bounds in metres; a rig without a scale yet is brought to that of a room.

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from e3pose.arrays import Floats, Integers
+from e3pose.base.arrays import Floats, Integers
 from e3pose.calibrate.align import Move
 from e3pose.calibrate.bundle import (
     LENS,
@@ -30,8 +30,8 @@ from e3pose.calibrate.from_people import PeopleRig
 from e3pose.calibrate.from_points import OUTLIER_SIGMAS
 from e3pose.calibrate.least_squares import Linearised, curvature_share, reduced_normal
 from e3pose.calibrate.lenses import REPEATED
-from e3pose.geometry.camera import Rig
-from e3pose.geometry.rotations import angles_between, similarity
+from e3pose.model.camera import Rig
+from e3pose.model.rotations import angles_between, similarity
 
 GROUP_S = 5.0  # of one person's walk, where few people are there
 MIN_PEOPLE = 3  # to leave out one after the other

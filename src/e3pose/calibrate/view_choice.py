@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
 
 BLURRED = 0.6  # a view less sharp than this share of the median is left out while others are there
 GRID = (4, 3)  # parts of the picture, across and down, in which corners are asked for

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from e3pose.arrays import Floats
-from e3pose.geometry.rotations import angles_between, nearest_rotation
+from e3pose.base.arrays import Floats
+from e3pose.model.rotations import angles_between, nearest_rotation
 
 AGREE_RAD = 0.1  # relative poses of one pair within this of the best are averaged
 AGREE_SHARE = 0.2  # of the distance between the two cameras, likewise

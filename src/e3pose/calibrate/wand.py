@@ -13,14 +13,14 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
+from e3pose.base.errors import InputError
+from e3pose.base.quantities import length_m
 from e3pose.calibrate.align import Move
 from e3pose.calibrate.bundle import Adjusted, AdjustOptions, adjust_boards
 from e3pose.calibrate.from_points import MOST_POINTS, OUTLIER_SIGMAS
 from e3pose.calibrate.triangulation import place_points
-from e3pose.errors import InputError
-from e3pose.geometry.camera import Rig
-from e3pose.quantities import length_m
+from e3pose.model.camera import Rig
 
 OPTION = "--wand"
 EXAMPLE = "markers and lengths such as green,red=500mm or green,blue,red=200mm,500mm"

@@ -9,6 +9,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from e3pose.base.atomic import atomic_folder, check_free
+from e3pose.base.errors import InputError
+from e3pose.base.lock import hold
 from e3pose.camera.image_folder import ImageFolder, Source, open_sources
 from e3pose.camera.pairing import name_videos, pair_videos
 from e3pose.camera.provenance import save_provenance
@@ -18,10 +21,7 @@ from e3pose.camera.turned import turned
 from e3pose.camera.unfinished import Unfinished
 from e3pose.detectors import Detector
 from e3pose.detectors.focus import check_feedback
-from e3pose.errors import InputError
-from e3pose.files.atomic import atomic_folder, check_free
-from e3pose.files.lock import hold
-from e3pose.geometry.camera import Rig
+from e3pose.model.camera import Rig
 from e3pose.model.skeleton import Skeleton
 from e3pose.recording import Recording, ViewSeries, encode_view, read_series, save_recording
 from e3pose.recording.calibration.world import assumed_rig

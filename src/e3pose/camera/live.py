@@ -16,6 +16,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
+from e3pose.base.clock import Clock
+from e3pose.base.errors import InputError
 from e3pose.camera.base import LiveDetector, LiveFrame, LiveSource
 from e3pose.camera.base import NodeSettings as NodeSettings
 from e3pose.camera.box import Box
@@ -25,9 +27,7 @@ from e3pose.camera.schedule import Schedule, slot_of_frame, take_order
 from e3pose.camera.status import CameraCounts, heartbeat_message, hello_message
 from e3pose.camera.video_recorder import VideoRecorder
 from e3pose.detectors.focus import detect_expected, uses_feedback
-from e3pose.errors import InputError
 from e3pose.model.expected import ExpectedView
-from e3pose.runtime.clock import Clock
 from e3pose.wire import topics
 from e3pose.wire.arrays import pack_poses
 from e3pose.wire.codec import decode, encode

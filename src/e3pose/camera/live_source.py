@@ -19,12 +19,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from e3pose.base.clock import Clock
+from e3pose.base.errors import InputError
 from e3pose.camera.base import LiveFrame, LiveSource
 from e3pose.camera.source import FALLBACK_RATE, Frame, open_video
-from e3pose.errors import InputError
 from e3pose.model.pose import Poses2D
 from e3pose.recording import Recording
-from e3pose.runtime.clock import Clock
 
 READ_S = 1.0
 STREAMS = ("rtsp", "rtsps", "http", "https")

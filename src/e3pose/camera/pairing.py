@@ -6,9 +6,9 @@ import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from e3pose.errors import InputError
-from e3pose.geometry.camera import Rig
-from e3pose.geometry.camera_fields import check_camera_id
+from e3pose.base.errors import InputError
+from e3pose.model.camera import Rig
+from e3pose.model.camera_fields import check_camera_id
 
 
 def name_videos(videos: Sequence[Path | str]) -> dict[str, Path]:

@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.errors import InputError
+from e3pose.base.clock import Clock
+from e3pose.base.errors import InputError
 from e3pose.model.pose import Poses2D
-from e3pose.runtime.clock import Clock
 from e3pose.wire.codec import decode, encode
 from e3pose.wire.site_messages import Picture, PictureQuestion
 

@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
+from e3pose.base.clock import WallClock
+from e3pose.base.errors import InputError
 from e3pose.camera.base import LiveSource
 from e3pose.camera.frame_rate import rate_hz, rounded_hz
 from e3pose.camera.live_source import make_source
 from e3pose.camera.source import open_video
-from e3pose.errors import InputError
-from e3pose.runtime.clock import WallClock
 from e3pose.settings.sources import place_of
 
 COUNT_S = 3.0  # in which the frames of a live source are counted

@@ -9,8 +9,8 @@ from pathlib import Path
 import msgspec
 import tomli_w
 
-from e3pose.errors import InputError
-from e3pose.files.bounded import read_bytes
+from e3pose.base.bounded import read_bytes
+from e3pose.base.errors import InputError
 from e3pose.settings.limits import Rotation
 
 if sys.version_info >= (3, 11):

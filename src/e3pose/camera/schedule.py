@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
+from e3pose.base.clock import SlotTimes
 from e3pose.model.expected import ExpectedView
-from e3pose.runtime.clock import SlotTimes
 from e3pose.wire.expected import expected_view
 from e3pose.wire.messages import CameraMode, Order
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from e3pose.base.bounded import read_toml
+from e3pose.base.errors import InputError
 from e3pose.camera.provenance import load_provenance, save_provenance
-from e3pose.errors import InputError
-from e3pose.files.bounded import read_toml
 from e3pose.recording.folder import HEADER, MAX_HEADER_BYTES
 from e3pose.recording.videos import begin_of, choose_video, take_videos, videos_in
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from e3pose.base.errors import InputError
 from e3pose.camera.slots import SlotGrid, frames_in_slots
 from e3pose.camera.source import Frame, open_video
 from e3pose.detectors.base import Image
-from e3pose.errors import InputError
 from e3pose.recording import Recording
 from e3pose.recording.videos import VIDEOS
 

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.base.errors import InputError
 from e3pose.camera.orientation import Orientation, display_orientation
-from e3pose.errors import InputError
 
 # Containers of moving pictures only: FFmpeg would also "play" a text file or follow a play list.
 CONTAINERS = (

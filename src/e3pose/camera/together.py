@@ -12,7 +12,7 @@ from e3pose.camera.slots import Picture, SlotGrid, frames_in_slots
 from e3pose.camera.unfinished import Unfinished
 from e3pose.detectors import Detector
 from e3pose.detectors.focus import detect_expected
-from e3pose.geometry.camera import Rig
+from e3pose.model.camera import Rig
 from e3pose.model.expected import ExpectedView
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import Skeleton

@@ -10,9 +10,9 @@ from typing import Literal
 
 import msgspec
 
-from e3pose.errors import InputError
-from e3pose.files.atomic import atomic_file
-from e3pose.files.bounded import read_bytes
+from e3pose.base.atomic import atomic_file
+from e3pose.base.bounded import read_bytes
+from e3pose.base.errors import InputError
 from e3pose.recording import decode_view
 
 STATE = "unfinished.json"

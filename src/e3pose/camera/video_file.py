@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.files.private import make_file
+from e3pose.base.private import make_file
 
 CODEC = "mpeg4"
 QSCALE = 4  # of 1 to 31: 40 dB of the frames themselves

@@ -15,12 +15,12 @@ from pathlib import Path
 
 import numpy as np
 
+from e3pose.base.clock import SlotTimes
+from e3pose.base.errors import InputError
+from e3pose.base.private import make_folder
 from e3pose.camera.base import LiveFrame
 from e3pose.camera.video_file import VideoFile
-from e3pose.errors import InputError
-from e3pose.files.private import make_folder
 from e3pose.recording.videos import MAX_BYTES, PART_S, part_of, video_name, videos_in
-from e3pose.runtime.clock import SlotTimes
 
 QUEUE_FRAMES = 8
 TRIM_S = 5.0  # of the scene

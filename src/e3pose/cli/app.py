@@ -13,6 +13,7 @@ from typing import Any, NoReturn
 from cyclopts import App, CycloptsError, Group, MissingArgumentError
 
 from e3pose import __version__
+from e3pose.base.errors import InputError
 from e3pose.cli.attaching import attach
 from e3pose.cli.calibrating import calibrate_app
 from e3pose.cli.calibrating_lenses import board, intrinsics
@@ -44,7 +45,6 @@ from e3pose.cli.streaming import stream
 from e3pose.cli.synchronising import sync
 from e3pose.cli.viewing import view
 from e3pose.cli.watching import top
-from e3pose.errors import InputError
 
 EXIT_INPUT = 2  # the input or the options are wrong
 EXIT_INTERRUPTED = 130

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 
 
 def attach(recording: Path, folder: Path, /) -> None:

@@ -7,10 +7,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Literal
 
+from e3pose.base.errors import InputError
+from e3pose.base.quantities import plural
 from e3pose.cli.options import Flag, Whole
 from e3pose.cli.output import JsonFile, is_stdout, write_json
-from e3pose.errors import InputError
-from e3pose.quantities import plural
 
 DEFAULT_BOARD = "charuco-5x7-36mm"  # what `calibrate board` makes for A4
 
@@ -51,9 +51,9 @@ def board(
         Also write the mirror image, NAME-back.pdf and NAME-back.svg, for the back: cameras that
         face each other then see the same board. Glue both so that their corners meet.
     """
+    from e3pose.base.atomic import atomic_file, check_output
     from e3pose.calibrate.board import Board
     from e3pose.calibrate.board_page import as_pdf, as_svg, draw_page, largest_square_mm
-    from e3pose.files.atomic import atomic_file, check_output
 
     if rows is None:
         rows = 7 if kind == "charuco" else 8
@@ -115,6 +115,7 @@ def intrinsics(
     json_output
         Write the result here as JSON; - is standard output, which then contains nothing else.
     """
+    from e3pose.base.atomic import check_output
     from e3pose.calibrate.board import Board
     from e3pose.calibrate.board_views import find_board
     from e3pose.calibrate.intrinsics import MODELS, fit_intrinsics
@@ -124,8 +125,7 @@ def intrinsics(
         draw_coverage,
         make_report,
     )
-    from e3pose.files.atomic import check_output
-    from e3pose.geometry.camera import Rig
+    from e3pose.model.camera import Rig
     from e3pose.recording.calibration import save_rig
 
     if len(paths) < 2:
@@ -170,7 +170,7 @@ def cameras_of(words: Sequence[str]) -> dict[str, Path]:
 
 def toml_path(word: str) -> Path:
     """Return the calibration file to write; raise `InputError` if it cannot be one."""
-    from e3pose.files.atomic import check_output
+    from e3pose.base.atomic import check_output
 
     path = Path(word)
     if path.suffix.lower() != ".toml":

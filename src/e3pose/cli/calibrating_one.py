@@ -6,13 +6,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from e3pose.base.errors import InputError
+from e3pose.base.quantities import plural
 from e3pose.cli.calibrating_lenses import toml_path
 from e3pose.cli.output import is_stdout, write_json
-from e3pose.errors import InputError
-from e3pose.quantities import plural
 
 if TYPE_CHECKING:
-    from e3pose.geometry.camera import Rig
+    from e3pose.model.camera import Rig
     from e3pose.recording import Recording
 
 
@@ -138,7 +138,7 @@ def _newest(folder: Path, camera_id: str, seconds: float) -> tuple[Recording | N
 
 def _set_aside(dest: Path) -> Path | None:
     """Keep the file that is about to be replaced beside it."""
-    from e3pose.files.atomic import atomic_file
+    from e3pose.base.atomic import atomic_file
 
     if not dest.is_file():
         return None

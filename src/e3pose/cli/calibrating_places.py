@@ -10,18 +10,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 from cyclopts import Group, Parameter
 
+from e3pose.base.errors import InputError
+from e3pose.base.quantities import length_m, plural
 from e3pose.cli.calibrating_lenses import DEFAULT_BOARD, camera_bar, cameras_of, toml_path
 from e3pose.cli.options import Flag, as_typed
 from e3pose.cli.output import JsonFile, is_stdout, number_or_null, write_json, wrote
 from e3pose.cli.progress import stage_progress
-from e3pose.errors import InputError
-from e3pose.quantities import length_m, plural
 
 if TYPE_CHECKING:
     from e3pose.calibrate.places import KnownLength, Places
     from e3pose.calibrate.uncertainty import CameraErrors
     from e3pose.calibrate.wand import Wand
-    from e3pose.geometry.camera import Rig
+    from e3pose.model.camera import Rig
     from e3pose.recording.record import Recording
 
 MOST_SECONDS = 3600.0

@@ -9,18 +9,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 from cyclopts import Group, Parameter
 
+from e3pose.base.errors import InputError
+from e3pose.base.quantities import length_m
 from e3pose.cli.calibrating_lenses import DEFAULT_BOARD, cameras_of, check_picture, toml_path
 from e3pose.cli.calibrating_places import expected_values
 from e3pose.cli.options import Flag, as_typed
 from e3pose.cli.output import JsonFile, is_stdout, number_or_null, write_json
 from e3pose.cli.progress import stage_progress
-from e3pose.errors import InputError
-from e3pose.quantities import length_m
 
 if TYPE_CHECKING:
     from e3pose.calibrate.align import Move
     from e3pose.calibrate.judge import Judgement
-    from e3pose.geometry.camera import Rig
+    from e3pose.model.camera import Rig
 
 Words = Annotated[list[str] | None, Parameter(negative="")]
 
@@ -168,12 +168,12 @@ def check(
     """
     from dataclasses import replace
 
+    from e3pose.base.atomic import check_output
     from e3pose.calibrate.error_picture import draw_error
     from e3pose.calibrate.judge import judge
     from e3pose.calibrate.recordings import first_seconds
     from e3pose.camera.provenance import load_provenance
     from e3pose.cli.placed import check_world
-    from e3pose.files.atomic import check_output
     from e3pose.model.noises import detector_of, load_noise
     from e3pose.recording import load_recording
     from e3pose.recording.calibration import load_rig

@@ -9,9 +9,9 @@ from typing import Any
 
 from cyclopts import Group
 
+from e3pose.base.errors import MISSING, InputError
 from e3pose.cli.options import GROUPS
 from e3pose.cli.settings_options import options_from
-from e3pose.errors import MISSING, InputError
 from e3pose.settings.camera_file import NodeTable
 
 CAMERA_GROUPS = {

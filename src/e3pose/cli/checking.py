@@ -8,9 +8,9 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from e3pose.base.errors import InputError
+from e3pose.base.quantities import check_seconds, plural
 from e3pose.cli.options import Flag, warn
-from e3pose.errors import InputError
-from e3pose.quantities import check_seconds, plural
 
 if TYPE_CHECKING:
     from e3pose.settings.resolved import ResolvedSite

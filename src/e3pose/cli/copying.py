@@ -25,9 +25,9 @@ def copy(source: str, dest: str, /) -> None:
     dest
         File to create, or URL of a database without runs.
     """
+    from e3pose.base.quantities import plural
     from e3pose.cli.progress import stage_progress
     from e3pose.cli.querying import store_of
-    from e3pose.quantities import plural
     from e3pose.store.copying import copy_store
     from e3pose.store.database import database_url, shown
 

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Annotated, Literal, get_args
 
 from cyclopts import Group, Parameter
 
+from e3pose.base.errors import InputError
+from e3pose.base.quantities import plural
 from e3pose.cli.options import OUTPUT, Flag, Whole, as_typed
-from e3pose.errors import InputError
-from e3pose.quantities import plural
 from e3pose.settings.limits import Rotation
 from e3pose.settings.loop import WHOLE_EVERY
 
@@ -126,9 +126,9 @@ def detect(
         `e3pose calibrate intrinsics`. Without it, cameras are named after their videos, and
         `e3pose calibrate extrinsics` finds lenses and positions from the people.
     """
+    from e3pose.base.atomic import check_free
     from e3pose.camera.detect import DetectSettings, detect_videos
     from e3pose.cli.placed import check_world
-    from e3pose.files.atomic import check_free
     from e3pose.recording.calibration import load_rig
 
     if len(paths) < 2:

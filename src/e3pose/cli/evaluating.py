@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
+from e3pose.base.errors import InputError
 from e3pose.cli.fault_options import FaultOptions
 from e3pose.cli.options import (
     GOAL,
@@ -24,7 +25,6 @@ from e3pose.cli.options import (
     warn,
 )
 from e3pose.cli.output import JsonFile, is_stdout, write_json, wrote
-from e3pose.errors import InputError
 
 if TYPE_CHECKING:
     from e3pose.select.policies import PolicyRow
@@ -219,7 +219,7 @@ def _that_matter(loops: list[LoopOptions], row: PolicyRow) -> list[LoopOptions]:
 
 
 def _counts(option: str, text: str) -> list[int]:
-    from e3pose.errors import InputError
+    from e3pose.base.errors import InputError
 
     try:
         return list(dict.fromkeys(int(part) for part in text.split(",")))

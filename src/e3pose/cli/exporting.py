@@ -10,17 +10,17 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Group, Parameter
 
+from e3pose.base.errors import InputError
 from e3pose.cli.options import Flag, Whole, as_typed
 from e3pose.cli.output import wrote
 from e3pose.cli.querying import PERIOD, ROWS, PeriodOptions, check_numbers
 from e3pose.cli.smoothing import SmoothOptions
-from e3pose.errors import InputError
 
 if TYPE_CHECKING:
-    from e3pose.exports import ExportSettings
-    from e3pose.exports.base import Progress
-    from e3pose.exports.source import Asked
     from e3pose.model.take import Motion, Take
+    from e3pose.output.exports import ExportSettings
+    from e3pose.output.exports.base import Progress
+    from e3pose.output.exports.source import Asked
 
 SMOOTH = SmoothOptions()
 BONES = ("bvh", "gltf")
@@ -59,7 +59,7 @@ class FormatOptions:
 
     def settings(self, dest: Path, progress: Progress) -> tuple[str, ExportSettings]:
         """Return the format and its settings; raise `InputError` for options that it lacks."""
-        from e3pose.exports import ExportSettings, format_of
+        from e3pose.output.exports import ExportSettings, format_of
         from e3pose.recording.calibration import load_rig
 
         form = format_of(dest, self.format_name)
@@ -115,12 +115,12 @@ def export(
     region
         Only people whose centre is in this rectangle of the floor: x,y,x,y in metres.
     """
+    from e3pose.base.quantities import duration_s
     from e3pose.cli.progress import track_progress
     from e3pose.estimate.smooth import SmoothSettings, smoothed
-    from e3pose.exports import export as write
-    from e3pose.exports.resample import resampled
-    from e3pose.exports.source import Asked
-    from e3pose.quantities import duration_s
+    from e3pose.output.exports import export as write
+    from e3pose.output.exports.resample import resampled
+    from e3pose.output.exports.source import Asked
 
     def progress(items: Iterable[Any], total: int, label: str) -> Iterable[Any]:
         return track_progress(items, total, label)
@@ -152,7 +152,7 @@ def export(
 def _take(source: str, dest: Path, asked: Asked) -> Take:
     """Read what is asked for, and check that it would not be written over."""
     from e3pose.cli.querying import files_of, store_of
-    from e3pose.exports.source import TABLES, take_from_store, take_from_table
+    from e3pose.output.exports.source import TABLES, take_from_store, take_from_table
     from e3pose.store.database import database_path, database_url
 
     path = Path(source)

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import App, Parameter
 
+from e3pose.base.errors import InputError
+from e3pose.base.quantities import plural
 from e3pose.cli.options import Flag
-from e3pose.errors import InputError
-from e3pose.quantities import plural
 
 if TYPE_CHECKING:
     from e3pose.recording import Recording
@@ -330,7 +330,7 @@ def videos(recording: Path, folder: Path, /) -> None:
 
 def _check_free(dest: Path, overwrite: bool) -> None:
     """Refuse before minutes of reading, not after."""
-    from e3pose.files.atomic import check_free
+    from e3pose.base.atomic import check_free
 
     check_free(dest, overwrite)
 

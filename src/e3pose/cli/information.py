@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from e3pose.base.quantities import plural
 from e3pose.cli.output import JsonFile, is_stdout, write_json
-from e3pose.quantities import plural
 
 if TYPE_CHECKING:
     from rich.console import Console

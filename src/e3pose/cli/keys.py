@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Parameter
 
+from e3pose.base.errors import InputError
 from e3pose.cli.options import Flag
 from e3pose.cli.output import wrote
-from e3pose.errors import InputError
 
 if TYPE_CHECKING:
     from e3pose.wire.keys.folder import Kind
@@ -182,7 +182,7 @@ def list_keys(*, keys: Path = DEFAULT) -> None:
 
 
 def _until(path: Path) -> str:
-    from e3pose.files.bounded import read_bytes
+    from e3pose.base.bounded import read_bytes
     from e3pose.wire.keys.authority import expires
     from e3pose.wire.keys.folder import MAX_PEM_BYTES
 

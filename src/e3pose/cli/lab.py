@@ -1,6 +1,6 @@
 """Verbs of the lab, which measures, reproduces and trains; a site is installed without it.
 
-The package of the lab is named here and in `e3pose.learn.trainer`, and imported nowhere else.
+The package of the lab is named here and in `e3pose.edge.learn.trainer`, and imported nowhere else.
 """
 
 from __future__ import annotations

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Group, Parameter
 
+from e3pose.base.errors import InputError
+from e3pose.base.quantities import plural
 from e3pose.cli.options import Flag, Whole
-from e3pose.errors import InputError
-from e3pose.quantities import plural
 
 if TYPE_CHECKING:
-    from e3pose.learn import LearningSettings, OnlineTrainer
-    from e3pose.learn.rehearse import Rehearsed
+    from e3pose.edge.learn import LearningSettings, OnlineTrainer
+    from e3pose.edge.learn.rehearse import Rehearsed
     from e3pose.predict.base import Predictor
     from e3pose.recording import Recording
     from e3pose.settings.loop import ReplaySettings
@@ -44,7 +44,7 @@ class TrainingOptions:
 
     def settings(self, interval_s: float) -> LearningSettings:
         """Return the settings that these options mean."""
-        from e3pose.learn import LearningSettings
+        from e3pose.edge.learn import LearningSettings
 
         return LearningSettings(
             interval_s=interval_s,
@@ -99,11 +99,11 @@ def learn_replay(
         Replay in real time with training in parallel, as live. Default: replay at full speed and
         train between recordings.
     """
+    from e3pose.base.clock import WallClock
     from e3pose.cli.placed import load_placed
+    from e3pose.edge.learn import OnlineTrainer
+    from e3pose.edge.learn.versions import check_learning_folder
     from e3pose.evaluate.replay import ReplaySettings, make_pipeline
-    from e3pose.learn import OnlineTrainer
-    from e3pose.learn.versions import check_learning_folder
-    from e3pose.runtime.clock import WallClock
 
     places = [path.resolve() for path in recordings]
     for path, place in zip(recordings, places, strict=True):
@@ -163,7 +163,7 @@ def rollback(folder: Path, /, *, to: Whole | None = None) -> None:
     to
         Version number; 0 is the shipped network. Default: the previous version.
     """
-    from e3pose.learn.versions import VersionStore
+    from e3pose.edge.learn.versions import VersionStore
 
     _check_folder(folder)
     store = VersionStore(folder / "versions")
@@ -182,9 +182,9 @@ def _run(
     import time
 
     from e3pose.cli.progress import track_progress
-    from e3pose.learn.rehearse import rehearse
+    from e3pose.edge.learn.rehearse import rehearse
 
-    logging.getLogger("e3pose.learn").addHandler(logging.NullHandler())  # events are printed
+    logging.getLogger("e3pose.edge.learn").addHandler(logging.NullHandler())  # events are printed
     shown = 0
     predictor: Predictor | None = trainer.poll()
     for name, source in sources.items():
@@ -229,8 +229,8 @@ def _check_folder(folder: Path) -> None:
 def _print_versions(folder: Path) -> None:
     from datetime import datetime, timezone
 
+    from e3pose.edge.learn.versions import VersionStore
     from e3pose.evaluate.columns import fitted_tables, table_console
-    from e3pose.learn.versions import VersionStore
 
     manifest = VersionStore(folder / "versions").read()
     leads = sorted({lead for version in manifest.versions for lead in version.leads})

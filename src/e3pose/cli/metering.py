@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
+from e3pose.base.errors import InputError
 from e3pose.cli.options import Flag
 from e3pose.cli.output import JsonFile, is_stdout, write_json
-from e3pose.errors import InputError
 
 if TYPE_CHECKING:
     from rich.table import Table

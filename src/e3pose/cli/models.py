@@ -9,8 +9,8 @@ from typing import Annotated
 
 from cyclopts import App, Parameter
 
+from e3pose.base.errors import InputError
 from e3pose.cli.options import Whole
-from e3pose.errors import InputError
 
 models_app = App(name="models", help="List, download and locate 2D pose networks.")
 

@@ -12,12 +12,12 @@ from typing import Annotated
 
 from cyclopts import Group, Parameter
 
+from e3pose.base.errors import InputError
+from e3pose.base.table import read_table
 from e3pose.cli.output import STDOUT
 from e3pose.cli.settings_options import Flag as Flag
 from e3pose.cli.settings_options import Whole as Whole
 from e3pose.cli.settings_options import options_from
-from e3pose.errors import InputError
-from e3pose.files.table import read_table
 from e3pose.settings.energy import EnergySettings
 from e3pose.settings.loop import FEEDBACK, PAPER_ONLY, ReplaySettings
 
@@ -76,7 +76,7 @@ def check_outputs(source: Path, outputs: Mapping[str, Path | None]) -> None:
         source: the recording, whose own files must stay.
         outputs: option to the file it names.
     """
-    from e3pose.files.atomic import check_output
+    from e3pose.base.atomic import check_output
 
     taken: dict[Path, str] = {}
     for option, path in outputs.items():

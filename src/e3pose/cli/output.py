@@ -32,7 +32,7 @@ def write_json(path: Path | None, value: Any) -> None:
     if is_stdout(path):
         sys.stdout.write(text)
         return
-    from e3pose.files.atomic import atomic_file
+    from e3pose.base.atomic import atomic_file
 
     with atomic_file(path) as temporary:
         temporary.write_text(text)

@@ -10,7 +10,7 @@ from e3pose.cli.options import warn
 from e3pose.cli.progress import notice_compiling
 
 if TYPE_CHECKING:
-    from e3pose.geometry.camera import Rig
+    from e3pose.model.camera import Rig
     from e3pose.recording import Recording
 
 

@@ -50,7 +50,7 @@ class _Notice(logging.Handler):
 
 def notice_compiling() -> None:
     """Show how far kernels are compiled: meanwhile no bar moves and nothing is written."""
-    log = logging.getLogger("e3pose.runtime.compiling")
+    log = logging.getLogger("e3pose.base.compiling")
     if not log.handlers:
         log.addHandler(_Notice())
         log.setLevel(logging.INFO)

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Group, Parameter
 
+from e3pose.base.errors import MISSING, InputError
+from e3pose.base.quantities import plural
 from e3pose.cli.options import OUTPUT, Whole, as_typed
 from e3pose.cli.output import JsonFile, is_stdout, wrote
-from e3pose.errors import MISSING, InputError
-from e3pose.quantities import plural
 
 if TYPE_CHECKING:
     from e3pose.store import Store
@@ -115,7 +115,7 @@ def query(
 
 def _check_files(store: str, outputs: Mapping[str, Path]) -> None:
     """Raise `InputError` for files that cannot be written, or that belong to the store."""
-    from e3pose.files.atomic import check_output
+    from e3pose.base.atomic import check_output
     from e3pose.store.database import database_path, database_url
 
     database = database_path(database_url(store))

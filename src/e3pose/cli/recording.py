@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from e3pose.errors import InputError
-from e3pose.quantities import check_seconds, plural
+from e3pose.base.errors import InputError
+from e3pose.base.quantities import check_seconds, plural
 
 if TYPE_CHECKING:
     from e3pose.edge.record_server import RecordingPlan, RecordServer
@@ -52,10 +52,10 @@ def record(
     check_seconds("--for", for_s)
     from rich.console import Console
 
+    from e3pose.base.atomic import check_free
+    from e3pose.base.clock import WallClock
+    from e3pose.base.private import make_folder
     from e3pose.edge.record_server import RecordServer
-    from e3pose.files.atomic import check_free
-    from e3pose.files.private import make_folder
-    from e3pose.runtime.clock import WallClock
     from e3pose.settings.resolved import resolve
     from e3pose.settings.site_file import load_site
     from e3pose.site.admission import edge_link, join_as_edge

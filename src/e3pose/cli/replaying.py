@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
+from e3pose.base.errors import InputError
+from e3pose.base.quantities import duration_s
 from e3pose.cli.fault_options import FaultOptions
 from e3pose.cli.options import (
     GOAL,
@@ -26,8 +28,6 @@ from e3pose.cli.output import JsonFile, is_stdout, write_json, wrote
 from e3pose.cli.progress import track_progress
 from e3pose.cli.smoothing import SmoothOptions
 from e3pose.cli.storing import StoreOptions
-from e3pose.errors import InputError
-from e3pose.quantities import duration_s
 
 if TYPE_CHECKING:
     from e3pose.estimate.base import People, Posterior
@@ -90,7 +90,7 @@ class OutputOptions:
         if self.poses is not None:
             write_poses(records, source.skeleton, self.poses)
         if self.report is not None:
-            from e3pose.report import write_report
+            from e3pose.output.report import write_report
 
             write_report(source, records, summary, self.report)
         if not is_stdout(self.json_file):

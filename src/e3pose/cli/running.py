@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
+from e3pose.base.errors import InputError
+from e3pose.base.quantities import check_seconds, duration_s
 from e3pose.cli.camera_options import CameraOptions
 from e3pose.cli.options import Flag, as_typed, warn
 from e3pose.cli.progress import LINE_S
-from e3pose.errors import InputError
-from e3pose.quantities import check_seconds, duration_s
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -63,7 +63,7 @@ def edge(
     """
     _begin(end_with_parent)
     check_seconds("--for", for_s)
-    from e3pose.runtime.clock import WallClock
+    from e3pose.base.clock import WallClock
     from e3pose.settings.resolved import resolve
     from e3pose.settings.site_file import load_site
     from e3pose.site.edge_program import start_edge
@@ -166,7 +166,7 @@ def up(
     check_seconds("--for", for_s)
     from rich.console import Console
 
-    from e3pose.files.private import make_folder
+    from e3pose.base.private import make_folder
     from e3pose.settings.resolved import resolve
     from e3pose.settings.site_file import load_site
     from e3pose.site.admission import edge_link

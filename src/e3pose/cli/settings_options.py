@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal, TypeVar
 
 from cyclopts import Group, Parameter, Token
 
-from e3pose.files.table import entries
+from e3pose.base.table import entries
 
 T = TypeVar("T")
 

@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Group, Parameter
 
+from e3pose.base.errors import InputError
+from e3pose.base.quantities import plural
 from e3pose.cli.options import Flag, Whole
-from e3pose.errors import InputError
-from e3pose.quantities import plural
 
 if TYPE_CHECKING:
-    from e3pose.geometry.camera import Rig
+    from e3pose.model.camera import Rig
     from e3pose.recording import Recording
     from e3pose.simulate import DetectorSettings
 
@@ -158,7 +158,7 @@ def simulate(
     overwrite
         Replace DEST.
     """
-    from e3pose.files.atomic import check_free
+    from e3pose.base.atomic import check_free
     from e3pose.recording import save_recording
     from e3pose.simulate import SceneSettings
     from e3pose.simulate import simulate as run
@@ -203,8 +203,8 @@ def _print(recording: Recording, dest: Path) -> None:
 def _write_films(recording: Recording, dest: Path) -> None:
     from dataclasses import replace
 
+    from e3pose.output.report.overlay import write_movie
     from e3pose.recording import save_recording
-    from e3pose.report.overlay import write_movie
     from e3pose.simulate.films import frames
 
     names = {camera_id: f"{camera_id}.mp4" for camera_id in recording.rig.camera_ids}

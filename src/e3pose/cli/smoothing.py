@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Literal
 
 from cyclopts import Parameter
 
+from e3pose.base.quantities import frequency_hz
 from e3pose.cli.options import SMOOTHING, as_typed
-from e3pose.quantities import frequency_hz
 
 if TYPE_CHECKING:
     from e3pose.estimate.smooth import SmoothSettings

@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
+from e3pose.base.errors import InputError
+from e3pose.base.quantities import plural, three_digits
 from e3pose.cli.options import Whole, warn
-from e3pose.errors import InputError
-from e3pose.quantities import plural, three_digits
 
 if TYPE_CHECKING:
     from e3pose.camera.probe import Probe
     from e3pose.detectors.timing import DetectionTimes
-    from e3pose.geometry.camera import Rig
+    from e3pose.model.camera import Rig
     from e3pose.site.new_site import Choice
 
 
@@ -68,7 +68,7 @@ def init(
     pace
         Playback speed of videos. Default: as slow as this machine needs to follow them.
     """
-    from e3pose.files.atomic import check_free
+    from e3pose.base.atomic import check_free
     from e3pose.recording.calibration import load_rotations
     from e3pose.site.new_site import Choice, name_sources, site_name, threads_for, write_site
     from e3pose.wire.topics import check_site
@@ -154,9 +154,9 @@ def _rig(path: Path, named: dict[str, str]) -> Rig:
 
 def _network(asked: str | None) -> str:
     """Return the network to use; raise `InputError` with the command that installs one."""
+    from e3pose.base.plugins import beside
     from e3pose.detectors import DETECTORS
     from e3pose.detectors.weights import MODELS, find_weights, is_installed
-    from e3pose.runtime.plugins import beside
     from e3pose.site.new_site import NETWORKS
 
     if asked is None:

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
+from e3pose.base.errors import InputError
+from e3pose.base.quantities import plural
 from e3pose.cli.options import OUTPUT, as_typed
-from e3pose.errors import InputError
-from e3pose.quantities import plural
 
 if TYPE_CHECKING:
     from e3pose.energy.profiles import DeviceProfile, Mode
@@ -42,7 +42,7 @@ class StoreOptions:
 
     def retention(self) -> Retention:
         """Return what to keep; raise `InputError` for what is no age or size."""
-        from e3pose.quantities import age_s, size_bytes
+        from e3pose.base.quantities import age_s, size_bytes
         from e3pose.store import Retention
 
         if self.store is None and (self.keep or self.max_size):

@@ -9,9 +9,9 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from e3pose.base.errors import InputError
+from e3pose.base.quantities import check_seconds
 from e3pose.cli.options import Flag, warn
-from e3pose.errors import InputError
-from e3pose.quantities import check_seconds
 
 
 def stream(

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
+from e3pose.base.errors import InputError
 from e3pose.cli.options import Flag, warn
 from e3pose.cli.output import JsonFile, is_stdout, write_json, wrote
 from e3pose.cli.progress import stage_progress
-from e3pose.errors import InputError
 
 if TYPE_CHECKING:
     from e3pose.calibrate.synchronise import Synchrony
@@ -117,9 +117,9 @@ def _by_people(
 ) -> None:
     from dataclasses import replace
 
+    from e3pose.base.atomic import check_free
     from e3pose.calibrate.recordings import first_seconds
     from e3pose.calibrate.synchronise import synchronise, with_offsets
-    from e3pose.files.atomic import check_free
     from e3pose.model.noises import detector_of, load_noise
     from e3pose.recording import load_recording, save_recording
     from e3pose.recording.calibration import load_rig

@@ -7,8 +7,8 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from e3pose.base.quantities import check_seconds
 from e3pose.cli.options import warn
-from e3pose.quantities import check_seconds
 
 
 def view(

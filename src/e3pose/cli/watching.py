@@ -5,9 +5,9 @@ from __future__ import annotations
 import time
 from pathlib import Path
 
+from e3pose.base.errors import InputError
+from e3pose.base.quantities import check_seconds
 from e3pose.cli.options import Flag
-from e3pose.errors import InputError
-from e3pose.quantities import check_seconds
 
 
 def top(

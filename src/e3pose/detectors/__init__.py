@@ -6,11 +6,11 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
+from e3pose.base.errors import InputError
+from e3pose.base.plugins import made, member
 from e3pose.detectors.base import Detector as Detector
 from e3pose.detectors.base import Image as Image
-from e3pose.errors import InputError
 from e3pose.model.skeleton import COCO17, COCO18, Skeleton
-from e3pose.runtime.plugins import made, member
 
 Factory = Callable[[Path | None, str, int | None], Detector]
 

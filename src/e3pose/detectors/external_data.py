@@ -9,8 +9,8 @@ import mmap
 from collections.abc import Iterator
 from pathlib import Path, PurePosixPath, PureWindowsPath
 
+from e3pose.base.errors import InputError
 from e3pose.detectors.onnx_bytes import fields_of, mapped
-from e3pose.errors import InputError
 
 # Fields that lead from a model to its tensors: numbers of `onnx.proto`, by the message they are in.
 INTO = {

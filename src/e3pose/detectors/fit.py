@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
 from e3pose.detectors.base import Image
 
 

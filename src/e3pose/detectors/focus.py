@@ -9,8 +9,8 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.base.errors import InputError
 from e3pose.detectors.base import Image
-from e3pose.errors import InputError
 from e3pose.model.expected import ExpectedView
 from e3pose.model.pose import Poses2D
 

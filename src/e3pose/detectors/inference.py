@@ -10,8 +10,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.base.errors import InputError
 from e3pose.detectors.external_data import check_external_data
-from e3pose.errors import InputError
 
 # Best first; `auto` takes every one that this installation of ONNX Runtime has, in this order.
 PROVIDERS = {

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from e3pose.base.errors import InputError
 from e3pose.detectors.base import Image, check_image, poses_in_image
 from e3pose.detectors.fit import letterbox, letterbox_to_side
 from e3pose.detectors.focus import Part
 from e3pose.detectors.inference import Network
-from e3pose.errors import InputError
 from e3pose.model.expected import ExpectedView
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17

@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.base.errors import InputError
 from e3pose.detectors.base import Image, check_image, poses_in_image
 from e3pose.detectors.fit import Fit, letterbox, letterbox_to_side, stretch
 from e3pose.detectors.focus import Part
 from e3pose.detectors.inference import Network, check_image_input
 from e3pose.detectors.part_affinity import Prior, decode
 from e3pose.detectors.topology import Topology
-from e3pose.errors import InputError
 from e3pose.model.expected import ExpectedView
 from e3pose.model.pose import Poses2D
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.arrays import Floats, Integers
+from e3pose.base.arrays import Floats, Integers
 from e3pose.detectors.topology import Topology
 
 Maps = NDArray[np.float32]

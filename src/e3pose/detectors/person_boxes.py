@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.base.errors import InputError
 from e3pose.detectors.base import Image
 from e3pose.detectors.fit import letterbox
 from e3pose.detectors.inference import FLOATS, Network
 from e3pose.detectors.onnx_bytes import first_operators
-from e3pose.errors import InputError
 
 SIDE = 320  # pixels, where the network leaves it free: RTMDet-nano's
 GREY = 114  # beyond the image, as in training

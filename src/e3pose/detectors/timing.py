@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.base.errors import InputError
 from e3pose.detectors import make_detector
-from e3pose.errors import InputError
 
 MEASURE_S = 1.5  # of detecting, each of the two times
 LEAST_DETECTIONS = 3

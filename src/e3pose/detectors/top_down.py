@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.base.errors import InputError
 from e3pose.detectors.base import Image, check_image, poses_in_image
 from e3pose.detectors.duplicates import without_duplicates
 from e3pose.detectors.inference import FLOATS, Network, load_network
 from e3pose.detectors.keypoint_heads import heads_of, read_heatmaps, read_simcc
 from e3pose.detectors.person_boxes import MAX_PEOPLE, PersonBoxes
-from e3pose.errors import InputError
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17, HALPE26, Skeleton
 

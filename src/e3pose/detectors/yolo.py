@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.base.errors import InputError
 from e3pose.detectors.base import Image, check_image, poses_in_image
 from e3pose.detectors.fit import Fit, letterbox, letterbox_to_side
 from e3pose.detectors.focus import Part
 from e3pose.detectors.inference import FLOATS, Network, check_image_input
-from e3pose.errors import InputError
 from e3pose.model.expected import ExpectedView
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17

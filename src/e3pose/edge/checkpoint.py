@@ -17,9 +17,9 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.errors import InputError
-from e3pose.files.atomic import atomic_file
-from e3pose.files.bounded import open_regular
+from e3pose.base.atomic import atomic_file
+from e3pose.base.bounded import open_regular
+from e3pose.base.errors import InputError
 from e3pose.pipeline import Pipeline, SlotState, initial_state
 from e3pose.recording.datasets.arrays import BROKEN, read_array
 from e3pose.select.failure_detector import RETRY_LIMIT_S

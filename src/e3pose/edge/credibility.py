@@ -14,7 +14,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from e3pose.arrays import Flags, Floats, Integers
+from e3pose.base.arrays import Flags, Floats, Integers
 from e3pose.edge.lateness import too_late
 from e3pose.edge.lead import (
     FAR_S,

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from e3pose.arrays import Flags, Floats
+from e3pose.base.arrays import Flags, Floats
 from e3pose.edge.roster import CameraState
 
 SHORT, ENOUGH = 0.9, 0.95  # shares at which the warning begins and ends

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.base.quantities import plural
 from e3pose.energy.budgets import Budget
 from e3pose.energy.profiles import DeviceProfile, Mode
 from e3pose.energy.site_energy import (
@@ -18,7 +19,6 @@ from e3pose.energy.site_energy import (
     new_camera,
     observe,
 )
-from e3pose.quantities import plural
 
 if TYPE_CHECKING:
     from e3pose.store.rows import EnergyReading

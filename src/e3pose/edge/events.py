@@ -6,8 +6,8 @@ import threading
 from collections import deque
 from collections.abc import Callable
 
+from e3pose.base.clock import Clock
 from e3pose.edge.consumers import Sink
-from e3pose.runtime.clock import Clock
 from e3pose.store.rows import Event
 
 KEEP_EVENTS = 20

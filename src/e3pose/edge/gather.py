@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.base.clock import Clock
 from e3pose.model.pose import Poses2D
-from e3pose.runtime.clock import Clock
 
 MAX_AHEAD_SLOTS = 64  # a view farther ahead than any order comes from a wrong clock
 LATEST = 25  # late views whose age is kept: about a second of them

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.arrays import Flags
+from e3pose.base.arrays import Flags
 from e3pose.edge.delivery import Delivery, after_slot, shortages
 from e3pose.edge.lateness import impairments
 from e3pose.edge.lead import Lead

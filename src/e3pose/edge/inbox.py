@@ -10,6 +10,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.base.clock import Clock
+from e3pose.base.errors import InputError
 from e3pose.edge.gather import Arrival, Gather
 from e3pose.edge.roster import (
     CameraState,
@@ -22,11 +24,9 @@ from e3pose.edge.roster import (
     with_message,
     with_presence,
 )
-from e3pose.errors import InputError
-from e3pose.geometry.camera import Rig
+from e3pose.model.camera import Rig
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import Skeleton, convert
-from e3pose.runtime.clock import Clock
 from e3pose.wire import topics
 from e3pose.wire.arrays import poses_2d
 from e3pose.wire.codec import decode, encode

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from e3pose.edge.knocks import MOVED_DEG, Knock, Observation, Votes, moved, observe, turned_deg
-from e3pose.geometry.camera import Rig
+from e3pose.model.camera import Rig
 from e3pose.model.pose import Poses2D
 from e3pose.model.slot_record import SlotRecord
 

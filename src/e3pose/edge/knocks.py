@@ -14,8 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from e3pose.arrays import Floats, Integers
-from e3pose.geometry.camera import Camera, Rig
+from e3pose.base.arrays import Floats, Integers
+from e3pose.model.camera import Camera, Rig
 from e3pose.model.pose import Poses2D, Poses3D
 
 WINDOW_S = 20.0  # votes older than this are dropped

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
+from e3pose.base.clock import SlotTimes
 from e3pose.pipeline import SlotState
-from e3pose.runtime.clock import SlotTimes
 
 AHEAD_SLOTS = 2  # a state from farther in the future was saved with a wrong clock
 LONGEST_AWAY_S = 60.0  # age of a state whose slots and people are still current

@@ -6,8 +6,8 @@ import threading
 from collections.abc import Callable
 from contextlib import suppress
 
-from e3pose.errors import InputError
-from e3pose.runtime.clock import Clock
+from e3pose.base.clock import Clock
+from e3pose.base.errors import InputError
 from e3pose.wire.transport import Transport
 
 LEAVE_S = 2.0  # to leave; a network that cannot be left is no reason to hang

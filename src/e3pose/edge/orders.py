@@ -8,10 +8,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.base.clock import Clock, SlotTimes
 from e3pose.edge.outbox import Outbox
 from e3pose.model.blind_slot import blind_cause
 from e3pose.model.expected import ExpectedView
-from e3pose.runtime.clock import Clock, SlotTimes
 from e3pose.wire import topics
 from e3pose.wire.codec import encode
 from e3pose.wire.expected import packed_expected

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from e3pose.base.quantities import plural
 from e3pose.edge.consumers import Chosen, Consumers
 from e3pose.edge.lead import Lead
 from e3pose.edge.overload import Load, shed_load
 from e3pose.energy.site_energy import EnergyEstimate
 from e3pose.pipeline import Pipeline, SlotRecord
 from e3pose.predict.base import Predictor
-from e3pose.quantities import plural
 
 Happened = tuple[str, str, str | None]  # kind, message and camera of an event
 

@@ -15,7 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from e3pose.geometry.camera import Rig
+from e3pose.model.camera import Rig
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import SKELETONS
 from e3pose.pipeline import Pipeline, initial_state, step
@@ -88,7 +88,7 @@ def compiling_left_s() -> float:
 
     It imports nothing: another thread may be importing numba just now.
     """
-    compiling = getattr(sys.modules.get("e3pose.runtime.compiling"), "COMPILING", None)
+    compiling = getattr(sys.modules.get("e3pose.base.compiling"), "COMPILING", None)
     return (compiling.left_s() or 0.0) if compiling is not None and compiling.begun else 0.0
 
 
@@ -102,9 +102,9 @@ def compile_prediction() -> None:
 
 def _start_helper(pipeline: Pipeline) -> subprocess.Popen[bytes] | None:
     """Start a process that compiles for the predictor; None where that does not help."""
+    from e3pose.base.kernel import is_cached
     from e3pose.predict.attention_lstm import AttentionLstm
     from e3pose.predict.kernels.prediction import predict_tracks
-    from e3pose.runtime.kernel import is_cached
 
     predictors = (pipeline.predictor, pipeline.steering)
     if not any(isinstance(predictor, AttentionLstm) for predictor in predictors):

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.base.clock import Clock
 from e3pose.edge.outbox import Outbox
 from e3pose.edge.reports import poses_message
 from e3pose.estimate.base import People, Posterior
 from e3pose.estimate.smooth.delayed import Delayed, lag_slots
-from e3pose.geometry.camera import Rig
+from e3pose.model.camera import Rig
 from e3pose.pipeline import SlotRecord
-from e3pose.runtime.clock import Clock
 from e3pose.settings.edge import EdgeSettings
 from e3pose.wire import topics
 from e3pose.wire.codec import encode

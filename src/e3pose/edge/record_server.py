@@ -14,18 +14,18 @@ from pathlib import Path
 
 import numpy as np
 
+from e3pose.base.clock import Clock, SlotTimes
+from e3pose.base.errors import InputError
+from e3pose.base.quantities import plural
 from e3pose.edge.gather import Arrival, Gather
 from e3pose.edge.inbox import Inbox
 from e3pose.edge.orders import Orders
 from e3pose.edge.outbox import Outbox
 from e3pose.edge.threads import ThreadGroup
-from e3pose.errors import InputError
-from e3pose.geometry.camera import Rig
+from e3pose.model.camera import Rig
 from e3pose.model.skeleton import Skeleton
-from e3pose.quantities import plural
 from e3pose.recording.calibration.world import assumed_rig
 from e3pose.recording.writer import RecordingWriter
-from e3pose.runtime.clock import Clock, SlotTimes
 from e3pose.wire import topics
 from e3pose.wire.transport import Transport
 

@@ -11,12 +11,12 @@ from dataclasses import dataclass, field
 from datetime import datetime, timezone
 from pathlib import Path
 
+from e3pose.base.errors import InputError
+from e3pose.base.private import make_folder
+from e3pose.base.quantities import plural
 from e3pose.camera.session_videos import attach_videos, note_session
 from e3pose.edge.gather import Arrival
-from e3pose.errors import InputError
-from e3pose.files.private import make_folder
-from e3pose.geometry.camera import Rig
-from e3pose.quantities import plural
+from e3pose.model.camera import Rig
 from e3pose.recording.videos import MAX_BYTES, PART_S, VIDEOS, part_of
 from e3pose.recording.writer import PARTIAL, RecordingWriter, finish_interrupted
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
+from e3pose.base.quantities import plural
 from e3pose.model.skeleton import BODY_JOINTS, SKELETONS, lacking, serves
-from e3pose.quantities import plural
 from e3pose.wire.messages import CameraMode, Heartbeat, Hello
 
 SILENT_S = 1.9  # a camera without messages for so long is offline; it sends two per second

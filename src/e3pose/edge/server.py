@@ -16,6 +16,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.base.clock import Clock, SlotTimes
+from e3pose.base.quantities import plural
 from e3pose.edge.consumers import NO_CONSUMERS, Consumers
 from e3pose.edge.counters import Counts
 from e3pose.edge.credibility import Credibility
@@ -40,8 +42,6 @@ from e3pose.edge.threads import ThreadGroup
 from e3pose.estimate.base import People
 from e3pose.model.blind_slot import no_choice
 from e3pose.pipeline import Pipeline, SlotRecord, SlotState, initial_state, step
-from e3pose.quantities import plural
-from e3pose.runtime.clock import Clock, SlotTimes
 from e3pose.select.failure_detector import Silence
 from e3pose.settings.edge import EdgeSettings
 from e3pose.wire import topics

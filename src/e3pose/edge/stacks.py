@@ -6,7 +6,7 @@ import faulthandler
 import os
 from pathlib import Path
 
-from e3pose.files.private import file_mode, make_folder
+from e3pose.base.private import file_mode, make_folder
 
 MAX_FILES = 5  # the oldest is replaced
 MAX_BYTES = 256 * 1024

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
+from e3pose.base.errors import InputError
 from e3pose.edge.checkpoint import Checkpoint, load_checkpoint, save_checkpoint
-from e3pose.errors import InputError
 from e3pose.pipeline import Pipeline, step
 from e3pose.wire.codec import one_line
 

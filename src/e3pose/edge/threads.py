@@ -6,7 +6,7 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
-from e3pose.runtime.thread_name import show_thread_name
+from e3pose.base.thread_name import show_thread_name
 
 
 class ThreadGroup:

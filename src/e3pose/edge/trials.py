@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.arrays import Flags, Integers
+from e3pose.base.arrays import Flags, Integers
 
 TURN_S, EVERY_S = 1.0, 10.0  # the turn of a camera, and how often it comes
 LONGEST_PAUSE = 4  # turns from one trial to the next

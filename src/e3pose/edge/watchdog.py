@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.base.clock import Clock
+from e3pose.base.errors import InputError
 from e3pose.edge.membership import Membership
 from e3pose.edge.roster import SILENT_S, CameraState
 from e3pose.edge.stacks import dump_stacks
 from e3pose.edge.stall import CameraSigns, StallWatch, watch_for_stall
-from e3pose.errors import InputError
-from e3pose.runtime.clock import Clock
 from e3pose.wire.transport import Transport
 
 

@@ -15,9 +15,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from e3pose.arrays import Floats
-from e3pose.errors import InputError
-from e3pose.quantities import DURATIONS_S, ENERGIES_J, POWERS_W, SHARES, quantity
+from e3pose.base.arrays import Floats
+from e3pose.base.errors import InputError
+from e3pose.base.quantities import DURATIONS_S, ENERGIES_J, POWERS_W, SHARES, quantity
 
 Kind = Literal["duty", "joules", "watts", "until", "together"]
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
 from e3pose.energy.profiles import DeviceProfile, Mode
 
 PRIOR_SHARE = 0.5  # standard deviation of a profile's power, of itself: boards of a kind vary

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
+from e3pose.base.errors import InputError
 from e3pose.energy.profiles import GROUPS, DeviceProfile, Mode
 from e3pose.energy.profiles import load_profile as load_profile
-from e3pose.errors import InputError
 
 DEFAULT_BATTERY_WH = 50.0
 RADIO = "wifi"  # the group of components that sends

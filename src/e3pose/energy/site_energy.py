@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
 from e3pose.energy.budgets import Budget, Supply, allowance_j, slot_shares
 from e3pose.energy.learned_cost import LearnedCost, SlotCost, learn, slot_cost, unlearned
 from e3pose.energy.profiles import DeviceProfile, Mode

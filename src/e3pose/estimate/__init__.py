@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from e3pose.base.plugins import made, member
 from e3pose.estimate.base import Estimator as Estimator
 from e3pose.estimate.base import Outlook as Outlook
 from e3pose.estimate.base import People as People
@@ -13,9 +14,8 @@ from e3pose.estimate.filter.step import StepKernel
 from e3pose.estimate.per_slot.estimator import PerSlot
 from e3pose.estimate.per_slot.fuse import Fuser
 from e3pose.estimate.per_slot.fusion import FusionSettings
-from e3pose.geometry.camera import Rig
+from e3pose.model.camera import Rig
 from e3pose.model.skeleton import Skeleton
-from e3pose.runtime.plugins import made, member
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -8,12 +8,12 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
+from e3pose.base.errors import InputError
 from e3pose.camera.provenance import load_provenance
 from e3pose.camera.slot_reader import SlotReader, video_path
 from e3pose.camera.turned import turned
 from e3pose.detectors import make_detector
 from e3pose.detectors.focus import check_feedback, detect_expected
-from e3pose.errors import InputError
 from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.model.expected import ExpectedView
 from e3pose.model.pose import Poses2D

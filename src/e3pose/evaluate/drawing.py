@@ -8,9 +8,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from e3pose.errors import InputError
-from e3pose.files.atomic import atomic_file
-from e3pose.runtime.deferred import require_module
+from e3pose.base.atomic import atomic_file
+from e3pose.base.deferred import require_module
+from e3pose.base.errors import InputError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
 from e3pose.evaluate.figures import Expected
 from e3pose.evaluate.metrics import MATCH_LIMIT_M, mean_errors_m
 from e3pose.model.uncertainty import distance_within_m, expected_distance_m

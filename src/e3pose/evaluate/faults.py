@@ -9,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.arrays import Flags, Floats
-from e3pose.errors import InputError
+from e3pose.base.arrays import Flags, Floats
+from e3pose.base.errors import InputError
 from e3pose.recording import Recording, ViewSeries
 from e3pose.recording.record import MIN_FPS
 from e3pose.settings.faults import EACH, Kill

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.arrays import Floats, Integers
+from e3pose.base.arrays import Floats, Integers
 
 MATCH_LIMIT_M = 0.5  # of MPJPE and recall in the Panoptic protocol
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
 from e3pose.evaluate.metrics import mean_errors_m
 
 THRESHOLD = 0.5  # of the true limb length

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from e3pose.errors import InputError
-from e3pose.files.atomic import atomic_file
+from e3pose.base.atomic import atomic_file
+from e3pose.base.errors import InputError
 from e3pose.model.skeleton import Skeleton
 from e3pose.model.uncertainty import axis_sigma_m
 from e3pose.pipeline import SlotRecord

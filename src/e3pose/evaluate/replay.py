@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 from e3pose.estimate.base import Estimator, People
 from e3pose.evaluate.faults import arriving, capacity_j, deaths_s
 from e3pose.model.expected import ExpectedView

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
 from e3pose.estimate.base import Posterior
 from e3pose.estimate.filter.bones import proportions_of
 from e3pose.estimate.filter.tree import grow

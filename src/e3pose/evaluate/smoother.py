@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
 from e3pose.estimate.filter.bones import Proportions
 from e3pose.estimate.filter.proportions import expected_m, median_lengths_m
 from e3pose.model.proportions import RIGID

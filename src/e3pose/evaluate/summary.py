@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
 from e3pose.energy.profiles import DeviceProfile, Mode
 from e3pose.energy.queues import DEFAULT_BATTERY_WH
 from e3pose.evaluate import metrics

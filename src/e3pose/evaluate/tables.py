@@ -6,9 +6,9 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from e3pose.base.quantities import plural
 from e3pose.evaluate.energy_figures import PAPER_SAVINGS
 from e3pose.evaluate.figures import Summary, as_json
-from e3pose.quantities import plural
 
 if TYPE_CHECKING:
     from rich.console import Console

@@ -1,1 +1,1 @@
-"""Data model: skeletons, poses, noise, slot records."""
+"""Data model: cameras and projection, skeletons, poses, noise, slot records."""

@@ -12,7 +12,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.arrays import Flags
+from e3pose.base.arrays import Flags
 from e3pose.model.slot_record import SlotRecord
 
 Cause = Literal["orders-late", "views-late", "views-missing", "cameras-offline"]

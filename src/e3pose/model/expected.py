@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
 
 
 @dataclass(frozen=True, slots=True, eq=False)

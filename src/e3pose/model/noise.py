@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from e3pose.arrays import Floats
-from e3pose.errors import InputError
+from e3pose.base.arrays import Floats
+from e3pose.base.errors import InputError
 
 # One keypoint that no other resembles has a standard error of 0.7 in the logarithm of sigma, but
 # the errors of joints and slots resemble each other: 100 stand for about ten of these.

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from e3pose.arrays import Floats
-from e3pose.errors import InputError
+from e3pose.base.arrays import Floats
+from e3pose.base.errors import InputError
 
 MISSING_SCORE = 1e-3  # a keypoint less certain than this is missing
 MAX_PIXEL = 1e6  # and so is one further out than this

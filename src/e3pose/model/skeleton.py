@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from e3pose.arrays import Floats
-from e3pose.errors import InputError
+from e3pose.base.arrays import Floats
+from e3pose.base.errors import InputError
 
 # A joint that a skeleton lacks is the mean of these, if it has all of them.
 MEANS = {

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
 from e3pose.model.expected import ExpectedView
 from e3pose.model.pose import Poses3D
 

@@ -5,14 +5,14 @@ from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
+from e3pose.base.plugins import made, member
 from e3pose.model.skeleton import COCO17, Skeleton
 from e3pose.predict.base import Prediction as Prediction
 from e3pose.predict.base import Predictor as Predictor
 from e3pose.predict.constant_velocity import ConstantVelocity
 from e3pose.predict.damped_velocity import DampedVelocity
 from e3pose.predict.zero_velocity import ZeroVelocity
-from e3pose.runtime.plugins import made, member
 
 GROUP = "e3pose.predictors"  # the entry points of other packages
 FALLBACK = "constant-velocity"

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from e3pose.arrays import Floats
-from e3pose.errors import InputError
-from e3pose.files.bounded import read_bytes
+from e3pose.base.arrays import Floats
+from e3pose.base.bounded import read_bytes
+from e3pose.base.errors import InputError
+from e3pose.base.held import Held, hold
 from e3pose.model.skeleton import Skeleton
 from e3pose.predict.base import Prediction
 from e3pose.predict.normalise import COMMON_JOINTS, LEFT_RIGHT, common_columns
-from e3pose.runtime.held import Held, hold
 
 if TYPE_CHECKING:
     from e3pose.predict.kernels.network import Weights

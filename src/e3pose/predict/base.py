@@ -7,7 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
 
 
 @dataclass(frozen=True, slots=True, eq=False)

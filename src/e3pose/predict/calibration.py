@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
 from e3pose.predict.kernels.tracks import Curves
 
 MAX_LENGTH = 10_000  # characters of a property: tens of leads, ten points each

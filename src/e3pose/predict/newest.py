@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
 from e3pose.predict.kernels import velocity as kernels
 
 

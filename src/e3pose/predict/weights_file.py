@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 from e3pose.predict.kernels.half import in_half
 from e3pose.predict.kernels.network import Weights
 from e3pose.predict.normalise import NUM_COMMON, NUM_CONTEXT, NUM_FEATURES

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
 from e3pose.predict.base import Prediction
 from e3pose.predict.newest import newest_known
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from e3pose.geometry.camera import Camera
+from e3pose.model.camera import Camera
 from e3pose.recording.record import Recording, ViewSeries
 
 

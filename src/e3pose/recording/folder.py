@@ -12,11 +12,11 @@ import numpy as np
 import tomli_w
 from numpy.typing import NDArray
 
-from e3pose.errors import InputError
-from e3pose.files.atomic import atomic_folder
-from e3pose.files.bounded import read_lines, read_toml
-from e3pose.files.table import read_table
-from e3pose.geometry.camera_fields import check_camera_id
+from e3pose.base.atomic import atomic_folder
+from e3pose.base.bounded import read_lines, read_toml
+from e3pose.base.errors import InputError
+from e3pose.base.table import read_table
+from e3pose.model.camera_fields import check_camera_id
 from e3pose.model.noises.shipped import DEFAULT, detector_of
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import Skeleton, skeleton_by_name

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from e3pose.arrays import Floats
-from e3pose.geometry.camera import Rig
+from e3pose.base.arrays import Floats
+from e3pose.model.camera import Rig
 from e3pose.model.pose import Poses2D
 from e3pose.recording.record import Recording
 

@@ -8,8 +8,8 @@ from typing import Annotated, TypeVar
 import msgspec
 import numpy as np
 
-from e3pose.arrays import Floats
-from e3pose.errors import InputError
+from e3pose.base.arrays import Floats
+from e3pose.base.errors import InputError
 from e3pose.model.pose import Poses2D
 from e3pose.recording.record import MAX_PEOPLE
 

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from e3pose.geometry.camera import Camera
-from e3pose.quantities import plural
+from e3pose.base.quantities import plural
+from e3pose.model.camera import Camera
 from e3pose.recording.calibration.world import world_problem
 from e3pose.recording.geometry import epipolar_distances_px, truth_distances_px
 from e3pose.recording.record import Recording, ViewSeries

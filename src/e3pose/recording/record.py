@@ -9,12 +9,12 @@ from pathlib import PurePath
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.arrays import Floats
-from e3pose.errors import InputError
-from e3pose.geometry.camera import Rig
+from e3pose.base.arrays import Floats
+from e3pose.base.errors import InputError
+from e3pose.base.quantities import plural
+from e3pose.model.camera import Rig
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import Skeleton
-from e3pose.quantities import plural
 
 MIN_FPS = 0.001  # slower is nothing that people do, and its times overflow
 MAX_FPS = 1000.0

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import tomli_w
 
-from e3pose.files.bounded import read_toml
-from e3pose.files.private import make_folder
+from e3pose.base.bounded import read_toml
+from e3pose.base.private import make_folder
 from e3pose.recording.folder import HEADER, MAX_HEADER_BYTES
 
 VIDEOS = "videos"  # folder: in a recording, and beside recordings for those that belong to none yet

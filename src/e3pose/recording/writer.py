@@ -17,10 +17,10 @@ from typing import IO, Any
 
 import tomli_w
 
-from e3pose.errors import InputError
-from e3pose.files.bounded import read_toml
-from e3pose.files.private import append_to, make_folder
-from e3pose.geometry.camera import Rig
+from e3pose.base.bounded import read_toml
+from e3pose.base.errors import InputError
+from e3pose.base.private import append_to, make_folder
+from e3pose.model.camera import Rig
 from e3pose.model.pose import Poses2D
 from e3pose.recording.calibration import load_rig, save_rig
 from e3pose.recording.folder import FORMAT, HEADER, MAX_HEADER_BYTES, MAX_LINES_BYTES, RIG, VERSIONS

@@ -7,8 +7,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.arrays import Floats
-from e3pose.geometry.camera import Rig
+from e3pose.base.arrays import Floats
+from e3pose.model.camera import Rig
 
 RECENT_ROUNDS = 4  # how many rounds back a view still counts as recent
 

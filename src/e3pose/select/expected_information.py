@@ -17,10 +17,10 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.arrays import Flags, Floats
+from e3pose.base.arrays import Flags, Floats
 from e3pose.estimate.base import Outlook
 from e3pose.estimate.filter.bias import MemoryTerms, memory_terms
-from e3pose.geometry.camera import Rig
+from e3pose.model.camera import Rig
 from e3pose.model.noise import ErrorMemory
 from e3pose.select.hidden_people import HiddenPeople
 from e3pose.select.kernels import foresight as kernels

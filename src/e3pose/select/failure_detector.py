@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from e3pose.arrays import Flags, Floats, Integers
+from e3pose.base.arrays import Flags, Floats, Integers
 
 MEAN_LIFE_S = 86400.0  # between two deaths of a camera: once a day is often
 # What a link may lose at any time, however good it was: that of the Wi-Fi a site must live with.

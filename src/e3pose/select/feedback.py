@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from e3pose.arrays import Floats
-from e3pose.geometry.camera import Rig
+from e3pose.base.arrays import Floats
+from e3pose.model.camera import Rig
 from e3pose.model.expected import ExpectedView
 
 NINE_OF_TEN = 1.567  # the 90 % distance over the mean one, of a normal error in three dimensions

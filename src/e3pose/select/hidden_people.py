@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from e3pose.arrays import Flags, Floats
+from e3pose.base.arrays import Flags, Floats
 from e3pose.select.kernels import people as kernels
 
 

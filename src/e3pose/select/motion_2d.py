@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from e3pose.arrays import Floats
-from e3pose.geometry.camera import Rig
+from e3pose.base.arrays import Floats
+from e3pose.model.camera import Rig
 from e3pose.model.pose import Poses2D
 from e3pose.select.occlusion import box_iou, occlusion, person_boxes
 

@@ -12,9 +12,9 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.arrays import Flags, Floats
-from e3pose.geometry.camera import Rig
-from e3pose.geometry.overlap import overlap
+from e3pose.base.arrays import Flags, Floats
+from e3pose.model.camera import Rig
+from e3pose.model.overlap import overlap
 from e3pose.select.kernels import people as kernels
 
 

@@ -9,10 +9,10 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike
 
-from e3pose.arrays import Floats
-from e3pose.geometry.camera import Rig
-from e3pose.geometry.project import Optics, make_optics
-from e3pose.runtime.held import Held, hold
+from e3pose.base.arrays import Floats
+from e3pose.base.held import Held, hold
+from e3pose.model.camera import Rig
+from e3pose.model.project import Optics, make_optics
 from e3pose.select.kernels import boxes as kernels
 
 SPREAD_MEMORY_S = 60.0  # a site's people come and go

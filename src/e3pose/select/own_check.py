@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.estimate.base import Outlook
-from e3pose.geometry.camera import Rig
+from e3pose.model.camera import Rig
 from e3pose.model.pose import Poses2D
 
 Floats = NDArray[np.float64]

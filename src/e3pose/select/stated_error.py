@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
 from e3pose.select.kernels import foresight as kernels
 
 MEMORY_S = 8.0  # of the mean

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from math import isfinite
 from typing import Literal, get_args
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 from e3pose.recording.record import MAX_FPS, MIN_FPS
 from e3pose.settings.limits import Rotation
 from e3pose.settings.loop import WHOLE_EVERY

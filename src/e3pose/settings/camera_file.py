@@ -8,11 +8,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
-from e3pose.errors import InputError
-from e3pose.files.bounded import read_toml
-from e3pose.files.table import convert, entry, read_table
-from e3pose.geometry.camera_fields import check_camera_id
-from e3pose.quantities import duration_s, size_bytes
+from e3pose.base.bounded import read_toml
+from e3pose.base.errors import InputError
+from e3pose.base.quantities import duration_s, size_bytes
+from e3pose.base.table import convert, entry, read_table
+from e3pose.model.camera_fields import check_camera_id
 from e3pose.settings.limits import Rotation, check_camera, check_source, check_within
 from e3pose.settings.places import beside, near, placed
 from e3pose.settings.site_file import DEFAULT_DETECTOR, DEFAULT_ENDPOINT, MAX_BYTES

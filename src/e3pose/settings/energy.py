@@ -6,9 +6,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Generic, Literal, TypeVar
 
-from e3pose.errors import InputError
-from e3pose.files.table import entry
-from e3pose.quantities import duration_s, number
+from e3pose.base.errors import InputError
+from e3pose.base.quantities import duration_s, number
+from e3pose.base.table import entry
 
 if TYPE_CHECKING:
     from e3pose.energy.profiles import DeviceProfile

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 
 Rotation = Literal[0, 90, 180, 270]  # degrees clockwise that make people in an image upright
 

@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 from math import isfinite
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from e3pose.errors import InputError
-from e3pose.files.table import entry
-from e3pose.quantities import length_m, milliseconds_s
+from e3pose.base.errors import InputError
+from e3pose.base.quantities import length_m, milliseconds_s
+from e3pose.base.table import entry
 from e3pose.settings.faults import NO_FAULTS, Faults
 
 if TYPE_CHECKING:

@@ -10,8 +10,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.base.errors import InputError
 from e3pose.energy.queues import check_budget
-from e3pose.errors import InputError
 from e3pose.estimate import EstimatorSettings, make_estimator
 from e3pose.estimate.base import Estimator
 from e3pose.estimate.per_slot.fusion import (
@@ -21,7 +21,7 @@ from e3pose.estimate.per_slot.fusion import (
     FusionSettings,
     Matcher,
 )
-from e3pose.geometry.camera import Rig
+from e3pose.model.camera import Rig
 from e3pose.model.noises import DEFAULT, detector_of, load_noise
 from e3pose.model.skeleton import Skeleton
 from e3pose.pipeline import Pipeline

@@ -6,9 +6,9 @@ from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
-from e3pose.errors import InputError
-from e3pose.runtime.plugins import beside as own_beside
-from e3pose.runtime.plugins import is_own
+from e3pose.base.errors import InputError
+from e3pose.base.plugins import beside as own_beside
+from e3pose.base.plugins import is_own
 
 T = TypeVar("T")
 

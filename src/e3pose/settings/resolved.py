@@ -8,10 +8,10 @@ from datetime import datetime
 from pathlib import Path
 from typing import TypeVar, cast
 
+from e3pose.base.errors import InputError
 from e3pose.detectors import skeleton_of
 from e3pose.energy.budgets import Budget, parse_budget
-from e3pose.errors import InputError
-from e3pose.geometry.camera import Rig
+from e3pose.model.camera import Rig
 from e3pose.model.noises import DEFAULT, SHIPPED
 from e3pose.model.skeleton import COCO17, Skeleton, lacking, skeleton_by_name
 from e3pose.pipeline import Pipeline

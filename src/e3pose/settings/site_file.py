@@ -13,12 +13,12 @@ from functools import partial
 from pathlib import Path
 from typing import Literal, TypeVar
 
-from e3pose.errors import InputError
-from e3pose.files.bounded import read_toml
-from e3pose.files.table import convert, entry, read_table
-from e3pose.geometry.camera_fields import check_camera_id
-from e3pose.quantities import age_s, duration_s, size_bytes
-from e3pose.runtime.plugins import beside as own_beside
+from e3pose.base.bounded import read_toml
+from e3pose.base.errors import InputError
+from e3pose.base.plugins import beside as own_beside
+from e3pose.base.quantities import age_s, duration_s, size_bytes
+from e3pose.base.table import convert, entry, read_table
+from e3pose.model.camera_fields import check_camera_id
 from e3pose.settings.energy import EnergySettings, IdleMode
 from e3pose.settings.limits import (
     Rotation,

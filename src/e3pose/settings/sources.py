@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 
 RECORDED = "recorded:"  # keypoints of a recording, no images
 DEVICES = ("usb:", "gstreamer:")

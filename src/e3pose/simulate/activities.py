@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
 from e3pose.simulate.collision_avoidance import NOWHERE, PERSON_RADIUS_M, Group, advance
 from e3pose.simulate.gestures import CALM, GESTURES, RAMP_S, Gesturing
 from e3pose.simulate.path_finding import Ways

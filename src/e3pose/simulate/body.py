@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
 
 MAX_REACH = 0.9995  # share of a straight leg; beyond it the ankle stays behind its target
 SIDES = (1.0, -1.0)  # left, right along y

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from e3pose.geometry.rigs import Spot
+from e3pose.model.rigs import Spot
 from e3pose.simulate.occluders import Box
 from e3pose.simulate.place import Condition, Habits, Room, Scene
 

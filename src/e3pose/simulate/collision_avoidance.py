@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
 from e3pose.simulate.occluders import Occluder
 
 PERSON_RADIUS_M = 0.27  # two people pass with the middles of their bodies 0.54 m apart at the least

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.arrays import Floats
-from e3pose.geometry.camera import Camera
+from e3pose.base.arrays import Floats
+from e3pose.model.camera import Camera
 from e3pose.model.noise import ErrorMemory
 from e3pose.recording import ViewSeries
 from e3pose.simulate.guesses import BEST_SCORE, CLEAR, FACE, Seen, guess, hidden

@@ -11,9 +11,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from e3pose.arrays import Floats
-from e3pose.errors import InputError
-from e3pose.geometry.camera import Camera
+from e3pose.base.arrays import Floats
+from e3pose.base.errors import InputError
+from e3pose.model.camera import Camera
 from e3pose.model.skeleton import BODY25, COCO17, HALPE26, MEANS, Skeleton
 from e3pose.recording import Recording, Truth, ViewSeries
 

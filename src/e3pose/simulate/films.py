@@ -7,10 +7,10 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.base.errors import InputError
 from e3pose.detectors.base import Image
 from e3pose.detectors.drawn import LEVELS, draw
-from e3pose.errors import InputError
-from e3pose.geometry.camera import Camera
+from e3pose.model.camera import Camera
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17
 from e3pose.recording import Recording, Truth

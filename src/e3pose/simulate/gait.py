@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
 
 STEP_BASE_M = 0.34  # step length at a standstill and its growth with speed, for a leg of 0.84 m
 STEP_GROWTH_S = 0.28

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from e3pose.geometry.rigs import Spot
+from e3pose.model.rigs import Spot
 from e3pose.simulate.occluders import Box
 from e3pose.simulate.place import Habits, Room, Scene
 from e3pose.simulate.settings import DetectorSettings, Guessing

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
 from e3pose.simulate.gait import smoothstep
 
 RAMP_S = 0.8  # time to raise the arms and to let them sink

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.arrays import Flags, Floats
-from e3pose.geometry.camera import Camera
+from e3pose.base.arrays import Flags, Floats
+from e3pose.model.camera import Camera
 from e3pose.simulate.hidden_joints import covered_by_self, covered_by_whom
 from e3pose.simulate.noise import correlated, normal_cdf
 from e3pose.simulate.settings import Guessing

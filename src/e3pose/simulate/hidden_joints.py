@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
 from e3pose.simulate.occluders import Occluder
 
 # Capsules between points of the body: COCO-17 joints, then 17 mid-ear, 18 mid-shoulder, 19 mid-hip.

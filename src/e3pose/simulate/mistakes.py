@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.arrays import Flags, Floats
-from e3pose.geometry.camera import Camera
+from e3pose.base.arrays import Flags, Floats
+from e3pose.model.camera import Camera
 from e3pose.model.noise import ErrorMemory
 from e3pose.simulate.body import Posture, draw_body, joints_of
 from e3pose.simulate.gestures import HANGING, SEATED

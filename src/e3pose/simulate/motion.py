@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
 from e3pose.simulate.activities import GRID_HZ, Life
 from e3pose.simulate.body import Body, Posture, joints_of
 from e3pose.simulate.gait import Gait, plan_gait, smoothstep

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
 
 # Share of the variance, seconds: a detector that has taken a chair for a leg keeps doing so.
 GROSS_MEMORY = ((1.0, 2.5),)

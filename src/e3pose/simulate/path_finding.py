@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
 from e3pose.simulate.occluders import Occluder
 
 CLEARANCE_M = 0.3  # a body's half width and a little

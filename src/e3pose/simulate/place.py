@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from e3pose.arrays import Floats
-from e3pose.geometry.rigs import Spot
+from e3pose.base.arrays import Floats
+from e3pose.model.rigs import Spot
 from e3pose.simulate.occluders import Box, Occluder
 from e3pose.simulate.settings import DetectorSettings
 

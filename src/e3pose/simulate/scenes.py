@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 from e3pose.simulate.buildings import BUILDINGS
 from e3pose.simulate.gatherings import GATHERINGS
 from e3pose.simulate.occluders import Box, Pillar

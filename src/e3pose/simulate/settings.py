@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
-from e3pose.errors import InputError
-from e3pose.geometry.camera import Rig
+from e3pose.base.errors import InputError
+from e3pose.model.camera import Rig
 from e3pose.model.noise import ErrorMemory
 
 MAX_PEOPLE = 50

@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from e3pose.arrays import Floats
-from e3pose.errors import InputError
-from e3pose.geometry.camera import Rig
-from e3pose.geometry.rigs import ring_rig, spot_rig, watched_area
+from e3pose.base.arrays import Floats
+from e3pose.base.errors import InputError
+from e3pose.base.quantities import plural
+from e3pose.model.camera import Rig
+from e3pose.model.rigs import ring_rig, spot_rig, watched_area
 from e3pose.model.skeleton import COCO17
-from e3pose.quantities import plural
 from e3pose.recording import Recording, Truth
 from e3pose.simulate.activities import Play
 from e3pose.simulate.body import draw_body

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
 
 # By joint of COCO-17: the other joint whose place tells most of how it looks.
 NEXT = np.array([3, 3, 4, 4, 3, 7, 8, 9, 10, 7, 8, 13, 14, 15, 16, 13, 14])

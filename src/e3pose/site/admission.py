@@ -7,9 +7,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from e3pose.base.errors import InputError
+from e3pose.base.version import Version, version_of
 from e3pose.edge.server import EdgeServer
-from e3pose.errors import InputError
-from e3pose.files.version import Version, version_of
 from e3pose.settings.site_file import SiteTable
 from e3pose.wire.access import Link, check_link, split_endpoint
 from e3pose.wire.keys.folder import (

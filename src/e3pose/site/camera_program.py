@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from e3pose.base.clock import Clock, WallClock
 from e3pose.camera.base import LiveDetector, NodeSettings
 from e3pose.camera.live import CameraNode
 from e3pose.camera.live_source import RecordedDetector, make_source
@@ -21,7 +22,6 @@ from e3pose.energy.meters.sampler import open_sampler
 from e3pose.energy.profiles import load_profile
 from e3pose.model.skeleton import SKELETONS
 from e3pose.recording.videos import MAX_BYTES, PART_S
-from e3pose.runtime.clock import Clock, WallClock
 from e3pose.settings.camera_file import NodeTable, load_node
 from e3pose.settings.sources import is_recorded
 from e3pose.site.program_log import NO_LOG, Log

@@ -16,11 +16,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.arrays import Floats
-from e3pose.errors import InputError
-from e3pose.geometry.camera import Rig
+from e3pose.base.arrays import Floats
+from e3pose.base.errors import InputError
+from e3pose.base.quantities import plural
 from e3pose.model.blind_slot import blind_words
-from e3pose.quantities import plural
+from e3pose.model.camera import Rig
 from e3pose.settings.resolved import ResolvedSite, calibrate_advice
 from e3pose.settings.site_file import SiteTable
 from e3pose.site.admission import edge_link

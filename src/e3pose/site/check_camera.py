@@ -9,12 +9,12 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+from e3pose.base.clock import WallClock
+from e3pose.base.errors import InputError
+from e3pose.base.quantities import three_digits
 from e3pose.camera.orientation import Orientation
 from e3pose.camera.probe import probe
 from e3pose.detectors.timing import DEFAULT_SIZE, Workload, time_detections
-from e3pose.errors import InputError
-from e3pose.quantities import three_digits
-from e3pose.runtime.clock import WallClock
 from e3pose.settings.camera_file import NodeTable
 from e3pose.settings.sources import is_recorded, shown_source
 from e3pose.site.camera_program import camera_link

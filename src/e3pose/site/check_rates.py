@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 
+from e3pose.base.errors import InputError
 from e3pose.camera.probe import Probe, probe, probe_all
 from e3pose.edge.delivery import SHORT
-from e3pose.errors import InputError
 from e3pose.settings.resolved import ResolvedSite
 from e3pose.settings.sources import is_recorded
 from e3pose.site.check import Finding

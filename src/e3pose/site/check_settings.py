@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from datetime import datetime
 
+from e3pose.base.errors import InputError
+from e3pose.base.plugins import is_own, member
+from e3pose.base.quantities import plural
 from e3pose.detectors import DETECTORS, GROUP
 from e3pose.energy.budgets import Budget, Supply, allowance_j, slot_shares
-from e3pose.errors import InputError
 from e3pose.model.skeleton import lacking, serves
-from e3pose.quantities import plural
-from e3pose.runtime.plugins import is_own, member
 from e3pose.settings.resolved import ResolvedSite
 from e3pose.settings.sources import is_recorded
 from e3pose.site.check import Finding

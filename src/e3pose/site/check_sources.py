@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from e3pose.errors import InputError
-from e3pose.runtime.plugins import is_own
+from e3pose.base.errors import InputError
+from e3pose.base.plugins import is_own
 from e3pose.settings.resolved import ResolvedSite
 from e3pose.settings.site_file import CameraTable
 from e3pose.settings.sources import is_recorded, place_of, shown_source

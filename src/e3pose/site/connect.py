@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.errors import MISSING, InputError
+from e3pose.base.errors import MISSING, InputError
 from e3pose.model.skeleton import SKELETONS, Skeleton
 from e3pose.model.take import Take, motion_of
 from e3pose.settings.site_file import load_site

@@ -12,12 +12,12 @@ from collections.abc import Callable
 from dataclasses import replace
 from datetime import datetime
 
+from e3pose.base.errors import InputError
+from e3pose.base.quantities import plural
+from e3pose.base.rate_limit import Rate
 from e3pose.edge.consumers import Chosen
 from e3pose.edge.energy_ledger import EnergyLedger
 from e3pose.energy.budgets import Budget, parse_budget
-from e3pose.errors import InputError
-from e3pose.quantities import plural
-from e3pose.runtime.rate_limit import Rate
 from e3pose.settings.loop import LoopSettings
 from e3pose.settings.parts import make_policy, shares
 from e3pose.settings.resolved import ResolvedSite

@@ -12,11 +12,11 @@ from pathlib import Path
 
 import numpy as np
 
+from e3pose.base.atomic import atomic_file
+from e3pose.base.bounded import read_bytes
+from e3pose.base.quantities import plural
 from e3pose.camera.orientation import Orientation
 from e3pose.detectors.timing import DEFAULT_SIZE, DetectionTimes, Workload, time_detections
-from e3pose.files.atomic import atomic_file
-from e3pose.files.bounded import read_bytes
-from e3pose.quantities import plural
 from e3pose.settings.resolved import ResolvedSite
 from e3pose.settings.site_file import SiteTable
 from e3pose.settings.sources import is_recorded

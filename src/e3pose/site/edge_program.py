@@ -12,6 +12,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from e3pose import __version__
+from e3pose.base.atomic import check_file_free
+from e3pose.base.clock import Clock, WallClock
+from e3pose.base.errors import InputError
+from e3pose.base.lock import hold
+from e3pose.base.private import make_folder
 from e3pose.edge.consumers import Consumers
 from e3pose.edge.energy_ledger import EnergyLedger
 from e3pose.edge.events import EventLog
@@ -19,15 +24,10 @@ from e3pose.edge.knock_watch import KnockWatch
 from e3pose.edge.recorder import Recorder, RecorderSettings
 from e3pose.edge.server import EdgeServer
 from e3pose.edge.state_file import StateFile
-from e3pose.errors import InputError
 from e3pose.estimate.base import Estimator
-from e3pose.files.atomic import check_file_free
-from e3pose.files.lock import hold
-from e3pose.files.private import make_folder
 from e3pose.pipeline import Pipeline
 from e3pose.predict.base import Predictor
 from e3pose.recording.videos import MAX_BYTES, PART_S
-from e3pose.runtime.clock import Clock, WallClock
 from e3pose.select.policies.base import Policy
 from e3pose.settings.edge import EdgeSettings
 from e3pose.settings.parts import noise_warning
@@ -142,7 +142,7 @@ def check_edge(site: ResolvedSite) -> Pipeline:
     Raises:
         InputError: for what is wrong in the file or in its places.
     """
-    from e3pose.learn.versions import check_learning_folder
+    from e3pose.edge.learn.versions import check_learning_folder
 
     pipeline = site.pipeline()
     site.budgets([1.0] * len(site.rig), datetime.datetime.now().astimezone())
@@ -220,7 +220,7 @@ def make_edge(
     sink = open_store(site, state_file.run_ns, event_log, stack)
     learner = None
     if site.learn is not None:
-        from e3pose.learn import LearningSettings, OnlineTrainer
+        from e3pose.edge.learn import LearningSettings, OnlineTrainer
 
         learner = OnlineTrainer(site.learn, site.skeleton, LearningSettings(site.interval_s), clock)
         stack.callback(learner.close)

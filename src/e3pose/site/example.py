@@ -12,9 +12,9 @@ from typing import Any
 
 import tomli_w
 
-from e3pose.errors import InputError
-from e3pose.files.atomic import atomic_folder
-from e3pose.geometry.camera import Rig
+from e3pose.base.atomic import atomic_folder
+from e3pose.base.errors import InputError
+from e3pose.model.camera import Rig
 from e3pose.recording import Recording, save_recording
 from e3pose.recording.calibration import save_rig
 from e3pose.settings.site_file import SITE_FILE

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 from e3pose.wire.keys.renewal import AUTHORITY, expiring
 
 LOOK_S = 60.0

@@ -9,8 +9,8 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from e3pose.errors import InputError
-from e3pose.files.bounded import read_bytes
+from e3pose.base.bounded import read_bytes
+from e3pose.base.errors import InputError
 from e3pose.settings.site_file import SiteTable
 from e3pose.wire import topics
 from e3pose.wire.access import Link, holder_of, split_endpoint

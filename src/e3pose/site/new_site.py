@@ -11,14 +11,14 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
 
+from e3pose.base.atomic import atomic_folder, check_free
+from e3pose.base.errors import InputError
+from e3pose.base.quantities import plural, three_digits
 from e3pose.camera.probe import Probe
 from e3pose.detectors.timing import DetectionTimes
 from e3pose.energy.profiles import load_profile
-from e3pose.errors import InputError
-from e3pose.files.atomic import atomic_folder, check_free
-from e3pose.geometry.camera import Rig
-from e3pose.geometry.camera_fields import check_camera_id
-from e3pose.quantities import plural, three_digits
+from e3pose.model.camera import Rig
+from e3pose.model.camera_fields import check_camera_id
 from e3pose.recording.calibration import save_rig
 from e3pose.settings.resolved import resolve
 from e3pose.settings.site_file import SITE_FILE, load_site

@@ -9,10 +9,10 @@ from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderR
 from rich.table import Table
 from rich.text import Text
 
+from e3pose.base.quantities import plural
 from e3pose.edge.delivery import SHORT
 from e3pose.edge.knock_watch import moved_words
 from e3pose.model.blind_slot import blind_words
-from e3pose.quantities import plural
 from e3pose.wire.site_messages import CameraStatus, Status
 
 MODES = {

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from e3pose.base.quantities import plural
 from e3pose.camera.status import CameraCounts
 from e3pose.model.blind_slot import blind_words
-from e3pose.quantities import plural
 from e3pose.wire.site_messages import CameraStatus, Status
 
 

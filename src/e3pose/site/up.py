@@ -10,9 +10,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from e3pose.errors import InputError
-from e3pose.files.private import append_to
-from e3pose.quantities import LEAST_SIZE_BYTES
+from e3pose.base.errors import InputError
+from e3pose.base.private import append_to
+from e3pose.base.quantities import LEAST_SIZE_BYTES
 from e3pose.recording.videos import MAX_BYTES, VIDEOS
 from e3pose.settings.resolved import ResolvedSite
 from e3pose.site.follow import ANY_HOST

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from e3pose.runtime.deferred import names_of
+from e3pose.base.deferred import names_of
 
 if TYPE_CHECKING:
     from e3pose.store.answers import StoredPoses as StoredPoses

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 from e3pose.model.dynamics import PACKED_SIZE, unpacked
 from e3pose.store.rows import NS, Run, stack_blobs
 

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from sqlalchemy import Connection, Table, func, insert, inspect, select, text
 
-from e3pose.errors import InputError
-from e3pose.files.atomic import atomic_file
+from e3pose.base.atomic import atomic_file
+from e3pose.base.errors import InputError
 from e3pose.store import schema
 from e3pose.store.database import (
     REFUSALS,

@@ -17,8 +17,8 @@ from sqlalchemy.engine import make_url
 from sqlalchemy.exc import ArgumentError, DataError, DBAPIError, IntegrityError, OperationalError
 from sqlalchemy.pool import NullPool
 
-from e3pose.errors import InputError
-from e3pose.files.private import make_file
+from e3pose.base.errors import InputError
+from e3pose.base.private import make_file
 from e3pose.store import schema
 from e3pose.store.migrations import prepare
 from e3pose.store.postgres import (

@@ -13,8 +13,8 @@ from sqlalchemy import Connection, Insert, Table, bindparam, insert, select, upd
 from sqlalchemy.dialects import postgresql
 from sqlalchemy.exc import DBAPIError
 
-from e3pose.errors import InputError
-from e3pose.quantities import plural
+from e3pose.base.errors import InputError
+from e3pose.base.quantities import plural
 from e3pose.store import schema
 from e3pose.store.database import (
     database_path,

@@ -10,7 +10,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from e3pose.files.atomic import atomic_file
+from e3pose.base.atomic import atomic_file
 from e3pose.store.answers import StoredPoses
 from e3pose.store.times import iso_text
 

@@ -12,7 +12,7 @@ from typing import Any
 from sqlalchemy import URL, Connection, Engine, event, text
 from sqlalchemy.exc import DBAPIError
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 
 DRIVER = "postgresql+psycopg"
 FORM = "postgresql://USER@HOST:PORT/NAME"

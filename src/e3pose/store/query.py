@@ -21,7 +21,7 @@ from sqlalchemy import (
     select,
 )
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 from e3pose.store import schema
 from e3pose.store.answers import StoredPoses, StoredRun, joined, plain_row, stored_poses, stored_run
 from e3pose.store.database import database_url, reading, shown

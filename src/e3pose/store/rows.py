@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.arrays import Floats
-from e3pose.errors import InputError
+from e3pose.base.arrays import Floats
+from e3pose.base.errors import InputError
 from e3pose.model.dynamics import packed
 from e3pose.model.uncertainty import axis_sigma_m
 from e3pose.model.zone_event import ZoneEvent

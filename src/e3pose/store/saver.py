@@ -9,8 +9,8 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from e3pose.errors import InputError
-from e3pose.quantities import plural
+from e3pose.base.errors import InputError
+from e3pose.base.quantities import plural
 from e3pose.store.database import (
     REFUSALS,
     damage,

@@ -22,7 +22,7 @@ from sqlalchemy import (
     select,
 )
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 
 VERSION = 4  # one more with every change, and a step to it in `store.migrations`
 READABLE = (1, 2, 3, 4)  # columns have the same names and meaning; earlier ones have fewer

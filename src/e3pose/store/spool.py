@@ -21,7 +21,7 @@ from pathlib import Path
 
 import msgspec
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 from e3pose.store.rows import Row, Run
 
 FRAME = struct.Struct("<II")  # bytes of the content, its CRC-32

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta, timezone, tzinfo
 from typing import Literal
 
-from e3pose.errors import InputError
-from e3pose.quantities import DURATIONS_S
+from e3pose.base.errors import InputError
+from e3pose.base.quantities import DURATIONS_S
 from e3pose.store.rows import NS
 
 UNITS_S = {**DURATIONS_S, "": 1.0, "sec": 1.0, "m": 60.0}

@@ -14,12 +14,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from e3pose.arrays import Floats
-from e3pose.errors import InputError
+from e3pose.base.arrays import Floats
+from e3pose.base.errors import InputError
+from e3pose.base.quantities import plural
+from e3pose.base.thread_name import show_thread_name
 from e3pose.model.zone_event import ZoneEvent
 from e3pose.pipeline import SlotRecord
-from e3pose.quantities import plural
-from e3pose.runtime.thread_name import show_thread_name
 from e3pose.store.database import database_path, database_url
 from e3pose.store.retention import SIZE_OF_SERVER, Retention
 from e3pose.store.rows import (

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 from e3pose.wire.codec import MAX_BYTES
 from e3pose.wire.topics import ANY, of_camera, of_control, of_order, of_site
 

@@ -6,7 +6,7 @@ from typing import TypeVar
 
 import msgspec
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 from e3pose.wire.messages import (
     VERSION,
     ClockAnswer,

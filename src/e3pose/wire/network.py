@@ -13,7 +13,7 @@ from typing import Any
 
 import zenoh
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 from e3pose.wire.access import Link, split_endpoint, zenoh_config
 from e3pose.wire.transport import Answer, Presence, Receive
 

@@ -11,8 +11,8 @@ e3pose/SITE/alive                                        that the edge is there
 
 from __future__ import annotations
 
-from e3pose.errors import InputError
-from e3pose.geometry.camera_fields import check_camera_id
+from e3pose.base.errors import InputError
+from e3pose.model.camera_fields import check_camera_id
 
 ROOT = "e3pose"
 ANY = "*"

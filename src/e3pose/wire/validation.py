@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.errors import InputError
-from e3pose.geometry.camera_fields import check_camera_id
+from e3pose.base.errors import InputError
+from e3pose.model.camera_fields import check_camera_id
 from e3pose.wire.arrays import DTYPES, MAX_PERSONS, unpack
 from e3pose.wire.messages import Array, ClockAnswer, ClockQuestion, Heartbeat, Hello, Order, View
 from e3pose.wire.site_messages import (

@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 from tests.detectors.weights.web import CONTENT, SHA256, Site, dead_url, files_in
 
+from e3pose.base.errors import InputError
 from e3pose.detectors.weights import (
     fetch_file,
 )
-from e3pose.errors import InputError
 
 
 def test_a_good_download_arrives(site: Site, tmp_path: Path) -> None:

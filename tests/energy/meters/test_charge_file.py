@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 
+from e3pose.base.errors import InputError
 from e3pose.energy.meters.base import Rail, Reading
 from e3pose.energy.meters.charge_file import ChargeFile, load_charge, save_charge
 from e3pose.energy.meters.sampler import PowerSampler
 from e3pose.energy.profiles import Mode
-from e3pose.errors import InputError
 
 WH = 3600.0
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from e3pose.estimate.filter import Belief, Estimate, Model
 from e3pose.estimate.filter.step import StepKernel
-from e3pose.geometry.camera import Camera, Rig
+from e3pose.model.camera import Camera, Rig
 from e3pose.model.noises import load_noise
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17

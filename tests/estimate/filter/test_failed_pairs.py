@@ -11,7 +11,7 @@ from tests.estimate.filter.room import ALL, MODEL, NUM_CAMERAS, RIG, Views, run,
 from e3pose.estimate.filter import Belief, outlook
 from e3pose.estimate.filter.failed_pairs import FADES_S, MOST, SEVERAL
 from e3pose.evaluate.replay import ReplaySettings, replay
-from e3pose.geometry.overlap import overlap
+from e3pose.model.overlap import overlap
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17
 from e3pose.pipeline import SlotRecord

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from tests.estimate.filter.room import ALL, BODY, MODEL, RIG, Views, run, see, standing
 
 from e3pose.estimate.filter import Estimate
-from e3pose.geometry.camera import Camera
+from e3pose.model.camera import Camera
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17
 

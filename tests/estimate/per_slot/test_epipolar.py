@@ -9,9 +9,9 @@ from tests.reference.fuse import ReferenceFuser
 
 from e3pose.estimate.per_slot.epipolar import fundamental_matrices
 from e3pose.estimate.per_slot.fuse import Fuser, FusionSettings
-from e3pose.geometry.camera import Rig
-from e3pose.geometry.rigs import ring_rig
+from e3pose.model.camera import Rig
 from e3pose.model.pose import Poses2D
+from e3pose.model.rigs import ring_rig
 
 Floats = NDArray[np.float64]
 

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from tests.reference.fuse import ReferenceFuser
 
 from bench_fuse import load_workload, quality, run
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 from e3pose.estimate.per_slot.fuse import MAX_POSES, Fuser, Fusion, FusionSettings
-from e3pose.geometry.camera import Camera, Rig
+from e3pose.model.camera import Camera, Rig
 from e3pose.model.pose import Poses2D
 
 Floats = NDArray[np.float64]
@@ -268,7 +268,7 @@ def test_wrong_settings_are_named(name: str, value: float | str) -> None:
 
 def test_importing_loads_no_numba_until_something_is_fused() -> None:
     code = (
-        "import sys, e3pose.estimate.per_slot.fuse as f, e3pose.geometry.camera as c, numpy as np\n"
+        "import sys, e3pose.estimate.per_slot.fuse as f, e3pose.model.camera as c, numpy as np\n"
         "rig = c.Rig((c.Camera('a', (10, 10), np.diag([9., 9., 1.]), np.eye(4)),))\n"
         "print('numba' in sys.modules)\n"
         "f.Fuser(rig, 17).warm_up()\n"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from tests.estimate.smooth.motions import motion, waving
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 from e3pose.estimate.smooth import SMOOTHERS, SmoothSettings, smoothed
 from e3pose.estimate.smooth.butterworth import butterworth
 from e3pose.estimate.smooth.gaps import fill_gaps, stretches

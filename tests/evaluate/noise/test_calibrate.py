@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 from e3pose.evaluate.noise.calibrate import calibrate_noise
 from e3pose.evaluate.noise.residuals import Residuals
 from e3pose.evaluate.noise.statistics import (

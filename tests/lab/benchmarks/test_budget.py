@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from budget import LIMITS, PROGRAMS, costs, reference_s, started, table
-from e3pose.files.bounded import parse_toml
+from e3pose.base.bounded import parse_toml
 
 TABLE = {
     "verb": {"loops": 2.0, "memory_mb": 60},

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from e3pose.geometry.camera import Camera, Rig
+from e3pose.model.camera import Camera, Rig
 from e3pose.model.pose import Poses3D
 from e3pose.model.skeleton import BODY25, CMU31, COCO17, PANOPTIC19, SHELF14, Skeleton
 from e3pose.pipeline import SlotRecord

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 from e3pose.evaluate.drawing import check_svg, picture
 from e3pose.evaluate.lead_picture import draw_leads
 from e3pose.model.skeleton import COCO17

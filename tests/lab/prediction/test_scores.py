@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from e3pose.errors import InputError
-from e3pose.geometry.camera import Camera, Rig
+from e3pose.base.errors import InputError
+from e3pose.model.camera import Camera, Rig
 from e3pose.model.skeleton import COCO17
 from e3pose.predict.base import Prediction, Predictor
 from e3pose.predict.constant_velocity import ConstantVelocity

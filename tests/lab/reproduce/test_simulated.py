@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from e3pose.geometry.rigs import ring_rig
+from e3pose.model.rigs import ring_rig
 from e3pose.model.skeleton import PANOPTIC19
 from e3pose.recording import Recording, Truth, ViewSeries
 from e3pose_lab.reproduce.simulated import APART_SLOTS, completed, gathered, with_detections

@@ -15,7 +15,7 @@ torch = pytest.importorskip("torch", reason="torch is not installed: pip install
 pytest.importorskip("onnx", reason="onnx is not installed: pip install e3pose[train]")
 ort = pytest.importorskip("onnxruntime", reason="onnxruntime is not installed")
 
-from e3pose.errors import InputError  # noqa: E402
+from e3pose.base.errors import InputError  # noqa: E402
 from e3pose.model.skeleton import COCO17  # noqa: E402
 from e3pose.predict.attention_lstm import AttentionLstm as Predictor  # noqa: E402
 from e3pose.predict.kernels.network import run_network  # noqa: E402

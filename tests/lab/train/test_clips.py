@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from e3pose.errors import InputError
-from e3pose.geometry.rigs import ring_rig
+from e3pose.base.errors import InputError
+from e3pose.model.rigs import ring_rig
 from e3pose.model.skeleton import COCO17
 from e3pose.recording import Recording, Truth, ViewSeries
 from e3pose_lab.train.clips import clips_of, gather

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 from e3pose.model.pose import Poses2D
 from e3pose.predict.normalise import NUM_COMMON, common_columns, to_common
 from e3pose.recording import Recording, ViewSeries

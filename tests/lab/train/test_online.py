@@ -17,13 +17,13 @@ pytest.importorskip("torch", reason="torch is not installed: pip install e3pose[
 pytest.importorskip("onnx", reason="onnx is not installed: pip install e3pose[train]")
 pytest.importorskip("onnxruntime", reason="onnxruntime is not installed")
 
-from e3pose.learn import LearningSettings, OnlineTrainer
-from e3pose.learn.job import Job
-from e3pose.learn.ring_buffer import Chunk, Ring
-from e3pose.learn.versions import VersionStore
+from e3pose.base.clock import WallClock
+from e3pose.edge.learn import LearningSettings, OnlineTrainer
+from e3pose.edge.learn.job import Job
+from e3pose.edge.learn.ring_buffer import Chunk, Ring
+from e3pose.edge.learn.versions import VersionStore
 from e3pose.model.skeleton import COCO17
 from e3pose.predict.attention_lstm import SHIPPED
-from e3pose.runtime.clock import WallClock
 
 FPS = 10.0
 SETTINGS = LearningSettings(

@@ -8,7 +8,7 @@ from typing import Literal
 
 import pytest
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 from e3pose.model.skeleton import COCO17
 from e3pose.predict.attention_lstm import AttentionLstm
 from e3pose.recording import save_recording

@@ -11,7 +11,7 @@ torch = pytest.importorskip("torch", reason="torch is not installed: pip install
 onnx = pytest.importorskip("onnx", reason="onnx is not installed: pip install e3pose[train]")
 pytest.importorskip("onnxruntime", reason="onnxruntime is not installed")
 
-from e3pose.errors import InputError  # noqa: E402
+from e3pose.base.errors import InputError  # noqa: E402
 from e3pose.predict.attention_lstm import SHIPPED  # noqa: E402
 from e3pose_lab.train.export import export  # noqa: E402
 from e3pose_lab.train.network import AttentionLstm, NetworkSettings  # noqa: E402

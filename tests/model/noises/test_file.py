@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from e3pose.errors import InputError
-from e3pose.files.bounded import parse_toml
+from e3pose.base.bounded import parse_toml
+from e3pose.base.errors import InputError
 from e3pose.model.noise import ErrorMemory
 from e3pose.model.noises import (
     DEFAULT,

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from e3pose.base.kernel import kernel
 from e3pose.model.skeleton import COCO17
 from e3pose.predict.attention_lstm import PUBLISHED, SHIPPED, AttentionLstm
 from e3pose.predict.kernels.half import Halves, in_half, widen
 from e3pose.predict.weights_file import read_file
-from e3pose.runtime.kernel import kernel
 
 Floats32 = NDArray[np.float32]
 

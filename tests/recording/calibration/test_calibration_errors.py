@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from e3pose.errors import InputError
-from e3pose.geometry.camera import Rig
+from e3pose.base.errors import InputError
+from e3pose.model.camera import Rig
 from e3pose.recording.calibration import FORMATS, load_rig, load_rotations
 
 pytestmark = pytest.mark.slow

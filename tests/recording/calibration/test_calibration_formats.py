@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from e3pose.errors import InputError
-from e3pose.geometry.camera import Camera, Rig
+from e3pose.base.errors import InputError
+from e3pose.model.camera import Camera, Rig
 from e3pose.recording.calibration import FORMATS, find_format, load_rig, load_rotations, save_rig
 from e3pose.recording.calibration.easymocap import guess_size
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 from e3pose.recording.calibration.nodes import MAX_DEPTH, parse
 
 PATH = Path("rig.yml")

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from tests.rigs import looking
 
-from e3pose.geometry.camera import Camera, Rig
+from e3pose.model.camera import Camera, Rig
 from e3pose.recording.calibration.world import world_problem
 
 UPRIGHT = looking((4, 0), (0, 4), (-4, 0))

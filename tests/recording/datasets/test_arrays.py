@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 from e3pose.recording.datasets.arrays import Shape, floats, integers, load_arrays
 
 SHAPES: dict[str, Shape] = {"a": ("n", 2), "b": ("n",), "c?": (1,)}

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from e3pose.errors import InputError
-from e3pose.geometry.camera import Camera, Rig
+from e3pose.base.errors import InputError
+from e3pose.model.camera import Camera, Rig
 from e3pose.recording import Recording
 from e3pose.recording.calibration import save_rig
 from e3pose.recording.datasets.coco import import_coco

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 from e3pose.recording.datasets.folders import match_folders
 
 

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from e3pose.errors import InputError
-from e3pose.geometry.rigs import ring_rig
+from e3pose.base.errors import InputError
 from e3pose.model.pose import Poses2D
+from e3pose.model.rigs import ring_rig
 from e3pose.model.skeleton import COCO17
 from e3pose.recording import Recording, ViewSeries, save_recording
 from e3pose.recording.datasets.human36m import import_human36m

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from e3pose.base.errors import InputError
 from e3pose.cli import main
-from e3pose.errors import InputError
 from e3pose.model.skeleton import CMU31
 from e3pose.recording import load_recording
 from e3pose.recording.datasets.motion import BONES, cmu_clips, default_ring, import_cmu

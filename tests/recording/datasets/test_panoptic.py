@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 from e3pose.recording import Recording
 from e3pose.recording.datasets.panoptic import import_panoptic
 from e3pose.recording.problems import find_problems

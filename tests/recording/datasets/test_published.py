@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
-from e3pose.errors import InputError
-from e3pose.geometry.rigs import ring_rig
+from e3pose.base.errors import InputError
 from e3pose.model.pose import Poses2D
+from e3pose.model.rigs import ring_rig
 from e3pose.model.skeleton import COCO17
 from e3pose.recording import Recording, ViewSeries, save_recording
 from e3pose.recording.datasets.published import CAMPUS, decomposed, import_published

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 from e3pose.model.skeleton import BODY25, COCO17
 from e3pose.recording.datasets.shelf import import_shelf
 from e3pose.recording.geometry import truth_distances_px

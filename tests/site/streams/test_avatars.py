@@ -9,10 +9,10 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from tests.exports.takes import FPS, NUM_FRAMES, walking
+from tests.output.exports.takes import FPS, NUM_FRAMES, walking
 from tests.site.streams.osc_reader import read_osc
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 from e3pose.model.skeleton import COCO17
 from e3pose.model.zone_event import ZoneEvent
 from e3pose.site.connect import LiveSlot

@@ -13,7 +13,7 @@ from paho.mqtt.enums import CallbackAPIVersion
 from tests.site.streams.broker import broker
 from tests.site.streams.test_streams import EVENT, SOURCE, slot
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 from e3pose.site.streams import open_stream
 from e3pose.site.streams.mqtt import login
 from e3pose.wire.keys.folder import init_keys

@@ -24,7 +24,7 @@ from tests.waiting import eventually
 from websockets.sync.client import connect as connect_socket
 from websockets.typing import Subprotocol
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 from e3pose.model.skeleton import COCO17
 from e3pose.model.zone_event import ZoneEvent
 from e3pose.site.connect import Connection, LiveSlot

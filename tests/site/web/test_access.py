@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from e3pose.errors import InputError
-from e3pose.runtime.rate_limit import MAX_CLIENTS, Rate
+from e3pose.base.errors import InputError
+from e3pose.base.rate_limit import MAX_CLIENTS, Rate
 from e3pose.site.web.access import Client, Rules
 from e3pose.site.web.tokens import Tokens, make_tokens, open_tokens
 

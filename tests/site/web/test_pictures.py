@@ -17,8 +17,8 @@ from tests.memory_transport import Hub, MemoryTransport
 from tests.site.tables import write_site
 from tests.site.web.watched import FPS, RIG, STARTED_NS, Watched, poses, record
 
+from e3pose.base.errors import InputError
 from e3pose.camera.pictures import Pictures
-from e3pose.errors import InputError
 from e3pose.site.connect import live_slot
 from e3pose.site.web.access import Client, Rules
 from e3pose.site.web.control import Ask

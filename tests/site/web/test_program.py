@@ -13,7 +13,7 @@ from tests.memory_transport import Hub
 from tests.rigs import looking
 from tests.site.tables import write_site
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 from e3pose.recording.calibration import save_rig
 from e3pose.settings.resolved import resolve
 from e3pose.site.web.program import _listen, address_of, open_view

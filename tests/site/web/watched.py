@@ -14,11 +14,11 @@ import numpy as np
 from tests.memory_transport import Hub, MemoryTransport
 from tests.rigs import looking
 
+from e3pose.base.rate_limit import Rate
 from e3pose.model.pose import Poses3D
 from e3pose.model.skeleton import COCO17
 from e3pose.pipeline import SlotRecord
 from e3pose.recording.calibration import save_rig
-from e3pose.runtime.rate_limit import Rate
 from e3pose.settings.resolved import resolve_site
 from e3pose.site.web.program import View, open_view
 from e3pose.store import EnergyReading, Event, Run, StoreWriter

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from e3pose.errors import InputError
-from e3pose.files.lock import hold
+from e3pose.base.errors import InputError
+from e3pose.base.lock import hold
 from e3pose.wire.keys.authority import common_name, expires
 from e3pose.wire.keys.folder import (
     add_keys,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from e3pose.quantities import plural
+from e3pose.base.quantities import plural
 from e3pose_lab.reproduce.records import Section
 from e3pose_lab.reproduce.work import AnyPiece, Made
 

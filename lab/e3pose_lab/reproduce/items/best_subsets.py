@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from e3pose.arrays import Integers
+from e3pose.base.arrays import Integers
 from e3pose_lab.reproduce.items.base import Item, Scale
 from e3pose_lab.reproduce.records import Headline, Line, Panel, Section, Table
 from e3pose_lab.reproduce.replays import SHELF

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import spearmanr
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
 from e3pose_lab.reproduce.items.base import Item, Scale
 from e3pose_lab.reproduce.items.best_subsets import shelf_pieces
 from e3pose_lab.reproduce.records import Basis, Cell, Headline, Line, Panel, Section, Table

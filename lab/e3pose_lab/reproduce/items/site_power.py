@@ -7,7 +7,7 @@ from statistics import fmean
 
 import numpy as np
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
 from e3pose.energy.profiles import load_profile
 from e3pose.energy.queues import active_cost_j
 from e3pose_lab.reproduce.items.base import Item, Scale

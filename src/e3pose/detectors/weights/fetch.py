@@ -12,8 +12,8 @@ from typing import IO
 from urllib.parse import urlsplit
 
 from e3pose import __version__
-from e3pose.errors import InputError
-from e3pose.files.atomic import atomic_file
+from e3pose.base.atomic import atomic_file
+from e3pose.base.errors import InputError
 
 # Called with the bytes done so far and the bytes in all, None where nobody has said.
 Progress = Callable[[int, "int | None"], None]

@@ -14,6 +14,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from e3pose.base.atomic import atomic_file
+from e3pose.base.errors import InputError
 from e3pose.detectors.weights.fetch import (
     CHUNK_BYTES,
     MAX_BYTES,
@@ -21,8 +23,6 @@ from e3pose.detectors.weights.fetch import (
     no_progress,
     save_verified,
 )
-from e3pose.errors import InputError
-from e3pose.files.atomic import atomic_file
 
 Kind = Literal["sdist", "wheel"]
 

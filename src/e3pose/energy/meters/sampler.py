@@ -9,13 +9,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from e3pose.base.errors import InputError
 from e3pose.energy.meters.base import Meter, MeterError, Reading
 from e3pose.energy.meters.battery import Charge, read_charge
 from e3pose.energy.meters.charge_file import ChargeFile
 from e3pose.energy.meters.choose import ModelMeter, choose_meter
 from e3pose.energy.meters.temperature import read_temperature_c
 from e3pose.energy.profiles import DeviceProfile, Mode
-from e3pose.errors import InputError
 
 PERIOD_S = 0.1  # a camera changes its mode with the slots: what is read seldom misses that
 CHARGE_PERIOD_S = 2.0  # gauges say something new every few seconds

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, cast
 
-from e3pose.errors import InputError
-from e3pose.files.shipped import read_shipped
+from e3pose.base.errors import InputError
+from e3pose.base.shipped import read_shipped
 
 Mode = Literal["active", "power-saving", "aggressive-power-saving"]
 

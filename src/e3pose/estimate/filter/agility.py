@@ -13,12 +13,12 @@ import math
 
 import numpy as np
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
+from e3pose.base.kernel import kernel
 from e3pose.estimate.filter.bias import inflation
 from e3pose.estimate.filter.outliers import ROBUST
 from e3pose.estimate.filter.projected import beside
 from e3pose.estimate.filter.scratch import Constants, Matches, Tracks, Views
-from e3pose.runtime.kernel import kernel
 
 # tuned: per keypoint | not recorded | agility
 RATE = 0.1  # of one keypoint that confirms, or takes back, all of the correction before it

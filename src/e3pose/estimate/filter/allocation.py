@@ -6,6 +6,8 @@ from functools import lru_cache
 
 import numpy as np
 
+from e3pose.base.held import Held, hold
+from e3pose.base.kernel import LANES
 from e3pose.estimate.filter.bias import memory_terms
 from e3pose.estimate.filter.scratch import (
     MAX_LEFTOVERS,
@@ -21,11 +23,9 @@ from e3pose.estimate.filter.scratch import (
     Workspace,
 )
 from e3pose.estimate.filter.state import Belief, Model
-from e3pose.geometry.overlap import overlap
-from e3pose.geometry.undistort import make_lenses
+from e3pose.model.overlap import overlap
 from e3pose.model.proportions import KINDS
-from e3pose.runtime.held import Held, hold
-from e3pose.runtime.kernel import LANES
+from e3pose.model.undistort import make_lenses
 
 
 def make_constants(model: Model) -> Constants:

@@ -6,14 +6,14 @@ import math
 
 import numpy as np
 
-from e3pose.arrays import Flags, Floats
+from e3pose.base.arrays import Flags, Floats
+from e3pose.base.kernel import kernel
 from e3pose.estimate.filter.existence import INSIDE_JOINTS
 from e3pose.estimate.filter.projected import IN_FRONT, SPREAD, USED_SCORE, U, V
 from e3pose.estimate.filter.scratch import Constants, Matches, Offers, Views
 from e3pose.estimate.filter.sides import SIDE_PX, exchange, exchanged_limbs
 from e3pose.estimate.per_slot.assign import assign
-from e3pose.geometry.projection import MIN_DEPTH_M
-from e3pose.runtime.kernel import kernel
+from e3pose.model.projection import MIN_DEPTH_M
 
 # tuned: px | simulated: 8, 14, 20 within 1 %; on Shelf without labels identities at 1.15 cameras 7
 #   to 10, 5 to 8, 5 to 7 | not measured

@@ -11,11 +11,11 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
+from e3pose.base.kernel import kernel
 from e3pose.estimate.filter.outliers import MEASURED_SIGMAS
 from e3pose.estimate.filter.projected import beside
 from e3pose.model.noise import DIGITS, ErrorMemory
-from e3pose.runtime.kernel import kernel
 
 # tuned: s | simulated: 0.6, 1.2, 2 s within 1 % | biases
 LEARNED_S = 1.2  # how long it takes to learn a bias

@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 
-from e3pose.arrays import Floats, Integers
+from e3pose.base.arrays import Floats, Integers
+from e3pose.base.kernel import kernel
 from e3pose.estimate.filter.bones import Proportions
 from e3pose.estimate.filter.existence import DELIVERED_PRIOR, is_wide
 from e3pose.estimate.filter.failed_pairs import count_failures
@@ -16,7 +17,6 @@ from e3pose.estimate.filter.scratch import Constants, Pairs, Tracks, Views, Wait
 from e3pose.estimate.filter.state import APART_M, MAX_TRACKS
 from e3pose.estimate.per_slot.triangulate import triangulate_person
 from e3pose.model.proportions import LEAST_M, MOST_M
-from e3pose.runtime.kernel import kernel
 
 # tuned: m/s | not recorded | walk between views
 WALK_MPS = 0.7  # all joints may have moved together so fast between two slots

@@ -17,10 +17,10 @@ import math
 
 import numpy as np
 
-from e3pose.arrays import Flags, Floats
+from e3pose.base.arrays import Flags, Floats
+from e3pose.base.kernel import kernel
 from e3pose.estimate.filter.scratch import Matches, Tracks
-from e3pose.geometry.camera import Rig
-from e3pose.runtime.kernel import kernel
+from e3pose.model.camera import Rig
 
 # tuned: s | not recorded | rate beyond 25
 FASTEST_S = 1 / 25  # above this rate a view says less, since successive ones say the same

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from e3pose.arrays import Flags, Floats, Integers
+from e3pose.base.arrays import Flags, Floats, Integers
 from e3pose.estimate.filter.tree import Tree
 from e3pose.model.proportions import KINDS, kind_of
 from e3pose.model.skeleton import BODY_LIMBS, FACE_LIMBS

@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 
-from e3pose.arrays import Flags, Floats
+from e3pose.base.arrays import Flags, Floats
+from e3pose.base.kernel import kernel
 from e3pose.estimate.filter.bias import MemoryTerms, inflation
-from e3pose.runtime.kernel import kernel
 
 
 @kernel

@@ -16,12 +16,12 @@ from __future__ import annotations
 
 import math
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
+from e3pose.base.kernel import kernel
 from e3pose.estimate.filter.bias import left_over
 from e3pose.estimate.filter.learned_noise import MEDIAN, NORMAL, proved
 from e3pose.estimate.filter.projected import beside
 from e3pose.estimate.filter.scratch import Constants, Matches, Tracks, Views
-from e3pose.runtime.kernel import kernel
 
 # Mean error over mean stated error. A predictor explains a part of the motion of the joints that it
 # steers.

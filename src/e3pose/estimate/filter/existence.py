@@ -6,11 +6,11 @@ import math
 
 import numpy as np
 
-from e3pose.arrays import Flags, Floats, Integers
+from e3pose.base.arrays import Flags, Floats, Integers
+from e3pose.base.kernel import kernel
 from e3pose.estimate.filter.blindness import FASTEST_S, PROOF_S, proof
 from e3pose.estimate.filter.projected import USED_SCORE
 from e3pose.estimate.filter.scratch import Matches, Tracks, Views
-from e3pose.runtime.kernel import kernel
 
 # tuned: per view | simulated: 0.12 and 0.16 have the same error, 0.16 fewer ghosts; 0.2 loses
 #   people at 10 slots per second | not measured

@@ -14,11 +14,11 @@ import math
 
 import numpy as np
 
-from e3pose.arrays import Flags, Floats, Integers
+from e3pose.base.arrays import Flags, Floats, Integers
+from e3pose.base.kernel import kernel
 from e3pose.estimate.filter.leftovers import SURE_SCORE
 from e3pose.estimate.filter.scratch import Constants, Waiting
-from e3pose.geometry.camera import Rig
-from e3pose.runtime.kernel import kernel
+from e3pose.model.camera import Rig
 
 ROWS, COLUMNS = 8, 10  # layout: cells of an image
 # tuned: looks | not recorded | failed pairs

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
 
 # tuned: share, share | docs/experiments/2026-11-24-smoothed-covariances.md | not measured
 USUAL, SPAN = 0.40, 0.15  # of the share of biases: where g is 0, and from there where it is 1

@@ -18,14 +18,14 @@ import math
 
 import numpy as np
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
+from e3pose.base.kernel import kernel
 from e3pose.estimate.filter.bias import inflation, left_over
 from e3pose.estimate.filter.blindness import PROOF_CAMERAS, PROOF_S
 from e3pose.estimate.filter.learned_shift import compare_shift
 from e3pose.estimate.filter.outliers import LEAST_KNOWN, MEMORY, ROBUST
 from e3pose.estimate.filter.projected import beside
 from e3pose.estimate.filter.scratch import Constants, Detectors, Matches, Tracks, Views
-from e3pose.runtime.kernel import kernel
 
 LOG, COUNT = 0, 1  # layout: of the last axis of `Belief.noise`
 # tuned: keypoints | first guess | noise by camera

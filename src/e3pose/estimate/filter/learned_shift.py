@@ -16,11 +16,11 @@ import math
 
 import numpy as np
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
+from e3pose.base.kernel import kernel
 from e3pose.estimate.filter.outliers import LEAST_KNOWN, MEMORY, OUTLIER_SIGMAS
 from e3pose.estimate.filter.scratch import Detectors
 from e3pose.estimate.filter.state import Model
-from e3pose.runtime.kernel import kernel
 
 COUNT = 2  # layout: of the last axis of `Belief.shifts`; before it right and down
 # Keypoints that no shift at all counts for. Keypoints of one body are off together: on real

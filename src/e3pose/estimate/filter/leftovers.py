@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from e3pose.arrays import Floats, Integers
+from e3pose.base.arrays import Floats, Integers
+from e3pose.base.kernel import kernel
 from e3pose.estimate.filter.scratch import MAX_LEFTOVERS, Views, Waiting
-from e3pose.runtime.kernel import kernel
 
 # tuned: score, joints | first guess | not measured
 SURE_SCORE, MIN_JOINTS = 0.2, 8  # of a detection that may start somebody

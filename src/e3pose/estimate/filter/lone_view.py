@@ -13,11 +13,11 @@ import math
 
 import numpy as np
 
-from e3pose.arrays import Floats, Integers
+from e3pose.base.arrays import Floats, Integers
+from e3pose.base.kernel import kernel
 from e3pose.estimate.filter.bias import MemoryTerms
 from e3pose.estimate.filter.scratch import Constants, Passes, Tracks, Views
 from e3pose.estimate.filter.update import update
-from e3pose.runtime.kernel import kernel
 
 # tuned: share of the distance | docs/experiments/2026-11-23-one-camera.md | lone view
 SIZE_SHARE = 0.02  # standard deviation of a person's size as one camera shows it: of the distance

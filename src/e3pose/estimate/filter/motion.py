@@ -14,9 +14,9 @@ import math
 
 import numpy as np
 
-from e3pose.arrays import Floats, Integers
+from e3pose.base.arrays import Floats, Integers
+from e3pose.base.kernel import kernel
 from e3pose.estimate.filter.tree import Tree
-from e3pose.runtime.kernel import kernel
 
 ACCELERATION_LASTS_S = 1 / 25  # definition: those of `tree` are drawn anew so often
 # tuned: slots | not recorded | known slots

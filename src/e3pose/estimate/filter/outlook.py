@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from e3pose.arrays import Flags, Floats, Integers
+from e3pose.base.arrays import Flags, Floats, Integers
+from e3pose.base.held import Held
+from e3pose.base.kernel import kernel
 from e3pose.estimate.base import Outlook
 from e3pose.estimate.filter.allocation import held_constants
 from e3pose.estimate.filter.covariance_inflation import learned_factor, spread_factor
@@ -14,8 +16,6 @@ from e3pose.estimate.filter.motion import move
 from e3pose.estimate.filter.scratch import Constants
 from e3pose.estimate.filter.shown import find_needed, likely_shown
 from e3pose.estimate.filter.state import Belief, Model
-from e3pose.runtime.held import Held
-from e3pose.runtime.kernel import kernel
 
 
 def outlook(

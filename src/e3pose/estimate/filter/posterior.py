@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from e3pose.arrays import Floats, Integers
+from e3pose.base.arrays import Floats, Integers
 from e3pose.estimate.base import Posterior, Start
 from e3pose.estimate.filter.lasting import grown_m2
 from e3pose.estimate.filter.state import Belief

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
+from e3pose.base.kernel import kernel
 from e3pose.estimate.filter.motion import ACCELERATION_LASTS_S, move
 from e3pose.estimate.filter.scratch import Constants, Passes, Tracks
 from e3pose.estimate.filter.tree import backward, decompose, forward
-from e3pose.runtime.kernel import kernel
 
 
 @kernel

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from e3pose.arrays import Floats
-from e3pose.geometry.projection import MIN_DEPTH_M
-from e3pose.runtime.kernel import kernel
+from e3pose.base.arrays import Floats
+from e3pose.base.kernel import kernel
+from e3pose.model.projection import MIN_DEPTH_M
 
 # tuned: score | not recorded | not measured
 USED_SCORE = 0.05  # keypoints below this are not used

@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 
-from e3pose.arrays import Flags, Floats
+from e3pose.base.arrays import Flags, Floats
+from e3pose.base.kernel import kernel
 from e3pose.estimate.filter.bones import Proportions
 from e3pose.estimate.filter.outliers import MEASURED_SIGMAS, ROBUST
 from e3pose.model.proportions import (
@@ -18,7 +19,6 @@ from e3pose.model.proportions import (
     STATURE_SPREAD,
     UNLIKE,
 )
-from e3pose.runtime.kernel import kernel
 
 # tuned: slots, slots | not recorded | learned bones
 BONE_TEACHERS, BONE_MEMORY = 5, 100  # slots before a length is trusted, and that it averages over

@@ -20,7 +20,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from e3pose.arrays import Flags, Floats, Integers
+from e3pose.base.arrays import Flags, Floats, Integers
 from e3pose.estimate.filter.proportions import BONE_TEACHERS
 from e3pose.estimate.filter.state import APART_M, Belief, Model
 from e3pose.model.proportions import KINDS, NOISE_M, SLIDE_M

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from e3pose.arrays import Flags, Floats, Integers
+from e3pose.base.arrays import Flags, Floats, Integers
 from e3pose.estimate.filter.bias import MemoryTerms
 from e3pose.estimate.filter.bones import Proportions
-from e3pose.geometry.undistort import Lenses
+from e3pose.model.undistort import Lenses
 
 MAX_LEFTOVERS = 64  # capacity: newest first: a view full of noise must not cost the slot
 

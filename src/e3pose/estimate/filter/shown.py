@@ -7,7 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from e3pose.arrays import Flags, Floats, Integers
+from e3pose.base.arrays import Flags, Floats, Integers
+from e3pose.base.held import Held
+from e3pose.base.kernel import kernel
 from e3pose.estimate.filter.blindness import PLAIN, chance, proof
 from e3pose.estimate.filter.bones import Proportions
 from e3pose.estimate.filter.covariance_inflation import learned_factor, spread_factor
@@ -22,8 +24,6 @@ from e3pose.estimate.filter.repeated_errors import (
 )
 from e3pose.estimate.filter.scratch import Constants
 from e3pose.estimate.filter.state import Belief, Model
-from e3pose.runtime.held import Held
-from e3pose.runtime.kernel import kernel
 
 HALF_SCORE_M = 0.1  # definition: standard deviation of a joint at which its score is a half
 LEAST_SCORE = 1e-3  # definition: a joint that is known at all is not missing

@@ -15,11 +15,11 @@ not, so a track that several looks in a row contradict is turned round instead o
 
 from __future__ import annotations
 
-from e3pose.arrays import Floats, Integers
+from e3pose.base.arrays import Floats, Integers
+from e3pose.base.kernel import kernel
 from e3pose.estimate.filter.existence import LEARN_RATE
 from e3pose.estimate.filter.projected import IN_FRONT, SPREAD, USED_SCORE, U, V
 from e3pose.estimate.filter.scratch import Constants, Matches, Tracks, Views
-from e3pose.runtime.kernel import kernel
 
 ARMS, LEGS = 1, 2  # layout: bits of `Constants.limbs`; of limbs that are exchanged
 GIVEN = 4  # layout: times these: of limbs that are clearly as given

@@ -9,12 +9,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.arrays import Flags, Floats, Integers
+from e3pose.base.arrays import Flags, Floats, Integers
 from e3pose.estimate.filter import blindness, failed_pairs
 from e3pose.estimate.filter.bones import GIRDLES, SIDES, Proportions, proportions_of
 from e3pose.estimate.filter.motion import alone
 from e3pose.estimate.filter.tree import Tree, grow
-from e3pose.geometry.camera import Rig
+from e3pose.model.camera import Rig
 from e3pose.model.noise import Noise
 from e3pose.model.skeleton import Skeleton
 

@@ -11,7 +11,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from e3pose.arrays import Floats, Integers
+from e3pose.base.arrays import Floats, Integers
 from e3pose.estimate.base import STEER_SLOTS
 from e3pose.estimate.filter.motion import fading, foresee_joints, steer_all
 from e3pose.estimate.filter.state import Belief, Model

@@ -9,8 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from e3pose.arrays import Floats
-from e3pose.errors import InputError
+from e3pose.base.arrays import Floats
+from e3pose.base.errors import InputError
+from e3pose.base.held import Held, hold
+from e3pose.base.kernel import kernel
 from e3pose.estimate.filter.agility import learn_agility, note_correction, note_place
 from e3pose.estimate.filter.allocation import held_constants, make_workspace
 from e3pose.estimate.filter.associate import associate
@@ -35,10 +37,8 @@ from e3pose.estimate.filter.shown import Estimate, estimate_of
 from e3pose.estimate.filter.sides import turn_round
 from e3pose.estimate.filter.state import MAX_TRACKS, Belief, Leftovers, Model
 from e3pose.estimate.filter.update import learn_bones
-from e3pose.geometry.undistort import undistort_slot
 from e3pose.model.pose import MAX_PIXEL, MISSING_SCORE, Poses2D
-from e3pose.runtime.held import Held, hold
-from e3pose.runtime.kernel import kernel
+from e3pose.model.undistort import undistort_slot
 
 # tuned: s | not recorded | not measured
 LONGEST_S = 10.0  # after a longer pause everybody is somewhere else

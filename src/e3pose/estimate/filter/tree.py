@@ -18,9 +18,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from e3pose.arrays import Floats, Integers
+from e3pose.base.arrays import Floats, Integers
+from e3pose.base.kernel import kernel
 from e3pose.model.skeleton import Skeleton
-from e3pose.runtime.kernel import kernel
 
 
 class Habit(NamedTuple):

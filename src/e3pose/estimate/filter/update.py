@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import math
 
-from e3pose.arrays import Flags, Floats, Integers
+from e3pose.base.arrays import Flags, Floats, Integers
+from e3pose.base.kernel import kernel
 from e3pose.estimate.filter.bias import inflation
 from e3pose.estimate.filter.outliers import MEASURED_SIGMAS, ROBUST
 from e3pose.estimate.filter.projected import USED_SCORE, shown_at
 from e3pose.estimate.filter.proportions import BONE_MEMORY, BONE_TEACHERS, expect_lengths
 from e3pose.estimate.filter.scratch import Constants, Passes, Tracks, Views
 from e3pose.estimate.filter.tree import eliminate, prepare, spread_out
-from e3pose.geometry.projection import MIN_DEPTH_M
-from e3pose.runtime.kernel import kernel
+from e3pose.model.projection import MIN_DEPTH_M
 
 ITERATIONS = 3  # numerics: of Gauss-Newton
 # tuned: m | not recorded | usual feet

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from e3pose.arrays import Flags, Floats, Integers
-from e3pose.runtime.kernel import kernel
+from e3pose.base.arrays import Flags, Floats, Integers
+from e3pose.base.kernel import kernel
 
 
 @kernel

@@ -11,10 +11,10 @@ import math
 
 import numpy as np
 
-from e3pose.arrays import Floats, Integers
+from e3pose.base.arrays import Floats, Integers
+from e3pose.base.kernel import LANES, kernel
 from e3pose.estimate.per_slot.group import PRIOR_JOINTS
 from e3pose.estimate.per_slot.pairs import measure_tile
-from e3pose.runtime.kernel import LANES, kernel
 
 STRENGTH_UNIT = 1e-6  # sums of scores that differ by less are equal; then the first pose leads
 

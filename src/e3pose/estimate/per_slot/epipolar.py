@@ -29,10 +29,10 @@ import math
 
 import numpy as np
 
-from e3pose.arrays import Floats, Integers
+from e3pose.base.arrays import Floats, Integers
+from e3pose.base.kernel import kernel
 from e3pose.estimate.per_slot.assign import assign
-from e3pose.geometry.camera import Rig
-from e3pose.runtime.kernel import kernel
+from e3pose.model.camera import Rig
 
 # Of Tanke and Gall, of the mean score of a pose.
 DROPPED_SCORE, STRONG_SCORE = 0.3, 0.5

@@ -7,13 +7,13 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.arrays import Floats, Integers
-from e3pose.errors import InputError
+from e3pose.base.arrays import Floats, Integers
+from e3pose.base.errors import InputError
 from e3pose.estimate.per_slot.fusion import Fused as Fused
 from e3pose.estimate.per_slot.fusion import Fusion as Fusion
 from e3pose.estimate.per_slot.fusion import FusionSettings as FusionSettings
 from e3pose.estimate.per_slot.slot import SlotKernel
-from e3pose.geometry.camera import Rig
+from e3pose.model.camera import Rig
 from e3pose.model.pose import Poses2D, Poses3D
 
 MAX_POSES = 4096  # in one slot, all views together: 1 GB of working memory at most

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from e3pose.arrays import Floats, Integers
-from e3pose.errors import InputError
+from e3pose.base.arrays import Floats, Integers
+from e3pose.base.errors import InputError
 from e3pose.model.pose import Poses3D
 
 # joints_m, scores, members, reprojection_error_px

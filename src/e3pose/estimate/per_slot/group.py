@@ -14,8 +14,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from e3pose.arrays import Floats, Integers
-from e3pose.runtime.kernel import kernel
+from e3pose.base.arrays import Floats, Integers
+from e3pose.base.kernel import kernel
 
 # So many certain joints at the distance `cap_m` are added to what two groups have in common: a
 # scrap of two joints needs more than a lucky coincidence, and larger groups merge before smaller.

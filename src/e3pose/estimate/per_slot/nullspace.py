@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from e3pose.arrays import Floats
-from e3pose.runtime.kernel import kernel
+from e3pose.base.arrays import Floats
+from e3pose.base.kernel import kernel
 
 MAX_ITERATIONS = 16
 CONVERGED2 = 1e-22  # squared error, relative to the squared length of the vector

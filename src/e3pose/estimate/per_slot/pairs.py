@@ -11,10 +11,10 @@ import math
 
 import numpy as np
 
-from e3pose.arrays import Floats, Integers
+from e3pose.base.arrays import Floats, Integers
+from e3pose.base.kernel import LANES, kernel
 from e3pose.estimate.per_slot.triangulate import noise_px
 from e3pose.model.pose import MAX_PIXEL, MISSING_SCORE
-from e3pose.runtime.kernel import LANES, kernel
 
 # Squared sine of the angle under which two rays count as parallel: their distance says nothing.
 PARALLEL_SINE2 = 1e-9

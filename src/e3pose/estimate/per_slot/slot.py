@@ -7,7 +7,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from e3pose.arrays import Floats, Integers
+from e3pose.base.arrays import Floats, Integers
+from e3pose.base.kernel import LANES, kernel
 from e3pose.estimate.per_slot.dissolve import dissolve_groups, weigh_groups
 from e3pose.estimate.per_slot.epipolar import (
     fundamental_matrices,
@@ -23,9 +24,8 @@ from e3pose.estimate.per_slot.triangulate import (
     score_person,
     triangulate_person,
 )
-from e3pose.geometry.camera import Rig
-from e3pose.geometry.undistort import make_lenses, undistort_slot
-from e3pose.runtime.kernel import LANES, kernel
+from e3pose.model.camera import Rig
+from e3pose.model.undistort import make_lenses, undistort_slot
 
 RAYS, TANKE_GALL = MATCHERS.index("rays"), MATCHERS.index("tanke-gall")
 CAMERA, ROW, LABEL, NEAREST, ALIVE, SIZE, MEMBER = range(7)  # the rows of `Workspace.integers`

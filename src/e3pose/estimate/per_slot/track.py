@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
 from e3pose.model.pose import Poses3D
 
 GATE_M = 0.4  # mean joint distance explained by estimation noise of two triangulated poses

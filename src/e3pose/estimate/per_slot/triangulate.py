@@ -17,9 +17,9 @@ import math
 
 import numpy as np
 
-from e3pose.arrays import Floats, Integers
+from e3pose.base.arrays import Floats, Integers
+from e3pose.base.kernel import kernel
 from e3pose.estimate.per_slot.nullspace import null_vector
-from e3pose.runtime.kernel import kernel
 
 MIN_VIEWS = 2
 # Standard deviation in pixels of a keypoint by its score. Detectors guess below a score of about

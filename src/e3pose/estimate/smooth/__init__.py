@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 from e3pose.estimate.smooth.butterworth import butterworth
 from e3pose.estimate.smooth.gaps import fill_gaps
 from e3pose.estimate.smooth.limbs import keep_limbs

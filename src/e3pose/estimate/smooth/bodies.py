@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from e3pose.arrays import Floats, Integers
+from e3pose.base.arrays import Floats, Integers
 from e3pose.estimate.base import Posterior
 from e3pose.estimate.filter.bones import Proportions
 from e3pose.estimate.filter.lasting import grown_m2

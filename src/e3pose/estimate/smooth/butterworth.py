@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 from e3pose.estimate.smooth.gaps import stretches
 from e3pose.model.take import Motion
 

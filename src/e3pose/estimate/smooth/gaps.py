@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from e3pose.arrays import Flags, Floats
+from e3pose.base.arrays import Flags, Floats
 from e3pose.model.take import FILLED, MISSING, Motion
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
 from e3pose.model.take import Motion
 
 BETA_PER_M = 10.0  # Hz by which each metre per second raises the cut-off

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from e3pose.arrays import Flags, Floats
+from e3pose.base.arrays import Flags, Floats
 from e3pose.estimate.filter.motion import alone, fading
 from e3pose.estimate.filter.tree import grow
 from e3pose.estimate.smooth.gaps import stretches

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
 
 SHARED = 0.3  # of what smoothing gains, where g is 1: errors that slots share
 

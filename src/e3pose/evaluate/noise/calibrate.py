@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from e3pose.arrays import Floats, Integers
-from e3pose.errors import InputError
+from e3pose.base.arrays import Floats, Integers
+from e3pose.base.errors import InputError
 from e3pose.evaluate.noise.residuals import MIN_SLOTS, Observed, assign_detections, leave_one_out
 from e3pose.evaluate.noise.statistics import Statistics, describe, falling, fit_memory
 from e3pose.evaluate.smoother import project_all, smooth
-from e3pose.geometry.camera import Rig
+from e3pose.model.camera import Rig
 from e3pose.model.noise import IMAGE_PX, ErrorMemory, Noise
 from e3pose.model.noises import detector_of, load_noise
 from e3pose.recording import Recording, ViewSeries

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.base.quantities import plural
 from e3pose.evaluate.drawing import COLOURS, INK, PALE, legend_above, picture
 from e3pose.evaluate.noise.calibrate import Calibrated
-from e3pose.geometry.camera import Rig
+from e3pose.model.camera import Rig
 from e3pose.model.noise import ErrorMemory
 from e3pose.model.noises import NoiseFile, ViewFigures
 from e3pose.model.noises.file import FORMAT, VERSION
-from e3pose.quantities import plural
 
 if TYPE_CHECKING:
     from rich.console import Console

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 from scipy.optimize import linear_sum_assignment
 
-from e3pose.arrays import Floats, Integers
+from e3pose.base.arrays import Floats, Integers
 from e3pose.evaluate.smoother import project_all, smooth
-from e3pose.geometry.camera import Rig
+from e3pose.model.camera import Rig
 from e3pose.model.noise import Noise
 from e3pose.recording import Recording
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.arrays import Floats, Integers
-from e3pose.errors import InputError
+from e3pose.base.arrays import Floats, Integers
+from e3pose.base.errors import InputError
 from e3pose.evaluate.noise.residuals import MIN_SCORE, Residuals
 from e3pose.model.noise import ErrorMemory
 

@@ -8,8 +8,8 @@ from typing import Any, Literal
 import msgspec
 import numpy as np
 
-from e3pose.errors import InputError
-from e3pose.files.table import read_table
+from e3pose.base.errors import InputError
+from e3pose.base.table import read_table
 from e3pose.model.noise import ASSUMED_WEIGHT, IMAGE_PX, KNOWN_WEIGHT, ErrorMemory, Noise
 
 FORMAT = "e3pose-noise"

@@ -11,8 +11,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.base.kernel import kernel
 from e3pose.predict.kernels.half import Halves, widen
-from e3pose.runtime.kernel import kernel
 
 Floats32 = NDArray[np.float32]
 

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.base.kernel import kernel
 from e3pose.predict.kernels.half import Halves, widen
 from e3pose.predict.kernels.layers import (
     add_product,
@@ -19,7 +20,6 @@ from e3pose.predict.kernels.layers import (
     soften,
     tanh,
 )
-from e3pose.runtime.kernel import kernel
 
 Floats32 = NDArray[np.float32]
 

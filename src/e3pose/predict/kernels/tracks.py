@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.arrays import Flags, Floats, Integers
+from e3pose.base.arrays import Flags, Floats, Integers
+from e3pose.base.kernel import kernel
 from e3pose.predict.kernels.history import close_gaps
-from e3pose.runtime.kernel import kernel
 
 Floats32 = NDArray[np.float32]
 

@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from e3pose.arrays import Floats
-from e3pose.runtime.kernel import kernel
+from e3pose.base.arrays import Floats
+from e3pose.base.kernel import kernel
 
 
 @kernel

@@ -11,8 +11,8 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from e3pose.errors import InputError
-from e3pose.geometry.camera import Rig
+from e3pose.base.errors import InputError
+from e3pose.model.camera import Rig
 from e3pose.recording.calibration import anipose, fields
 
 QUARTERS = 4

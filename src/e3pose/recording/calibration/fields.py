@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from e3pose.arrays import Floats
-from e3pose.errors import InputError
-from e3pose.files.bounded import read_bytes
-from e3pose.geometry.camera import Camera, Rig
-from e3pose.geometry.rotations import rotation_of
+from e3pose.base.arrays import Floats
+from e3pose.base.bounded import read_bytes
+from e3pose.base.errors import InputError
+from e3pose.model.camera import Camera, Rig
+from e3pose.model.rotations import rotation_of
 
 MAX_BYTES = 2_000_000  # a thousand cameras fit
 MAX_CAMERAS = 2000

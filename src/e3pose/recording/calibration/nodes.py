@@ -10,7 +10,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 from e3pose.recording.calibration import fields
 
 if TYPE_CHECKING:

@@ -10,9 +10,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from e3pose.arrays import Floats
-from e3pose.errors import InputError
-from e3pose.geometry.camera import Camera, Rig
+from e3pose.base.arrays import Floats
+from e3pose.base.errors import InputError
+from e3pose.model.camera import Camera, Rig
 from e3pose.recording.calibration import fields
 from e3pose.recording.calibration.nodes import load_nodes
 

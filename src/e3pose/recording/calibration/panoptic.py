@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from e3pose.arrays import Floats
-from e3pose.errors import InputError
-from e3pose.geometry.camera import Camera, Rig
+from e3pose.base.arrays import Floats
+from e3pose.base.errors import InputError
+from e3pose.model.camera import Camera, Rig
 from e3pose.recording.calibration import fields
 
 METRES_PER_UNIT = 0.01

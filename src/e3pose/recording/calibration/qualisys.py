@@ -13,8 +13,8 @@ from xml.parsers import expat
 
 import numpy as np
 
-from e3pose.errors import InputError
-from e3pose.geometry.camera import Camera, Rig
+from e3pose.base.errors import InputError
+from e3pose.model.camera import Camera, Rig
 from e3pose.recording.calibration import fields
 
 SUBPIXELS = 64

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from e3pose.errors import InputError
-from e3pose.geometry.camera import Camera, Rig
+from e3pose.base.errors import InputError
+from e3pose.model.camera import Camera, Rig
 
 UP_SHARE = 0.3  # mean of the images' up directions along world z, from which a rig is upright
 UP = {  # of people, in the axes of a camera, by the degrees clockwise that make them upright

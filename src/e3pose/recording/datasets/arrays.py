@@ -13,8 +13,8 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from e3pose.errors import InputError
-from e3pose.files.bounded import open_regular
+from e3pose.base.bounded import open_regular
+from e3pose.base.errors import InputError
 
 MAX_FILE_BYTES = 2 * 2**30
 MAX_ARRAY_BYTES = 2 * 2**30

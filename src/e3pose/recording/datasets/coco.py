@@ -9,9 +9,9 @@ from typing import TypeVar
 import msgspec
 import numpy as np
 
-from e3pose.errors import InputError
-from e3pose.files.bounded import read_bytes
-from e3pose.geometry.camera import Rig
+from e3pose.base.bounded import read_bytes
+from e3pose.base.errors import InputError
+from e3pose.model.camera import Rig
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17
 from e3pose.recording import Recording

@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from e3pose.errors import InputError
-from e3pose.geometry.camera import Rig
+from e3pose.base.errors import InputError
+from e3pose.model.camera import Rig
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17, Skeleton
 from e3pose.recording import ViewSeries, load_recording

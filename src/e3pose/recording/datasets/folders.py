@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 
 DECORATION = re.compile(r"[_.-](json|keypoints|openpose|pose|hd)$", re.IGNORECASE)
 

@@ -9,10 +9,10 @@ from typing import TypeVar
 import msgspec
 import numpy as np
 
-from e3pose.arrays import Floats
-from e3pose.errors import InputError
-from e3pose.files.bounded import read_bytes
-from e3pose.geometry.camera import Camera, Rig
+from e3pose.base.arrays import Floats
+from e3pose.base.bounded import read_bytes
+from e3pose.base.errors import InputError
+from e3pose.model.camera import Camera, Rig
 from e3pose.model.skeleton import COCO17
 from e3pose.recording import Recording, Truth
 from e3pose.recording.datasets.detected import detected_views

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
-from e3pose.arrays import Floats
-from e3pose.errors import InputError
-from e3pose.files.bounded import open_regular
-from e3pose.geometry.camera import Rig
-from e3pose.geometry.rigs import ring_rig
+from e3pose.base.arrays import Floats
+from e3pose.base.bounded import open_regular
+from e3pose.base.errors import InputError
+from e3pose.model.camera import Rig
+from e3pose.model.rigs import ring_rig
 from e3pose.model.skeleton import CMU31
 from e3pose.recording import Recording, Truth, ViewSeries
 from e3pose.recording.datasets.arrays import MAX_FILE_BYTES, floats, load_arrays

@@ -9,10 +9,10 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from e3pose.arrays import Floats
-from e3pose.errors import InputError
-from e3pose.files.bounded import read_bytes
-from e3pose.geometry.camera import Rig
+from e3pose.base.arrays import Floats
+from e3pose.base.bounded import read_bytes
+from e3pose.base.errors import InputError
+from e3pose.model.camera import Rig
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import BODY25, COCO17, COCO18, Skeleton
 from e3pose.recording import Recording

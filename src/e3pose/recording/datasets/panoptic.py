@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from e3pose.arrays import Floats
-from e3pose.errors import InputError
-from e3pose.geometry.camera import Camera, Rig
+from e3pose.base.arrays import Floats
+from e3pose.base.errors import InputError
+from e3pose.model.camera import Camera, Rig
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import PANOPTIC19, Skeleton
 from e3pose.recording import Recording, Truth, ViewSeries

@@ -8,8 +8,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.errors import InputError
-from e3pose.files.bounded import read_bytes
+from e3pose.base.bounded import read_bytes
+from e3pose.base.errors import InputError
 from e3pose.recording.datasets.openpose import Progress, frame_number
 from e3pose.recording.record import MAX_PEOPLE
 

@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from e3pose.arrays import Floats
-from e3pose.errors import InputError
-from e3pose.files.bounded import open_regular, read_bytes
-from e3pose.geometry.camera import Camera, Rig
+from e3pose.base.arrays import Floats
+from e3pose.base.bounded import open_regular, read_bytes
+from e3pose.base.errors import InputError
+from e3pose.model.camera import Camera, Rig
 from e3pose.model.skeleton import SHELF14
 from e3pose.recording import Recording, Truth
 from e3pose.recording.datasets.detected import detected_views

@@ -8,8 +8,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.errors import InputError
-from e3pose.geometry.camera import Camera, Rig
+from e3pose.base.errors import InputError
+from e3pose.model.camera import Camera, Rig
 from e3pose.model.skeleton import SHELF14, skeleton_by_name
 from e3pose.recording import Recording, Truth, ViewSeries
 from e3pose.recording.datasets.arrays import floats, integers, load_arrays

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 from e3pose.model.pose import Poses2D
 from e3pose.recording import ViewSeries
 from e3pose.recording.json_lines import PIXEL_LIMIT

@@ -8,7 +8,7 @@ round a corner, is not expected of a camera that showed nobody there before.
 
 from __future__ import annotations
 
-from e3pose.runtime.kernel import kernel
+from e3pose.base.kernel import kernel
 
 # A view in plain sight knows a joint to about 2 cm, an unseen one may be off by 20 cm: a view adds
 # 100 times the information there was.

@@ -10,13 +10,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from e3pose.arrays import Flags, Floats
+from e3pose.base.arrays import Flags, Floats
+from e3pose.base.kernel import kernel
 from e3pose.estimate.filter.bias import MemoryTerms, inflation, worth_inflation
 from e3pose.estimate.filter.blindness import PLAIN
 from e3pose.estimate.filter.carry import carry
 from e3pose.estimate.filter.existence import INSIDE_JOINTS
-from e3pose.geometry.projection import MIN_DEPTH_M
-from e3pose.runtime.kernel import kernel
+from e3pose.model.projection import MIN_DEPTH_M
 from e3pose.select.kernels.blind_places import worth
 from e3pose.select.kernels.people import hide
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from e3pose.arrays import Flags, Floats
-from e3pose.runtime.kernel import kernel
+from e3pose.base.arrays import Flags, Floats
+from e3pose.base.kernel import kernel
 
 FIRST_VIEW = 0.5  # of a start: one view is worth half, a later one the rest
 

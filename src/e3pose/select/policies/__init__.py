@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from e3pose.runtime.plugins import made, member
+from e3pose.base.plugins import made, member
 from e3pose.select.policies.base import Policy as Policy
 from e3pose.select.policies.base import Selection as Selection
 from e3pose.select.policies.base import Situation as Situation

@@ -9,8 +9,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.arrays import Floats
-from e3pose.errors import InputError
+from e3pose.base.arrays import Floats
+from e3pose.base.errors import InputError
 from e3pose.model.slot_record import Selection as Selection
 from e3pose.select.expected_information import Foresight
 from e3pose.select.stated_error import StatedError

@@ -19,7 +19,7 @@ from math import comb
 
 import numpy as np
 
-from e3pose.arrays import Flags, Floats
+from e3pose.base.arrays import Flags, Floats
 from e3pose.select.expected_information import Foresight
 from e3pose.select.policies.base import Selection, Situation, count_at
 from e3pose.select.policies.fixed import RoundRobin

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
+from e3pose.base.atomic import atomic_file
+from e3pose.base.errors import InputError
 from e3pose.detectors.weights import Progress, cache_folder, fetch_from_index
 from e3pose.detectors.weights.fetch import CHUNK_BYTES, file_sha256, no_progress, save_verified
-from e3pose.errors import InputError
-from e3pose.files.atomic import atomic_file
 
 PROJECT, VERSION = "pose2sim", "0.10.49"
 WHEEL_SHA256 = "403e0dc4065898ba6a595e72a8970950310979253d60e24c2e00b16b36bf21e1"

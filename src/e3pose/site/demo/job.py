@@ -21,9 +21,9 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.base.atomic import atomic_folder, check_free
+from e3pose.base.errors import InputError
 from e3pose.detectors.weights import Progress, find_weights, is_installed, pull_weights
-from e3pose.errors import InputError
-from e3pose.files.atomic import atomic_folder, check_free
 from e3pose.model.blind_slot import count_blind
 from e3pose.simulate import SceneSettings, simulate
 from e3pose.site.demo.clip import SOURCE, TITLE, Clip, fetch_clip, find_clip
@@ -340,7 +340,7 @@ def _write_results(
     from e3pose.evaluate.figures import as_json
     from e3pose.evaluate.poses_table import write_poses
     from e3pose.evaluate.summary import summarise
-    from e3pose.report import write_report
+    from e3pose.output.report import write_report
     from e3pose.settings.loop import ReplaySettings
     from e3pose.site.demo.stored_run import as_recording
 

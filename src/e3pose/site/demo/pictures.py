@@ -13,9 +13,9 @@ from e3pose.detectors.weights import Progress
 from e3pose.site.demo.summary import SLOWER
 
 if TYPE_CHECKING:
+    from e3pose.output.report.overlay.draw import Image
     from e3pose.pipeline import SlotRecord
     from e3pose.recording import Recording
-    from e3pose.report.overlay.draw import Image
 
 STRIP_ROWS = 4  # pictures in the strip: the slot with most joints in each part of the run
 PANEL_PX = 560  # height of a camera's picture
@@ -43,7 +43,7 @@ def draw(
         site: whose `videos` folder has the videos.
         progress: called after every picture.
     """
-    from e3pose.report.overlay import stack_strip, write_image, write_movie
+    from e3pose.output.report.overlay import stack_strip, write_image, write_movie
 
     wanted = fullest(records)
     strip: list[Image] = []
@@ -70,7 +70,7 @@ def _played(
     site: Path,
 ) -> Iterator[Image]:
     """Yield one image per slot; the videos begin again where the moments do."""
-    from e3pose.report.overlay import overlay_images
+    from e3pose.output.report.overlay import overlay_images
 
     again = np.flatnonzero(np.diff(moments_s) < 0) + 1
     for part in np.split(np.arange(len(records)), again):
@@ -94,8 +94,8 @@ def _sketch(recording: Recording, record: SlotRecord) -> Image:
     """Draw what stands in for frames: 2D detections in grey, 3D skeletons over them in colour."""
     import cv2
 
-    from e3pose.report.overlay import draw_poses, reproject, track_color
-    from e3pose.report.overlay.panels import BLIND_COLOR, camera_word
+    from e3pose.output.report.overlay import draw_poses, reproject, track_color
+    from e3pose.output.report.overlay.panels import BLIND_COLOR, camera_word
 
     colors = [track_color(int(track_id)) for track_id in record.track_ids]
     panels: list[Image] = []

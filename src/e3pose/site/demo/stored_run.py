@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from e3pose.arrays import Floats
+from e3pose.base.arrays import Floats
 from e3pose.model.pose import Poses2D
 from e3pose.pipeline import SlotRecord
 from e3pose.recording import Recording, Truth, ViewSeries

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from importlib import import_module
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 from e3pose.site.streams.base import Source as Source
 from e3pose.site.streams.base import Stream as Stream
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 from e3pose.model.skeleton import Skeleton
 from e3pose.model.zone_event import ZoneEvent
 from e3pose.site.connect import LiveSlot

@@ -23,9 +23,9 @@ from foxglove.messages import (
 )  # fmt: skip
 from numpy.typing import NDArray
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 from e3pose.model.zone_event import ZoneEvent
-from e3pose.report.scene import NUM_COLOURS
+from e3pose.output.report.scene import NUM_COLOURS
 from e3pose.site.connect import LiveSlot
 from e3pose.site.listener import Bounds, open_socket
 from e3pose.site.serving import Serving

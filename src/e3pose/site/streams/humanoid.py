@@ -16,12 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pythonosc.udp_client import UDPClient
 
-from e3pose.arrays import Floats
-from e3pose.errors import InputError
-from e3pose.exports.bones import posed, present, rest_of
+from e3pose.base.arrays import Floats
+from e3pose.base.errors import InputError
 from e3pose.model.skeleton import Skeleton
 from e3pose.model.take import Motion, motion_of
 from e3pose.model.zone_event import ZoneEvent
+from e3pose.output.exports.bones import posed, present, rest_of
 from e3pose.site.connect import LiveSlot
 from e3pose.site.streams.base import Source, host_port
 

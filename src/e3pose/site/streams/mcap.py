@@ -6,8 +6,8 @@ from pathlib import Path
 
 import foxglove
 
-from e3pose.errors import InputError
-from e3pose.files.private import make_file
+from e3pose.base.errors import InputError
+from e3pose.base.private import make_file
 from e3pose.site.streams.base import Source
 from e3pose.site.streams.foxglove import CHANNELS, FoxgloveStream
 from e3pose.site.streams.foxglove_server import Channel

@@ -21,7 +21,7 @@ import paho.mqtt.client as mqtt
 from paho.mqtt.enums import CallbackAPIVersion
 from paho.mqtt.reasoncodes import ReasonCode
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 from e3pose.model.zone_event import ZoneEvent
 from e3pose.site.connect import LiveSlot
 from e3pose.site.streams.as_json import slot_words, zone_words

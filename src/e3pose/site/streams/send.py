@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Sequence
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 from e3pose.site.connect import Connection
 from e3pose.site.streams.base import Stream
 from e3pose.site.zones import Zones, advance

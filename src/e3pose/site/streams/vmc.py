@@ -15,7 +15,7 @@ from __future__ import annotations
 from pythonosc.osc_bundle_builder import IMMEDIATELY, OscBundleBuilder
 from pythonosc.osc_message import OscMessage
 
-from e3pose.exports.bone_names import BONE_NAMES, bone_names
+from e3pose.output.exports.bone_names import BONE_NAMES, bone_names
 from e3pose.site.connect import LiveSlot
 from e3pose.site.streams.base import Source
 from e3pose.site.streams.humanoid import AvatarStream, quaternion

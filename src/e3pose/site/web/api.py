@@ -10,7 +10,7 @@ import numpy as np
 from fastapi import APIRouter, HTTPException, Query, Request
 from fastapi.responses import Response
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 from e3pose.model.region import in_rectangle, middles_m
 from e3pose.site.web.feed import Feed
 from e3pose.site.web.schemas import (

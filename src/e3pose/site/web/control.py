@@ -8,8 +8,8 @@ from typing import Annotated, Any
 from fastapi import APIRouter, HTTPException
 from pydantic import BaseModel, ConfigDict, Field
 
-from e3pose.errors import InputError
-from e3pose.geometry.camera_fields import check_camera_id
+from e3pose.base.errors import InputError
+from e3pose.model.camera_fields import check_camera_id
 from e3pose.site.web.schemas import Refused, Shape
 from e3pose.wire.codec import decode, encode
 from e3pose.wire.site_messages import Control, Controlled

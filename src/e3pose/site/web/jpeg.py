@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 
 MAX_PIXELS = 4_000_000  # of a picture; a camera sends 960 pixels of width at most
 _FRAMES = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}  # markers of headers that have a size

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from e3pose.report.scene import FRUSTUM_SHARE, bounds, frustum, millimetres, neck
+from e3pose.output.report.scene import FRUSTUM_SHARE, bounds, frustum, millimetres, neck
 from e3pose.settings.resolved import ResolvedSite
 
 

@@ -14,7 +14,7 @@ FILES = {
     "/pictures.js": ("e3pose.site.web", "pictures.js", "text/javascript"),
     "/strips.js": ("e3pose.site.web", "strips.js", "text/javascript"),
     "/view.css": ("e3pose.site.web", "view.css", "text/css"),
-    "/scene.js": ("e3pose.report", "scene.js", "text/javascript"),
+    "/scene.js": ("e3pose.output.report", "scene.js", "text/javascript"),
 }
 
 

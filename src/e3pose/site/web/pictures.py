@@ -17,8 +17,8 @@ from typing import Annotated, Any
 import numpy as np
 from fastapi import APIRouter, HTTPException, Query
 
-from e3pose.errors import InputError
-from e3pose.geometry.camera import Camera, Rig
+from e3pose.base.errors import InputError
+from e3pose.model.camera import Camera, Rig
 from e3pose.site.connect import LiveSlot
 from e3pose.site.web.control import Ask
 from e3pose.site.web.feed import Feed

@@ -10,8 +10,8 @@ from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from e3pose.errors import InputError
-from e3pose.files.version import Version, version_of
+from e3pose.base.errors import InputError
+from e3pose.base.version import Version, version_of
 from e3pose.settings.resolved import ResolvedSite
 from e3pose.settings.site_file import SiteTable
 from e3pose.site.follow import ANY_HOST, LOCAL_OPERATOR, operator_of, viewer_link

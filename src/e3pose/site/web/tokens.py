@@ -11,10 +11,10 @@ from typing import Literal
 
 import tomli_w
 
-from e3pose.errors import InputError
-from e3pose.files.atomic import atomic_file
-from e3pose.files.bounded import read_toml
-from e3pose.files.table import read_table
+from e3pose.base.atomic import atomic_file
+from e3pose.base.bounded import read_toml
+from e3pose.base.errors import InputError
+from e3pose.base.table import read_table
 
 Scope = Literal["read", "write"]
 MAX_BYTES = 2**16

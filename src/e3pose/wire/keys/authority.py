@@ -12,7 +12,7 @@ from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
-from e3pose.errors import InputError
+from e3pose.base.errors import InputError
 
 SUBJECT = "e3pose "  # before the name of the site
 AUTHORITY_DAYS = 3650

@@ -25,12 +25,12 @@ from typing import Any, Literal
 
 import tomli_w
 
-from e3pose.errors import InputError
-from e3pose.files.atomic import atomic_file, atomic_folder, check_free
-from e3pose.files.bounded import read_bytes, read_toml
-from e3pose.files.lock import hold
-from e3pose.files.private import make_folder
-from e3pose.geometry.camera_fields import check_camera_id
+from e3pose.base.atomic import atomic_file, atomic_folder, check_free
+from e3pose.base.bounded import read_bytes, read_toml
+from e3pose.base.errors import InputError
+from e3pose.base.lock import hold
+from e3pose.base.private import make_folder
+from e3pose.model.camera_fields import check_camera_id
 from e3pose.wire.access import Certificates, edge_name
 from e3pose.wire.topics import check_site
 

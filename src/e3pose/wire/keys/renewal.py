@@ -6,9 +6,9 @@ import datetime
 from collections.abc import Iterator
 from pathlib import Path
 
-from e3pose.errors import InputError
-from e3pose.files.bounded import read_bytes
-from e3pose.files.lock import hold
+from e3pose.base.bounded import read_bytes
+from e3pose.base.errors import InputError
+from e3pose.base.lock import hold
 from e3pose.wire.access import edge_name
 from e3pose.wire.keys.folder import LIST, MAX_PEM_BYTES, WAIT_S, read_roll, write_file
 

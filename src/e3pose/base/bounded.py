@@ -1,0 +1,109 @@
+"""Read untrusted files: regular files of bounded size only."""
+
+from __future__ import annotations
+
+import re
+import stat
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from e3pose.base.errors import InputError
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+MAX_LINE_BYTES = 16 * 2**20
+MAX_DOTS = 100  # of a line of TOML, outside strings
+TOML_STRING = re.compile(r'"(?:[^"\\]|\\.)*"|\'[^\']*\'')
+
+
+def open_regular(path: Path, limit_bytes: int) -> BinaryIO:
+    """Open a regular file for reading bytes.
+
+    Raises:
+        InputError: when `path` is missing, no regular file (a pipe would wait for ever, a device
+            never ends), larger than `limit_bytes`, or not readable.
+    """
+    try:
+        status = path.stat()
+    except FileNotFoundError:
+        raise InputError(f"{path}: file not found") from None
+    except (OSError, ValueError) as error:
+        raise InputError(f"{str(path)[:300]!r}: cannot be read ({_reason(error)})") from None
+    if not stat.S_ISREG(status.st_mode):
+        found = "a folder" if stat.S_ISDIR(status.st_mode) else "a pipe, socket or device"
+        raise InputError(f"{path}: found {found}, expected a file")
+    if status.st_size > limit_bytes:
+        raise InputError(f"{path}: found {status.st_size} bytes, expected at most {limit_bytes}")
+    try:
+        return path.open("rb")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({_reason(error)})") from None
+
+
+def read_bytes(path: Path, limit_bytes: int) -> bytes:
+    """Return the whole content of a regular file of at most `limit_bytes`.
+
+    Raises:
+        InputError: for anything else, or a file that grows while it is read.
+    """
+    with open_regular(path, limit_bytes) as file:
+        content = file.read(limit_bytes + 1)
+    if len(content) > limit_bytes:
+        raise InputError(f"{path}: grew while it was read, expected at most {limit_bytes} bytes")
+    return content
+
+
+def read_lines(path: Path, limit_bytes: int) -> Iterator[tuple[int, bytes]]:
+    """Yield `(line number from 1, line without its newline)` of a regular file of bounded lines.
+
+    Raises:
+        InputError: for anything else, or a line beyond `MAX_LINE_BYTES`.
+    """
+    with open_regular(path, limit_bytes) as file:
+        number = 0
+        while line := file.readline(MAX_LINE_BYTES + 1):
+            number += 1
+            if len(line) > MAX_LINE_BYTES:
+                raise InputError(
+                    f"{path}:{number}: line is longer than {MAX_LINE_BYTES} bytes, "
+                    "expected one frame a line"
+                )
+            yield number, line.rstrip(b"\r\n")
+
+
+def read_toml(path: Path, limit_bytes: int) -> dict[str, Any]:
+    """Return the tables of a TOML file of at most `limit_bytes`; raise `InputError` if it is none.
+
+    Raises:
+        InputError: naming the file and what is wrong with it.
+    """
+    content = read_bytes(path, limit_bytes)
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(
+            f"{path}: found {error.reason} at byte {error.start}, expected TOML"
+        ) from None
+    return parse_toml(text, str(path))
+
+
+def parse_toml(text: str, where: str) -> dict[str, Any]:
+    """Return the tables of TOML text; raise `InputError`, which names `where`, if it is none."""
+    # Dotted keys take the parser time with the square of their parts, or the cube.
+    for number, line in enumerate(text.splitlines(), start=1):
+        if line.count(".") > MAX_DOTS and TOML_STRING.sub("", line).count(".") > MAX_DOTS:
+            raise InputError(f"{where}: line {number}: found more than {MAX_DOTS} dots")
+    try:
+        return tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
+        reason = " ".join(str(error).split())[:200]
+        raise InputError(f"{where}: found text that is not TOML: {reason}") from None
+
+
+def _reason(error: Exception) -> str:
+    return (error.strerror if isinstance(error, OSError) else None) or str(error)

@@ -1,0 +1,119 @@
+"""Plug-ins: find a policy, predictor, estimator or detector by its name.
+
+A name is a key of the family's table, an entry point of an installed package (group
+`e3pose.policies` and so on), or `module:Name`. See docs/how-to/own-parts.md.
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import inspect
+import re
+import sys
+from collections.abc import Mapping
+from functools import partial
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import Any, TypeVar
+
+from e3pose.base.errors import InputError
+
+T = TypeVar("T")
+
+OWN = re.compile(r"(?P<module>[^:]+):(?P<name>[A-Za-z_]\w*)")
+DOTTED = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*")
+FILE_ENDING = ".py"
+
+
+def member(group: str, thing: str, name: str, known: Mapping[str, T], more: str = "") -> T:
+    """Return what a name of a family stands for.
+
+    Args:
+        group: the entry points that belong to the family, such as `e3pose.policies`.
+        thing: what it is called in errors.
+        name: a key of `known`, an entry point, or `module:Name`, where the module is one that can
+            be imported or a file that ends in `.py`.
+        known: the family's own table.
+        more: what else may be written, for the error.
+
+    Raises:
+        InputError: listing the known names, or saying what is wrong with one's own.
+    """
+    if name in known:
+        return known[name]
+    if is_own(name):
+        return _own(thing, name)  # type: ignore[no-any-return]
+    for point in entry_points(group=group):
+        if point.name == name:
+            return point.load()  # type: ignore[no-any-return]
+    listed = f"one of {', '.join(known)}{more}, or module:Name"
+    raise InputError(thing, repr(name[:80]), listed)
+
+
+def made(found: Any, *arguments: object) -> Any:
+    """Return what a member makes: a class is called as it is, a function with arguments.
+
+    Args:
+        found: a class, a function, or the finished object.
+        arguments: what the family tells a function that makes a member.
+    """
+    if isinstance(found, type):
+        return found()
+    if inspect.isroutine(found) or isinstance(found, partial):
+        return found(*arguments)
+    return found
+
+
+def is_own(name: str) -> bool:
+    """Return whether a name is written as `module:Name`."""
+    match = OWN.fullmatch(name)
+    return match is not None and (
+        match["module"].endswith(FILE_ENDING) or DOTTED.fullmatch(match["module"]) is not None
+    )
+
+
+def beside(name: str, folder: Path) -> str:
+    """Return `module:Name` as the file of that module in a folder, where there is one."""
+    match = OWN.fullmatch(name)
+    if match is None or not is_own(name):
+        return name
+    file = match["module"].removesuffix(FILE_ENDING).replace(".", "/") + FILE_ENDING
+    path = folder / file
+    return f"{path.resolve()}:{match['name']}" if path.is_file() else name
+
+
+def _own(thing: str, name: str) -> Any:
+    match = OWN.fullmatch(beside(name, Path()))
+    assert match is not None
+    place, wanted = match["module"], match["name"]
+    try:
+        module = _file(Path(place)) if place.endswith(FILE_ENDING) else _module(place)
+    except (ImportError, OSError) as error:
+        raise InputError(thing, f"{name!r}, but {error}", "module:Name of yours") from None
+    if not hasattr(module, wanted):
+        raise InputError(thing, f"no {wanted} in {place}", "module:Name of yours")
+    return getattr(module, wanted)
+
+
+def _module(name: str) -> Any:
+    return importlib.import_module(name)
+
+
+def _file(path: Path) -> Any:
+    if not path.is_file():
+        raise ImportError(f"there is no file {path}")
+    name = f"e3pose_own_{path.stem}_{abs(hash(str(path.resolve()))):x}"
+    if name in sys.modules:
+        return sys.modules[name]
+    spec = importlib.util.spec_from_file_location(name, path)
+    if spec is None or spec.loader is None:
+        raise ImportError(f"{path} is no Python module")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    try:
+        spec.loader.exec_module(module)
+    except BaseException:
+        del sys.modules[name]
+        raise
+    return module

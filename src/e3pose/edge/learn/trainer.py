@@ -1,0 +1,25 @@
+"""The trainer beside a running edge, `python -m e3pose.edge.learn.trainer`: that of the lab."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from collections.abc import Sequence
+
+from e3pose.edge.learn.job import LACKS_TORCH
+
+LAB = "e3pose_lab.train.online"  # with torch; an edge that does not learn is installed without it
+
+
+def main(arguments: Sequence[str], lab: str = LAB) -> int:
+    """Do the job in a folder; return the exit code."""
+    try:
+        trainer = importlib.import_module(lab)
+    except ModuleNotFoundError as error:
+        print(f"{error.name} is not installed: pip install 'e3pose[train]'", file=sys.stderr)
+        return LACKS_TORCH
+    return int(trainer.main(arguments))
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,1 +1,0 @@
-"""Files: atomic writes, bounded reads, locks, versions, permissions, typed tables."""

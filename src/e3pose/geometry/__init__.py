@@ -1,1 +1,0 @@
-"""Cameras: projection, distortion, rays, rigs, rotations."""

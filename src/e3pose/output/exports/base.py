@@ -1,0 +1,103 @@
+"""The Protocol of an export: a take in, a file or folder out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.base.arrays import Floats
+from e3pose.base.errors import InputError
+from e3pose.model.camera import Rig
+from e3pose.model.take import Take
+
+Units = Literal["mm", "m"]
+Progress = Callable[[Iterable[Any], int, str], Iterable[Any]]
+
+PER_METRE: dict[str, float] = {"mm": 1000.0, "m": 1.0}
+MAX_VALUES = 200_000_000  # of one file that is made in memory: some gigabytes
+
+
+@dataclass(frozen=True, slots=True)
+class ExportSettings:
+    """How a take is written; each format takes what says something to it.
+
+    Attributes:
+        units: of TRC, C3D and BVH; None for the format's usual ones.
+        names: what markers of TRC are called, a key of `opensim.markers.NAMES`, or bones of BVH and
+            glTF, of `bone_names.BONE_NAMES`; None for the joints' own names.
+        angles: whether tables have columns of joint angles.
+        rig: the cameras of formats that hold 2D keypoints; None without.
+        wide: whether Parquet has the layout of `wide`.
+        progress: wraps what takes long: the work, how much it is, what it is called.
+    """
+
+    units: Units | None = None
+    names: str | None = None
+    angles: bool = False
+    rig: Rig | None = None
+    wide: bool = False
+    progress: Progress = lambda items, total, label: items
+
+
+class Writer(Protocol):
+    """Write a take."""
+
+    def __call__(self, take: Take, dest: Path, settings: ExportSettings) -> str:
+        """Write to `dest` and return a note about it, one line or empty."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Export:
+    """A format.
+
+    Attributes:
+        suffixes: of its files, the usual one first; none for a folder.
+        write: writes it.
+        one_person: whether a file holds one person, so that a take makes as many files.
+    """
+
+    suffixes: tuple[str, ...]
+    write: Writer
+    one_person: bool = False
+
+
+def y_up(points_m: Floats) -> Floats:
+    """Return `(*batch, 3)` points of the world, z up, as x, z, -y: y up, right-handed as before."""
+    return np.stack([points_m[..., 0], points_m[..., 2], -points_m[..., 1]], axis=-1)
+
+
+def dense(take: Take) -> tuple[Floats, Floats, NDArray[np.uint8]]:
+    """Return everybody over the same frames, of which the first is that of the take's span.
+
+    Returns:
+        `(num_people, num_frames, num_joints, 3)` metres, `(num_people, num_frames, num_joints)`
+        standard deviations, NaN where missing, and origins of the same shape.
+
+    Raises:
+        InputError: when that would fill the memory.
+    """
+    first, stop = take.span
+    shape = (len(take.motions), stop - first, len(take.skeleton))
+    if 3 * int(np.prod(shape)) > MAX_VALUES:
+        raise InputError(
+            f"{shape[0]} people over {shape[1]} frames in one file, expected fewer: "
+            "name tracks, a shorter time, or a format with a file a person"
+        )
+    joints_m, sigma_m = np.full((*shape, 3), np.nan), np.full(shape, np.nan)
+    origin = np.zeros(shape, dtype=np.uint8)
+    for person, motion in enumerate(take.motions):
+        rows = slice(motion.first - first, motion.first - first + len(motion))
+        joints_m[person, rows], sigma_m[person, rows] = motion.joints_m, motion.sigma_m
+        origin[person, rows] = motion.origin
+    return joints_m, sigma_m, origin
+
+
+def person_name(track_id: int) -> str:
+    """Return what a person is called in files."""
+    return f"track{track_id}"

@@ -1,0 +1,283 @@
+"""Inverse kinematics: joints to a skeleton of bones with fixed lengths and rotations.
+
+Animation formats know a tree of bones, each with an offset from its parent at rest and a rotation a
+frame. The offset's length is the median of the limb over the take; the rest pose is a T-pose that
+faces z with y up. From the root on, frame by frame, a bone is turned by the least rotation that
+points it at where its joint is; hips, shoulders and head by the rotation that fits all of their
+joints best (Kabsch 1976). Where those joints are at rest is measured: the median over the take of
+where they are in the body's own frame, since no detector's hips are in line with its middle of the
+hips. Bones point at joints from where the fixed lengths put their own
+ends, so that errors of lengths do not add up along a limb. How a single bone turns about itself no
+keypoint tells: it turns with its parent.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.base.arrays import Flags, Floats
+from e3pose.base.errors import InputError
+from e3pose.model.rotations import cross_matrices, nearest_rotation
+from e3pose.model.skeleton import MEANS, Skeleton
+from e3pose.model.take import Motion
+from e3pose.output.exports.base import person_name, y_up
+
+ROOT = "mid_hip"
+# Nodes at the place of their parent, which let spine and head turn by themselves.
+HINGES = {"spine": ROOT, "head": "neck"}
+# Each bone's parents, the first that is there, and where it points at rest: x left, y up, z ahead.
+REST: dict[str, tuple[tuple[str, ...], tuple[float, float, float]]] = {
+    "neck": (("spine",), (0, 1, 0)),
+    "top_head": (("head",), (0, 1, 0)),
+    "mid_ear": (("head",), (0, 1, 0.2)),
+    "nose": (("mid_ear", "head"), (0, 0, 1)),
+    **{f"{s}_hip": ((ROOT,), (x, 0, 0)) for s, x in (("left", 1.0), ("right", -1.0))},
+    **{f"{s}_knee": ((f"{s}_hip",), (0, -1, 0)) for s in ("left", "right")},
+    **{f"{s}_ankle": ((f"{s}_knee",), (0, -1, 0)) for s in ("left", "right")},
+    **{f"{s}_big_toe": ((f"{s}_ankle",), (0, -0.3, 1)) for s in ("left", "right")},
+    **{f"{s}_shoulder": (("neck",), (x, 0, 0)) for s, x in (("left", 1.0), ("right", -1.0))},
+    **{f"{s}_elbow": ((f"{s}_shoulder",), (x, 0, 0)) for s, x in (("left", 1.0), ("right", -1.0))},
+    **{f"{s}_wrist": ((f"{s}_elbow",), (x, 0, 0)) for s, x in (("left", 1.0), ("right", -1.0))},
+}
+# Nodes that several joints turn, children or not; all others point at their one child.
+FITTED = {
+    ROOT: ("left_hip", "right_hip", "neck"),
+    "neck": ("left_shoulder", "right_shoulder", ROOT),
+    "head": ("top_head", "mid_ear", "nose"),
+}
+# Of these, the joints whose places at rest are measured; the others say which way is up.
+MEASURED_AT_REST = {
+    ROOT: ("left_hip", "right_hip"),
+    "neck": ("left_shoulder", "right_shoulder"),
+    "head": ("mid_ear", "nose"),
+}
+ROUNDS = 4  # of fitting, then measuring; the first three bring nearly all of it
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Bones:
+    """One person as bones that turn; y up, metres.
+
+    Attributes:
+        names: of the nodes, the root first, each after its parent.
+        parents: `(num_nodes,)` index of each node's parent, -1 at the root.
+        offsets_m: `(num_nodes, 3)` from the parent at rest; 0 at the root.
+        root_m: `(num_frames, 3)` where the root is; NaN where it is missing.
+        rotations: `(num_frames, num_nodes, 3, 3)` of each node beside its parent; where nothing
+            tells it, that of the frame before (of the first one that is known, at the start).
+        measured: `(num_frames, num_nodes)` whether the frame shows a node's rotation; nodes at the
+            ends of limbs have none.
+    """
+
+    names: tuple[str, ...]
+    parents: NDArray[np.int64]
+    offsets_m: Floats
+    root_m: Floats
+    rotations: Floats
+    measured: Flags
+
+    def children(self, node: int) -> list[int]:
+        """Return the nodes that hang on a node."""
+        return [n for n, parent in enumerate(self.parents.tolist()) if parent == node]
+
+
+def bones_of(motion: Motion, skeleton: Skeleton) -> Bones:
+    """Return a person as bones.
+
+    Raises:
+        InputError: for a person whose hips were never both seen, or a skeleton without a body.
+    """
+    names, parents, offsets = rest_of(motion, skeleton)
+    return posed(names, parents, offsets, motion, skeleton)
+
+
+def posed(
+    names: tuple[str, ...],
+    parents: NDArray[np.int64],
+    offsets: Floats,
+    motion: Motion,
+    skeleton: Skeleton,
+) -> Bones:
+    """Return a motion as bones whose rest is known; see `Bones` for the arguments."""
+    places = _places(motion, skeleton)
+    joints = np.stack([places[HINGES.get(name, name)] for name in names], axis=1)
+    root_m, rotations, measured = _turned(names, joints, parents, offsets)
+    return Bones(names, parents, offsets, root_m, rotations, measured)
+
+
+def rest_of(
+    motion: Motion, skeleton: Skeleton
+) -> tuple[tuple[str, ...], NDArray[np.int64], Floats]:
+    """Return names, parents and offsets of a person's bones at rest, as `Bones` has them.
+
+    Raises:
+        InputError: for a person whose hips were never both seen, or a skeleton without a body.
+    """
+    places = _places(motion, skeleton)
+    if ROOT not in places or not present(places[ROOT]).any():
+        raise InputError(
+            f"{person_name(motion.track_id)}: found no frame with both hips, which the bones hang "
+            "on: leave the person out with --track"
+        )
+    nodes: dict[str, tuple[str, Floats]] = {ROOT: ("", np.zeros(3))}  # parent and offset
+    for name, (above, direction) in REST.items():
+        near = {one: HINGES.get(one, one) for one in above}  # the joint at whose place a node is
+        parent = next((one for one in above if near[one] in nodes), None)
+        if parent is None or name not in places:
+            continue
+        length = np.linalg.norm(places[name] - places[near[parent]], axis=-1)
+        if not np.isfinite(length).any():
+            continue
+        if parent not in nodes:
+            nodes[parent] = (near[parent], np.zeros(3))
+        rest = np.array(direction, dtype=np.float64)
+        nodes[name] = (parent, rest / np.linalg.norm(rest) * float(np.nanmedian(length)))
+    names = list(nodes)
+    parents = np.array([names.index(p) if p else -1 for p, _ in nodes.values()], dtype=np.int64)
+    offsets = np.stack([offset for _, offset in nodes.values()])
+    joints = np.stack([places[HINGES.get(name, name)] for name in names], axis=1)
+    return tuple(names), parents, _measured_at_rest(names, joints, parents, offsets)
+
+
+def _measured_at_rest(
+    names: Sequence[str], joints: Floats, parents: NDArray[np.int64], offsets: Floats
+) -> Floats:
+    """Return offsets with the joints of hips, shoulders and head where the take has them.
+
+    Args:
+        names: of the nodes.
+        joints: `(num_frames, num_nodes, 3)` metres, NaN where missing.
+        parents: `(num_nodes,)`.
+        offsets: `(num_nodes, 3)` at rest, of the right lengths.
+    """
+    offsets = offsets.copy()
+    known = present(joints)
+    for name, all_of_it in FITTED.items():
+        if name not in names or not set(all_of_it) <= set(names):
+            continue
+        node, asked = names.index(name), [names.index(each) for each in all_of_it]
+        there = known[:, [node, *asked]].all(axis=1)
+        if not there.any():
+            continue
+        wanted = joints[there][:, asked] - joints[there, node, None]
+        for _ in range(ROUNDS):
+            rest = rest_places(parents, offsets)
+            still = rest[asked] - rest[node]
+            turned = nearest_rotation(np.einsum("fca,cb->fab", wanted, still))
+            local = np.median(np.einsum("fba,fcb->fca", turned, wanted), axis=0)
+            for each in MEASURED_AT_REST[name]:
+                row = asked.index(names.index(each))
+                above = parents[asked[row]]  # itself a node whose place was measured, or this one
+                base = local[asked.index(above)] if above in asked else rest[above] - rest[node]
+                offsets[asked[row]] = local[row] - base
+    return offsets
+
+
+def held(values: Floats, known: Flags) -> Floats:
+    """Return values with the one before where none is known, and the first known one before that.
+
+    Args:
+        values: `(num_frames, *batch)`.
+        known: `(num_frames,)`, once at least.
+    """
+    last = np.maximum.accumulate(np.where(known, np.arange(len(known)), -1))
+    return np.asarray(values[np.where(last < 0, int(known.argmax()), last)])
+
+
+def _places(motion: Motion, skeleton: Skeleton) -> dict[str, Floats]:
+    """Return joints and means of joints by name, `(num_frames, 3)` metres, y up."""
+    names = skeleton.joints
+    places = {name: y_up(motion.joints_m[:, index]) for index, name in enumerate(names)}
+    for name, parts in MEANS.items():
+        if name not in places and set(parts) <= set(names):
+            places[name] = np.asarray(sum(places[part] for part in parts) / len(parts))
+    return places
+
+
+def _turned(
+    names: Sequence[str], joints: Floats, parents: NDArray[np.int64], offsets: Floats
+) -> tuple[Floats, Floats, Flags]:
+    """Return places of the root, rotations beside the parents, and where a frame tells them."""
+    num_frames, num_nodes = joints.shape[:2]
+    known = present(joints)
+    rest = rest_places(parents, offsets)
+    upright = np.tile(np.eye(3), (num_frames, 1, 1))
+    local = np.tile(np.eye(3), (num_frames, num_nodes, 1, 1))
+    world, ends = local.copy(), np.zeros_like(joints)
+    measured = np.zeros((num_frames, num_nodes), dtype=bool)
+    for node, parent in enumerate(parents.tolist()):
+        above = upright if parent < 0 else world[:, parent]
+        if parent < 0:
+            ends[:, node] = held(joints[:, node], known[:, node])
+        else:
+            ends[:, node] = ends[:, parent] + above @ offsets[node]
+        asked = [names.index(n) for n in FITTED.get(names[node], ()) if n in names]
+        asked = asked if len(asked) == 3 else np.flatnonzero(parents == node).tolist()
+        if asked:
+            measured[:, node] = known[:, asked].all(axis=1) & known[:, 0]
+            still = rest[asked] - rest[node]
+            wanted = joints[:, asked] - ends[:, node, None]
+            fitted = _fit(above, still, np.where(measured[:, node, None, None], wanted, still))
+            if node == 0 and len(asked) == 3:  # the middle of the hips errs as much as either
+                off = wanted[:, :2] - np.einsum("fab,cb->fca", fitted, still[:2])
+                ends[:, 0] += np.where(measured[:, :1], off.sum(axis=1) / 3, 0.0)
+            if measured[:, node].any():
+                local[:, node] = held(np.swapaxes(above, 1, 2) @ fitted, measured[:, node])
+        world[:, node] = above @ local[:, node]
+    return np.where(known[:, :1], ends[:, 0], np.nan), local, measured
+
+
+def _fit(above: Floats, rest: Floats, wanted: Floats) -> Floats:
+    """Return the rotations `(num_frames, 3, 3)` of a node in the world.
+
+    Args:
+        above: `(num_frames, 3, 3)` of the parent.
+        rest: `(num_joints, 3)` where joints are at rest, from the node.
+        wanted: `(num_frames, num_joints, 3)` where they should be.
+    """
+    if len(rest) == 1:
+        start = np.einsum("fab,b->fa", above, rest[0])
+        return least_rotation(start, wanted[:, 0]) @ above
+    return nearest_rotation(np.einsum("fca,cb->fab", wanted, rest))
+
+
+def least_rotation(start: Floats, end: Floats) -> Floats:
+    """Return `(num_frames, 3, 3)`: what points one vector as another, by the least angle."""
+    a, b = (v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-9) for v in (start, end))
+    axis, cosine = np.cross(a, b), (a * b).sum(axis=-1)
+    # Straight back: half a turn about any axis across.
+    other = np.cross(a, np.where(np.abs(a[:, :1]) < 0.9, [[1.0, 0, 0]], [[0, 1.0, 0]]))
+    other /= np.maximum(np.linalg.norm(other, axis=-1, keepdims=True), 1e-9)
+    half = 2 * other[:, :, None] * other[:, None, :] - np.eye(3)
+    skew = cross_matrices(axis)
+    back = cosine < -1 + 1e-9
+    factor = 1 / np.where(back, 1.0, 1 + cosine)
+    turned = np.eye(3) + skew + (skew @ skew) * factor[:, None, None]
+    return np.where(back[:, None, None], half, turned)
+
+
+def rest_places(parents: NDArray[np.int64], offsets: Floats) -> Floats:
+    """Return `(num_nodes, 3)` where nodes are at rest."""
+    places = np.zeros_like(offsets)
+    for node, parent in enumerate(parents.tolist()):
+        places[node] = offsets[node] + (places[parent] if parent >= 0 else 0.0)
+    return places
+
+
+def present(points: Floats) -> Flags:
+    """Return `(*batch)`: which of `(*batch, 3)` points are there."""
+    return np.asarray(np.isfinite(points).all(axis=-1))
+
+
+def count_held(bones: Sequence[Bones]) -> tuple[int, int]:
+    """Return in how many of how many frames some bone keeps the rotation of the frame before."""
+    some, frames = 0, 0
+    for one in bones:
+        turning = [node for node in range(len(one.names)) if one.children(node)]
+        some += int((~one.measured[:, turning].all(axis=1)).sum())
+        frames += len(one.measured)
+    return some, frames

@@ -1,0 +1,59 @@
+"""OpenPose JSON: a folder with one file per frame, people as BODY_25.
+
+Without cameras the files hold `pose_keypoints_3d`, world metres with z up and scores, as OpenPose
+writes its own reconstructions. With cameras there is a folder a camera, whose files hold the
+projections into its real images as `pose_keypoints_2d`, too; `e3pose import openpose` reads it.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from e3pose.base.arrays import Floats
+from e3pose.base.atomic import atomic_folder
+from e3pose.model.skeleton import BODY25
+from e3pose.model.take import Take
+from e3pose.output.exports.base import ExportSettings
+from e3pose.output.exports.views import Frame, frames, keypoints
+
+VERSION = 1.3  # of OpenPose's format
+PARTS = ("pose", "face", "hand_left", "hand_right")
+
+
+def write_openpose(take: Take, dest: Path, settings: ExportSettings) -> str:
+    """Write all people of a take into a new folder; file numbers are slots."""
+    found = frames(take, BODY25)
+    with atomic_folder(dest, private=True) as folder:
+        cameras = () if settings.rig is None else settings.rig.cameras
+        for camera in cameras:
+            (folder / camera.camera_id).mkdir()
+        for frame in settings.progress(found, len(found), "write"):
+            name = f"{frame.slot:012d}_keypoints.json"
+            if not cameras:
+                empty = np.zeros((len(frame.track_ids), 0, 3))
+                (folder / name).write_bytes(_encoded(frame, empty))
+            for camera in cameras:
+                seen = keypoints(frame, camera)
+                (folder / camera.camera_id / name).write_bytes(_encoded(frame, seen))
+    what = f"{len(cameras)} cameras" if cameras else "3D, metres, z up"
+    return f"{len(found)} frames, {what}"
+
+
+def _encoded(frame: Frame, seen: Floats) -> bytes:
+    places = np.concatenate([frame.joints_m, frame.scores[..., None]], axis=-1)
+    places = np.where(frame.scores[..., None] > 0, places, 0.0)
+    people = [_person(*each) for each in zip(frame.track_ids.tolist(), seen, places, strict=True)]
+    return msgspec.json.encode({"version": VERSION, "people": people})
+
+
+def _person(track_id: int, seen: Floats, places: Floats) -> dict[str, Any]:
+    person: dict[str, Any] = {"person_id": [track_id]}
+    for part in PARTS:
+        for kind, values in (("2d", seen), ("3d", places)):
+            numbers = values.round(5).ravel().tolist() if part == "pose" else []
+            person[f"{part}_keypoints_{kind}"] = numbers
+    return person

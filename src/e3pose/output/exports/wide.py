@@ -1,0 +1,209 @@
+"""Wide Parquet, an archive of poses: one row per person and slot, whole millimetres.
+
+Columns, all integers: `slot` and `track`, `measured` and `filled` (bit j for joint j), then for
+each joint `JOINT_x`, `_y`, `_z` and `_sigma` in millimetres, null where missing or unknown; z up.
+Rows go person by person, so that neighbours differ little: numbers are stored as differences
+(DELTA_BINARY_PACKED), compressed with zstd. What holds for all rows is in the file's metadata,
+under `e3pose`, as JSON: `docs/reference/wide-parquet.md`.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.base.arrays import Floats
+from e3pose.base.atomic import atomic_file
+from e3pose.base.errors import InputError
+from e3pose.model.skeleton import SKELETONS, Skeleton
+from e3pose.model.take import FILLED, MEASURED, MISSING, PREDICTED, Motion, Take
+from e3pose.output.exports.base import MAX_VALUES, ExportSettings
+
+FORMAT, VERSION = "e3pose-poses-wide", 1
+KEY = b"e3pose"
+MM = 1000.0
+ROWS_PER_GROUP = 20_000  # rows that are compressed together
+MOST_JOINTS = 62  # bits of an integer
+FIRST_COLUMNS = ("slot", "track", "measured", "filled")
+PARTS = ("x", "y", "z", "sigma")
+ZSTD_LEVEL = 9
+UNKNOWN_SCORE = 1.0  # scores are not archived
+
+
+def write_wide(take: Take, dest: Path, settings: ExportSettings) -> str:
+    """Write all people of a take, person after person.
+
+    Raises:
+        InputError: for a skeleton of more joints than an integer has bits.
+    """
+    import pyarrow
+    from pyarrow import parquet
+
+    joints = take.skeleton.joints
+    if len(joints) > MOST_JOINTS:
+        raise InputError(f"{dest}: found {len(joints)} joints, expected at most {MOST_JOINTS}")
+    if settings.angles:
+        raise InputError("--angles: found with --wide, expected it without: it holds poses alone")
+    names = [*FIRST_COLUMNS, *(f"{joint}_{part}" for joint in joints for part in PARTS)]
+    wide = ("measured", "filled")
+    schema = pyarrow.schema(
+        [(name, pyarrow.int64() if name in wide else pyarrow.int32()) for name in names],
+        metadata={KEY: json.dumps(_about(take))},
+    )
+    count, waiting, num_waiting = 0, list[Any](), 0
+    with (
+        atomic_file(dest, private=True) as temporary,
+        parquet.ParquetWriter(
+            temporary,
+            schema,
+            compression="zstd",
+            compression_level=ZSTD_LEVEL,
+            use_dictionary=False,
+            column_encoding=dict.fromkeys(names, "DELTA_BINARY_PACKED"),
+            write_statistics=["slot", "track"],
+        ) as writer,
+    ):
+        for columns in _parts(take, settings):
+            waiting.append(pyarrow.table(columns, schema=schema))
+            num_waiting += waiting[-1].num_rows
+            if num_waiting >= ROWS_PER_GROUP:
+                writer.write_table(pyarrow.concat_tables(waiting))
+                count, waiting, num_waiting = count + num_waiting, [], 0
+        writer.write_table(pyarrow.concat_tables([schema.empty_table(), *waiting]))
+    return f"{count + num_waiting} rows, millimetres, z up, version {VERSION}"
+
+
+def is_wide(metadata: Mapping[bytes, bytes] | None) -> bool:
+    """Return whether the metadata of a Parquet file is that of a wide one."""
+    return KEY in (metadata or {})
+
+
+def read_wide(path: Path, table: Any) -> Take:
+    """Return the take of a wide file.
+
+    Args:
+        path: of the file, for messages.
+        table: as pyarrow read it.
+
+    Raises:
+        InputError: for metadata or columns that no export writes.
+    """
+    about = _checked(path, table.schema.metadata[KEY])
+    joints = tuple(about["joints"])
+    wanted = [*FIRST_COLUMNS, *(f"{joint}_{part}" for joint in joints for part in PARTS)]
+    missing = [name for name in wanted if name not in table.column_names]
+    if missing or any(not str(table.schema.field(name).type).startswith("int") for name in wanted):
+        raise InputError(f"{path}: found no integer column {(missing or ['_x'])[0]}")
+    slots, tracks, measured, filled = (
+        table.column(name).fill_null(0).to_numpy().astype(np.int64) for name in FIRST_COLUMNS
+    )
+    values = np.stack([_floats(table.column(name)) for name in wanted[4:]], axis=-1) / MM
+    values = values.reshape(len(slots), len(joints), len(PARTS))
+    bits = np.arange(len(joints))
+    origin = np.full(values.shape[:2], PREDICTED, dtype=np.uint8)
+    origin[(measured[:, None] >> bits) & 1 == 1] = MEASURED
+    origin[(filled[:, None] >> bits) & 1 == 1] = FILLED
+    origin[~np.isfinite(values[..., :3]).all(axis=-1)] = MISSING
+    known = SKELETONS.get(about["skeleton"])
+    same = known is not None and known.joints == joints
+    skeleton = known if known is not None and same else Skeleton(about["skeleton"], joints, ())
+    motions = []
+    for track in np.unique(tracks).tolist():
+        own = np.flatnonzero(tracks == track)
+        motions.append(_motion(path, track, slots[own], values[own], origin[own]))
+    return Take(about["name"], skeleton, about["interval_s"], tuple(motions), about["started_ns"])
+
+
+def _about(take: Take) -> dict[str, Any]:
+    return {
+        "format": FORMAT,
+        "version": VERSION,
+        "name": take.name,
+        "skeleton": take.skeleton.name,
+        "joints": list(take.skeleton.joints),
+        "interval_s": take.interval_s,
+        "started_ns": take.started_ns,
+        "units": "mm",
+        "up": "z",
+    }
+
+
+def _parts(take: Take, settings: ExportSettings) -> Iterator[dict[str, Any]]:
+    import pyarrow
+
+    for motion in settings.progress(take.motions, len(take.motions), "write"):
+        there = np.flatnonzero(motion.known.any(axis=1))
+        columns = {
+            "slot": pyarrow.array(motion.first + there, type=pyarrow.int32()),
+            "track": pyarrow.array(np.full(len(there), motion.track_id), type=pyarrow.int32()),
+        }
+        for name, origin in (("measured", MEASURED), ("filled", FILLED)):
+            flags = (motion.origin[there] == origin) @ (1 << np.arange(len(take.skeleton)))
+            columns[name] = pyarrow.array(flags, type=pyarrow.int64())
+        values = np.concatenate([motion.joints_m, motion.sigma_m[..., None]], axis=-1)[there]
+        for index, joint in enumerate(take.skeleton.joints):
+            for part, letter in enumerate(PARTS):
+                columns[f"{joint}_{letter}"] = _integers(values[:, index, part])
+        yield columns
+
+
+def _integers(values: Floats) -> Any:
+    """Return metres as whole millimetres, null where missing."""
+    import pyarrow
+
+    known = np.isfinite(values)
+    whole = np.rint(MM * np.where(known, values, 0.0)).astype(np.int32)
+    return pyarrow.array(whole, mask=~known)
+
+
+def _floats(column: Any) -> Floats:
+    import pyarrow
+
+    return np.asarray(column.cast(pyarrow.float64()).to_numpy(), dtype=np.float64)
+
+
+def _motion(
+    path: Path, track: int, slots: NDArray[np.int64], values: Floats, origin: NDArray[np.uint8]
+) -> Motion:
+    order = np.argsort(slots, kind="stable")
+    slots = slots[order]
+    if (np.diff(slots) == 0).any():
+        raise InputError(f"{path}: track {track}: found a slot twice, expected one row each")
+    rows = slots - slots[0]
+    shape = (int(rows[-1]) + 1, values.shape[1])
+    if 3 * shape[0] * shape[1] > MAX_VALUES:
+        raise InputError(f"{path}: track {track}: found {shape[0]} slots, expected fewer")
+    joints_m, sigma_m = np.full((*shape, 3), np.nan), np.full(shape, np.nan)
+    origins = np.full(shape, MISSING, dtype=np.uint8)
+    joints_m[rows], sigma_m[rows] = values[order, :, :3], values[order, :, 3]
+    origins[rows] = origin[order]
+    joints_m[origins == MISSING], sigma_m[origins == MISSING] = np.nan, np.nan
+    scores = np.where(origins == MISSING, 0.0, UNKNOWN_SCORE)
+    return Motion(track, int(slots[0]), joints_m, sigma_m, scores, origins)
+
+
+def _checked(path: Path, text: bytes) -> dict[str, Any]:
+    """Return the metadata of a file; raise `InputError` where it is not what an export writes."""
+    try:
+        about = dict(json.loads(text))
+        kind = about["format"], about["version"]
+        joints, started_ns = about.get("joints", ()), about.get("started_ns")
+        good = (
+            all(isinstance(each, str) for each in (about["name"], about["skeleton"], *joints))
+            and 1 <= len(joints) == len(set(joints)) <= MOST_JOINTS
+            and 1e-4 < about["interval_s"] < 1e4
+            and (started_ns is None or isinstance(started_ns, int))
+        )
+    except (ValueError, KeyError, TypeError, RecursionError):
+        good, kind = False, (FORMAT, VERSION)
+    if kind != (FORMAT, VERSION):
+        found = f"{kind[0]} version {kind[1]}"
+        raise InputError(f"{path}: found {found[:80]}, expected {FORMAT} version {VERSION}")
+    if not good:
+        raise InputError(f"{path}: metadata: found no joints and times, expected those of --wide")
+    return about

@@ -1,0 +1,109 @@
+"""The report of a time range of a live store."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import fields, replace
+from datetime import datetime, timezone
+from pathlib import Path
+
+from e3pose.base.errors import InputError
+from e3pose.base.quantities import plural
+from e3pose.estimate.smooth import SmoothSettings
+from e3pose.evaluate.smoothed import smooth_poses
+from e3pose.evaluate.summary import summarise
+from e3pose.model.pose import Poses2D
+from e3pose.model.skeleton import skeleton_by_name
+from e3pose.model.slot_record import SlotRecord
+from e3pose.output.report.page import write_report
+from e3pose.recording import Recording, ViewSeries
+from e3pose.settings.loop import ReplaySettings
+from e3pose.settings.resolved import ResolvedSite
+from e3pose.store import Store
+from e3pose.store.query import Time
+from e3pose.store.records import slot_records
+
+AS_STORED = SmoothSettings()
+ADAPTIVE = "adaptive: follows the delays"
+MOST_SLOTS = 200_000  # of a page: two hours at 25 slots per second
+
+
+def write_stretch(
+    site: ResolvedSite,
+    store: Store,
+    path: Path,
+    start: Time = None,
+    end: Time = None,
+    smoothing: SmoothSettings = AS_STORED,
+) -> int:
+    """Write the page of what a site stored between two times; return how many slots it shows.
+
+    Of several runs in that time, the newest is shown.
+
+    Args:
+        site: the site, whose cameras are drawn where its calibration has them now.
+        store: its store.
+        path: the `.html` file to write.
+        start: see `Store.query`.
+        end: likewise.
+        smoothing: of the poses.
+
+    Raises:
+        InputError: when nothing was stored in that time, too much for a page, or of other cameras.
+    """
+    ids = site.rig.camera_ids
+    runs = [one for one in store.runs() if one.run.site == site.name]
+    for run in reversed(runs):
+        rows = store.rows("slots", start, end, run=run.run_id)
+        if rows:
+            break
+    else:
+        raise InputError(f"{store.where}: no slot of site {site.name} was stored in that time")
+    if len(rows) > MOST_SLOTS:
+        slots = plural(len(rows), "slot")
+        raise InputError("time", slots, f"at most {MOST_SLOTS}: name a shorter time", store.where)
+    if tuple(run.run.cameras) != ids:
+        found = f"slots of cameras {', '.join(run.run.cameras)[:200]}"
+        raise InputError("calibration", found, f"those of {', '.join(ids)[:200]}", store.where)
+    skeleton = skeleton_by_name(run.run.skeleton)
+    poses = store.query(start, end, run=run.run_id)
+    first = rows[0]["slot"]
+    records = slot_records(rows, poses, run.run.interval_s, first)
+    began, ended = (
+        datetime.fromtimestamp(row["time_ns"] / 1e9, timezone.utc) for row in (rows[0], rows[-1])
+    )
+    recording = Recording(
+        name=f"{site.name}, {began:%Y-%m-%d %H:%M:%S} to {ended:%H:%M:%S} UTC",
+        rig=site.rig,
+        fps=1 / run.run.interval_s,
+        num_slots=records[-1].slot + 1,
+        skeleton=skeleton,
+        views=tuple(_arrived(records, index, len(skeleton)) for index in range(len(ids))),
+        source=f"Stored live by the site {site.name}, run {run.run_id}.",
+    )
+    loop = {item.name: getattr(site.loop, item.name) for item in fields(site.loop)}
+    summary = summarise(
+        recording,
+        ReplaySettings(**loop),
+        records,
+        site.plan.profiles,
+        idle_mode=site.plan.idle_mode,
+        battery_wh=site.plan.battery_wh,
+    )
+    if smoothing.method is not None:
+        records = smooth_poses(records, skeleton, run.run.interval_s, smoothing)
+        summary = replace(summary, smooth=smoothing.method)
+    lead = ADAPTIVE if site.lead == "adaptive" else None
+    write_report(recording, records, summary, path, lead)
+    return len(records)
+
+
+def _arrived(records: Sequence[SlotRecord], camera: int, num_joints: int) -> ViewSeries:
+    """Return the slots of which a camera's view came; what it showed is not in a store."""
+    came = [record for record in records if record.arrived[camera]]
+    return ViewSeries.from_views(
+        [Poses2D.empty(num_joints)] * len(came),
+        [record.slot for record in came],
+        [record.time_s for record in came],
+        num_joints,
+    )

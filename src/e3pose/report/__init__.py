@@ -1,5 +1,0 @@
-"""The report page: 3D player, selection, energy."""
-
-from e3pose.report.page import write_report
-
-__all__ = ["write_report"]

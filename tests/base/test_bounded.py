@@ -1,0 +1,47 @@
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from e3pose.base import bounded
+from e3pose.base.bounded import read_bytes, read_lines
+from e3pose.base.errors import InputError
+
+
+def test_reads_a_file_of_just_the_limit(tmp_path: Path) -> None:
+    (tmp_path / "a").write_bytes(b"12345")
+    assert read_bytes(tmp_path / "a", 5) == b"12345"
+    with pytest.raises(InputError, match="found 5 bytes, expected at most 4"):
+        read_bytes(tmp_path / "a", 4)
+
+
+def test_a_pipe_and_a_device_are_refused_without_waiting(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "zero").symlink_to("/dev/zero")
+    for name in ("pipe", "zero"):
+        with pytest.raises(InputError, match="pipe, socket or device"):
+            read_bytes(tmp_path / name, 10)
+
+
+@pytest.mark.parametrize(
+    ("path", "message"),
+    [("absent", "not found"), ("x" * 5000, "cannot be read"), ("a\0b", "cannot be read")],
+)
+def test_a_path_that_cannot_be_is_named(tmp_path: Path, path: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        read_bytes(tmp_path / path, 10)
+
+
+def test_a_folder_is_no_file(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="found a folder"):
+        read_bytes(tmp_path, 10)
+
+
+def test_lines_are_numbered_and_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "a").write_bytes(b"one\r\n\nlonger")
+    assert list(read_lines(tmp_path / "a", 100)) == [(1, b"one"), (2, b""), (3, b"longer")]
+    monkeypatch.setattr(bounded, "MAX_LINE_BYTES", 5)
+    with pytest.raises(InputError, match="a:3: line is longer"):
+        list(read_lines(tmp_path / "a", 100))

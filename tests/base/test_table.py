@@ -1,0 +1,86 @@
+"""What does not fit a table is reported with its key, in plain words."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import msgspec
+import pytest
+
+from e3pose.base.errors import InputError
+from e3pose.base.quantities import length_m
+from e3pose.base.table import entry, read_table
+
+
+class Inner(msgspec.Struct):
+    size: float
+    mode: Literal["on", "off"] | None = None
+
+
+@dataclass(frozen=True)
+class Outer:
+    name: str = entry(write='"a name"')
+    lead: int | Literal["adaptive"] = 1
+    parts: tuple[Inner, ...] = ()
+    by_name: Mapping[str, Inner] | None = None
+    apart_m: float | None = entry(None, key="apart", read=length_m)
+    hidden: object = entry(None, key="")
+
+
+KEYS = "name, lead, parts, by_name, apart"
+
+
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        ({}, 'missing: name = "a name"'),
+        ([], "found a list, expected a table"),
+        ({"name": 3}, "name: found a whole number, expected text"),
+        ({"name": True}, "name: found a boolean, expected text"),
+        ({"name": "a", "x": 1}, f"found unknown key 'x', expected one of {KEYS}"),
+        ({"name": "a", "hidden": 1}, f"found unknown key 'hidden', expected one of {KEYS}"),
+        ({"name": "a", "by-name": {}, "by_name": {}}, "found a key twice, once with - and"),
+        ({"name": "a", "lead": "b"}, "lead: found 'b', expected a whole number or 'adaptive'"),
+        ({"name": "a", "lead": True}, "lead: found a boolean, expected a whole number or 'adapt"),
+        ({"name": "a", "parts": {}}, "parts: found a table, expected a list"),
+        ({"name": "a", "parts": [{}]}, "parts[0]: missing: size = 1.0"),
+        (
+            {"name": "a", "parts": [{"size": 1, "x": 2}]},
+            "parts[0]: found unknown key 'x', expected one of size, mode",
+        ),
+        (
+            {"name": "a", "parts": [{"size": 1}, {"size": 1, "mode": "up"}]},
+            "parts[1].mode: found 'up', expected 'on' or 'off'",
+        ),
+        (
+            {"name": "a", "by_name": {"b": {"size": "c"}}},
+            "by_name[b].size: found text, expected a number",
+        ),
+        ({"name": "a", "apart": 3}, "apart: found 3, expected a number and mm, cm, m"),
+        ({"name": "a", "apart": "3"}, "apart: found '3', expected a number and mm, cm, m"),
+    ],
+)
+def test_what_is_wrong_is_reported_in_words(table: Any, message: str) -> None:
+    with pytest.raises(InputError) as caught:
+        read_table(Outer, table)
+    assert str(caught.value).startswith(message)
+
+
+def test_what_fits_is_read() -> None:
+    table = {"name": "a", "lead": "adaptive", "parts": [{"size": 1}], "apart": "4cm"}
+    read = read_table(Outer, table)
+    assert read == Outer("a", "adaptive", (Inner(1.0),), None, 0.04)
+
+
+def test_an_error_is_reported_where_it_was_written() -> None:
+    error = InputError("cameras", 99, "at most 4")
+    assert (error.thing, error.found, error.expected) == ("cameras", "99", "at most 4")
+    there = error.under("loop").at("site.toml")
+    assert str(there) == "site.toml: loop.cameras: found 99, expected at most 4"
+    assert str(there.at("other.toml")) == str(there), "who found it knows best"
+    assert str(error.at(thing="--cameras")) == "--cameras: found 99, expected at most 4"
+    assert str(InputError("all in one").at("a.toml")) == "a.toml: all in one"
+    assert str(pickle.loads(pickle.dumps(there))) == str(there)

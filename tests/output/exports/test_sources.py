@@ -1,0 +1,142 @@
+"""Where takes come from: tables and stores, by time, person and place."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.output.exports.takes import MISSING_FRAMES, STARTED_NS, records, take
+
+from e3pose.base.errors import InputError
+from e3pose.estimate.smooth import SmoothSettings, smoothed
+from e3pose.evaluate.poses_table import write_poses
+from e3pose.model.skeleton import COCO17
+from e3pose.model.take import FILLED, MEASURED, PREDICTED
+from e3pose.output.exports.resample import resampled
+from e3pose.output.exports.source import Asked, take_from_store, take_from_table
+from e3pose.store import Run, StoreWriter
+
+TAKE = take()
+CAMERAS = ("a", "b")
+
+
+@pytest.fixture(scope="module")
+def store(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("store") / "live.db"
+    run = Run("lab", "a run", STARTED_NS, 0.04, "coco17", COCO17.joints, CAMERAS)
+    with StoreWriter(str(path), run) as writer:
+        for record in records():
+            writer.append(record, wait=True)
+    return path
+
+
+@pytest.mark.parametrize("ending", ["csv", "parquet"])
+def test_a_table_of_replay_gives_the_take_back(tmp_path: Path, ending: str) -> None:
+    path = tmp_path / f"poses.{ending}"
+    write_poses(records(), COCO17, path)
+    found = take_from_table(path, Asked())
+    assert found.skeleton == COCO17 and found.interval_s == pytest.approx(0.04)
+    assert found.started_ns is None
+    for motion, wanted in zip(found.motions, TAKE.motions, strict=True):
+        assert (motion.track_id, motion.first) == (wanted.track_id, wanted.first)
+        np.testing.assert_allclose(motion.joints_m, wanted.joints_m, atol=1e-5)
+        np.testing.assert_array_equal(motion.origin, wanted.origin)
+        np.testing.assert_allclose(motion.sigma_m, np.where(wanted.known, 0.012, np.nan), atol=1e-5)
+
+
+def test_a_store_gives_the_take_back(store: Path) -> None:
+    found = take_from_store(str(store), Asked())
+    assert found.name == "a run" and found.started_ns == STARTED_NS
+    for motion, wanted in zip(found.motions, TAKE.motions, strict=True):
+        assert (motion.track_id, motion.first) == (wanted.track_id, wanted.first)
+        np.testing.assert_allclose(motion.joints_m, wanted.joints_m, atol=1e-6)
+        np.testing.assert_array_equal(motion.origin, wanted.origin)
+
+
+def test_time_person_and_place_choose(store: Path, tmp_path: Path) -> None:
+    path = tmp_path / "poses.csv"
+    write_poses(records(), COCO17, path)
+    asked = Asked(start="0.4", end="0.8", tracks=(7,))
+    for found in (take_from_store(str(store), asked), take_from_table(path, asked)):
+        (motion,) = found.motions
+        assert (motion.track_id, motion.first, len(motion)) == (7, 10, 11)
+    low, high = 0.2, 0.4  # metres that the first one walks, beside the second
+    found = take_from_table(path, Asked(region_m=(high, 0.3, low, -0.3)))
+    (motion,) = found.motions
+    assert motion.track_id == 3
+    middle = np.nanmean(motion.joints_m[:, :, 0], axis=1)
+    assert ((middle >= low - 1e-5) & (middle <= high + 1e-5)).all()
+
+
+@pytest.mark.parametrize(
+    ("asked", "message"),
+    [
+        (Asked(tracks=(99,)), "found no poses that fit"),
+        (Asked(start="50"), "found no poses that fit"),
+        (Asked(region_m=(50, 50, 51, 51)), "found no poses that fit"),
+        (Asked(start="14:00"), "no dates"),
+        (Asked(run=3), "expected a store"),
+    ],
+)
+def test_what_a_table_does_not_hold_is_reported(tmp_path: Path, asked: Asked, message: str) -> None:
+    path = tmp_path / "poses.csv"
+    write_poses(records(), COCO17, path)
+    with pytest.raises(InputError, match=message):
+        take_from_table(path, asked)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "expected a table of poses"),
+        ("a,b\n1,2\n", "found no column slot"),
+        ("slot,time,track,joint,x,y,z\n", "found 0 rows"),
+        ("slot,time,track,joint,x,y,z\n1,0,0,tail,1,2,3\n2,1,0,tail,1,2,3\n", "joints tail"),
+        ("slot,time,track,joint,x,y,z\n1,0.04,0,nose,1,2,3\n", "one slot"),
+        ("slot,time,track,joint,x,y,z\n1,3,0,nose,1,2,3\n2,3,0,nose,1,2,3\n", "rising times"),
+        ("slot,time,track,joint,x,y,z\n" + "1,1,0,nose,1,2,3\n" * 2 + "2,2,0,nose,1,2,3\n",
+         "joint twice"),
+    ],
+)  # fmt: skip
+def test_tables_of_something_else_are_refused(tmp_path: Path, text: str, message: str) -> None:
+    (tmp_path / "poses.csv").write_text(text)
+    with pytest.raises(InputError, match=message):
+        take_from_table(tmp_path / "poses.csv", Asked())
+
+
+def test_poses_of_several_runs_are_not_one_take(store: Path, tmp_path: Path) -> None:
+    import shutil
+
+    path = Path(shutil.copy(store, tmp_path / "two.db"))
+    run = Run("lab", "later", STARTED_NS + 10**12, 0.04, "coco17", COCO17.joints, CAMERAS)
+    with StoreWriter(str(path), run) as writer:
+        for record in records()[:3]:
+            writer.append(record, wait=True)
+    with pytest.raises(InputError, match=r"runs 1 \(lab, a run\), 2 \(lab, later\)"):
+        take_from_store(str(path), Asked())
+    assert take_from_store(str(path), Asked(run=2)).name == "later"
+
+
+def test_frames_between_slots_lie_on_lines_and_gaps_stay() -> None:
+    found = resampled(TAKE, 50.0)
+    first, second = found.motions
+    assert (first.first, second.first, len(first)) == (0, 12, 79)
+    np.testing.assert_allclose(first.joints_m[::2], TAKE.motions[0].joints_m)
+    middle = (TAKE.motions[0].joints_m[3] + TAKE.motions[0].joints_m[4]) / 2
+    np.testing.assert_allclose(first.joints_m[7], middle)
+    gap = slice(2 * MISSING_FRAMES.start - 1, 2 * MISSING_FRAMES.stop)
+    assert np.isnan(first.joints_m[gap, 9]).all() and np.isfinite(first.joints_m[gap, 8]).all()
+    assert (first.origin[39, 0], first.origin[38, 0]) == (PREDICTED, MEASURED)
+    slow = resampled(TAKE, 10.0)
+    np.testing.assert_allclose(slow.motions[0].joints_m[2], TAKE.motions[0].joints_m[5])
+    assert resampled(TAKE, 25.0) is TAKE
+    with pytest.raises(InputError, match="--fps: found 0"):
+        resampled(TAKE, 0.0)
+
+
+def test_filled_gaps_are_marked_through_everything(store: Path) -> None:
+    found = smoothed(take_from_store(str(store), Asked()), SmoothSettings("rts", fill_s=0.2))
+    origin = found.motions[0].origin
+    assert (origin[MISSING_FRAMES, 9] == FILLED).all()
+    assert (origin == FILLED).sum() == 4

@@ -1,0 +1,154 @@
+"""Any stretch of a live store becomes a page."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from types import MappingProxyType
+
+import pytest
+from tests.cli.commands import run
+
+from e3pose.evaluate.replay import ReplaySettings, replay
+from e3pose.model.camera import Rig
+from e3pose.recording import Recording
+from e3pose.recording.calibration import save_rig
+from e3pose.simulate import SceneSettings, simulate
+from e3pose.store import StoreWriter
+from e3pose.store.rows import Run
+
+pytestmark = pytest.mark.slow
+
+BEGIN_NS = 1_800_000_000 * 10**9  # 2027-01-15 08:00 UTC
+FPS = 10.0
+SITE = """format = "e3pose-site"
+version = 1
+name = "lab"
+calibration = "rig.toml"
+fps = 10
+[store]
+path = "live.db"
+"""
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A site that stored forty slots of two people, and thirty of another run before."""
+    folder = tmp_path_factory.mktemp("lab")
+    recording = simulate(SceneSettings(people=2, seconds=4, fps=FPS, cameras=3), seed=702)
+    (folder / "site.toml").write_text(SITE)
+    save_rig(recording.rig, folder / "rig.toml")
+    for began_ns, slots in ((BEGIN_NS - 3600 * 10**9, 30), (BEGIN_NS, 40)):
+        store(folder / "live.db", recording, began_ns, slots)
+    return folder
+
+
+def store(
+    path: Path,
+    recording: Recording,
+    began_ns: int,
+    slots: int,
+    blind: Mapping[int, str] = MappingProxyType({}),
+) -> None:
+    cameras, skeleton = recording.rig.camera_ids, recording.skeleton
+    one = Run("lab", "lab", began_ns, 1 / FPS, skeleton.name, skeleton.joints, cameras, "test")
+    settings = ReplaySettings(num_selected=2, predictor="zero-velocity")
+    with StoreWriter(path, one) as writer:
+        for record in list(replay(recording, settings))[:slots]:
+            if cause := blind.get(record.slot, ""):
+                nobody = record.selected & False
+                record = replace(record, selected=nobody, arrived=nobody, blind=cause)
+            writer.append(record, wait=True)
+
+
+def shown(page: Path) -> dict[str, object]:
+    """Return the scene of a page."""
+    found = re.search(r'<script[^>]*id="data"[^>]*>(.*?)</script>', page.read_text(), re.S)
+    assert found is not None
+    scene: dict[str, object] = json.loads(found[1])
+    return scene
+
+
+def test_page_shows_the_newest_run(site: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    page = site / "all.html"
+    assert run("report", site, page) == 0
+    assert f"Wrote {page}: 40 slots" in capsys.readouterr().out
+    text = page.read_text()
+    assert "lab, 2027-01-15 08:00:00 to 08:00:03 UTC" in text
+    assert "On average" in text and "Stored live by the site lab, run 2." in text
+    assert shown(page)["numSlots"] == 40
+    assert "<td>adaptive: follows the delays</td>" in text
+
+
+def test_page_of_a_store_shows_its_blind_slots(site: Path, tmp_path: Path) -> None:
+    recording = simulate(SceneSettings(people=2, seconds=4, fps=FPS, cameras=3), seed=702)
+    for name in ("site.toml", "rig.toml"):
+        (tmp_path / name).write_text((site / name).read_text())
+    store(tmp_path / "live.db", recording, BEGIN_NS, 40, {12: "orders-late", 13: "views-late"})
+    assert run("report", tmp_path, tmp_path / "blind.html") == 0
+    text = (tmp_path / "blind.html").read_text()
+    assert "In 2 of 40 slots (5 %) no view arrived (1 orders late, 1 views late)" in text
+    assert shown(tmp_path / "blind.html")["blind"] == {"12": "orders late", "13": "views late"}
+
+
+def test_page_can_be_smoothed(site: Path) -> None:
+    for name, words in (("as-stored", ()), ("smooth", ("--smooth", "rts"))):
+        assert run("report", site, site / f"{name}.html", *words) == 0
+    stored, smooth = (shown(site / f"{name}.html") for name in ("as-stored", "smooth"))
+    assert smooth != stored and smooth["numSlots"] == stored["numSlots"]
+    assert run("report", site, site / "no.html", "--cutoff", "6Hz") == 2
+
+
+@pytest.mark.parametrize(
+    ("words", "slots"),
+    [
+        (("--from", "1", "--to", "2.05"), 11),
+        (("--from", "2027-01-15T07:00:00Z", "--to", "2027-01-15T07:00:02Z"), 21),
+        (("--to", "2027-01-15T07:59Z"), 30),
+    ],
+)
+def test_page_shows_the_stretch_asked_for(
+    site: Path, words: tuple[str, ...], slots: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run("report", site, site / "part.html", *words) == 0
+    assert f"{slots} slots" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("p.html", "--from", "77"), "no slot of site lab was stored in that time"),
+        (("p.html", "--from", "3", "--to", "1"), "--from, --to: found '3' to '1'"),
+        (("p.txt",), "expected a name ending in .html"),
+        (("p.html", "--from", "soon"), "--from, --to: found 'soon'"),
+    ],
+)
+def test_what_cannot_be_shown_is_one_line(
+    site: Path,
+    words: tuple[str, ...],
+    message: str,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(site)
+    assert run("report", site, *words) == 2
+    err = capsys.readouterr().err
+    assert message in err and err.count("\n") == 1, err
+    assert not (site / "p.html").exists()
+
+
+def test_store_of_other_cameras_is_refused(
+    site: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    recording = simulate(SceneSettings(people=1, seconds=0.2, fps=FPS, cameras=3), seed=702)
+    cameras = tuple(replace(c, camera_id=f"x{i}") for i, c in enumerate(recording.rig.cameras))
+    save_rig(Rig(cameras), tmp_path / "rig.toml")
+    text = SITE.replace('"live.db"', f'"{site / "live.db"}"')
+    (tmp_path / "site.toml").write_text(text)
+    assert run("report", tmp_path, tmp_path / "p.html") == 2
+    assert "found slots of cameras cam0, cam1, cam2, expected those of x0, x1, x2" in (
+        capsys.readouterr().err
+    )
