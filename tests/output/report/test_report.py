@@ -305,7 +305,9 @@ def test_reasons_are_shown_at_the_slot_they_were_given_for() -> None:
     shown = page(recording(4), [*records, record(2), record(3)], summary())
     assert any(attributes.get("id") == "why" for _, attributes in shown.tags)
     layout = json.loads(shown.scripts["figures"])["strips"]["layout"]
-    assert any("information gain" in note["text"] for note in layout["annotations"])
+    titles = [note["text"] for note in layout["annotations"]]
+    assert any("information gain" in title for title in titles)
+    assert max(map(len, titles)) <= 41, titles  # what fits a page of 320 px
     without = page(recording(1), [record(0)], summary())
     assert not any(attributes.get("id") == "why" for _, attributes in without.tags)
 

@@ -36,13 +36,13 @@ def strips(scene: Mapping[str, Any]) -> dict[str, Any]:
     strip_px = row_px * len(cameras)
     rows = [
         ("Active cameras", "states", STATE_COLOURS, 4.0, ""),
-        ("Predicted occlusion per camera (overlap of the people)", "occlusion",
+        ("Predicted occlusion, overlap of people", "occlusion",
          OCCLUSION_COLOURS, max(0.05, _highest(scene["occlusion"])), ".2f"),
-        ("Energy deficit per camera (spent beyond the budget), slots", "deficit",
+        ("Energy deficit, slots beyond the budget", "deficit",
          DEFICIT_COLOURS, max(1.0, _highest(scene["deficit"])), ".1f"),
     ]  # fmt: skip
     if "gain" in scene:
-        title = "Expected information gain per camera, nats per joint"
+        title = "Expected information gain, nats per joint"
         rows.insert(1, (title, "gain", GAIN_COLOURS, max(0.1, _highest(scene["gain"])), ".2f"))
     height = len(rows) * (HEAD_PX + strip_px) + FOOT_PX
     inner = height - FOOT_PX
