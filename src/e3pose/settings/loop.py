@@ -147,7 +147,8 @@ class LoopSettings:
         read=read_name,
         group=PAPER_ONLY,
         help="""How the views of one person are matched: `epipolar` (as the paper words it,
-        default), `tanke-gall` (by the rules of the publication that the paper names) or `rays`.""",
+        default), `tanke-gall` (by the rules of the publication that the paper names) or `rays` (by
+        how near rays pass each other; take it for single photos).""",
     )
     match_distance_m: float | None = entry(
         None,
