@@ -11,6 +11,7 @@ of the cameras estimates them. What is in OUT already is not made or trained aga
 from __future__ import annotations
 
 import argparse
+import hashlib
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -39,7 +40,9 @@ class Variant:
         about: what is new in it.
         published: fields of `NetworkSettings` that differ from the paper's.
         loss: of `TrainSettings`.
-        target: `estimates` is the expanded data, `truth` motion spoilt at random.
+        target: `estimates` is the expanded data with what all cameras say as target,
+            `least-occluded` with what the three with the least occlusion say, `truth` motion spoilt
+            at random.
         variety: what windows are made of recorded motion, see `windows.Variety`.
     """
 
@@ -62,6 +65,8 @@ VARIANTS = {
                          variety="none"),
     "paper": Variant("+ error relative to a simple predictor's, other rates and paces: "
                      "`attention-lstm-paper`", {}, variety="motion"),
+    "live": Variant("the same, at what the three cameras with the least occlusion say: "
+                    "`e3pose train --published`", {}, target="least-occluded", variety="motion"),
     "published": Variant("places, eq. (6), expanded data of other rates, paces and bodies",
                          PLACES, "squared"),
     "relative": Variant("error relative to a simple predictor's in place of eq. (6)", PLACES),
@@ -98,7 +103,7 @@ def recordings(out: Path, mocap: Path) -> tuple[list[Any], list[Any]]:
     return found[0], found[1]
 
 
-def clips_of(recording: Any, target: str, shortest: int, place: Path) -> list[Any]:
+def clips_of(recording: Any, target: Any, shortest: int, place: Path) -> list[Any]:
     """Return the clips that a recording teaches; kept in `place`, for the fusing takes minutes."""
     from e3pose_lab.train.training_clips import ClipSettings, training_clips
     from e3pose_lab.train.windows import Clip
@@ -106,8 +111,7 @@ def clips_of(recording: Any, target: str, shortest: int, place: Path) -> list[An
 
     path = place / f"{recording.name.replace(' ', '-')}-{target}.npz"
     if not path.exists():
-        settings: Any = ClipSettings(target="truth" if target == "truth" else "estimates")
-        made = training_clips(recording, shortest, settings, Workers())
+        made = training_clips(recording, shortest, ClipSettings(target=target), Workers())
         arrays: dict[str, Any] = {}
         for number, clip in enumerate(made):
             arrays[f"{number}.joints_m"] = clip.joints_m
@@ -154,6 +158,7 @@ def main() -> None:
     parser.add_argument("--train-only", action="store_true", help="print no table")
     parser.add_argument("--only", help="rows, comma-separated; NAME=STEPS for other steps")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--start", type=Path, help="weights to go on from, at half the rate")
     options = parser.parse_args()
     import torch
 
@@ -185,8 +190,17 @@ def main() -> None:
             settings = replace(
                 usual, network=network, loss=variant.loss, steps=steps, variety=variant.variety
             )
+            start = None
+            if options.start is not None:
+                content = read_bytes(options.start, 2**26)
+                start, _ = network_of(content, str(options.start))
+                digest = hashlib.sha256(content).hexdigest()[:12]
+                settings = replace(
+                    settings, learning_rate=settings.learning_rate / 2,
+                    started_from=f"{options.start.name}, sha256 {digest}",
+                )  # fmt: skip
             learned, held_out = known.of(variant.target)
-            train(learned, held_out, place, settings)
+            train(learned, held_out, place, settings, start=start)
             print(rows[-1][1], flush=True)
     if options.train_only:
         return
