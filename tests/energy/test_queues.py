@@ -190,7 +190,7 @@ def test_impossible_savings_are_said(duty: list[float], battery: float, said: st
     [
         ("format", {"format": 'format = "recording"'}),
         ("format", {"format": ""}),
-        ("version", {"version": "version = 2"}),
+        ("version", {"version": "version = 3"}),
         ("version", {"version": "version = true"}),
         ("name", {"name": "name = 3"}),
         ("colour", {"title": 'title = "x"\ncolour = "red"'}),

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, cast
 
-from e3pose.base.errors import InputError
 from e3pose.base.shipped import read_shipped
+from e3pose.energy.modes import Look, Rest
+from e3pose.energy.profiles.fields import check_keys, error, number, text
+from e3pose.energy.profiles.rows import MAX_WATTS, read_looks, read_rests
 
 Mode = Literal["active", "power-saving", "aggressive-power-saving"]
 
@@ -19,10 +21,10 @@ PAPER_GROUPS = ("cpu_gpu", "wifi", "ddr")
 GROUPS = (*PAPER_GROUPS, "rest")
 
 FORMAT = "e3pose-power-profile"
-VERSION = 1
+VERSION = 2
+READABLE = (1, VERSION)  # 1 has no rows of rests and looks
 MAX_BYTES = 100_000
 MAX_COMPONENTS = 32
-MAX_WATTS = 10_000.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,11 +46,21 @@ class Component:
 
 @dataclass(frozen=True, slots=True)
 class DeviceProfile:
-    """What a camera node draws in each mode, by component."""
+    """What a camera node draws in each mode, by component, and what else it can do.
+
+    Attributes:
+        name: of the profile.
+        title: of the device, for people.
+        components: its consumers.
+        rests: the ways of resting that the file states, in the order of `modes.RESTS`.
+        looks: the ways of looking that the file states, in the order of `modes.LOOKS`.
+    """
 
     name: str
     title: str
     components: tuple[Component, ...]
+    rests: tuple[Rest, ...] = ()
+    looks: tuple[Look, ...] = ()
 
     def watts(self, mode: Mode, group: str | None = None) -> float:
         """Return the power in `mode` of the whole device, or of one group of components."""
@@ -76,66 +88,47 @@ def load_profile(name_or_path: str | Path) -> DeviceProfile:
 
 def _decode(data: Mapping[str, Any], where: str) -> DeviceProfile:
     if data.get("format") != FORMAT:
-        raise _error(where, "format", data.get("format"), f"{FORMAT!r}")
-    if isinstance(data.get("version"), bool) or data.get("version") != VERSION:
-        raise _error(where, "version", data.get("version"), f"{VERSION}")
-    _check_keys(data, ("format", "version", "name", "title", "components"), where)
-    name, title = (_text(data[key], where, key) for key in ("name", "title"))
+        raise error(where, "format", data.get("format"), f"{FORMAT!r}")
+    version = data.get("version")
+    if isinstance(version, bool) or version not in READABLE:
+        raise error(where, "version", version, f"{VERSION}")
+    rows = {key: data[key] for key in ("rests", "looks") if key in data and version != 1}
+    rest = {key: value for key, value in data.items() if key not in rows}
+    check_keys(rest, ("format", "version", "name", "title", "components"), where)
+    name, title = (text(data[key], where, key) for key in ("name", "title"))
     tables = data["components"]
     if not isinstance(tables, dict) or not 1 <= len(tables) <= MAX_COMPONENTS:
-        raise _error(where, "components", tables, f"1 to {MAX_COMPONENTS} tables")
+        raise error(where, "components", tables, f"1 to {MAX_COMPONENTS} tables")
     components = tuple(_component(key, table, where) for key, table in tables.items())
     profile = DeviceProfile(name, title, components)
     if not profile.paper_watts("active") > 0:
-        raise _error(where, "components", "no active power", "some of CPU, GPU, WiFi or DDR")
+        raise error(where, "components", "no active power", "some of CPU, GPU, WiFi or DDR")
     for quieter, louder in zip(MODES[1:], MODES, strict=False):
         if profile.watts(quieter) > profile.watts(louder):
             found = f"{profile.watts(quieter):g} W in all"
-            raise _error(where, quieter, found, f"at most {profile.watts(louder):g} W ({louder})")
-    return profile
+            raise error(where, quieter, found, f"at most {profile.watts(louder):g} W ({louder})")
+    idle_w, off_w = profile.watts("power-saving"), profile.watts("aggressive-power-saving")
+    return replace(
+        profile,
+        rests=read_rests(rows.get("rests"), where, idle_w, off_w),
+        looks=read_looks(rows.get("looks"), where),
+    )
 
 
 def _component(key: str, table: Any, where: str) -> Component:
     field = f"components.{key[:40]}"
     if not isinstance(table, dict):
-        raise _error(where, field, table, "a table")
-    _check_keys(table, ("group", *MODES), where, f"{field}.")
+        raise error(where, field, table, "a table")
+    check_keys(table, ("group", *MODES), where, f"{field}.")
     if table["group"] not in GROUPS:
-        raise _error(where, f"{field}.group", table["group"], f"one of {', '.join(GROUPS)}")
+        raise error(where, f"{field}.group", table["group"], f"one of {', '.join(GROUPS)}")
     watts: dict[Mode, float] = {}
     sources: dict[Mode, str] = {}
     for mode in MODES:
         figure = table[mode]
         if not isinstance(figure, dict):
-            raise _error(where, f"{field}.{mode}", figure, "{ watts = ..., source = '...' }")
-        _check_keys(figure, ("watts", "source"), where, f"{field}.{mode}.")
-        value = figure["watts"]
-        number = isinstance(value, int | float) and not isinstance(value, bool)
-        if not (number and 0 <= value <= MAX_WATTS):
-            raise _error(where, f"{field}.{mode}.watts", value, f"0 to {MAX_WATTS:g}")
-        watts[mode] = float(value)
-        sources[mode] = _text(figure["source"], where, f"{field}.{mode}.source")
+            raise error(where, f"{field}.{mode}", figure, "{ watts = ..., source = '...' }")
+        check_keys(figure, ("watts", "source"), where, f"{field}.{mode}.")
+        watts[mode] = number(figure["watts"], MAX_WATTS, where, f"{field}.{mode}.watts")
+        sources[mode] = text(figure["source"], where, f"{field}.{mode}.source")
     return Component(key, cast(str, table["group"]), watts, sources)
-
-
-def _check_keys(
-    table: Mapping[str, Any], expected: tuple[str, ...], where: str, prefix: str = ""
-) -> None:
-    for key in expected:
-        if key not in table:
-            raise InputError(f"{where}: {prefix}{key}: found nothing, expected a value")
-    for key in table:
-        if key not in expected:
-            raise InputError(
-                f"{where}: {prefix}{key[:40]}: found an unknown key, expected {', '.join(expected)}"
-            )
-
-
-def _text(value: Any, where: str, field: str) -> str:
-    if not isinstance(value, str) or not 1 <= len(value) <= 1000:
-        raise _error(where, field, value, "a text of 1 to 1000 characters")
-    return value
-
-
-def _error(where: str, field: str, found: object, expected: str) -> InputError:
-    return InputError(f"{where}: {field}: found {str(found)[:80]!r}, expected {expected}")
