@@ -21,21 +21,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench_calibration import CASES, declared, rays_deg, recordings
-from e3pose.calibrate.bundle import (
-    LENS,
-    NUM_PARAMETERS,
-    POSE,
-    Cameras,
-    first_lenses,
-    lens_precision,
-    linearise_points,
-    observe,
-)
+from e3pose.calibrate.bundle import LENS, NUM_PARAMETERS
 from e3pose.calibrate.from_people import FINAL_POINTS, PeopleRig, solve_people
 from e3pose.calibrate.from_points import OUTLIER_SIGMAS, adjust_all
-from e3pose.calibrate.least_squares import reduced_normal, weights_of
+from e3pose.calibrate.least_squares import weights_of
 from e3pose.calibrate.lenses import MIDDLE_SIGMA, REPEATED
-from e3pose.calibrate.uncertainty import distances
+from e3pose.calibrate.uncertainty import distances, normal_equations
 from e3pose.model.camera import Rig
 from e3pose.recording.calibration.world import ASSUMED_FOCAL
 
@@ -45,32 +36,23 @@ MIDDLES = (MIDDLE_SIGMA, 0.01, 0.001)
 MIDDLE = slice(8, 10)  # of a camera's parameters
 
 
-def expected(found: PeopleRig, middle: float, repeated: float) -> Floats:
+def expected(found: PeopleRig, middle: float) -> Floats:
     """Return what is expected of lenses, with principal points so far from the middle."""
     assert found.solved.lenses is not None
-    lenses = found.solved.lenses * REPEATED
+    lenses = found.solved.lenses.copy()
     cameras = np.arange(len(lenses))
     for axis in (2, 3):
-        lenses[cameras, axis, cameras, axis] = (middle / ASSUMED_FOCAL) ** 2
-    return np.asarray(lenses / repeated)
+        lenses[cameras, axis, cameras, axis] = (middle / ASSUMED_FOCAL) ** 2 / REPEATED
+    return lenses
 
 
 def deviations_deg(found: PeopleRig) -> tuple[float, float]:
     """Return the deviation with points found, and with points known; errors are independent."""
-    solved, number = found.solved, len(found.other)
-    rig, used = solved.adjusted.rig, solved.used
-    pixels = found.joints.keypoints_px[:, used, None]
-    sigma = found.joints.sigma_px[:, used, None]
-    seen = observe(first_lenses(rig), pixels, sigma)
-    system = linearise_points(Cameras.of(rig), solved.adjusted.blocks, seen)
-    free = np.ones((number, NUM_PARAMETERS), dtype=bool)
-    free[0, POSE] = False
-    chosen = np.ix_(*(2 * [np.flatnonzero(free)]))
-    prior = lens_precision(expected(found, MIDDLE_SIGMA, 1.0), number)
-    normal = reduced_normal(system, OUTLIER_SIGMAS)[0] + prior
-    covariance = np.zeros_like(normal)
-    covariance[chosen] = np.linalg.pinv(normal[chosen], rcond=1e-12, hermitian=True)
-    joint = np.sqrt(np.diag(covariance)).reshape(number, -1)[:, MIDDLE]
+    equations, number = normal_equations(found), len(found.other)
+    deviations = np.zeros(number * NUM_PARAMETERS)
+    deviations[equations.free] = np.sqrt(np.diag(equations.inverse(expected=1 / REPEATED)))
+    joint = deviations.reshape(number, -1)[:, MIDDLE]
+    system = equations.system
     root = np.sqrt(weights_of(system.residuals, OUTLIER_SIGMAS))[..., None, None]
     by_camera = (root * system.by_camera).reshape(number, -1, NUM_PARAMETERS)
     alone = np.linalg.inv(np.swapaxes(by_camera, -1, -2) @ by_camera)
@@ -84,7 +66,7 @@ def row(truth: Rig, found: PeopleRig) -> str:
     rig, joints, cells = found.solved.adjusted.rig, found.joints, []
     everyone = np.ones(len(rig), dtype=bool)
     for middle in MIDDLES:
-        lenses = expected(found, middle, REPEATED)
+        lenses = expected(found, middle)
         solved = adjust_all(
             rig, joints.keypoints_px, joints.sigma_px, everyone, lenses, most_points=FINAL_POINTS
         )

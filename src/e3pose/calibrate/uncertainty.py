@@ -143,31 +143,65 @@ def distances(found: Rig, truth: Rig) -> tuple[Floats, Floats]:
     return np.degrees(angles), 1000 * shifts
 
 
-def _covariance(found: PeopleRig, fps: float) -> Floats:
-    """Return `(num_cameras * 10, num_cameras * 10)` of all camera parameters."""
+@dataclass(frozen=True, slots=True, eq=False)
+class NormalEquations:
+    """What a rig from people says of its cameras, to first order, with the joints found along.
+
+    Attributes:
+        system: residuals of points at the solution.
+        cameras: `(num_cameras * 10, num_cameras * 10)` of the observations, points eliminated.
+        prior: likewise, what is expected of lenses.
+        free: the parameters that are not fixed: all but the first camera's place and known lenses.
+    """
+
+    system: Linearised
+    cameras: Floats
+    prior: Floats
+    free: Integers
+
+    def inverse(self, expected: float = 1.0) -> Floats:
+        """Return the covariance of the free parameters, were all errors independent.
+
+        Args:
+            expected: how many times as much as in the solution what is expected counts.
+        """
+        both = np.ix_(self.free, self.free)
+        total = (self.cameras + expected * self.prior)[both]
+        return np.asarray(np.linalg.pinv(total, rcond=RANK, hermitian=True))
+
+
+def normal_equations(found: PeopleRig) -> NormalEquations:
+    """Return the normal equations of a rig at its solution."""
     solved, joints = found.solved, found.joints
     rig, used = solved.adjusted.rig, solved.used
     pixels, sigma = joints.keypoints_px[:, used, None], joints.sigma_px[:, used, None]
     system = linearise_points(
         Cameras.of(rig), solved.adjusted.blocks, observe(first_lenses(rig), pixels, sigma)
     )
-    normal, _ = reduced_normal(system, OUTLIER_SIGMAS)
     prior = lens_precision(solved.lenses, len(rig))
     free = np.ones((len(rig), NUM_PARAMETERS), dtype=bool)
     free[0, POSE] = False
     free[:, LENS] = np.diag(prior).reshape(len(rig), -1)[:, LENS] > 0
-    chosen = np.flatnonzero(free)
-    both = np.ix_(chosen, chosen)
+    cameras, _ = reduced_normal(system, OUTLIER_SIGMAS)
+    return NormalEquations(system, cameras, prior, np.flatnonzero(free))
+
+
+def _covariance(found: PeopleRig, fps: float) -> Floats:
+    """Return `(num_cameras * 10, num_cameras * 10)` of all camera parameters."""
+    equations = normal_equations(found)
+    system, prior, chosen = equations.system, equations.prior, equations.free
+    total, both = equations.cameras + prior, np.ix_(chosen, chosen)
+    joints, used = found.joints, found.solved.used
     person, slot = joints.person[used], joints.slot[used]
     walks = person * (1 + int(slot.max())) + (slot / fps // GROUP_S).astype(int)
     groupings = [walks, person] if len(np.unique(person)) >= MIN_PEOPLE else [walks]
     by_person, by_joint = (
-        max((_jackknife(system, normal + prior, chosen, g) for g in each), key=np.trace)
+        max((_jackknife(system, total, chosen, g) for g in each), key=np.trace)
         for each in (groupings, [joints.joint[used]])
     )
-    inverse = np.linalg.pinv((normal + prior)[both], rcond=RANK, hermitian=True)
+    inverse = equations.inverse()
     curvature = curvature_share(system.residuals, OUTLIER_SIGMAS)
-    covariance = np.zeros_like(normal)
+    covariance = np.zeros_like(total)
     # The prior was made as strong as errors that repeat ask for: it is that much less sure.
     expected = REPEATED * inverse @ prior[both] @ inverse
     covariance[both] = (by_person + by_joint) / curvature**2 + expected
