@@ -28,15 +28,13 @@ from itertools import product
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from e3pose.base.errors import InputError
 from e3pose.calibrate.from_people import PeopleRig, solve_people
-from e3pose.calibrate.uncertainty import camera_errors, distances, likely_rigs
+from e3pose.calibrate.uncertainty import camera_errors, distances, likely_rigs, rays_apart
 from e3pose.model.camera import Rig
 from e3pose.model.noise import Noise
 from e3pose.model.noises import detector_of, load_noise
-from e3pose.model.rotations import similarity
 from e3pose.recording import load_recording
 from e3pose.recording.calibration.world import assumed_rig
 from e3pose.recording.record import Recording
@@ -46,8 +44,6 @@ from e3pose.simulate.gatherings import GUESSES
 sys.path.append(str(Path(__file__).resolve().parents[2]))  # scenes of the tests
 
 from tests.calibrate.people_scenes import decentred, disturbed, without_calibration
-
-Floats = NDArray[np.float64]
 
 WALK = SceneSettings(seconds=30.0, fps=5.0, cameras=4)
 MOST_POINTS = 3000  # for the others
@@ -90,20 +86,6 @@ def declared(word: str, recording: Recording) -> Noise:
     return replace(noise, sigma_px=factor * noise.sigma_px)
 
 
-def rays_deg(found: Rig, truth: Rig) -> float:
-    """Return the largest root mean square angle between rays of the middle half of an image."""
-    R = similarity(found.centers_m, truth.centers_m)[1]
-    worst = 0.0
-    for camera, true in zip(found.cameras, truth.cameras, strict=True):
-        width, height = true.image_size
-        x, y = np.meshgrid(np.linspace(0.25, 0.75, 5) * width, np.linspace(0.25, 0.75, 5) * height)
-        pixels = np.stack([x, y], axis=-1).reshape(-1, 2)
-        cosine = ((camera.rays(pixels) @ R.T) * true.rays(pixels)).sum(axis=-1)
-        angle = np.degrees(np.arccos(np.clip(cosine, -1, 1)))
-        worst = max(worst, float(np.sqrt(np.mean(angle**2))))
-    return worst
-
-
 def row(truth: Rig, found: PeopleRig, fps: float) -> str:
     """Return the errors of a rig from people, and of what it states of them, as columns."""
     rig = found.solved.adjusted.rig
@@ -118,7 +100,7 @@ def row(truth: Rig, found: PeopleRig, fps: float) -> str:
         name for name, poor in zip(rig.camera_ids, found.fit.poor, strict=True) if poor
     )
     return (
-        f"{degrees.max():.2f} | {rays_deg(rig, truth):.2f} | {millimetres.max():.0f} | "
+        f"{degrees.max():.2f} | {rays_apart(rig, truth).max():.2f} | {millimetres.max():.0f} | "
         f"{100 * np.abs(focal).max():.1f} | {shares.max():.1f} | {judged and 'refused: ' + judged}"
     )
 

@@ -20,13 +20,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from bench_calibration import CASES, declared, rays_deg, recordings
+from bench_calibration import CASES, declared, recordings
 from e3pose.calibrate.bundle import LENS, NUM_PARAMETERS
 from e3pose.calibrate.from_people import FINAL_POINTS, PeopleRig, solve_people
 from e3pose.calibrate.from_points import OUTLIER_SIGMAS, adjust_all
 from e3pose.calibrate.least_squares import weights_of
 from e3pose.calibrate.lenses import MIDDLE_SIGMA, REPEATED
-from e3pose.calibrate.uncertainty import distances, normal_equations
+from e3pose.calibrate.uncertainty import distances, normal_equations, rays_apart
 from e3pose.model.camera import Rig
 from e3pose.recording.calibration.world import ASSUMED_FOCAL
 
@@ -72,7 +72,7 @@ def row(truth: Rig, found: PeopleRig) -> str:
         )
         assert solved is not None
         degrees, millimetres = distances(solved.adjusted.rig, truth)
-        rays = rays_deg(solved.adjusted.rig, truth)
+        rays = rays_apart(solved.adjusted.rig, truth).max()
         cells.append(f"{degrees.max():.2f}, {rays:.2f}, {millimetres.max():.0f}")
     joint, single = deviations_deg(found)
     return " | ".join(

@@ -37,6 +37,8 @@ def test_truth_lies_within_twice_the_expected_error(name: str, lens: str) -> Non
     errors = camera_errors(true.rig, found, likely_rigs(found, recording.fps))
     assert (errors.moved_deg < 2 * errors.sure_deg).all()
     assert (errors.moved_mm < 2 * errors.sure_mm).all()
+    assert (errors.moved_rays_deg < 2 * errors.sure_rays_deg).all()
+    assert np.median(errors.sure_rays_deg) < 0.6
     assert np.median(errors.sure_deg) < (0.4 if lens == "known" else 2.0)
     assert np.median(errors.sure_mm) < (50 if lens == "known" else 75)
 
@@ -49,6 +51,7 @@ def test_errors_are_unknown_where_people_put_a_camera_elsewhere() -> None:
     turned = replace(turned, T_world_camera=turned.T_world_camera @ np.diag([-1.0, 1, -1, 1]))
     far = replace(true.rig, cameras=(turned, *true.rig.cameras[1:]))
     assert camera_errors(true.rig, found, likely).words(0) != "unknown"
+    assert "rays" not in camera_errors(true.rig, found, likely).words(0)
     assert camera_errors(far, found, likely).words(0) == "unknown"
     pair = true.rig.subset([0, 1])
     assert camera_errors(pair, found, likely).words(0) == "unknown"

@@ -9,7 +9,7 @@ multiway clustering", 2011). A group's effect is that of one Gauss-Newton step.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -37,7 +37,9 @@ GROUP_S = 5.0  # of one person's walk, where few people are there
 MIN_PEOPLE = 3  # to leave out one after the other
 SAMPLES = 32
 SEED = 7
+RAYS = 5  # along either side of an image, to compare two lenses
 RANK = 1e-10  # of the normal equations: the scale is free
+KNOWN_SHARE = 1e-6  # of a focal length, below which it is known: rounding
 FAR_DEG = 15.0  # from a calibration, farther is more likely wrong than right
 
 
@@ -50,16 +52,21 @@ class CameraErrors:
     Attributes:
         moved_deg: `(num_cameras,)` by how much people would turn each camera.
         moved_mm: `(num_cameras,)` by how much they would move it.
-        sure_deg: `(num_cameras,)` standard deviation of that.
+        moved_rays_deg: `(num_cameras,)` by how much they would turn its rays: where the axis of a
+            lens is beside the middle of its image, the camera seems turned, but its rays are not.
+        sure_deg: `(num_cameras,)` standard deviation of the first.
         sure_mm: `(num_cameras,)` likewise.
+        sure_rays_deg: `(num_cameras,)` likewise.
         focal_share: `(num_cameras,)` standard deviation of the focal length as a share of it; 0
             where the lens was known.
     """
 
     moved_deg: Floats
     moved_mm: Floats
+    moved_rays_deg: Floats
     sure_deg: Floats
     sure_mm: Floats
+    sure_rays_deg: Floats
     focal_share: Floats
 
     @property
@@ -72,11 +79,19 @@ class CameraErrors:
         """`(num_cameras,)` expected error of the position, root mean square."""
         return np.hypot(self.moved_mm, self.sure_mm)
 
+    @property
+    def expected_rays_deg(self) -> Floats:
+        """`(num_cameras,)` expected error of the rays in the middle half of the image."""
+        return np.hypot(self.moved_rays_deg, self.sure_rays_deg)
+
     def words(self, camera: int) -> str:
         """Return the expected error of a camera in words."""
         if np.isnan(self.expected_deg[camera]):
             return "unknown"
-        return f"{self.expected_deg[camera]:.2f} degrees, {self.expected_mm[camera]:.0f} mm"
+        found = self.focal_share[camera] > KNOWN_SHARE
+        rays = f" (its rays {self.expected_rays_deg[camera]:.2f})" if found else ""
+        millimetres = f"{self.expected_mm[camera]:.0f} mm"
+        return f"{self.expected_deg[camera]:.2f} degrees{rays}, {millimetres}"
 
 
 def camera_errors(rig: Rig, found: PeopleRig | None, likely: list[Rig]) -> CameraErrors:
@@ -91,22 +106,21 @@ def camera_errors(rig: Rig, found: PeopleRig | None, likely: list[Rig]) -> Camer
         All NaN where people cannot tell: they give nothing, or a camera farther away than could
         be believed; and for two cameras, which no similarity transform compares.
     """
-    unknown = np.full(len(rig), np.nan)
+    nothing = CameraErrors(*(np.full(len(rig), np.nan) for _ in fields(CameraErrors)))
     if found is None or len(rig) < 3:
-        return CameraErrors(unknown, unknown, unknown, unknown, unknown)
+        return nothing
     best = found.solved.adjusted.rig
-    moved = distances(best, rig)
+    moved = (*distances(best, rig), rays_apart(best, rig))
     there = Move(*similarity(best.centers_m, rig.centers_m)).rig(best)
-    off = [distances(other, there) for other in likely]
+    off = [(*distances(other, there), rays_apart(other, there)) for other in likely]
     # Whether cameras share a focal length is a guess: the rig without it may be right as well.
+    otherwise = (*distances(found.other, there), rays_apart(found.other, there))
     sure = [
-        np.hypot(root_mean_square(np.stack(each), 0), otherwise)
-        for each, otherwise in zip(
-            zip(*off, strict=True), distances(found.other, there), strict=True
-        )
+        np.hypot(root_mean_square(np.stack(each), 0), alone)
+        for each, alone in zip(zip(*off, strict=True), otherwise, strict=True)
     ]
     if max(moved[0].max(), sure[0].max()) > FAR_DEG:
-        return CameraErrors(unknown, unknown, unknown, unknown, unknown)
+        return nothing
     focal = np.log([[camera.K[0, 0] for camera in other.cameras] for other in [best, *likely]])
     sure.append(root_mean_square(focal[1:] - focal[0], 0))
     return CameraErrors(*moved, *(np.where(found.fit.poor, np.nan, each) for each in sure))
@@ -141,6 +155,23 @@ def distances(found: Rig, truth: Rig) -> tuple[Floats, Floats]:
     angles = angles_between(turned, np.stack([camera.R for camera in truth.cameras]))
     shifts = np.linalg.norm(scale * found.centers_m @ R.T + t - truth.centers_m, axis=1)
     return np.degrees(angles), 1000 * shifts
+
+
+def rays_apart(found: Rig, truth: Rig) -> Floats:
+    """Return `(num_cameras,)` degrees between the rays of two rigs, root mean square.
+
+    Args:
+        found: as `distances` has it.
+        truth: its images' middle halves are compared.
+    """
+    R = similarity(found.centers_m, truth.centers_m)[1]
+    apart = []
+    for camera, true in zip(found.cameras, truth.cameras, strict=True):
+        shares = np.stack(np.meshgrid(*2 * [np.linspace(0.25, 0.75, RAYS)]), axis=-1)
+        pixels = shares.reshape(-1, 2) * true.image_size
+        cosines = ((camera.rays(pixels) @ R.T) * true.rays(pixels)).sum(axis=-1)
+        apart.append(np.degrees(root_mean_square(np.arccos(np.clip(cosines, -1, 1)), 0)))
+    return np.array(apart)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -313,6 +313,7 @@ def expected_values(errors: CameraErrors | None, camera: int) -> dict[str, float
     return {
         "expected_error_deg": number_or_null(errors.expected_deg[camera]),
         "expected_error_mm": number_or_null(errors.expected_mm[camera]),
+        "expected_error_rays_deg": number_or_null(errors.expected_rays_deg[camera]),
         "focal_share": number_or_null(errors.focal_share[camera]),
     }
 
@@ -368,7 +369,11 @@ def _table(places: Places, names: Sequence[str]) -> list[str]:
             f"  {others}"
         )
     if any(camera.lens_assumed for camera in places.rig.cameras):
-        lines.append("*: focal length found with the places")
+        lines += [
+            "*: focal length found with the places. People hardly tell where the axis of a lens",
+            "   meets its image: a camera then seems turned, but its rays, which place people, are",
+            "   nearly right. Film a board for better: e3pose calibrate intrinsics, --intrinsics",
+        ]
     if places.expected is not None:
         lines.append(f"{'camera':{width}}  expected error")
         lines += [
