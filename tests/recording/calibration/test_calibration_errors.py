@@ -267,7 +267,7 @@ def test_unknown_opencv_distortion_model_is_refused(tmp_path: Path, files: Any) 
 @pytest.mark.parametrize("format", ["e3pose-site", "e3pose-recording"])
 def test_a_file_of_another_kind_is_no_calibration(tmp_path: Path, format: str) -> None:
     path = tmp_path / "site.toml"
-    path.write_text(f'format = "{format}"\nversion = 1\nname = "lab"\n')
+    path.write_text(f'name = "lab"\nversion = 1\nformat = "{format}"\n')
     with pytest.raises(InputError) as caught:
         load_rig(path)
     wanted = f"found a file of the format '{format}', expected a calibration file, such as rig.toml"

@@ -34,6 +34,10 @@ def parse(path: Path, text: str) -> dict[str, Any]:
 
 def read(path: Path, tables: Mapping[str, Any]) -> Rig:
     """Make a rig of aniposelib's tables, in the order of the file."""
+    kind = tables.get("format")
+    if isinstance(kind, str):
+        found = f"a file of the format {kind[:40]!r}"
+        raise InputError(str(path), found, "a calibration file, such as rig.toml")
     metadata = fields.table(tables.get("metadata", {}), f"{path}: metadata")
     metres_per_unit = 1.0
     if "units" in metadata:
@@ -42,9 +46,6 @@ def read(path: Path, tables: Mapping[str, Any]) -> Rig:
     for section, entry in tables.items():
         if section == "metadata":
             continue
-        if section == "format" and isinstance(entry, str):
-            found = f"a file of the format {entry[:40]!r}"
-            raise InputError(str(path), found, "a calibration file, such as rig.toml")
         shown = section[:80].encode("unicode_escape").decode()
         camera = fields.table(entry, f"{path}: camera {shown}")
         name = fields.name_of(camera.get("name", section))
