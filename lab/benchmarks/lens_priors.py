@@ -88,7 +88,7 @@ def held(found: PeopleRig, parameters: list[int]) -> Floats:
         lenses[:, number] = 0.0
         lenses[:, :, :, number] = 0.0
         lenses[cameras, number, cameras, number] = HELD
-    return lenses
+    return np.asarray(lenses)
 
 
 def with_lenses(rig: Rig, focal_px: Floats, middles_px: Floats) -> Rig:
@@ -109,7 +109,7 @@ def spread_of(values: Floats, person: NDArray[np.int64]) -> Floats:
         mine = (person == each) & np.isfinite(values)
         if mine.sum() >= 20:
             off[mine] = values[mine] - np.median(values[mine])
-    return off[np.isfinite(off)]
+    return np.asarray(off[np.isfinite(off)])
 
 
 def upright_deg(people: People3D) -> float:
@@ -127,7 +127,9 @@ def upright_deg(people: People3D) -> float:
     return float(np.degrees(np.median(np.arccos(np.clip(cosines, -1, 1)))))
 
 
-def row(recording: Recording, found: PeopleRig, rig: Rig, lenses: Floats) -> tuple[str, float]:
+def row(
+    recording: Recording, found: PeopleRig, rig: Rig, lenses: Floats | None
+) -> tuple[str, float]:
     """Return the columns of one adjustment, and its misfit."""
     joints, truth = found.joints, recording.rig
     solved = adjust_all(

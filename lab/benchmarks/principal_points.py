@@ -43,7 +43,7 @@ def expected(found: PeopleRig, middle: float) -> Floats:
     cameras = np.arange(len(lenses))
     for axis in (2, 3):
         lenses[cameras, axis, cameras, axis] = (middle / ASSUMED_FOCAL) ** 2 / REPEATED
-    return lenses
+    return np.asarray(lenses)
 
 
 def deviations_deg(found: PeopleRig) -> tuple[float, float]:
