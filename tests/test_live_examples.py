@@ -49,7 +49,7 @@ def test_example_site_makes_a_pipeline(tmp_path: Path) -> None:
     site = resolve_site(tmp_path)
     assert set(site.cameras) == {"cam1", "cam2", "cam3"}
     pipeline = check_edge(site)
-    assert len(pipeline.budget) == 3 and pipeline.interval_s == pytest.approx(0.04)
+    assert len(pipeline.queue.budget) == 3 and pipeline.interval_s == pytest.approx(0.04)
 
 
 def test_example_camera_is_of_the_example_site() -> None:

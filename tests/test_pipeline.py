@@ -11,6 +11,7 @@ import pytest
 from numpy.typing import NDArray
 from tests.estimate.filter.room import BODY
 
+from e3pose.energy.queues import Queue
 from e3pose.estimate.base import STEER_SLOTS, People
 from e3pose.estimate.filter import Model
 from e3pose.estimate.filter.estimator import Filtered
@@ -23,13 +24,16 @@ from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17
 from e3pose.pipeline import Pipeline, SlotRecord, initial_state, step
 from e3pose.predict import Prediction, make_predictor
-from e3pose.select.policies import POLICIES, PolicySettings, Selection, Situation
+from e3pose.select.feedback import Feedback
+from e3pose.select.policies import POLICIES, Need, PolicySettings, Selection, Situation
 
 SIMULATED = load_noise("simulated")
 
 Floats = NDArray[np.float64]
 
 NUM_CAMERAS, NUM_JOINTS = 5, 17
+FORESIGHT = frozenset({Need.FORESIGHT})
+BUDGET = np.full(NUM_CAMERAS, 0.6)
 ONLINE = np.ones(NUM_CAMERAS, dtype=bool)
 
 
@@ -67,11 +71,11 @@ def make(name: str = "e3pose", **changes: object) -> Pipeline:
         estimator=PerSlot(Fuser(RIG, NUM_JOINTS), NUM_JOINTS, 0.04, SIMULATED, 4),
         predictor=make_predictor("constant-velocity"),
         policy=POLICIES[name].make(PolicySettings(num_selected=2)),
-        budget=np.full(NUM_CAMERAS, 0.6),
+        queue=Queue(BUDGET),
         clock=lambda: 0.0,
         lead_slots=2,
         warmup_slots=4,
-        holds=POLICIES[name].holds,
+        needs=POLICIES[name].needs | {Need.OWN_BOXES},
     )
     return replace(pipeline, **changes)  # type: ignore[arg-type]
 
@@ -103,7 +107,7 @@ def test_all_cameras_warm_up_then_exactly_c_detect() -> None:
 
 
 def test_as_published_the_first_decision_is_for_slot_m_plus_tau() -> None:
-    records = run(make(as_published=True), [scene(slot) for slot in range(20)])
+    records = run(make(queue=Queue(BUDGET, as_published=True)), [scene(slot) for slot in range(20)])
     assert [int(r.selected.sum()) for r in records] == [5] * 6 + [2] * 14
     assert not any(r.deficit.any() for r in records[:4])  # the warm-up is not charged
     np.testing.assert_allclose(records[4].deficit, records[4].next_selection)
@@ -114,7 +118,7 @@ def test_as_published_the_queue_alone_is_charged_whatever_cameras_cost() -> None
     for as_published in (False, True):
         policy = Recorder([])
         costs = np.array([2.0, 1.0, 1.0, 1.0, 1.0])
-        pipeline = make(policy=policy, cost_j=costs, as_published=as_published)
+        pipeline = make(policy=policy, queue=Queue(BUDGET, costs, as_published))
         run(pipeline, [scene(slot) for slot in range(12)])
         (prices[as_published], deficit) = (policy.seen[-1].price, policy.seen[-1].deficit)
         assert deficit[:2].min() > 0
@@ -134,7 +138,7 @@ def test_nobody_is_reported_anybody_without_feedback() -> None:
 
 
 def test_cameras_are_reported_whom_to_expect_but_for_one_look_in_so_many() -> None:
-    records = run(make("all", whole_every=5), [scene(slot) for slot in range(40)])
+    records = run(make("all", feedback=Feedback(5)), [scene(slot) for slot in range(40)])
     published = [record.expected is not None for record in records]
     assert not any(published[:2])  # the warm-up, two slots ahead
     first = published.index(True)
@@ -142,7 +146,7 @@ def test_cameras_are_reported_whom_to_expect_but_for_one_look_in_so_many() -> No
 
 
 def test_people_are_expected_where_they_are_in_the_slot_of_the_order() -> None:
-    records = run(make("all", whole_every=1000), [scene(slot) for slot in range(30)])
+    records = run(make("all", feedback=Feedback(1000)), [scene(slot) for slot in range(30)])
     for record in records[-10:]:
         assert record.expected is not None
         for camera, view in enumerate(record.expected):
@@ -153,7 +157,7 @@ def test_people_are_expected_where_they_are_in_the_slot_of_the_order() -> None:
 
 
 def test_cameras_selected_together_look_at_all_of_their_image_together() -> None:
-    records = run(make("round-robin", whole_every=4), [scene(slot) for slot in range(80)])
+    records = run(make("round-robin", feedback=Feedback(4)), [scene(slot) for slot in range(80)])
     looks = np.zeros(NUM_CAMERAS, dtype=int)
     for record in records[4:]:
         chosen = record.next_selection
@@ -165,7 +169,7 @@ def test_cameras_selected_together_look_at_all_of_their_image_together() -> None
 
 def test_nobody_expected_is_a_look_at_the_whole_image() -> None:
     nobody = {index: Poses2D.empty(NUM_JOINTS) for index in range(NUM_CAMERAS)}
-    records = run(make("all", whole_every=5), [nobody] * 20)
+    records = run(make("all", feedback=Feedback(5)), [nobody] * 20)
     assert all(record.expected is None for record in records)
 
 
@@ -328,7 +332,7 @@ def test_a_camera_that_never_answers_is_given_up_and_made_up_for(policy: str) ->
     for slot in range(20, 70):
         del views[slot][3]  # nobody says that it is gone
     # Budgets without slack: every camera has its turns, however occluded.
-    records = run(make(policy, foresees=True, budget=np.full(NUM_CAMERAS, 0.4)), views)
+    records = run(make(policy, needs=FORESIGHT, queue=Queue(np.full(NUM_CAMERAS, 0.4))), views)
     asked = [record.slot for record in records if record.selected[3] and not record.arrived[3]]
     # Five misses, what was ordered meanwhile, and a try a second later.
     assert 5 <= len(asked) <= 9
@@ -336,7 +340,7 @@ def test_a_camera_that_never_answers_is_given_up_and_made_up_for(policy: str) ->
 
 
 def test_reasons_are_given_for_the_slot_that_was_decided() -> None:
-    records = run(make("information", foresees=True), [scene(slot) for slot in range(20)])
+    records = run(make("information", needs=FORESIGHT), [scene(slot) for slot in range(20)])
     for record in records:
         assert record.reasons is not None
         assert record.reasons.slot == record.slot + 2
@@ -382,7 +386,7 @@ def run_shifting(
     pipeline = make(
         policy=both,
         predictor=both,
-        foresees=True,
+        needs=FORESIGHT,
         steering=both if steers else None,
         lead_slots=lead_slots,
         estimator=Filtered(Model(RIG, COCO17, SIMULATED), StepKernel(), 5),

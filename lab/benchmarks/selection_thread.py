@@ -42,7 +42,7 @@ def work(source: Any) -> tuple[Callable[[int], Any], Callable[[Any], None]]:
         slot=0, interval_s=source.interval_s, online=everyone, occlusion=np.zeros(num_cameras),
         own_occlusion=np.zeros(num_cameras), unseen_slots=np.ones(num_cameras, dtype=np.int64),
         visibility=np.zeros((num_cameras, 0)), deficit=np.zeros(num_cameras),
-        budget=pipeline.budget, price=np.zeros(num_cameras), spread=0.1,
+        budget=pipeline.queue.budget, price=np.zeros(num_cameras), spread=0.1,
     )  # fmt: skip
 
     def fuse(slot: int) -> Any:

@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.base.arrays import Floats
-from e3pose.energy.queues import advance_deficit, price
+from e3pose.base.arrays import Flags, Floats, Integers
+from e3pose.energy.queues import Queue
 from e3pose.estimate.base import STEER_SLOTS, Estimator, People
 from e3pose.model.camera import Rig
 from e3pose.model.expected import ExpectedView
@@ -27,12 +27,19 @@ from e3pose.model.slot_record import SlotRecord as SlotRecord
 from e3pose.predict.base import Prediction, Predictor
 from e3pose.select.expected_information import Foresight, foresee
 from e3pose.select.failure_detector import Silence, listen
-from e3pose.select.feedback import expected_in_views, reach_m
-from e3pose.select.motion_2d import LastView, own_occlusion, with_view
+from e3pose.select.feedback import Feedback, expected_people, focused_after
+from e3pose.select.motion_2d import LastView, last_slots, own_occlusion, with_views
 from e3pose.select.occlusion import Spread, expected_views
-from e3pose.select.own_check import TURNS, OwnCheck, distance_m
-from e3pose.select.policies.base import Policy, Selection, Situation, selected_by, turns_of
-from e3pose.select.stated_error import StatedError
+from e3pose.select.own_check import OwnCheck, decides, distance_m
+from e3pose.select.policies.base import (
+    Need,
+    Policy,
+    Selection,
+    Situation,
+    selected_by,
+    turns_of,
+)
+from e3pose.select.stated_error import StatedError, stated_error_m
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,22 +53,15 @@ class Pipeline:
         estimator: says who is where, with or without a memory.
         predictor: foresees the people for the policy.
         policy: selects.
-        budget: `(num_cameras,)` the paper's E_n.
-        cost_j: `(num_cameras,)` energy of an active slot beyond that of an idle one; only its
-            proportions matter here, and the paper has it 1 for all.
+        queue: what cameras may spend.
+        clock: seconds, for stage times only.
         lead_slots: the paper's tau, at least 1.
         warmup_slots: the paper's M, the slots at the start in which every camera detects.
-        holds: show the poses of the slot before in slots for which no camera was selected.
-        foresees: compute the information expected of each camera.
+        needs: what the policy needs, and what else is to be computed for who looks on.
         steering: the predictor that steers the estimator, as far as it states its errors; None
             leaves the estimator alone.
-        own_boxes: whether the policy uses the cameras' own 2D predictions.
-        as_published: charge the queue alone, eq. (9), whatever cameras cost, and decide first in
-            slot M, for slot M + tau, as Algorithm 1 does.
+        feedback: tells cameras whom to expect; None tells them nothing.
         waking: makes the policy for another number of cameras per slot; None where it has none.
-        whole_every: cameras get expected views, except that one of so many detections uses the
-            full frame; 0 sends none.
-        clock: seconds, for stage times only.
     """
 
     rig: Rig
@@ -70,18 +70,19 @@ class Pipeline:
     estimator: Estimator[Any]
     predictor: Predictor
     policy: Policy
-    budget: Floats
+    queue: Queue
     clock: Callable[[], float]
-    cost_j: Floats | None = None
     lead_slots: int = 1
     warmup_slots: int = 10
-    holds: bool = False
-    foresees: bool = False
+    needs: frozenset[Need] = frozenset()
     steering: Predictor | None = None
-    own_boxes: bool = True
-    as_published: bool = False
+    feedback: Feedback | None = None
     waking: Callable[[float], Policy] | None = None
-    whole_every: int = 0
+
+    @property
+    def ahead_s(self) -> float:
+        """Seconds from the newest slot to the one that is decided."""
+        return self.lead_slots * self.interval_s
 
     def with_predictor(self, predictor: Predictor) -> Pipeline:
         """Return the pipeline with another predictor, which steers where one did."""
@@ -154,12 +155,10 @@ def step(
     Returns:
         The next state and the record of this slot, with the selection for `slot + lead_slots`.
     """
-    slot, clock = state.slot, pipeline.clock
+    slot, clock, time_s = state.slot, pipeline.clock, state.slot * pipeline.interval_s
     selected = state.selections[0] & online
     views = {camera: view for camera, view in views.items() if selected[camera]}
-    memory, people = pipeline.estimator.estimate(
-        state.memory, views, slot * pipeline.interval_s, clock
-    )
+    memory, people = pipeline.estimator.estimate(state.memory, views, time_s, clock)
     shown = _shown(pipeline, state, people, selected)
     publish(shown)
     times = [clock()]
@@ -168,31 +167,31 @@ def step(
     times.append(clock())
 
     arrived = np.array([camera in views for camera in range(len(online))])
-    silence = listen(state.silence, slot, selected, arrived, pipeline.interval_s)
     occlusion, visibility = expected_views(pipeline.rig, predicted_m)
-    spread = state.spread.after(occlusion, pipeline.interval_s)
-    state = _judged(pipeline, state, views, people)
-    state = replace(state, memory=memory, silence=silence, spread=spread)
-    last_views = _with_views(pipeline, state.last_views, views, slot)
-    ordered = _in_flight(pipeline, state, online)
+    state = replace(
+        state,
+        memory=memory,
+        silence=listen(state.silence, slot, selected, arrived, pipeline.interval_s),
+        spread=state.spread.after(occlusion, pipeline.interval_s),
+        stated=_stated(pipeline, state, people),
+        check=_checked(pipeline, state, views, people),
+        last_views=_last_views(pipeline, state, views),
+    )
     times.append(clock())
 
-    foresight = _foresight(pipeline, state, ordered)
-    situation = _situation(
-        pipeline, state, (occlusion, visibility), last_views, online, ordered, foresight
-    )
-    warming_up = (slot if pipeline.as_published else situation.slot) < pipeline.warmup_slots
-    decision, deficit = _decide(pipeline, state.check, situation, online, warming_up)
+    situation = _situation(pipeline, state, occlusion, visibility, online)
+    warming_up = (slot if pipeline.queue.as_published else situation.slot) < pipeline.warmup_slots
+    decision, deficit = _decide(pipeline, state, situation, online, warming_up)
     focused, expected = _feedback(pipeline, state, warming_up, decision, best, people.history_ids)
     times.append(clock())
     record = SlotRecord(
         slot=slot,
-        time_s=slot * pipeline.interval_s,
+        time_s=time_s,
         selected=selected,
         arrived=arrived,
         poses=shown.poses,
         track_ids=shown.track_ids,
-        occlusion=situation.occlusion,
+        occlusion=occlusion,
         deficit=deficit,
         next_selection=decision,
         covariance_m2=shown.covariance_m2,
@@ -209,7 +208,6 @@ def step(
         slot=slot + 1,
         selections=np.concatenate([state.selections[1:], decision[None]]),
         deficit=deficit,
-        last_views=last_views,
         shown=shown,
         focused=focused,
     )
@@ -218,28 +216,10 @@ def step(
 
 def _shown(pipeline: Pipeline, state: SlotState, people: People, selected: Selection) -> People:
     """Return the people to publish: those of the slot before where no camera was selected."""
-    if pipeline.holds and not selected.any() and state.shown is not None:
+    holds = Need.HELD_POSES in pipeline.needs
+    if holds and not selected.any() and state.shown is not None:
         return replace(state.shown, measured=np.zeros_like(state.shown.measured))
     return people
-
-
-def _decide(
-    pipeline: Pipeline, check: OwnCheck, situation: Situation, online: Selection, warming_up: bool
-) -> tuple[Selection, Floats]:
-    """Return the cameras of the slot that is decided now, and the virtual queues after it."""
-    if warming_up:
-        return np.array(online), situation.deficit  # Algorithm 1: not charged
-    turns = turns_of(pipeline.policy)
-    plan = check.plan(situation.slot, pipeline.interval_s, len(online))
-    by_turns = turns is not None and (plan.common or plan.way == TURNS)
-    decision = selected_by(turns if turns and by_turns else pipeline.policy, situation)
-    return decision, advance_deficit(situation.deficit, pipeline.budget, decision)
-
-
-def _spent_s(times: Sequence[float]) -> dict[str, float]:
-    """Return the seconds of each stage by the times at which the first began and each ended."""
-    ends = zip(("predict", "occlusion", "select"), pairwise(times), strict=True)
-    return {stage: end - begin for stage, (begin, end) in ends}
 
 
 def _predict(pipeline: Pipeline, memory: Any, history_m: Floats) -> tuple[Any, Floats, Prediction]:
@@ -255,10 +235,91 @@ def _predict(pipeline: Pipeline, memory: Any, history_m: Floats) -> tuple[Any, F
     prediction = best = predictor.predict(history_m, pipeline.interval_s, ahead)
     if steering is not None:
         if not both:
-            soon = max(STEER_SLOTS, pipeline.lead_slots * (pipeline.whole_every > 0))
+            soon = max(STEER_SLOTS, pipeline.lead_slots * (pipeline.feedback is not None))
             best = steering.predict(history_m, pipeline.interval_s, soon)
         memory = pipeline.estimator.steer(memory, best, pipeline.interval_s)
     return memory, prediction.joints_m[pipeline.lead_slots - 1], best
+
+
+def _stated(pipeline: Pipeline, state: SlotState, people: People) -> StatedError:
+    """Return `SlotState.stated` after this slot, where the policy asks for it."""
+    if Need.FORESIGHT not in pipeline.needs or state.slot < pipeline.warmup_slots:
+        return state.stated
+    return state.stated.after(stated_error_m(people.covariance_m2), pipeline.interval_s)
+
+
+def _checked(
+    pipeline: Pipeline, state: SlotState, views: Mapping[int, Poses2D], people: People
+) -> OwnCheck:
+    """Return `SlotState.check` after this slot, where the policy has turns."""
+    if turns_of(pipeline.policy) is None:
+        return state.check
+    interval_s = pipeline.interval_s
+    plan = state.check.plan(state.slot, interval_s, len(pipeline.rig))
+    seen_m = error_m = np.nan
+    if plan.counts:
+        before = pipeline.estimator.outlook(state.memory, interval_s)
+        seen_m = distance_m(pipeline.rig, before, views, state.selections[0])
+        error_m = stated_error_m(people.covariance_m2)
+    return state.check.after(state.slot, interval_s, plan.way, seen_m, error_m)
+
+
+def _last_views(
+    pipeline: Pipeline, state: SlotState, views: Mapping[int, Poses2D]
+) -> tuple[LastView, ...]:
+    """Return `SlotState.last_views` after this slot, with boxes where the policy needs them."""
+    rig = pipeline.rig if Need.OWN_BOXES in pipeline.needs else None
+    return with_views(state.last_views, views, state.slot, rig)
+
+
+def _situation(
+    pipeline: Pipeline,
+    state: SlotState,
+    occlusion: Floats,
+    visibility: Floats,
+    online: Selection,
+) -> Situation:
+    """Collect the input of the policy for the slot that is decided now."""
+    target = state.slot + pipeline.lead_slots
+    ordered = state.silence.in_flight(state.selections[1:] & online, state.slot + 1)
+    own_boxes = Need.OWN_BOXES in pipeline.needs
+    foresight = _foresight(pipeline, state, ordered)
+    return Situation(
+        slot=target,
+        interval_s=pipeline.interval_s,
+        online=online & state.silence.answering(target),
+        occlusion=occlusion,
+        spread=state.spread.mean,
+        own_occlusion=own_occlusion(state.last_views, target, pipeline.rig)
+        if own_boxes
+        else np.full(len(online), np.nan),
+        unseen_slots=target - last_slots(state.last_views, ordered, state.slot + 1),
+        visibility=visibility,
+        deficit=state.deficit,
+        budget=pipeline.queue.budget,
+        price=pipeline.queue.price(state.deficit),
+        foresight=foresight,
+        stated=state.stated,
+    )
+
+
+def _foresight(pipeline: Pipeline, state: SlotState, ordered: Flags) -> Foresight | None:
+    """Compute the information of each camera in the slot that is decided now, if it is needed."""
+    if Need.FORESIGHT not in pipeline.needs:
+        return None
+    outlook = pipeline.estimator.outlook(state.memory, pipeline.ahead_s)
+    return foresee(pipeline.rig, outlook, pipeline.interval_s, ordered)
+
+
+def _decide(
+    pipeline: Pipeline, state: SlotState, situation: Situation, online: Selection, warming_up: bool
+) -> tuple[Selection, Floats]:
+    """Return the cameras of the slot that is decided now, and the virtual queues after it."""
+    if warming_up:
+        return np.array(online), state.deficit  # Algorithm 1: not charged
+    where = situation.slot, situation.interval_s, len(online)
+    decision = selected_by(decides(pipeline.policy, state.check, *where), situation)
+    return decision, pipeline.queue.after(state.deficit, decision)
 
 
 def _feedback(
@@ -267,114 +328,24 @@ def _feedback(
     warming_up: bool,
     decision: Selection,
     best: Prediction,
-    predicted_ids: NDArray[np.int64],
-) -> tuple[NDArray[np.int64], tuple[ExpectedView, ...] | None]:
-    """Return slots since each camera's last full-frame detection, and the expected views.
-
-    Once one selected camera is due for full-frame detection, all of them are: two must see a
-    newcomer at about the same time. Tracks that are not published yet, as too few cameras have seen
-    them, are expected as well; otherwise only full-frame detection would find them.
-    """
-    if not pipeline.whole_every:
+    predicted_ids: Integers,
+) -> tuple[Integers, tuple[ExpectedView, ...] | None]:
+    """Return slots since each camera's last full-frame detection, and the expected views."""
+    feedback, lead = pipeline.feedback, pipeline.lead_slots
+    if feedback is None:
         return state.focused, None
-    due = decision & (state.focused >= pipeline.whole_every - 1)
-    if due.any() or warming_up:
-        return np.where(decision, 0, state.focused), None
-    ahead_s = pipeline.lead_slots * pipeline.interval_s
-    outlook = pipeline.estimator.outlook(state.memory, ahead_s)
-    hidden_m = outlook.joints_m[~np.isin(outlook.track_ids, predicted_ids)]
-    joints_m = np.concatenate([best.joints_m[pipeline.lead_slots - 1], hidden_m])
-    if not len(joints_m):
-        return np.where(decision, 0, state.focused), None
-    unknown_m = np.full(hidden_m.shape[:2], np.nan)
-    error_m = np.concatenate([best.error_m[pipeline.lead_slots - 1], unknown_m])
-    expected = expected_in_views(pipeline.rig, joints_m, reach_m(error_m, ahead_s))
-    return state.focused + decision, expected
-
-
-def _stated(pipeline: Pipeline, state: SlotState, people: People) -> StatedError:
-    """Return `SlotState.stated` after this slot, where the policy asks for it."""
-    if not pipeline.foresees or state.slot < pipeline.warmup_slots:
-        return state.stated
-    return state.stated.after(people.covariance_m2, pipeline.interval_s)
-
-
-def _judged(
-    pipeline: Pipeline, state: SlotState, views: Mapping[int, Poses2D], people: People
-) -> SlotState:
-    """Return the state with `stated`, and with `check` where the policy has turns, of this slot."""
-    check, interval_s = state.check, pipeline.interval_s
-    plan = check.plan(state.slot, interval_s, len(pipeline.rig))
-    seen_m = error_m = np.nan
-    if plan.counts and turns_of(pipeline.policy) is not None:
-        outlook = pipeline.estimator.outlook(state.memory, interval_s)
-        seen_m = distance_m(pipeline.rig, outlook, views, state.selections[0])
-        error_m = StatedError().after(people.covariance_m2, interval_s).mean_m or np.nan
-    check = check.after(state.slot, interval_s, plan.way, seen_m, error_m)
-    return replace(state, stated=_stated(pipeline, state, people), check=check)
-
-
-def _situation(
-    pipeline: Pipeline,
-    state: SlotState,
-    views: tuple[Floats, Floats],
-    last_views: tuple[LastView, ...],
-    online: Selection,
-    ordered: NDArray[np.bool_],
-    foresight: Foresight | None,
-) -> Situation:
-    """Collect the input of the policy for the slot that is decided now."""
-    target = state.slot + pipeline.lead_slots
-    occlusion, visibility = views
-    cost_j = None if pipeline.as_published else pipeline.cost_j
-    return Situation(
-        slot=target,
-        interval_s=pipeline.interval_s,
-        online=online & state.silence.answering(target),
-        occlusion=occlusion,
-        spread=state.spread.mean,
-        own_occlusion=own_occlusion(last_views, target, pipeline.rig)
-        if pipeline.own_boxes
-        else np.full(len(online), np.nan),
-        unseen_slots=target - _last_view_slots(last_views, ordered, state.slot + 1),
-        visibility=visibility,
-        deficit=state.deficit,
-        budget=pipeline.budget,
-        price=state.deficit if cost_j is None else price(state.deficit, cost_j),
-        foresight=foresight,
-        stated=state.stated,
-    )
-
-
-def _in_flight(pipeline: Pipeline, state: SlotState, online: Selection) -> NDArray[np.bool_]:
-    """Return `(lead_slots - 1, num_cameras)`: views expected in the next slots.
-
-    Cameras that were ordered and have since been given up will not look.
-    """
-    ordered = state.selections[1:]
-    slots = np.arange(state.slot + 1, state.slot + 1 + len(ordered))
-    return np.asarray(ordered & online & state.silence.answering(slots[:, None]))
-
-
-def _last_view_slots(
-    last_views: tuple[LastView, ...], ordered: NDArray[np.bool_], next_slot: int
-) -> NDArray[np.int64]:
-    """Return `(num_cameras,)`: the slot of each camera's last detection, ordered ones included."""
-    newest = [last.slot for last in last_views]
-    for slot, cameras in enumerate(ordered.tolist(), start=next_slot):
-        newest = [slot if active else last for active, last in zip(cameras, newest, strict=True)]
-    return np.array(newest, dtype=np.int64)
-
-
-def _foresight(
-    pipeline: Pipeline, state: SlotState, ordered: NDArray[np.bool_]
-) -> Foresight | None:
-    """Compute the information of each camera in the slot that is decided now, if it is used."""
-    if not pipeline.foresees:
-        return None
-    ahead_s = pipeline.lead_slots * pipeline.interval_s
-    outlook = pipeline.estimator.outlook(state.memory, ahead_s)
-    return foresee(pipeline.rig, outlook, pipeline.interval_s, ordered)
+    expected = None
+    if not (warming_up or feedback.is_due(state.focused, decision)):
+        ahead_s = pipeline.ahead_s
+        expected = expected_people(
+            pipeline.rig,
+            best.joints_m[lead - 1],
+            best.error_m[lead - 1],
+            pipeline.estimator.outlook(state.memory, ahead_s),
+            predicted_ids,
+            ahead_s,
+        )
+    return focused_after(state.focused, decision, expected), expected
 
 
 def _reasons(situation: Situation, decision: Selection, check: OwnCheck) -> Reasons | None:
@@ -386,12 +357,7 @@ def _reasons(situation: Situation, decision: Selection, check: OwnCheck) -> Reas
     return Reasons(situation.slot, gains_nats, situation.price, error_m, check.words())
 
 
-def _with_views(
-    pipeline: Pipeline, last_views: tuple[LastView, ...], views: Mapping[int, Poses2D], slot: int
-) -> tuple[LastView, ...]:
-    if not pipeline.own_boxes:
-        return tuple(s.at(slot) if index in views else s for index, s in enumerate(last_views))
-    return tuple(
-        with_view(last, views[index], slot, camera.image_size) if index in views else last
-        for index, (last, camera) in enumerate(zip(last_views, pipeline.rig.cameras, strict=True))
-    )
+def _spent_s(times: Sequence[float]) -> dict[str, float]:
+    """Return the seconds of each stage by the times at which the first began and each ended."""
+    ends = zip(("predict", "occlusion", "select"), pairwise(times), strict=True)
+    return {stage: end - begin for stage, (begin, end) in ends}

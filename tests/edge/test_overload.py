@@ -24,6 +24,7 @@ from e3pose.edge.overload import (
 from e3pose.model.pose import Poses2D
 from e3pose.pipeline import initial_state, step
 from e3pose.select.camera_order import spread_order
+from e3pose.select.policies import Need
 from e3pose.select.policies.fixed import RoundRobin
 from e3pose.settings.loop import ReplaySettings
 from e3pose.settings.parts import make_pipeline
@@ -104,7 +105,10 @@ def test_shed_load_takes_turns_without_a_foresight() -> None:
     pipeline = make_pipeline(scene, ReplaySettings(num_selected=2))
     assert shed_load(pipeline, Load()) is pipeline
     cheap = shed_load(pipeline, Load(level=ROUND_ROBIN, awake=2.0))
-    assert cheap.policy == RoundRobin(2.0, order=spread_order(scene.rig)) and not cheap.foresees
+    assert (
+        cheap.policy == RoundRobin(2.0, order=spread_order(scene.rig))
+        and Need.FORESIGHT not in cheap.needs
+    )
     rare = shed_load(pipeline, Load(level=HALF_RATE, awake=1.0))
     state, online, woken = initial_state(rare), np.ones(4, dtype=bool), []
     nobody = Poses2D(np.zeros((0, 17, 2)), np.zeros((0, 17)))

@@ -283,7 +283,7 @@ def test_budgets_in_different_words_reach_the_queues(site: Site) -> None:
     )
     edge.consumers = Consumers(ledger=ledger)
     expected = (0.8, 0.75, 0.75)
-    assert eventually(lambda: np.allclose(edge.pipeline.budget, expected, atol=1e-4))
+    assert eventually(lambda: np.allclose(edge.pipeline.queue.budget, expected, atol=1e-4))
     slots = edge.counts.slots
     assert eventually(lambda: edge.counts.slots > slots + 10)
     spent_j = ledger.spent_j(np.array([True, False, True]))

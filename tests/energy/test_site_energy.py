@@ -13,6 +13,7 @@ from e3pose.edge.energy_ledger import EnergyLedger
 from e3pose.edge.pipeline_owner import PipelineOwner
 from e3pose.energy.budgets import Budget
 from e3pose.energy.profiles import load_profile
+from e3pose.energy.queues import Queue
 from e3pose.energy.site_energy import CameraEnergy, estimate_energy, new_camera, observe
 from e3pose.pipeline import Pipeline
 from e3pose.select.policies.drift_plus_penalty import DriftPlusPenalty
@@ -169,13 +170,13 @@ def test_pipeline_follows_the_estimate() -> None:
     )  # fmt: skip
     pipeline = Pipeline(
         rig=cast(Any, None), num_joints=17, interval_s=0.04, estimator=cast(Any, None),
-        predictor=cast(Any, None), policy=DriftPlusPenalty(2), budget=np.ones(2),
+        predictor=cast(Any, None), policy=DriftPlusPenalty(2), queue=Queue(np.ones(2)),
         clock=lambda: 0.0, waking=DriftPlusPenalty,
     )  # fmt: skip
     owner, consumers, record = PipelineOwner(pipeline), Consumers(ledger=ledger), cast(Any, None)
     assert owner.after_slot(consumers, record) == []
     on_mains = owner.pipeline
-    np.testing.assert_array_equal(on_mains.budget, [1.0, 1.0])
+    np.testing.assert_array_equal(on_mains.queue.budget, [1.0, 1.0])
     assert on_mains.policy == DriftPlusPenalty(2)
     owner.after_slot(consumers, record)
     assert owner.pipeline is on_mains, "nothing changes within a minute"
@@ -196,11 +197,11 @@ def test_pipeline_follows_the_estimate() -> None:
             )  # fmt: skip
     news = owner.after_slot(consumers, record)
     changed = owner.pipeline
-    np.testing.assert_allclose(changed.budget, 0.5, atol=0.02)  # 5 W between 3 and 7
+    np.testing.assert_allclose(changed.queue.budget, 0.5, atol=0.02)  # 5 W between 3 and 7
     assert isinstance(changed.policy, DriftPlusPenalty)
     assert changed.policy.num_selected == pytest.approx(0.95, abs=0.04)
-    assert changed.cost_j is not None
-    np.testing.assert_allclose(changed.cost_j, 0.16, rtol=0.03)
+    assert changed.queue.cost_j is not None
+    np.testing.assert_allclose(changed.queue.cost_j, 0.16, rtol=0.03)
     assert [camera_id for _, _, camera_id in news] == ["a", "b", None]
     assert "measured" in news[0][1]
     assert re.fullmatch(r"budgets allow 0\.9\d cameras per slot, 2 requested", news[2][1])

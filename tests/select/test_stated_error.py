@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from e3pose.model.uncertainty import expected_distance_m
-from e3pose.select.stated_error import CORRECTION, MEMORY_S, MOST, StatedError
+from e3pose.select.stated_error import CORRECTION, MEMORY_S, MOST, StatedError, stated_error_m
 
 TARGET_M = 0.04
 SLOT_S = 0.1
@@ -24,7 +24,7 @@ def error_m(sigma_m: float) -> float:
 
 def after(stated: StatedError, sigma_m: float, seconds: float) -> StatedError:
     for _ in range(round(seconds / SLOT_S)):
-        stated = stated.after(spheres(sigma_m), SLOT_S)
+        stated = stated.after(stated_error_m(spheres(sigma_m)), SLOT_S)
     return stated
 
 
@@ -45,12 +45,12 @@ def test_the_memory_fills_while_errors_are_stated() -> None:
 
 def test_nobody_and_unknown_joints_change_nothing() -> None:
     stated = after(StatedError(), 0.03, 1.0)
-    assert stated.after(spheres(0.02, 0), SLOT_S) == stated
-    assert stated.after(np.full((1, 17, 3, 3), np.nan), SLOT_S) == stated
+    assert stated.after(stated_error_m(spheres(0.02, 0)), SLOT_S) == stated
+    assert stated.after(stated_error_m(np.full((1, 17, 3, 3), np.nan)), SLOT_S) == stated
     some = spheres(0.02).copy()
     some[:, 5:] = np.nan
-    assert stated.after(some, SLOT_S).mean_m == pytest.approx(
-        stated.after(spheres(0.02), SLOT_S).mean_m, rel=1e-12
+    assert stated.after(stated_error_m(some), SLOT_S).mean_m == pytest.approx(
+        stated.after(stated_error_m(spheres(0.02)), SLOT_S).mean_m, rel=1e-12
     )
 
 

@@ -62,13 +62,13 @@ def policy(pipeline: Pipeline) -> Information:
 def test_number_of_cameras_and_its_budget_change_with_the_next_slot(tmp_path: Path) -> None:
     with edge(tmp_path) as (made, hub):
         before, _ = next_pipeline(made.consumers, made.pipeline)
-        assert policy(before).num_selected == 2 and before.budget.tolist() == [0.7] * 4
+        assert policy(before).num_selected == 2 and before.queue.budget.tolist() == [0.7] * 4
         answer = hub.join().ask("e3pose/lab/control/desk", encode(Control(cameras=3)), 1.0)
         assert answer is not None
         assert decode(answer, Controlled, "edge") == Controlled(said="3 cameras per slot")
         after, messages = next_pipeline(made.consumers, before)
         assert policy(after).num_selected == 3 and messages == ["3 cameras per slot"]
-        assert after.budget.tolist() == [0.95] * 4
+        assert after.queue.budget.tolist() == [0.95] * 4
         assert next_pipeline(made.consumers, after) == (after, [])
 
 
@@ -99,11 +99,11 @@ def test_budget_of_a_camera_is_its_own_and_stays(tmp_path: Path) -> None:
     with edge(tmp_path, '[[camera]]\nid = "c2"\nbudget = "90%"\n') as (made, _):
         controls(made).take(Control(camera_id="c1", budget="30%"))
         pipeline, messages = next_pipeline(made.consumers, made.pipeline)
-        assert pipeline.budget.round(3).tolist() == [0.7, 0.3, 0.9, 0.7]
+        assert pipeline.queue.budget.round(3).tolist() == [0.7, 0.3, 0.9, 0.7]
         assert messages == ["c1: budget 30%"]
         controls(made).take(Control(cameras=1))
         pipeline, _ = next_pipeline(made.consumers, pipeline)
-        assert pipeline.budget.round(3).tolist() == [0.45, 0.3, 0.9, 0.45]
+        assert pipeline.queue.budget.round(3).tolist() == [0.45, 0.3, 0.9, 0.45]
 
 
 @pytest.mark.parametrize(

@@ -60,6 +60,7 @@ class GridOptions:
     def settings(self, loop: LoopOptions, plan: EnergyPlan, faults: Faults) -> list[ReplaySettings]:
         """Return the settings of every run: repetitions of a row follow each other."""
         from e3pose.evaluate.compare import tasks
+        from e3pose.select.policies import COUNT
         from e3pose.settings.loop import FEEDBACK
         from e3pose.settings.parts import row_of
 
@@ -72,7 +73,7 @@ class GridOptions:
             each
             for name in names
             for row in [row_of(loops[0].settings(name, None))]
-            for count in (counts if row.asks_count else counts[:1])
+            for count in (counts if COUNT in row.uses else counts[:1])
             for one in _that_matter(loops, row)
             for each in tasks(
                 replace(one.settings(name, count).for_rig(len(plan.profiles), plan), faults=faults),
@@ -207,11 +208,13 @@ def _balances(loop: LoopOptions) -> list[LoopOptions]:
 
 def _that_matter(loops: list[LoopOptions], row: PolicyRow) -> list[LoopOptions]:
     """Return the combinations that a policy can tell apart, without the values it does not use."""
+    from e3pose.select.policies import BUDGET, WEIGHT
+
     used = [
         replace(
             one,
-            budget=one.budget if row.spends or len(loops) == 1 else None,
-            quality_weight=one.quality_weight if row.weighs or len(loops) == 1 else None,
+            budget=one.budget if BUDGET in row.uses or len(loops) == 1 else None,
+            quality_weight=one.quality_weight if WEIGHT in row.uses or len(loops) == 1 else None,
         )
         for one in loops
     ]

@@ -14,7 +14,7 @@ import numpy as np
 
 from e3pose.pipeline import Pipeline
 from e3pose.select.camera_order import spread_order
-from e3pose.select.policies.base import Policy, Selection, Situation, selected_by
+from e3pose.select.policies.base import Need, Policy, Selection, Situation, selected_by
 from e3pose.select.policies.fixed import RoundRobin
 
 FULL, ROUND_ROBIN, HALF_RATE = 0, 1, 2
@@ -125,7 +125,7 @@ def shed_load(pipeline: Pipeline, load: Load) -> Pipeline:
         return pipeline
     rounds = RoundRobin(load.awake, order=spread_order(pipeline.rig))
     policy: Policy = rounds if load.level == ROUND_ROBIN else EveryOther(rounds)
-    return replace(pipeline, policy=policy, foresees=False)
+    return replace(pipeline, policy=policy, needs=pipeline.needs - {Need.FORESIGHT})
 
 
 @dataclass(frozen=True, slots=True)

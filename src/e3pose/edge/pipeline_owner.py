@@ -69,10 +69,10 @@ class PipelineOwner:
         if estimate is None:
             return
         waking, policy = self.pipeline.waking, self.pipeline.policy
+        queue = replace(self.pipeline.queue, budget=estimate.budget, cost_j=estimate.cost_j)
         self.pipeline = replace(
             self.pipeline,
-            budget=estimate.budget,
-            cost_j=estimate.cost_j,
+            queue=queue,
             policy=policy if waking is None else waking(estimate.num_selected),
         )
 

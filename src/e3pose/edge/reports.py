@@ -224,7 +224,7 @@ def site_status(snapshot: SiteSnapshot) -> Status:
             factors[index],
             float(np.hypot(*shifts_px[index])),
             shown_reason(record, index),
-            float(snapshot.pipeline.budget[index]),
+            float(snapshot.pipeline.queue.budget[index]),
             snapshot.turned[1] if snapshot.turned and snapshot.turned[0] == index else None,
             int(counts.ordered[index]),
             snapshot.health.delivery.share(index),

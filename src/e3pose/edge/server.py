@@ -280,7 +280,7 @@ class EdgeServer:
             self.credibility.forgive()
 
     def _skip(self, slot: int) -> None:
-        self.state = skip_to(self.state, slot, self.pipeline.budget)
+        self.state = skip_to(self.state, slot, self.pipeline.queue.budget)
         self.gather.skip_to(slot)
 
     def _deadline_ns(self, times: SlotTimes, slot: int) -> int:

@@ -17,6 +17,33 @@ DEFAULT_BATTERY_WH = 50.0
 RADIO = "wifi"  # the group of components that sends
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Queue:
+    """How the virtual queues of a rig are charged, and what they ask for an active slot.
+
+    Attributes:
+        budget: `(num_cameras,)` the paper's E_n.
+        cost_j: `(num_cameras,)` energy of an active slot beyond that of an idle one; only its
+            proportions matter, and the paper has it 1 for all.
+        as_published: the queue alone is charged, eq. (9), whatever cameras cost, and the first
+            decision is made in slot M, for slot M + tau, as in Algorithm 1.
+    """
+
+    budget: Floats
+    cost_j: Floats | None = None
+    as_published: bool = False
+
+    def price(self, deficit: Floats) -> Floats:
+        """Return `(num_cameras,)` what queues of `deficit` slots ask for an active slot."""
+        if self.as_published or self.cost_j is None:
+            return deficit
+        return price(deficit, self.cost_j)
+
+    def after(self, deficit: Floats, selected: NDArray[np.bool_]) -> Floats:
+        """Return `(num_cameras,)` the queues after a slot in which cameras are `selected`."""
+        return advance_deficit(deficit, self.budget, selected)
+
+
 def advance_deficit(deficit: Floats, budget: Floats, selected: NDArray[np.bool_]) -> Floats:
     """Advance the energy-deficit queues by one slot: `max(q - E, 0) + s`, paper eq. (8).
 

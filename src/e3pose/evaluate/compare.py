@@ -16,6 +16,7 @@ from e3pose.energy.queues import DEFAULT_BATTERY_WH
 from e3pose.evaluate.figures import Summary, as_json
 from e3pose.evaluate.summary import summarise
 from e3pose.recording import Recording
+from e3pose.select.policies import COUNT
 from e3pose.settings.parts import row_of
 
 if TYPE_CHECKING:
@@ -113,7 +114,7 @@ def rows(summaries: Sequence[Summary]) -> list[dict[str, Any]]:
     groups: dict[tuple[Any, ...], list[Mapping[str, Any]]] = {}
     for summary in summaries:
         asked, target = summary.settings, summary.settings.target_error_m
-        asks_count = row_of(asked).asks_count
+        asks_count = COUNT in row_of(asked).uses
         count = asked.num_selected if target is None and asks_count else None
         target_mm = None if target is None else 1000 * target
         weight, budget = asked.quality_weight, asked.budget

@@ -30,6 +30,7 @@ from e3pose.model.noises import detector_of
 from e3pose.model.pose import Poses3D
 from e3pose.model.skeleton import PANOPTIC19, SHELF14, Skeleton, convert
 from e3pose.recording import Recording
+from e3pose.select.policies import Need
 from e3pose.settings.parts import row_of
 
 if TYPE_CHECKING:
@@ -71,7 +72,12 @@ def summarise(
         selection=_selection(recording, records),
         deficits=_deficits(recording, records),
         energy=energy_figures(
-            recording, records, profile, idle_mode, battery_wh, row_of(settings).sends_boxes
+            recording,
+            records,
+            profile,
+            idle_mode,
+            battery_wh,
+            Need.SENT_BOXES in row_of(settings).needs,
         ),
         stage_ms=_stage_ms(records),
         noise=_noise(recording, settings, records),

@@ -56,6 +56,18 @@ class Silence:
         """Return `(num_cameras,)`: selectable cameras in `slot`; a row for each `(*slots, 1)`."""
         return np.asarray(self.retry_slot <= slot)
 
+    def in_flight(self, orders: Flags, slot: int) -> Flags:
+        """Return `(num_slots, num_cameras)`: orders for `slot` and the slots after it that hold.
+
+        Cameras that were ordered and have since been given up will not look.
+
+        Args:
+            orders: `(num_slots, num_cameras)` to cameras that are online.
+            slot: of the first row.
+        """
+        slots = np.arange(slot, slot + len(orders))
+        return np.asarray(orders & self.answering(slots[:, None]))
+
 
 def patience(loss: Floats, interval_s: float) -> Integers:
     """Return `(num_cameras,)`: after how many misses in a row death is likelier than bad luck.

@@ -6,9 +6,12 @@ smart edge sensors" (RSS 2021). What cameras do with it is in `detectors.focus`.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from e3pose.base.arrays import Floats
+from e3pose.base.arrays import Flags, Floats, Integers
+from e3pose.estimate.base import Outlook
 from e3pose.model.camera import Rig
 from e3pose.model.expected import ExpectedView
 
@@ -18,6 +21,73 @@ MIN_DEPTH_M = 0.3  # somebody nearer fills the image
 # `paper`, three simulated scenes of seed 701, leads of 1 to 6 slots of 0.04 and 0.08 s.
 USUAL_ERROR_M = 0.08
 USUAL_ERROR_MPS = 1.1
+
+
+@dataclass(frozen=True, slots=True)
+class Feedback:
+    """Cameras are told whom to expect, except that some detections use the full frame.
+
+    Attributes:
+        whole_every: one of so many detections of a camera uses the full frame.
+    """
+
+    whole_every: int
+
+    def is_due(self, focused: Integers, selected: Flags) -> bool:
+        """Return whether full-frame detection is due for some selected camera.
+
+        Then all of them use it: two must see a newcomer at about the same time.
+
+        Args:
+            focused: `(num_cameras,)` detections since each camera's last full-frame detection.
+            selected: `(num_cameras,)`.
+        """
+        return bool((selected & (focused >= self.whole_every - 1)).any())
+
+
+def focused_after(
+    focused: Integers, selected: Flags, expected: tuple[ExpectedView, ...] | None
+) -> Integers:
+    """Return `(num_cameras,)` detections since each camera's last full-frame detection.
+
+    Args:
+        focused: the same before the selection.
+        selected: `(num_cameras,)`.
+        expected: what the cameras are told; None for full-frame detection.
+    """
+    return np.where(selected, 0, focused) if expected is None else focused + selected
+
+
+def expected_people(
+    rig: Rig,
+    joints_m: Floats,
+    error_m: Floats,
+    outlook: Outlook,
+    predicted_ids: Integers,
+    ahead_s: float,
+) -> tuple[ExpectedView, ...] | None:
+    """Return the views expected of people who are predicted and of those not published yet.
+
+    Tracks that too few cameras have seen are not published, but expected as well; otherwise only
+    full-frame detection would find them.
+
+    Args:
+        rig: the cameras.
+        joints_m: `(num_tracks, num_joints, 3)` predicted metres of those who are published.
+        error_m: `(num_tracks, num_joints)` expected distance of these; NaN where unknown.
+        outlook: of the same slot, with all tracks.
+        predicted_ids: `(num_tracks,)` of `joints_m`.
+        ahead_s: seconds from the newest slot to that one.
+
+    Returns:
+        One view per camera; None where nobody is expected.
+    """
+    hidden_m = outlook.joints_m[~np.isin(outlook.track_ids, predicted_ids)]
+    joints_m = np.concatenate([joints_m, hidden_m])
+    if not len(joints_m):
+        return None
+    error_m = np.concatenate([error_m, np.full(hidden_m.shape[:2], np.nan)])
+    return expected_in_views(rig, joints_m, reach_m(error_m, ahead_s))
 
 
 def reach_m(error_m: Floats, ahead_s: float) -> Floats:

@@ -6,12 +6,12 @@ this, and from nothing that other cameras saw.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from e3pose.base.arrays import Floats
+from e3pose.base.arrays import Flags, Floats, Integers
 from e3pose.model.camera import Rig
 from e3pose.model.pose import Poses2D
 from e3pose.select.occlusion import box_iou, occlusion, person_boxes
@@ -55,6 +55,32 @@ def with_view(last: LastView, view: Poses2D, slot: int, image_size: tuple[int, i
             similarity[old, :] = 0
             similarity[:, new] = 0
     return LastView(slot, boxes, motion)
+
+
+def with_views(
+    last_views: Sequence[LastView], views: Mapping[int, Poses2D], slot: int, rig: Rig | None
+) -> tuple[LastView, ...]:
+    """Return the last views after `slot`, by camera; without a rig their boxes are not needed."""
+    if rig is None:
+        return tuple(s.at(slot) if index in views else s for index, s in enumerate(last_views))
+    return tuple(
+        with_view(last, views[index], slot, camera.image_size) if index in views else last
+        for index, (last, camera) in enumerate(zip(last_views, rig.cameras, strict=True))
+    )
+
+
+def last_slots(last_views: Sequence[LastView], ordered: Flags, slot: int) -> Integers:
+    """Return `(num_cameras,)`: the slot of each camera's last detection, ordered ones included.
+
+    Args:
+        last_views: by camera.
+        ordered: `(num_slots, num_cameras)` detections to come.
+        slot: of its first row.
+    """
+    newest = [last.slot for last in last_views]
+    for number, cameras in enumerate(ordered.tolist(), start=slot):
+        newest = [number if active else last for active, last in zip(cameras, newest, strict=True)]
+    return np.array(newest, dtype=np.int64)
 
 
 def own_occlusion(last_views: Sequence[LastView], slot: int, rig: Rig) -> Floats:

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from e3pose.estimate.base import Outlook
 from e3pose.model.camera import Rig
 from e3pose.model.pose import Poses2D
+from e3pose.select.policies.base import Policy, turns_of
 
 Floats = NDArray[np.float64]
 
@@ -170,6 +171,17 @@ class OwnCheck:
         if not self.by_turns:
             return found
         return f"cameras take turns, tried again every {STRETCH_S * STRETCHES:.0f} s; {found}"
+
+
+def decides(
+    policy: Policy, check: OwnCheck, slot: int, interval_s: float, num_cameras: int
+) -> Policy:
+    """Return what selects for a slot: the policy, or the turns that it is compared with."""
+    turns = turns_of(policy)
+    if turns is None:
+        return policy
+    plan = check.plan(slot, interval_s, num_cameras)
+    return turns if plan.common or plan.way == TURNS else policy
 
 
 def distance_m(

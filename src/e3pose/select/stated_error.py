@@ -20,6 +20,15 @@ CORRECTION = 5.0  # powers of target over stated error that the aim differs from
 MOST = 2.0  # times the target, and its inverse
 
 
+def stated_error_m(covariance_m2: Floats) -> float:
+    """Return the mean error that covariances state in metres; NaN where nobody is known.
+
+    Args:
+        covariance_m2: `(num_persons, num_joints, 3, 3)` of the people shown; NaN where unknown.
+    """
+    return float(kernels.stated_error(np.ascontiguousarray(covariance_m2, dtype=np.float64)))
+
+
 @dataclass(frozen=True, slots=True)
 class StatedError:
     """Mean error stated in the last seconds, from the end of the warm-up on.
@@ -32,14 +41,13 @@ class StatedError:
     mean_m: float = 0.0
     filled: float = 0.0
 
-    def after(self, covariance_m2: Floats, interval_s: float) -> StatedError:
+    def after(self, newest_m: float, interval_s: float) -> StatedError:
         """Return the mean with another slot.
 
         Args:
-            covariance_m2: `(num_persons, num_joints, 3, 3)` of the people shown; NaN where unknown.
+            newest_m: what was stated in it, from `stated_error_m`; NaN where nobody is known.
             interval_s: seconds per slot.
         """
-        newest_m = kernels.stated_error(np.ascontiguousarray(covariance_m2, dtype=np.float64))
         if math.isnan(newest_m):
             return self
         share = 1 - math.exp(-interval_s / MEMORY_S)

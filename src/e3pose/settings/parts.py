@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.base.errors import InputError
-from e3pose.energy.queues import check_budget
+from e3pose.energy.queues import Queue, check_budget
 from e3pose.estimate import EstimatorSettings, make_estimator
 from e3pose.estimate.base import Estimator
 from e3pose.estimate.per_slot.fusion import (
@@ -27,7 +27,18 @@ from e3pose.model.skeleton import Skeleton
 from e3pose.pipeline import Pipeline
 from e3pose.predict import Predictor, make_predictor, make_predictor_or_fallback
 from e3pose.select.camera_order import spread_order
-from e3pose.select.policies import POLICIES, Policy, PolicyRow, PolicySettings, policy_row
+from e3pose.select.feedback import Feedback
+from e3pose.select.policies import (
+    COUNT,
+    POLICIES,
+    TARGET,
+    Need,
+    Policy,
+    PolicyRow,
+    PolicySettings,
+    Promise,
+    policy_row,
+)
 from e3pose.select.policies.base import check_policy
 from e3pose.settings.loop import LoopSettings, pipeline_row
 
@@ -89,18 +100,18 @@ def make_pipeline(
         estimator=_estimator(place, settings, num_selected, steering is not None),
         predictor=predictor,
         policy=policy,
-        waking=waking,
-        budget=shares(settings, len(place.rig)),
-        cost_j=None if settings.cost_j is None else np.array(settings.cost_j),
+        queue=Queue(
+            budget=shares(settings, len(place.rig)),
+            cost_j=None if settings.cost_j is None else np.array(settings.cost_j),
+            as_published=pipeline_row(settings.pipeline)[0] == "paper",
+        ),
         clock=clock,
         lead_slots=settings.lead_slots,
-        as_published=pipeline_row(settings.pipeline)[0] == "paper",
         warmup_slots=settings.warmup_slots,
-        holds=row.holds,
-        foresees=row.foresees or settings.foresees,
-        own_boxes=row.own_boxes,
+        needs=row.needs | {Need.FORESIGHT} if settings.foresees else row.needs,
         steering=steering,
-        whole_every=settings.whole_every if settings.feedback else 0,
+        feedback=Feedback(settings.whole_every) if settings.feedback else None,
+        waking=waking,
     )
 
 
@@ -132,7 +143,7 @@ def make_policy(
 
     policy = row.make(asked)
     check_policy(policy)
-    return policy, waking if row.asks_count else None
+    return policy, waking if COUNT in row.uses else None
 
 
 def row_of(settings: LoopSettings) -> PolicyRow:
@@ -141,9 +152,7 @@ def row_of(settings: LoopSettings) -> PolicyRow:
     if policy is not None and not isinstance(policy, str):
         return PolicyRow.of(policy)
     row = policy_row(settings.policy_name)
-    if row.may_queue and settings.independent_queue:
-        return replace(row, budgeted=True, spends=True)
-    return row
+    return row.with_queue() if settings.independent_queue else row
 
 
 def _estimator(
@@ -255,8 +264,8 @@ def noise_warning(place: Place, settings: LoopSettings) -> str:
 
 
 def _check(settings: LoopSettings, row: PolicyRow, num_cameras: int) -> None:
-    if settings.target_error_m is not None and not row.aims:
-        aiming = ", ".join(name for name, each in POLICIES.items() if each.aims)
+    if settings.target_error_m is not None and TARGET not in row.uses:
+        aiming = ", ".join(name for name, each in POLICIES.items() if TARGET in each.uses)
         found = f"with the policy {settings.policy_name}, which wakes a given number of cameras"
         raise InputError("target_error", found, aiming)
     costs = settings.cost_j
@@ -270,7 +279,7 @@ def shares(settings: LoopSettings, num_cameras: int) -> NDArray[np.float64]:
     Raises:
         InputError: for budgets that do not pay for the cameras that are to be selected.
     """
-    counts = row_of(settings).counts
+    counts = Promise.COUNT in row_of(settings).promises
     share = settings.share(num_cameras)
     budget = np.atleast_1d(np.asarray(1.0 if share is None else share, dtype=np.float64))
     if len(budget) == 1:

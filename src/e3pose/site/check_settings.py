@@ -76,7 +76,7 @@ def check_budgets(site: ResolvedSite, now: datetime) -> Iterator[Finding]:
         return
     pipeline = site.pipeline()
     try:
-        budgets = site.budgets(pipeline.budget.tolist(), now)
+        budgets = site.budgets(pipeline.queue.budget.tolist(), now)
     except InputError as error:
         yield Finding("problem", "budget", str(error))
         return

@@ -230,7 +230,7 @@ def make_edge(
         site.rig.camera_ids,
         site.plan.profiles,
         idle_modes,
-        site.budgets(pipeline.budget.tolist(), now),
+        site.budgets(pipeline.queue.budget.tolist(), now),
         site.interval_s,
         site.loop.num_selected or 0.0,
         clock.now_ns,

@@ -13,11 +13,11 @@ from e3pose.energy.queues import advance_deficit
 from e3pose.select.expected_information import Foresight
 from e3pose.select.hidden_people import HiddenPeople
 from e3pose.select.newcomers import Entrants
-from e3pose.select.policies import POLICIES, PolicySettings, Selection, Situation
+from e3pose.select.policies import POLICIES, PolicySettings, Promise, Selection, Situation
 
 NAMES = sorted(POLICIES)
-COUNTING = [name for name in NAMES if POLICIES[name].counts]
-BUDGETED = [name for name in NAMES if POLICIES[name].budgeted]
+COUNTING = [name for name in NAMES if Promise.COUNT in POLICIES[name].promises]
+BUDGETED = [name for name in NAMES if Promise.BUDGET in POLICIES[name].promises]
 
 
 def foresight(rng: np.random.Generator, num_cameras: int) -> Foresight:

@@ -11,13 +11,14 @@ from e3pose.evaluate.figures import Summary
 from e3pose.model.blind_slot import blind_words, count_blind, duty
 from e3pose.pipeline import SlotRecord
 from e3pose.recording import Recording
+from e3pose.select.policies import Promise
 from e3pose.settings.parts import row_of
 
 
 def budget(summary: Summary, num_cameras: int) -> float | None:
     """Return the share of slots a camera may be active; None without one limit for all."""
     asked = summary.settings.budget
-    if asked is None and row_of(summary.settings).budgeted:
+    if asked is None and Promise.BUDGET in row_of(summary.settings).promises:
         asked = summary.settings.share(num_cameras)
     return asked if isinstance(asked, float | int) else None
 

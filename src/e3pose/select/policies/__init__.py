@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from e3pose.base.plugins import made, member
+from e3pose.select.policies.base import Need as Need
 from e3pose.select.policies.base import Policy as Policy
+from e3pose.select.policies.base import Promise as Promise
 from e3pose.select.policies.base import Selection as Selection
 from e3pose.select.policies.base import Situation as Situation
 from e3pose.select.policies.drift_plus_penalty import Central2D, DriftPlusPenalty
@@ -55,109 +57,98 @@ class PolicySettings:
         return usual if self.quality_weight is None else self.quality_weight
 
 
+# Settings that may change what a policy selects, by their names in `LoopSettings`.
+COUNT, BUDGET, WEIGHT = "num_selected", "budget", "quality_weight"
+TARGET, QUEUE = "target_error_m", "independent_queue"
+
+
 @dataclass(frozen=True, slots=True)
 class PolicyRow:
     """One policy of the table.
 
     Attributes:
         make: settings -> policy.
-        counts: whether it wakes exactly `num_selected` cameras in every slot, or all that are
-            online if they are fewer.
-        asks_count: whether `num_selected` means anything to it.
-        budgeted: whether it keeps every camera within its budget in the long run.
-        spends: whether it selects otherwise with another budget.
-        weighs: whether it selects otherwise with another quality weight.
-        may_queue: whether `independent_queue` gives it an energy queue.
-        predictor: the predictor it uses by default.
-        holds: whether slots without a view show the poses of the slot before, being lost frames of
-            a lower frame rate rather than failed estimates.
-        foresees: whether it needs to know what each camera is expected to tell.
-        own_boxes: whether it asks what cameras foresee from the boxes of their own views.
-        sends_boxes: whether every camera sends boxes for every decision, which costs it WiFi.
-        aims: whether it can choose the number of cameras by the error that it expects.
         about: one line for `--help` and tables.
+        predictor: the predictor it uses by default.
+        needs: of the loop.
+        uses: settings that change what it selects, by their names in `LoopSettings`.
+        promises: of its selections.
     """
 
     make: Callable[[PolicySettings], Policy]
     about: str = ""
-    counts: bool = True
-    asks_count: bool = True
-    budgeted: bool = True
-    spends: bool = True
-    weighs: bool = True
-    may_queue: bool = False
     predictor: str = "constant-velocity"
-    holds: bool = False
-    foresees: bool = False
-    own_boxes: bool = False
-    sends_boxes: bool = False
-    aims: bool = False
+    needs: frozenset[Need] = frozenset()
+    uses: frozenset[str] = frozenset({COUNT, BUDGET, WEIGHT})
+    promises: frozenset[Promise] = frozenset()
 
     @classmethod
     def of(cls, policy: Policy) -> PolicyRow:
         """Return the row of a user-defined policy."""
         return cls(
-            lambda settings: policy, counts=False, asks_count=False, budgeted=False, own_boxes=True
+            lambda settings: policy,
+            needs=frozenset({Need.OWN_BOXES}),
+            uses=frozenset({BUDGET, WEIGHT}),
         )
 
+    def with_queue(self) -> PolicyRow:
+        """Return the row of a policy that is given an energy queue, if it may have one."""
+        if QUEUE not in self.uses:
+            return self
+        promises = self.promises | {Promise.BUDGET}
+        return replace(self, uses=self.uses | {BUDGET}, promises=promises)
 
+
+BOTH = frozenset({Promise.COUNT, Promise.BUDGET})
 POLICIES: dict[str, PolicyRow] = {
     "all": PolicyRow(
         lambda s: All(),
         "every camera in every slot (SA)",
-        counts=False,
-        asks_count=False,
-        budgeted=False,
-        spends=False,
-        weighs=False,
+        uses=frozenset(),
     ),
     "random": PolicyRow(
         lambda s: Random(s.num_selected, s.seed),
         "C cameras at random (RS)",
-        spends=False,
-        weighs=False,
+        uses=frozenset({COUNT}),
+        promises=BOTH,
     ),
     "round-robin": PolicyRow(
         lambda s: RoundRobin(s.num_selected, s.phase, s.order),
         "C cameras in turn, one after another from directions far apart",
-        spends=False,
-        weighs=False,
+        uses=frozenset({COUNT}),
+        promises=BOTH,
     ),
     "independent": PolicyRow(
         lambda s: Independent(s.occlusion_limit, queue=s.independent_queue),
         "each camera for itself, by its own 2D motion vectors and a threshold (ID)",
-        counts=False,
-        asks_count=False,
-        budgeted=False,
-        spends=False,
-        weighs=False,
-        may_queue=True,
-        own_boxes=True,
+        needs=frozenset({Need.OWN_BOXES}),
+        uses=frozenset({QUEUE}),
     ),
     "central-2d": PolicyRow(
         lambda s: Central2D(s.num_selected, s.weight(), s.round_trip_s, s.phase, s.raw_weight),
         "cameras predict boxes, the edge selects, a round trip each time",
-        counts=False,
-        holds=True,
-        own_boxes=True,
-        sends_boxes=True,
+        needs=frozenset({Need.OWN_BOXES, Need.SENT_BOXES, Need.HELD_POSES}),
+        promises=frozenset({Promise.BUDGET}),
     ),
     "e3pose-mv": PolicyRow(
         lambda s: DriftPlusPenalty(s.num_selected, s.weight(), s.phase, s.raw_weight),
         "drift plus penalty on occlusion predicted by 3D motion vectors",
+        promises=BOTH,
     ),
     "e3pose": PolicyRow(
         lambda s: DriftPlusPenalty(s.num_selected, s.weight(), s.phase, s.raw_weight),
         "drift plus penalty on occlusion predicted by the attention-LSTM",
         predictor="attention-lstm",
+        promises=BOTH,
     ),
     "information": PolicyRow(
         lambda s: Information(
             s.num_selected, s.weight(INFORMATION_WEIGHT), s.target_error_m, s.phase, s.order
         ),
         "the cameras with the most expected information about all people",
-        foresees=True,
-        aims=True,
+        needs=frozenset({Need.FORESIGHT}),
+        uses=frozenset({COUNT, BUDGET, WEIGHT, TARGET}),
+        promises=BOTH,
     ),
 }
 
@@ -173,6 +164,4 @@ def policy_row(name: str) -> PolicyRow:
     found: Any = member(GROUP, "policy", name, POLICIES)
     if isinstance(found, PolicyRow):
         return found
-    return PolicyRow(
-        lambda settings: made(found, settings), counts=False, budgeted=False, own_boxes=True
-    )
+    return PolicyRow(lambda settings: made(found, settings), needs=frozenset({Need.OWN_BOXES}))

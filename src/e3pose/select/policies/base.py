@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from enum import Enum
 from math import floor
 from typing import Protocol
 
@@ -26,7 +27,7 @@ class Situation:
         online: `(num_cameras,)` reachable and allowed to be selected.
         occlusion: `(num_cameras,)` paper eq. (4) of the people predicted in 3D for `slot`.
         own_occlusion: `(num_cameras,)` the same from each camera's own 2D motion vectors; NaN
-            without a view, and for policies that do not use it (`PolicyRow.own_boxes`).
+            without a view, and for policies that do not need it (`Need.OWN_BOXES`).
         unseen_slots: `(num_cameras,)` slots since each camera was last active.
         visibility: `(num_cameras, num_tracks)` share of the predicted joints inside the image.
         deficit: `(num_cameras,)` the virtual queue: activity beyond the budget so far, in slots.
@@ -35,7 +36,8 @@ class Situation:
             where all cameras cost the same energy (`energy.price`).
         spread: usual difference of `occlusion` between cameras, the unit of V of the paper's
             policies; 0 before any occlusion.
-        foresight: expected information of each camera; None if the policy does not use it.
+        foresight: expected information of each camera; None if the policy does not need it
+            (`Need.FORESIGHT`).
         stated: mean error that the estimator stated in the last seconds, after the warm-up.
     """
 
@@ -52,6 +54,22 @@ class Situation:
     spread: float = 0.0
     foresight: Foresight | None = None
     stated: StatedError = field(default_factory=StatedError)
+
+
+class Need(Enum):
+    """What a policy needs of the loop beyond a plain situation."""
+
+    FORESIGHT = "what each camera is expected to tell, in `Situation.foresight`"
+    OWN_BOXES = "what cameras foresee from their own boxes, in `Situation.own_occlusion`"
+    SENT_BOXES = "boxes that every camera sends for every decision, which costs it WiFi"
+    HELD_POSES = "poses of the slot before in slots without a camera, which are lost frames to it"
+
+
+class Promise(Enum):
+    """What a policy promises of its selections."""
+
+    COUNT = "exactly the cameras per slot asked for, or all that are online if they are fewer"
+    BUDGET = "every camera stays within its budget in the long run"
 
 
 class Policy(Protocol):
