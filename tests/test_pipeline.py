@@ -1,93 +1,35 @@
-"""The loop body: Algorithm 1, its lead, its warm-up, its queues, and its blinkers."""
+"""The loop body: Algorithm 1, its lead, its warm-up, and its queues."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from tests.estimate.filter.room import BODY
+from tests.five_cameras import (
+    BUDGET,
+    FORESIGHT,
+    NUM_CAMERAS,
+    NUM_JOINTS,
+    ONLINE,
+    Recorder,
+    make,
+    run,
+    scene,
+)
 
 from e3pose.energy.queues import Queue
-from e3pose.estimate.base import STEER_SLOTS, People
-from e3pose.estimate.filter import Model
-from e3pose.estimate.filter.estimator import Filtered
-from e3pose.estimate.filter.step import StepKernel
-from e3pose.estimate.per_slot.estimator import PerSlot
-from e3pose.estimate.per_slot.fuse import Fuser
-from e3pose.model.camera import Camera, Rig
-from e3pose.model.noises import load_noise
+from e3pose.estimate.base import People
 from e3pose.model.pose import Poses2D
-from e3pose.model.skeleton import COCO17
-from e3pose.pipeline import Pipeline, SlotRecord, initial_state, step
+from e3pose.pipeline import initial_state, step
 from e3pose.predict import Prediction, make_predictor
-from e3pose.select.feedback import Feedback
-from e3pose.select.policies import POLICIES, Need, PolicySettings, Selection, Situation
-
-SIMULATED = load_noise("simulated")
+from e3pose.select.policies import Selection, Situation
 
 Floats = NDArray[np.float64]
-
-NUM_CAMERAS, NUM_JOINTS = 5, 17
-FORESIGHT = frozenset({Need.FORESIGHT})
-BUDGET = np.full(NUM_CAMERAS, 0.6)
-ONLINE = np.ones(NUM_CAMERAS, dtype=bool)
-
-
-def ring() -> Rig:
-    K = np.array([[900.0, 0, 500], [0, 900, 400], [0, 0, 1]])
-    cameras = []
-    for index, angle in enumerate(np.linspace(0, 2 * np.pi, NUM_CAMERAS, endpoint=False)):
-        centre = np.array([4 * np.cos(angle), 4 * np.sin(angle), 2.0])
-        forward = np.array([0, 0, 1.0]) - centre
-        forward /= np.linalg.norm(forward)
-        right = np.cross(forward, [0, 0, 1.0])
-        right /= np.linalg.norm(right)
-        R = np.stack([right, np.cross(forward, right), forward])
-        cameras.append(Camera.from_world_to_camera(f"cam{index}", (1000, 800), K, R, -R @ centre))
-    return Rig(tuple(cameras))
-
-
-RIG = ring()
-
-
-def scene(slot: int) -> dict[int, Poses2D]:
-    """Two people, one of them walking, seen exactly by all cameras."""
-    people = np.stack([BODY, BODY + [0.8, 0.02 * slot, 0]])
-    return {
-        index: Poses2D(camera.project(people), np.ones((2, NUM_JOINTS)))
-        for index, camera in enumerate(RIG.cameras)
-    }
-
-
-def make(name: str = "e3pose", **changes: object) -> Pipeline:
-    pipeline = Pipeline(
-        rig=RIG,
-        num_joints=NUM_JOINTS,
-        interval_s=0.04,
-        estimator=PerSlot(Fuser(RIG, NUM_JOINTS), NUM_JOINTS, 0.04, SIMULATED, 4),
-        predictor=make_predictor("constant-velocity"),
-        policy=POLICIES[name].make(PolicySettings(num_selected=2)),
-        queue=Queue(BUDGET),
-        clock=lambda: 0.0,
-        lead_slots=2,
-        warmup_slots=4,
-        needs=POLICIES[name].needs | {Need.OWN_BOXES},
-    )
-    return replace(pipeline, **changes)  # type: ignore[arg-type]
-
-
-def run(
-    pipeline: Pipeline, views: Sequence[Mapping[int, Poses2D]], online: Selection = ONLINE
-) -> list[SlotRecord]:
-    state, records = initial_state(pipeline), []
-    for slot_views in views:
-        state, record = step(pipeline, state, slot_views, online)
-        records.append(record)
-    return records
 
 
 def test_people_are_where_they_are_and_keep_their_identity() -> None:
@@ -132,47 +74,6 @@ def test_a_decision_is_used_lead_slots_later() -> None:
         np.testing.assert_array_equal(earlier.next_selection, later.selected)
 
 
-def test_nobody_is_reported_anybody_without_feedback() -> None:
-    records = run(make("all"), [scene(slot) for slot in range(20)])
-    assert all(record.expected is None for record in records)
-
-
-def test_cameras_are_reported_whom_to_expect_but_for_one_look_in_so_many() -> None:
-    records = run(make("all", feedback=Feedback(5)), [scene(slot) for slot in range(40)])
-    published = [record.expected is not None for record in records]
-    assert not any(published[:2])  # the warm-up, two slots ahead
-    first = published.index(True)
-    assert published[first:] == ([True] * 4 + [False]) * 7 + [True] * (len(published) - first - 35)
-
-
-def test_people_are_expected_where_they_are_in_the_slot_of_the_order() -> None:
-    records = run(make("all", feedback=Feedback(1000)), [scene(slot) for slot in range(30)])
-    for record in records[-10:]:
-        assert record.expected is not None
-        for camera, view in enumerate(record.expected):
-            truth = scene(record.slot + 2)[camera].keypoints_px
-            assert len(view) == len(truth) == 2
-            off = np.linalg.norm(view.keypoints_px[:, None] - truth[None], axis=-1).mean(axis=-1)
-            assert off.min(axis=1).max() < 5.0 and set(off.argmin(axis=1)) == {0, 1}
-
-
-def test_cameras_selected_together_look_at_all_of_their_image_together() -> None:
-    records = run(make("round-robin", feedback=Feedback(4)), [scene(slot) for slot in range(80)])
-    looks = np.zeros(NUM_CAMERAS, dtype=int)
-    for record in records[4:]:
-        chosen = record.next_selection
-        looks = np.where(chosen, 0 if record.expected is None else looks + 1, looks)
-        assert looks.max() < 4  # full-frame detection is never later
-    shares = [record.expected is None for record in records[20:]]
-    assert 1 / 4 <= np.mean(shares) <= 1 / 2
-
-
-def test_nobody_expected_is_a_look_at_the_whole_image() -> None:
-    nobody = {index: Poses2D.empty(NUM_JOINTS) for index in range(NUM_CAMERAS)}
-    records = run(make("all", feedback=Feedback(5)), [nobody] * 20)
-    assert all(record.expected is None for record in records)
-
-
 def test_queues_follow_the_paper() -> None:
     records = run(make(), [scene(slot) for slot in range(25)])
     deficit = np.zeros(NUM_CAMERAS)
@@ -180,48 +81,6 @@ def test_queues_follow_the_paper() -> None:
         if record.slot + 2 >= 4:  # the warm-up is not charged
             deficit = np.maximum(deficit - 0.6, 0) + record.next_selection
         np.testing.assert_allclose(record.deficit, deficit)
-
-
-@dataclass
-class Recorder:
-    """A policy that keeps what it was shown."""
-
-    seen: list[Situation]
-
-    def select(self, situation: Situation) -> Selection:
-        self.seen.append(situation)
-        return np.arange(NUM_CAMERAS) < 2
-
-
-def test_a_policy_cannot_see_an_unselected_view() -> None:
-    """Whatever unselected cameras see, estimate and situation are the same to the last bit."""
-    rng = np.random.default_rng(5)
-    outcomes = []
-    for garbage in (False, True):
-        policy = Recorder([])
-        views = [scene(slot) for slot in range(15)]
-        if garbage:
-            for slot in range(4, 15):
-                for camera in (2, 3, 4):
-                    pixels = rng.uniform(0, 800, (3, NUM_JOINTS, 2))
-                    views[slot][camera] = Poses2D(pixels, np.ones((3, NUM_JOINTS)))
-        records = run(replace(make(), policy=policy), views)
-        outcomes.append((records, policy.seen))
-    for clean, dirty in zip(outcomes[0][0], outcomes[1][0], strict=True):
-        np.testing.assert_array_equal(clean.poses.joints_m, dirty.poses.joints_m)
-        np.testing.assert_array_equal(clean.arrived, dirty.arrived)
-    for clean_now, dirty_now in zip(outcomes[0][1], outcomes[1][1], strict=True):
-        for name in ("occlusion", "own_occlusion", "visibility", "deficit", "unseen_slots"):
-            np.testing.assert_array_equal(getattr(clean_now, name), getattr(dirty_now, name))
-
-
-def test_the_guard_bites_when_a_selected_view_changes() -> None:
-    views = [scene(slot) for slot in range(15)]
-    before = run(replace(make(), policy=Recorder([])), views)
-    shifted = views[10][0]
-    views[10][0] = Poses2D(shifted.keypoints_px + 5, shifted.scores)
-    after = run(replace(make(), policy=Recorder([])), views)
-    assert (before[10].poses.joints_m != after[10].poses.joints_m).any()
 
 
 def test_a_saved_state_continues_exactly() -> None:
@@ -269,39 +128,6 @@ def test_people_are_reported_before_cameras_are_selected_for_later() -> None:
     np.testing.assert_array_equal(published[0].track_ids, record.track_ids)
 
 
-def test_offline_cameras_are_neither_read_nor_ordered() -> None:
-    online = np.array([True, True, False, True, True])
-    records = run(make(), [scene(slot) for slot in range(20)], online)
-    assert not any(record.selected[2] or record.arrived[2] for record in records)
-    assert all(record.next_selection[online].sum() == 2 for record in records[2:])
-
-
-def test_an_order_to_a_camera_that_went_offline_is_not_expected_to_be_followed() -> None:
-    policy = Recorder([])  # cameras 0 and 1
-    pipeline = make(policy=policy, lead_slots=3)
-    state = initial_state(pipeline)
-    for slot in range(12):
-        online = np.array([True, slot < 10, True, True, True])
-        state, _ = step(pipeline, state, scene(slot), online)
-    # Slot 11 decides slot 14: camera 0 is expected to detect in slot 13, camera 1 did in slot 9.
-    assert policy.seen[-1].unseen_slots[:2].tolist() == [1, 5]
-
-
-@pytest.mark.parametrize(("retry_slot", "unseen"), [(11, 2), (12, 2), (13, 15)])
-def test_a_camera_that_was_given_up_is_expected_from_its_next_try_on(
-    retry_slot: int, unseen: int
-) -> None:
-    policy = Recorder([])
-    pipeline = make(policy=policy, lead_slots=4)
-    state = initial_state(pipeline)
-    orders = state.selections.copy()  # of slots 10 to 13
-    orders[:, 1] = [False, True, True, False]
-    retry = np.array([0, retry_slot, 0, 0, 0])
-    silence = replace(state.silence, retry_slot=retry)
-    step(pipeline, replace(state, slot=10, selections=orders, silence=silence), scene(10), ONLINE)
-    assert policy.seen[-1].unseen_slots.tolist() == [1, unseen, 1, 1, 1]
-
-
 def test_held_slots_show_the_last_poses() -> None:
     pipeline = make("central-2d")  # a round trip of 0.05 s is two slots
     records = run(pipeline, [scene(slot) for slot in range(12)])
@@ -326,19 +152,6 @@ class Asleep:
         return np.zeros(NUM_CAMERAS, dtype=bool)
 
 
-@pytest.mark.parametrize("policy", ["round-robin", "e3pose-mv", "information", "random"])
-def test_a_camera_that_never_answers_is_given_up_and_made_up_for(policy: str) -> None:
-    views = [scene(slot) for slot in range(90)]
-    for slot in range(20, 70):
-        del views[slot][3]  # nobody says that it is gone
-    # Budgets without slack: every camera has its turns, however occluded.
-    records = run(make(policy, needs=FORESIGHT, queue=Queue(np.full(NUM_CAMERAS, 0.4))), views)
-    asked = [record.slot for record in records if record.selected[3] and not record.arrived[3]]
-    # Five misses, what was ordered meanwhile, and a try a second later.
-    assert 5 <= len(asked) <= 9
-    assert all(record.selected.sum() == 2 for record in records[6:])
-
-
 def test_reasons_are_given_for_the_slot_that_was_decided() -> None:
     records = run(make("information", needs=FORESIGHT), [scene(slot) for slot in range(20)])
     for record in records:
@@ -350,71 +163,3 @@ def test_reasons_are_given_for_the_slot_that_was_decided() -> None:
         assert record.reasons is not None
         np.testing.assert_allclose(record.reasons.price, earlier.deficit)
     assert all(record.reasons is None for record in run(make(), [scene(0)] * 3))
-
-
-@dataclass
-class Shifting:
-    """Foresees everybody aside in two slots and where they are in one; selects the same cameras.
-
-    Attributes:
-        error_m: that it states.
-        shift_m: how far aside.
-        slots_asked: how far it was asked to look ahead.
-        situations: in which it selected.
-    """
-
-    error_m: float
-    shift_m: float
-    slots_asked: list[int] = field(default_factory=list)
-    situations: list[Situation] = field(default_factory=list)
-
-    def select(self, situation: Situation) -> Selection:
-        self.situations.append(situation)
-        return np.arange(NUM_CAMERAS) < 2
-
-    def predict(self, history_m: Floats, interval_s: float, lead_slots: int) -> Prediction:
-        self.slots_asked.append(lead_slots)
-        joints = np.repeat(history_m[-1:], lead_slots, axis=0)
-        joints[1:] += [self.shift_m, 0.0, 0.0]
-        return Prediction(joints, np.full(joints.shape[:-1], self.error_m))
-
-
-def run_shifting(
-    error_m: float, lead_slots: int, shift_m: float = 0.2, steers: bool = True
-) -> tuple[Shifting, list[SlotRecord]]:
-    both = Shifting(error_m, shift_m)
-    pipeline = make(
-        policy=both,
-        predictor=both,
-        needs=FORESIGHT,
-        steering=both if steers else None,
-        lead_slots=lead_slots,
-        estimator=Filtered(Model(RIG, COCO17, SIMULATED), StepKernel(), 5),
-    )
-    return both, run(pipeline, [scene(slot) for slot in range(12)])
-
-
-def test_a_predictor_of_the_policy_alone_does_not_steer() -> None:
-    (_, unsteered), (_, plain) = (
-        run_shifting(0.05, 3, steers=False),
-        run_shifting(np.nan, 3),
-    )
-    for one, other in zip(unsteered, plain, strict=True):
-        np.testing.assert_array_equal(one.poses.joints_m, other.poses.joints_m)
-
-
-def test_a_predictor_that_states_its_error_steers_the_estimator_and_feeds_the_choice() -> None:
-    (stating, steered), (silent, plain) = (run_shifting(e, 3) for e in (0.05, np.nan))
-    assert [len(record.poses) for record in steered] == [len(record.poses) for record in plain]
-    aside = steered[-1].poses.joints_m[:, :, 0] - plain[-1].poses.joints_m[:, :, 0]
-    assert (aside > 0).mean() > 0.95  # towards what was foreseen, as far as views allow
-    published, untold = (each.situations[-1].foresight for each in (stating, silent))
-    assert published is not None and untold is not None
-    assert not np.allclose(published.views, untold.views, rtol=1e-3)
-
-
-def test_policies_see_the_slot_decided_although_the_estimator_needs_two_ahead() -> None:
-    (one, _), (two, _) = (run_shifting(np.nan, lead, shift_m=1000.0) for lead in (1, 2))
-    assert set(one.slots_asked) == set(two.slots_asked) == {STEER_SLOTS}
-    assert (one.situations[-1].visibility > 0.5).all()
-    assert (two.situations[-1].visibility == 0).all()
