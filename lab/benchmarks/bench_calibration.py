@@ -1,6 +1,7 @@
 """Calibration from people against known truth: simulated scenes and published rigs, in one table.
 
-    python lab/benchmarks/bench_calibration.py [--cases "NAME;..."] [--real] [--others PYTHON]
+    python lab/benchmarks/bench_calibration.py [--cases "NAME;..."] [--lenses known] [--real]
+        [--others PYTHON]
     python lab/benchmarks/bench_calibration.py --cases operating-room --noise "0.5;2;4;simulated"
 
 `--real` adds the rigs of `E3POSE_SHARED`, against their published calibration. `--others` names the
@@ -145,6 +146,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--cases", default=";".join(CASES))
     parser.add_argument("--noise", default="1")
+    parser.add_argument("--lenses", default="known;unknown")
     parser.add_argument("--real", action="store_true")
     parser.add_argument("--others", help="interpreter with caliscope and aniposelib")
     options = parser.parse_args()
@@ -156,7 +158,7 @@ def main() -> None:
     print("|---" * (8 + len(tools)) + "|")
     for name, recording in recordings(names, options.real):
         truth, recording = recording.rig, replace(recording, truth=None)
-        for lenses, word in product(("known", "unknown"), options.noise.split(";")):
+        for lenses, word in product(options.lenses.split(";"), options.noise.split(";")):
             known = lenses == "known"
             label = f"{name} | {lenses}" if word == "1" else f"{name}, noise {word} | {lenses}"
             seen = recording if known else without_calibration(recording)
