@@ -46,7 +46,7 @@ from e3pose.recording.record import Recording
 
 Floats = NDArray[np.float64]
 
-SHARES = (0.94, 0.97, 1.0, 1.03, 1.06)
+SHARES = (0.97, 1.03)
 HELD = 1e-10  # variance of what may not move
 POINTS = 3000
 HALF_S = 15.0  # of pizza; the second half is kept

@@ -13,7 +13,9 @@ from e3pose.model.camera import Rig
 from e3pose.model.rotations import angles_between, similarity
 from e3pose.recording.calibration.world import assumed_rig
 from e3pose.recording.record import Recording, ViewSeries
-from e3pose.simulate import SceneSettings, simulate
+from e3pose.simulate import DetectorSettings, SceneSettings, simulate
+from e3pose.simulate.detections import detect_people
+from e3pose.simulate.scenes import SCENES
 
 Floats = NDArray[np.float64]
 
@@ -24,6 +26,24 @@ def walk(
     """Return people before cameras on a ring."""
     settings = SceneSettings(people=people, seconds=seconds, cameras=cameras, fps=fps)
     return simulate(settings, seed=seed)
+
+
+def standing(seed: int, sway_m: float = 0.03, seconds: float = 30.0, fps: float = 5.0) -> Recording:
+    """Return somebody who stands in place and sways before four cameras on a ring."""
+    walking = walk(seed, seconds=5.0, fps=fps)
+    assert walking.truth is not None
+    number, rng = round(seconds * fps), np.random.default_rng(seed)
+    phases = 2 * np.pi * np.arange(number)[:, None] / fps / [3.0, 4.0] + rng.uniform(0, 6, 2)
+    sway = np.pad(sway_m * np.sin(phases), ((0, 0), (0, 1)))
+    joints_m = walking.truth.joints_m[10, 0] + sway[:, None]
+    views = tuple(
+        detect_people(
+            camera, joints_m[:, None], np.zeros(3), SCENES["ring"], 4.2, fps, DetectorSettings(),
+            np.random.SeedSequence([seed, number]),
+        )
+        for number, camera in enumerate(walking.rig.cameras)
+    )  # fmt: skip
+    return replace(walking, num_slots=number, views=views, truth=None)
 
 
 def without_calibration(recording: Recording) -> Recording:

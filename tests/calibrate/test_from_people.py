@@ -10,11 +10,13 @@ from tests.calibrate.people_scenes import (
     distances,
     disturbed,
     every,
+    standing,
     walk,
     without_calibration,
 )
 
 from e3pose.base.errors import InputError
+from e3pose.calibrate import uncertainty
 from e3pose.calibrate.fit import CameraFit, disagreeing
 from e3pose.calibrate.from_people import _finish, _rounds, _Scene, solve_people
 from e3pose.calibrate.judge import judge
@@ -23,7 +25,7 @@ from e3pose.calibrate.people_places import from_people
 from e3pose.calibrate.places import KnownLength
 from e3pose.calibrate.synchronise import synchronise, with_offsets
 from e3pose.model.camera import Rig
-from e3pose.model.noises import load_noise
+from e3pose.model.noises import detector_of, load_noise
 from e3pose.recording.record import Recording
 
 NOISE = load_noise("simulated")
@@ -92,6 +94,18 @@ def test_two_unknown_lenses_are_refused(two: Recording) -> None:
     pair = replace(two, rig=two.rig.subset([0, 1]), views=two.views[:2])
     with pytest.raises(InputError, match="found two with unknown lenses"):
         from_people(without_calibration(pair), NOISE, None, KnownLength(), quiet)
+
+
+@pytest.mark.parametrize("lenses", ["known", "unknown"])
+def test_somebody_who_stands_in_place_is_warned_of(lenses: str) -> None:
+    still = standing(734)
+    recording = still if lenses == "known" else without_calibration(still)
+    found = from_people(recording, load_noise(detector_of(still)), None, KnownLength(1.72), quiet)
+    assert any("the result may be far off" in words for words in found.notes)
+    assert found.expected is not None
+    degrees, millimetres = uncertainty.distances(found.rig, still.rig)
+    assert (degrees < 2 * found.expected.expected_deg).all()
+    assert (millimetres < 2 * found.expected.expected_mm).all()
 
 
 def test_camera_that_disagrees_is_refused_unless_forced(two: Recording) -> None:
