@@ -61,7 +61,7 @@ class NetworkOptions:
 
     start: Path | None = None
     """Start from these weights (.onnx) at half the learning rate; `shipped` names those of the
-    package. Default: random weights."""
+    package, with `--published` those of the paper's network. Default: random weights."""
     history: Whole = 10
     """History length M in slots."""
     leads: Whole = 15
@@ -180,9 +180,7 @@ def _settings(
     )
     before: AttentionLstm | None = None
     if network.start is not None:
-        if network.published:
-            raise InputError("--published", "with --start", "one of them")
-        before, settings = _gone_on_from(network.start, settings)
+        before, settings = _gone_on_from(network, settings)
     if network.dropout is not None:
         settings = replace(settings, network=replace(settings.network, dropout=network.dropout))
     return settings, before
@@ -194,7 +192,7 @@ def _clip_settings(data: DataOptions, network: NetworkOptions, seed: int) -> Cli
     from e3pose_lab.train.replayed import ReplayedSettings
     from e3pose_lab.train.training_clips import ClipSettings as Settings
 
-    start = None if network.start is None else _file(network.start)
+    start = None if network.start is None else _file(network)
     return Settings(
         target="least-occluded" if network.published and data.target == "auto" else data.target,
         include_scored=data.include_scored,
@@ -231,24 +229,31 @@ def _with_progress(
     return motion
 
 
-def _file(start: Path) -> Path:
+def _file(options: NetworkOptions) -> Path:
     """Return the weights that `--start` names."""
-    from e3pose.predict.attention_lstm import SHIPPED
+    from e3pose.predict.attention_lstm import PUBLISHED, SHIPPED
 
-    return SHIPPED if str(start) == SHIPPED_NAME else start
+    assert options.start is not None
+    if str(options.start) != SHIPPED_NAME:
+        return options.start
+    return PUBLISHED if options.published else SHIPPED
 
 
-def _gone_on_from(start: Path, settings: TrainSettings) -> tuple[AttentionLstm, TrainSettings]:
-    """Return the network in a file, and the settings to go on from it."""
+def _gone_on_from(
+    options: NetworkOptions, settings: TrainSettings
+) -> tuple[AttentionLstm, TrainSettings]:
+    """Return the network in the file that `--start` names, and the settings to go on from it."""
     import hashlib
 
     from e3pose.base.bounded import read_bytes
     from e3pose.predict.attention_lstm import MAX_WEIGHTS_BYTES
     from e3pose_lab.train.weights import network_of
 
-    path = _file(start)
+    path = _file(options)
     content = read_bytes(path, MAX_WEIGHTS_BYTES)
     network, _ = network_of(content, str(path))
+    if options.published and network.settings != network.settings.as_published():
+        raise InputError("--published", f"another network in {path}", "one trained with it")
     for name, wanted, found in (
         ("history", settings.network.history_slots, network.settings.history_slots),
         ("hidden", settings.network.hidden, network.settings.hidden),
@@ -260,7 +265,7 @@ def _gone_on_from(start: Path, settings: TrainSettings) -> tuple[AttentionLstm, 
         settings,
         network=network.settings,
         learning_rate=settings.learning_rate / 2,
-        started_from=f"{start.name}, sha256 {digest}",
+        started_from=f"{path.name}, sha256 {digest}",
     )
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from e3pose.base.errors import InputError
 from e3pose.model.skeleton import COCO17
-from e3pose.predict.attention_lstm import AttentionLstm
+from e3pose.predict.attention_lstm import SHIPPED, AttentionLstm
 from e3pose.recording import save_recording
 from e3pose.simulate import SceneSettings, simulate
 from e3pose_lab.cli.training import DataOptions, NetworkOptions, StepOptions, train
@@ -94,3 +94,26 @@ def test_the_papers_network_is_trained_on_what_the_least_occluded_cameras_see(
     assert "as its cameras estimate it" in card  # the truth is there, and not learned from
     predictor = AttentionLstm(COCO17, out / "attention-lstm.onnx")
     assert not predictor.states_error
+
+
+def test_the_papers_network_goes_on_from_its_shipped_weights(room: Path) -> None:
+    other = room.parent / "other"
+    save_recording(simulate(SceneSettings(people=2, seconds=3.0), seed=1), other)
+    out = room.parent / "out"
+    train(
+        [room], out=out, data=DataOptions(validate=[other]),
+        network=NetworkOptions(published=True, start=Path("shipped")),
+        optimisation=StepOptions(steps=1, batch=4),
+    )  # fmt: skip
+    card = (out / "model-card.md").read_text()
+    assert "- started from: attention-lstm-paper.onnx, sha256 " in card
+    assert "- variety: motion" in card and "- learning rate: 0.001" in card
+    assert not AttentionLstm(COCO17, out / "attention-lstm.onnx").states_error
+
+
+def test_the_papers_network_does_not_go_on_from_another(room: Path) -> None:
+    with pytest.raises(InputError, match="--published: found another network in "):
+        train(
+            [room], out=room.parent / "out",
+            network=NetworkOptions(published=True, start=SHIPPED),
+        )  # fmt: skip
