@@ -97,3 +97,23 @@ def test_a_camera_that_never_answers_is_given_up_and_made_up_for(policy: str) ->
     # Five misses, what was ordered meanwhile, and a try a second later.
     assert 5 <= len(asked) <= 9
     assert all(record.selected.sum() == 2 for record in records[6:])
+
+
+def test_a_sleeping_camera_is_not_selected_and_its_silence_is_no_failure() -> None:
+    pipeline = make("round-robin")
+    state = initial_state(pipeline)
+    until = 30
+    for slot in range(until + 5):
+        if slot == 15:
+            asleep = np.zeros(NUM_CAMERAS, dtype=np.int64)
+            asleep[1] = until
+            state = replace(state, asleep_until=asleep)
+        views = scene(slot)
+        if 15 < slot < until:
+            del views[1]
+        state, record = step(pipeline, state, views, ONLINE)
+        assert not (record.next_selection[1] and 15 <= slot < until - pipeline.lead_slots)
+        if slot >= pipeline.warmup_slots:
+            assert record.next_selection.sum() == 2
+        assert record.asleep_until[1] == (until if slot >= 15 else 0)
+    assert state.silence.failures[1] == 0

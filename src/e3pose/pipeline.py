@@ -106,6 +106,7 @@ class SlotState:
         stated: how large errors the estimator stated in the last seconds, after the warm-up.
         focused: `(num_cameras,)` looks since each camera looked at all of its image.
         check: what the policy's check on itself has found.
+        asleep_until: `(num_cameras,)` slot from which each camera is awake; over or 0: it is.
     """
 
     slot: int
@@ -119,6 +120,7 @@ class SlotState:
     stated: StatedError = field(default_factory=StatedError)
     focused: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     check: OwnCheck = field(default_factory=OwnCheck)
+    asleep_until: Integers = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
 
 def initial_state(pipeline: Pipeline) -> SlotState:
@@ -132,6 +134,7 @@ def initial_state(pipeline: Pipeline) -> SlotState:
         memory=pipeline.estimator.begin(),
         last_views=(LastView.none(),) * num_cameras,
         focused=np.zeros(num_cameras, dtype=np.int64),
+        asleep_until=np.zeros(num_cameras, dtype=np.int64),
     )
 
 
@@ -202,6 +205,7 @@ def step(
         shifts_px=people.shifts_px,
         expected=expected,
         dynamics=shown.dynamics,
+        asleep_until=state.asleep_until,
     )
     after = replace(
         state,
@@ -287,7 +291,7 @@ def _situation(
     return Situation(
         slot=target,
         interval_s=pipeline.interval_s,
-        online=online & state.silence.answering(target),
+        online=online & state.silence.answering(target) & (state.asleep_until <= target),
         occlusion=occlusion,
         spread=state.spread.mean,
         own_occlusion=own_occlusion(state.last_views, target, pipeline.rig)

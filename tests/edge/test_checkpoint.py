@@ -251,6 +251,7 @@ HOSTILE = {
     "a camera there is none": value("memory.belief.leftovers.cameras", 3),
     "a track with an id to come": value("memory.belief.track_ids", 1000),
     "never tried again": value("silence.retry_slot", 2**40),
+    "asleep for ever": value("asleep_until", 2**40),
     "looked in the future": value("last_views.0.slot", 2**40),
     "missed more than there were slots": value("silence.failures", 2**40),
     "queue of NaN": value("deficit", np.nan),

@@ -26,13 +26,14 @@ from e3pose.select.failure_detector import RETRY_LIMIT_S
 
 # 1 lacks the run, 2 what links lose, 3 exits and noise, 4 shifts, 5 sides; 6 had another unit of V,
 # 7 other names, 8 lacks innovations, 9 has those of the site, 11 lacks failed pairs, 12 agility,
-# 13 has exits, 14 lacks the check.
-VERSION = 15
+# 13 has exits, 14 lacks the check, 15 who sleeps.
+VERSION = 16
 MAX_BYTES = 64 * 2**20  # 28 cameras and 20 people take about one
 MAX_ARRAYS = 10_000
 MAX_S = 100 * 365.25 * 86400  # of slots
 MAX_NS = 2**62  # the year 2116: what is added to it still fits 64 bits
 MAX_ID = 2**53
+LONGEST_SLEEP_S = 86400.0  # a camera that is told to sleep longer is lost
 MAX_VALUE = 1e15  # in whatever unit
 ABOUT = "about"
 FORGOTTEN = {"shown", "focused"}  # of earlier slots, which are over when the edge resumes
@@ -161,6 +162,7 @@ def _check_values(arrays: Arrays, num_cameras: int, interval_s: float, where: st
         "cameras": (0, num_cameras - 1),
         "next_id": (0, MAX_ID),
         "retry_slot": (0, slot + round(RETRY_LIMIT_S / interval_s) + 1),
+        "asleep_until": (0, slot + round(LONGEST_SLEEP_S / interval_s) + 1),
         "track_ids": (0, last_id),
         "tracks": (0, last_id),
         "slot": (-1, slot - 1),  # of a camera's last view

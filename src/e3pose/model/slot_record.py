@@ -65,6 +65,8 @@ class SlotRecord:
             arrived, where no camera was to detect, and in replays.
         dynamics: `(num_persons, num_joints, 6)` of the joints of `poses`, see `model.dynamics`;
             None of an estimator that has none.
+        asleep_until: `(num_cameras,)` part of the decision for slot + lead: the slot from which
+            each camera is awake again. One that is at most slot + lead: it is awake there.
     """
 
     slot: int
@@ -85,8 +87,11 @@ class SlotRecord:
     expected: tuple[ExpectedView, ...] | None = None
     blind: str = ""
     dynamics: Floats | None = None
+    asleep_until: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
     def __post_init__(self) -> None:
+        if self.asleep_until.shape != self.selected.shape:  # of a record without rests
+            object.__setattr__(self, "asleep_until", np.zeros(len(self.selected), dtype=np.int64))
         shape = self.poses.scores.shape
         if self.measured.shape != shape:  # whoever made the record does not know
             object.__setattr__(self, "covariance_m2", np.full((*shape, 3, 3), np.nan))
