@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -9,6 +10,7 @@ from e3pose.base.clock import SlotTimes
 from e3pose.camera.schedule import KEPT_SLOTS, Schedule, slot_of_frame, take_order
 from e3pose.wire.messages import Order
 
+S = 10**9
 ORIGIN, INTERVAL = 1_000_000_000_000, 40_000_000
 TIMES = SlotTimes(ORIGIN, INTERVAL)
 
@@ -105,3 +107,44 @@ def test_slots_of_a_wrong_clock_do_not_hold_up_those_of_the_right_one() -> None:
     times = SlotTimes(0, 40_000_000)
     assert slot_of_frame(times, 0, 750, 40_000_000) == 0  # it was half a minute ahead before
     assert slot_of_frame(times, 0, 0, 40_000_000) is None
+
+
+def test_sleep_begins_with_its_slot_and_ends_in_time_for_the_next_order() -> None:
+    order = Order(
+        "cam0", 20, False, "power-saving", 0, S // 10, 1, 1, lead=3, asleep_until=100, wake_s=2.0
+    )
+    schedule = take_order(Schedule(), order, 18 * S // 10)
+    times = schedule.times
+    assert times is not None
+    alarm_ns = times.begin_ns(97) - 2 * S
+    assert schedule.alarm_ns(times.begin_ns(20) - 1, 0.5) is None  # orders before it count
+    assert schedule.alarm_ns(times.begin_ns(20), 0.5) == alarm_ns
+    assert schedule.alarm_ns(alarm_ns - S // 10, 0.5) is None  # not worth it any more
+    assert schedule.alarm_ns(alarm_ns - S // 10, 0.5, asleep=True) == alarm_ns
+    assert schedule.alarm_ns(alarm_ns, 0.5, asleep=True) is None
+    unlearned = take_order(Schedule(), msgspec.structs.replace(order, wake_s=0.0), 18 * S // 10)
+    assert unlearned.alarm_ns(times.begin_ns(20), 0.5) == times.begin_ns(97) - S // 2
+
+
+def test_later_order_lengthens_shortens_or_ends_a_sleep_and_an_older_one_does_not() -> None:
+    def order(slot: int, until: int, sent: int) -> Order:
+        return Order("cam0", slot, False, "power-saving", 0, S // 10, sent, 1, asleep_until=until)
+
+    schedule = take_order(Schedule(), order(20, 100, 5), S)
+    schedule = take_order(schedule, order(21, 100, 6), S)
+    assert (schedule.asleep_from, schedule.asleep_until) == (20, 100)
+    schedule = take_order(schedule, order(19, 0, 4), S)  # overtaken on its way
+    assert schedule.asleep_until == 100
+    schedule = take_order(schedule, order(22, 80, 7), S)
+    assert (schedule.asleep_from, schedule.asleep_until) == (22, 80)
+    late = take_order(schedule, order(23, 0, 8), 60 * S)  # late for its slot, and still true
+    assert late.asleep_until == 0 and late.late == 1
+
+
+def test_camera_whose_clock_stood_still_does_not_trust_its_alarm() -> None:
+    sent_ns = 4 * S
+    order = Order("cam0", 50, False, "power-saving", 0, S // 10, sent_ns, 1, asleep_until=100)
+    schedule = take_order(Schedule(), order, 5 * S)
+    assert schedule.alarm_ns(5 * S, 0.5) is not None
+    later = msgspec.structs.replace(order, sent_edge_ns=8 * S)
+    assert take_order(schedule, later, 5 * S).alarm_ns(5 * S, 0.5) is None

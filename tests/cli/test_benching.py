@@ -12,7 +12,7 @@ from tests.detectors.test_networks import write_onnx
 from tests.detectors.test_timing import NAP_S, NAPPER
 
 from e3pose.energy.meters.base import Reading
-from e3pose.energy.profiles import Mode
+from e3pose.energy.profiles import Activity
 from e3pose.site import bench
 from e3pose.site.bench import measure
 
@@ -22,7 +22,7 @@ pytestmark = pytest.mark.slow
 class Watts:
     """Draws 5 W, and 9 W while the camera detects."""
 
-    def read(self, mode: Mode) -> Reading:
+    def read(self, mode: Activity) -> Reading:
         return Reading(9.0 if mode == "active" else 5.0, None, True, "measured: a test")
 
 

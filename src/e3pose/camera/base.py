@@ -79,6 +79,7 @@ class NodeSettings:
         delay_ns: how long after the moment it shows a frame has its time.
         detector: name of the network.
         battery_wh: capacity; None on mains.
+        rests: how it may sleep, of `wire.messages.RESTING`.
     """
 
     site: str
@@ -88,3 +89,4 @@ class NodeSettings:
     delay_ns: int = 0
     detector: str = ""
     battery_wh: float | None = None
+    rests: tuple[str, ...] = ()

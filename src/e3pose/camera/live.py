@@ -5,7 +5,7 @@
 
 The network stays loaded in every mode, so that a camera changes its mode within a slot. Between
 the threads is room for one frame and one view: a slow detector skips frames, and never falls
-behind.
+behind. A camera asleep has closed its source and sends nothing; see `sleep`.
 """
 
 from __future__ import annotations
@@ -21,9 +21,12 @@ from e3pose.base.errors import InputError
 from e3pose.camera.base import LiveDetector, LiveFrame, LiveSource
 from e3pose.camera.base import NodeSettings as NodeSettings
 from e3pose.camera.box import Box
+from e3pose.camera.clock_exchange import exchange_time
 from e3pose.camera.frame_rate import FrameRate
 from e3pose.camera.pictures import Pictures
+from e3pose.camera.processor_time import ProcessorTime
 from e3pose.camera.schedule import Schedule, slot_of_frame, take_order
+from e3pose.camera.sleep import LEAST_SUSPEND_S, Suspend
 from e3pose.camera.status import CameraCounts, heartbeat_message, hello_message
 from e3pose.camera.video_recorder import VideoRecorder
 from e3pose.detectors.focus import detect_expected, uses_feedback
@@ -31,22 +34,15 @@ from e3pose.model.expected import ExpectedView
 from e3pose.wire import topics
 from e3pose.wire.arrays import pack_poses
 from e3pose.wire.codec import decode, encode
-from e3pose.wire.messages import (
-    CameraMode,
-    ClockAnswer,
-    ClockQuestion,
-    Heartbeat,
-    Order,
-    View,
-)
-from e3pose.wire.offset import Exchange, OffsetEstimate, take_in
+from e3pose.wire.messages import Activity, Heartbeat, Order, View
+from e3pose.wire.offset import OffsetEstimate, take_in
 from e3pose.wire.transport import Transport
 
 BEAT_NS = 500_000_000
 HELLO_EVERY = 4  # heartbeats
-CLOCK_TIMEOUT_S = 0.5
 REOPEN_S = 1.0  # after a source failed
 SOURCE_WAIT_NS = 100_000_000
+SLEEP_STEP_S = 0.2  # how soon a camera asleep follows an order to wake
 MISSED_FRAMES = 3  # a film that is played slowly has more than a second between two frames
 
 
@@ -68,10 +64,11 @@ class CameraNode:
         detector: LiveDetector,
         transport: Transport,
         clock: Clock,
-        meter: Callable[[CameraMode], dict[str, Any]] = lambda mode: {},
+        meter: Callable[[Activity], dict[str, Any]] = lambda mode: {},
         report: Callable[[str], None] = lambda line: None,
         pictures: Pictures | None = None,
         recorder: VideoRecorder | None = None,
+        suspend: Suspend | None = None,
     ) -> None:
         """Create a camera with a loaded detector.
 
@@ -85,22 +82,23 @@ class CameraNode:
             report: called with messages for operators.
             pictures: sends operators small pictures; None refuses them.
             recorder: writes videos; the node closes it.
+            suspend: suspends the machine while the camera sleeps; None for its program alone.
         """
-        self.pictures, self.recorder = pictures, recorder
+        self.pictures, self.recorder, self._suspend = pictures, recorder, suspend
         self.settings, self.source, self.detector = settings, source, detector
         self.transport, self.clock, self._meter, self._report = transport, clock, meter, report
         self.session = random.SystemRandom().randrange(1, 2**53)
-        self.schedule = Schedule()
-        self.offset = OffsetEstimate()
-        self.counts = CameraCounts()
-        self.problem = ""
-        self.edge_there = False
-        self.mode: CameraMode = "power-saving"
+        self.schedule, self.offset, self.counts = Schedule(), OffsetEstimate(), CameraCounts()
+        self.problem, self.edge_there = "", False
+        self.mode: Activity = "power-saving"
         self._frames: Box[_Seen] = Box()
         self._views: Box[View] = Box()
         self._stop = threading.Event()
         self._order = threading.Event()  # set by each order: a sleeping source may have to wake
+        self._awake = threading.Event()  # cleared while nothing is to be sent
+        self._awake.set()
         self._lock = threading.Lock()
+        self._processor, self._accounted_ns = ProcessorTime(), clock.now_ns()
         self._image_size: tuple[int, int] | None = None  # until the first frame
         self._rate = FrameRate()
         self._newest = (0, -1)  # session of the edge and slot of the newest frame
@@ -135,8 +133,8 @@ class CameraNode:
 
     def stop(self) -> None:
         """Stop, and release the device."""
-        self._stop.set()
-        self._order.set()
+        for event in (self._stop, self._order, self._awake):
+            event.set()
         self._frames.close()
         self._views.close()
         for thread in self._threads:
@@ -189,18 +187,18 @@ class CameraNode:
     def _run_capture(self) -> None:
         is_open, frame_ns = False, self.clock.now_ns()
         while not self._stop.is_set():
-            if self._may_sleep():
+            alarm_ns = self._alarm_ns()
+            if alarm_ns is not None or self._may_close():
                 if is_open:
                     self.source.close()
-                    is_open = False
-                self.mode = "aggressive-power-saving"
-                self._order.wait(SOURCE_WAIT_NS / 1e9)
-                self._order.clear()
+                is_open = False
+                self._rest(alarm_ns)
                 continue
             if not is_open:
                 is_open, frame_ns = self._open(), self.clock.now_ns()
                 continue
             frame = self.source.read()
+            self._processor.capturing()
             now_ns = self.clock.now_ns()
             if frame is None:
                 if now_ns - frame_ns > MISSED_FRAMES * 1e9 / self.source.fps:
@@ -225,7 +223,46 @@ class CameraNode:
             self.problem = problem
             self._report(problem or "frames from the source again")
 
-    def _may_sleep(self) -> bool:
+    def _alarm_ns(self) -> int | None:
+        """Return when to wake, edge time, from a sleep that is due or goes on; else None.
+
+        A camera without a frame or without the time has not said what it is: it stays awake.
+        """
+        known = self._image_size is not None and self.offset.offset.error_ns is not None
+        if not (self.settings.rests and known):
+            return None
+        asleep = not self._awake.is_set()
+        return self.schedule.alarm_ns(self.edge_ns(), self.settings.wake_s, asleep)
+
+    def _rest(self, alarm_ns: int | None) -> None:
+        """Sleep until an alarm, or wait a moment for an order where there is none."""
+        if alarm_ns is not None:
+            self._sleep(alarm_ns)
+            return
+        self.mode = "aggressive-power-saving"
+        self._order.wait(SOURCE_WAIT_NS / 1e9)
+        self._order.clear()
+
+    def _sleep(self, alarm_ns: int) -> None:
+        """Say that it sleeps, sleep until the alarm or an order to wake, and set the clock."""
+        seconds = (alarm_ns - self.edge_ns()) / 1e9
+        suspend = self._suspend if seconds >= LEAST_SUSPEND_S else None
+        self._account("asleep" if suspend is None else "suspended")
+        self._awake.clear()
+        self._beat()
+        if suspend is not None:
+            if problem := suspend.run(int(seconds), self._stop):
+                self._report(f"{problem}; asleep without suspending")
+            self._account("asleep")
+            self.offset = OffsetEstimate()  # what counts the time may have stood still
+            self._exchange(until_known=True)
+        while not self._stop.is_set() and (alarm_ns := self._alarm_ns() or 0):
+            self._stop.wait(min((alarm_ns - self.edge_ns()) / 1e9, SLEEP_STEP_S))
+        self._account("power-saving")
+        self._exchange()
+        self._awake.set()
+
+    def _may_close(self) -> bool:
         """Return whether the next active slot is farther away than the wake-up time."""
         schedule = self.schedule
         if schedule.idle_mode != "aggressive-power-saving" or schedule.times is None:
@@ -263,7 +300,8 @@ class CameraNode:
         warned, uses = False, uses_feedback(self.detector)
         while (seen := self._frames.take()) is not None:
             begun_ns = self.clock.now_ns()
-            poses = detect_expected(self.detector, image := seen.frame.image(), seen.expected)
+            with self._processor.looking():
+                poses = detect_expected(self.detector, image := seen.frame.image(), seen.expected)
             if self.pictures is not None:
                 self.pictures.offer(image, seen.slot, max(seen.edge_ns, 0), seen.frame.image_size)
             done_ns = self.clock.now_ns()
@@ -297,18 +335,19 @@ class CameraNode:
             self.counts.sent += 1
 
     def _run_beat(self) -> None:
-        site, camera_id = self.settings.site, self.settings.camera_id
-        count, mode_since_ns = 0, self.clock.now_ns()
+        topic, count = topics.of_camera(self.settings.site, self.settings.camera_id, "hello"), 0
         while not self._stop.is_set():
+            if not self._awake.is_set():
+                self._awake.wait()
+                count = 0  # says what it is at once
             if self._image_size is not None and count % HELLO_EVERY == 0:
                 fps = self._rate.hz(self.source.fps)
                 hello = hello_message(self.settings, self.session, fps, self._image_size)
-                self.transport.publish(topics.of_camera(site, camera_id, "hello"), encode(hello))
+                self.transport.publish(topic, encode(hello))
             self._exchange()
-            now_ns = self.clock.now_ns()
-            self._account(now_ns - mode_since_ns)
-            mode_since_ns = now_ns
-            self._beat()
+            self._account(self.mode)
+            if self._awake.is_set():  # what is said while it falls asleep would wake it again
+                self._beat()
             count += self._image_size is not None  # the hello needs the image size
             self.clock.wait(self._stop, self.clock.now_ns() + BEAT_NS)
 
@@ -317,36 +356,27 @@ class CameraNode:
             topic = topics.of_camera(self.settings.site, self.settings.camera_id, "heartbeat")
             self.transport.publish(topic, encode(self._heartbeat(ends)))
 
-    def _account(self, span_ns: int) -> None:
-        if self.mode == "active":
-            self.counts.active_ns += span_ns
-        else:
-            self.counts.idle_ns += span_ns
+    def _account(self, mode: Activity) -> None:
+        """Add the time since the last call to the present mode, and change to another."""
+        with self._lock:
+            now_ns = self.clock.now_ns()
+            self.counts.add_time(self.mode, now_ns - self._accounted_ns)
+            self.mode, self._accounted_ns = mode, now_ns
 
-    def _exchange(self) -> None:
-        """Ask the edge for the time."""
-        topic = topics.of_camera(self.settings.site, self.settings.camera_id, "clock")
-        asked_ns = self.clock.now_ns()
-        question = encode(ClockQuestion(self.settings.camera_id, asked_ns))
-        payload = self.transport.ask(topic, question, CLOCK_TIMEOUT_S)
-        answered_ns = self.clock.now_ns()
-        if payload is None:
-            return
-        try:
-            answer = decode(payload, ClockAnswer, "edge")
-        except InputError as error:
-            self._report(str(error))
-            return
-        if answer.asked_ns != asked_ns:
-            return
-        exchange = Exchange.of_stamps(
-            asked_ns, answer.received_edge_ns, answer.sent_edge_ns, answered_ns
-        )
-        self.offset = take_in(self.offset, exchange)
+    def _exchange(self, until_known: bool = False) -> None:
+        """Ask the edge for the time, again and again until it is known if that is asked for."""
+        name, report = self.settings.camera_id, self._report
+        topic = topics.of_camera(self.settings.site, name, "clock")
+        found = exchange_time(self.transport, topic, name, self.clock, report)
+        while found is None and until_known and not self._stop.wait(SLEEP_STEP_S):
+            found = exchange_time(self.transport, topic, name, self.clock, report)
+        if found is not None:
+            self.offset = take_in(self.offset, found)
 
     def _heartbeat(self, ends: bool) -> Heartbeat:
         with self._lock:
             counts = replace(self.counts)
+            counts.cpu_s, counts.look_cpu_s = self._processor.total_s, self._processor.look_s
             self.counts.margin_ns, self.counts.delay_ns = None, 0
         return heartbeat_message(
             self.settings.camera_id,

@@ -10,7 +10,7 @@ from e3pose import __version__
 from e3pose.camera.base import NodeSettings
 from e3pose.camera.schedule import Schedule
 from e3pose.wire.codec import one_line
-from e3pose.wire.messages import CameraMode, Heartbeat, Hello
+from e3pose.wire.messages import RESTING, Activity, Heartbeat, Hello
 from e3pose.wire.offset import Offset
 
 
@@ -24,7 +24,10 @@ class CameraCounts:
         sent: views sent.
         focused: detected frames with an expected view.
         active_ns: time in the mode `active`.
-        idle_ns: time in other modes.
+        idle_ns: time in other modes, awake.
+        asleep_ns: time asleep or suspended.
+        cpu_s: processor time of the program.
+        look_cpu_s: part of it that looking took.
         margin_ns: least time from an order to its slot since the last heartbeat; None without one.
         delay_ns: longest time from the slot in which an order was made to its arrival, likewise.
     """
@@ -35,8 +38,21 @@ class CameraCounts:
     focused: int = 0
     active_ns: int = 0
     idle_ns: int = 0
+    asleep_ns: int = 0
+    cpu_s: float = 0.0
+    look_cpu_s: float = 0.0
     margin_ns: int | None = None
     delay_ns: int = 0
+
+    def add_time(self, mode: Activity, span_ns: int) -> None:
+        """Add the time that was spent in a mode; none where a clock was set back meanwhile."""
+        span_ns = max(span_ns, 0)
+        if mode in RESTING:
+            self.asleep_ns += span_ns
+        elif mode == "active":
+            self.active_ns += span_ns
+        else:
+            self.idle_ns += span_ns
 
 
 def hello_message(
@@ -60,13 +76,14 @@ def hello_message(
         detector=settings.detector,
         software=__version__,
         battery_wh=settings.battery_wh,
+        rests=settings.rests,
     )
 
 
 def heartbeat_message(
     camera_id: str,
     session: int,
-    mode: CameraMode,
+    mode: Activity,
     counts: CameraCounts,
     schedule: Schedule,
     offset: Offset,
@@ -114,5 +131,9 @@ def heartbeat_message(
         order_delay_ns=max(counts.delay_ns, 0),
         ends=ends,
         focused=counts.focused,
+        asleep_until=schedule.asleep_until if mode in RESTING else 0,
+        asleep_s=counts.asleep_ns / 1e9,
+        cpu_s=counts.cpu_s,
+        look_cpu_s=counts.look_cpu_s,
         **power,
     )

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from e3pose.base.quantities import plural
 from e3pose.energy.budgets import Budget
+from e3pose.energy.modes import RestName, modes_of
 from e3pose.energy.profiles import DeviceProfile, Mode
 from e3pose.energy.site_energy import (
     CameraEnergy,
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from e3pose.wire.messages import Heartbeat
 
 UPDATE_S = 60.0
+RESTING: dict[str, RestName] = {"asleep": "asleep", "suspended": "suspended"}
 RECORDING = "recording"  # the part of a reading that recording video took, in a row of its own
 
 
@@ -64,6 +66,8 @@ class EnergyLedger:
                 profiles, idle_modes, capacities_j or [np.inf] * len(profiles), strict=True
             )
         ]
+        self._modes = [modes_of(profile, interval_s) for profile in profiles]
+        self._resting_w = np.full(len(profiles), np.nan)
         self._budgets, self._interval_s = tuple(budgets), interval_s
         self._num_selected, self._now_ns, self._keep = num_selected, now_ns, keep
         self._lock = threading.Lock()
@@ -76,7 +80,12 @@ class EnergyLedger:
         index = self._index.get(beat.camera_id)
         if index is None:
             return
+        resting = RESTING.get(beat.mode)
+        rest = None if resting is None else self._modes[index].rest(resting)
+        resting_w = self._resting_w.copy()  # replaced whole, as another thread reads it
+        resting_w[index] = np.nan if rest is None else rest.watts
         with self._lock:
+            self._resting_w = resting_w
             before = self._cameras[index].beat
             self._cameras[index] = observe(self._cameras[index], beat)
         if self._keep is None or before is None or before.session != beat.session:
@@ -156,8 +165,13 @@ class EnergyLedger:
         return events
 
     def spent_j(self, selected: NDArray[np.bool_]) -> NDArray[np.float64]:
-        """Return `(num_cameras,)` joules charged for a slot with this selection."""
-        return self._estimate.spent_j(selected)
+        """Return `(num_cameras,)` joules charged for a slot with this selection.
+
+        Cameras that said that they sleep are charged what their profile says of that.
+        """
+        resting_j = self._resting_w * self._interval_s
+        spent_j = self._estimate.spent_j(selected)
+        return np.where(selected, spent_j, np.fmin(spent_j, resting_j))  # NaN: awake
 
     def _estimated(self) -> EnergyEstimate:
         return estimate_energy(

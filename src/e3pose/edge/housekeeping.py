@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from e3pose.edge.checkpoint import Checkpoint
 from e3pose.edge.reports import Conditions, camera_changes
+from e3pose.edge.rests import ASLEEP
 from e3pose.edge.watchdog import Watchdog
 from e3pose.wire import topics
 from e3pose.wire.codec import encode
@@ -59,7 +60,9 @@ class Housekeeping:
         # No camera recovers because the edge became too slow to judge it.
         slow = edge.health.load.overloaded()
         judged = self._conditions[1:] if slow else edge.impairments()
-        before, self._conditions = self._conditions, (edge.inbox.problems(), *judged)
+        # Who sleeps as told is not lost.
+        problems = ["" if why.startswith(ASLEEP) else why for why in edge.inbox.problems()]
+        before, self._conditions = self._conditions, (problems, *judged)
         events = camera_changes(edge.pipeline.rig.camera_ids, before, self._conditions)
         for event in events:
             self._report(*event)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from e3pose.base.clock import Clock
 from e3pose.base.errors import InputError
 from e3pose.edge.gather import Arrival, Gather
+from e3pose.edge.rests import ASLEEP, Rests
 from e3pose.edge.roster import (
     CameraState,
     Roster,
@@ -30,7 +31,7 @@ from e3pose.model.skeleton import Skeleton, convert
 from e3pose.wire import topics
 from e3pose.wire.arrays import poses_2d
 from e3pose.wire.codec import decode, encode
-from e3pose.wire.messages import ClockAnswer, ClockQuestion, Heartbeat, Hello, View
+from e3pose.wire.messages import RESTING, ClockAnswer, ClockQuestion, Heartbeat, Hello, View
 from e3pose.wire.transport import Transport
 
 PAUSED = "paused"  # a problem, so that the camera is not selected
@@ -55,6 +56,8 @@ class Inbox:
         paused: returns the cameras that operators paused.
         not_admitted: why cameras without a valid certificate cannot join, by camera id; replaced
             whole.
+        wakes_s: `(num_cameras,)` configured times to wake; empty where none are.
+        rests: who sleeps by order.
         roster: the state of the cameras; replaced whole, so that readers need no lock.
         unknown_senders: messages of cameras that the rig does not have.
         wrong: invalid messages.
@@ -71,6 +74,8 @@ class Inbox:
     on_beat: Callable[[Heartbeat], None]
     paused: Callable[[], frozenset[str]] = frozenset
     not_admitted: Mapping[str, str] = field(default_factory=dict)
+    wakes_s: Sequence[float] = ()
+    rests: Rests = field(init=False)
     roster: Roster = field(init=False)
     unknown_senders: int = 0
     wrong: int = 0
@@ -84,6 +89,7 @@ class Inbox:
 
     def __post_init__(self) -> None:
         self.roster = Roster.of(self.rig.camera_ids)
+        self.rests = Rests(self.wakes_s or [0.0] * len(self.rig))
         self._index = {camera_id: i for i, camera_id in enumerate(self.rig.camera_ids)}
         self._topics = {
             topics.of_camera(self.site, camera_id, what): i
@@ -120,6 +126,7 @@ class Inbox:
             PAUSED
             if states[camera].camera_id in paused
             else shut_out.get(states[camera].camera_id)
+            or self.rests.words(camera, states[camera], now_ns)
             or problem(states[camera], self.joints, self._sizes[camera], now_ns)
             for camera in cameras
         ]
@@ -127,6 +134,37 @@ class Inbox:
     def online(self) -> NDArray[np.bool_]:
         """Return `(num_cameras,)`: cameras that can be selected now."""
         return np.array([not why for why in self.problems()], dtype=bool)
+
+    def asleep(self) -> NDArray[np.bool_]:
+        """Return `(num_cameras,)`: cameras that sleep by order and are expected back."""
+        now_ns, states = self.clock.now_ns(), self.roster.cameras
+        said = [self.rests.words(camera, state, now_ns) for camera, state in enumerate(states)]
+        return np.array([words.startswith(ASLEEP) for words in said], dtype=bool)
+
+    def can_sleep(self) -> NDArray[np.bool_]:
+        """Return `(num_cameras,)`: cameras that may be told to sleep, or were before a restart."""
+        hellos = [state.hello for state in self.roster.cameras]
+        return np.array([hello is None or bool(hello.rests) for hello in hellos], dtype=bool)
+
+    def wait_for_cameras(
+        self, stopping: threading.Event, start_wait_s: float, resumes: bool
+    ) -> bool:
+        """Wait for all cameras that do not sleep, or some time after two; return whether to start.
+
+        Args:
+            stopping: ends the wait.
+            start_wait_s: how long to wait for the rest once two are there.
+            resumes: whether any will do, or that all sleep.
+        """
+        two_ns: int | None = None
+        while not stopping.is_set():
+            now_ns, there = self.clock.now_ns(), self.online() | self.asleep()
+            two_ns = (two_ns or now_ns) if there.sum() >= min(2, len(there)) else None
+            waited = two_ns is not None and now_ns - two_ns >= start_wait_s * 1e9
+            if there.all() or waited or (resumes and there.any()):
+                return True
+            self.clock.wait(stopping, now_ns + 50_000_000)
+        return False
 
     def orders_late(self) -> NDArray[np.bool_]:
         """Return `(num_cameras,)`: cameras whose last heartbeat counted late orders."""
@@ -224,7 +262,9 @@ class Inbox:
         now_ns = self.clock.now_ns()
         beat = msgspec.structs.replace(beat, sent_edge_ns=near(beat.sent_edge_ns, now_ns))
         self._change(index, lambda state: with_heartbeat(state, beat, now_ns))
-        if now_ns - self._beat_ns[index] < BEAT_S * 1e9 and not beat.ends:
+        self.rests.heard(index, self.rig.camera_ids[index], beat, now_ns)
+        said = beat.ends or beat.mode in RESTING
+        if now_ns - self._beat_ns[index] < BEAT_S * 1e9 and not said:
             return
         self._beat_ns[index] = now_ns
         if beat.order_delay_ns > 0:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from e3pose.base.clock import Clock, SlotTimes
 from e3pose.edge.outbox import Outbox
+from e3pose.edge.rests import Rests
 from e3pose.model.blind_slot import blind_cause
 from e3pose.model.expected import ExpectedView
 from e3pose.wire import topics
@@ -29,6 +30,8 @@ class Orders:
         session: of the edge.
         outbox: where orders go.
         clock: the edge's.
+        rests: who sleeps by order.
+        can_sleep: returns which cameras can.
         no_choice: by slot, why no camera could be selected for it; only such slots.
     """
 
@@ -38,11 +41,15 @@ class Orders:
     session: int
     outbox: Outbox
     clock: Clock
+    rests: Rests
+    can_sleep: Callable[[], NDArray[np.bool_]]
     no_choice: dict[int, str] = field(default_factory=dict)
     _sent_ns: dict[int, int] = field(default_factory=dict)
     _topics: list[str] = field(init=False)
+    _until: NDArray[np.int64] = field(init=False)  # by the newest orders
 
     def __post_init__(self) -> None:
+        self._until = np.zeros(len(self.camera_ids), dtype=np.int64)
         self._topics = [topics.of_order(self.site, camera_id) for camera_id in self.camera_ids]
 
     def give(
@@ -53,6 +60,7 @@ class Orders:
         lead: int,
         expected: Sequence[ExpectedView] | None = None,
         no_choice: str = "",
+        asleep_until: NDArray[np.int64] | None = None,
     ) -> None:
         """Send every camera its order for a slot.
 
@@ -64,13 +72,17 @@ class Orders:
             expected: `(num_cameras,)` expected view of each active camera; None for full-frame
                 detection.
             no_choice: why no camera could be selected; empty if one could.
+            asleep_until: `(num_cameras,)` the slot from which each is to be awake; None: all are.
         """
+        if asleep_until is not None:
+            self._until = self.rests.order(times, asleep_until, slot, lead, self.can_sleep())
         if no_choice:
             self.no_choice[slot] = no_choice
         self._sent_ns[slot] = self.clock.now_ns()
         views = [None] * len(self.camera_ids) if expected is None else expected
+        active = decision & (self._until <= slot)
         payloads = {
-            topic: self._order(times, slot, camera, bool(decision[camera]), lead, view)
+            topic: self._order(times, slot, camera, bool(active[camera]), lead, view)
             for camera, (topic, view) in enumerate(zip(self._topics, views, strict=True))
         }
         self.outbox.put_all(payloads, slot)
@@ -103,6 +115,8 @@ class Orders:
                 lead=lead,
                 expected_px=expected_px,
                 reach_px=reach_px,
+                asleep_until=int(self._until[camera]),
+                wake_s=self.rests.early_s(camera),
             )
         )
 

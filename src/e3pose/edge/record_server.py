@@ -81,7 +81,7 @@ class RecordServer:
         self.outbox = Outbox()
         self.orders = Orders(
             plan.site, plan.rig.camera_ids, ["power-saving"] * len(plan.rig),
-            clock.now_ns() // 1000, self.outbox, clock,
+            clock.now_ns() // 1000, self.outbox, clock, self.inbox.rests, self.inbox.can_sleep,
         )  # fmt: skip
         self.threads = ThreadGroup(self._wake)
         self.done = threading.Event()

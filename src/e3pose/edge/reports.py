@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 from e3pose.edge.counters import Counts
 from e3pose.edge.health import Health
 from e3pose.edge.inbox import PAUSED
+from e3pose.edge.rests import Rests, WakeTime
 from e3pose.edge.roster import CameraState
+from e3pose.energy.processor_time import share_saved
 from e3pose.estimate.base import People
 from e3pose.model.uncertainty import axis_sigma_m
 from e3pose.pipeline import Pipeline, SlotRecord
@@ -102,6 +104,9 @@ def camera_status(
     turned_deg: float | None = None,
     ordered: int = 0,
     delivered: float | None = None,
+    asleep_s: float | None = None,
+    wake: WakeTime | None = None,
+    interval_s: float = 0.0,
 ) -> CameraStatus:
     """Return the status of a camera.
 
@@ -121,6 +126,9 @@ def camera_status(
         turned_deg: rotation since its calibration; None if it was not turned.
         ordered: views ordered in time.
         delivered: share of the newest of these that arrived; None if unknown.
+        asleep_s: until it is expected back; None while it is awake.
+        wake: what it takes to wake, as learned.
+        interval_s: seconds per slot; 0 where it does not matter.
     """
     beat, capacity_wh = camera.beat, camera.hello.battery_wh if camera.hello else None
     charge = beat.battery_j if beat else None
@@ -133,11 +141,7 @@ def camera_status(
         duty=duty,
         power_w=beat.power_w if beat else None,
         measured=bool(beat and beat.measured),
-        battery=(
-            None
-            if charge is None or not capacity_wh
-            else min(max(charge / (capacity_wh * 3600), 0.0), 1.0)
-        ),
+        battery=_share(charge, capacity_wh),
         deficit=float(deficit),
         late=late,
         lost=lost,
@@ -156,7 +160,41 @@ def camera_status(
         ordered=ordered,
         delivered=delivered,
         source_fps=camera.frames_hz,
+        asleep_s=asleep_s,
+        wake_s=wake.mean_s if wake is not None and wake.wakes else None,
+        cpu_s=beat.cpu_s if beat else None,
+        cpu_saved=cpu_saved(camera, interval_s),
     )
+
+
+def _share(charge_j: float | None, capacity_wh: float | None) -> float | None:
+    """Return the state of charge in [0, 1]; None where it is not known."""
+    if charge_j is None or not capacity_wh:
+        return None
+    return min(max(charge_j / (capacity_wh * 3600), 0.0), 1.0)
+
+
+def cpu_saved(camera: CameraState, interval_s: float) -> float | None:
+    """Return the share of processor time that a camera saves; None where it is not known."""
+    beat, hello = camera.beat, camera.hello
+    if beat is None or hello is None or beat.cpu_s is None or not interval_s:
+        return None
+    return share_saved(
+        beat.cpu_s,
+        beat.look_cpu_s,
+        beat.detected,
+        beat.captured,
+        beat.active_s + beat.idle_s + beat.asleep_s,
+        1 / interval_s,
+        hello.fps,
+    )
+
+
+def site_cpu_saved(status: Status) -> float | None:
+    """Return the share of processor time that all cameras save; None where it is known of none."""
+    known = [(c.cpu_s, c.cpu_saved) for c in status.cameras if c.cpu_s and c.cpu_saved is not None]
+    every_s = sum(cpu_s / max(1 - (saved or 0.0), 1e-6) for cpu_s, saved in known)
+    return 1 - sum(cpu_s for cpu_s, _ in known) / every_s if known else None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -179,6 +217,7 @@ class SiteSnapshot:
         pipeline: the current parts.
         counts: of slots, views and times.
         events: the latest.
+        rests: who sleeps by order.
         turned: index of a knocked camera, and degrees; None if there is none.
         compiling_s: until all kernels are compiled; None if they are.
     """
@@ -197,6 +236,7 @@ class SiteSnapshot:
     pipeline: Pipeline
     counts: Counts
     events: Sequence[Event]
+    rests: Rests
     turned: tuple[int, float] | None = None
     compiling_s: float | None = None
 
@@ -228,6 +268,9 @@ def site_status(snapshot: SiteSnapshot) -> Status:
             snapshot.turned[1] if snapshot.turned and snapshot.turned[0] == index else None,
             int(counts.ordered[index]),
             snapshot.health.delivery.share(index),
+            snapshot.rests.left_s(index, camera, snapshot.now_ns),
+            snapshot.rests.wakes[index],
+            counts.interval_s,
         )
         for index, camera in enumerate(snapshot.cameras)
     )

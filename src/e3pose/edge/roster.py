@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 from e3pose.base.quantities import plural
 from e3pose.model.skeleton import BODY_JOINTS, SKELETONS, lacking, serves
-from e3pose.wire.messages import CameraMode, Heartbeat, Hello
+from e3pose.wire.messages import RESTING, CameraMode, Heartbeat, Hello
 
 SILENT_S = 1.9  # a camera without messages for so long is offline; it sends two per second
 WRONG_LIMIT = 20  # invalid messages, within the time below: it is quarantined
@@ -22,6 +22,7 @@ RIVAL_S = 10.0  # window of these
 SESSIONS = 4  # kept per camera
 FROZEN_S = 5.0  # active, but without a new frame
 RATE_S = (4.0, 10.0)  # in which frames are counted, at least and at most
+CLOSED = ("aggressive-power-saving", *RESTING)  # modes in which a source may be closed
 FROZEN_FRAMES = 3  # of a film that is played slowly, where that is longer
 
 
@@ -45,8 +46,8 @@ class CameraState:
         orders_late: whether its newest heartbeat counted more late orders.
         sessions: of programs that recently sent messages in its name, newest last.
         returns: when one of them sent again after another one, newest last.
-        counted: time, frames and dropped frames from which rates are measured; None in the mode
-            `aggressive-power-saving`, in which a camera may not film.
+        counted: time, frames and dropped frames from which rates are measured; None in modes in
+            which a camera may not film.
         frames_hz: frames per second that its source brings; None until it is measured.
         dropped_hz: frames and views per second that were replaced by newer ones; None likewise.
     """
@@ -96,20 +97,21 @@ def with_hello(camera: CameraState, hello: Hello, now_ns: int) -> CameraState:
 def with_heartbeat(camera: CameraState, beat: Heartbeat, now_ns: int) -> CameraState:
     """Return a camera that sent a heartbeat."""
     moved = camera.beat is None or beat.captured != camera.beat.captured
+    closed = beat.mode in CLOSED or (camera.beat is not None and camera.beat.mode in RESTING)
     camera = _with_rates(camera, beat, now_ns)
     return replace(
         _with_session(camera, beat.session, now_ns),
         present=True,
         beat=beat,
         heard_ns=now_ns,
-        frame_ns=now_ns if moved or beat.mode == "aggressive-power-saving" else camera.frame_ns,
+        frame_ns=now_ns if moved or closed else camera.frame_ns,
         orders_late=camera.beat is not None and beat.late_orders > camera.beat.late_orders,
     )
 
 
 def _with_rates(camera: CameraState, beat: Heartbeat, now_ns: int) -> CameraState:
     """Return a camera with the rates of its frames, measured over some seconds."""
-    if beat.mode == "aggressive-power-saving":
+    if beat.mode in CLOSED:
         return replace(camera, counted=None)
     now = now_ns, beat.captured, beat.dropped
     if camera.counted is None or beat.captured < camera.counted[1]:

@@ -96,6 +96,7 @@ class EdgeServer:
             self.credibility.claim,
             consumers.take,
             consumers.paused,
+            wakes_s=settings.wakes_s,
         )
         self._late = self.gather.late.copy()  # up to the slot before
         self.outbox = Outbox()
@@ -106,6 +107,8 @@ class EdgeServer:
             clock.now_ns() // 1000,  # larger than that of any edge before
             self.outbox,
             clock,
+            self.inbox.rests,
+            self.inbox.can_sleep,
         )
         self.state_file = state_file or StateFile(None, self.event_log.report, self.started_ns)
         lead = cautious(settings.deadline_s, interval_s) if settings.adaptive_lead else None
@@ -211,6 +214,7 @@ class EdgeServer:
                 counts=self.counts,
                 turned=self.consumers.turned,
                 events=list(self.event_log.recent),
+                rests=self.inbox.rests,
                 compiling_s=None if self.ready else compiling_left_s(),
             )
         )
@@ -218,7 +222,8 @@ class EdgeServer:
     # The fusion thread.
 
     def _run_slots(self) -> None:
-        if not self._wait_for_cameras():
+        stopping, wait_s = self.threads.stopping, self.settings.start_wait_s
+        if not self.inbox.wait_for_cameras(stopping, wait_s, self.times is not None):
             return
         times = self.times = self._begin()
         while not self.threads.stopping.is_set():
@@ -228,18 +233,6 @@ class EdgeServer:
             if not self._wait_for_views(times, slot):
                 return
             self._compute(times, slot, self.gather.close())
-
-    def _wait_for_cameras(self) -> bool:
-        """Wait for all cameras, or some time after two; return whether to start."""
-        two_ns: int | None = None
-        while not self.threads.stopping.is_set():
-            online, now_ns = self.inbox.online(), self.clock.now_ns()
-            two_ns = (two_ns or now_ns) if online.sum() >= min(2, len(online)) else None
-            waited = two_ns is not None and now_ns - two_ns >= self.settings.start_wait_s * 1e9
-            if online.all() or waited or (self.times is not None and online.any()):
-                return True
-            self.clock.wait(self.threads.stopping, now_ns + 50_000_000)
-        return False
 
     def _begin(self) -> SlotTimes:
         now_ns = self.clock.now_ns()
@@ -259,8 +252,9 @@ class EdgeServer:
     def _order_ahead(self, times: SlotTimes, start: int) -> None:
         """Give the orders of the slots to come, from so many slots ahead."""
         for ahead in range(start, self.lead.slots):
-            decision = self.state.selections[ahead]
-            self.orders.give(times, self.state.slot + ahead, decision, ahead + 1)
+            decision, until = self.state.selections[ahead], self.state.asleep_until
+            slot = self.state.slot + ahead
+            self.orders.give(times, slot, decision, ahead + 1, asleep_until=until)
 
     def _catch_up(self, times: SlotTimes) -> None:
         behind_ns = self.clock.now_ns() - self._deadline_ns(times, self.state.slot)
@@ -303,7 +297,7 @@ class EdgeServer:
         begun_ns = self.clock.now_ns()
         behind_s = (begun_ns - self._deadline_ns(times, slot)) / 1e9
         reachable = self.inbox.online()
-        online = reachable.copy()
+        online, there = reachable.copy(), reachable | self.inbox.asleep()
         ordered = self._ordered(times, slot)
         wanted = ordered & online
         late = self.gather.late.copy()
@@ -318,7 +312,7 @@ class EdgeServer:
         online[list(used)] = True
         time_ns, decided = times.middle_ns(slot), self.state.selections[0]
         late_now = orders_late, self.gather.newest_late
-        blind = "" if used else self.orders.why_blind(times, slot, decided, online, *late_now)
+        blind = "" if used else self.orders.why_blind(times, slot, decided, there, *late_now)
 
         def publish(people: People) -> None:
             stored = self.consumers.stored()
@@ -330,9 +324,10 @@ class EdgeServer:
         record = replace(record, blind=blind)
         took_ns = self.clock.now_ns() - begun_ns
         lead = self.pipeline.lead_slots
-        none = no_choice(online, self.state.silence.answering(slot + lead), self.gather.newest_late)
+        none = no_choice(there, self.state.silence.answering(slot + lead), self.gather.newest_late)
         decision = self._with_trial(times, slot, record.next_selection, reachable)
-        self.orders.give(times, slot + lead, decision, lead, record.expected, none)
+        until = record.asleep_until
+        self.orders.give(times, slot + lead, decision, lead, record.expected, none, until)
         late_s = (self.clock.now_ns() - self._deadline_ns(times, slot)) / 1e9
         self.owner.follow(with_edge_delay(self.lead, late_s, self.interval_ns / 1e9))
         self.orders.forget_before(slot)
@@ -370,7 +365,11 @@ class EdgeServer:
     def _update_pipeline(
         self, times: SlotTimes, record: SlotRecord, online: NDArray[np.bool_]
     ) -> None:
-        """Update lead, predictor and budgets between two slots."""
+        """Update lead, predictor and budgets between two slots; nobody sleeps who cannot."""
+        until = np.where(self.inbox.can_sleep(), self.state.asleep_until, 0)
+        self.state = replace(self.state, asleep_until=until)
+        for camera, line in self.inbox.rests.said():
+            self.event_log.report("camera-overslept", line, self.pipeline.rig.camera_ids[camera])
         for kind, line, camera_id in self.owner.after_slot(self.consumers, record):
             self.event_log.report(kind, line, camera_id)
         if not self.settings.adaptive_lead:
@@ -395,6 +394,7 @@ class EdgeServer:
             self.owner.follow(starting(found.lead_slots))
         memory = self.pipeline.estimator.leave_out_ids(found.state.memory, IDS_LEFT_OUT)
         self.state = with_lead(replace(found.state, memory=memory), self.lead.slots)
+        self.inbox.rests.resume(self.times, self.state.asleep_until, self.state.slot)
         away_s = (self.clock.now_ns() - found.made_ns) / 1e9
         when = f"{lasting(abs(away_s))} {'later' if away_s >= 0 else 'before the state was saved'}"
         self.event_log.report("resumed", f"resumed after slot {self.state.slot - 1}, {when}")

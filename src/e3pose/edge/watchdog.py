@@ -14,6 +14,7 @@ from e3pose.edge.membership import Membership
 from e3pose.edge.roster import SILENT_S, CameraState
 from e3pose.edge.stacks import dump_stacks
 from e3pose.edge.stall import CameraSigns, StallWatch, watch_for_stall
+from e3pose.wire.messages import RESTING
 from e3pose.wire.transport import Transport
 
 
@@ -101,6 +102,7 @@ def camera_signs(
             signs.append(CameraSigns(camera.present, heard_ns))
             continue
         fresh = camera.present and not beat.ends and now_ns - heard_ns <= SILENT_S * 1e9
-        counted = beat.session, beat.orders, beat.sent
-        signs.append(CameraSigns(camera.present, heard_ns, fresh, *counted, arrived, ordered))
+        counted, speaks = (beat.session, beat.orders, beat.sent), beat.mode not in RESTING
+        present, fresh = camera.present and speaks, fresh and speaks
+        signs.append(CameraSigns(present, heard_ns, fresh, *counted, arrived, ordered))
     return signs

@@ -60,6 +60,11 @@ class Beat(Protocol):
         ...
 
     @property
+    def asleep_s(self) -> float:
+        """Seconds asleep or suspended since the start, part of neither."""
+        ...
+
+    @property
     def battery_j(self) -> float | None:
         """What is left in the battery."""
         ...
@@ -147,7 +152,8 @@ def observe(camera: CameraEnergy, beat: Beat) -> CameraEnergy:
     span_s = (beat.sent_edge_ns - before.sent_edge_ns) / 1e9
     if span_s <= 0:
         return camera
-    if beat.measured and beat.energy_j is not None and before.energy_j is not None:
+    awake = beat.asleep_s == before.asleep_s  # what is drawn asleep is of another mode
+    if awake and beat.measured and beat.energy_j is not None and before.energy_j is not None:
         cost = learn(
             cost,
             beat.energy_j - before.energy_j,

@@ -13,7 +13,14 @@ from e3pose.base.errors import InputError
 from e3pose.base.quantities import duration_s, size_bytes
 from e3pose.base.table import convert, entry, read_table
 from e3pose.model.camera_fields import check_camera_id
-from e3pose.settings.limits import Rotation, check_camera, check_source, check_within
+from e3pose.settings.limits import (
+    Rotation,
+    Sleep,
+    check_camera,
+    check_sleep,
+    check_source,
+    check_within,
+)
 from e3pose.settings.places import beside, near, placed
 from e3pose.settings.site_file import DEFAULT_DETECTOR, DEFAULT_ENDPOINT, MAX_BYTES
 from e3pose.settings.sources import located
@@ -41,6 +48,8 @@ class NodeTable:
     Attributes:
         format: `e3pose-camera`.
         version: 1.
+        suspend_command: words of a command that suspends the machine in place of rtcwake, with
+            `{seconds}` for the time until its alarm; it returns once the machine is awake again.
         state: empty for no file.
         path: of the file, None without one; relative ones in it and in options start from its
             folder, and were found from there.
@@ -118,6 +127,13 @@ class NodeTable:
         group="Energy",
         help="Power measurement: auto, or model for the profile's figures.",
     )
+    sleep: Sleep = entry(
+        "process",
+        group="Energy",
+        help="""How orders may put the camera to sleep: off, process (the source is closed, the
+        program waits), or suspend (the machine, by rtcwake).""",
+    )
+    suspend_command: tuple[str, ...] = ()
     profile: str = entry(
         "xavier-nx", group="Energy", help="Power profile for whatever cannot be measured."
     )
@@ -164,6 +180,7 @@ class NodeTable:
         check_within("begin_s", self.begin_s, 0, 1e10)
         check_camera(self.wake_s, self.delay_ms, self.battery_wh, self.threads)
         check_source(self.source)
+        check_sleep(self.sleep, self.suspend_command)
 
 
 def is_camera_file(path: Path) -> bool:

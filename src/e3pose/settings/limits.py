@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Literal
 
 from e3pose.base.errors import InputError
 
+Sleep = Literal["off", "process", "suspend"]  # how orders may put a camera to sleep
+SECONDS = "{seconds}"  # of a command that suspends: the time until its alarm
 Rotation = Literal[0, 90, 180, 270]  # degrees clockwise that make people in an image upright
 
 
@@ -36,6 +39,14 @@ def check_camera(
         check_within("threads", threads, 1, 1024)
     if battery_wh is not None:
         check_within("battery_wh", battery_wh, 1e-3, 1e6)
+
+
+def check_sleep(sleep: Sleep, command: Sequence[str]) -> None:
+    """Raise `InputError` for a command that nothing uses, or that has no alarm."""
+    if command and sleep != "suspend":
+        raise InputError("suspend_command", f"it with sleep = {sleep!r}", "sleep = 'suspend'")
+    if command and not any(SECONDS in word for word in command):
+        raise InputError("suspend_command", "no {seconds}", "it in a word, for the alarm")
 
 
 def check_source(name: str) -> None:

@@ -14,6 +14,7 @@ from e3pose.camera.base import LiveDetector, NodeSettings
 from e3pose.camera.live import CameraNode
 from e3pose.camera.live_source import RecordedDetector, make_source
 from e3pose.camera.pictures import Pictures
+from e3pose.camera.sleep import open_suspend
 from e3pose.camera.turned import turned
 from e3pose.camera.video_recorder import VideoRecorder, VideoSettings
 from e3pose.detectors.base import Detector
@@ -23,6 +24,7 @@ from e3pose.energy.profiles import load_profile
 from e3pose.model.skeleton import SKELETONS
 from e3pose.recording.videos import MAX_BYTES, PART_S
 from e3pose.settings.camera_file import NodeTable, load_node
+from e3pose.settings.limits import Sleep
 from e3pose.settings.sources import is_recorded
 from e3pose.site.program_log import NO_LOG, Log
 from e3pose.site.run import run_until_stopped
@@ -32,6 +34,11 @@ from e3pose.wire.network import open_network
 from e3pose.wire.transport import Transport
 
 ALONE_S = 5.0
+RESTS: dict[Sleep, tuple[str, ...]] = {
+    "off": (),
+    "process": ("asleep",),
+    "suspend": ("asleep", "suspended"),
+}
 
 
 def camera_link(node: NodeTable) -> Link:
@@ -211,8 +218,9 @@ def make_camera(
         detector: in place of the one that the configuration names.
 
     Raises:
-        InputError: when the source or the network cannot be used.
+        InputError: when the source or the network cannot be used, or the machine not be suspended.
     """
+    suspend = open_suspend(node.sleep, node.suspend_command)
     source = make_source(node.source, node.camera, clock, node.fps, node.pace, node.begin_s)
     finds: LiveDetector
     if detector is None:
@@ -228,6 +236,7 @@ def make_camera(
         delay_ns=round(node.delay_ms * 1e6),
         detector=name,
         battery_wh=node.battery_wh,
+        rests=RESTS[node.sleep],
     )
     known = (one.limbs for one in SKELETONS.values() if one.joints == joints)
     pictures = Pictures(node.camera, clock, next(known, ())) if node.pictures else None
@@ -242,7 +251,7 @@ def make_camera(
         return fields
 
     return CameraNode(
-        settings, source, finds, transport, clock, metered, report, pictures, recorder
+        settings, source, finds, transport, clock, metered, report, pictures, recorder, suspend
     )
 
 

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
 from e3pose.base.quantities import plural
+from e3pose.edge.rests import sleeps_as_told
 from e3pose.model.blind_slot import blind_words
 from e3pose.model.camera import Rig
 from e3pose.settings.resolved import ResolvedSite, calibrate_advice
@@ -334,7 +335,9 @@ def check_running(status: Status | None, endpoint: str) -> Iterator[Finding]:
         yield Finding("warning", "edge", found, advice)
     for camera in status.cameras:
         what = f"camera {camera.camera_id}"
-        if not camera.online:
+        if sleeps_as_told(camera):
+            yield Finding("ok", what, camera.why)
+        elif not camera.online:
             advice = "see its log"
             if camera.battery == 0 and not camera.gauge:
                 advice = "charge it, then delete NAME.battery.json beside its camera file"

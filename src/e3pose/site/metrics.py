@@ -223,6 +223,18 @@ def _of_cameras(
             [c.turned_deg or 0.0 for c in cameras],
         ),
         ("camera_watts", "power draw", [c.power_w for c in cameras]),
+        ("camera_cpu_seconds", "processor time of its program", [c.cpu_s for c in cameras]),
+        (
+            "camera_cpu_saved",
+            "share saved of the processor time that looking in every slot would take",
+            [c.cpu_saved for c in cameras],
+        ),
+        (
+            "camera_asleep_seconds",
+            "until it is expected back from an ordered sleep; negative while it oversleeps",
+            [c.asleep_s for c in cameras],
+        ),
+        ("camera_wake_seconds", "mean time to wake, as learned", [c.wake_s for c in cameras]),
         ("camera_battery", "remaining share of the battery", [c.battery for c in cameras]),
         (
             "camera_delivered",

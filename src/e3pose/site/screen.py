@@ -12,13 +12,17 @@ from rich.text import Text
 from e3pose.base.quantities import plural
 from e3pose.edge.delivery import SHORT
 from e3pose.edge.knock_watch import moved_words
+from e3pose.edge.reports import site_cpu_saved as cpu_saved
+from e3pose.edge.rests import sleeps_as_told
 from e3pose.model.blind_slot import blind_words
 from e3pose.wire.site_messages import CameraStatus, Status
 
 MODES = {
     "active": ("active", "green"),
     "power-saving": ("saving", "cyan"),
-    "aggressive-power-saving": ("sleep", "blue"),
+    "aggressive-power-saving": ("closed", "blue"),
+    "asleep": ("asleep", "blue"),
+    "suspended": ("suspended", "blue"),
 }
 TELLING_SHIFT_PX = 3.0
 BAR = 10
@@ -35,14 +39,16 @@ COLUMNS = (
     ("mode", 0),
     ("duty", 0),
     ("W", 0),
+    ("CPU s", 2),
+    ("saved", 1),
     ("battery", 0),
-    ("deficit", 3),
-    ("age", 4),
+    ("deficit", 5),
+    ("age", 6),
     ("late", 0),
     ("lost", 0),
-    ("got", 5),
-    ("clock ms", 2),
-    ("noise", 1),
+    ("got", 7),
+    ("clock ms", 4),
+    ("noise", 3),
 )
 GAP = 1  # between two columns
 
@@ -73,8 +79,11 @@ def _head(status: Status, stale_s: float) -> Text:
     head.append(f"{status.site}  ", style="bold")
     if stale_s > 3:
         head.append(f"no update for {stale_s:.0f} s  ", style="bold red")
-    style = "green" if online == len(status.cameras) else "yellow" if online else "red"
+    there = online + sum(map(sleeps_as_told, status.cameras))
+    style = "green" if there == len(status.cameras) else "yellow" if there else "red"
     head.append(f"{online}/{len(status.cameras)} cameras online", style=style)
+    if asleep := sum(map(sleeps_as_told, status.cameras)):
+        head.append(f", {asleep} asleep", style="blue")
     head.append(f"  {plural(status.people, 'person', 'people')}", style="bold")
     head.append_text(_expected_error(status))
     if status.compiling_s is not None:
@@ -95,10 +104,18 @@ def _head(status: Status, stale_s: float) -> Text:
         head.append(f"\n{status.overload}", style="red")
     if status.check:
         head.append(f"\n{status.check}")
-    watts = [c.power_w for c in status.cameras if c.online and c.power_w is not None]
+    watts = [c.power_w for c in status.cameras if _draws(c) and c.power_w is not None]
     if watts:
-        head.append(f"\n{sum(watts):.1f} W, all online cameras")
+        modelled = "" if all(c.measured for c in status.cameras if _draws(c)) else " (modelled)"
+        head.append(f"\n{sum(watts):.1f} W, all online cameras{modelled}")
+    spent_s = sum(camera.cpu_s or 0.0 for camera in status.cameras)
+    if (saved := cpu_saved(status)) is not None:
+        head.append(f"\n{spent_s:.0f} CPU s of all cameras, {saved:.1%} saved (measured)")
     return head
+
+
+def _draws(camera: CameraStatus) -> bool:
+    return camera.online or sleeps_as_told(camera)
 
 
 def _blind(status: Status) -> Text:
@@ -167,12 +184,15 @@ def _width(rows: list[list[Text]], shown: list[int]) -> int:
 
 
 def _row(camera: CameraStatus, bars: bool) -> list[Text]:
-    if camera.online:
+    if sleeps_as_told(camera):
+        word, style = MODES["suspended" if camera.mode == "suspended" else "asleep"]
+        mode = Text(word, style=style)
+    elif camera.online:
         word, style = MODES.get(camera.mode or "", ("?", ""))
         mode = Text(word, style=style)
     else:
         mode = Text("offline", style="red")
-    watts = f"{camera.power_w:.1f}" if camera.online and camera.power_w is not None else ""
+    watts = f"{camera.power_w:.1f}" if _draws(camera) and camera.power_w is not None else ""
     if watts and not camera.measured:
         watts = f"~{watts}"  # modelled
     battery = Text("")
@@ -191,6 +211,8 @@ def _row(camera: CameraStatus, bars: bool) -> list[Text]:
         mode,
         Text(f"{_within(camera.duty, 1.0):.0%}"),
         Text(watts),
+        Text("" if camera.cpu_s is None else f"{_within(camera.cpu_s, LONGEST_S):.0f}"),
+        Text("" if camera.cpu_saved is None else f"{camera.cpu_saved:.0%}"),
         battery,
         Text(f"{camera.deficit:.1f}"),
         Text(age),
@@ -210,7 +232,9 @@ def _delivered(camera: CameraStatus) -> Text:
 
 
 def _remark(camera: CameraStatus) -> str:
-    """Return why a camera is excluded or impaired; empty if neither."""
+    """Return why a camera is excluded or impaired; empty if neither, or if it sleeps as told."""
+    if sleeps_as_told(camera):
+        return ""
     if camera.turned_deg is not None and not camera.why:
         return moved_words(_within(camera.turned_deg, 180.0), camera.camera_id)
     shift_px = _within(camera.shift_px or 0.0, 999.0)

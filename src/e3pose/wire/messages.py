@@ -13,6 +13,8 @@ import msgspec
 VERSION = 1  # of the messages; a program refuses others, and names who must be updated
 
 CameraMode = Literal["active", "power-saving", "aggressive-power-saving"]
+Activity = Literal["active", "power-saving", "aggressive-power-saving", "asleep", "suspended"]
+RESTING: tuple[Activity, ...] = ("asleep", "suspended")  # in which a camera says nothing
 
 
 class Array(msgspec.Struct, array_like=True, frozen=True):
@@ -44,6 +46,8 @@ class Hello(msgspec.Struct, array_like=True, frozen=True, tag="hello"):
         detector: name of the network.
         software: version of the program.
         battery_wh: capacity of the battery; None on mains.
+        rests: of `RESTING`, those that an order may put it into; a camera of an older program has
+            none, and is never told to sleep.
     """
 
     camera_id: str
@@ -55,6 +59,7 @@ class Hello(msgspec.Struct, array_like=True, frozen=True, tag="hello"):
     detector: str = ""
     software: str = ""
     battery_wh: float | None = None
+    rests: tuple[str, ...] = ()
 
 
 class View(msgspec.Struct, array_like=True, frozen=True, tag="view"):
@@ -119,12 +124,16 @@ class Heartbeat(msgspec.Struct, array_like=True, frozen=True, tag="heartbeat"):
         temperature_c: of the device; None without a sensor.
         recording_j: part of `energy_j` that recording video has taken, by a model.
         focused: of the detected frames, those with an expected view.
+        asleep_until: slot from which it is to be awake, in the modes of `RESTING`; 0 in others.
+        asleep_s: seconds that it was asleep or suspended since it started, not in `idle_s`.
+        cpu_s: processor time that its program took since it started to capture; None where unknown.
+        look_cpu_s: part of `cpu_s` that looking took.
     """
 
     camera_id: str
     session: int
     sent_edge_ns: int
-    mode: CameraMode
+    mode: Activity
     captured: int = 0
     detected: int = 0
     sent: int = 0
@@ -149,6 +158,10 @@ class Heartbeat(msgspec.Struct, array_like=True, frozen=True, tag="heartbeat"):
     temperature_c: float | None = None
     recording_j: float = 0.0
     focused: int = 0
+    asleep_until: int = 0
+    asleep_s: float = 0.0
+    cpu_s: float | None = None
+    look_cpu_s: float = 0.0
 
 
 class Order(msgspec.Struct, array_like=True, frozen=True, tag="order"):
@@ -168,6 +181,10 @@ class Order(msgspec.Struct, array_like=True, frozen=True, tag="order"):
         lead: slots from the one that the order was made from to its own.
         expected_px: `(num_persons, num_joints, 2)` f4 pixels where people will be; None: anywhere.
         reach_px: `(num_persons,)` f4 how far off nine of ten of those are at most.
+        asleep_until: the camera sleeps from this order's slot on and is awake, and heard, in time
+            for its order for this slot; 0 to stay awake.
+        wake_s: how long before that it sets its alarm: what it takes to wake, as the edge learned;
+            0 where the camera is to know.
     """
 
     camera_id: str
@@ -181,6 +198,8 @@ class Order(msgspec.Struct, array_like=True, frozen=True, tag="order"):
     lead: int = 1
     expected_px: Array | None = None
     reach_px: Array | None = None
+    asleep_until: int = 0
+    wake_s: float = 0.0
 
 
 class ClockQuestion(msgspec.Struct, array_like=True, frozen=True, tag="clock?"):

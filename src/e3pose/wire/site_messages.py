@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import msgspec
 
-from e3pose.wire.messages import Array, CameraMode
+from e3pose.wire.messages import Activity, Array
 
 
 class Poses(msgspec.Struct, array_like=True, frozen=True, tag="poses"):
@@ -86,12 +86,18 @@ class CameraStatus(msgspec.Struct, array_like=True, frozen=True):
         delivered: share of the newest of these that arrived in time, [0, 1]; None while they are
             too few.
         source_fps: frames per second that its source brings, measured; None where unknown.
+        asleep_s: seconds until it is expected back from a sleep that it was told to take; negative
+            while it oversleeps, None while it is awake.
+        wake_s: what it takes to wake, mean as the edge learned it; None before its first wake.
+        cpu_s: processor time of its program since it started to capture; None where unknown.
+        cpu_saved: share of the processor time that looking in every slot would take, by its own
+            time of a look and of a frame, [0, 1]; None while too little is known.
     """
 
     camera_id: str
     online: bool
     why: str = ""
-    mode: CameraMode | None = None
+    mode: Activity | None = None
     last_seen_s: float | None = None
     duty: float = 0.0
     power_w: float | None = None
@@ -115,6 +121,10 @@ class CameraStatus(msgspec.Struct, array_like=True, frozen=True):
     ordered: int = 0
     delivered: float | None = None
     source_fps: float | None = None
+    asleep_s: float | None = None
+    wake_s: float | None = None
+    cpu_s: float | None = None
+    cpu_saved: float | None = None
 
 
 class Control(msgspec.Struct, array_like=True, frozen=True, tag="control"):

@@ -33,6 +33,9 @@ MAX_CAMERAS = 1000
 MAX_EVENTS = 1000
 MAX_CAUSES = 32  # of blind slots
 CAUSE = re.compile(r"[a-z-]{0,32}")
+MAX_RESTS = 8
+MAX_WAKE_S = 3600.0
+SLOTS = ("slot", "session", "asleep_until_slot")
 TEMPERATURES_C = (-273.15, 1000.0)
 
 
@@ -62,7 +65,7 @@ def _check_persons(array: Array, where: str, most: int = MAX_PERSONS) -> int:
 
 def _check_whole(where: str, **values: int) -> None:
     for name, value in values.items():
-        limit = MAX_SLOT if name in ("slot", "session") else MAX_TIME_NS
+        limit = MAX_SLOT if name in SLOTS else MAX_TIME_NS
         if not 0 <= value <= limit:
             raise InputError(f"{where}: {name}: found {value}, expected 0 to {limit}")
 
@@ -96,6 +99,9 @@ def _check_hello(hello: Hello, where: str) -> None:
     _check_numbers(where, 0.01, 1000, fps=hello.fps)
     _check_numbers(where, 0, 3600, wake_s=hello.wake_s)
     _check_numbers(where, 1e-6, 1e6, battery_wh=hello.battery_wh)
+    if len(hello.rests) > MAX_RESTS:
+        raise InputError(f"{where}: rests: found {len(hello.rests)}, expected at most {MAX_RESTS}")
+    _check_text(where, *hello.rests)
 
 
 def _check_view(view: View, where: str) -> None:
@@ -135,6 +141,7 @@ def _check_heartbeat(beat: Heartbeat, where: str) -> None:
         clock_error_ns=beat.clock_error_ns,
         order_delay_ns=beat.order_delay_ns,
         focused=beat.focused,
+        asleep_until_slot=beat.asleep_until,
     )
     _check_numbers(where, -1e6, 1e6, clock_drift_ppm=beat.clock_drift_ppm)
     _check_numbers(
@@ -151,6 +158,9 @@ def _check_heartbeat(beat: Heartbeat, where: str) -> None:
         battery_j=beat.battery_j,
         charging_w=beat.charging_w,
         recording_j=beat.recording_j,
+        asleep_s=beat.asleep_s,
+        cpu_s=beat.cpu_s,
+        look_cpu_s=beat.look_cpu_s,
     )
     _check_numbers(where, *TEMPERATURES_C, temperature_c=beat.temperature_c)
     _check_text(where, beat.problem)
@@ -163,11 +173,13 @@ def _check_order(order: Order, where: str) -> None:
         slot=order.slot,
         session=order.session,
         sent_edge_ns=order.sent_edge_ns,
+        asleep_until_slot=order.asleep_until,
     )
     # Negative where a machine began at 1970 and goes on with the slots of before.
     _check_numbers(where, -MAX_TIME_NS, MAX_TIME_NS, origin_edge_ns=order.origin_edge_ns)
     _check_numbers(where, 1e6, 3.6e12, interval_ns=order.interval_ns)
     _check_numbers(where, 1, 1000, lead=order.lead)
+    _check_numbers(where, 0, MAX_WAKE_S, wake_s=order.wake_s)
     if order.expected_px is None or order.reach_px is None:
         return
     persons = _check_persons(order.reach_px, where, MAX_EXPECTED)
@@ -305,6 +317,8 @@ def _check_camera_status(camera: CameraStatus, where: str) -> None:
         where, 0, 1, duty=camera.duty, battery=camera.battery, delivered=camera.delivered
     )
     _check_numbers(where, 0, MAX_FIGURE, power_w=camera.power_w, source_fps=camera.source_fps)
+    _check_numbers(where, 0, MAX_FIGURE, wake_s=camera.wake_s, cpu_s=camera.cpu_s)
+    _check_numbers(where, 0, 1, cpu_saved=camera.cpu_saved)
     _check_numbers(
         where,
         -MAX_FIGURE,
@@ -314,6 +328,7 @@ def _check_camera_status(camera: CameraStatus, where: str) -> None:
         clock_offset_ms=camera.clock_offset_ms,
         gain_nats=camera.gain_nats,
         price=camera.price,
+        asleep_s=camera.asleep_s,
     )
     _check_numbers(where, 0, 1, occlusion=camera.occlusion, budget=camera.budget)
     _check_numbers(where, *TEMPERATURES_C, temperature_c=camera.temperature_c)

@@ -13,7 +13,7 @@ from e3pose.base.errors import InputError
 from e3pose.energy.meters.base import Rail, Reading
 from e3pose.energy.meters.charge_file import ChargeFile, load_charge, save_charge
 from e3pose.energy.meters.sampler import PowerSampler
-from e3pose.energy.profiles import Mode
+from e3pose.energy.profiles import Activity
 
 WH = 3600.0
 
@@ -21,7 +21,7 @@ WH = 3600.0
 class Steady:
     """Draws 10 W."""
 
-    def read(self, mode: Mode) -> Reading:
+    def read(self, mode: Activity) -> Reading:
         return Reading(10.0, None, False, "modelled", (Rail("all", 10.0, True),))
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
-from e3pose.energy.profiles import Mode
+from e3pose.energy.profiles import Activity
 
 MAX_WATTS = 10_000.0  # beyond it is a broken sensor, not a camera
 
@@ -51,7 +51,7 @@ class Reading:
 class Meter(Protocol):
     """Say what the device draws."""
 
-    def read(self, mode: Mode) -> Reading:
+    def read(self, mode: Activity) -> Reading:
         """Return what it draws; `mode` is what the camera does, which only a model needs.
 
         Raises:

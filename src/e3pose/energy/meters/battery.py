@@ -7,7 +7,7 @@ from pathlib import Path
 
 from e3pose.energy.meters.base import MAX_WATTS, MeterError, Rail, Reading
 from e3pose.energy.meters.sysfs import number_or_none, read_text
-from e3pose.energy.profiles import Mode
+from e3pose.energy.profiles import Activity
 
 SUPPLIES = Path("sys/class/power_supply")
 J_PER_UWH = 3600e-6
@@ -89,7 +89,7 @@ class BatteryMeter:
         self._root, self._capacity_wh = root, capacity_wh
         read_charge(root, capacity_wh)
 
-    def read(self, mode: Mode) -> Reading:
+    def read(self, mode: Activity) -> Reading:
         """See `Meter.read`."""
         charge = read_charge(self._root, self._capacity_wh)
         if charge.status != "discharging":

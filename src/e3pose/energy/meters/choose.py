@@ -10,7 +10,8 @@ from e3pose.energy.meters.base import Meter, MeterError, Rail, Reading
 from e3pose.energy.meters.battery import BatteryMeter
 from e3pose.energy.meters.rails import RailMeter
 from e3pose.energy.meters.rapl import RaplMeter
-from e3pose.energy.profiles import DeviceProfile, Mode
+from e3pose.energy.modes import modes_of
+from e3pose.energy.profiles import Activity, DeviceProfile
 
 ROOT = Path("/")
 
@@ -23,8 +24,12 @@ class ModelMeter:
         self._profile = profile
         self.how = f"modelled: profile {profile.name} ({why})"
 
-    def read(self, mode: Mode) -> Reading:
+    def read(self, mode: Activity) -> Reading:
         """See `Meter.read`."""
+        if mode == "asleep" or mode == "suspended":
+            rest = modes_of(self._profile).rest(mode)
+            watts = self._profile.watts("aggressive-power-saving") if rest is None else rest.watts
+            return Reading(watts, None, False, self.how)
         rails = tuple(Rail(c.name, c.watts[mode], True) for c in self._profile.components)
         return Reading(self._profile.watts(mode), None, False, self.how, rails)
 
@@ -36,7 +41,7 @@ class FallingBackMeter:
         """Take the meter and the profile of the device."""
         self._meter, self._profile = meter, profile
 
-    def read(self, mode: Mode) -> Reading:
+    def read(self, mode: Activity) -> Reading:
         """See `Meter.read`; never raises."""
         try:
             return self._meter.read(mode)

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from e3pose.energy.meters.base import MAX_WATTS, MeterError, Rail, Reading
 from e3pose.energy.meters.sysfs import number_or_none, read_number, read_text
-from e3pose.energy.profiles import Mode
+from e3pose.energy.profiles import Activity
 
 DRIVERS = Path("sys/bus/i2c/drivers")
 CHANNELS = 3
@@ -84,7 +84,7 @@ class RailMeter:
         names = [c.name for c in self._channels if c.name in self._counted]
         self.how = f"measured: {' + '.join(names)}"
 
-    def read(self, mode: Mode) -> Reading:
+    def read(self, mode: Activity) -> Reading:
         """See `Meter.read`."""
         rails = []
         for channel in self._channels:

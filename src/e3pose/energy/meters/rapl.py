@@ -8,7 +8,7 @@ from pathlib import Path
 
 from e3pose.energy.meters.base import MAX_WATTS, MeterError, Rail, Reading
 from e3pose.energy.meters.sysfs import read_number, read_text
-from e3pose.energy.profiles import Mode
+from e3pose.energy.profiles import Activity
 
 POWERCAP = Path("sys/class/powercap")
 UJ = 1e-6
@@ -85,7 +85,7 @@ class RaplMeter:
         self._before_s = clock_s()
         self._before_uj: dict[str, float] | None = self._counters()
 
-    def read(self, mode: Mode) -> Reading:
+    def read(self, mode: Activity) -> Reading:
         """See `Meter.read`; the time since the reading before must not be zero."""
         before_s, before_uj = self._before_s, self._before_uj
         self._before_uj = None  # if they cannot be read now, nobody knows how often they wrap

@@ -15,7 +15,7 @@ from e3pose.energy.meters.battery import Charge, read_charge
 from e3pose.energy.meters.charge_file import ChargeFile
 from e3pose.energy.meters.choose import ModelMeter, choose_meter
 from e3pose.energy.meters.temperature import read_temperature_c
-from e3pose.energy.profiles import DeviceProfile, Mode
+from e3pose.energy.profiles import Activity, DeviceProfile
 
 PERIOD_S = 0.1  # a camera changes its mode with the slots: what is read seldom misses that
 CHARGE_PERIOD_S = 2.0  # gauges say something new every few seconds
@@ -73,7 +73,7 @@ class PowerSampler:
     def __init__(
         self,
         meter: Meter,
-        mode: Callable[[], Mode] = lambda: "active",
+        mode: Callable[[], Activity] = lambda: "active",
         root: Path = Path("/"),
         capacity_wh: float | None = None,
         clock_s: Callable[[], float] = time.monotonic,
@@ -140,7 +140,7 @@ class PowerSampler:
                     self._charge = None
             return self._total
 
-    def __call__(self, _mode: Mode | None = None) -> dict[str, Any]:
+    def __call__(self, _mode: Activity | None = None) -> dict[str, Any]:
         """Return the power fields of a heartbeat.
 
         These are `power_w`, `energy_j`, `measured`, `battery_j`, `charging_w`, `gauge` and

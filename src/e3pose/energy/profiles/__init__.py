@@ -13,6 +13,7 @@ from e3pose.energy.profiles.fields import check_keys, error, number, text
 from e3pose.energy.profiles.rows import MAX_WATTS, read_looks, read_rests
 
 Mode = Literal["active", "power-saving", "aggressive-power-saving"]
+Activity = Mode | Literal["asleep", "suspended"]  # what a camera does; components have no sleep
 
 MODES: tuple[Mode, ...] = ("active", "power-saving", "aggressive-power-saving")
 PROFILES = ("xavier-nx", "tx2", "generic")

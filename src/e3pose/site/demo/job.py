@@ -16,7 +16,7 @@ from contextlib import AbstractContextManager, contextmanager
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from e3pose.base.atomic import atomic_folder, check_free
 from e3pose.base.errors import InputError
 from e3pose.detectors.weights import Progress, find_weights, is_installed, pull_weights
+from e3pose.edge.reports import site_cpu_saved
 from e3pose.model.blind_slot import count_blind
 from e3pose.simulate import SceneSettings, simulate
 from e3pose.site.demo.clip import SOURCE, TITLE, Clip, fetch_clip, find_clip
@@ -313,7 +314,22 @@ def _figures(
         delay_ms=1000 * float(np.median(heard.delays_s)) if heard.delays_s else 0.0,
         blind=count_blind(records),
         selected=_mean_selected(records),
+        **_processor(heard),
     )
+
+
+def _processor(heard: Heard) -> dict[str, Any]:
+    """Return the measured processor time of the cameras, and what they saved of it."""
+    beats = list(heard.beats.values())
+    cpu_s = sum(beat.cpu_s or 0.0 for beat in beats)
+    look_cpu_s = sum(beat.look_cpu_s for beat in beats)
+    looks, frames = (sum(getattr(b, name) for b in beats) for name in ("detected", "captured"))
+    return {
+        "cpu_s": cpu_s,
+        "look_cpu_ms": 1e3 * look_cpu_s / max(looks, 1),
+        "frame_cpu_ms": 1e3 * (cpu_s - look_cpu_s) / max(frames, 1),
+        "cpu_saved": None if heard.status is None else site_cpu_saved(heard.status),
+    }
 
 
 def _mean_selected(records: Sequence[SlotRecord]) -> float:

@@ -6,6 +6,7 @@
 const NINETY = 2.5003; // radius of the ball that holds a joint in nine of ten cases, in sigmas of an axis
 const TRAIL_S = 4, STRIP_S = 30, WINDOW_S = 20, QUIET_S = 3, MAX_WAITING = 1000;
 const MODES = { active: "active", "power-saving": "saving", "aggressive-power-saving": "sleeping" };
+const sleeps = (camera) => camera.asleep_s != null && camera.asleep_s > -2 && !camera.online && !camera.paused;
 
 // ---- the token: kept for this tab alone, and out of the address bar
 
@@ -78,7 +79,7 @@ function remember(now) {
 
 function cameraState(name) {
   const camera = status && status.cameras.find((one) => one.camera_id === name);
-  if (mode === "live" && camera && !camera.online) return LOST;
+  if (mode === "live" && camera && !camera.online) return sleeps(camera) ? DEEP : LOST;
   if (!shown) return UNKNOWN;
   if (shown.blind) return BLIND;
   if (shown.selected.has(name)) return shown.arrived.has(name) ? AWAKE : LOST;
@@ -133,14 +134,15 @@ const number = (value, places = 0, unit = "") => (value === null || value === un
 const percent = (value) => (value === null || value === undefined ? "–" : `${Math.round(100 * value)} %`);
 const COLUMNS = [ // name, text of a camera, what it means
   ["camera", (c) => c.camera_id, ""],
-  ["mode", (c) => (c.paused ? "paused" : c.online ? MODES[c.mode] || "–" : "offline"),
-    "active; saving: idle, but capturing; sleeping: idle, not capturing; paused by an operator; offline"],
+  ["mode", (c) => (c.paused ? "paused" : c.online ? MODES[c.mode] || "–" : sleeps(c) ? `asleep ${Math.max(c.asleep_s, 0).toFixed(0)} s` : "offline"),
+    "active; saving: idle, but capturing; sleeping: idle, not capturing; asleep by order until it is expected back; paused by an operator; offline"],
   ["duty", (c) => percent(c.duty), "share of the last slots in which the camera was active"],
   ["occlusion", (c) => percent(c.occlusion), "predicted overlap of the people in its view"],
   ["information, nats", (c) => number(c.gain_nats, 2), "expected information of its view at the last decision, per joint"],
   ["price", (c) => number(c.price, 1), "what selecting it costs: grows with its deficit, compared with the information"],
   ["deficit", (c) => number(c.deficit, 1), "energy spent beyond its budget so far, in slots"],
   ["power", (c) => (c.power_w === null ? "–" : `${c.measured ? "" : "~"}${c.power_w.toFixed(1)} W`), "mean power; ~ is modelled, not measured"],
+  ["CPU", (c) => (c.cpu_s == null ? "–" : `${c.cpu_s.toFixed(0)} s${c.cpu_saved == null ? "" : `, ${percent(c.cpu_saved)} saved`}`), "measured processor time of its program, and what it saves of looking in every slot"],
   ["battery", (c) => (c.battery === undefined ? "–" : c.battery === null ? "mains" : `${c.gauge ? "" : "~"}${percent(c.battery)}`), "charge; ~ is modelled"],
   ["temperature", (c) => number(c.temperature_c, 0, " °C"), "of the camera's processor"],
   ["late, lost", (c) => (c.late === null ? "–" : `${c.late}, ${c.lost}`), "views that arrived after their slot was closed, and views that did not arrive"],

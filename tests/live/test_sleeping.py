@@ -1,0 +1,171 @@
+"""Cameras that sleep by order, also through kills of either side, and one that oversleeps."""
+
+from __future__ import annotations
+
+import datetime
+import os
+import signal
+import stat
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from tests.live.processes import CAMERAS, HERE, LiveSite, e3pose
+from tests.ports import free_port
+from tests.waiting import eventually
+
+from e3pose.wire.keys.folder import add_keys
+from e3pose.wire.site_messages import CameraStatus
+
+pytestmark = [pytest.mark.live, pytest.mark.timed]
+
+LATE_S = 3.5  # by which the machine of one camera wakes after its alarm
+# Suspends nothing, says for how long it was asked to, and wakes late.
+RTCWAKE = f"""#!{sys.executable}
+import sys, time
+seconds = int(sys.argv[sys.argv.index("-s") + 1])
+assert sys.argv[1:3] == ["-m", "mem"], sys.argv
+with open({{log!r}}, "a") as log:
+    print(seconds, file=log, flush=True)
+time.sleep(seconds + {LATE_S})
+"""
+
+
+class SleepySite(LiveSite):
+    """A site whose cameras sleep by turns, behind a router."""
+
+    def start_edge(self) -> None:
+        self.start("edge", sys.executable, str(HERE / "sleepy_edge.py"), str(self.path))
+        if "hall" not in self.programs:
+            self.start_router()
+
+    def start_router(self) -> None:
+        keys, edge = self.folder / "keys", f"tls/localhost:{self.port}"
+        if not (keys / "routers" / "hall").exists():
+            add_keys(keys, "hall", datetime.datetime.now(datetime.timezone.utc), kind="router")
+        listen = f"tls/127.0.0.1:{self.camera_port}"
+        command = ("router", str(keys / "routers" / "hall"), "--endpoint", listen, "--edge", edge)
+        self.start("hall", *e3pose(*command))
+
+    def start_camera(self, camera_id: str, *options: str) -> None:
+        if camera_id == "cam1":
+            options = ("--sleep", "suspend", *options)
+        super().start_camera(camera_id, *options)
+
+    def asleep(self, camera_id: str) -> bool:
+        camera = self.camera(camera_id)
+        return not camera.online and camera.why.startswith("asleep for")
+
+    def falls_asleep(self, camera_id: str) -> None:
+        assert eventually(lambda: self.camera(camera_id).online), self.diagnostics()
+        assert eventually(lambda: self.asleep(camera_id)), self.diagnostics()
+
+    def comes_back(self, camera_id: str) -> None:
+        """Wait until a camera is online, and until views of it are in the poses."""
+        assert eventually(lambda: self.camera(camera_id).online), self.diagnostics()
+        count = len(self.poses)
+        assert eventually(lambda: any(camera_id in p.arrived for p in self.poses[count:]))
+
+    def overslept(self, camera_id: str) -> list[str]:
+        said = [str(e["event"]) for e in self.events("camera-overslept")]
+        return [line for line in said if line.startswith(f"{camera_id} overslept by")]
+
+    def said_lost(self, camera_id: str) -> list[str]:
+        return [e["event"] for e in self.events("camera-lost") if e.get("camera") == camera_id]
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory, recording: Path) -> Iterator[SleepySite]:
+    folder = tmp_path_factory.mktemp("sleepy")
+    (folder / "recording").symlink_to(recording)
+    program = folder / "bin" / "rtcwake"
+    program.parent.mkdir()
+    program.write_text(RTCWAKE.format(log=str(folder / "rtcwake.txt")))
+    program.chmod(program.stat().st_mode | stat.S_IXUSR)
+    made = SleepySite(folder, more=('state = "state.npz"',), camera_port=free_port())
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PATH", f"{program.parent}{os.pathsep}{os.environ['PATH']}")
+        with made.at_work():
+            yield made
+
+
+def test_camera_asleep_is_not_lost_and_comes_back_by_itself(site: SleepySite) -> None:
+    site.falls_asleep("cam2")
+    camera = site.camera("cam2")
+    assert camera.asleep_s is not None and camera.asleep_s > 0 and camera.mode == "asleep"
+    site.flows(20)  # the others go on
+    site.comes_back("cam2")
+    woken: list[CameraStatus] = []
+
+    def learned() -> bool:
+        woken[:] = [c for c in site.cameras_since(0) if c.camera_id == "cam2" and c.wake_s]
+        return bool(woken)
+
+    assert eventually(learned), site.diagnostics()
+    assert not site.said_lost("cam2") and not site.status().overload
+
+
+def test_machine_is_suspended_with_its_own_alarm_and_a_late_one_is_told_and_learned(
+    site: SleepySite,
+) -> None:
+    asked = site.folder / "rtcwake.txt"
+    assert eventually(lambda: asked.exists() and asked.read_text().strip()), site.diagnostics()
+    site.falls_asleep("cam1")
+    assert eventually(lambda: site.camera("cam1").mode == "suspended")
+    assert eventually(lambda: site.overslept("cam1")), site.diagnostics()
+    assert eventually(lambda: (site.camera("cam1").wake_s or 0.0) > 1.0, 60.0), site.diagnostics()
+    # Woken earlier, it is asked to suspend for less than before.
+    first = int(asked.read_text().split()[0])
+    assert eventually(lambda: int(asked.read_text().split()[-1]) < first, 60.0), asked.read_text()
+    site.comes_back("cam1")
+
+
+def test_killed_edge_still_expects_the_cameras_that_sleep(site: SleepySite) -> None:
+    site.falls_asleep("cam2")
+    lost = len(site.said_lost("cam2"))
+    site.send("edge", signal.SIGKILL)
+    site.wait("edge")
+    statuses = len(site.statuses)
+    site.start_edge()
+    assert eventually(lambda: len(site.statuses) > statuses + 1), site.diagnostics()
+    site.comes_back("cam2")
+    said = {c.why for c in site.cameras_since(statuses) if c.camera_id == "cam2" and c.why}
+    assert len(site.said_lost("cam2")) == lost, said
+    site.falls_asleep("cam2")  # and is sent to sleep by the next edge as well
+    site.comes_back("cam2")
+
+
+def test_camera_that_is_killed_in_its_sleep_goes_on_sleeping(site: SleepySite) -> None:
+    site.falls_asleep("cam2")
+    site.send("cam2", signal.SIGKILL)
+    site.wait("cam2")
+    since = len(site.statuses)
+    site.start_camera("cam2")
+    assert eventually(
+        lambda: any(c.camera_id == "cam2" and c.mode == "asleep" for c in site.cameras_since(since))
+    ), site.diagnostics()
+    site.comes_back("cam2")
+
+
+def test_camera_that_slept_through_a_restart_of_its_router_is_heard_again(
+    site: SleepySite,
+) -> None:
+    site.falls_asleep("cam2")
+    site.send("hall", signal.SIGKILL)
+    site.wait("hall")
+    site.start_router()
+    site.comes_back("cam2")
+    site.flows(20)
+
+
+def test_camera_whose_clock_stood_still_in_its_sleep_comes_back(site: SleepySite) -> None:
+    site.falls_asleep("cam2")
+    site.send("cam2", signal.SIGSTOP)  # as a machine that somebody else suspends
+    # Late, and then also without a connection, which its program was to keep.
+    late = ("overslept", "not connected")
+    assert eventually(lambda: site.camera("cam2").why.startswith(late)), site.diagnostics()
+    site.send("cam2", signal.SIGCONT)
+    site.comes_back("cam2")
+    site.send("edge", signal.SIGUSR1)
+    site.becomes(*CAMERAS)
