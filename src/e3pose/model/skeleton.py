@@ -7,7 +7,7 @@ special case of Shelf-14, whose head joints no detector gives.
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -231,3 +231,21 @@ def _first_seen(*choices: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
         position = np.where(earlier_score[..., None] > 0, earlier_position, position)
         score = np.where(earlier_score > 0, earlier_score, score)
     return position, score
+
+
+def common_skeleton(detectors: Iterable[Skeleton]) -> Skeleton:
+    """Return the skeleton in which poses of several detectors are told.
+
+    Args:
+        detectors: what each of them outputs.
+
+    Returns:
+        That of theirs which lacks fewest joints in any of them, and of several the one with fewest
+        joints, as what a detector does not find is made of others; COCO's without a detector.
+    """
+    known = list(dict.fromkeys(detectors))
+
+    def cost(target: Skeleton) -> tuple[int, int]:
+        return sum(len(lacking(other.joints, target.joints)) for other in known), len(target)
+
+    return min(known, key=cost, default=COCO17)

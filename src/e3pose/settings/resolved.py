@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from datetime import datetime
 from pathlib import Path
@@ -13,9 +13,9 @@ from e3pose.detectors import skeleton_of
 from e3pose.energy.budgets import Budget, parse_budget
 from e3pose.model.camera import Rig
 from e3pose.model.noises import DEFAULT, SHIPPED
-from e3pose.model.skeleton import COCO17, Skeleton, lacking, skeleton_by_name
+from e3pose.model.skeleton import Skeleton, common_skeleton, skeleton_by_name
 from e3pose.pipeline import Pipeline
-from e3pose.recording.calibration import load_rig, load_rotations
+from e3pose.recording.calibration import Calibration, load_calibration
 from e3pose.recording.calibration.world import assumed_rig, world_problem
 from e3pose.recording.folder import read_detector, read_skeleton
 from e3pose.settings.energy import EnergyPlan
@@ -122,14 +122,16 @@ def resolve(site: SiteTable, placed: bool = True) -> ResolvedSite:
     Raises:
         InputError: for a rig that is not there, and settings that it cannot have.
     """
-    rig = _rig(site, placed)
-    cameras = _cameras(site, rig)
+    known = load_calibration(site.calibration) if site.calibration.exists() else None
+    rig = _rig(site, known, placed)
+    cameras = _cameras(site, rig, {} if known is None else known.rotations)
     known_wh = {name: each.battery_wh for name, each in cameras.items() if each.battery_wh}
-    skeletons = {name: known for name, each in cameras.items() if (known := _skeleton(each))}
+    skeletons = {name: made for name, each in cameras.items() if (made := _skeleton(each))}
     try:
         plan = site.energy.plan(rig.camera_ids, 1 / site.fps, known_wh)
         loop = site.loop.for_rig(len(rig), plan) if rig.placed else site.loop
-        skeleton = _site_skeleton(site.skeleton_name, skeletons.values())
+        asked = site.skeleton_name
+        skeleton = skeleton_by_name(asked) if asked else common_skeleton(skeletons.values())
     except InputError as error:
         raise _in_file(site, error) from None
     detectors = {_detector(each) for each in cameras.values()}
@@ -153,12 +155,11 @@ def calibrate_advice(site: SiteTable) -> str:
     )
 
 
-def _rig(site: SiteTable, placed: bool) -> Rig:
+def _rig(site: SiteTable, known: Calibration | None, placed: bool) -> Rig:
     """Return the cameras as far as they are known: placed, or lenses, or names alone."""
-    there, found = site.calibration.exists(), f"no {site.calibration}"
-    rig = load_rig(site.calibration) if there else None
+    rig, found = None if known is None else known.rig, f"no {site.calibration}"
     if placed and (rig is None or not rig.placed):
-        found = f"lenses without places in {site.calibration}" if there else found
+        found = found if rig is None else f"lenses without places in {site.calibration}"
         wanted = f"one: {calibrate_advice(site)}"
         raise InputError("calibration", found, wanted, str(site.path))
     if rig is None and not site.camera:
@@ -166,7 +167,7 @@ def _rig(site: SiteTable, placed: bool) -> Rig:
     return rig or assumed_rig({camera.id: ASSUMED_SIZE for camera in site.camera})
 
 
-def _cameras(site: SiteTable, rig: Rig) -> dict[str, CameraTable]:
+def _cameras(site: SiteTable, rig: Rig, turned: Mapping[str, int]) -> dict[str, CameraTable]:
     """Return what is known of every camera of the rig, in its order."""
     named = {camera.id: camera for camera in site.camera}
     for camera_id in named:
@@ -174,7 +175,6 @@ def _cameras(site: SiteTable, rig: Rig) -> dict[str, CameraTable]:
             known = f"one of {', '.join(rig.camera_ids)[:300]}"
             found = "no such camera in the calibration"
             raise InputError(f"camera {camera_id}", found, known, str(site.path))
-    turned = load_rotations(site.calibration) if site.calibration.exists() else {}
     return {i: _filled(named.get(i) or CameraTable(i), turned.get(i, 0)) for i in rig.camera_ids}
 
 
@@ -211,27 +211,6 @@ def _of_recording(camera: CameraTable, read: Callable[[Path], Found]) -> Found |
         return read(Path((camera.source or "").removeprefix(RECORDED)))
     except InputError:
         return None  # an error when the camera starts
-
-
-def _site_skeleton(asked: str | None, detectors: Iterable[Skeleton]) -> Skeleton:
-    """Return the skeleton that a site works in.
-
-    Args:
-        asked: its name, if one is configured.
-        detectors: what the cameras' detectors output.
-
-    Returns:
-        The one asked for; else the one that lacks fewest joints in any camera, and of several the
-        one with fewest joints, as what a detector does not find is made of others.
-    """
-    if asked is not None:
-        return skeleton_by_name(asked)
-    known = list(dict.fromkeys(detectors))
-
-    def cost(target: Skeleton) -> tuple[int, int]:
-        return sum(len(lacking(other.joints, target.joints)) for other in known), len(target)
-
-    return min(known, key=cost, default=COCO17)
 
 
 def _in_file(site: SiteTable, error: InputError) -> InputError:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from e3pose.base.errors import InputError
@@ -28,6 +29,28 @@ FORMATS: dict[str, Callable[[Path], Rig]] = {
     "panoptic": panoptic.load,
     "opencv": opencv.load,
 }
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Calibration:
+    """What a calibration says.
+
+    Attributes:
+        rig: the cameras.
+        rotations: 90, 180 or 270 for each camera that is turned: by how many degrees clockwise its
+            images are turned for people in them to be upright. Only Caliscope's files say so.
+    """
+
+    rig: Rig
+    rotations: Mapping[str, int] = field(default_factory=dict)
+
+
+def load_calibration(path: Path) -> Calibration:
+    """Read all that a calibration says; see `load_rig`."""
+    path = Path(path)
+    format = find_format(path)
+    turned = caliscope.rotations(path) if format == "caliscope" else {}
+    return Calibration(FORMATS[format](path), turned)
 
 
 def load_rig(path: Path, format: str | None = None) -> Rig:
