@@ -69,6 +69,19 @@ def make_predictor_or_fallback(name: str, skeleton: Skeleton = COCO17) -> Predic
         return make_predictor(FALLBACK, skeleton)
 
 
+def make_predictors(
+    name: str, steering: str | None, skeleton: Skeleton = COCO17
+) -> tuple[Predictor, Predictor | None]:
+    """Return the predictor called `name` and the one that steers, if any: the same if so named.
+
+    Each has a stand-in where it cannot be had.
+    """
+    own = make_predictor_or_fallback(name, skeleton)
+    if steering is None or steering == name:
+        return own, own if steering else None
+    return own, make_predictor_or_fallback(steering, skeleton)
+
+
 @lru_cache(maxsize=64)
 def _say_once(message: str) -> None:
     logging.getLogger(__name__).warning(message)

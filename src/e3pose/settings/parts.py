@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from e3pose.base.errors import InputError
 from e3pose.energy.queues import Queue, check_budget
 from e3pose.estimate import EstimatorSettings, make_estimator
-from e3pose.estimate.base import Estimator
 from e3pose.estimate.per_slot.fusion import (
     EPIPOLAR_PX,
     MATCHERS,
@@ -25,7 +24,7 @@ from e3pose.model.camera import Rig
 from e3pose.model.noises import DEFAULT, detector_of, load_noise
 from e3pose.model.skeleton import Skeleton
 from e3pose.pipeline import Pipeline
-from e3pose.predict import Predictor, make_predictor, make_predictor_or_fallback
+from e3pose.predict import Predictor, make_predictor, make_predictors
 from e3pose.select.camera_order import spread_order
 from e3pose.select.feedback import Feedback
 from e3pose.select.policies import (
@@ -83,28 +82,34 @@ def make_pipeline(
     settings: LoopSettings,
     clock: Callable[[], float] = time.perf_counter,
 ) -> Pipeline:
-    """Build the parts that `settings` ask for.
+    """Build the parts that `settings` ask for: what each is asked for first, then the parts.
 
     Raises:
         InputError: naming the setting that cannot be had for this place.
     """
     settings = settings.for_rig(len(place.rig))
-    num_selected = float(settings.num_selected or 0)
     row = row_of(settings)
+    _check(settings, row, len(place.rig))
+    name = pipeline_row(settings.pipeline)[0]
+    fusion, estimator = _fusion(settings), settings.estimator
+    queue = Queue(
+        budget=shares(settings, len(place.rig)),
+        cost_j=None if settings.cost_j is None else np.array(settings.cost_j),
+        as_published=name == "paper",
+    )
+
+    policy, waking = _policy(settings, row, place.rig)
+    if estimator is None:
+        estimator = make_estimator(name, _estimating(place, settings, fusion))
     predictor, steering = _predictors(settings, row, place.skeleton)
-    policy, waking = make_policy(place, settings)
     return Pipeline(
         rig=place.rig,
         num_joints=len(place.skeleton),
         interval_s=place.interval_s,
-        estimator=_estimator(place, settings, num_selected, steering is not None),
+        estimator=estimator,
         predictor=predictor,
         policy=policy,
-        queue=Queue(
-            budget=shares(settings, len(place.rig)),
-            cost_j=None if settings.cost_j is None else np.array(settings.cost_j),
-            as_published=pipeline_row(settings.pipeline)[0] == "paper",
-        ),
+        queue=queue,
         clock=clock,
         lead_slots=settings.lead_slots,
         warmup_slots=settings.warmup_slots,
@@ -123,10 +128,24 @@ def make_policy(
     Raises:
         InputError: naming the setting that cannot be had.
     """
-    row, num_selected = row_of(settings), float(settings.num_selected or 0)
+    row = row_of(settings)
     _check(settings, row, len(place.rig))
+    return _policy(settings, row, place.rig)
+
+
+def row_of(settings: LoopSettings) -> PolicyRow:
+    """Return the policy that decides with what it needs; an object decides as it is."""
+    policy = settings.policy
+    if policy is not None and not isinstance(policy, str):
+        return PolicyRow.of(policy)
+    return policy_row(settings.policy_name, settings.independent_queue)
+
+
+def _policy(
+    settings: LoopSettings, row: PolicyRow, rig: Rig
+) -> tuple[Policy, Callable[[float], Policy] | None]:
     asked = PolicySettings(
-        num_selected=num_selected,
+        num_selected=float(settings.num_selected or 0),
         quality_weight=settings.quality_weight,
         seed=settings.seed,
         phase=settings.phase,
@@ -135,7 +154,7 @@ def make_policy(
         raw_weight=settings.raw_weight,
         round_trip_s=settings.round_trip_s,
         target_error_m=settings.target_error_m,
-        order=spread_order(place.rig),
+        order=spread_order(rig),
     )
 
     def waking(count: float) -> Policy:
@@ -146,34 +165,24 @@ def make_policy(
     return policy, waking if COUNT in row.uses else None
 
 
-def row_of(settings: LoopSettings) -> PolicyRow:
-    """Return the policy that decides with what it needs; an object decides as it is."""
-    policy = settings.policy
-    if policy is not None and not isinstance(policy, str):
-        return PolicyRow.of(policy)
-    row = policy_row(settings.policy_name)
-    return row.with_queue() if settings.independent_queue else row
-
-
-def _estimator(
-    place: Place, settings: LoopSettings, num_selected: float, steered: bool
-) -> Estimator[Any]:
-    fusion = _fusion(settings)
-    if settings.estimator is not None:
-        return settings.estimator
-    return make_estimator(
-        pipeline_row(settings.pipeline)[0],
-        EstimatorSettings(
-            rig=place.rig,
-            skeleton=place.skeleton,
-            interval_s=place.interval_s,
-            history_slots=max(settings.warmup_slots, STEERING_SLOTS if steered else 0),
-            fusion=fusion,
-            noise=load_noise(settings.noise or detector_of(place)),
-            num_selected=1.0 if settings.target_error_m is not None else num_selected,
-            fills=settings.fill is not False,
-        ),
+def _estimating(place: Place, settings: LoopSettings, fusion: FusionSettings) -> EstimatorSettings:
+    """Return what the estimator of the pipeline is asked for."""
+    aims = settings.target_error_m is not None
+    return EstimatorSettings(
+        rig=place.rig,
+        skeleton=place.skeleton,
+        interval_s=place.interval_s,
+        history_slots=max(settings.warmup_slots, STEERING_SLOTS * _is_steered(settings)),
+        fusion=fusion,
+        noise=load_noise(settings.noise or detector_of(place)),
+        num_selected=1.0 if aims else float(settings.num_selected or 0),
+        fills=settings.fill is not False,
     )
+
+
+def _is_steered(settings: LoopSettings) -> bool:
+    """Return whether a predictor steers the estimator: one that has a memory."""
+    return settings.estimator is not None or pipeline_row(settings.pipeline)[0] != "paper"
 
 
 def _predictors(
@@ -185,17 +194,13 @@ def _predictors(
     The policies of a pipeline share one estimator, whichever predictor is their own. The pipeline
     `paper` has the paper's own network.
     """
-    has_memory = settings.estimator is not None or pipeline_row(settings.pipeline)[0] != "paper"
-    asked = settings.predictor
-    if asked is not None:
-        predictor = make_predictor(asked, skeleton) if isinstance(asked, str) else asked
-        return predictor, predictor if has_memory else None
-    same = row.predictor == STEERING
-    if not has_memory:
-        name = PAPER_PREDICTOR if same else row.predictor
-        return make_predictor_or_fallback(name, skeleton), None
-    own = make_predictor_or_fallback(row.predictor, skeleton)
-    return own, own if same else make_predictor_or_fallback(STEERING, skeleton)
+    asked, steered = settings.predictor, _is_steered(settings)
+    if asked is None:
+        published = row.predictor == STEERING and not steered
+        own = PAPER_PREDICTOR if published else row.predictor
+        return make_predictors(own, STEERING if steered else None, skeleton)
+    predictor = make_predictor(asked, skeleton) if isinstance(asked, str) else asked
+    return predictor, predictor if steered else None
 
 
 def _fusion(settings: LoopSettings) -> FusionSettings:

@@ -92,9 +92,7 @@ class PolicyRow:
         )
 
     def with_queue(self) -> PolicyRow:
-        """Return the row of a policy that is given an energy queue, if it may have one."""
-        if QUEUE not in self.uses:
-            return self
+        """Return the row of a policy that is given an energy queue."""
         promises = self.promises | {Promise.BUDGET}
         return replace(self, uses=self.uses | {BUDGET}, promises=promises)
 
@@ -153,15 +151,20 @@ POLICIES: dict[str, PolicyRow] = {
 }
 
 
-def policy_row(name: str) -> PolicyRow:
+def policy_row(name: str, queue: bool = False) -> PolicyRow:
     """Return the row of the policy called `name`.
 
     One of one's own is a `PolicyRow`, a class, or a function of `PolicySettings`.
+
+    Args:
+        name: of the table, of an entry point, or of a module.
+        queue: whether it is given an energy queue, if it may have one.
 
     Raises:
         InputError: listing the known ones.
     """
     found: Any = member(GROUP, "policy", name, POLICIES)
     if isinstance(found, PolicyRow):
-        return found
+        may_queue = queue and QUEUE in found.uses
+        return found.with_queue() if may_queue else found
     return PolicyRow(lambda settings: made(found, settings), needs=frozenset({Need.OWN_BOXES}))
