@@ -4,21 +4,67 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from typing import TYPE_CHECKING
+from typing import Protocol
 
+from e3pose.base.clock import Clock, SlotTimes
 from e3pose.edge.checkpoint import Checkpoint
+from e3pose.edge.counters import Counts
+from e3pose.edge.events import EventLog
+from e3pose.edge.gather import Gather
+from e3pose.edge.health import Health
+from e3pose.edge.inbox import Inbox
+from e3pose.edge.membership import Membership
+from e3pose.edge.outbox import Outbox
 from e3pose.edge.reports import Conditions, camera_changes
 from e3pose.edge.rests import ASLEEP
+from e3pose.edge.state_file import StateFile
+from e3pose.edge.threads import ThreadGroup
 from e3pose.edge.watchdog import Watchdog
+from e3pose.pipeline import Pipeline, SlotState
+from e3pose.settings.edge import EdgeSettings
 from e3pose.wire import topics
 from e3pose.wire.codec import encode
-
-if TYPE_CHECKING:
-    from e3pose.edge.server import EdgeServer
+from e3pose.wire.site_messages import Status
 
 KEEPING_S = 1.0  # status, checkpoint
 MOST_CHANGES, CHANGES_S = 10, 60.0  # of one camera that are reported in so much time
 LOOK_S = 0.1  # interval of checks for connected cameras
+
+
+class RunningEdge(Protocol):
+    """What housekeeping sees of an edge; `EdgeServer` is one."""
+
+    settings: EdgeSettings
+    clock: Clock
+    membership: Membership
+    inbox: Inbox
+    gather: Gather
+    outbox: Outbox
+    counts: Counts
+    health: Health
+    event_log: EventLog
+    state_file: StateFile
+    threads: ThreadGroup
+    state: SlotState
+    times: SlotTimes | None
+    ready: bool
+
+    @property
+    def pipeline(self) -> Pipeline:
+        """The parts of the loop in the next slot."""
+        ...
+
+    def start_sending(self) -> None:
+        """Start the thread that sends; it takes over from one that hangs."""
+        ...
+
+    def impairments(self) -> tuple[list[str], list[str]]:
+        """Return for each camera why it is useless, and why it brings too few views; else empty."""
+        ...
+
+    def status(self) -> Status:
+        """Return the status of the site."""
+        ...
 
 
 class Housekeeping:
@@ -30,7 +76,7 @@ class Housekeeping:
         rejoined: set when the network was joined again, to be cleared by the fusion thread.
     """
 
-    def __init__(self, edge: EdgeServer) -> None:
+    def __init__(self, edge: RunningEdge) -> None:
         """Look after an edge that has all its parts but this one."""
         self.watchdog = Watchdog(edge.membership, edge.clock, edge.event_log.report)
         self.quiet, self.rejoined = threading.Event(), threading.Event()
