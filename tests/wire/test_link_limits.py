@@ -18,7 +18,7 @@ import psutil
 import pytest
 import zenoh
 from tests.waiting import eventually
-from tests.wire.test_network import Site
+from tests.wire.certified_site import Site
 
 from e3pose.wire import access
 from e3pose.wire.access import Link, zenoh_config

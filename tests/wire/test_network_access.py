@@ -1,0 +1,170 @@
+"""Zenoh on loopback: who may read and write what, by certificates."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+import pytest
+from tests.ports import free_port
+from tests.waiting import eventually
+from tests.wire.certified_site import Site
+
+from e3pose.base.errors import InputError
+from e3pose.wire.access import Link, check_link
+from e3pose.wire.network import NetworkTransport, open_network
+
+pytestmark = pytest.mark.slow
+
+SILENCE_S = 0.4  # how long to wait for what must not come
+
+
+def test_camera_neither_reads_nor_forges_anothers_messages(site: Site) -> None:
+    edge = site.edge()
+    views: list[tuple[str, bytes]] = []
+    orders: list[bytes] = []
+    spied: list[tuple[str, bytes]] = []
+    seen: list[bytes] = []
+    edge.subscribe("e3pose/lab/camera/*/view", lambda t, p: views.append((t, p)))
+    edge.answer("e3pose/lab/camera/*/clock", lambda t, p: b"time of " + p)
+    cam1, cam2, revoked, viewer = (
+        site.camera("cam1"),
+        site.camera("cam2"),
+        site.camera("cam3"),
+        site.viewer(),
+    )
+    cam1.subscribe("e3pose/lab/order/cam1", lambda t, p: orders.append(p))
+    viewer.subscribe("e3pose/lab/poses", lambda t, p: seen.append(p))
+    later: list[bytes] = []
+    viewer.subscribe("e3pose/lab/poses-delayed", lambda t, p: later.append(p))
+    for spy, name in ((cam2, "cam2"), (viewer, "viewer"), (revoked, "revoked")):
+        for topic in ("e3pose/lab/order/cam1", "e3pose/lab/camera/cam1/**", "e3pose/**"):
+            spy.subscribe(topic, lambda t, p, name=name: spied.append((name, p)))  # type: ignore[misc]
+
+    def ready() -> bool:
+        cam1.publish("e3pose/lab/camera/cam1/view", b"mine")
+        edge.publish("e3pose/lab/order/cam1", b"to cam1")
+        edge.publish("e3pose/lab/poses", b"people")
+        edge.publish("e3pose/lab/poses-delayed", b"people again")
+        time.sleep(0.05)
+        return bool(views and orders and seen and later)
+
+    assert eventually(ready)
+    views.clear()
+    for liar in (cam2, viewer, revoked):
+        liar.publish("e3pose/lab/camera/cam1/view", b"forged")
+        liar.publish("e3pose/lab/order/cam1", b"forged")
+        liar.publish("e3pose/lab/poses", b"forged")
+        liar.publish("e3pose/lab/poses-delayed", b"forged")
+    revoked.publish("e3pose/lab/camera/cam3/view", b"from the revoked")
+    assert revoked.ask("e3pose/lab/camera/cam3/clock", b"?", SILENCE_S) is None
+    assert cam2.ask("e3pose/lab/camera/cam1/clock", b"?", SILENCE_S) is None
+    assert cam1.ask("e3pose/lab/camera/cam1/clock", b"?", 10.0) == b"time of ?"
+    cam2.publish("e3pose/lab/camera/cam2/view", b"honest")
+    assert eventually(lambda: ("e3pose/lab/camera/cam2/view", b"honest") in views)
+    time.sleep(SILENCE_S)
+    assert {payload for _, payload in views} <= {b"honest", b"mine"}
+    assert set(orders) == {b"to cam1"} and set(seen) == {b"people"}
+    assert set(later) == {b"people again"}
+    # The one thing on `e3pose/**` that a viewer may hear are the poses.
+    assert {payload for _, payload in spied} <= {b"people", b"people again"}
+    edge.close()
+
+
+def test_operators_alone_control_the_edge_and_see_what_viewers_see(site: Site) -> None:
+    edge, seen = site.edge(), list[bytes]()
+    asked: list[bytes] = []
+
+    def answer(_: str, payload: bytes) -> bytes:
+        asked.append(payload)
+        return b"done"
+
+    edge.answer("e3pose/lab/control/desk", answer)
+    operator, viewer, camera = site.operator(), site.viewer(), site.camera("cam1")
+    operator.subscribe("e3pose/lab/poses", lambda t, p: seen.append(p))
+
+    def ready() -> bool:
+        edge.publish("e3pose/lab/poses", b"people")
+        return bool(seen) and operator.ask("e3pose/lab/control/desk", b"mine", 0.5) == b"done"
+
+    assert eventually(ready)
+    asked.clear()
+    for other in (viewer, camera):
+        assert other.ask("e3pose/lab/control/desk", b"not allowed", SILENCE_S) is None
+    operator.publish("e3pose/lab/order/cam1", b"forged")
+    assert operator.ask("e3pose/lab/control/desk", b"again", 10.0) == b"done"
+    assert asked == [b"again"]
+    edge.close()
+
+
+def test_operators_ask_cameras_through_the_edge_however_often_it_ends(site: Site) -> None:
+    topic, asked = "e3pose/lab/camera/cam1/picture", list[bytes]()
+
+    def answer(_: str, payload: bytes) -> bytes:
+        asked.append(payload)
+        return b"picture"
+
+    operator, viewer = site.operator(), site.viewer()  # before there is an edge
+    assert operator.ask(topic, b"nobody there", 0.1) is None and not operator.connected()
+    for life in (b"first", b"second"):
+        edge = site.edge()
+        camera, other, third = (site.camera(name) for name in ("cam1", "cam2", "cam2"))
+        camera.answer(topic, answer)
+        other.answer(topic, lambda _, payload: b"forged")
+        assert eventually(lambda: operator.ask(topic, b"soon", 2.0) == b"picture")
+        assert operator.connected()
+        asked.clear()
+        for stranger in (viewer, third):
+            assert stranger.ask(topic, b"not allowed", SILENCE_S) is None
+        assert operator.ask(topic, life, 10.0) == b"picture" and asked == [life]
+        for program in (camera, other, third, edge):
+            program.close()
+
+
+def test_two_sites_share_one_router() -> None:
+    port = free_port()
+    router = open_network(Link("edge", "router", f"tcp/127.0.0.1:{port}"))
+    got: dict[str, list[bytes]] = {"lab": [], "hall": []}
+    programs = []
+    for name in got:
+        edge = open_network(
+            Link("edge", name, "tcp/127.0.0.1:0", upstream=(f"tcp/127.0.0.1:{port}",))
+        )
+        edge.subscribe(f"e3pose/{name}/camera/*/view", lambda t, p, name=name: got[name].append(p))  # type: ignore[misc]
+        camera = open_network(Link("camera", name, f"tcp/127.0.0.1:{port}"))
+        programs += [edge, camera]
+
+        def arrived(camera: NetworkTransport = camera, name: str = name) -> bool:
+            camera.publish(f"e3pose/{name}/camera/cam1/view", name.encode())
+            time.sleep(0.05)
+            return bool(got[name])
+
+        assert eventually(arrived)
+    assert set(got["lab"]) == {b"lab"} and set(got["hall"]) == {b"hall"}
+    for program in [*programs, router]:
+        program.close()
+
+
+@pytest.mark.parametrize(
+    ("link", "orders"),
+    [
+        (Link("edge", "lab", "tcp/0.0.0.0:7447"), "plain tcp beyond this machine"),
+        (Link("edge", "lab", "tcp/[::]:7447"), "plain tcp beyond this machine"),
+        (Link("camera", "lab", "tcp/edge.local:7447"), "plain tcp beyond this machine"),
+        (Link("edge", "lab", "tls/0.0.0.0:7447"), "tls without certificates"),
+        (Link("edge", "lab", "udp/127.0.0.1:7447"), "expected tls/HOST:PORT"),
+        (Link("edge", "lab", "tcp/127.0.0.1:99999"), "expected tls/HOST:PORT"),
+        (Link("edge", "lab", "tcp/127.0.0.1:1#x=y"), "expected tls/HOST:PORT"),
+        (Link("camera", "lab", "tcp/127.0.0.1:0"), "port of the edge"),
+    ],
+)
+def test_unsafe_or_impossible_endpoints_are_refused(link: Link, orders: str) -> None:
+    with pytest.raises(InputError, match=orders):
+        check_link(link)
+
+
+def test_plain_tcp_beyond_this_machine_needs_to_be_asked_for() -> None:
+    link = Link("edge", "lab", "tcp/0.0.0.0:7447")
+    with pytest.raises(InputError, match="plain tcp beyond this machine"):
+        check_link(link)
+    check_link(replace(link, insecure=True))

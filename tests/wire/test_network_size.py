@@ -1,0 +1,104 @@
+"""Zenoh on loopback: what is far too large does not arrive, what is said at once does."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from typing import Literal
+
+import pytest
+from tests.ports import free_port
+from tests.waiting import eventually
+from tests.wire.certified_site import Site
+
+from e3pose.wire.access import Link
+from e3pose.wire.network import open_network
+
+pytestmark = pytest.mark.slow
+
+SILENCE_S = 0.4  # how long to wait for what must not come
+
+
+def test_what_is_far_too_large_does_not_even_arrive(site: Site) -> None:
+    edge, camera = site.edge(), site.camera("cam1")
+    got: list[tuple[str, int]] = []
+    for what in ("view", "heartbeat"):
+        edge.subscribe(
+            f"e3pose/lab/camera/*/{what}", lambda t, p: got.append((t.rsplit("/", 1)[1], len(p)))
+        )
+
+    def arrived() -> bool:
+        got.clear()
+        camera.publish("e3pose/lab/camera/cam1/view", b"x" * 2**18)
+        camera.publish("e3pose/lab/camera/cam1/heartbeat", b"x" * 2**12)
+        time.sleep(0.1)
+        return {what for what, _ in got} == {"view", "heartbeat"}
+
+    assert eventually(arrived)
+    seen = {*got}
+    for _ in range(3):
+        camera.publish("e3pose/lab/camera/cam1/view", b"x" * 2**20)
+        camera.publish("e3pose/lab/camera/cam1/heartbeat", b"x" * 2**18)
+        time.sleep(SILENCE_S)
+        seen |= {*got}
+    assert eventually(arrived)  # the link is there still
+    assert seen | {*got} == {("view", 2**18), ("heartbeat", 2**12)}
+    edge.close()
+
+
+@pytest.mark.parametrize("role", ["edge", "router"])
+def test_question_or_hello_that_is_far_too_large_does_not_even_arrive(
+    role: Literal["edge", "router"],
+) -> None:
+    endpoint, hellos = f"tcp/127.0.0.1:{free_port()}", list[int]()
+    with (
+        contextlib.closing(open_network(Link(role, "lab", endpoint))) as edge,
+        contextlib.closing(open_network(Link("camera", "lab", endpoint))) as camera,
+    ):
+        edge.answer("e3pose/lab/camera/*/clock", lambda topic, payload: b"time")
+        edge.subscribe("e3pose/lab/camera/*/hello", lambda topic, p: hellos.append(len(p)))
+
+        def arrived() -> bool:
+            hellos.clear()
+            camera.publish("e3pose/lab/camera/cam1/hello", b"x" * 2**14)
+            time.sleep(0.05)
+            return 2**14 in hellos
+
+        def answer(size: int) -> bytes | None:
+            return camera.ask("e3pose/lab/camera/cam1/clock", b"x" * size, SILENCE_S)
+
+        assert eventually(arrived)
+        assert eventually(lambda: answer(2**14) == b"time")
+        assert [answer(2**16) for _ in range(3)] == [None] * 3
+        for _ in range(3):
+            camera.publish("e3pose/lab/camera/cam1/hello", b"x" * 2**16)
+        time.sleep(SILENCE_S)
+        assert set(hellos) == {2**14}
+        assert eventually(arrived) and eventually(lambda: answer(2**14) == b"time")
+
+
+def test_what_is_said_at_once_arrives_whole() -> None:
+    port, got = free_port(), 0
+    edge = open_network(Link("edge", "lab", f"tcp/127.0.0.1:{port}"))
+    viewer = open_network(Link("viewer", "lab", f"tcp/127.0.0.1:{port}"))
+
+    def take(topic: str, payload: bytes) -> None:
+        nonlocal got
+        got += len(payload) > 1
+
+    viewer.subscribe("e3pose/lab/poses", take)
+
+    def arrived() -> bool:
+        edge.publish("e3pose/lab/poses", b"xx")
+        return got > 0
+
+    assert eventually(arrived)
+    time.sleep(SILENCE_S)
+    got = 0
+    for _ in range(100):
+        for _ in range(6):  # a batch of Zenoh each: they wait for its sending thread
+            edge.publish("e3pose/lab/poses", b"x" * 60_000)
+        time.sleep(0.05)
+    assert eventually(lambda: got == 600, 5.0), got
+    viewer.close()
+    edge.close()
