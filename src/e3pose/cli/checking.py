@@ -95,7 +95,7 @@ def _rates(site: ResolvedSite) -> list[Finding]:
     from functools import partial
 
     from e3pose.cli.progress import stage_progress
-    from e3pose.site.check_rates import check_rates
+    from e3pose.site.check_sources import check_rates
 
     with stage_progress() as (_, advance):
         return list(check_rates(site, partial(advance, "counting frames")))

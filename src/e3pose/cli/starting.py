@@ -245,7 +245,7 @@ def _report(choice: Choice, folder: Path, path: Path) -> None:
         slots += f" of films that are played at {pace:g} of their speed"
     of = f"{choice.num_selected} of {len(choice.probes)} cameras active in each"
     print(f"Wrote {path}: {slots}, {of}")
-    from e3pose.site.check_rates import compare_rates
+    from e3pose.site.check_sources import compare_rates
 
     for finding in compare_rates(choice.probes, fps):
         if finding.level != "ok":

@@ -1,12 +1,15 @@
-"""Check the sources and networks of cameras that run on this machine."""
+"""Check the cameras that run on this machine: their sources, networks and frame rates."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from pathlib import Path
 
 from e3pose.base.errors import InputError
 from e3pose.base.plugins import is_own
+from e3pose.camera.probe import Probe, probe, probe_all
+from e3pose.edge.delivery import SHORT
 from e3pose.settings.resolved import ResolvedSite
 from e3pose.settings.site_file import CameraTable
 from e3pose.settings.sources import is_recorded, place_of, shown_source
@@ -36,6 +39,48 @@ def check_sources(site: ResolvedSite) -> Iterator[Finding]:
         yield from _source(site, camera, camera.source)
         if not is_recorded(camera.source):
             yield from _network(camera)
+
+
+def check_rates(site: ResolvedSite, progress: Callable[[int, int], None]) -> Iterator[Finding]:
+    """Count the frames of the cameras that `e3pose up` would run here; takes three seconds.
+
+    Args:
+        site: what its file says; it must not be running, or it has the devices.
+        progress: called with cameras done, and how many there are.
+    """
+    asked = {
+        camera_id: partial(probe, camera.source, camera_id)
+        for camera_id, camera in site.cameras.items()
+        if camera.source is not None and not is_recorded(camera.source)
+    }
+    tried = probe_all(asked, progress)
+    for camera_id, seen in tried.items():
+        if isinstance(seen, InputError):
+            yield Finding("problem", f"camera {camera_id}", str(seen))
+    found = {name: seen for name, seen in tried.items() if isinstance(seen, Probe)}
+    yield from compare_rates(found, site.fps)
+
+
+def compare_rates(found: Mapping[str, Probe], fps: float) -> Iterator[Finding]:
+    """Compare the frames that sources bring with the slots of a site.
+
+    Args:
+        found: by camera, what its source brings.
+        fps: slots per second of the site.
+    """
+    least = min((seen.fps for seen in found.values()), default=fps)
+    for camera_id, seen in found.items():
+        what = f"camera {camera_id}"
+        if seen.fps >= SHORT * fps:
+            yield Finding("ok", what, seen.rate_words())
+            continue
+        without = f"{1 - seen.fps / fps:.0%} of the slots ordered of it get no view"
+        yield Finding(
+            "problem",
+            what,
+            f"its source brings {seen.rate_words()}, the site has fps = {fps:g}: {without}",
+            f"fps = {least:.3g} in the site file, or raise the camera's frame rate",
+        )
 
 
 def _recording(camera: CameraTable) -> Iterator[Finding]:
