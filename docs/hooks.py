@@ -14,11 +14,20 @@ from typing import Any, NamedTuple
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 
-import e3pose.estimate.filter
+import e3pose
 from e3pose import _HOMES
 from e3pose.cli.app import GROUPS, app
 
-FILTER = Path(e3pose.estimate.filter.__file__).parent
+SOURCE = Path(e3pose.__file__).parent
+# Where every number that somebody chose is marked: folders and files of `src/e3pose/`.
+TUNED = (
+    "estimate/filter",
+    "model/proportions.py",
+    "estimate/per_slot",
+    "estimate/smooth",
+    "select",
+    "calibrate/resection.py",
+)
 TERMS = "experiments/2026-11-24-terms-of-the-filter.md"  # what each term is worth, measured
 NOT_MEASURED = "not measured"
 
@@ -140,6 +149,12 @@ def marks(source: str) -> Iterator[Mark]:
                 yield Mark(name, ast.unparse(node.value).strip("()"), *parts)
 
 
+def tuned_files(*places: str) -> list[Path]:
+    """Return the modules whose tuned numbers are marked, of some of `TUNED` or of all."""
+    named = (SOURCE / place for place in places or TUNED)
+    return [file for path in named for file in (sorted(path.rglob("*.py")) or [path])]
+
+
 def worths(terms: str) -> dict[str, float]:
     """Return how much larger the mean error is without each term, percent.
 
@@ -155,30 +170,36 @@ def worths(terms: str) -> dict[str, float]:
 
 
 def numbers_page(docs: Path) -> str:
-    """Return the table of the tuned numbers of the filter."""
+    """Return the tables of the tuned numbers."""
     known = worths((docs / TERMS).read_text())
     page = [
-        "# Tuned numbers of the filter",
+        "# Tuned numbers",
         "",
-        "Generated from the marks above the constants in `src/e3pose/estimate/filter/`. No number",
-        "was fitted to labels of a recording. *Worth* is how much larger the mean error is over",
+        "Generated from the marks above the constants in `src/e3pose/`. No number was fitted to",
+        "labels of a recording. *Worth* is how much larger the mean error is over",
         f"[twelve recordings](../{TERMS}) without the term that a number belongs to; that",
-        "page says what else each term is there for.",
-        "",
-        "| law | constant | value | unit | chosen on | worth |",
-        "|---|---|---|---|---|---|",
+        "page says what else each term is there for. *By reasoning*: no other value was tried.",
     ]
-    for path in sorted(FILTER.glob("*.py")):
-        for mark in marks(path.read_text()):
-            worth = mark.worth
-            if worth != NOT_MEASURED:
-                worth = f"{known[worth]:+.1f} % ({worth})"
-            origin = re.sub(
-                r"docs/(experiments/[\w-]+)\.md", r"[experiment](../\1.md)", mark.chosen_on
-            )
-            cells = (path.stem, f"`{mark.name}`", f"`{mark.value}`", mark.unit, origin, worth)
-            page.append(f"| {' | '.join(cells)} |")
+    for place in TUNED:
+        page += ["", f"## `{place}`", ""]
+        page += [
+            "| file | constant | value | unit | chosen on | worth |",
+            "|---|---|---|---|---|---|",
+        ]
+        for path in tuned_files(place):
+            page += [_number_row(path, mark, known) for mark in marks(path.read_text())]
     return "\n".join(page) + "\n"
+
+
+def _number_row(path: Path, mark: Mark, known: dict[str, float]) -> str:
+    worth = mark.worth
+    if worth != NOT_MEASURED:
+        worth = f"{known[worth]:+.1f} % ({worth})"
+    origin = re.sub(r"docs/(experiments/[\w-]+)\.md", r"[experiment](../\1.md)", mark.chosen_on)
+    origin = re.sub(r"docs/research/([\w-]+)\.md", r"[\1](\1.md)", origin)
+    origin = re.sub(r"docs/decisions/([\w-]+)\.md", r"[decision](../decisions/\1.md)", origin)
+    cells = (path.stem, f"`{mark.name}`", f"`{mark.value}`", mark.unit, origin, worth)
+    return f"| {' | '.join(cells)} |"
 
 
 def command_page(verb: str) -> str:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from e3pose.base.arrays import Floats
 from e3pose.model.camera import Rig
 
+# tuned: rounds | not recorded | not measured
 RECENT_ROUNDS = 4  # how many rounds back a view still counts as recent
 
 

@@ -15,6 +15,7 @@ from e3pose.model.camera import Rig
 from e3pose.model.project import Optics, make_optics
 from e3pose.select.kernels import boxes as kernels
 
+# tuned: s | by reasoning | not measured
 SPREAD_MEMORY_S = 60.0  # a site's people come and go
 
 

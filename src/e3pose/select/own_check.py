@@ -55,7 +55,7 @@ SAME_M = 0.5  # a detection farther than this from everybody is of nobody
 # tuned: m | by reasoning, tried on no recording | not measured
 WILD_M = 0.3  # a keypoint counts as no farther off
 
-SELECTING, TURNS = 0, 1
+SELECTING, TURNS = 0, 1  # layout: of the pairs in `OwnCheck`
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,7 +16,8 @@ from e3pose.base.kernel import LANES, kernel
 from e3pose.estimate.per_slot.group import PRIOR_JOINTS
 from e3pose.estimate.per_slot.pairs import measure_tile
 
-STRENGTH_UNIT = 1e-6  # sums of scores that differ by less are equal; then the first pose leads
+# Sums of scores that differ by less are equal; then the first pose leads.
+STRENGTH_UNIT = 1e-6  # numerics: of a sum of scores
 
 
 @kernel

@@ -35,8 +35,8 @@ from e3pose.estimate.per_slot.assign import assign
 from e3pose.model.camera import Rig
 
 # Of Tanke and Gall, of the mean score of a pose.
-DROPPED_SCORE, STRONG_SCORE = 0.3, 0.5
-FAR_PX = 1e6  # costs more than any assignment that is possible
+DROPPED_SCORE, STRONG_SCORE = 0.3, 0.5  # definition: as published
+FAR_PX = 1e6  # numerics: costs more than any assignment that is possible
 
 
 def fundamental_matrices(rig: Rig) -> Floats:

@@ -16,7 +16,7 @@ from e3pose.estimate.per_slot.slot import SlotKernel
 from e3pose.model.camera import Rig
 from e3pose.model.pose import Poses2D, Poses3D
 
-MAX_POSES = 4096  # in one slot, all views together: 1 GB of working memory at most
+MAX_POSES = 4096  # capacity: in one slot, all views together: 1 GB of working memory at most
 
 
 class Fuser:

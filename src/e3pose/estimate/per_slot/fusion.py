@@ -19,8 +19,8 @@ MATCHERS: tuple[Matcher, ...] = ("rays", "epipolar", "tanke-gall")
 # Mean distance from epipolar lines up to which two views show one person, by default: simulated
 # scenes (`docs/research/paper-comparison.md`); Tanke and Gall, whose 40 is the sum of both ways.
 EPIPOLAR_PX: Mapping[str, float] = {"epipolar": 30.0, "tanke-gall": 20.0}
-MAX_EPIPOLAR_PX = 1000.0
-OUTLIER_STEPS = 4  # reweighting converges more slowly than plain least squares
+MAX_EPIPOLAR_PX = 1000.0  # capacity: the most that may be asked for
+OUTLIER_STEPS = 4  # numerics: reweighting converges more slowly than plain least squares
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,12 +7,12 @@ import math
 from e3pose.base.arrays import Floats
 from e3pose.base.kernel import kernel
 
-MAX_ITERATIONS = 16
-CONVERGED2 = 1e-22  # squared error, relative to the squared length of the vector
-TINY2 = 1e-26  # the same for a vector that no longer changes but for rounding
-SHRINKING2 = 1e-2  # squared factor by which changes must shrink to foresee the rest
-SINGULAR = 1e-18  # pivots below this share of the trace are rounding errors
-JACOBI_SWEEPS = 12
+MAX_ITERATIONS = 16  # numerics: then rotations finish
+CONVERGED2 = 1e-22  # numerics: squared error, relative to the squared length of the vector
+TINY2 = 1e-26  # numerics: the same for a vector that no longer changes but for rounding
+SHRINKING2 = 1e-2  # numerics: squared factor by which changes must shrink to foresee the rest
+SINGULAR = 1e-18  # numerics: pivots below this share of the trace are rounding errors
+JACOBI_SWEEPS = 12  # numerics: of 4 x 4 numbers
 
 
 @kernel

@@ -17,8 +17,8 @@ from e3pose.estimate.per_slot.triangulate import noise_px
 from e3pose.model.pose import MAX_PIXEL, MISSING_SCORE
 
 # Squared sine of the angle under which two rays count as parallel: their distance says nothing.
-PARALLEL_SINE2 = 1e-9
-PLANES = 4
+PARALLEL_SINE2 = 1e-9  # numerics: of parallel rays
+PLANES = 4  # layout: of a tile, as `gather` fills it
 
 
 @kernel

@@ -14,9 +14,13 @@ from numpy.typing import NDArray
 from e3pose.base.arrays import Floats
 from e3pose.model.pose import Poses3D
 
+# tuned: m | not recorded | not measured
 GATE_M = 0.4  # mean joint distance explained by estimation noise of two triangulated poses
+# tuned: m/s | not recorded | not measured
 GATE_SPEED_MPS = 4.0  # how fast a person may move away from where they were last seen
+# tuned: m | not recorded | not measured
 GATE_LIMIT_M = 1.5  # beyond this two poses are never the same person, however long ago
+# tuned: s | not recorded | not measured
 END_AFTER_S = 1.0  # a track without a pose for this long ends
 
 

@@ -21,18 +21,23 @@ from e3pose.base.arrays import Floats, Integers
 from e3pose.base.kernel import kernel
 from e3pose.estimate.per_slot.nullspace import null_vector
 
-MIN_VIEWS = 2
+MIN_VIEWS = 2  # definition: of a triangulation
 # Standard deviation in pixels of a keypoint by its score. Detectors guess below a score of about
 # 0.4 (joints that are hidden), where errors are five times those of joints that are clearly seen.
+# tuned: scores | simulated noise of the workloads, docs/decisions/0001-matching.md | not measured
 NOISE_SCORES = (0.4, 0.6, 1.0)
+# tuned: px | simulated noise of the workloads, docs/decisions/0001-matching.md: a line from 16 to 2
+#   px moves PCP by 0.1 at most | not measured
 NOISE_PX = (15.0, 3.0, 2.3)
 # Residual, in standard deviations, at which a keypoint's weight is halved when outliers are
 # rejected: 2.5 is the usual compromise, 1 % of normal errors are larger.
+# tuned: standard deviations | by reasoning: the usual compromise of robust statistics | not
+#   measured
 OUTLIER_SIGMAS = 2.5
 # Beyond these a Gauss-Newton step says nothing: its linear picture of a camera holds over a small
 # part of the distance to it. Estimates that break them are left as the DLT made them.
-MIN_DEPTH_M = 0.2
-MAX_STEP_M = 0.5
+MIN_DEPTH_M = 0.2  # numerics: of a step
+MAX_STEP_M = 0.5  # numerics: of a step
 LOW, MIDDLE, HIGH = NOISE_SCORES
 LOW_PX, MIDDLE_PX, HIGH_PX = NOISE_PX
 

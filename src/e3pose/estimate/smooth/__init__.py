@@ -39,6 +39,7 @@ SMOOTHERS: dict[str, Smoother] = {
     "one-euro": lambda motion, _, interval_s, hz: one_euro(motion, interval_s, hz),
 }
 CUTOFFS_HZ = {"butterworth": 6.0, "one-euro": 1.0}
+# tuned: share | not recorded | not measured
 HIGHEST_SHARE = 0.25  # of the slots per second, for a cut-off that nobody named
 
 

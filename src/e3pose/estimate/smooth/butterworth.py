@@ -6,11 +6,11 @@ from e3pose.base.errors import InputError
 from e3pose.estimate.smooth.gaps import stretches
 from e3pose.model.take import Motion
 
-ORDER = 2  # of one pass; two passes make the fourth order
+ORDER = 2  # definition: of one pass; two passes make the fourth order
 # Two passes halve the power at a cut-off twice: each is given one that is higher (Winter 2009).
-ONE_PASS = (2 ** (1 / 2) - 1) ** (-1 / (2 * ORDER))
-LEAST_SLOTS = 4  # of a stretch; a shorter one stays as it is
-MARGIN = 9  # slots that are mirrored at the ends of a stretch
+ONE_PASS = (2 ** (1 / 2) - 1) ** (-1 / (2 * ORDER))  # definition: of two passes
+LEAST_SLOTS = 4  # numerics: of a stretch; a shorter one stays as it is
+MARGIN = 9  # numerics: slots that are mirrored at the ends of a stretch
 
 
 def butterworth(motion: Motion, interval_s: float, cutoff_hz: float) -> Motion:

@@ -14,6 +14,7 @@ from e3pose.model.proportions import LEAST_M, MOST_M
 from e3pose.model.skeleton import Skeleton
 from e3pose.model.take import Motion
 
+# tuned: m | not recorded | not measured
 TELLING_M = 0.05  # a joint that is known better than this tells the lengths of its limbs
 
 

@@ -12,8 +12,9 @@ import numpy as np
 from e3pose.base.arrays import Floats
 from e3pose.model.take import Motion
 
+# tuned: Hz per m/s | by reasoning: a first guess, docs/research/smoothing.md | not measured
 BETA_PER_M = 10.0  # Hz by which each metre per second raises the cut-off
-SPEED_CUTOFF_HZ = 1.0  # of the speed itself, as published
+SPEED_CUTOFF_HZ = 1.0  # definition: of the speed itself, as published
 
 
 def one_euro(motion: Motion, interval_s: float, cutoff_hz: float) -> Motion:

@@ -29,9 +29,11 @@ from e3pose.model.dynamics import covariance_of
 from e3pose.model.skeleton import Skeleton
 from e3pose.model.take import FILLED, Motion
 
+# tuned: m | not recorded | not measured
 UNKNOWN_SIGMA_M = 0.03  # of an estimator that states none: the usual error of two views
+# tuned: m/s | not recorded | not measured
 FIRST_SPEED_MPS = 1.0  # standard deviation of a velocity of which nothing is known
-LEAST_NEWS = 1e-3  # of a slot, as a share of the variance expected
+LEAST_NEWS = 1e-3  # numerics: of a slot, as a share of the variance expected
 
 
 def smooth_points(motion: Motion, skeleton: Skeleton, interval_s: float) -> Motion:

@@ -16,6 +16,7 @@ import numpy as np
 
 from e3pose.base.arrays import Floats
 
+# tuned: share | docs/experiments/2026-11-24-smoothed-covariances.md | not measured
 SHARED = 0.3  # of what smoothing gains, where g is 1: errors that slots share
 
 

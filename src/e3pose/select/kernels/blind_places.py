@@ -12,6 +12,7 @@ from e3pose.base.kernel import kernel
 
 # A view in plain sight knows a joint to about 2 cm, an unseen one may be off by 20 cm: a view adds
 # 100 times the information there was.
+# tuned: ratio | by reasoning: 20 cm over 2 cm, squared | not measured
 INFORMATION_RATIO = 100.0
 
 

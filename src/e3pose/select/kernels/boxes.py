@@ -11,7 +11,7 @@ from e3pose.base.held import Held
 from e3pose.base.kernel import kernel
 from e3pose.model.project import Optics, project_people
 
-BOX_EXPANSION = 0.10  # paper section 3.2.1: a body is a little larger than its joints
+BOX_EXPANSION = 0.10  # definition: paper section 3.2.1: a body is a little larger than its joints
 
 
 @kernel

@@ -22,10 +22,13 @@ from e3pose.select.kernels.people import hide
 
 # Of the information about a joint that lies in the box of somebody nearer. A box is about half
 # filled by its body.
+# tuned: share | by reasoning: a box is about half filled; on Shelf 0 is within noise,
+#   docs/research/camera-selection.md | not measured
 BEHIND_SHARE = 0.5
+# tuned: m | by reasoning | not measured
 BEHIND_M = 0.1  # nearer than this two people stand side by side
-LEAST_DEPTH_M = 1e-6  # in place of smaller depths, so that no pixel is infinite
-MOST_PRODUCT = 1e200  # of ratios before their logarithm is taken
+LEAST_DEPTH_M = 1e-6  # numerics: in place of smaller depths, so that no pixel is infinite
+MOST_PRODUCT = 1e200  # numerics: of ratios before their logarithm is taken
 
 
 class Expected(NamedTuple):

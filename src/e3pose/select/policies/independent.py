@@ -10,7 +10,7 @@ from e3pose.select.policies.base import Selection, Situation
 
 DEFICIT_LIMIT = (
     1.0 + 1e-9
-)  # one active slot ahead of the budget, the least that lets a camera start
+)  # definition: one active slot ahead of the budget, the least that lets a camera start
 
 
 @dataclass(frozen=True, slots=True)

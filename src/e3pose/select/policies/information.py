@@ -24,16 +24,31 @@ from e3pose.select.expected_information import Foresight
 from e3pose.select.policies.base import Selection, Situation, count_at
 from e3pose.select.policies.fixed import RoundRobin
 
-MOST_SUBSETS = 60  # that are all tried: any count of up to seven cameras, and 2 of 11
+MOST_SUBSETS = 60  # capacity: that are all tried: any count of up to seven cameras, and 2 of 11
+# tuned: nats/s | simulated, five scenes, seeds 101 and 102: 0.1 finds people late, 1 costs 5 % of
+#   error, docs/research/camera-selection.md | not measured
 WATCH_NATS_PER_S = 0.5  # what a camera that has not looked for a second may show that is new
+# tuned: s | not recorded | not measured
 WATCH_LIMIT_S = 5.0
+# tuned: nats | simulated, five scenes, seeds 701 to 708, lead 4, one camera: recall gains 1.5, 2.1,
+#   2.0 points at 0.5, 1, 2, docs/research/camera-selection.md | not measured
 ENTRANT_NATS = 1.0  # of a person started
+# tuned: nats | simulated dying-cameras, seeds 701 to 720, lead 4, two cameras: recall 95.8 without,
+#   96.5 % with, docs/research/camera-selection.md | not measured
 SHOWN_NATS = 1.0  # of a person shown by the look, who would be hidden without it
+# tuned: people | docs/experiments/2026-11-23-detections-that-never-become-a-person.md | not
+#   measured
 UNMET_PEOPLE = 0.5  # with a target, two cameras look while so many wait to be started
+# tuned: s | not recorded | not measured
 MAX_PAUSE_S = 0.2  # with a target, some camera looks at least this often, whoever is known
+# tuned: s | not recorded | not measured
 BURST_S = 2.0  # with a target or by turns, how far ahead of its budget a camera may run
+# tuned: nats | pizza and eight scenes, seeds 701 to 704: 0.4 costs 4 % on pizza,
+#   docs/research/camera-selection.md | not measured
 LEAST_NATS = 0.1  # more than the cameras whose turn it is: where directions err alike, as turns do
+# tuned: nats | not recorded | not measured
 NEAR_NATS = 0.02  # sets of cameras that differ by less are equally good, and take turns
+# tuned: share | not recorded | not measured
 NO_BETTER = 0.05  # a target that all cameras miss: go on while they lower the error by this share
 
 
