@@ -13,14 +13,8 @@ from e3pose.base.errors import InputError
 from e3pose.base.quantities import duration_s, size_bytes
 from e3pose.base.table import convert, entry, read_table
 from e3pose.model.camera_fields import check_camera_id
-from e3pose.settings.limits import (
-    Rotation,
-    Sleep,
-    check_camera,
-    check_sleep,
-    check_source,
-    check_within,
-)
+from e3pose.settings.camera_machine import DETECTION, CameraMachine
+from e3pose.settings.limits import Rotation, Sleep, check_sleep, check_source, check_within
 from e3pose.settings.places import beside, near, placed
 from e3pose.settings.site_file import DEFAULT_DETECTOR, DEFAULT_ENDPOINT, MAX_BYTES
 from e3pose.settings.sources import located
@@ -28,7 +22,7 @@ from e3pose.wire.access import split_endpoint
 from e3pose.wire.topics import check_site
 
 CAMERA_FORMAT = "e3pose-camera"
-CONNECTION, DETECTION, RECORDING = "Connection", "Detection", "Recording"  # groups of options
+CONNECTION, RECORDING = "Connection", "Recording"  # groups of options
 
 
 def read_charge_file(found: object) -> Path | Literal[""]:
@@ -40,10 +34,10 @@ def read_charge_file(found: object) -> Path | Literal[""]:
 
 
 @dataclass(frozen=True, slots=True)
-class NodeTable:
+class NodeTable(CameraMachine):
     """A camera file; the options of `e3pose camera` take precedence.
 
-    See `LoopSettings` for what the fields say.
+    See `LoopSettings` for what the fields say, and `CameraMachine` for more of them.
 
     Attributes:
         format: `e3pose-camera`.
@@ -101,26 +95,8 @@ class NodeTable:
         help="""Start time of playback in seconds since 1970. Default: playback loops are aligned
         to 1970, so that all cameras show the same moment.""",
     )
-    wake_s: float = entry(0.5, help="Seconds from aggressive power-saving to the first frame.")
-    delay_ms: float = entry(
-        0.0,
-        help="""Milliseconds from the moment that a frame shows to its arrival; `e3pose sync` finds
-        them.""",
-    )
     detector: str = entry(
         DEFAULT_DETECTOR, group=DETECTION, help="2D pose network; see `e3pose models list`."
-    )
-    model: Path | None = entry(None, group=DETECTION, help="Network file.")
-    provider: str = entry(
-        "auto",
-        group=DETECTION,
-        help="Execution provider: auto, tensorrt, cuda, openvino, coreml, cpu.",
-    )
-    threads: int | None = entry(
-        None, group=DETECTION, help="CPU threads of the network. Default: all cores."
-    )
-    battery_wh: float | None = entry(
-        None, group="Energy", help="Battery capacity. Default: mains power."
     )
     meter: Literal["auto", "model"] = entry(
         "auto",
@@ -178,7 +154,7 @@ class NodeTable:
             check_within("fps", self.fps, 0.1, 1000)
         check_within("pace", self.pace, 1e-3, 1)
         check_within("begin_s", self.begin_s, 0, 1e10)
-        check_camera(self.wake_s, self.delay_ms, self.battery_wh, self.threads)
+        CameraMachine.__post_init__(self)
         check_source(self.source)
         check_sleep(self.sleep, self.suspend_command)
 

@@ -29,18 +29,6 @@ def check_smooth_delay(delay_ms: float, pipeline: str) -> None:
         )
 
 
-def check_camera(
-    wake_s: float, delay_ms: float, battery_wh: float | None, threads: int | None
-) -> None:
-    """Raise `InputError` for what no camera has."""
-    check_within("wake_s", wake_s, 0, 3600)
-    check_within("delay_ms", delay_ms, 0, 10_000)
-    if threads is not None:
-        check_within("threads", threads, 1, 1024)
-    if battery_wh is not None:
-        check_within("battery_wh", battery_wh, 1e-3, 1e6)
-
-
 def check_sleep(sleep: Sleep, command: Sequence[str]) -> None:
     """Raise `InputError` for a command that nothing uses, or that has no alarm."""
     if command and sleep != "suspend":

@@ -19,10 +19,10 @@ from e3pose.base.plugins import beside as own_beside
 from e3pose.base.quantities import age_s, duration_s, size_bytes
 from e3pose.base.table import convert, entry, read_table
 from e3pose.model.camera_fields import check_camera_id
+from e3pose.settings.camera_machine import CameraMachine
 from e3pose.settings.energy import EnergySettings, IdleMode
 from e3pose.settings.limits import (
     Rotation,
-    check_camera,
     check_smooth_delay,
     check_source,
     check_within,
@@ -172,22 +172,16 @@ class ZoneTable:
 
 
 @dataclass(frozen=True, slots=True)
-class CameraTable:
-    """`[[camera]]`: one camera of the site, and for `e3pose up` what it sees.
+class CameraTable(CameraMachine):
+    """`[[camera]]`: one camera of the site, and for `e3pose up` what it sees; see `CameraMachine`.
 
     Attributes:
         id: its name in the calibration.
         idle_mode: what it does in slots without an order.
         source: see `camera.live_source`.
         detector: name of a detector; `recorded` for recorded sources.
-        model: file of the network.
-        provider: where it runs.
-        threads: of the processor for the network; all cores by default.
         rotation: degrees clockwise that make people in its images upright, for the detector alone;
             by default what the calibration says.
-        wake_s: seconds from aggressive power-saving to its first frame.
-        delay_ms: how long after the moment it shows a frame arrives, which is taken off its time.
-        battery_wh: capacity; without it the camera is on mains.
         meter: how `e3pose up` lets it measure its power, `auto` or `model`, which is the default.
         budget: what it may spend, such as `4W` or `until 18:00`; by default that of the site.
         record: what of it is kept: its views as recordings, what it sees as videos, or both; by
@@ -198,13 +192,7 @@ class CameraTable:
     idle_mode: IdleMode = "power-saving"
     source: str | None = None
     detector: str | None = None
-    model: Path | None = None
-    provider: str = "auto"
-    threads: int | None = None
     rotation: Rotation | None = None
-    wake_s: float = 0.5
-    delay_ms: float = 0.0
-    battery_wh: float | None = None
     meter: Literal["auto", "model"] | None = None
     budget: str | None = None
     record: Literal["keypoints", "video", "both"] | None = None
@@ -214,7 +202,7 @@ class CameraTable:
             check_camera_id(self.id)
         except InputError as error:
             raise error.at(thing="id") from None
-        check_camera(self.wake_s, self.delay_ms, self.battery_wh, self.threads)
+        CameraMachine.__post_init__(self)
         check_source(self.source or "")
 
 
