@@ -176,6 +176,7 @@ HERE_NOT = {
     "models pull movenet-multipose": "downloads a network",
     "models pull openpose-thin": "downloads a network",
     "power --watch": "goes on until it is stopped; `power` runs",
+    "power measure usb:0 my-board.toml --profile xavier-nx": "needs a webcam",
     "replay walk --feedback": FILMS,
     "replay recordings/thursday --pipeline paper --predictor published/attention-lstm.onnx": TRAINS,
     "replay recordings/thursday --predictor predictor/attention-lstm.onnx": TRAINS,

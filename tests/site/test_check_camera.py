@@ -21,7 +21,7 @@ from e3pose.recording import save_recording
 from e3pose.settings.camera_file import NodeTable
 from e3pose.simulate import SceneSettings, simulate
 from e3pose.site.check import Finding
-from e3pose.site.check_camera import check_camera
+from e3pose.site.check_camera import check_camera, check_suspend
 from e3pose.wire.access import Link
 from e3pose.wire.keys.folder import add_keys, init_keys
 from e3pose.wire.network import open_network
@@ -103,3 +103,37 @@ def test_command_tells_a_camera_file_from_a_site_file(
     assert run("check", file, "--timeout", "0") == 1
     said = capsys.readouterr()
     assert "nothing listens at" in said.out and "Not ready: 1 problem" in said.err
+
+
+@pytest.mark.parametrize(
+    ("states", "command", "program", "level", "said"),
+    [
+        ("freeze mem disk", (), True, "ok", "rtcwake -m mem -s {seconds}"),
+        ("freeze", (), True, "problem", "no suspend to RAM (states: freeze)"),
+        (None, (), True, "problem", "states: none"),
+        ("mem", (), False, "problem", "no program rtcwake"),
+        (None, ("rtcwake", "{seconds}"), True, "ok", "suspended by rtcwake {seconds}"),
+    ],
+)
+def test_machine_that_may_be_suspended_can_be(
+    node: NodeTable,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    states: str | None,
+    command: tuple[str, ...],
+    program: bool,
+    level: str,
+    said: str,
+) -> None:
+    folder = tmp_path / "bin"
+    folder.mkdir()
+    if program:
+        (folder / "rtcwake").write_text("#!/bin/sh\n")
+        (folder / "rtcwake").chmod(0o755)
+    monkeypatch.setenv("PATH", str(folder))
+    listed = tmp_path / "state"
+    if states is not None:
+        listed.write_text(states + "\n")
+    asks = replace(node, sleep="suspend", suspend_command=command)
+    finding = check_suspend(asks, listed)
+    assert finding.level == level and said in finding.found, finding

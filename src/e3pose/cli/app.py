@@ -31,7 +31,7 @@ from e3pose.cli.information import info
 from e3pose.cli.keys import keys_app
 from e3pose.cli.lab import LAB, lab_verbs
 from e3pose.cli.learning import learn_app
-from e3pose.cli.metering import power
+from e3pose.cli.metering import power_app
 from e3pose.cli.models import models_app
 from e3pose.cli.querying import query
 from e3pose.cli.recording import record
@@ -100,7 +100,7 @@ VERBS: dict[str, Callable[..., Any]] = {
     "store": store_app,
     "report": report,
     "export": export,
-    "power": power,
+    "power": power_app,
     "evaluate": evaluate,
     "calibrate": calibrate_app,
     "sync": sync,

@@ -7,10 +7,10 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from cyclopts import Parameter
+from cyclopts import App, Parameter
 
 from e3pose.base.errors import InputError
-from e3pose.cli.options import Flag
+from e3pose.cli.options import Flag, Whole
 from e3pose.cli.output import JsonFile, is_stdout, write_json
 
 if TYPE_CHECKING:
@@ -18,10 +18,17 @@ if TYPE_CHECKING:
 
     from e3pose.energy.meters.base import Reading
     from e3pose.energy.meters.battery import Charge
+    from e3pose.energy.modes import CameraModes
 
 LEAST_S, MOST_S = 0.1, 60.0
 
 
+power_app = App(
+    name="power", help="Show what this machine draws, and measure how its camera looks and rests."
+)
+
+
+@power_app.default
 def power(
     *,
     watch: Flag = False,
@@ -119,3 +126,123 @@ def _print_json_line(reading: Reading, charge: Charge | None) -> None:
 
     content: dict[str, Any] = {"reading": reading, "charge": charge}
     print(msgspec.json.encode(content).decode(), flush=True)
+
+
+@power_app.command
+def measure(
+    source: str,
+    out: Path,
+    /,
+    *,
+    detector: str = "movenet-multipose",
+    profile: str = "generic",
+    seconds: float = 10.0,
+    wakes: Whole = 5,
+    pace: float = 1.0,
+    provider: str = "auto",
+    threads: Whole | None = None,
+    root: Annotated[Path, Parameter(show=False)] = Path("/"),
+) -> None:
+    """Measure how the camera of this machine looks and rests; write its power profile.
+
+    Example: `e3pose power measure usb:0 my-board.toml --profile xavier-nx`
+
+    Run it on the camera's own computer, with nothing else at work. Times and processor time are
+    measured everywhere, watts where there is a sensor. Rows that cannot be measured keep what the
+    profile states; a suspended machine has to be stated in the file.
+
+    Parameters
+    ----------
+    source
+        What the camera sees: usb:0, rtsp://..., a video, a folder of images.
+    out
+        Profile to write, a TOML file.
+    detector
+        2D pose network.
+    profile
+        Power profile to start from: xavier-nx, tx2, generic, or a TOML file.
+    seconds
+        Seconds for each of looking, capturing and resting, 1 to 600.
+    wakes
+        How often the source is opened, 1 to 100.
+    pace
+        Playback speed of a video or folder, 0.001 to 1, on a machine that is too slow for it.
+    provider
+        Execution provider.
+    threads
+        CPU threads of the network. Default: all cores.
+    """
+    import datetime
+
+    from e3pose.base.atomic import atomic_file
+    from e3pose.base.clock import WallClock
+    from e3pose.camera.live_source import make_source
+    from e3pose.detectors import make_detector
+    from e3pose.energy.meters.choose import choose_meter
+    from e3pose.energy.modes import modes_of
+    from e3pose.energy.profiles import load_profile
+    from e3pose.energy.profiles.write import profile_text
+    from e3pose.settings.sources import is_recorded
+    from e3pose.site.measure_modes import measure_modes, measured_profile
+
+    if not 1 <= seconds <= 600:
+        raise InputError(f"--seconds: found {seconds:g}, expected 1 to 600")
+    if not 1 <= wakes <= 100:
+        raise InputError(f"--wakes: found {wakes}, expected 1 to 100")
+    if is_recorded(source):
+        raise InputError("source", "a recording, which has no images", "a camera or a video")
+    base = load_profile(profile)
+    if not 1e-3 <= pace <= 1:
+        raise InputError(f"--pace: found {pace:g}, expected 0.001 to 1")
+    frames = make_source(source, "camera", WallClock(), None, pace)
+    network = make_detector(detector, None, provider, threads)
+    found = measure_modes(frames, network, choose_meter(base, root), seconds, wakes)
+    made = measured_profile(base, found, f"on {datetime.date.today()} with {detector}")
+    with atomic_file(out) as temporary:
+        temporary.write_text(profile_text(made), encoding="utf-8")
+    _print_modes(modes_of(made))
+    print(
+        f"processor time: {1e3 * found.look_cpu_s:.1f} ms a look, "
+        f"{1e3 * found.frame_cpu_s:.1f} ms a frame (measured)"
+    )
+    print(f"watts: {found.how}")
+    print(f"wrote {out}")
+
+
+@power_app.command
+def modes(profile: str = "xavier-nx", /) -> None:
+    """Show how a camera of a power profile looks and rests, and where each row is from.
+
+    Example: `e3pose power modes xavier-nx`
+
+    Parameters
+    ----------
+    profile
+        xavier-nx, tx2, generic, or a TOML file such as `e3pose power measure` writes.
+    """
+    from e3pose.energy.modes import modes_of
+    from e3pose.energy.profiles import load_profile
+
+    _print_modes(modes_of(load_profile(profile)))
+
+
+def _print_modes(table: CameraModes) -> None:
+    """Print the table of a camera, a row for each mode that it has."""
+    from e3pose.evaluate.columns import fitted_tables, table_console
+
+    looks = [(look.name, f"{look.joules:.3g} J", look.latency_s, None) for look in table.looks]
+    rests = [(rest.name, f"{rest.watts:.3g} W", rest.wake_s, rest) for rest in table.rests]
+    rows = [*looks, *rests]
+    sources = [look.source for look in table.looks] + [rest.source for rest in table.rests]
+    columns = {
+        "costs": [cost for _, cost, _, _ in rows],
+        "ms to view or to wake": [f"{1e3 * s:.0f}" if s or rest else "-" for _, _, s, rest in rows],
+        "sd": ["" if rest is None else f"{1e3 * rest.wake_sd_s:.0f}" for *_, rest in rows],
+        "from": sources,
+    }
+    console = table_console(200)
+    print(f"{table.table}:")
+    for one in fitted_tables(
+        {"mode": [name for name, *_ in rows]}, columns, console.width, left=("mode", "from")
+    ):
+        console.print(one)

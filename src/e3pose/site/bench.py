@@ -73,7 +73,7 @@ def measure(
     begun_s = time.perf_counter()
     detector.detect(image)
     first_s = time.perf_counter() - begun_s
-    idle_w, _ = _watts(meter, "power-saving", lambda: time.sleep(IDLE_S))
+    idle_w, _ = mean_watts(meter, "power-saving", lambda: time.sleep(IDLE_S))
     took_s: list[float] = []
 
     def detect() -> None:
@@ -83,14 +83,14 @@ def measure(
             detector.detect(image)
             took_s.append(time.perf_counter() - begun_s)
 
-    active_w, reading = _watts(meter, "active", detect)
+    active_w, reading = mean_watts(meter, "active", detect)
     detect_s = float(np.median(took_s))
     energy_j = max(active_w - idle_w, 0.0) * detect_s if reading.measured else None
     runs_on = getattr(detector, "provider", "")
     return Cost(name, image_size, detect_s, first_s, energy_j, reading.how, runs_on)
 
 
-def _watts(meter: Meter, mode: Mode, work: Callable[[], None]) -> tuple[float, Reading]:
+def mean_watts(meter: Meter, mode: Mode, work: Callable[[], None]) -> tuple[float, Reading]:
     """Return the mean power while something is done, and the last reading of it."""
     meter.read(mode)  # what counts energy counts from here
     done, readings = threading.Event(), list[Reading]()

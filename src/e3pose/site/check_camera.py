@@ -14,6 +14,7 @@ from e3pose.base.errors import InputError
 from e3pose.base.quantities import three_digits
 from e3pose.camera.orientation import Orientation
 from e3pose.camera.probe import probe
+from e3pose.camera.sleep import SUSPEND, open_suspend
 from e3pose.detectors.timing import DEFAULT_SIZE, Workload, time_detections
 from e3pose.settings.camera_file import NodeTable
 from e3pose.settings.sources import is_recorded, shown_source
@@ -30,6 +31,7 @@ from e3pose.wire.offset import Exchange
 
 CONNECT_S = 3.0
 SLOW_TRIP_MS = 100.0
+STATES = Path("/sys/power/state")
 
 
 def check_camera(node: NodeTable, timeout_s: float) -> Iterator[Finding]:
@@ -44,6 +46,8 @@ def check_camera(node: NodeTable, timeout_s: float) -> Iterator[Finding]:
         yield finding
         size = found_size or size
     yield from _network(node, size)
+    if node.sleep == "suspend":
+        yield check_suspend(node, STATES)
     yield check_clock(node.endpoint)
     try:
         camera_link(node)
@@ -54,6 +58,32 @@ def check_camera(node: NodeTable, timeout_s: float) -> Iterator[Finding]:
     if node.keys is not None:
         yield _certificate(node)
     yield from _route(node, timeout_s)
+
+
+def check_suspend(node: NodeTable, states: Path) -> Finding:
+    """Check whether a machine that may be suspended can be.
+
+    Args:
+        node: its file.
+        states: where the kernel lists the states that it knows.
+    """
+    what, advice = "sleep", "sleep = 'process' where the machine cannot be suspended"
+    try:
+        suspend = open_suspend(node.sleep, node.suspend_command)
+    except InputError as error:
+        return Finding("problem", what, str(error), advice)
+    words = " ".join(SUSPEND if suspend is None else suspend.command)
+    if node.suspend_command:
+        return Finding("ok", what, f"suspended by {words}")
+    try:
+        known = states.read_text().split()
+    except OSError:
+        known = []
+    if "mem" not in known:
+        listed = ", ".join(known) or "none"
+        found = f"the kernel has no suspend to RAM (states: {listed})"
+        return Finding("problem", what, found, advice)
+    return Finding("ok", what, f"suspended by {words}", "try it once: it needs root")
 
 
 def _source(node: NodeTable) -> Iterator[tuple[Finding, tuple[int, int] | None]]:

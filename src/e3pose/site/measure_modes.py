@@ -1,0 +1,151 @@
+"""Measure what the camera of this machine can do: looks and rests, for its power profile."""
+
+from __future__ import annotations
+
+import statistics
+import time
+from dataclasses import dataclass, replace
+
+from e3pose.base.errors import InputError
+from e3pose.camera.base import LiveDetector, LiveFrame, LiveSource
+from e3pose.energy.meters.base import Meter
+from e3pose.energy.modes import Look, Rest, modes_of
+from e3pose.energy.profiles import DeviceProfile
+from e3pose.site.bench import mean_watts
+
+FIRST_FRAME_S = 30.0  # a source that takes longer to its first frame is broken
+LEAST_LOOKS = 3
+
+
+@dataclass(frozen=True, slots=True)
+class MeasuredModes:
+    """What was measured of a camera.
+
+    Attributes:
+        look_s: seconds of one look at the whole image, median.
+        look_cpu_s: processor time of one.
+        frame_cpu_s: processor time of capturing a frame.
+        wakes_s: seconds from opening the source to its first frame, each time.
+        watts: mean power while it looks, captures, and does neither; None without a sensor.
+        how: how watts are known, or why they are not.
+    """
+
+    look_s: float
+    look_cpu_s: float
+    frame_cpu_s: float
+    wakes_s: tuple[float, ...]
+    watts: tuple[float, float, float] | None
+    how: str
+
+    @property
+    def wake_s(self) -> tuple[float, float]:
+        """Mean and standard deviation of `wakes_s`."""
+        spread_s = statistics.stdev(self.wakes_s) if len(self.wakes_s) > 1 else 0.0
+        return statistics.fmean(self.wakes_s), spread_s
+
+
+def measure_modes(
+    source: LiveSource, detector: LiveDetector, meter: Meter, seconds: float, wakes: int
+) -> MeasuredModes:
+    """Measure a camera, which nothing else on the machine may use meanwhile.
+
+    Args:
+        source: its frames; closed afterwards.
+        detector: its network, loaded and tried.
+        meter: of the machine's power.
+        seconds: for each of looking, capturing and resting.
+        wakes: how often the source is opened.
+
+    Raises:
+        InputError: when the source cannot be opened or gives no frame.
+    """
+    wakes_s = []
+    for _ in range(wakes):
+        source.close()
+        begun_s = time.perf_counter()
+        source.open()
+        _next_frame(source)
+        wakes_s.append(time.perf_counter() - begun_s)
+    looks_s, frames, frame_cpu_s, look_cpu_s = list[float](), 0, 0.0, 0.0
+
+    def capture() -> None:
+        nonlocal frames, frame_cpu_s
+        begun_s, end_s = time.process_time(), time.perf_counter() + seconds
+        while time.perf_counter() < end_s:
+            frames += source.read() is not None
+        frame_cpu_s = time.process_time() - begun_s
+
+    def look() -> None:
+        nonlocal look_cpu_s
+        end_s = time.perf_counter() + seconds
+        while len(looks_s) < LEAST_LOOKS or time.perf_counter() < end_s:
+            image = _next_frame(source).image()
+            begun_s, cpu_s = time.perf_counter(), time.process_time()
+            detector.detect(image)
+            looks_s.append(time.perf_counter() - begun_s)
+            look_cpu_s += time.process_time() - cpu_s
+
+    idle_w, reading = mean_watts(meter, "power-saving", capture)
+    active_w, _ = mean_watts(meter, "active", look)
+    source.close()
+    off_w, _ = mean_watts(meter, "aggressive-power-saving", lambda: time.sleep(seconds))
+    watts = (active_w, idle_w, off_w) if reading.measured else None
+    return MeasuredModes(
+        look_s=statistics.median(looks_s),
+        look_cpu_s=look_cpu_s / len(looks_s),
+        frame_cpu_s=frame_cpu_s / max(frames, 1),
+        wakes_s=tuple(wakes_s),
+        watts=watts,
+        how=reading.how,
+    )
+
+
+def _next_frame(source: LiveSource) -> LiveFrame:
+    """Return the next frame of an open source; a film that runs away is opened again."""
+    end_s = time.perf_counter() + FIRST_FRAME_S
+    while (frame := source.read()) is None:
+        if time.perf_counter() > end_s:
+            raise InputError("source", f"no frame in {FIRST_FRAME_S:g} s", "a source that films")
+        source.close()
+        source.open()
+    return frame
+
+
+def measured_profile(base: DeviceProfile, found: MeasuredModes, when: str) -> DeviceProfile:
+    """Return a profile with the rows that were measured; the others are those of `base`.
+
+    Args:
+        base: what the device is taken to draw where nothing is measured.
+        found: what was measured.
+        when: and on what, for the source of each row.
+    """
+    modes = modes_of(base)
+    wake_s, sd_s = found.wake_s
+    rests = {rest.name: rest for rest in modes.rests}
+    looks = {look.name: look for look in modes.looks if look.name != "nothing"}
+    whole = looks["whole"]
+    by_profile = f"watts of profile {base.name}, times measured {when}"
+    for name in ("not-capturing", "asleep"):
+        if name in rests:
+            rests[name] = replace(rests[name], wake_s=wake_s, wake_sd_s=sd_s, source=by_profile)
+    looks["whole"] = replace(
+        whole, latency_s=found.look_s, source=f"joules of profile {base.name} for 40 ms, {when}"
+    )
+    if found.watts is not None:
+        active_w, idle_w, off_w = found.watts
+        how = f"measured {when}: {found.how}"
+        off_w = min(off_w, idle_w)
+        rests["idle"] = Rest("idle", idle_w, source=how)
+        rests["not-capturing"] = Rest("not-capturing", off_w, 0.0, wake_s, sd_s, how)
+        rests["asleep"] = Rest("asleep", off_w, 0.0, wake_s, sd_s, how)
+        look_j = max(active_w - idle_w, 0.0) * found.look_s
+        looks["whole"] = Look("whole", look_j, found.look_s, how)
+        if "suspended" in rests and rests["suspended"].watts > off_w:
+            del rests["suspended"]  # of another device
+    return replace(
+        base,
+        name=f"{base.name}-measured"[:100],
+        title=f"{base.title}; rows measured {when}",
+        rests=tuple(rests.values()),
+        looks=tuple(looks.values()),
+    )
