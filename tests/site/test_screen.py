@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from rich.console import Console
 
 from e3pose.site.screen import EVENTS, screen
+from e3pose.wire.bounds import MAX_FIGURE
 from e3pose.wire.site_messages import CameraStatus, Status
-from e3pose.wire.validation import MAX_FIGURE
 
 NUMBERS = st.floats() | st.sampled_from(
     [0.0, -0.0, 1.0, -1.0, MAX_FIGURE, -MAX_FIGURE, math.inf, -math.inf, math.nan]

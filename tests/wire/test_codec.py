@@ -105,7 +105,7 @@ def f4(*shape: int, value: float = 0.5) -> Array:
 
 
 def status(camera: dict[str, Any] | None = None, **changes: Any) -> Status:
-    cameras = (CameraStatus("cam1", True, **(camera or {})),)
+    cameras = (CameraStatus(**{"camera_id": "cam1", "online": True, **(camera or {})}),)
     fields: dict[str, Any] = {"slot": 3, "fps": 25.0, "lead": 1, "people": 2, "cameras": cameras}
     return Status("lab", **{**fields, **changes})
 
@@ -115,18 +115,24 @@ WRONG: dict[str, tuple[Message, str]] = {
     "endless battery": (status({"battery": INF}), "camera cam1: battery: found inf"),
     "overfull battery": (status({"battery": 1.5}), "camera cam1: battery: found 1.5"),
     "no share": (status({"duty": NAN}), "camera cam1: duty: found nan"),
-    "endless watts": (status({"power_w": INF}), "camera cam1: power_w"),
+    "endless watts": (status({"power_w": INF}), "power_w: found inf, expected 0 to 1e+15"),
     "never seen again": (status({"last_seen_s": INF}), "camera cam1: last_seen_s"),
     "owes nothing": (status({"deficit": NAN}), "camera cam1: deficit"),
     "endless offset": (status({"clock_offset_ms": -INF}), "camera cam1: clock_offset_ms"),
     "views lost": (status({"lost": -1}), "camera cam1: lost: found -1"),
     "endless rate": (status(fps=INF), "fps: found inf"),
-    "no lead": (status(lead=-1), "lead: found -1"),
+    "no lead": (status(lead=-1), "lead: found -1, expected 0 to 4611686018427387904"),
+    "less than no slots": (status(blind={"views-late": 3, "no-view": -1}), "blind: found -1, exp"),
+    "an event of nowhen": (status(events_ns=(5, -1)), "events_ns: found -1, expected 0 to"),
+    "a camera of nowhere": (status({"lost": -1, "camera_id": "../x"}), "camera id"),
     "no people": (status(people=-(2**62)), "people: found"),
     "endless step": (status(step_ms=(1.0, INF)), "step_ms: found inf"),
     "no latency": (status(latency_ms=(NAN, 1.0)), "latency_ms: found nan"),
     "always up": (status(uptime_s=INF), "uptime_s: found inf"),
-    "no error": (status(expected_error_mm=NAN), "error: found nan"),
+    "no error": (
+        status(expected_error_mm=NAN),
+        "expected_error_mm: found nan",
+    ),
     "more than all slots": (status(slots_lost=-5), "slots_lost: found -5"),
     "too many cameras": (status(cameras=(CameraStatus("a", True),) * 1001), "cameras: found 1001"),
     "too many events": (status(events=("x",) * 1001), "events: found 1001"),

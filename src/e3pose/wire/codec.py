@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TypeVar
+from typing import TypeVar, get_args
 
 import msgspec
 
 from e3pose.base.errors import InputError
+from e3pose.wire.bounds import out_of_bounds
 from e3pose.wire.messages import (
     VERSION,
     ClockAnswer,
@@ -80,13 +81,17 @@ def decode(payload: bytes, kind: type[Kind], where: str) -> Kind:
         )
     try:
         message = _body.decode(body)
+    except msgspec.ValidationError as error:
+        outside = out_of_bounds(error, body, get_args(Message))
+        raise InputError(f"{where}: {outside or 'message: ' + _short(error)}") from None
     except (msgspec.MsgspecError, ValueError, RecursionError) as error:
         raise InputError(f"{where}: message: {_short(error)}") from None
     if not isinstance(message, kind):
         raise InputError(
             f"{where}: message: found {type(message).__name__}, expected {kind.__name__}"
         )
-    CHECKS[kind](message, f"{where}: {kind.__name__.lower()}")
+    if check := CHECKS.get(kind):
+        check(message, f"{where}: {kind.__name__.lower()}")
     return message
 
 

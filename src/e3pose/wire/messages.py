@@ -6,9 +6,12 @@ Times are integer nanoseconds since 1970. A time called `_ns` is by the sender's
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
 import msgspec
+from msgspec import Meta
+
+from e3pose.wire.bounds import Amount, Count, OffsetNs, Session, Slot, TemperatureC, TimeNs
 
 VERSION = 1  # of the messages; a program refuses others, and names who must be updated
 
@@ -51,14 +54,14 @@ class Hello(msgspec.Struct, array_like=True, frozen=True, tag="hello"):
     """
 
     camera_id: str
-    session: int
+    session: Session
     joints: tuple[str, ...]
     image_size: tuple[int, int]
-    fps: float
-    wake_s: float = 0.0
+    fps: Annotated[float, Meta(ge=0.01, le=1000)]
+    wake_s: Annotated[float, Meta(ge=0, le=3600)] = 0.0
     detector: str = ""
     software: str = ""
-    battery_wh: float | None = None
+    battery_wh: Annotated[float, Meta(ge=1e-6, le=1e6)] | None = None
     rests: tuple[str, ...] = ()
 
 
@@ -80,14 +83,14 @@ class View(msgspec.Struct, array_like=True, frozen=True, tag="view"):
     """
 
     camera_id: str
-    session: int
-    slot: int
-    captured_edge_ns: int
+    session: Session
+    slot: Slot
+    captured_edge_ns: TimeNs
     keypoints_px: Array
     scores: Array
-    clock_error_ns: int = 0
-    detect_ns: int = 0
-    sent_edge_ns: int = 0
+    clock_error_ns: TimeNs = 0
+    detect_ns: TimeNs = 0
+    sent_edge_ns: TimeNs = 0
 
 
 class Heartbeat(msgspec.Struct, array_like=True, frozen=True, tag="heartbeat"):
@@ -131,37 +134,37 @@ class Heartbeat(msgspec.Struct, array_like=True, frozen=True, tag="heartbeat"):
     """
 
     camera_id: str
-    session: int
-    sent_edge_ns: int
+    session: Session
+    sent_edge_ns: TimeNs
     mode: Activity
-    captured: int = 0
-    detected: int = 0
-    sent: int = 0
-    dropped: int = 0
-    late_orders: int = 0
-    orders: int = 0
-    order_margin_ns: int = 0
-    clock_offset_ns: int = 0
-    clock_drift_ppm: float = 0.0
-    clock_error_ns: int = 0
-    power_w: float | None = None
-    energy_j: float | None = None
+    captured: Count = 0
+    detected: Count = 0
+    sent: Count = 0
+    dropped: Count = 0
+    late_orders: Count = 0
+    orders: Count = 0
+    order_margin_ns: OffsetNs = 0
+    clock_offset_ns: OffsetNs = 0
+    clock_drift_ppm: Annotated[float, Meta(ge=-1e6, le=1e6)] = 0.0
+    clock_error_ns: TimeNs = 0
+    power_w: Amount | None = None
+    energy_j: Amount | None = None
     measured: bool = False
-    active_s: float = 0.0
-    idle_s: float = 0.0
-    battery_j: float | None = None
-    charging_w: float = 0.0
+    active_s: Amount = 0.0
+    idle_s: Amount = 0.0
+    battery_j: Amount | None = None
+    charging_w: Amount = 0.0
     problem: str = ""
-    order_delay_ns: int = 0
+    order_delay_ns: TimeNs = 0
     gauge: bool = False
     ends: bool = False
-    temperature_c: float | None = None
-    recording_j: float = 0.0
-    focused: int = 0
-    asleep_until: int = 0
-    asleep_s: float = 0.0
-    cpu_s: float | None = None
-    look_cpu_s: float = 0.0
+    temperature_c: TemperatureC | None = None
+    recording_j: Amount = 0.0
+    focused: Count = 0
+    asleep_until: Slot = 0
+    asleep_s: Amount = 0.0
+    cpu_s: Amount | None = None
+    look_cpu_s: Amount = 0.0
 
 
 class Order(msgspec.Struct, array_like=True, frozen=True, tag="order"):
@@ -188,18 +191,18 @@ class Order(msgspec.Struct, array_like=True, frozen=True, tag="order"):
     """
 
     camera_id: str
-    slot: int
+    slot: Slot
     active: bool
     idle_mode: CameraMode
-    origin_edge_ns: int
-    interval_ns: int
-    sent_edge_ns: int
-    session: int
-    lead: int = 1
+    origin_edge_ns: OffsetNs  # negative where a machine began at 1970 and goes on with old slots
+    interval_ns: Annotated[int, Meta(ge=1_000_000, le=3_600_000_000_000)]
+    sent_edge_ns: TimeNs
+    session: Session
+    lead: Annotated[int, Meta(ge=1, le=1000)] = 1
     expected_px: Array | None = None
     reach_px: Array | None = None
-    asleep_until: int = 0
-    wake_s: float = 0.0
+    asleep_until: Slot = 0
+    wake_s: Annotated[float, Meta(ge=0, le=3600)] = 0.0
 
 
 class ClockQuestion(msgspec.Struct, array_like=True, frozen=True, tag="clock?"):
@@ -211,7 +214,7 @@ class ClockQuestion(msgspec.Struct, array_like=True, frozen=True, tag="clock?"):
     """
 
     camera_id: str
-    sent_ns: int
+    sent_ns: TimeNs
 
 
 class ClockAnswer(msgspec.Struct, array_like=True, frozen=True, tag="clock"):
@@ -223,6 +226,6 @@ class ClockAnswer(msgspec.Struct, array_like=True, frozen=True, tag="clock"):
         sent_edge_ns: when the answer left.
     """
 
-    asked_ns: int
-    received_edge_ns: int
-    sent_edge_ns: int
+    asked_ns: TimeNs
+    received_edge_ns: TimeNs
+    sent_edge_ns: TimeNs

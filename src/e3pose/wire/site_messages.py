@@ -7,6 +7,15 @@ from __future__ import annotations
 
 import msgspec
 
+from e3pose.wire.bounds import (
+    Count,
+    Figure,
+    Share,
+    SignedFigure,
+    Slot,
+    TemperatureC,
+    TimeNs,
+)
 from e3pose.wire.messages import Activity, Array
 
 
@@ -37,8 +46,8 @@ class Poses(msgspec.Struct, array_like=True, frozen=True, tag="poses"):
             between; 0 of those at once.
     """
 
-    slot: int
-    time_edge_ns: int
+    slot: Slot
+    time_edge_ns: TimeNs
     joints: tuple[str, ...]
     track_ids: Array
     joints_m: Array
@@ -98,33 +107,33 @@ class CameraStatus(msgspec.Struct, array_like=True, frozen=True):
     online: bool
     why: str = ""
     mode: Activity | None = None
-    last_seen_s: float | None = None
-    duty: float = 0.0
-    power_w: float | None = None
+    last_seen_s: SignedFigure | None = None
+    duty: Share = 0.0
+    power_w: Figure | None = None
     measured: bool = False
-    battery: float | None = None
-    deficit: float = 0.0
-    late: int = 0
-    lost: int = 0
-    clock_offset_ms: float = 0.0
+    battery: Share | None = None
+    deficit: SignedFigure = 0.0
+    late: Count = 0
+    lost: Count = 0
+    clock_offset_ms: SignedFigure = 0.0
     gauge: bool = False
     noise_factor: float | None = None
     shift_px: float | None = None
-    occlusion: float | None = None
-    gain_nats: float | None = None
-    price: float | None = None
-    temperature_c: float | None = None
+    occlusion: Share | None = None
+    gain_nats: SignedFigure | None = None
+    price: SignedFigure | None = None
+    temperature_c: TemperatureC | None = None
     paused: bool = False
-    budget: float | None = None
+    budget: Share | None = None
     turned_deg: float | None = None
-    focused: int = 0
-    ordered: int = 0
-    delivered: float | None = None
-    source_fps: float | None = None
-    asleep_s: float | None = None
-    wake_s: float | None = None
-    cpu_s: float | None = None
-    cpu_saved: float | None = None
+    focused: Count = 0
+    ordered: Count = 0
+    delivered: Share | None = None
+    source_fps: Figure | None = None
+    asleep_s: SignedFigure | None = None
+    wake_s: Figure | None = None
+    cpu_s: Figure | None = None
+    cpu_saved: Share | None = None
 
 
 class Control(msgspec.Struct, array_like=True, frozen=True, tag="control"):
@@ -141,9 +150,9 @@ class Control(msgspec.Struct, array_like=True, frozen=True, tag="control"):
         budget: what it may spend, as people write it: `60%`, `4W`, `until 18:00`.
     """
 
-    cameras: float | None = None
-    target_error_mm: float | None = None
-    quality_weight: float | None = None
+    cameras: Figure | None = None
+    target_error_mm: Figure | None = None
+    quality_weight: Figure | None = None
     camera_id: str = ""
     paused: bool | None = None
     budget: str = ""
@@ -169,7 +178,7 @@ class PictureQuestion(msgspec.Struct, array_like=True, frozen=True, tag="picture
         large: whether a larger picture is asked for.
     """
 
-    have_ns: int = 0
+    have_ns: TimeNs = 0
     large: bool = False
 
 
@@ -189,12 +198,12 @@ class Picture(msgspec.Struct, array_like=True, frozen=True, tag="picture"):
     """
 
     camera_id: str
-    slot: int
+    slot: Slot
     image_size: tuple[int, int]
     jpeg: bytes
-    count: int = 0
-    energy_j: float = 0.0
-    captured_edge_ns: int = 0
+    count: Count = 0
+    energy_j: Figure = 0.0
+    captured_edge_ns: TimeNs = 0
     drawn: bool = False
     why: str = ""
 
@@ -228,24 +237,25 @@ class Status(msgspec.Struct, array_like=True, frozen=True, tag="status"):
     """
 
     site: str
-    slot: int
-    fps: float
-    lead: int
-    people: int
+    slot: Slot
+    fps: Figure
+    lead: Count
+    people: Count
     cameras: tuple[CameraStatus, ...]
-    step_ms: tuple[float, float] = (0.0, 0.0)
-    latency_ms: tuple[float, float] = (0.0, 0.0)
-    uptime_s: float = 0.0
+    # Below zero where a clock was set back meanwhile.
+    step_ms: tuple[SignedFigure, SignedFigure] = (0.0, 0.0)
+    latency_ms: tuple[SignedFigure, SignedFigure] = (0.0, 0.0)
+    uptime_s: SignedFigure = 0.0
     events: tuple[str, ...] = ()
-    expected_error_mm: float | None = None
-    slots_lost: int = 0
-    num_selected: float | None = None
-    target_error_mm: float | None = None
-    quality_weight: float | None = None
-    slots: int = 0
-    blind: dict[str, int] = {}
-    blind_share: float = 0.0
+    expected_error_mm: Figure | None = None
+    slots_lost: Count = 0
+    num_selected: Figure | None = None
+    target_error_mm: Figure | None = None
+    quality_weight: Figure | None = None
+    slots: Count = 0
+    blind: dict[str, Count] = {}
+    blind_share: Share = 0.0
     overload: str = ""
-    events_ns: tuple[int, ...] = ()
-    compiling_s: float | None = None
+    events_ns: tuple[TimeNs, ...] = ()
+    compiling_s: Figure | None = None
     check: str = ""
