@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
@@ -25,6 +26,7 @@ from e3pose.model.pose import Poses2D
 from e3pose.model.slot_record import Reasons as Reasons
 from e3pose.model.slot_record import SlotRecord as SlotRecord
 from e3pose.predict.base import Prediction, Predictor
+from e3pose.select.awake import RestMemory, RestPlanner
 from e3pose.select.expected_information import Foresight, foresee
 from e3pose.select.failure_detector import Silence, listen
 from e3pose.select.feedback import Feedback, expected_people, focused_after
@@ -62,6 +64,7 @@ class Pipeline:
             leaves the estimator alone.
         feedback: tells cameras whom to expect; None tells them nothing.
         waking: makes the policy for another number of cameras per slot; None where it has none.
+        rests: says who sleeps; None keeps every camera awake.
     """
 
     rig: Rig
@@ -78,6 +81,7 @@ class Pipeline:
     steering: Predictor | None = None
     feedback: Feedback | None = None
     waking: Callable[[float], Policy] | None = None
+    rests: RestPlanner | None = None
 
     @property
     def ahead_s(self) -> float:
@@ -107,6 +111,7 @@ class SlotState:
         focused: `(num_cameras,)` looks since each camera looked at all of its image.
         check: what the policy's check on itself has found.
         asleep_until: `(num_cameras,)` slot from which each camera is awake; over or 0: it is.
+        rest: what the plan of rests remembers.
     """
 
     slot: int
@@ -121,6 +126,7 @@ class SlotState:
     focused: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     check: OwnCheck = field(default_factory=OwnCheck)
     asleep_until: Integers = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    rest: RestMemory = field(default_factory=lambda: RestMemory.none(0))
 
 
 def initial_state(pipeline: Pipeline) -> SlotState:
@@ -135,6 +141,7 @@ def initial_state(pipeline: Pipeline) -> SlotState:
         last_views=(LastView.none(),) * num_cameras,
         focused=np.zeros(num_cameras, dtype=np.int64),
         asleep_until=np.zeros(num_cameras, dtype=np.int64),
+        rest=RestMemory.none(num_cameras),
     )
 
 
@@ -184,7 +191,10 @@ def step(
 
     situation = _situation(pipeline, state, occlusion, visibility, online)
     warming_up = (slot if pipeline.queue.as_published else situation.slot) < pipeline.warmup_slots
-    decision, deficit = _decide(pipeline, state, situation, online, warming_up)
+    if warming_up:
+        decision = np.array(online)  # Algorithm 1: not charged
+    else:
+        state, decision = _decide(pipeline, state, situation)
     focused, expected = _feedback(pipeline, state, warming_up, decision, best, people.history_ids)
     times.append(clock())
     record = SlotRecord(
@@ -195,7 +205,7 @@ def step(
         poses=shown.poses,
         track_ids=shown.track_ids,
         occlusion=occlusion,
-        deficit=deficit,
+        deficit=state.deficit,
         next_selection=decision,
         covariance_m2=shown.covariance_m2,
         measured=shown.measured,
@@ -211,7 +221,6 @@ def step(
         state,
         slot=slot + 1,
         selections=np.concatenate([state.selections[1:], decision[None]]),
-        deficit=deficit,
         shown=shown,
         focused=focused,
     )
@@ -315,15 +324,27 @@ def _foresight(pipeline: Pipeline, state: SlotState, ordered: Flags) -> Foresigh
     return foresee(pipeline.rig, outlook, pipeline.interval_s, ordered)
 
 
+def _later(pipeline: Pipeline, state: SlotState, seconds: float) -> Foresight:
+    """Return the foresight of people as sure as now, where they are expected later."""
+    outlook = pipeline.estimator.outlook(state.memory, pipeline.ahead_s + seconds)
+    return foresee(pipeline.rig, outlook, pipeline.interval_s, state.selections[1:])
+
+
 def _decide(
-    pipeline: Pipeline, state: SlotState, situation: Situation, online: Selection, warming_up: bool
-) -> tuple[Selection, Floats]:
-    """Return the cameras of the slot that is decided now, and the virtual queues after it."""
-    if warming_up:
-        return np.array(online), state.deficit  # Algorithm 1: not charged
-    where = situation.slot, situation.interval_s, len(online)
-    decision = selected_by(decides(pipeline.policy, state.check, *where), situation)
-    return decision, pipeline.queue.after(state.deficit, decision)
+    pipeline: Pipeline, state: SlotState, situation: Situation
+) -> tuple[SlotState, Selection]:
+    """Return the state after the decision, and the cameras of the slot that is decided now."""
+    policy, rests, until = pipeline.policy, pipeline.rests, state.asleep_until
+    rest, where = state.rest, (situation.slot, situation.interval_s, len(situation.online))
+    if rests is not None:
+        rest, until = rests.planned(rest, situation, until, partial(_later, pipeline, state))
+        situation = replace(situation, online=situation.online & (until <= situation.slot))
+        policy = pipeline.policy if pipeline.waking is None else pipeline.waking(rest.num_selected)
+    decision = selected_by(decides(policy, state.check, *where), situation)
+    if rests is not None:
+        rest = rests.charged(rest, decision, until > situation.slot, situation.interval_s)
+    deficit = pipeline.queue.after(state.deficit, decision)
+    return replace(state, deficit=deficit, asleep_until=until, rest=rest), decision
 
 
 def _feedback(

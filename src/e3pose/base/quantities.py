@@ -40,6 +40,11 @@ def duration_s(text: str) -> float:
     return quantity(text, DURATIONS_S, "10h")
 
 
+def power_w(text: str) -> float:
+    """Read a power with its unit, such as 20W or 500mW, in watts."""
+    return quantity(text, POWERS_W, "20W")
+
+
 def frequency_hz(text: str) -> float:
     """Read a frequency with its unit, such as 6Hz."""
     return quantity(text, FREQUENCIES_HZ, "6Hz")

@@ -47,7 +47,8 @@ class GridOptions:
     policies: str | None = None
     """Comma-separated: all, random, round-robin, independent, central-2d, e3pose-mv, e3pose,
     information; each also with feedback, such as all+feedback. Default: all, round-robin, e3pose,
-    information; with --pipeline paper the paper's rows; with --target-error, information only."""
+    information; with --pipeline paper the paper's rows; with --target-error or --rest, information
+    only."""
     cameras: Annotated[str | None, Parameter(alias="-C", group=GOAL)] = None
     """Cameras per slot C, comma-separated; a mean such as 1.15 is allowed. Default: 2, and 3 with
     --pipeline paper."""
@@ -187,7 +188,7 @@ def _names(text: str) -> list[str]:
 
 
 def _usual(loop: LoopOptions) -> str:
-    if loop.target_error is not None:
+    if loop.target_error is not None or loop.settings().rest != "none":
         return "information"
     if loop.pipeline == "paper":
         return "all,random,independent,e3pose-mv,e3pose"

@@ -65,8 +65,8 @@ def with_lead(state: SlotState, lead_slots: int) -> SlotState:
 def skip_to(state: SlotState, slot: int, budget: Floats) -> SlotState:
     """Return the state before a later slot, after slots that were not computed.
 
-    People may have moved, so all cameras are active in slots without a decision; idle cameras have
-    saved energy meanwhile.
+    People may have moved, so all cameras that are awake are active in slots without a decision;
+    idle cameras have saved energy meanwhile.
 
     Args:
         state: before the skipped slots.
@@ -76,9 +76,10 @@ def skip_to(state: SlotState, slot: int, budget: Floats) -> SlotState:
     skipped = slot - state.slot
     if skipped <= 0:
         return state
+    slots = np.arange(slot, slot + len(state.selections))
     return replace(
         state,
         slot=slot,
-        selections=np.ones_like(state.selections),
+        selections=np.asarray(state.asleep_until <= slots[:, None]),
         deficit=np.maximum(state.deficit - skipped * budget, 0.0),
     )

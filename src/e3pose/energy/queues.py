@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -172,6 +172,24 @@ class Savings:
     camera_watts: Floats
     battery_h: Floats
     battery_active_h: float
+
+    def with_sleep(self, slept_w: Floats, active_w: Floats, battery_wh: ArrayLike) -> Savings:
+        """Return the same of cameras that also slept.
+
+        What sleep saves of each group of components is not known: their shares stay.
+
+        Args:
+            slept_w: `(num_cameras,)` watts that sleep took off the mean draw.
+            active_w: `(num_cameras,)` of the whole device when it is always active.
+            battery_wh: capacity of the cameras' batteries, one for all or one for each.
+        """
+        watts = self.camera_watts - slept_w
+        return replace(
+            self,
+            device_percent=self.device_percent + 100 * float((slept_w / active_w).mean()),
+            camera_watts=watts,
+            battery_h=np.asarray(battery_wh, dtype=np.float64) / watts,
+        )
 
 
 def savings(

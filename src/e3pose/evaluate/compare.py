@@ -115,7 +115,8 @@ def rows(summaries: Sequence[Summary]) -> list[dict[str, Any]]:
     for summary in summaries:
         asked, target = summary.settings, summary.settings.target_error_m
         asks_count = COUNT in row_of(asked).uses
-        count = asked.num_selected if target is None and asks_count else None
+        chosen = target is None and asked.watts is None
+        count = asked.num_selected if chosen and asks_count else None
         target_mm = None if target is None else 1000 * target
         weight, budget = asked.quality_weight, asked.budget
         key = (summary.policy, count, target_mm, weight, budget, asked.lead_slots)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from e3pose.base.arrays import Floats
 from e3pose.energy.profiles import GROUPS, DeviceProfile, Mode, load_profile
 from e3pose.energy.queues import savings
 from e3pose.evaluate.figures import CameraEnergy, DeviceSaving, Energy, Saving
@@ -30,13 +31,15 @@ def energy_figures(
     idle_mode: Mode,
     battery_wh: float | Sequence[float],
     sends_boxes: bool = False,
+    slept_w: Floats | None = None,
 ) -> Energy | None:
     """Return the figures of `docs/explanation/energy.md`; None without a slot, or if all are blind.
 
     Blind slots are charged as the mean of the others is.
 
     With `sends_boxes` every idle camera sends in each slot that is decided for: its WiFi draws what
-    it does in an active slot.
+    it does in an active slot. `slept_w` `(num_cameras,)` is what sleep took off the mean draw of
+    each; it counts for watts, batteries and the saving of the device.
     """
     counted = seeing(records)
     if not counted:
@@ -48,6 +51,9 @@ def energy_figures(
     profiles = [profile] * len(duty) if isinstance(profile, DeviceProfile) else list(profile)
     batteries_wh = np.broadcast_to(np.asarray(battery_wh, dtype=np.float64), duty.shape)
     saved = savings(duty, profiles, idle_mode, batteries_wh, sending)
+    if slept_w is not None:
+        active_w = np.array([each.watts("active") for each in profiles])
+        saved = saved.with_sleep(slept_w, active_w, batteries_wh)
     seconds = len(records) * recording.interval_s
     return Energy(
         profile=", ".join(dict.fromkeys(each.name for each in profiles)),

@@ -10,12 +10,14 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, is_dataclass
 from typing import Any
 
+from e3pose.settings.energy import AWAKE
 from e3pose.settings.faults import Faults
 from e3pose.settings.loop import LoopSettings
 
 FORMAT = "e3pose-figures"
 VERSION = 1
 OWN = ("policy", "predictor", "estimator")  # settings that may be objects
+OF_RESTS = ("rest", "find_within_s")  # mean nothing while nobody rests
 
 
 @dataclass(frozen=True, slots=True)
@@ -223,10 +225,12 @@ def settings_json(settings: LoopSettings) -> dict[str, Any]:
     """Return settings as JSON: what is not set is absent, parts of one's own are named."""
     table: dict[str, Any] = {}
     for item in fields(settings):
+        if item.name in OF_RESTS and settings.rest == AWAKE:
+            continue
         value = getattr(settings, item.name)
         if item.name in OWN and not isinstance(value, str | None):
             value = type(value).__name__
-        if value is not None:
+        if value is not None and item.name != "rest_costs":
             table[item.name] = asdict(value) if isinstance(value, Faults) else value
     return table
 

@@ -10,9 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.base.arrays import Integers
 from e3pose.base.errors import InputError
 from e3pose.estimate.base import Estimator, People
 from e3pose.evaluate.faults import arriving, capacity_j, deaths_s
+from e3pose.evaluate.waking import awake_again
 from e3pose.model.expected import ExpectedView
 from e3pose.model.pose import Poses2D
 from e3pose.pipeline import Pipeline, SlotRecord, initial_state, step
@@ -109,9 +111,13 @@ def _run(
     state = initial_state(pipeline)
     left_j = capacity_j(recording)
     expected: dict[int, Expected] = {}
+    asleep: dict[int, Integers] = {}
     for slot in range(recording.num_slots):
         online = (slot * recording.interval_s < gone_s - 1e-9) & (left_j > 0)
         came = online & arriving(len(online), day.loss, seed, slot)
+        if pipeline.rests is not None and slot in asleep:
+            costs = pipeline.rests.costs
+            came &= awake_again(asleep.pop(slot), costs, recording.interval_s, seed) <= slot
         awake = state.selections[0] & came
         views = _seen(read_view, slot, awake, expected.pop(slot, None))
         try:
@@ -120,6 +126,8 @@ def _run(
             raise InputError(f"{recording.name}: slot {slot}: {error}") from None
         if record.expected is not None:
             expected[slot + pipeline.lead_slots] = record.expected
+        if pipeline.rests is not None:
+            asleep[slot + pipeline.lead_slots] = record.asleep_until
         if day.watts is not None:
             left_j = left_j - np.where(record.selected, *day.watts) * recording.interval_s
         yield record

@@ -25,6 +25,7 @@ from e3pose.evaluate.figures import (
     Summary,
 )
 from e3pose.evaluate.pcp import count_parts, group_percent, pcp_percent
+from e3pose.evaluate.waking import asleep_in
 from e3pose.model.blind_slot import count_blind, duty
 from e3pose.model.noises import detector_of
 from e3pose.model.pose import Poses3D
@@ -78,10 +79,22 @@ def summarise(
             idle_mode,
             battery_wh,
             Need.SENT_BOXES in row_of(settings).needs,
+            _slept_w(recording, settings, records),
         ),
         stage_ms=_stage_ms(records),
         noise=_noise(recording, settings, records),
     )
+
+
+def _slept_w(
+    recording: Recording, settings: ReplaySettings, records: Sequence[SlotRecord]
+) -> Floats | None:
+    """Return `(num_cameras,)` watts that sleep took off the mean draw; None where nobody may."""
+    costs = settings.rest_costs
+    if costs is None or not records:
+        return None
+    deep = costs.deep(asleep_in(records, settings.lead_slots), recording.interval_s)
+    return np.asarray((costs.idle_w - costs.rest_w) * deep.mean(axis=0))
 
 
 def accuracy(recording: Recording, records: Sequence[SlotRecord]) -> Accuracy:

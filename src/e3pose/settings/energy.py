@@ -12,10 +12,13 @@ from e3pose.base.table import entry
 
 if TYPE_CHECKING:
     from e3pose.energy.profiles import DeviceProfile
+    from e3pose.energy.rest_costs import RestCosts
 
 T = TypeVar("T")
 U = TypeVar("U")
 
+RestChoice = Literal["none", "asleep", "suspended"]
+AWAKE: RestChoice = "none"  # every camera, always
 IdleMode = Literal["power-saving", "aggressive-power-saving"]
 
 
@@ -185,3 +188,23 @@ class EnergyPlan:
             tuple(profile.watts("active") for profile in self.profiles),
             tuple(profile.watts(self.idle_mode) for profile in self.profiles),
         )
+
+    def rest_costs(self, rest: RestChoice) -> RestCosts | None:
+        """Return what cameras draw awake and in a rest; None if all are to stay awake.
+
+        A camera whose profile has no such rest never sleeps.
+
+        Raises:
+            InputError: when no camera has it.
+        """
+        from e3pose.energy.modes import modes_of
+        from e3pose.energy.rest_costs import rest_costs
+
+        if rest == "none":
+            return None
+        found = [modes_of(profile).rest(rest) for profile in self.profiles]
+        if not any(found):
+            names = ", ".join(dict.fromkeys(profile.name for profile in self.profiles))
+            wanted = f"a profile with [rests.{rest}], see docs/reference/power-profiles.md"
+            raise InputError("rest", f"{rest} with the profile {names}", wanted)
+        return rest_costs(*self.watts, found)

@@ -7,11 +7,13 @@ from math import isfinite
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from e3pose.base.errors import InputError
-from e3pose.base.quantities import length_m, milliseconds_s
+from e3pose.base.quantities import duration_s, length_m, milliseconds_s, power_w
 from e3pose.base.table import entry
+from e3pose.settings.energy import AWAKE, RestChoice
 from e3pose.settings.faults import NO_FAULTS, Faults
 
 if TYPE_CHECKING:
+    from e3pose.energy.rest_costs import RestCosts
     from e3pose.estimate.base import Estimator
     from e3pose.predict.base import Predictor
     from e3pose.select.policies.base import Policy
@@ -35,6 +37,8 @@ PAPER_ONLY = "Only for --pipeline paper and its policies"  # a group of options
 FEEDBACK = "+feedback"  # after the name of a policy
 MAX_TARGET_M = 1.0
 MAX_SEED = 2**31 - 1
+MAX_WATTS = 1e6
+FIND_RANGE_S = (0.1, 3600.0)
 
 Settings = TypeVar("Settings", bound="LoopSettings")
 
@@ -69,6 +73,7 @@ class LoopSettings:
         foresees: compute the information expected of each camera even if the policy needs none.
         cost_j: energy of an active slot beyond that of an idle one, of each camera; all alike by
             default, and only the proportions matter.
+        rest_costs: what cameras draw awake and asleep; of the default profile if None.
         estimator: an object in place of the pipeline's own.
 
     Raises:
@@ -90,6 +95,29 @@ class LoopSettings:
         group="Goal",
         help="""Wake as few cameras as keep the expected joint error below this: 40mm, 4cm. Replaces
         --cameras; policy `information` only.""",
+    )
+    rest: RestChoice = entry(
+        AWAKE,
+        group="Goal",
+        help="""What cameras do that nobody needs for some seconds: `none` keeps all of them awake,
+        `asleep` and `suspended` let those sleep whose power profile states such a rest. They cannot
+        be reached until they wake. Policy `information` only.""",
+    )
+    watts: float | None = entry(
+        None,
+        read=power_w,
+        group="Goal",
+        help="""Mean power that all cameras together may draw: 20W, 500mW. Sets who sleeps and how
+        many cameras look; needs --rest. Replaces --cameras.""",
+    )
+    find_within_s: float = entry(
+        1.0,
+        key="find_within",
+        read=duration_s,
+        shown="1s",
+        group="Goal",
+        help="""How soon somebody who comes in is to be found while nobody is there: 1s, 500ms. With
+        --rest, cameras look as seldom as that allows.""",
     )
     budget: float | tuple[float, ...] | None = entry(
         None,
@@ -191,6 +219,7 @@ class LoopSettings:
     )
     foresees: bool = entry(False, key="")
     cost_j: tuple[float, ...] | None = entry(None, key="")
+    rest_costs: RestCosts | None = entry(None, key="")
     estimator: Estimator[Any] | None = entry(None, key="")
 
     def __post_init__(self) -> None:
@@ -212,10 +241,20 @@ class LoopSettings:
         target_m = self.target_error_m
         if target_m is not None and not 0 < target_m <= MAX_TARGET_M:
             raise InputError("target_error", f"{1000 * target_m:g} mm", "1 mm to 1 m")
+        self._check_rest()
         shares = self.budget if isinstance(self.budget, tuple) else (self.budget,)
         for share in shares:
             if share is not None and not 0 < share <= 1:
                 raise InputError("budget", f"{share:g}", "a share of the slots in (0, 1]")
+
+    def _check_rest(self) -> None:
+        watts, find_s = self.watts, self.find_within_s
+        if watts is not None and not 0 < watts <= MAX_WATTS:
+            raise InputError("watts", f"{watts:g} W", f"more than 0 and at most {MAX_WATTS:g} W")
+        if watts is not None and self.rest == AWAKE:
+            raise InputError("watts", "without rest", "rest = asleep or suspended")
+        if not FIND_RANGE_S[0] <= find_s <= FIND_RANGE_S[1]:
+            raise InputError("find_within", f"{find_s:g} s", "0.1 s to an hour")
 
     @property
     def policy_name(self) -> str:
@@ -255,18 +294,26 @@ class LoopSettings:
             found = "a number of cameras as well"
             wanted = "one of the two: a target error chooses the number of cameras"
             raise InputError("target_error", found, wanted)
+        if self.watts is not None and self.num_selected is not None:
+            wanted = "one of the two: watts choose the number of cameras"
+            raise InputError("watts", "a number of cameras as well", wanted)
         if plan.budget is not None and self.budget is not None:
             raise InputError("lifetime", "with budget", "one of them: it sets all budgets")
         count = self.num_selected
         if count is None and plan.budget is not None:
             count = min(LIFETIME_SHARE * sum(plan.budget), num_cameras)
         budget = self.budget if plan.budget is None else plan.budget
-        made = replace(self, num_selected=count, budget=budget, cost_j=plan.cost_j)
+        costs = plan.rest_costs(self.rest)
+        made = replace(
+            self, num_selected=count, budget=budget, cost_j=plan.cost_j, rest_costs=costs
+        )
         return made.for_rig(num_cameras)
 
     def share(self, num_cameras: int) -> float | tuple[float, ...] | None:
         """Return the share of slots that cameras may be active; None without a limit."""
-        if self.budget is not None or self.target_error_m is not None:
+        # Who sleeps spends nothing: even turns are no aim where others watch instead.
+        free = self.target_error_m is not None or self.rest != AWAKE
+        if self.budget is not None or free:
             return self.budget
         count = self.for_rig(num_cameras).num_selected
         return None if count is None else default_budget(count, num_cameras)

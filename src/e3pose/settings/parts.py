@@ -25,6 +25,7 @@ from e3pose.model.noises import DEFAULT, detector_of, load_noise
 from e3pose.model.skeleton import Skeleton
 from e3pose.pipeline import Pipeline
 from e3pose.predict import Predictor, make_predictor, make_predictors
+from e3pose.select.awake import PRICE, TARGET_PRICE, RestGoal, RestPlanner
 from e3pose.select.camera_order import spread_order
 from e3pose.select.feedback import Feedback
 from e3pose.select.policies import (
@@ -39,6 +40,7 @@ from e3pose.select.policies import (
     policy_row,
 )
 from e3pose.select.policies.base import check_policy
+from e3pose.settings.energy import AWAKE, EnergySettings
 from e3pose.settings.loop import LoopSettings, pipeline_row
 
 STEERING = "attention-lstm"  # steers the filter by default
@@ -117,7 +119,26 @@ def make_pipeline(
         steering=steering,
         feedback=Feedback(settings.whole_every) if settings.feedback else None,
         waking=waking,
+        rests=_rests(place, settings),
     )
+
+
+def _rests(place: Place, settings: LoopSettings) -> RestPlanner | None:
+    """Return who says which cameras sleep, if any may."""
+    costs = settings.rest_costs
+    if costs is None:
+        usual = EnergySettings().plan(place.rig.camera_ids, place.interval_s)
+        costs = usual.rest_costs(settings.rest)
+    if costs is None:
+        return None
+    goal = RestGoal(
+        price=PRICE if settings.target_error_m is None else TARGET_PRICE,
+        watts=settings.watts,
+        target_m=settings.target_error_m,
+        find_within_s=settings.find_within_s,
+        num_selected=float(settings.num_selected or 0),
+    )
+    return RestPlanner(place.rig, costs, goal)
 
 
 def make_policy(
@@ -273,6 +294,9 @@ def _check(settings: LoopSettings, row: PolicyRow, num_cameras: int) -> None:
         aiming = ", ".join(name for name, each in POLICIES.items() if TARGET in each.uses)
         found = f"with the policy {settings.policy_name}, which wakes a given number of cameras"
         raise InputError("target_error", found, aiming)
+    if settings.rest != AWAKE and not {Need.FORESIGHT} <= row.needs:
+        found = f"{settings.rest} with the policy {settings.policy_name}"
+        raise InputError("rest", found, "the policy information, which knows who is needed")
     costs = settings.cost_j
     if costs is not None and not (len(costs) == num_cameras and all(0 < c < 1e9 for c in costs)):
         raise InputError("cost", costs, "one above 0 a camera")

@@ -1,0 +1,152 @@
+"""Who stays awake: laws of one plan, over rigs, prices and limits."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from e3pose.energy.modes import Rest
+from e3pose.energy.rest_costs import RestCosts, rest_costs
+from e3pose.select.awake import (
+    FEWEST_AWAKE,
+    FEWEST_WITH_PEOPLE,
+    FIRST_REST_S,
+    LONGEST_REST_S,
+    Needs,
+    RestGoal,
+    RestMemory,
+    next_rest_s,
+    planned,
+    rested,
+    shrinking,
+)
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+N = 5
+ALL = np.ones(N, dtype=bool)
+SUSPENDED = Rest("suspended", 0.5, 0.5, 1.0, 0.2)
+
+
+def costs(rests: Sequence[Rest | None] = (SUSPENDED,) * N) -> RestCosts:
+    return rest_costs([12.5] * N, [6.25] * N, rests)
+
+
+def needs(gains: Sequence[float], people: int = 1, newcomers: bool = False) -> Needs:
+    """Cameras add up, so that each is worth what it says."""
+
+    def worth(sets: Flags) -> Floats:
+        return np.asarray(sets @ np.array(gains))
+
+    def error_m(sets: Flags) -> Floats:
+        return np.asarray(0.1 / np.maximum(sets.sum(axis=1), 1) ** 0.5)
+
+    return Needs(people, worth, error_m, newcomers)
+
+
+GAINS = (1.0, 0.1, 0.8, 0.2, 0.01)
+NONE = RestMemory.none(N)
+PRICED = RestGoal(price=0.1, num_selected=2.0)
+
+
+def awake(goal: RestGoal, wanted: Needs, usable: Flags = ALL, of: RestCosts | None = None) -> Flags:
+    return planned(of or costs(), goal, NONE, wanted, usable, 0.08).awake
+
+
+def test_sets_lose_the_camera_that_is_missed_least() -> None:
+    sets, worth = shrinking(ALL, ~ALL, needs(GAINS).worth, 2)
+    lost = [int(np.flatnonzero(a & ~b)[0]) for a, b in pairwise(sets)]
+    assert lost == [4, 1, 3]
+    assert (np.diff(worth) <= 0).all()
+
+
+def test_two_cameras_that_start_a_person_together_are_kept_together() -> None:
+    def worth(sets: Flags) -> Floats:
+        return (sets[:, 1] & sets[:, 3]).astype(np.float64)
+
+    sets, values = shrinking(ALL, ~ALL, worth, 2)
+    assert np.flatnonzero(sets[-1]).tolist() == [1, 3] and values[-1] == 1
+
+
+def test_cameras_that_are_worth_their_watts_stay_awake() -> None:
+    assert np.flatnonzero(awake(PRICED, needs(GAINS))).tolist() == [0, 2, 3]
+    assert np.flatnonzero(awake(PRICED, needs(GAINS, people=0))).tolist() == [0, 2]
+    assert awake(replace(PRICED, price=0.0), needs(GAINS)).all()
+
+
+def test_a_lower_price_keeps_more_cameras_awake() -> None:
+    prices = (1.0, 0.1, 0.03, 0.0)
+    counts = [int(awake(replace(PRICED, price=p), needs(GAINS)).sum()) for p in prices]
+    assert counts == sorted(counts) and counts[0] < counts[-1]
+
+
+@pytest.mark.parametrize("usable", [ALL, np.arange(N) < 3, np.arange(N) < 1])
+def test_who_sleeps_or_is_gone_is_not_in_a_plan(usable: Flags) -> None:
+    found = awake(PRICED, needs(GAINS), usable)
+    assert not (found & ~usable).any()
+    assert found.sum() >= min(FEWEST_AWAKE, usable.sum())
+
+
+def test_a_camera_without_a_rest_is_always_in_a_plan() -> None:
+    found = awake(PRICED, needs(GAINS), of=costs([SUSPENDED] * 4 + [None]))
+    assert found[4]
+
+
+@pytest.mark.parametrize("watts", [25.0, 40.0, 62.5, 100.0])
+def test_a_plan_keeps_the_watts(watts: float) -> None:
+    goal = RestGoal(price=0.0, watts=watts)
+    plan = planned(costs(), goal, NONE, needs(GAINS), ALL, 0.08)
+    assert plan.watts <= watts + 1e-9
+    assert 0 < plan.num_selected <= plan.awake.sum()
+
+
+def test_too_few_watts_mean_the_least_that_there_is() -> None:
+    goal = RestGoal(price=0.0, watts=1.0)
+    plan = planned(costs(), goal, NONE, needs(GAINS), ALL, 0.08)
+    assert plan.awake.sum() == FEWEST_AWAKE and plan.num_selected < 0.5
+
+
+def test_what_is_owed_is_paid_back() -> None:
+    goal = RestGoal(price=0.0, watts=30.0)
+    rich, poor = (
+        planned(costs(), goal, replace(NONE, owed_j=owed), needs(GAINS), ALL, 0.08)
+        for owed in (-20.0, 20.0)
+    )
+    assert poor.watts <= 30 - 20 / 5 + 1e-9 < rich.watts
+
+
+def test_a_target_is_met_by_the_cheapest_set_that_meets_it() -> None:
+    goal = RestGoal(price=0.01, target_m=0.055, num_selected=2.0)
+    assert awake(goal, needs((0.0,) * N)).sum() == 4  # 0.1 / sqrt(4) is the first below
+    assert awake(replace(goal, target_m=1.0), needs((0.0,) * N)).sum() == FEWEST_WITH_PEOPLE
+
+
+def test_nobody_there_means_as_few_looks_as_find_a_newcomer_in_time() -> None:
+    def looks(people: int, newcomers: bool, find_s: float) -> float:
+        goal = replace(PRICED, find_within_s=find_s)
+        found = planned(costs(), goal, NONE, needs(GAINS, people, newcomers), ALL, 0.08)
+        return found.num_selected / (1 if people or newcomers else found.awake.sum())
+
+    assert looks(0, False, 1.0) == pytest.approx(2 * 0.08)
+    assert looks(0, False, 4.0) < looks(0, False, 1.0)
+    assert looks(0, True, 1.0) == looks(1, False, 1.0) == 2.0  # the first sign of somebody
+
+
+def test_rests_grow_while_nobody_needs_a_camera_and_end_one_after_the_other() -> None:
+    leave = np.array([False, True, False, True, True])
+    takes, rest_s = rested(costs(), NONE, leave, 1)
+    assert (takes == leave).all()
+    assert rest_s[1] == FIRST_REST_S and len(set(rest_s[leave].tolist())) == 3
+    again = next_rest_s(replace(NONE, rest_s=rest_s), 1)
+    assert (again >= rest_s)[leave].all() and again.max() <= LONGEST_REST_S
+
+
+def test_who_would_wake_before_it_has_slept_stays_awake() -> None:
+    slow = Rest("suspended", 0.5, 5.0, 10.0, 1.0)
+    takes, _ = rested(costs([slow] * N), NONE, ALL, 1)
+    assert not takes.any()
