@@ -125,7 +125,9 @@ def shed_load(pipeline: Pipeline, load: Load) -> Pipeline:
         return pipeline
     rounds = RoundRobin(load.awake, order=spread_order(pipeline.rig))
     policy: Policy = rounds if load.level == ROUND_ROBIN else EveryOther(rounds)
-    return replace(pipeline, policy=policy, needs=pipeline.needs - {Need.FORESIGHT})
+    # Who sleeps comes back by itself; nobody else is sent to rest meanwhile.
+    needs = pipeline.needs - {Need.FORESIGHT}
+    return replace(pipeline, policy=policy, needs=needs, rests=None)
 
 
 @dataclass(frozen=True, slots=True)

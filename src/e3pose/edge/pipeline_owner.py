@@ -70,9 +70,11 @@ class PipelineOwner:
             return
         waking, policy = self.pipeline.waking, self.pipeline.policy
         queue = replace(self.pipeline.queue, budget=estimate.budget, cost_j=estimate.cost_j)
+        rests = self.pipeline.rests
         self.pipeline = replace(
             self.pipeline,
             queue=queue,
+            rests=None if rests is None else rests.with_count(estimate.num_selected),
             policy=policy if waking is None else waking(estimate.num_selected),
         )
 

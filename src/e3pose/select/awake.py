@@ -239,6 +239,10 @@ class RestPlanner:
     costs: RestCosts
     goal: RestGoal
 
+    def with_count(self, num_selected: float) -> RestPlanner:
+        """Return the planner for another number of cameras per slot; watts choose their own."""
+        return replace(self, goal=replace(self.goal, num_selected=num_selected))
+
     def planned(
         self,
         memory: RestMemory,
