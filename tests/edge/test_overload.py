@@ -109,6 +109,8 @@ def test_shed_load_takes_turns_without_a_foresight() -> None:
         cheap.policy == RoundRobin(2.0, order=spread_order(scene.rig))
         and Need.FORESIGHT not in cheap.needs
     )
+    resting = make_pipeline(scene, ReplaySettings(num_selected=2, rest="asleep"))
+    assert resting.rests is not None and shed_load(resting, Load(level=ROUND_ROBIN)).rests is None
     rare = shed_load(pipeline, Load(level=HALF_RATE, awake=1.0))
     state, online, woken = initial_state(rare), np.ones(4, dtype=bool), []
     nobody = Poses2D(np.zeros((0, 17, 2)), np.zeros((0, 17)))

@@ -40,33 +40,39 @@ PRICE = 0.05
 TARGET_PRICE = 0.3
 # tuned: s | first guess, a tenth of the shortest rest | not measured
 PLAN_S = 0.4
-# Nats a joint of e times as many looks: 3/4 of the logarithm, of each of three deviations, half.
-LOOK_NATS = 1.1
+# Of a joint, 3/4 of the logarithm of the looks, of each of three deviations, halved.
+LOOK_NATS = 1.1  # definition: nats of e times as many looks
 # tuned: s | simulated, `two-rooms`, seed 11: with none, somebody who walks through the door is lost
 #   for 2 s | not measured
 LATER_S = (1.5, 3.0)
-# tuned: s | first guess, twice what falling asleep and waking take | not measured
-FIRST_REST_S = 4.0
-# tuned: s | first guess, with somebody there | not measured
-LONGEST_REST_S = 8.0
-# tuned: s | first guess, with nobody there | not measured
-EMPTY_REST_S = 60.0
-LONGER = 2.0  # times a rest that ends with nothing to do is made longer
-FEWEST_AWAKE = 2  # whom a person takes
+# tuned: s | first guess: twice what falling asleep and waking take; with somebody and with nobody
+#   there | not measured
+FIRST_REST_S, LONGEST_REST_S, EMPTY_REST_S = 4.0, 8.0, 60.0
+# tuned: times | first guess: a rest that ends with nothing to do is followed by a longer one | not
+#   measured
+LONGER = 2.0
+FEWEST_AWAKE = 2  # definition: cameras that a person takes
+# Without a limit of watts: somebody walks out of the view of one.
 # tuned: cameras | simulated, `two-rooms`, seed 702: with two, a quarter of the people are lost |
 #   not measured
-FEWEST_WITH_PEOPLE = 3  # without a limit of watts: somebody walks out of the view of one
-# tuned: nats | as in the groundwork, of all of the floor watched by two cameras | not measured
+FEWEST_WITH_PEOPLE = 3
+# tuned: nats | as in the experiments before, of all of the floor watched by two cameras | not
+#   measured
 FLOOR_NATS = 1.0
-# tuned: people | first guess, not started yet: cameras look as if somebody were there | not
+# tuned: people | first guess: not started yet, cameras look as if somebody were there | not
 #   measured
 NEWCOMERS = 0.3
-LEAST_LOOKS = 0.1  # per slot
-NO_WORSE = 1.05  # a target that all cameras miss: whoever raises the error by less may sleep
-STAGGER = 0.5  # of a rest, over which cameras that leave together come back
-KEPT_S = 1.0  # a camera was needed that stayed awake so long after a rest
-CREDIT_S = 10.0  # of the watts allowed, that may be saved up, or owed
-REPAY_S = 5.0  # over which
+LEAST_LOOKS = 0.1  # numerics: per slot
+# tuned: times | first guess: a target that all cameras miss; sets that raise the error by less may
+#   do | not measured
+NO_WORSE = 1.05
+# tuned: share of a rest | first guess: cameras that leave together come back over it | not measured
+STAGGER = 0.5
+# tuned: s | first guess: who stays awake so long after a rest was needed | not measured
+KEPT_S = 1.0
+# tuned: s | first guess: of the watts allowed, that may be owed or saved up, and over which they
+#   are paid back | not measured
+CREDIT_S, REPAY_S = 10.0, 5.0
 
 
 @dataclass(frozen=True, slots=True)

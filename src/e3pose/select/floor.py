@@ -9,12 +9,13 @@ import numpy as np
 from e3pose.base.arrays import Flags, Floats
 from e3pose.model.camera import Rig
 
-CELL_M = 0.5
-MARGIN_M = 2.0  # of floor around the cameras
-FAR_M = 12.0
-MOST_CELLS = 4000  # of a site; a larger one has larger cells
-HEIGHTS_M = (0.1, 0.5, 0.9, 1.3, 1.7)
-SEEN_SHARE = 0.6  # of these heights: a camera sees somebody who stands there
+# tuned: m | first guess: people's own size; floor around the cameras; how far cameras show people |
+#   not measured
+CELL_M, MARGIN_M, FAR_M = 0.5, 2.0, 12.0
+MOST_CELLS = 4000  # capacity: of a site; a larger one has larger cells
+HEIGHTS_M = (0.1, 0.5, 0.9, 1.3, 1.7)  # definition: of somebody who stands in a cell
+# tuned: share of these heights | first guess: a camera sees the person | not measured
+SEEN_SHARE = 0.6
 
 
 @lru_cache(maxsize=8)
