@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 
 from e3pose.base.arrays import Floats
 from e3pose.simulate.collision_avoidance import NOWHERE, PERSON_RADIUS_M, Group, advance
+from e3pose.simulate.episode_kinds import EPISODES, FALLS, ON_BED, plan_episode
+from e3pose.simulate.episodes import BLEND_S, Episode
 from e3pose.simulate.gestures import CALM, GESTURES, RAMP_S, Gesturing
 from e3pose.simulate.path_finding import Ways
 from e3pose.simulate.place import Scene
@@ -41,6 +43,7 @@ class Life:
         present: `(num_times,)` whether the person is in the scene.
         seated: `(num_times,)` 0 standing to 1 seated.
         gestures: what the arms do.
+        episodes: falls and the like.
     """
 
     xy: Floats
@@ -48,6 +51,7 @@ class Life:
     present: NDArray[np.bool_]
     seated: Floats
     gestures: list[Gesturing] = field(default_factory=list)
+    episodes: list[Episode] = field(default_factory=list)
 
 
 @dataclass(slots=True)
@@ -162,6 +166,8 @@ class Play:
             late = time_s >= task.until_s
             if task.then[0][0] == "away":
                 return self._walk_off(person, time_s, late)
+            if task.then[0][0] in EPISODES and not late:  # in the middle of walking
+                return self._do(person, time_s, *task.then[0])
             if late:  # somebody was in the way
                 group.own_seat[person] = -1
                 return self._wander(person, time_s)
@@ -169,6 +175,8 @@ class Play:
             return _Task("face", time_s + PATIENCE_S, task.then[1:])
         if task.kind == "face" and task.then:
             kind, duration = task.then[0]
+            if kind in EPISODES:
+                return self._do(person, time_s, kind, duration)
             if kind == "sit":
                 self._sit(person, time_s, duration)
             elif rng.uniform() < 0.7:
@@ -184,6 +192,9 @@ class Play:
             door = self.exits[rng.integers(len(self.exits))]
             return self._walk(person, time_s, door, [("away", 0.0)], stops=False)
         draw -= habits.leave
+        if draw < habits.do:
+            return self._go_and_do(person, time_s)
+        draw -= habits.do
         free = sorted(set(range(len(self.seats))) - set(self.group.own_seat.tolist()))
         if draw < habits.sit and free:
             seat = int(rng.choice(free))
@@ -200,6 +211,28 @@ class Play:
             then = [("face", float(facing)), ("stand", duration)]
             return self._walk(person, time_s, place, then, stops=True)
         return self._wander(person, time_s)
+
+    def _go_and_do(self, person: int, time_s: float) -> _Task:
+        """Walk to a place, or to a bed, and do one of the habits' episodes there."""
+        habits, rng, beds = self.scene.habits, self.rng, self.scene.beds
+        kind = str(rng.choice(habits.does))
+        stays_s = float(rng.uniform(*habits.lies_s))
+        if kind in ON_BED:
+            x, y, heading = beds[int(rng.integers(len(beds)))]
+            place, facing = np.array([x, y]), heading
+        else:
+            free = self._free_place(person, ROOM_M)
+            if free is None:
+                return self._wander(person, time_s)
+            place, facing = free, float(rng.uniform(-np.pi, np.pi))
+        if kind in FALLS and kind not in ON_BED and rng.uniform() < 0.5:
+            return self._walk(person, time_s, place, [(kind, stays_s)], stops=False)
+        return self._walk(person, time_s, place, [("face", facing), (kind, stays_s)], stops=True)
+
+    def _do(self, person: int, time_s: float, kind: str, stays_s: float) -> _Task:
+        episode = plan_episode(kind, time_s, self.rng, stays_s)
+        self.lives[person].episodes.append(episode)
+        return _Task("wait", episode.stop_s + BLEND_S)
 
     def _wander(self, person: int, time_s: float) -> _Task:
         """Walk somewhere and on from there without a stop."""

@@ -75,9 +75,16 @@ class Posture:
     arms: Floats
 
 
-def draw_body(rng: np.random.Generator) -> Body:
-    """Draw an adult: stature about 1.71 m with 9 cm spread, bones in human proportion."""
+def draw_body(rng: np.random.Generator, statures_m: tuple[float, float] | None = None) -> Body:
+    """Draw a person with bones in human proportion.
+
+    Args:
+        rng: how people differ.
+        statures_m: smallest and largest; without them an adult of about 1.71 m with 9 cm spread.
+    """
     stature = float(np.clip(rng.normal(1.71, 0.09), 1.5, 1.95))
+    if statures_m is not None:
+        stature = float(rng.uniform(*statures_m))
     spread = np.exp(BONE_SPREAD * np.clip(rng.standard_normal(len(SHARES)), -2, 2))
     size = {
         name: float(share * stature * factor)

@@ -7,11 +7,13 @@ import numpy as np
 from e3pose.base.arrays import Floats
 from e3pose.simulate.activities import GRID_HZ, Life
 from e3pose.simulate.body import Body, Posture, joints_of
+from e3pose.simulate.episodes import with_episodes
 from e3pose.simulate.gait import Gait, plan_gait, smoothstep
 from e3pose.simulate.gestures import RAMP_S, move_arms
 
 SEAT_HEIGHT_M = 0.45
 HIP_OVER_SEAT_M = 0.09
+STOPPED, LEAST_M = (5, 6, 7, 8, 9, 10, 13, 14), 0.02  # joints of COCO-17; over the floor
 STRAIGHTNESS = 0.988  # share of its full length that a standing leg has
 SOFT_M = 0.006  # rounding where the pelvis passes from one leg's reach to the other's
 SMOOTH_S = 0.10  # a path is smoothed with a Gaussian of this width
@@ -83,7 +85,11 @@ def _stay(
         ankles_m=gait.ankles_m,
         arms=arms,
     )
-    return joints_of(body, _sampled(posture, times_s, slots_s))
+    posture = with_episodes(body, posture, times_s, root, heading, tuple(life.episodes))
+    joints = joints_of(body, _sampled(posture, times_s, slots_s))
+    if life.episodes:  # arms and knees are not posed against the floor: it stops them
+        joints[:, STOPPED, 2] = np.maximum(joints[:, STOPPED, 2], LEAST_M)
+    return joints
 
 
 def _pelvis(

@@ -30,6 +30,9 @@ class Habits:
         settled: whether people are at their places from the start.
         held: what hands do there; the usual gestures by default.
         held_s: shortest and longest time that they do it.
+        do: share that does one of `does` there.
+        does: names of `episode_kinds.EPISODES`.
+        lies_s: shortest and longest time on the floor or a bed.
     """
 
     stand: float = 0.0
@@ -42,6 +45,9 @@ class Habits:
     settled: bool = False
     held: tuple[str, ...] = ()
     held_s: tuple[float, float] = (3.0, 9.0)
+    do: float = 0.0
+    does: tuple[str, ...] = ()
+    lies_s: tuple[float, float] = (8.0, 16.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,6 +106,8 @@ class Scene:
         fps: slots per second, unless asked otherwise.
         seats: `(x, y, heading)` of each seat, metres and radians.
         upright: whether people stand at the seats.
+        beds: `(x, y, heading)` where people sit down on a bed or a sofa, as of a seat.
+        statures_m: smallest and largest person; adults by default.
         platforms: raised floors, and by how many metres.
         detector: how its detectors err, unless asked otherwise.
         occluders: what stands there; detectors guess some of the joints it hides.
@@ -121,6 +129,8 @@ class Scene:
     fps: float = 25.0
     seats: tuple[tuple[float, float, float], ...] = ()
     upright: bool = False
+    beds: tuple[tuple[float, float, float], ...] = ()
+    statures_m: tuple[float, float] | None = None
     platforms: tuple[tuple[Room, float], ...] = ()
     detector: DetectorSettings = field(default_factory=DetectorSettings)
     occluders: tuple[Occluder, ...] = ()

@@ -7,6 +7,7 @@ import numpy as np
 from e3pose.base.errors import InputError
 from e3pose.simulate.buildings import BUILDINGS
 from e3pose.simulate.gatherings import GATHERINGS
+from e3pose.simulate.homes import HOMES
 from e3pose.simulate.occluders import Box, Pillar
 from e3pose.simulate.place import Condition, Habits, Scene
 
@@ -77,6 +78,7 @@ SCENES: dict[str, Scene] = {
     ),
     **BUILDINGS,
     **GATHERINGS,
+    **HOMES,
 }  # fmt: skip
 
 

@@ -17,6 +17,7 @@ from e3pose.recording import Recording, Truth
 from e3pose.simulate.activities import Play
 from e3pose.simulate.body import draw_body
 from e3pose.simulate.detections import detect_people, until
+from e3pose.simulate.episodes import Episode
 from e3pose.simulate.guesses import DECLARED, OUTPUTS
 from e3pose.simulate.motion import move
 from e3pose.simulate.place import Condition, Scene
@@ -103,6 +104,17 @@ def simulate(
         detector=DECLARED if detector.guessing and not detector.perfect else "simulated",
         source=f"simulated by e3pose: scene {settings.scene}, seed {seed}{exact}; free of rights",
     )
+
+
+def episodes_of(settings: SceneSettings, seed: int = 0) -> tuple[tuple[Episode, ...], ...]:
+    """Return what each of the people of `simulate(settings, seed)` does besides walking about."""
+    scene = scene_by_name(settings.scene)
+    number = scene.people if settings.people is None else int(settings.people)
+    rig_seed, life_seed, *_ = np.random.SeedSequence(int(seed)).spawn(5)
+    stage = _place(settings, scene, np.random.default_rng(rig_seed))
+    play = Play(stage.scene, number, np.random.default_rng(life_seed))
+    _, lives = play.run(settings.seconds + AFTER_S, lambda share: None)
+    return tuple(tuple(life.episodes) for life in lives)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -205,7 +217,7 @@ def _lives(
     joints = np.full((len(slots_s), number, 17, 3), np.nan)
     for person, (life, child) in enumerate(zip(lives, body_seed.spawn(number), strict=True)):
         rng = np.random.default_rng(child)
-        body = draw_body(rng)
+        body = draw_body(rng, scene.statures_m)
         joints[:, person] = move(body, life, times_s, slots_s, rng)
         if scene.platforms:
             under = joints[:, person, 11:13, :2].mean(axis=1)
