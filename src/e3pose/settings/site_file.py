@@ -21,6 +21,7 @@ from e3pose.base.table import convert, entry, read_table
 from e3pose.model.camera_fields import check_camera_id
 from e3pose.settings.camera_machine import CameraMachine
 from e3pose.settings.energy import EnergySettings, IdleMode
+from e3pose.settings.events_table import EventsTable
 from e3pose.settings.limits import (
     Rotation,
     check_smooth_delay,
@@ -152,11 +153,13 @@ class ZoneTable:
         name: letters, digits, `-`, `_`, `.`.
         corners: x and y of its corners in metres, in order around it.
         dwell_s: stay in the zone before the event `dwell`.
+        height_m: of the bed or seat that it is; somebody on it is not on the floor.
     """
 
     name: str = entry(write='"door"')
     corners: tuple[tuple[float, float], ...] = entry(write="[[0, 0], [1, 0], [1, 2]]")
     dwell_s: float = 5.0
+    height_m: float = 0.0
 
     def __post_init__(self) -> None:
         try:
@@ -169,6 +172,7 @@ class ZoneTable:
             check_within("corners", x, -1e4, 1e4)
             check_within("corners", y, -1e4, 1e4)
         check_within("dwell_s", self.dwell_s, 0, 1e6)
+        check_within("height_m", self.height_m, 0, 3)
 
 
 @dataclass(frozen=True, slots=True)
@@ -234,6 +238,7 @@ class SiteTable:
         loop: how the loop runs.
         energy: what the cameras draw and have.
         zone: parts of the floor that are watched.
+        events: what people do that is told; without the table nothing is.
         camera: the cameras; those of the calibration that are not named here have the defaults.
         path: of the file; relative ones in it start from its folder, and were found from there.
 
@@ -262,6 +267,7 @@ class SiteTable:
     loop: LoopSettings = LoopSettings()
     energy: EnergySettings = EnergySettings()
     zone: tuple[ZoneTable, ...] = ()
+    events: EventsTable | None = None
     camera: tuple[CameraTable, ...] = ()
     path: Path = field(default=Path(SITE_FILE), metadata={"key": ""})
 

@@ -1,0 +1,50 @@
+"""The Protocol of a rule: the people of a slot in, events out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from e3pose.events.people import People
+from e3pose.events.spells import Spell
+from e3pose.model.person_event import PersonEvent, Phase
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Moment:
+    """One slot as rules see it.
+
+    Attributes:
+        slot: its number.
+        time_ns: nanoseconds since 1970.
+        shown: the people that are shown in it, by track.
+        known: these and people who were lost in the last seconds.
+    """
+
+    slot: int
+    time_ns: int
+    shown: People
+    known: People
+
+    def event(
+        self, kind: str, phase: Phase, track: int, spell: Spell, says: str, score: float = 1.0
+    ) -> PersonEvent:
+        """Return an event of a person that began with a spell and is told now."""
+        person = self.known.get(track)
+        zone = "" if person is None else person.near
+        score = round(min(max(score, 0.0), 1.0), 3)
+        return PersonEvent(
+            kind, phase, track, zone, spell.since_ns, self.time_ns, self.slot, score, says
+        )
+
+
+class Rule(Protocol):
+    """Tell events. A rule keeps nothing: it takes what it remembers and returns the next."""
+
+    def begin(self) -> Any:
+        """Return what it remembers before the first slot."""
+        ...
+
+    def advance(self, memory: Any, moment: Moment) -> tuple[Any, list[PersonEvent]]:
+        """Return what it remembers after a slot, and the events of it."""
+        ...

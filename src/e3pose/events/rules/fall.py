@@ -1,0 +1,102 @@
+"""A fall: the hips go down fast, and then the person lies on the floor without getting up."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from e3pose.events.people import Person
+from e3pose.events.rules.base import Moment
+from e3pose.events.spells import Bounds, Spell, turn
+from e3pose.model.person_event import PersonEvent
+from e3pose.settings.events_table import EventsTable
+
+# tuned: all of these | simulated homes, seeds 0 to 9 | docs/research/events.md
+LEAST_DROP = 0.16  # of the hips, share of the stature: from a seat to the floor are 0.24
+FAST = 0.37  # mean speed of the middle half of the way, statures / s, by the root of the drop
+FAST_SPREAD = 0.04
+LYING = 0.6  # least probability: who sits on the floor upright has sat down
+WINDOW_S = 4.0
+UNSEEN_S = 0.3  # a gap counts as so long
+
+
+@dataclass(frozen=True, slots=True)
+class Descent:
+    """How the hips came down: share of the stature, and statures per second in between."""
+
+    drop: float
+    speed: float
+
+    @property
+    def pace(self) -> float:
+        """Speed for a drop of one: what falls goes as fast as the root of its height."""
+        return self.speed / max(self.drop, 1e-3) ** 0.5
+
+
+def descent_of(person: Person) -> Descent:
+    """Return the last descent of a person's hips, by their trail."""
+    if len(person.trail) < 2:
+        return Descent(0.0, 0.0)
+    times = np.array([point[0] for point in person.trail]) / 1e9
+    heights = np.array([point[1] for point in person.trail])
+    recent = times >= times[-1] - WINDOW_S
+    times, heights = times[recent], heights[recent]
+    low = float(np.median(heights[-5:]))
+    top = float(np.max(heights))
+    drop = top - low
+    if drop <= 0:
+        return Descent(0.0, 0.0)
+    # The middle half of the way: from a quarter below the top to a quarter above the floor.
+    high = np.flatnonzero(heights >= top - 0.25 * drop)[-1]
+    after = np.flatnonzero(heights[high:] <= low + 0.25 * drop)
+    if not len(after):
+        return Descent(drop, 0.0)
+    end = high + after[0]
+    # What nobody saw may have gone as fast as a fall.
+    took_s = max(float(np.minimum(np.diff(times[high : end + 1]), UNSEEN_S).sum()), 1e-3)
+    return Descent(drop, float(heights[high] - heights[end]) / took_s)
+
+
+@dataclass(frozen=True, slots=True)
+class Memory:
+    """People on the floor, and how fast each came there, with the time since when."""
+
+    spells: Mapping[int, Spell]
+    descents: Mapping[int, Descent]
+
+
+class Fall:
+    """See the module."""
+
+    def __init__(self, table: EventsTable) -> None:
+        self._bounds = Bounds(on=0.6, off=0.35, after_s=table.fall_s, ends_s=1.0)
+
+    def begin(self) -> Memory:
+        """See `Rule.begin`."""
+        return Memory({}, {})
+
+    def advance(self, memory: Memory, moment: Moment) -> tuple[Memory, list[PersonEvent]]:
+        """See `Rule.advance`."""
+        values = {track: person.on_floor for track, person in moment.shown.items()}
+        # Somebody who is not shown for a moment has not got up.
+        values |= {t: 0.5 for t in memory.spells if t not in moment.shown and t in moment.known}
+        turned = turn(memory.spells, values, moment.time_ns, self._bounds)
+        descents = {track: memory.descents.get(track, Descent(0, 0)) for track in turned.spells}
+        for track, spell in turned.spells.items():
+            person = moment.shown.get(track)
+            if person is not None and moment.time_ns - spell.since_ns < 1e9:
+                descents[track] = max(descents[track], descent_of(person), key=lambda d: d.pace)
+        events = []
+        for track, spell in turned.begun.items():
+            score = self._score(moment.known[track], descents[track])
+            if score >= 0.5:
+                events.append(moment.event("fall", "begun", track, spell, "fell", score))
+        return Memory(turned.spells, descents), events
+
+    def _score(self, person: Person, descent: Descent) -> float:
+        """Return the probability of a fall of somebody who has been on the floor for a while."""
+        if descent.drop < LEAST_DROP or person.lies < LYING:
+            return 0.0
+        return float(1 / (1 + np.exp(-(descent.pace - FAST) / (0.5 * FAST_SPREAD))))

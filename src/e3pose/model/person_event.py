@@ -1,0 +1,60 @@
+"""Events of people: somebody fell, lies, got up, left the bed, waved; nobody is there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import datetime, timezone, tzinfo
+from typing import Literal
+
+Phase = Literal["begun", "ended"]
+NOBODY = -1  # the track of events that are about a place, not a person
+
+
+@dataclass(frozen=True, slots=True)
+class PersonEvent:
+    """What a person does that somebody wants to be told.
+
+    An event that lasts is told twice, when it has begun and when it has ended, with the same kind,
+    track and start. One that does not last is told once, as ended.
+
+    Attributes:
+        kind: a name in `events.rules.RULES`.
+        phase: whether it goes on.
+        track: of the person, or `NOBODY`.
+        zone: in which zone, or near which one; empty where there is none.
+        start_ns: when it began, nanoseconds since 1970.
+        time_ns: when this is told.
+        slot: in which slot.
+        score: probability that it is so, [0, 1].
+        says: what happened, in the past tense, without who and when: `fell`, `left`.
+    """
+
+    kind: str
+    phase: Phase
+    track: int
+    zone: str
+    start_ns: int
+    time_ns: int
+    slot: int
+    score: float
+    says: str
+
+    @property
+    def lasted_s(self) -> float:
+        """Seconds from its start until it was told."""
+        return (self.time_ns - self.start_ns) / 1e9
+
+
+def sentence(event: PersonEvent, name: str = "", zone: tzinfo = timezone.utc) -> str:
+    """Return an event as a caregiver reads it.
+
+    Args:
+        event: what happened.
+        name: of the person, if one is known.
+        zone: time zone to tell the time in.
+    """
+    at = datetime.fromtimestamp(event.start_ns / 1e9, zone).strftime("%H:%M")
+    who = "" if event.track == NOBODY else name or f"Person {event.track}"
+    where = f" ({event.zone})" if event.zone else ""
+    text = f"{who} {event.says}{where} at {at}".strip()
+    return text[0].upper() + text[1:]

@@ -1,0 +1,140 @@
+"""Rules: what is told of simulated bodies, once, and what is not."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+import pytest
+from tests.events.bodies import FPS, doing, seen
+
+from e3pose.base.errors import InputError
+from e3pose.events.people import Seen
+from e3pose.events.rules import RULES
+from e3pose.events.rules.wave import turns_of
+from e3pose.events.watch import advance, begin_watch
+from e3pose.model.person_event import PersonEvent, sentence
+from e3pose.model.skeleton import COCO17
+from e3pose.settings.events_table import EventsTable
+from e3pose.settings.site_file import ZoneTable
+from e3pose.simulate.episode_kinds import BED_M
+
+EVERYWHERE = ((-3.0, -3.0), (3.0, -3.0), (3.0, 3.0), (-3.0, 3.0))
+BED = ZoneTable("bed", EVERYWHERE, height_m=BED_M)
+
+
+def told(
+    slots: Iterable[Seen], table: EventsTable | None = None, zones: tuple[ZoneTable, ...] = ()
+) -> list[PersonEvent]:
+    """Return all events of some slots."""
+    watch, found = begin_watch(table or EventsTable(), COCO17.joints, zones), list[PersonEvent]()
+    for slot in slots:
+        watch, events = advance(watch, slot)
+        found += events
+    return found
+
+
+def kinds(events: Iterable[PersonEvent]) -> list[str]:
+    """Return which events were told."""
+    return [event.kind for event in events]
+
+
+@pytest.mark.parametrize(
+    "kind", ["fall-forward", "fall-backward", "fall-left", "fall-right", "fall-from-chair"]
+)
+@pytest.mark.parametrize("seed", range(3))
+def test_a_fall_is_told_once_and_so_is_getting_up(kind: str, seed: int) -> None:
+    events = told(seen(doing(kind, seed)))
+    assert kinds(events) == ["fall", "got-up"]
+    fall = events[0]
+    assert fall.phase == "begun" and fall.score > 0.5 and 1.9 < fall.lasted_s < 3.5
+    assert sentence(fall, "Ada").startswith("Ada fell at 00:00")
+
+
+@pytest.mark.parametrize(
+    "kind", ["sit-hard", "kneel", "tie-shoes", "pick-up", "squat", "jump", "crawl"]
+)
+@pytest.mark.parametrize("seed", range(3))
+def test_what_is_no_fall_is_not_told(kind: str, seed: int) -> None:
+    assert told(seen(doing(kind, seed))) == []
+
+
+def test_somebody_who_gets_up_at_once_has_not_fallen() -> None:
+    assert "fall" not in kinds(told(seen(doing("play", 0))))
+
+
+def test_lying_long_is_told_however_it_came_about() -> None:
+    events = told(seen(doing("sit-on-floor", 0, stays_s=30.0, seconds=60.0)))
+    begun, ended, up = events
+    assert (begun.kind, begun.phase, ended.phase) == ("on-floor", "begun", "ended")
+    assert up.kind == "got-up"
+    assert 20 <= begun.lasted_s < 21 and ended.lasted_s > 30
+
+
+def test_leaving_a_bed_is_told_after_a_stay() -> None:
+    slots = list(seen(doing("lie-on-bed", 0, stays_s=14.0, seconds=40.0)))
+    assert kinds(told(slots, zones=(BED,))) == ["left"]
+    short = EventsTable(settled_s=100.0)
+    assert told(slots, short, (BED,)) == []
+
+
+def test_a_fall_of_a_track_that_changes_its_number_is_told() -> None:
+    slots = list(seen(doing("fall-forward", 1)))
+
+    def renamed() -> Iterator[Seen]:
+        for slot in slots:
+            if 40 <= slot.slot < 60:  # lost while falling
+                yield Seen(
+                    slot.slot, slot.time_ns, slot.track_ids[:0], slot.joints_m[:0], slot.sigma_m[:0]
+                )
+            else:
+                track = slot.track_ids + (slot.slot >= 60)
+                yield Seen(slot.slot, slot.time_ns, track, slot.joints_m, slot.sigma_m)
+
+    events = told(renamed())
+    assert kinds(events)[0] == "fall" and events[0].track == 2
+
+
+def test_nobody_and_too_many() -> None:
+    table = EventsTable(nobody_s=5.0, most_people=1)
+    nobody = np.zeros(0, dtype=np.int64)
+    empty = [
+        Seen(n, round(n / FPS * 1e9), nobody, np.zeros((0, 17, 3)), np.zeros((0, 17)))
+        for n in range(100)
+    ]
+    events = told(empty, table)
+    assert [(event.kind, event.phase, event.track) for event in events] == [("nobody", "begun", -1)]
+    assert told(empty) == []
+    two = [
+        Seen(
+            s.slot,
+            s.time_ns,
+            np.array([1, 2]),
+            np.concatenate([s.joints_m, s.joints_m + 2]),
+            np.concatenate([s.sigma_m] * 2),
+        )
+        for s in seen(doing("kneel", 0))
+    ]
+    assert "too-many" in kinds(told(two, table))
+
+
+def test_waves_are_counted_by_their_turns() -> None:
+    def way(*aside_m: float) -> tuple[tuple[int, float], ...]:
+        return tuple(enumerate(aside_m))
+
+    assert turns_of(way(0, 0.2, 0, 0.2, 0)) == 3
+    assert turns_of(way(0, 0.05, 0, 0.05, 0)) == 0
+    assert turns_of(()) == 0
+
+
+def test_an_older_slot_changes_nothing() -> None:
+    slots = list(seen(doing("fall-forward", 0)))
+    watch = begin_watch(EventsTable(), COCO17.joints)
+    watch, _ = advance(watch, slots[50])
+    assert advance(watch, slots[3]) == (watch, [])
+
+
+def test_unknown_kind_names_those_that_are_known() -> None:
+    with pytest.raises(InputError, match=r"kinds.*'flying'.*fall"):
+        begin_watch(EventsTable(kinds=("flying",)), COCO17.joints)
+    assert set(EventsTable().kinds) == set(RULES)

@@ -1,0 +1,79 @@
+"""States: right for simulated bodies of all statures, unknown where a pose tells too little."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from tests.events.bodies import FPS, START_S, doing, seen
+
+from e3pose.base.arrays import Floats
+from e3pose.events.states import STATES, UNKNOWN
+from e3pose.events.watch import advance, begin_watch
+from e3pose.model.skeleton import COCO17
+from e3pose.settings.events_table import EventsTable
+from e3pose.settings.site_file import ZoneTable
+from e3pose.simulate.episode_kinds import BED_M
+
+EVERYWHERE = ((-3.0, -3.0), (3.0, -3.0), (3.0, 3.0), (-3.0, 3.0))
+
+
+def states(joints_m: Floats, sigma_m: float = 0.02, zones: tuple[ZoneTable, ...] = ()) -> Floats:
+    """Return `(num_slots, num_states)`."""
+    watch, found = begin_watch(EventsTable(), COCO17.joints, zones), []
+    for slot in seen(joints_m, sigma_m):
+        watch, _ = advance(watch, slot)
+        found.append(watch.shown[1].states)
+    return np.array(found)
+
+
+@pytest.mark.parametrize(
+    ("kind", "state"),
+    [
+        ("fall-forward", "lying"), ("fall-backward", "lying"), ("fall-left", "lying"),
+        ("sit-hard", "sitting"), ("sit-on-floor", "sitting"), ("kneel", "crouching"),
+        ("squat", "crouching"), ("pick-up", "bending"), ("lie-on-floor", "lying"),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("seed", range(3))
+def test_what_a_body_does_is_told(kind: str, state: str, seed: int) -> None:
+    # Three seconds before it gets up: the last posture has been held for as long.
+    joints_m = doing(kind, seed)
+    moved = np.linalg.norm(np.diff(joints_m[:, 11], axis=0), axis=-1)
+    low = np.flatnonzero(moved > 0.01)
+    still = [
+        n for n in range(int(START_S * FPS), len(joints_m) - 25) if (moved[n : n + 25] < 0.01).all()
+    ]
+    assert len(low) and still
+    told = states(joints_m)
+    assert STATES[int(told[5].argmax())] == "standing"
+    assert STATES[int(told[still[0] + 24].argmax())] == state
+    assert STATES[int(told[-1].argmax())] == "standing"
+
+
+def test_somebody_on_a_bed_lies_and_is_not_on_the_floor() -> None:
+    joints_m = doing("lie-on-bed", 1)
+    bed = ZoneTable("bed", EVERYWHERE, height_m=BED_M)
+    watch = begin_watch(EventsTable(), COCO17.joints, (bed,))
+    lay, floor = 0.0, 0.0
+    for slot in seen(joints_m):
+        watch, _ = advance(watch, slot)
+        person = watch.shown[1]
+        lay, floor = max(lay, person.lies), max(floor, person.on_floor)
+    assert lay > 0.9 and floor < 0.5
+
+
+def test_few_or_uncertain_joints_make_a_state_unknown_not_wrong() -> None:
+    joints_m = doing("fall-forward", 0)
+    hidden = joints_m.copy()
+    hidden[:, 5:] = np.nan  # the head alone
+    assert (states(hidden).argmax(axis=1) == UNKNOWN).mean() > 0.9
+    # A metre of error: nothing is certain.
+    told = states(joints_m, 1.0)
+    assert (told.argmax(axis=1) == UNKNOWN).mean() > 0.9
+
+
+def test_children_and_giants_stand() -> None:
+    joints_m = doing("kneel", 2)
+    for factor in (0.6, 1.15):
+        told = states(factor * joints_m)
+        assert STATES[int(told[30].argmax())] == "standing"
