@@ -22,7 +22,8 @@ from e3pose.store.rows import energy_row, event_row, slot_rows
 Place = Path | str
 STARTED_NS = 1_795_000_000_000_000_000
 SLOTS = 40
-LATER = {"slots": "blind", "poses": "dynamics"}  # columns that version 1 did not have
+OF_PEOPLE = {"track_id", "zone", "phase", "start_ns", "score"}
+LATER = {"slots": {"blind"}, "poses": {"dynamics"}, "events": OF_PEOPLE}  # columns since
 SCHEMAS = Path(__file__).parent / "schemas"
 
 
@@ -36,8 +37,8 @@ def old(place: Place, record: Records, run: Runs, monkeypatch: pytest.MonkeyPatc
             connection.exec_driver_sql(statement)
         connection.execute(text("INSERT INTO e3pose_store (version) VALUES (1)"))
     rows = [r for s in range(SLOTS) for r in slot_rows(record(s), STARTED_NS + s * 40_000_000)]
-    rows = [(name, {key: row[key] for key in row if key != LATER.get(name)}) for name, row in rows]
     rows.append(event_row(Event(STARTED_NS, "start", "begun"), 1))
+    rows = [(n, {k: r[k] for k in r if k not in LATER.get(n, ())}) for n, r in rows]
     rows.append(energy_row(EnergyReading(STARTED_NS, "north", 1.0, 1.0, "measured")))
     monkeypatch.setattr("e3pose.store.delivery.prepare", lambda *_: 1)
     delivery = Delivery(database_url(place))
@@ -84,7 +85,7 @@ def test_writer_upgrades_a_store_of_version_1(
         writer.append(record(5), wait=True)  # is there already
     assert version(old) == schema.VERSION
     assert [e.kind for e in reported] == ["store-upgraded"]
-    assert reported[0].message.endswith("upgraded from schema 1 to 4")
+    assert reported[0].message.endswith("upgraded from schema 1 to 5")
     after = Store(old).query()
     assert after.slots.tolist() == sorted([*range(SLOTS + 1)] * 2)
     for name in ("joints_m", "scores", "sigma_m", "measured", "time_ns", "track_ids"):
@@ -123,7 +124,7 @@ def test_upgrade_without_room_is_refused(
         pytest.skip("the disk of a server is not ours")
     usage = namedtuple("usage", "total used free")
     monkeypatch.setattr(shutil, "disk_usage", lambda _: usage(1, 1, 10))
-    with pytest.raises(InputError, match=r"from schema 1 to 4: found 0\.00 GB of free disk space"):
+    with pytest.raises(InputError, match=r"from schema 1 to 5: found 0\.00 GB of free disk space"):
         StoreWriter(old, run())
     assert version(old) == 1
 
@@ -137,7 +138,7 @@ def test_newer_version_is_refused_and_untouched(
         connection.execute(update(schema.about).values(version=7))
     before = tables(place), place.read_bytes() if isinstance(place, Path) else b""
     for use in (lambda: StoreWriter(place, run()), lambda: Store(place).query()):
-        with pytest.raises(InputError, match=r"version: found 7, expected 1 to 4; read it with"):
+        with pytest.raises(InputError, match=r"version: found 7, expected 1 to 5; read it with"):
             use()
     with pytest.raises(SystemExit) as stop:
         main(["query", str(place)])
@@ -157,7 +158,8 @@ def test_every_step_is_there_and_every_growing_table_has_the_time_in_its_key() -
 def test_rows_that_an_earlier_version_spooled_are_delivered(record: Records) -> None:
     rows = slot_rows(record(0), STARTED_NS)
     earlier = [
-        (name, {key: row[key] for key in row if key != LATER.get(name)}) for name, row in rows
+        (name, {k: row[k] for k in row if k not in LATER.get(name, ())}) for name, row in rows
     ]
     found = known([*earlier, ("slots", {"slot": 1}), ("other", {}), *rows])
-    assert found == [*((n, {**r, LATER[n]: None}) for n, r in earlier), *rows]
+    later = [(n, {**r, **dict.fromkeys(LATER[n])}) for n, r in earlier]
+    assert found == [*later, *rows]

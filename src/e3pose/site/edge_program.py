@@ -35,12 +35,11 @@ from e3pose.settings.resolved import ResolvedSite, resolve
 from e3pose.settings.site_file import load_site
 from e3pose.site.admission import Admission, edge_link, join_as_edge
 from e3pose.site.control import SiteControls
+from e3pose.site.event_sink import event_sink
 from e3pose.site.expiry import ExpiryWatch
 from e3pose.site.interpreter import reduce_pauses
 from e3pose.site.program_log import NO_LOG, Log
 from e3pose.site.run import run_until_stopped
-from e3pose.site.zone_sink import ZoneSink
-from e3pose.site.zones import Zones
 from e3pose.store.rows import Event, Run
 from e3pose.wire.keys.folder import not_admitted
 from e3pose.wire.site_messages import Status
@@ -249,7 +248,7 @@ def make_edge(
     )
     controls = SiteControls(site, ledger)
     recorder = open_recorder(site, event_log, stack)
-    kept = ZoneSink(sink, Zones(site.zone)) if sink is not None and site.zone else sink
+    kept = None if sink is None else event_sink(site, sink)
     watch = KnockWatch(site.rig)
     consumers = Consumers(kept, learner, ledger, controls, recorder, watch)
     return EdgeServer(pipeline, transport, settings, clock, state_file, event_log, consumers)

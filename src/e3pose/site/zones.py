@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.events.people import Seen
 from e3pose.model.region import distance_m, in_polygon, middles_m
 from e3pose.model.zone_event import Kind, ZoneEvent
 from e3pose.settings.site_file import ZoneTable
@@ -28,16 +28,6 @@ class Stay:
     since_ns: int
     seen_ns: int
     dwelt: bool = False
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Seen:
-    """The people of a slot, as zones need them; see `LiveSlot`."""
-
-    slot: int
-    time_ns: int
-    track_ids: NDArray[np.int64]
-    joints_m: NDArray[np.floating]
 
 
 @dataclass(frozen=True, slots=True)

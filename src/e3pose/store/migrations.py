@@ -97,4 +97,13 @@ def _to_4(connection: Connection) -> None:
     connection.exec_driver_sql(f"ALTER TABLE poses ADD COLUMN dynamics {kind}")
 
 
-STEPS = {2: _to_2, 3: _to_3, 4: _to_4}
+def _to_5(connection: Connection) -> None:
+    """Make columns for what people do."""
+    for column, kind in (
+        ("track_id", "BIGINT"), ("zone", "TEXT"), ("phase", "TEXT"), ("start_ns", "BIGINT"),
+        ("score", "FLOAT"),
+    ):  # fmt: skip
+        connection.exec_driver_sql(f"ALTER TABLE events ADD COLUMN {column} {kind}")
+
+
+STEPS = {2: _to_2, 3: _to_3, 4: _to_4, 5: _to_5}

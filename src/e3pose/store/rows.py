@@ -74,12 +74,22 @@ class Event:
         kind: one word, such as `camera-lost`.
         message: one line.
         camera_id: the camera it is about, if it is about one.
+        track_id: the person it is about; -1 of one about nobody, None of one about the site.
+        zone: where; empty where it is in none.
+        phase: of what people do: `begun` or `ended`.
+        start_ns: when it began.
+        score: probability that it is so.
     """
 
     time_ns: int
     kind: str
     message: str
     camera_id: str | None = None
+    track_id: int | None = None
+    zone: str | None = None
+    phase: str | None = None
+    start_ns: int | None = None
+    score: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,6 +189,11 @@ def event_row(event: Event, number: int) -> Row:
             "kind": event.kind[:MAX_TEXT],
             "camera_id": event.camera_id,
             "message": event.message[:MAX_TEXT],
+            "track_id": event.track_id,
+            "zone": event.zone and event.zone[:MAX_TEXT],
+            "phase": event.phase,
+            "start_ns": event.start_ns,
+            "score": event.score,
         },
     )
 

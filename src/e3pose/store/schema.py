@@ -24,8 +24,8 @@ from sqlalchemy import (
 
 from e3pose.base.errors import InputError
 
-VERSION = 4  # one more with every change, and a step to it in `store.migrations`
-READABLE = (1, 2, 3, 4)  # columns have the same names and meaning; earlier ones have fewer
+VERSION = 5  # one more with every change, and a step to it in `store.migrations`
+READABLE = (1, 2, 3, 4, 5)  # columns have the same names and meaning; earlier ones have fewer
 
 metadata = MetaData()
 
@@ -118,6 +118,12 @@ events = Table(
     Column("kind", Text, nullable=False),
     Column("camera_id", Text),
     Column("message", Text, nullable=False),
+    # Of what people do, where it is that:
+    Column("track_id", BigInteger),  # -1: nobody's
+    Column("zone", Text),
+    Column("phase", Text),  # begun or ended
+    Column("start_ns", BigInteger),
+    Column("score", Float),  # probability that it is so
     sqlite_with_rowid=False,
 )
 

@@ -1,0 +1,102 @@
+"""A store writer that also stores what happens: in zones, and what people do."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.base.errors import InputError
+from e3pose.events import watch as watching
+from e3pose.events.people import Seen
+from e3pose.events.watch import Watch, begin_watch
+from e3pose.model.person_event import PersonEvent, sentence
+from e3pose.model.uncertainty import axis_sigma_m
+from e3pose.pipeline import SlotRecord
+from e3pose.settings.resolved import ResolvedSite
+from e3pose.site.zones import Zones, advance
+from e3pose.store.rows import Event
+
+if TYPE_CHECKING:
+    from e3pose.store.writer import StoreWriter, WriterStatus
+
+
+@dataclass(eq=False)
+class EventSink:
+    """Hands slots on to a writer, and what happened in them.
+
+    Attributes:
+        writer: of the store.
+        zones: who is in which.
+        watch: who does what; None where the site does not ask for it.
+    """
+
+    writer: StoreWriter
+    zones: Zones
+    watch: Watch | None = None
+
+    def append(
+        self,
+        record: SlotRecord,
+        *,
+        time_ns: int | None = None,
+        energy_j: NDArray[np.float64] | None = None,
+        wait: bool = False,
+    ) -> bool:
+        """Keep a slot and what happened in it."""
+        taken = self.writer.append(record, time_ns=time_ns, energy_j=energy_j, wait=wait)
+        if time_ns is not None:
+            seen = seen_in(record, time_ns)
+            self.zones, events = advance(self.zones, seen)
+            for event in events:
+                self.writer.zone(event)
+            if self.watch is not None:
+                self.watch, told = watching.advance(self.watch, seen)
+                for each in told:
+                    self.writer.event(stored(each))
+        return taken
+
+    def event(self, event: Event) -> bool:
+        """Keep an event."""
+        return self.writer.event(event)
+
+    def status(self) -> WriterStatus:
+        """Return how the keeping goes."""
+        return self.writer.status()
+
+
+def seen_in(record: SlotRecord, time_ns: int) -> Seen:
+    """Return the people of a record."""
+    sigma_m = axis_sigma_m(record.covariance_m2)
+    return Seen(record.slot, time_ns, record.track_ids, record.poses.joints_m, sigma_m)
+
+
+def stored(event: PersonEvent) -> Event:
+    """Return an event of a person as a store keeps it."""
+    return Event(
+        event.time_ns, event.kind, sentence(event), track_id=event.track, zone=event.zone,
+        phase=event.phase, start_ns=event.start_ns, score=event.score,
+    )  # fmt: skip
+
+
+def event_sink(site: ResolvedSite, writer: StoreWriter) -> StoreWriter | EventSink:
+    """Return what keeps the slots of a site: with what happens in them, where that is asked for."""
+    if not site.zone and site.events is None:
+        return writer
+    return EventSink(writer, Zones(site.zone), site_watch(site))
+
+
+def site_watch(site: ResolvedSite) -> Watch | None:
+    """Return what follows the people of a site; None where it does not ask for it.
+
+    Raises:
+        InputError: for a kind of event that is not known.
+    """
+    if site.events is None:
+        return None
+    try:
+        return begin_watch(site.events, site.skeleton.joints, site.zone)
+    except InputError as error:
+        raise error.under("events").at(site.path) from None
