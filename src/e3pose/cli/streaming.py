@@ -36,9 +36,11 @@ def stream(
         Site file, or the folder that contains site.toml.
     target
         osc://HOST:PORT, vmc://HOST:PORT and vrchat://HOST:PORT (one person as an avatar),
-        lsl:NAME, foxglove://HOST:PORT, mcap:FILE.mcap, mqtt://HOST:PORT, mqtts://HOST:PORT. User
-        and password of a broker: E3POSE_MQTT_USER, E3POSE_MQTT_PASSWORD in the environment, or the
-        file that E3POSE_MQTT_PASSWORD_FILE names.
+        lsl:NAME, foxglove://HOST:PORT, mcap:FILE.mcap, mqtt://HOST:PORT, mqtts://HOST:PORT,
+        homeassistant://HOST:PORT or homeassistants://HOST:PORT (a broker; what people do, as
+        [events] of the site file says, and no poses). User and password of a broker:
+        E3POSE_MQTT_USER, E3POSE_MQTT_PASSWORD in the environment, or the file that
+        E3POSE_MQTT_PASSWORD_FILE names.
     delayed
         Stream the smoothed poses that the edge publishes later, as `smooth_delay_ms` of the site
         file or its --delay says, in place of those at once.
@@ -52,6 +54,7 @@ def stream(
     check_seconds("--for", for_s)
     from e3pose.settings.resolved import resolve_site
     from e3pose.site.connect import Connection
+    from e3pose.site.event_sink import site_watch
     from e3pose.site.follow import viewer_link
     from e3pose.site.run import run_until_stopped
     from e3pose.site.streams import Source, open_stream
@@ -62,7 +65,16 @@ def stream(
     if not target:
         raise InputError("TARGET", "none", "one at least, such as osc://127.0.0.1:9000")
     resolved = resolve_site(site)
-    source = Source(resolved.name, resolved.skeleton, resolved.fps, warn)
+    events = resolved.events
+    source = Source(
+        resolved.name,
+        resolved.skeleton,
+        resolved.fps,
+        warn,
+        resolved.rig.camera_ids,
+        tuple(zone.name for zone in resolved.zone),
+        () if events is None else events.kinds,
+    )
     link = viewer_link(resolved, keys)
     with ExitStack() as stack:
         streams = []
@@ -72,7 +84,9 @@ def stream(
         connection = stack.enter_context(
             Connection(resolved.name, open_network(link), delayed=delayed)
         )
-        sender = stack.enter_context(Sender(connection, streams, Zones(resolved.zone), warn))
+        sender = stack.enter_context(
+            Sender(connection, streams, Zones(resolved.zone), warn, site_watch(resolved))
+        )
         what = "smoothed poses of site" if delayed else "site"
         print(f"Streaming {what} {resolved.name} to {', '.join(target)}", flush=True)
         end_s = None if for_s is None else time.monotonic() + for_s

@@ -24,6 +24,9 @@ STREAMS = {
     "mcap": "mcap:FILE.mcap, a recording for Foxglove and ROS tools",
     "mqtt": "mqtt://HOST:PORT, a broker: home automation, dashboards",
     "mqtts": "mqtts://HOST:PORT, a broker over TLS",
+    "homeassistant": "homeassistant://HOST:PORT, a broker that Home Assistant listens to: counts, "
+    "states and events of people, no poses",
+    "homeassistants": "homeassistants://HOST:PORT, the same over TLS",
 }
 
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from e3pose.base.errors import InputError
+from e3pose.events.watch import Watch
+from e3pose.model.person_event import PersonEvent
 from e3pose.model.skeleton import Skeleton
 from e3pose.model.zone_event import ZoneEvent
 from e3pose.site.connect import LiveSlot
@@ -22,12 +24,27 @@ class Source:
         skeleton: of the joints.
         fps: slots per second.
         report: called with lines for operators.
+        cameras: their names.
+        zones: names of the zones.
+        kinds: of the events that are told.
     """
 
     site: str
     skeleton: Skeleton
     fps: float
     report: Callable[[str], object] = lambda line: None
+    cameras: tuple[str, ...] = ()
+    zones: tuple[str, ...] = ()
+    kinds: tuple[str, ...] = ()
+
+
+@runtime_checkable
+class TellsPeople(Protocol):
+    """A stream that is also told what people do."""
+
+    def people(self, watch: Watch, events: Sequence[PersonEvent]) -> None:
+        """Take who does what after a slot, and the events of it."""
+        ...
 
 
 class Stream(Protocol):

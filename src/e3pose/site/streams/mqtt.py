@@ -42,13 +42,20 @@ def open_stream(place: str, source: Source) -> MqttStream:
 def connected(
     place: str, source: Source, usual_port: int, secure: ssl.SSLContext | None
 ) -> MqttStream:
-    """Return a stream to a connected broker.
+    """Return a stream to a connected broker; see `connected_client`."""
+    return MqttStream(connected_client(place, usual_port, secure), source.site)
+
+
+def connected_client(
+    place: str, usual_port: int, secure: ssl.SSLContext | None, will: tuple[str, str] | None = None
+) -> mqtt.Client:
+    """Return a client that a broker has accepted.
 
     Args:
         place: `HOST[:PORT]`.
-        source: what will be sent.
         usual_port: where none is named.
         secure: how the broker proves who it is; None for plain text.
+        will: topic and retained message that the broker sends when we are gone.
 
     Raises:
         InputError: when there is no broker, it is not who it should be or refuses us, or a password
@@ -61,6 +68,8 @@ def connected(
     client = mqtt.Client(CallbackAPIVersion.VERSION2)
     client.max_queued_messages_set(MAX_WAITING)
     client.on_connect = lambda _client, _data, _flags, reason, _more: answered.put(reason)
+    if will is not None:
+        client.will_set(*will, qos=1, retain=True)
     user, password = login(os.environ)
     if user is not None:
         if secure is None and not is_loopback(host):
@@ -85,7 +94,7 @@ def connected(
         client.loop_stop()
         wanted = f"a broker that accepts us; its user and password go into {USER} and {PASSWORD}"
         raise InputError("target", f"{where} ({refused})", wanted)
-    return MqttStream(client, source.site)
+    return client
 
 
 def login(environment: Mapping[str, str]) -> tuple[str | None, str | None]:

@@ -6,8 +6,11 @@ import threading
 from collections.abc import Callable, Sequence
 
 from e3pose.base.errors import InputError
-from e3pose.site.connect import Connection
-from e3pose.site.streams.base import Stream
+from e3pose.events import watch as watching
+from e3pose.events.people import Seen
+from e3pose.events.watch import Watch
+from e3pose.site.connect import Connection, LiveSlot
+from e3pose.site.streams.base import Stream, TellsPeople
 from e3pose.site.zones import Zones, advance
 
 END_S = 5.0
@@ -28,6 +31,7 @@ class Sender:
         streams: Sequence[Stream],
         zones: Zones,
         report: Callable[[str], object] = lambda line: None,
+        watch: Watch | None = None,
     ) -> None:
         """Prepare to send.
 
@@ -36,11 +40,14 @@ class Sender:
             streams: where to.
             zones: of the site, empty.
             report: called with why nothing comes, once each time it ceases to come.
+            watch: follows what people do, for streams that tell it.
         """
         self.report = report
         self.sent = 0
         self.failure: BaseException | None = None
         self._connection, self._streams, self._zones = connection, streams, zones
+        self._telling = [stream for stream in streams if isinstance(stream, TellsPeople)]
+        self._watch = watch if self._telling else None
         self._thread = threading.Thread(target=self._run, name="stream", daemon=True)
 
     def __enter__(self) -> Sender:
@@ -55,6 +62,15 @@ class Sender:
         """Return whether it still sends, or waits for the edge."""
         return self._thread.is_alive()
 
+    def _tell(self, slot: LiveSlot) -> None:
+        """Tell what people do."""
+        if self._watch is None:
+            return
+        seen = Seen(slot.slot, slot.time_ns, slot.track_ids, slot.joints_m, slot.sigma_m)
+        self._watch, events = watching.advance(self._watch, seen)
+        for stream in self._telling:
+            stream.people(self._watch, events)
+
     def _run(self) -> None:
         silent = False
         while True:
@@ -66,6 +82,7 @@ class Sender:
                         stream.slot(slot)
                         for event in events:
                             stream.zone(event)
+                    self._tell(slot)
                     self.sent += 1
                 return
             except InputError as error:  # the edge is away: it comes back

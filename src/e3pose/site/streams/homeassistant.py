@@ -1,0 +1,205 @@
+"""Home Assistant by MQTT discovery: counts, states and events of people. Poses never leave.
+
+homeassistant/device/e3pose_SITE/config  what there is, retained: one device with its components
+e3pose/SITE/home/online                  `online` or `offline`, retained; the broker says the latter
+e3pose/SITE/home/state                   people, people by state and by zone, cameras: retained
+e3pose/SITE/home/alarm                   `on` for each kind of event that goes on, retained
+e3pose/SITE/home/told                    the last event: its sentence, kind, zone, score, retained
+e3pose/SITE/home/trigger/KIND            an event, for device triggers
+
+The format of the first is Home Assistant's, of 2024.11 or later:
+https://www.home-assistant.io/integrations/mqtt/#device-discovery-payload
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import ssl
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from datetime import datetime, timezone
+from typing import Any
+
+import paho.mqtt.client as mqtt
+
+from e3pose import __version__
+from e3pose.events.states import STATES
+from e3pose.events.watch import Watch
+from e3pose.model.person_event import PersonEvent, sentence
+from e3pose.model.zone_event import ZoneEvent
+from e3pose.site.connect import LiveSlot
+from e3pose.site.streams.base import Source
+from e3pose.site.streams.mqtt import PORT, connected_client
+
+EVERY_S = 1.0  # states are sent at most so often
+SILENT_S = 30.0  # a camera that sends nothing for longer rests
+BIRTH = "homeassistant/status"  # where Home Assistant says that it has started
+PAGE = "https://github.com/e3pose/e3pose"
+# What a kind of event is called, and its class of `binary_sensor` while it goes on.
+ALARMS = {
+    "fall": ("Fall", "safety"), "on-floor": ("On the floor", "safety"),
+    "nobody": ("Nobody seen", None), "too-many": ("Too many people", "problem"),
+}  # fmt: skip
+NAMES = {"got-up": "Got up", "left": "Left bed or seat", "waved": "Waved"}
+FALL_ENDS = "got-up"  # a fall is told once; its alarm goes off with this
+
+
+def open_stream(place: str, source: Source) -> HomeAssistantStream:
+    """Return a stream to the broker at `HOST:PORT` in plain text."""
+    return opened(place, source, PORT, None)
+
+
+def opened(
+    place: str, source: Source, usual_port: int, secure: ssl.SSLContext | None
+) -> HomeAssistantStream:
+    """Return a stream to a connected broker; see `mqtt.connected_client`."""
+    online = f"{prefix(source.site)}/online"
+    client = connected_client(place, usual_port, secure, (online, "offline"))
+    return HomeAssistantStream(client, source)
+
+
+def prefix(site: str) -> str:
+    """Return where all topics of a site begin, but that of its discovery."""
+    return f"e3pose/{site}/home"
+
+
+def identifier(text: str) -> str:
+    """Return a text as Home Assistant takes it in an id."""
+    return re.sub(r"[^a-zA-Z0-9_-]", "_", text)
+
+
+def discovery(source: Source) -> tuple[str, dict[str, Any]]:
+    """Return topic and message by which Home Assistant learns what a site has."""
+    node, base = f"e3pose_{identifier(source.site)}", prefix(source.site)
+    parts: dict[str, dict[str, Any]] = {}
+
+    def add(key: str, platform: str, name: str, value: str, **more: Any) -> None:
+        parts[key] = {
+            "platform": platform, "name": name, "unique_id": f"{node}_{key}",
+            "state_topic": f"{base}/state", "value_template": f"{{{{ {value} }}}}",
+            **{word: of for word, of in more.items() if of is not None},
+        }  # fmt: skip
+
+    counted = {"state_class": "measurement", "unit_of_measurement": "people"}
+    add("people", "sensor", "People", "value_json.people", icon="mdi:account-group", **counted)
+    for state in STATES:
+        add(f"state_{state}", "sensor", f"People {state}", f"value_json.states.{state}", **counted)
+    for index, zone in enumerate(source.zones):
+        value = f"value_json.zones[{index}]"
+        add(f"zone_{identifier(zone)}", "sensor", f"People in {zone}", value, **counted)
+        add(
+            f"occupied_{identifier(zone)}", "binary_sensor", f"{zone} occupied",
+            f"'ON' if {value} > 0 else 'OFF'", device_class="occupancy",
+        )  # fmt: skip
+    for index, camera in enumerate(source.cameras):
+        value = f"'ON' if value_json.cameras[{index}] else 'OFF'"
+        add(
+            f"camera_{identifier(camera)}", "binary_sensor", f"Camera {camera}", value,
+            device_class="running", entity_category="diagnostic",
+        )  # fmt: skip
+    for kind in source.kinds:
+        key = identifier(kind)
+        if kind in ALARMS:
+            name, device_class = ALARMS[kind]
+            value = f"'ON' if value_json['{kind}'] else 'OFF'"
+            add(f"alarm_{key}", "binary_sensor", name, value, device_class=device_class)
+            parts[f"alarm_{key}"]["state_topic"] = f"{base}/alarm"
+        parts[f"trigger_{key}"] = {
+            "platform": "device_automation", "automation_type": "trigger", "type": "event",
+            "subtype": kind, "topic": f"{base}/trigger/{key}",
+        }  # fmt: skip
+    add("told", "sensor", "Last event", "value_json.sentence[:255]", icon="mdi:bell")
+    parts["told"] |= {"state_topic": f"{base}/told", "json_attributes_topic": f"{base}/told"}
+    message = {
+        "device": {
+            "identifiers": [node], "name": f"e3pose {source.site}", "manufacturer": "e3pose",
+            "model": "site of cameras", "sw_version": __version__,
+        },
+        "origin": {"name": "e3pose", "sw_version": __version__, "support_url": PAGE},
+        "availability_topic": f"{base}/online",
+        "components": parts,
+    }  # fmt: skip
+    return f"homeassistant/device/{node}/config", message
+
+
+class HomeAssistantStream:
+    """See `Stream` and `TellsPeople`."""
+
+    def __init__(self, client: mqtt.Client, source: Source) -> None:
+        """Announce a site through a client that is connected."""
+        self._client, self._source = client, source
+        self._base = prefix(source.site)
+        self._sent: dict[str, str] = {}
+        self._sent_ns = -(10**18)
+        self._zones = dict.fromkeys(source.zones, 0)
+        self._arrived_ns = dict.fromkeys(source.cameras, 0)
+        self._alarms = {kind: set[int]() for kind in source.kinds if kind in ALARMS}
+        client.on_message = lambda _client, _data, message: self._announce()
+        client.subscribe(BIRTH, qos=1)
+        self._announce()
+
+    def _announce(self) -> None:
+        """Say what there is, and that it is there; again when Home Assistant starts."""
+        topic, message = discovery(self._source)
+        self._client.publish(topic, json.dumps(message), qos=1, retain=True)
+        self._client.publish(f"{self._base}/online", "online", qos=1, retain=True)
+        for topic, text in self._sent.copy().items():
+            self._client.publish(topic, text, qos=1, retain=True)
+
+    def _retain(self, topic: str, value: Mapping[str, Any]) -> None:
+        """Send a state that changed."""
+        topic, text = f"{self._base}/{topic}", json.dumps(value)
+        if self._sent.get(topic) != text:
+            self._sent[topic] = text
+            self._client.publish(topic, text, qos=1, retain=True)
+
+    def slot(self, slot: LiveSlot) -> None:
+        """See `Stream.slot`."""
+        for camera in slot.arrived:
+            self._arrived_ns[camera] = slot.time_ns
+
+    def zone(self, event: ZoneEvent) -> None:
+        """See `Stream.zone`."""
+        self._zones[event.zone] = event.count
+
+    def people(self, watch: Watch, events: Sequence[PersonEvent]) -> None:
+        """See `TellsPeople.people`."""
+        for event in events:
+            self._tell(event)
+        now_ns = max((person.seen_ns for person in watch.shown.values()), default=None)
+        now_ns = now_ns or max(self._arrived_ns.values(), default=0)
+        if now_ns - self._sent_ns >= EVERY_S * 1e9 or events:
+            self._sent_ns = now_ns
+            does = Counter(STATES[int(p.states.argmax())] for p in watch.shown.values())
+            self._retain("state", {
+                "people": len(watch.shown),
+                "states": {state: does[state] for state in STATES},
+                "zones": [self._zones[zone] for zone in self._source.zones],
+                "cameras": [
+                    now_ns - self._arrived_ns[camera] < SILENT_S * 1e9
+                    for camera in self._source.cameras
+                ],
+            })  # fmt: skip
+            self._retain("alarm", {kind: bool(tracks) for kind, tracks in self._alarms.items()})
+
+    def _tell(self, event: PersonEvent) -> None:
+        """Tell an event: as the last one, by its trigger, and by its alarm while it goes on."""
+        if event.kind in self._alarms:
+            change = set.add if event.phase == "begun" else set.discard
+            change(self._alarms[event.kind], event.track)
+        if event.kind == FALL_ENDS and "fall" in self._alarms:
+            self._alarms["fall"].discard(event.track)
+        here = datetime.now().astimezone().tzinfo
+        words = {**asdict(event), "sentence": sentence(event, zone=here or timezone.utc)}
+        self._retain("told", words)
+        if event.phase == "begun" or event.kind in NAMES:
+            key = identifier(event.kind)
+            self._client.publish(f"{self._base}/trigger/{key}", json.dumps(words), qos=1)
+
+    def close(self) -> None:
+        """See `Stream.close`."""
+        self._client.publish(f"{self._base}/online", "offline", qos=1, retain=True)
+        self._client.disconnect()
+        self._client.loop_stop()

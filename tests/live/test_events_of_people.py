@@ -1,0 +1,77 @@
+"""A fall in a running site: stored, and told to Home Assistant through a broker."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import paho.mqtt.client as mqtt
+import pytest
+from paho.mqtt.enums import CallbackAPIVersion
+from tests.live.processes import CAMERAS, FPS, LiveSite, e3pose
+from tests.ports import free_port
+from tests.waiting import eventually
+
+from e3pose.recording import save_recording
+from e3pose.simulate import SceneSettings, simulate
+from e3pose.simulate.simulation import episodes_of
+from e3pose.store import Store
+
+HOME = SceneSettings("home-fall", seconds=30.0, fps=FPS, cameras=len(CAMERAS))
+SEED = 1
+
+
+@pytest.fixture
+def port(tmp_path: Path) -> Iterator[int]:
+    """A mosquitto on a free port."""
+    program = shutil.which("mosquitto", path="/usr/sbin:/usr/bin:/usr/local/sbin")
+    if program is None:
+        pytest.skip("mosquitto is not installed")
+    port, file = free_port(), tmp_path / "mosquitto.conf"
+    file.write_text(f"listener {port} 127.0.0.1\nallow_anonymous true\n")
+    broker = subprocess.Popen([program, "-c", str(file)], stderr=subprocess.DEVNULL)
+    yield port
+    broker.terminate()
+    broker.wait()
+
+
+def test_a_fall_reaches_home_assistant_and_the_store(tmp_path: Path, port: int) -> None:
+    (person,) = episodes_of(HOME, SEED)
+    assert person[0].kind.startswith("fall")
+    save_recording(simulate(HOME, SEED), tmp_path / "recording")
+    tables = ("[store]", 'path = "poses.db"', "[events]", "lies_s = 8.0")
+    site = LiveSite(tmp_path, tables=tables)
+    heard: dict[str, Any] = {}
+
+    def note(_client: object, _data: object, message: mqtt.MQTTMessage) -> None:
+        heard[message.topic] = message.payload.decode()
+
+    home = mqtt.Client(CallbackAPIVersion.VERSION2)
+    home.on_message = note
+    home.on_connect = lambda *_: home.subscribe("#", qos=1)
+    with site.at_work():
+        assert eventually(lambda: not home.connect("127.0.0.1", port)), "mosquitto runs"
+        home.loop_start()
+        place = f"homeassistant://127.0.0.1:{port}"
+        site.start("stream", *e3pose("stream", str(site.path), place))
+        trigger = "e3pose/lab/home/trigger/fall"
+        assert eventually(lambda: trigger in heard, 90.0), (heard, site.diagnostics())
+        config = json.loads(heard["homeassistant/device/e3pose_lab/config"])
+        assert {"alarm_fall", "trigger_fall", "people"} <= set(config["components"])
+        assert heard["e3pose/lab/home/online"] == "online"
+        assert "fell" in json.loads(heard[trigger])["sentence"]
+        assert not any("joints" in payload for payload in heard.values()), "no poses leave"
+
+        def stored() -> list[dict[str, Any]]:
+            return [r for r in Store(tmp_path / "poses.db").rows("events") if r["kind"] == "fall"]
+
+        assert eventually(lambda: bool(stored())), site.diagnostics()
+        assert stored()[0]["phase"] == "begun" and stored()[0]["track_id"] >= 0
+        site.programs["stream"].kill()  # the broker tells what its program cannot
+        assert eventually(lambda: heard["e3pose/lab/home/online"] == "offline")
+    home.disconnect()
+    home.loop_stop()

@@ -1,0 +1,97 @@
+"""Home Assistant's discovery: what its documentation asks of each component, and nothing more."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+from unittest.mock import MagicMock
+
+import numpy as np
+import pytest
+from tests.events.bodies import doing, seen
+from tests.site.streams.test_streams import EVENT, slot
+
+from e3pose.events.watch import advance, begin_watch
+from e3pose.model.skeleton import COCO17
+from e3pose.settings.events_table import EventsTable
+from e3pose.site.streams import Source
+from e3pose.site.streams.base import TellsPeople
+from e3pose.site.streams.homeassistant import HomeAssistantStream, discovery
+
+SOURCE = Source(
+    "lab", COCO17, 12.5, cameras=("c0", "hall 2"), zones=("door",), kinds=EventsTable().kinds
+)
+# https://www.home-assistant.io/integrations/mqtt/, sensor.mqtt/, binary_sensor.mqtt/ and
+# device_trigger.mqtt/: required keys, and those that we use of the optional ones.
+REQUIRED = {
+    "sensor": {"platform", "unique_id", "state_topic"},
+    "binary_sensor": {"platform", "unique_id", "state_topic"},
+    "device_automation": {"platform", "automation_type", "topic", "type", "subtype"},
+}
+OPTIONAL = {
+    "sensor": {
+        "name", "value_template", "state_class", "unit_of_measurement", "icon",
+        "json_attributes_topic",
+    },
+    "binary_sensor": {"name", "value_template", "device_class", "entity_category"},
+    "device_automation": {"payload", "qos", "value_template"},
+}  # fmt: skip
+CLASSES = {"occupancy", "running", "safety", "problem"}
+
+
+def test_every_component_is_as_documented() -> None:
+    topic, message = discovery(SOURCE)
+    assert topic == "homeassistant/device/e3pose_lab/config"
+    assert set(message) == {"device", "origin", "availability_topic", "components"}
+    assert message["device"]["identifiers"] and message["origin"]["name"]
+    ids = [c["unique_id"] for c in message["components"].values() if "unique_id" in c]
+    assert len(ids) == len(set(ids))
+    for component in message["components"].values():
+        kind = component["platform"]
+        assert REQUIRED[kind] <= set(component) <= REQUIRED[kind] | OPTIONAL[kind]
+        assert component.get("device_class", "running") in CLASSES
+    assert {"zone_door", "occupied_door", "camera_hall_2"} <= set(message["components"])
+
+
+@pytest.fixture
+def client() -> MagicMock:
+    return MagicMock()
+
+
+def retained(client: MagicMock) -> dict[str, Any]:
+    """Return the last message of each topic."""
+    return {call.args[0]: call.args[1] for call in client.publish.call_args_list}
+
+
+def test_a_fall_goes_on_until_the_person_is_up(client: MagicMock) -> None:
+    stream = HomeAssistantStream(client, SOURCE)
+    assert isinstance(stream, TellsPeople)
+    watch = begin_watch(EventsTable(), COCO17.joints)
+    alarms, people = [], set[int]()
+    for each in seen(doing("fall-forward", 0)):
+        watch, events = advance(watch, each)
+        stream.people(watch, events)
+        said = retained(client)
+        alarms.append(json.loads(said["e3pose/lab/home/alarm"])["fall"])
+        people.add(json.loads(said["e3pose/lab/home/state"])["people"])
+    assert people == {1}
+    assert np.diff(np.array(alarms, dtype=int)).nonzero()[0].size == 2, "on, and off again"
+    told = json.loads(retained(client)["e3pose/lab/home/trigger/fall"])
+    assert told["kind"] == "fall" and "Person 1 fell" in told["sentence"]
+
+
+def test_counts_of_zones_and_cameras_are_told(client: MagicMock) -> None:
+    stream = HomeAssistantStream(client, SOURCE)
+    watch = begin_watch(EventsTable(), COCO17.joints)
+    stream.slot(slot(7))
+    stream.zone(EVENT)
+    stream.people(watch, [])
+    state = json.loads(retained(client)["e3pose/lab/home/state"])
+    assert state["zones"] == [EVENT.count] and state["cameras"] == [True, False]
+
+
+def test_it_says_again_what_there_is_when_home_assistant_starts(client: MagicMock) -> None:
+    HomeAssistantStream(client, SOURCE)
+    before = client.publish.call_count
+    client.on_message(client, None, MagicMock())
+    assert client.publish.call_count == 2 * before
