@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 import subprocess
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -45,17 +46,19 @@ def test_a_fall_reaches_home_assistant_and_the_store(tmp_path: Path, port: int) 
     save_recording(simulate(HOME, SEED), tmp_path / "recording")
     tables = ("[store]", 'path = "poses.db"', "[events]", "lies_s = 8.0")
     site = LiveSite(tmp_path, tables=tables)
-    heard: dict[str, Any] = {}
+    heard, ready = dict[str, Any](), threading.Event()
 
     def note(_client: object, _data: object, message: mqtt.MQTTMessage) -> None:
         heard[message.topic] = message.payload.decode()
 
     home = mqtt.Client(CallbackAPIVersion.VERSION2)
     home.on_message = note
-    home.on_connect = lambda *_: home.subscribe("#", qos=1)
+    home.on_subscribe = lambda *_: ready.set()
     with site.at_work():
         assert eventually(lambda: not home.connect("127.0.0.1", port)), "mosquitto runs"
         home.loop_start()
+        home.subscribe("#", qos=1)
+        assert ready.wait(30)
         place = f"homeassistant://127.0.0.1:{port}"
         site.start("stream", *e3pose("stream", str(site.path), place))
         trigger = "e3pose/lab/home/trigger/fall"

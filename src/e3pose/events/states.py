@@ -57,7 +57,7 @@ _VARIANCE = np.array([p.spread for p in PROTOTYPES], dtype=np.float64) ** 2
 _OF_STATE = np.eye(len(STATES))[_STATE]
 # What a figure may be at all: the density of `unknown`.
 _ALL_LOG = -np.log([1.1, 1.1, 1.1, 120, 120, 120, 2.0])
-STAYS_S = 1.0  # tuned: s | simulated homes, seeds 0 to 9 | see the page on events
+STAYS_S = 1.0  # a state lasts about so long, by reasoning
 LASTS_S = 0.4  # errors of a pose last so long: slots within it are one look
 LEAST_FIGURES = 3  # with fewer a pose says nothing about the state
 NEVER = 1e-9

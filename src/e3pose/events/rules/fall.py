@@ -13,7 +13,7 @@ from e3pose.events.spells import Bounds, Spell, turn
 from e3pose.model.person_event import PersonEvent
 from e3pose.settings.events_table import EventsTable
 
-# tuned: all of these | simulated homes, seeds 0 to 9 | docs/research/events.md
+# Chosen on simulated homes, seeds 0 to 3; see docs/research/events.md.
 LEAST_DROP = 0.16  # of the hips, share of the stature: from a seat to the floor are 0.24
 FAST = 0.37  # mean speed of the middle half of the way, statures / s, by the root of the drop
 FAST_SPREAD = 0.04
@@ -32,7 +32,7 @@ class Descent:
     @property
     def pace(self) -> float:
         """Speed for a drop of one: what falls goes as fast as the root of its height."""
-        return self.speed / max(self.drop, 1e-3) ** 0.5
+        return self.speed / float(np.sqrt(max(self.drop, 1e-3)))
 
 
 def descent_of(person: Person) -> Descent:
