@@ -37,9 +37,11 @@ GROUP_S = 5.0  # of one person's walk, where few people are there
 MIN_PEOPLE = 3  # to leave out one after the other
 SAMPLES = 32
 SEED = 7
-RAYS = 5  # along either side of an image, to compare two lenses
+# tuned: rays along either side of an image | by reasoning, to compare two lenses | not measured
+RAYS = 5
 RANK = 1e-10  # of the normal equations: the scale is free
-KNOWN_SHARE = 1e-6  # of a focal length, below which it is known: rounding
+# tuned: share of a focal length | by reasoning: rounding of a known one | not measured
+KNOWN_SHARE = 1e-6
 FAR_DEG = 15.0  # from a calibration, farther is more likely wrong than right
 
 
