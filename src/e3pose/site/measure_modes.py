@@ -14,6 +14,7 @@ from e3pose.energy.profiles import DeviceProfile
 from e3pose.site.bench import mean_watts
 
 FIRST_FRAME_S = 30.0  # a source that takes longer to its first frame is broken
+REOPEN_S = 5.0
 LEAST_LOOKS = 3
 
 
@@ -102,12 +103,15 @@ def measure_modes(
 
 def _next_frame(source: LiveSource) -> LiveFrame:
     """Return the next frame of an open source; a film that runs away is opened again."""
-    end_s = time.perf_counter() + FIRST_FRAME_S
+    begun_s = opened_s = time.perf_counter()
     while (frame := source.read()) is None:
-        if time.perf_counter() > end_s:
+        now_s = time.perf_counter()
+        if now_s - begun_s > FIRST_FRAME_S:
             raise InputError("source", f"no frame in {FIRST_FRAME_S:g} s", "a source that films")
-        source.close()
-        source.open()
+        if now_s - opened_s > REOPEN_S:
+            source.close()
+            source.open()
+            opened_s = now_s
     return frame
 
 
