@@ -15,7 +15,7 @@ from e3pose.settings.resolved import resolve_site
 from e3pose.simulate import SceneSettings, simulate
 from e3pose.site.edge_program import Edge
 from e3pose.site.example import write_recorded
-from e3pose.site.web.program import View, open_view
+from e3pose.site.web.program import PageServer, open_view
 
 pytestmark = [
     pytest.mark.live,
@@ -25,7 +25,7 @@ LIVE = Path(__file__).parents[2] / "examples" / "06_live.py"
 
 
 @pytest.fixture(scope="module")
-def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Edge, View, Page]]:
+def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Edge, PageServer, Page]]:
     """An edge with three cameras, its view, and a browser."""
     folder = tmp_path_factory.mktemp("site")
     recording = simulate(SceneSettings(people=2, seconds=4, fps=12.5, cameras=3), seed=1)
@@ -43,7 +43,7 @@ def paused(edge: Edge) -> list[bool]:
 
 
 def test_slider_moves_the_edge_and_the_button_pauses_a_camera(
-    site: tuple[Edge, View, Page],
+    site: tuple[Edge, PageServer, Page],
 ) -> None:
     edge, view, page = site
     page.open(f"{view.url}#token={view.tokens.write}")
@@ -67,7 +67,7 @@ def test_slider_moves_the_edge_and_the_button_pauses_a_camera(
 
 
 def test_form_sets_target_error_and_weight_and_a_field_the_budget(
-    site: tuple[Edge, View, Page],
+    site: tuple[Edge, PageServer, Page],
 ) -> None:
     edge, view, page = site
     page.open(f"{view.url}#token={view.tokens.write}")
@@ -98,7 +98,7 @@ def test_form_sets_target_error_and_weight_and_a_field_the_budget(
     assert page.messages == []
 
 
-def test_who_may_only_read_sees_no_controls(site: tuple[Edge, View, Page]) -> None:
+def test_who_may_only_read_sees_no_controls(site: tuple[Edge, PageServer, Page]) -> None:
     _, view, page = site
     page.open(view.url)
     page.run("sessionStorage.clear()")

@@ -31,7 +31,7 @@ MAX_FAULTS = 5  # named in an answer
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Site:
+class PageContent:
     """What an application shows.
 
     Attributes:
@@ -61,21 +61,21 @@ class Site:
         }
 
 
-def make_app(site: Site, rules: Rules) -> ASGIApp:
+def make_app(content: PageContent, rules: Rules) -> ASGIApp:
     """Return the application of a site behind its door."""
-    return Door(inner_app(site), rules)
+    return Door(inner_app(content), rules)
 
 
-def inner_app(site: Site) -> FastAPI:
+def inner_app(content: PageContent) -> FastAPI:
     """Return the application without its door, for tests and for its OpenAPI description."""
 
     @asynccontextmanager
     async def life(_: FastAPI) -> AsyncIterator[None]:
-        site.feed.attach(asyncio.get_running_loop())
-        watching = asyncio.create_task(site.feed.watch())
+        content.feed.attach(asyncio.get_running_loop())
+        watching = asyncio.create_task(content.feed.watch())
         yield
         watching.cancel()
-        site.feed.attach(None)
+        content.feed.attach(None)
 
     # Its own pages of documentation would load scripts from the internet.
     app = FastAPI(
@@ -84,12 +84,12 @@ def inner_app(site: Site) -> FastAPI:
     )  # fmt: skip
     app.add_exception_handler(RequestValidationError, _unreadable)
     app.include_router(make_page())
-    app.include_router(make_live(site.feed))
-    if site.ask is not None:
-        app.include_router(make_control(site.ask))
-    if site.pictures is not None:
-        app.include_router(site.pictures)
-    app.include_router(make_api(site.feed, site.store, site.body))
+    app.include_router(make_live(content.feed))
+    if content.ask is not None:
+        app.include_router(make_control(content.ask))
+    if content.pictures is not None:
+        app.include_router(content.pictures)
+    app.include_router(make_api(content.feed, content.store, content.body))
     return app
 
 

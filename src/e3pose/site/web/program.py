@@ -18,7 +18,7 @@ from e3pose.site.follow import ANY_HOST, LOCAL_OPERATOR, operator_of, viewer_lin
 from e3pose.site.listener import Bounds, open_socket
 from e3pose.site.serving import CONNECTIONS, PER_ADDRESS, Serving
 from e3pose.site.web.access import Rules
-from e3pose.site.web.app import Site, make_app
+from e3pose.site.web.app import PageContent, make_app
 from e3pose.site.web.control import Ask
 from e3pose.site.web.feed import Feed
 from e3pose.site.web.layout import describe
@@ -110,7 +110,7 @@ def page_links(site: SiteTable, address: Address) -> list[str]:
     ]
 
 
-class View:
+class PageServer:
     """A server at work, until it is closed. Use it as a context manager.
 
     Attributes:
@@ -129,7 +129,7 @@ class View:
         self._secure: ssl.SSLContext | None = None
         self._seen: Version | None = None  # version of the certificate that is shown
 
-    def __enter__(self) -> View:
+    def __enter__(self) -> PageServer:
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -165,7 +165,7 @@ def open_view(
     keys: Path | None = None,
     transport: Transport | None = None,
     report: Callable[[str], object] = lambda line: None,
-) -> View:
+) -> PageServer:
     """Serve a site over HTTP until the view is closed.
 
     Args:
@@ -185,7 +185,7 @@ def open_view(
     rules = rules_of(site, address, tokens)
     rules.guesses.report = report
     feed = Feed(site.name, zones=Zones(site.zone))
-    view = View(address, rules, feed)
+    view = PageServer(address, rules, feed)
     with ExitStack() as stack:
         stack.callback(listening.close)
         operator: str | None = LOCAL_OPERATOR
@@ -206,7 +206,7 @@ def open_view(
             names = {i: of_camera(site.name, i, "picture") for i in site.rig.camera_ids}
             asks = {i: asking(name, PICTURE_S) for i, name in names.items()}
             pictures = make_pictures(site.rig, feed, asks, site.interval_s / site.pace, shown.per_s)
-        made = Site(feed, store, lambda: body, ask, pictures, shown)
+        made = PageContent(feed, store, lambda: body, ask, pictures, shown)
         view._stack.push(stack.pop_all())
     bounds = Bounds(CONNECTIONS, PER_ADDRESS, proxies=rules.proxies)
     secure = _https(address)
