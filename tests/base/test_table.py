@@ -5,14 +5,15 @@ from __future__ import annotations
 import pickle
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import msgspec
 import pytest
+from msgspec import Meta
 
 from e3pose.base.errors import InputError
 from e3pose.base.quantities import length_m
-from e3pose.base.table import entry, read_table
+from e3pose.base.table import check_bounds, entry, read_table
 
 
 class Inner(msgspec.Struct):
@@ -84,3 +85,31 @@ def test_an_error_is_reported_where_it_was_written() -> None:
     assert str(error.at(thing="--cameras")) == "--cameras: found 99, expected at most 4"
     assert str(InputError("all in one").at("a.toml")) == "a.toml: all in one"
     assert str(pickle.loads(pickle.dumps(there))) == str(there)
+
+
+@dataclass(frozen=True)
+class Bounded:
+    rate_hz: Annotated[float, Meta(ge=0.5, le=100)] = entry(1.0, key="rate")
+    count: Annotated[int, Meta(ge=1, le=60)] | Literal["all"] | None = None
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
+
+
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        ({"rate": 0.1}, "rate: found 0.1, expected 0.5 to 100"),
+        ({"rate": float("nan")}, "rate: found nan, expected 0.5 to 100"),
+        ({"count": 61}, "count: found 61, expected 1 to 60"),
+    ],
+)
+def test_number_out_of_its_bounds_is_named_by_its_key(table: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError) as error:
+        read_table(Bounded, table)
+    assert str(error.value) == message
+
+
+@pytest.mark.parametrize("count", [1, 60, "all", None])
+def test_bounds_are_of_numbers_alone(count: Any) -> None:
+    assert Bounded(100, count).count == count

@@ -88,7 +88,33 @@ def entries(kind: Any) -> tuple[Entry, ...]:
     return tuple(found)
 
 
-def _hints(kind: Any) -> dict[str, Any]:
+@lru_cache(maxsize=256)
+def _bounds(kind: Any) -> tuple[tuple[str, str, float, float], ...]:
+    """Return field, key, least and most of each field whose type has bounds."""
+    keys = {item.field: item.key for item in entries(kind)}
+    found = []
+    for name, hint in _hints(kind, include_extras=True).items():
+        for each in (hint, *typing.get_args(hint)):
+            for meta in getattr(each, "__metadata__", ()):
+                if isinstance(meta, msgspec.Meta) and meta.ge is not None and meta.le is not None:
+                    found.append((name, keys[name], meta.ge, meta.le))
+    return tuple(found)
+
+
+def check_bounds(record: object) -> None:
+    """Raise `InputError` for a number outside the bounds that its type has; its thing is the key.
+
+    A bounded field is `Annotated[float, msgspec.Meta(ge=..., le=...)]`, as in messages. A dataclass
+    calls this when it is made.
+    """
+    kind: Any = type(record)
+    for name, key, low, high in _bounds(kind):
+        value = getattr(record, name)
+        if isinstance(value, int | float) and not low <= value <= high:  # NaN fails too
+            raise InputError(key, f"{value:g}", f"{low:g} to {high:g}")
+
+
+def _hints(kind: Any, include_extras: bool = False) -> dict[str, Any]:
     """Return the types of the fields that a table sets: those of others may not be loaded."""
     plain = {
         item.name
@@ -99,7 +125,8 @@ def _hints(kind: Any) -> dict[str, Any]:
     for base in reversed(kind.__mro__):
         own = inspect.get_annotations(base)
         read = types.SimpleNamespace(__annotations__={n: own[n] for n in own if n in plain})
-        hints |= typing.get_type_hints(read, vars(sys.modules[base.__module__]))
+        scope = vars(sys.modules[base.__module__])
+        hints |= typing.get_type_hints(read, scope, include_extras=include_extras)
     return hints
 
 

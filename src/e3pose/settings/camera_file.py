@@ -6,7 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
+
+from msgspec import Meta
 
 from e3pose.base.bounded import read_toml
 from e3pose.base.errors import InputError
@@ -14,7 +16,7 @@ from e3pose.base.quantities import duration_s, size_bytes
 from e3pose.base.table import convert, entry, read_table
 from e3pose.model.camera_fields import check_camera_id
 from e3pose.settings.camera_machine import DETECTION, CameraMachine
-from e3pose.settings.limits import Rotation, Sleep, check_sleep, check_source, check_within
+from e3pose.settings.limits import Pace, Rotation, Sleep, check_sleep, check_source
 from e3pose.settings.places import beside, near, placed
 from e3pose.settings.site_file import DEFAULT_DETECTOR, DEFAULT_ENDPOINT, MAX_BYTES
 from e3pose.settings.sources import located
@@ -80,17 +82,19 @@ class NodeTable(CameraMachine):
         group=CONNECTION,
         help="Let the site's live page show small pictures of what the camera detects in.",
     )
-    fps: float | None = entry(None, help="Frame rate to request from the source.")
+    fps: Annotated[float, Meta(ge=0.1, le=1000)] | None = entry(
+        None, help="Frame rate to request from the source."
+    )
     rotation: Rotation = entry(
         0,
         help="""0, 90, 180 or 270: degrees clockwise that make people in the images upright, for a
         camera mounted on its side. Only the detector sees turned images.""",
     )
-    pace: float = entry(
+    pace: Pace = entry(
         1.0,
         help="""Playback speed of a file or recording; must equal the site's `pace`. Default: 1.""",
     )
-    begin_s: float = entry(
+    begin_s: Annotated[float, Meta(ge=0, le=1e10)] = entry(
         0.0,
         help="""Start time of playback in seconds since 1970. Default: playback loops are aligned
         to 1970, so that all cameras show the same moment.""",
@@ -150,10 +154,6 @@ class NodeTable(CameraMachine):
         except InputError as error:
             raise error.at(thing="camera") from None
         split_endpoint(self.endpoint)
-        if self.fps is not None:
-            check_within("fps", self.fps, 0.1, 1000)
-        check_within("pace", self.pace, 1e-3, 1)
-        check_within("begin_s", self.begin_s, 0, 1e10)
         CameraMachine.__post_init__(self)
         check_source(self.source)
         check_sleep(self.sleep, self.suspend_command)

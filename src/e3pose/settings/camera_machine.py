@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
-from e3pose.base.table import entry
-from e3pose.settings.limits import check_within
+from msgspec import Meta
+
+from e3pose.base.table import check_bounds, entry
 
 DETECTION = "Detection"  # a group of options
 
@@ -25,23 +27,20 @@ class CameraMachine:
         group=DETECTION,
         help="Execution provider: auto, tensorrt, cuda, openvino, coreml, cpu.",
     )
-    threads: int | None = entry(
+    threads: Annotated[int, Meta(ge=1, le=1024)] | None = entry(
         None, group=DETECTION, help="CPU threads of the network. Default: all cores."
     )
-    wake_s: float = entry(0.5, help="Seconds from aggressive power-saving to the first frame.")
-    delay_ms: float = entry(
+    wake_s: Annotated[float, Meta(ge=0, le=3600)] = entry(
+        0.5, help="Seconds from aggressive power-saving to the first frame."
+    )
+    delay_ms: Annotated[float, Meta(ge=0, le=10_000)] = entry(
         0.0,
         help="""Milliseconds from the moment that a frame shows to its arrival; `e3pose sync` finds
         them.""",
     )
-    battery_wh: float | None = entry(
+    battery_wh: Annotated[float, Meta(ge=1e-3, le=1e6)] | None = entry(
         None, group="Energy", help="Battery capacity. Default: mains power."
     )
 
     def __post_init__(self) -> None:
-        check_within("wake_s", self.wake_s, 0, 3600)
-        check_within("delay_ms", self.delay_ms, 0, 10_000)
-        if self.threads is not None:
-            check_within("threads", self.threads, 1, 1024)
-        if self.battery_wh is not None:
-            check_within("battery_wh", self.battery_wh, 1e-3, 1e6)
+        check_bounds(self)

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal
+from typing import Annotated, Literal
+
+from msgspec import Meta
 
 from e3pose.base.errors import InputError
 
 Sleep = Literal["off", "process", "suspend"]  # how orders may put a camera to sleep
 SECONDS = "{seconds}"  # of a command that suspends: the time until its alarm
 Rotation = Literal[0, 90, 180, 270]  # degrees clockwise that make people in an image upright
+Pace = Annotated[float, Meta(ge=1e-3, le=1)]  # share of the speed of files and recordings
 
 
 def check_within(thing: str, value: float, low: float, high: float) -> None:

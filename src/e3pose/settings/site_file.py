@@ -11,18 +11,21 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Literal, TypeVar
+from typing import Annotated, Literal, TypeVar
+
+from msgspec import Meta
 
 from e3pose.base.bounded import read_toml
 from e3pose.base.errors import InputError
 from e3pose.base.plugins import beside as own_beside
 from e3pose.base.quantities import age_s, duration_s, size_bytes
-from e3pose.base.table import convert, entry, read_table
+from e3pose.base.table import check_bounds, convert, entry, read_table
 from e3pose.model.camera_fields import check_camera_id
 from e3pose.settings.camera_machine import CameraMachine
 from e3pose.settings.energy import EnergySettings, IdleMode
 from e3pose.settings.events_table import EventsTable
 from e3pose.settings.limits import (
+    Pace,
     Rotation,
     check_smooth_delay,
     check_source,
@@ -114,10 +117,10 @@ class ViewTable:
     tokens: Path = Path("view-tokens.toml")
     insecure: bool = False
     pictures: bool | None = None
-    pictures_per_s: float = 2.0
+    pictures_per_s: Annotated[float, Meta(ge=0.1, le=5)] = 2.0
 
     def __post_init__(self) -> None:
-        check_within("pictures_per_s", self.pictures_per_s, 0.1, 5)
+        check_bounds(self)
         try:
             split_endpoint(f"tcp/{self.listen}")
         except InputError:
@@ -158,8 +161,8 @@ class ZoneTable:
 
     name: str = entry(write='"door"')
     corners: tuple[tuple[float, float], ...] = entry(write="[[0, 0], [1, 0], [1, 2]]")
-    dwell_s: float = 5.0
-    height_m: float = 0.0
+    dwell_s: Annotated[float, Meta(ge=0, le=1e6)] = 5.0
+    height_m: Annotated[float, Meta(ge=0, le=3)] = 0.0
 
     def __post_init__(self) -> None:
         try:
@@ -171,8 +174,7 @@ class ZoneTable:
         for x, y in self.corners:
             check_within("corners", x, -1e4, 1e4)
             check_within("corners", y, -1e4, 1e4)
-        check_within("dwell_s", self.dwell_s, 0, 1e6)
-        check_within("height_m", self.height_m, 0, 3)
+        check_bounds(self)
 
 
 @dataclass(frozen=True, slots=True)
@@ -250,16 +252,16 @@ class SiteTable:
     version: Literal[1] = entry()
     name: str = entry(write='"lab"')
     calibration: Path = entry(write='"rig.toml"')
-    fps: float = entry(write="25.0")
+    fps: Annotated[float, Meta(ge=0.1, le=1000)] = entry(write="25.0")
     skeleton_name: str | None = entry(None, key="skeleton")
-    pace: float = 1.0
-    deadline_ms: float = 150.0
+    pace: Pace = 1.0
+    deadline_ms: Annotated[float, Meta(ge=0, le=60_000)] = 150.0
     smooth_delay_ms: float = 0.0
-    lead: int | Literal["adaptive"] = "adaptive"
+    lead: Annotated[int, Meta(ge=1, le=60)] | Literal["adaptive"] = "adaptive"
     state: Path | None = entry(Path("state.npz"), read=read_state)
     learn: Path | None = None
     budget: str | None = None
-    metrics_port: int | None = None
+    metrics_port: Annotated[int, Meta(ge=1, le=65535)] | None = None
     link: LinkTable = LinkTable()
     store: StoreTable | None = None
     view: ViewTable = ViewTable()
@@ -272,14 +274,8 @@ class SiteTable:
     path: Path = field(default=Path(SITE_FILE), metadata={"key": ""})
 
     def __post_init__(self) -> None:
-        check_within("fps", self.fps, 0.1, 1000)
-        check_within("deadline_ms", self.deadline_ms, 0, 60_000)
+        check_bounds(self)
         check_smooth_delay(self.smooth_delay_ms, self.loop.pipeline)
-        check_within("pace", self.pace, 1e-3, 1)
-        if isinstance(self.lead, int):
-            check_within("lead", self.lead, 1, 60)
-        if self.metrics_port is not None:
-            check_within("metrics_port", self.metrics_port, 1, 65535)
         try:
             check_site(self.name)
         except InputError as error:
