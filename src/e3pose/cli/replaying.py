@@ -124,8 +124,8 @@ def replay(
 
     Example: `e3pose replay shelf --cameras 2 --poses poses.parquet --report report.html`
 
-    Set one goal: cameras per slot (`--cameras 2`), accuracy (`--target-error 40mm`) or battery
-    life (`--lifetime 6h --battery-wh 50`). A lifetime also combines with either of the others.
+    Set one goal: cameras per slot (`--cameras 2`), accuracy (`--target-error 40mm`), battery life
+    (`--lifetime 6h`, also beside one of these) or power (`--rest asleep --watts 40W`).
 
     With `--smooth`, poses, report and figures also use all later slots, with `--delay 200ms` those
     of the next 200 ms, as an edge publishes them with the same option; the selection is unchanged.
