@@ -1,0 +1,42 @@
+"""A site whose edge plans who sleeps: cameras come and go by themselves, and none is lost."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from tests.live.processes import CAMERAS, LiveSite
+from tests.waiting import eventually
+
+pytestmark = [pytest.mark.live, pytest.mark.timed]
+
+
+class PlannedSite(LiveSite):
+    """A site that may let cameras sleep, and has the watts for no more than one awake."""
+
+    def write(self) -> None:
+        super().write()
+        text = self.path.read_text()
+        text = text.replace('policy = "round-robin"\ncameras = 2\n', 'policy = "information"\n')
+        self.path.write_text(text.replace("[loop]\n", '[loop]\nrest = "asleep"\nwatts = "17.2W"\n'))
+
+
+def test_cameras_sleep_by_the_plan_of_the_edge_and_come_back(
+    tmp_path: Path, recording: Path
+) -> None:
+    (tmp_path / "recording").symlink_to(recording)
+    site = PlannedSite(tmp_path, more=('state = "state.npz"',))
+    with site.at_work():
+
+        def asleep() -> set[str]:
+            return {c.camera_id for c in site.cameras_since(0) if c.mode == "asleep"}
+
+        assert eventually(asleep, 60.0), site.diagnostics()
+        one = min(asleep())
+        since = len(site.statuses)
+        assert eventually(
+            lambda: any(c.camera_id == one and c.online for c in site.cameras_since(since)), 90.0
+        ), site.diagnostics()
+        site.flows(20)
+        assert not site.events("camera-lost"), site.diagnostics()
+        assert set(CAMERAS) >= asleep()
