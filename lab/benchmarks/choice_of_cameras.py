@@ -207,7 +207,7 @@ def measure(options: argparse.Namespace, out: Path) -> Iterator[Row]:
         ]
         if not todo:
             continue
-        real = Path(place).is_dir() or place.startswith(MOTION)
+        real = recorded(place) or place.startswith(MOTION)
         scene = scene_of(place, fps, options.seconds, 0 if real else seed)
         for policy, goal, lead in todo:
             if scene.recording.num_slots < 2 * (WARMUP + lead):
@@ -230,6 +230,11 @@ def places(options: argparse.Namespace) -> list[str]:
     return real + scenes.split(",") * bool(scenes)
 
 
+def recorded(place: str) -> bool:
+    """Return whether it is the folder of a recording; there are folders named like scenes."""
+    return (Path(place) / "recording.toml").is_file()
+
+
 def made(place: str, fps: float, seconds: float, seed: int) -> Recording:
     """Return the recording: simulated, or the first seconds of a real one."""
     if place.startswith(MOTION):
@@ -237,7 +242,7 @@ def made(place: str, fps: float, seconds: float, seed: int) -> Recording:
             m for kind, m in captured(Path(os.environ["E3POSE_SHARED"])) if kind == "Panoptic"
         ]
         return downsampled(seen(motions[int(place.removeprefix(MOTION)) - 1], 30.0), min(fps, 30.0))
-    if not Path(place).is_dir():
+    if not recorded(place):
         return simulated(place, seed, seconds=seconds, fps=fps)
     whole = load_recording(Path(place))
     slots = min(whole.num_slots, round(seconds / whole.interval_s))
