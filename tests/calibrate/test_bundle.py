@@ -10,7 +10,7 @@ from scipy.optimize import least_squares
 from tests.calibrate.people_scenes import distances, disturbed
 
 from e3pose.calibrate.bundle import AdjustOptions, Cameras, adjust_points, observe, placed
-from e3pose.calibrate.from_points import pair_poses, solve_points
+from e3pose.calibrate.from_points import adjust_all, pair_poses, solve_points
 from e3pose.calibrate.triangulation import place_points
 from e3pose.model.camera import Rig
 from e3pose.model.rigs import ring_rig
@@ -123,3 +123,18 @@ def test_one_coefficient_bends_as_real_lenses_do() -> None:
     aside = np.linspace(0, 0.69, 20)
     points = np.stack([aside, 0 * aside, 1 + 0 * aside], axis=-1) @ real.R + real.center_m
     assert np.abs(found.project(points) - real.project(points)).max() < 1.5  # pixels
+
+
+def test_a_rig_in_which_a_camera_runs_away_is_none() -> None:
+    _, pixels = seen(np.random.default_rng(5), 200, 0.5)
+    farthest = np.abs(RIG.centers_m).max(axis=1)
+    fixed = int(np.argmin(farthest))  # at its place the others are beyond a kilometre
+    stretch = np.full(4, 0.6 * 1000 / farthest.max())
+    stretch[fixed] = 0.5 * (1000 / farthest.max() + 1000 / farthest[fixed])
+    order = [fixed, *(i for i in range(4) if i != fixed)]  # the first stays
+    cameras = [
+        placed(RIG.cameras[i], RIG.cameras[i].R, -stretch[i] * RIG.cameras[i].R @ RIG.centers_m[i])
+        for i in order
+    ]
+    sigma, everyone = np.full((4, pixels.shape[1]), 0.5), np.ones(4, dtype=bool)
+    assert adjust_all(Rig(tuple(cameras)), pixels[order], sigma, everyone) is None

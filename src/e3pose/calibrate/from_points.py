@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.base.arrays import Floats
+from e3pose.base.errors import InputError
 from e3pose.calibrate.bundle import Adjusted, AdjustOptions, adjust_points, placed
 from e3pose.calibrate.essential import RelativePose, relative_pose
 from e3pose.calibrate.triangulation import place_points
@@ -162,6 +163,9 @@ def adjust_all(
         lenses: as for `solve_points`.
         max_steps: of the adjustment.
         most_points: to adjust with.
+
+    Returns:
+        None where too few points are seen by two cameras, or a camera ends kilometres away.
     """
     pixels = np.where(done[:, None, None], keypoints_px, np.nan)
     points = place_points(rig, pixels, sigma_px)
@@ -175,10 +179,13 @@ def adjust_all(
     free[int(np.flatnonzero(done)[0])] = False
     if lenses is not None:
         lenses = np.where(done[:, None, None, None] & done[:, None], lenses, 0.0)
-    adjusted = adjust_points(
-        rig, points[used], pixels[:, used], sigma_px[:, used],
-        AdjustOptions(OUTLIER_SIGMAS, free, lenses, max_steps),
-    )  # fmt: skip
+    try:
+        adjusted = adjust_points(
+            rig, points[used], pixels[:, used], sigma_px[:, used],
+            AdjustOptions(OUTLIER_SIGMAS, free, lenses, max_steps),
+        )  # fmt: skip
+    except InputError:
+        return None  # a camera ran away, farther than any may be
     return PointRig(adjusted, used, done.copy(), lenses)
 
 
