@@ -10,6 +10,7 @@ import sys
 import zipfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -37,6 +38,7 @@ from e3pose.site.demo.clip import CALIBRATION, TOP, VIDEOS, Clip, Member, extrac
 from e3pose.site.demo.live import Show
 from e3pose.site.demo.pictures import fullest
 from e3pose.site.demo.stored_run import Film, stored_records
+from e3pose.site.demo.summary import LiveFigures, processor_words
 from e3pose.store import Run, StoreWriter
 
 pytestmark = pytest.mark.slow
@@ -354,3 +356,14 @@ def test_fullest_slot_of_each_quarter_is_pictured() -> None:
     assert fullest(records) == {1, 2, 5, 6}
     assert fullest(records[:2]) == {0, 1}
     assert fullest([]) == set()
+
+
+def test_processor_time_is_told_where_it_was_measured() -> None:
+    live = LiveFigures(
+        1.0, 0.0, 2, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0.0, (0.0, 0.0), 0.0, {}, 2.0,
+        cpu_s=120.0, look_cpu_ms=168.0, frame_cpu_ms=15.0, cpu_saved=0.25,
+    )  # fmt: skip
+    (line,) = processor_words(live)
+    assert "120.0 s, 25.0% less than the 160.0 s" in line
+    assert "measured: 168 ms a look, 15.0 ms a frame" in line
+    assert processor_words(replace(live, cpu_saved=None)) == []

@@ -36,6 +36,7 @@ from e3pose.site.demo.summary import (
     delivery_words,
     latency_words,
     pace_words,
+    processor_words,
 )
 
 if TYPE_CHECKING:
@@ -367,7 +368,8 @@ def _write_results(
         lead_slots=max(1, figures.lead_slots),
         warmup_slots=WARMUP_SLOTS,
     )
-    notes = (*pace_words(figures, len(recording.rig)), *delivery_words(figures))
+    pace = pace_words(figures, len(recording.rig))
+    notes = (*pace, *processor_words(figures), *delivery_words(figures))
     summary = replace(summarise(recording, settings, records, load_profile(PROFILE)), notes=notes)
     for name in ("poses.parquet", "poses.csv"):
         write_poses(records, recording.skeleton, folder / name)
