@@ -14,7 +14,7 @@ from e3pose.energy.modes import Rest
 from e3pose.energy.rest_costs import RestCosts, rest_costs
 from e3pose.select.awake import (
     FEWEST_AWAKE,
-    FEWEST_UNLIMITED,
+    FEWEST_WITH_PEOPLE,
     FIRST_REST_S,
     LONGEST_REST_S,
     Needs,
@@ -75,7 +75,7 @@ def test_two_cameras_that_start_a_person_together_are_kept_together() -> None:
 
 def test_cameras_that_are_worth_their_watts_stay_awake() -> None:
     assert np.flatnonzero(awake(PRICED, needs(GAINS))).tolist() == [0, 2, 3]
-    assert awake(replace(PRICED, watts=60.0), needs(GAINS)).sum() == FEWEST_AWAKE
+    assert np.flatnonzero(awake(PRICED, needs(GAINS, people=0))).tolist() == [0, 2]
     assert awake(replace(PRICED, price=0.0), needs(GAINS)).all()
 
 
@@ -89,7 +89,7 @@ def test_a_lower_price_keeps_more_cameras_awake() -> None:
 def test_who_sleeps_or_is_gone_is_not_in_a_plan(usable: Flags) -> None:
     found = awake(PRICED, needs(GAINS), usable)
     assert not (found & ~usable).any()
-    assert found.sum() >= min(FEWEST_UNLIMITED, usable.sum())
+    assert found.sum() >= min(FEWEST_AWAKE, usable.sum())
 
 
 def test_a_camera_without_a_rest_is_always_in_a_plan() -> None:
@@ -123,7 +123,7 @@ def test_what_is_owed_is_paid_back() -> None:
 def test_a_target_is_met_by_the_cheapest_set_that_meets_it() -> None:
     goal = RestGoal(price=0.01, target_m=0.055, num_selected=2.0)
     assert awake(goal, needs((0.0,) * N)).sum() == 4  # 0.1 / sqrt(4) is the first below
-    assert awake(replace(goal, target_m=1.0), needs((0.0,) * N)).sum() == FEWEST_UNLIMITED
+    assert awake(replace(goal, target_m=1.0), needs((0.0,) * N)).sum() == FEWEST_WITH_PEOPLE
 
 
 def test_nobody_there_means_as_few_looks_as_find_a_newcomer_in_time() -> None:

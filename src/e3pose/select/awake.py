@@ -47,15 +47,15 @@ LOOK_NATS = 1.1  # definition: nats of e times as many looks
 LATER_S = (1.5, 3.0)
 # tuned: s | first guess: twice what falling asleep and waking take; with somebody and with nobody
 #   there | not measured
-FIRST_REST_S, LONGEST_REST_S, EMPTY_REST_S = 4.0, 8.0, 20.0
+FIRST_REST_S, LONGEST_REST_S, EMPTY_REST_S = 4.0, 8.0, 60.0
 # tuned: times | first guess: a rest that ends with nothing to do is followed by a longer one | not
 #   measured
 LONGER = 2.0
 FEWEST_AWAKE = 2  # definition: cameras that a person takes
-# Without a limit of watts: one walks out of the view of a camera, and three have to see a stranger.
+# Without a limit of watts: somebody walks out of the view of one.
 # tuned: cameras | simulated, `two-rooms`, seed 702: with two, a quarter of the people are lost |
 #   not measured
-FEWEST_UNLIMITED = 3
+FEWEST_WITH_PEOPLE = 3
 # tuned: nats | as in the experiments before, of all of the floor watched by two cameras | not
 #   measured
 FLOOR_NATS = 1.0
@@ -187,7 +187,7 @@ def planned(
         interval_s: seconds per slot.
     """
     free = usable & costs.rests
-    fewest = FEWEST_AWAKE if goal.watts is not None else FEWEST_UNLIMITED
+    fewest = FEWEST_WITH_PEOPLE if needs.people and goal.watts is None else FEWEST_AWAKE
     sets, worth = shrinking(free, usable & ~free, needs.worth, fewest)
     left_w = np.where(usable, costs.resting_w(next_rest_s(memory, needs.people)), costs.rest_w)
     base_w = np.where(sets, costs.idle_w, left_w).sum(axis=1)
@@ -258,8 +258,7 @@ class RestPlanner:
     ) -> tuple[RestMemory, Integers]:
         """Return the memory and `asleep_until` by the plan for a slot.
 
-        A plan is made every `PLAN_S`, when a camera is awake again, and at the first sign of
-        somebody.
+        A plan is made every `PLAN_S`, and when a camera is awake again.
 
         Args:
             memory: of the slot before.
@@ -269,9 +268,7 @@ class RestPlanner:
                 after the slot.
         """
         slot, interval_s = situation.slot, situation.interval_s
-        back, somebody = (asleep_until == slot).any(), self._somebody(situation)
-        first_sign = somebody and memory.num_selected < min(self.goal.num_selected, FEWEST_AWAKE)
-        if slot < memory.next_slot and not (back or first_sign):
+        if slot < memory.next_slot and not (asleep_until == slot).any():
             return memory, asleep_until
         usable = situation.online & (asleep_until <= slot)
         needs = self.needs(situation, [later(seconds) for seconds in LATER_S])
@@ -306,12 +303,8 @@ class RestPlanner:
             floor = FLOOR_NATS * watches(self.rig, sets, likely)
             return np.asarray(nats + foresight.entrants.starts(sets) + floor)
 
-        return Needs(people, worth, foresight.expected_error_m, self._somebody(situation))
-
-    def _somebody(self, situation: Situation) -> bool:
-        """Return whether somebody is seen who is not tracked yet."""
-        foresight = situation.foresight
-        return foresight is not None and bool(foresight.entrants.weights.sum() > NEWCOMERS)
+        newcomers = bool(foresight.entrants.weights.sum() > NEWCOMERS)
+        return Needs(people, worth, foresight.expected_error_m, newcomers)
 
     def charged(
         self, memory: RestMemory, selected: Selection, asleep: Flags, interval_s: float

@@ -116,8 +116,8 @@ class LoopSettings:
         read=duration_s,
         shown="1s",
         group="Goal",
-        help="""How soon somebody who comes in is to be found while nobody is there: 1s, 500ms. With
-        --rest, cameras look as seldom as that allows.""",
+        help="""How soon somebody who comes into view of a camera that is awake is to be found while
+        nobody is there: 1s, 500ms. With --rest, cameras look as seldom as that allows.""",
     )
     budget: float | tuple[float, ...] | None = entry(
         None,
