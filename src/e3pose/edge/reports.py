@@ -107,6 +107,7 @@ def camera_status(
     asleep_s: float | None = None,
     wake: WakeTime | None = None,
     interval_s: float = 0.0,
+    lead_slots: int = 0,
 ) -> CameraStatus:
     """Return the status of a camera.
 
@@ -129,6 +130,7 @@ def camera_status(
         asleep_s: until it is expected back; None while it is awake.
         wake: what it takes to wake, as learned.
         interval_s: seconds per slot; 0 where it does not matter.
+        lead_slots: between an order and its slot.
     """
     beat, capacity_wh = camera.beat, camera.hello.battery_wh if camera.hello else None
     charge = beat.battery_j if beat else None
@@ -163,7 +165,7 @@ def camera_status(
         asleep_s=asleep_s,
         wake_s=wake.mean_s if wake is not None and wake.wakes else None,
         cpu_s=beat.cpu_s if beat else None,
-        cpu_saved=cpu_saved(camera, interval_s),
+        cpu_saved=cpu_saved(camera, interval_s, lead_slots),
     )
 
 
@@ -174,20 +176,20 @@ def _share(charge_j: float | None, capacity_wh: float | None) -> float | None:
     return min(max(charge_j / (capacity_wh * 3600), 0.0), 1.0)
 
 
-def cpu_saved(camera: CameraState, interval_s: float) -> float | None:
-    """Return the share of processor time that a camera saves; None where it is not known."""
-    beat, hello = camera.beat, camera.hello
-    if beat is None or hello is None or beat.cpu_s is None or not interval_s:
+def cpu_saved(camera: CameraState, interval_s: float, lead_slots: int) -> float | None:
+    """Return the share of processor time that a camera saves; None where it is not known.
+
+    It could have looked in the slots that it had orders for, and in those of its sleep.
+    """
+    beat = camera.beat
+    if beat is None or beat.cpu_s is None or not interval_s:
         return None
-    return share_saved(
-        beat.cpu_s,
-        beat.look_cpu_s,
-        beat.detected,
-        beat.captured,
-        beat.active_s + beat.idle_s + beat.asleep_s,
-        1 / interval_s,
-        hello.fps,
-    )
+    span_s = beat.active_s + beat.idle_s + beat.asleep_s
+    heard = max(beat.orders - lead_slots, 0)
+    slots = max(heard, min(span_s, heard * interval_s + beat.asleep_s) / interval_s)
+    asleep_share = beat.asleep_s / span_s if span_s else 0.0
+    work = beat.cpu_s, beat.look_cpu_s, beat.detected, beat.captured
+    return share_saved(*work, slots, asleep_share)
 
 
 def site_cpu_saved(status: Status) -> float | None:
@@ -271,6 +273,7 @@ def site_status(snapshot: SiteSnapshot) -> Status:
             snapshot.rests.left_s(index, camera, snapshot.now_ns),
             snapshot.rests.wakes[index],
             counts.interval_s,
+            snapshot.lead_slots,
         )
         for index, camera in enumerate(snapshot.cameras)
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 LEAST = 5  # looks and frames from which the time of one is known
+MOST_ASLEEP = 0.999  # of the time; of one that slept longer too little is known
 
 
 def share_saved(
@@ -10,9 +11,8 @@ def share_saved(
     look_cpu_s: float,
     looks: int,
     frames: int,
-    span_s: float,
-    slots_hz: float,
-    frames_hz: float,
+    slots: float,
+    asleep_share: float = 0.0,
 ) -> float | None:
     """Return the share saved of the processor time that looking in every slot would take.
 
@@ -24,9 +24,8 @@ def share_saved(
         look_cpu_s: part of it that looking took.
         looks: that it took.
         frames: that it captured.
-        span_s: seconds in which that was.
-        slots_hz: slots per second.
-        frames_hz: frames per second of its source while it captures.
+        slots: that it could have looked in.
+        asleep_share: of the time in which it captured nothing, as it slept, [0, 1].
 
     Returns:
         A share in [0, 1]; None while looks or frames are too few.
@@ -34,6 +33,5 @@ def share_saved(
     if min(looks, frames) < LEAST or cpu_s <= 0:
         return None
     look_s = look_cpu_s / looks
-    frame_s = max(cpu_s - look_cpu_s, 0.0) / frames
-    every_s = max(span_s * slots_hz, looks) * look_s + max(span_s * frames_hz, frames) * frame_s
-    return min(max(1 - cpu_s / every_s, 0.0), 1.0)
+    frames_cpu_s = max(cpu_s - look_cpu_s, 0.0) / (1 - min(asleep_share, MOST_ASLEEP))
+    return min(max(1 - cpu_s / (max(slots, looks) * look_s + frames_cpu_s), 0.0), 1.0)
