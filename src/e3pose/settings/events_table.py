@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
-from e3pose.base.table import entry
-from e3pose.settings.limits import check_within
+from msgspec import Meta
+
+from e3pose.base.table import check_bounds, entry
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,15 +27,11 @@ class EventsTable:
         default=("fall", "on-floor", "got-up", "left", "nobody", "too-many", "waved"),
         write='["fall", "on-floor"]',
     )
-    fall_s: float = 2.0
-    lies_s: float = 20.0
-    settled_s: float = 10.0
-    nobody_s: float = 0.0
-    most_people: int = 0
+    fall_s: Annotated[float, Meta(ge=0.2, le=600)] = 2.0
+    lies_s: Annotated[float, Meta(ge=1, le=1e6)] = 20.0
+    settled_s: Annotated[float, Meta(ge=1, le=1e6)] = 10.0
+    nobody_s: Annotated[float, Meta(ge=0, le=1e7)] = 0.0
+    most_people: Annotated[int, Meta(ge=0, le=1000)] = 0
 
     def __post_init__(self) -> None:
-        check_within("fall_s", self.fall_s, 0.2, 600)
-        check_within("lies_s", self.lies_s, 1, 1e6)
-        check_within("settled_s", self.settled_s, 1, 1e6)
-        check_within("nobody_s", self.nobody_s, 0, 1e7)
-        check_within("most_people", self.most_people, 0, 1000)
+        check_bounds(self)
