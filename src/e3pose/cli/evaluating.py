@@ -188,7 +188,9 @@ def _names(text: str) -> list[str]:
 
 
 def _usual(loop: LoopOptions) -> str:
-    if loop.target_error is not None or loop.settings().rest != "none":
+    from e3pose.settings.energy import AWAKE
+
+    if loop.target_error is not None or loop.rest != AWAKE:
         return "information"
     if loop.pipeline == "paper":
         return "all,random,independent,e3pose-mv,e3pose"
