@@ -109,6 +109,14 @@ def test_camera_that_is_called_before_its_alarm_teaches_nothing() -> None:
     assert rests.wakes[1].wakes == 0
 
 
+def test_program_that_is_started_again_late_is_no_late_wake() -> None:
+    rests = told()
+    rests.heard(1, "cam1", beat("asleep"), 2 * S)
+    rests.heard(1, "cam1", beat("power-saving", session=2), DUE_NS + 9 * S)
+    assert rests.wakes[1].wakes == 0 and rests.said() == []
+    assert rests.words(1, state("power-saving", DUE_NS + 9 * S), DUE_NS + 9 * S) == ""
+
+
 def test_who_cannot_sleep_is_never_told_to() -> None:
     rests = Rests([0.5, 0.5])
     can = np.array([True, False])

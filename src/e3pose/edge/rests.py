@@ -70,12 +70,14 @@ class Rest:
         due_ns: when it is expected to be heard, edge time.
         early_s: how much earlier its alarm was set.
         began: whether it said that it sleeps.
+        session: of the program that said so.
     """
 
     until: int = 0
     due_ns: int = 0
     early_s: float = 0.0
     began: bool = False
+    session: int = 0
 
 
 class Rests:
@@ -124,7 +126,7 @@ class Rests:
         """Return the rest of a camera after an order; one cut short may not have been heard."""
         if not until or (until, due_ns) == (rest.until, rest.due_ns):
             return rest
-        return Rest(until, due_ns, self.wakes[camera].early_s, rest.began)
+        return replace(rest, until=until, due_ns=due_ns, early_s=self.wakes[camera].early_s)
 
     def resume(self, times: SlotTimes, asleep_until: Integers, slot: int) -> None:
         """Expect those back who were asleep when an edge before was killed; see `order`."""
@@ -144,7 +146,9 @@ class Rests:
                 return
             late_s = (now_ns - rest.due_ns) / 1e9
             if beat.mode in RESTING:
-                rest = replace(rest, began=True)
+                rest = replace(rest, began=True, session=beat.session)
+            elif rest.began and beat.session != rest.session:
+                rest = Rest()  # its program was restarted: nothing of a wake
             elif rest.began:
                 self._woken(camera, camera_id, rest.early_s, late_s)
                 rest = Rest()
