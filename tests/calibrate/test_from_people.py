@@ -21,7 +21,7 @@ from e3pose.calibrate.fit import CameraFit, disagreeing
 from e3pose.calibrate.from_people import _finish, _rounds, _Scene, solve_people
 from e3pose.calibrate.judge import judge
 from e3pose.calibrate.matched_people import observe_people
-from e3pose.calibrate.people_places import from_people
+from e3pose.calibrate.people_places import _check_far, from_people
 from e3pose.calibrate.places import KnownLength
 from e3pose.calibrate.synchronise import synchronise, with_offsets
 from e3pose.model.camera import Rig
@@ -106,6 +106,16 @@ def test_somebody_who_stands_in_place_is_warned_of(lenses: str) -> None:
     degrees, millimetres = uncertainty.distances(found.rig, still.rig)
     assert (degrees < 2 * found.expected.expected_deg).all()
     assert (millimetres < 2 * found.expected.expected_mm).all()
+
+
+def test_camera_that_ends_kilometres_away_is_named(two: Recording) -> None:
+    cameras = list(two.rig.cameras)
+    T_world_camera = cameras[1].T_world_camera.copy()
+    T_world_camera[0, 3] = 900.0
+    cameras[1] = replace(cameras[1], T_world_camera=T_world_camera)
+    with pytest.raises(InputError, match=r"cameras: cam1: people would put it \d+ m from the"):
+        _check_far(Rig(tuple(cameras)), 8.0)
+    _check_far(two.rig, 8.0)
 
 
 def test_camera_that_disagrees_is_refused_unless_forced(two: Recording) -> None:

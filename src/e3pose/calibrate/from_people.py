@@ -114,7 +114,10 @@ def solve_people(
     for factor in NOISE_FACTORS:
         if best is not None and best.explains and (start is not None or not best.fit.poor.any()):
             break
-        other = _from_nothing(scene.with_rig(rig, factor), progress)
+        try:
+            other = _from_nothing(scene.with_rig(rig, factor), progress)
+        except InputError:  # a camera was placed farther away than any may be
+            other = None
         if other is not None and (best is None or _better(other, best)):
             best = other
     if best is None:

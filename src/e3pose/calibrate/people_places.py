@@ -14,6 +14,7 @@ from e3pose.calibrate.progress import Progress
 from e3pose.calibrate.scale import Scale, from_distance, from_limb, from_stature
 from e3pose.calibrate.uncertainty import FAR_DEG, camera_errors, distances, likely_rigs
 from e3pose.model.camera import Rig
+from e3pose.model.camera_fields import MAX_DISTANCE_M
 from e3pose.model.noise import Noise
 from e3pose.model.rotations import similarity
 from e3pose.recording.record import Recording
@@ -71,6 +72,7 @@ def from_people(
         world = "that of the rough calibration"
     else:
         scale = scale_of(rig, people, known)
+        _check_far(rig, scale.factor)
         move = Move(scale.factor, np.eye(3), np.zeros(3))
         try:
             floor = floor_from_people(people.scaled(move.scale, move.R, move.t))
@@ -108,6 +110,23 @@ def _little_seen(rig: Rig, people: People3D, recording: Recording) -> list[str]:
         "the cameras: the result may be far off; film them walking through all of the room for "
         "half a minute"
     ]
+
+
+def _check_far(rig: Rig, factor: float) -> None:
+    """Raise `InputError` if a camera is farther from the middle one than any may be.
+
+    Args:
+        rig: in any unit.
+        factor: metres per unit.
+    """
+    away_m = factor * np.linalg.norm(rig.centers_m - np.median(rig.centers_m, axis=0), axis=1)
+    worst = int(np.argmax(away_m))
+    if not away_m[worst] < MAX_DISTANCE_M:
+        raise InputError(
+            f"cameras: {rig.camera_ids[worst]}: people would put it {away_m[worst]:.0f} m from the "
+            f"others, expected less than {MAX_DISTANCE_M:.0f}: record people who walk through all "
+            "of the room, one or two at a time"
+        )
 
 
 def _check_near(rig: Rig, start: Rig) -> None:
