@@ -167,7 +167,7 @@ SITES: list[tuple[str, Break, str]] = [
     (
         "top",
         new(SITE, ID, f"{ID}, idd = 1"),
-        r"camera\[0\]: found unknown key 'idd', expected one of id",
+        r"camera\[0\]: found unknown key 'idd', expected one of model",
     ),
     ("top", new(SITE, ID, f"{ID}, wake_s = nan"), r"camera\[0\]\.wake_s: found nan"),
     ("top", new(SITE, ID, f'{ID}, meter = "x"'), "found 'x', expected 'auto' or 'model'"),
