@@ -103,15 +103,24 @@ def recordings(out: Path, mocap: Path) -> tuple[list[Any], list[Any]]:
     return found[0], found[1]
 
 
-def clips_of(recording: Any, target: Any, shortest: int, place: Path) -> list[Any]:
-    """Return the clips that a recording teaches; kept in `place`, for the fusing takes minutes."""
+def clips_of(
+    recording: Any, target: Any, shortest: int, place: Path, combinations: int | None = None
+) -> list[Any]:
+    """Return the clips that a recording teaches; kept in `place`, for the fusing takes minutes.
+
+    Of each slot, so many combinations of cameras are fused; all without a number.
+    """
+    from e3pose_lab.train.estimates import EstimateSettings
     from e3pose_lab.train.training_clips import ClipSettings, training_clips
     from e3pose_lab.train.windows import Clip
     from e3pose_lab.workers import Workers
 
     path = place / f"{recording.name.replace(' ', '-')}-{target}.npz"
     if not path.exists():
-        made = training_clips(recording, shortest, ClipSettings(target=target), Workers())
+        settings = ClipSettings(target=target)
+        if combinations is not None:
+            settings = replace(settings, estimates=EstimateSettings(combinations=combinations))
+        made = training_clips(recording, shortest, settings, Workers())
         arrays: dict[str, Any] = {}
         for number, clip in enumerate(made):
             arrays[f"{number}.joints_m"] = clip.joints_m
@@ -133,10 +142,10 @@ def clips_of(recording: Any, target: Any, shortest: int, place: Path) -> list[An
 class Lessons:
     """Clips to learn from and groups held out, by target."""
 
-    def __init__(self, out: Path, mocap: Path, shortest: int) -> None:
+    def __init__(self, out: Path, mocap: Path, shortest: int, combinations: int | None) -> None:
         self.recordings = recordings(out, mocap)
-        self.place = out / "clips"
-        self.shortest = shortest
+        self.place = out / f"clips{combinations or ''}"
+        self.shortest, self.combinations = shortest, combinations
 
     def of(self, target: str) -> Any:
         """Return the clips, and the named groups of those held out."""
@@ -144,7 +153,9 @@ class Lessons:
 
         return gather(
             *self.recordings, 0.0, self.shortest,
-            lambda recording, shortest: clips_of(recording, target, shortest, self.place),
+            lambda recording, shortest: clips_of(
+                recording, target, shortest, self.place, self.combinations
+            ),
         )  # fmt: skip
 
 
@@ -158,6 +169,9 @@ def main() -> None:
     parser.add_argument("--train-only", action="store_true", help="print no table")
     parser.add_argument("--only", help="rows, comma-separated; NAME=STEPS for other steps")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument(
+        "--combinations", type=int, help="of cameras that are fused per slot; default: all"
+    )
     parser.add_argument("--start", type=Path, help="weights to go on from, at half the rate")
     options = parser.parse_args()
     import torch
@@ -176,7 +190,7 @@ def main() -> None:
         minutes=options.minutes,
     )
     slots, leads = usual.network.history_slots, usual.num_leads
-    known = Lessons(options.out, options.mocap, slots + leads)
+    known = Lessons(options.out, options.mocap, slots + leads, options.combinations)
     asked = [text.partition("=") for text in (options.only or ",".join(VARIANTS)).split(",")]
     rows = []
     for name, _, number in asked:
