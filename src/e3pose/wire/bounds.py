@@ -45,7 +45,10 @@ def out_of_bounds(error: msgspec.ValidationError, body: bytes, kinds: tuple[Any,
     outside = _OUTSIDE.match(str(error))
     if outside is None:
         return ""
-    found: Any = msgspec.msgpack.decode(body)
+    try:
+        found: Any = msgspec.msgpack.decode(body)
+    except (msgspec.MsgspecError, ValueError, RecursionError):
+        return ""  # what comes after the number is no message
     (kind,) = (each for each in kinds if each.__struct_config__.tag == found[0])
     typed: Any = inspect.type_info(kind)
     where, name = [kind.__name__.lower()], ""
