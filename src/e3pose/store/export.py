@@ -62,7 +62,9 @@ def row_columns(
     for name in rows[0] if rows else names:
         values = [row[name] for row in rows]
         if name.endswith("_ns") and name != "interval_ns":
-            columns[name.removesuffix("_ns")] = [iso_text(value) for value in values]
+            columns[name.removesuffix("_ns")] = [
+                None if value is None else iso_text(value) for value in values
+            ]
         columns[name.removesuffix("_id") if name in ("run_id", "track_id") else name] = values
     return columns
 
