@@ -19,6 +19,7 @@ from e3pose.model.rigs import ring_rig
 from e3pose.recording import load_recording
 from e3pose.recording.calibration import save_rig
 from e3pose.settings.camera_file import NodeTable, load_node
+from e3pose.settings.events_table import EventsTable
 from e3pose.settings.resolved import resolve_site
 from e3pose.settings.site_file import (
     CameraTable,
@@ -60,13 +61,23 @@ def test_example_camera_is_of_the_example_site() -> None:
 
 @pytest.mark.parametrize(
     "table",
-    [SiteTable, LinkTable, StoreTable, RecordTable, ViewTable, ZoneTable, CameraTable, NodeTable],
+    [
+        SiteTable,
+        LinkTable,
+        StoreTable,
+        RecordTable,
+        ViewTable,
+        ZoneTable,
+        EventsTable,
+        CameraTable,
+        NodeTable,
+    ],
 )
 def test_page_explains_every_key_and_its_default(table: Any) -> None:
     (text,) = re.findall(rf"<!-- {table.__name__} -->\n(.*?)\n\n", TEXT, re.S)
     rows = dict(re.findall(r"^\| `(\w+)` \|\s*([^|]*?)\s*\|", text, re.M))
     fields = {item.key: (item, defaults(table).get(item.field)) for item in entries(table)}
-    parts = {"link", "store", "record", "view", "loop", "energy", "zone", "camera"}
+    parts = {"link", "store", "record", "view", "loop", "energy", "zone", "events", "camera"}
     tables = parts if table is SiteTable else set()
     assert set(rows) == set(fields) - tables - {"format", "version"}
     for name, cell in rows.items():

@@ -65,7 +65,7 @@ def stream(
     if not target:
         raise InputError("TARGET", "none", "one at least, such as osc://127.0.0.1:9000")
     resolved = resolve_site(site)
-    events = resolved.events
+    watch = site_watch(resolved)
     source = Source(
         resolved.name,
         resolved.skeleton,
@@ -73,7 +73,7 @@ def stream(
         warn,
         resolved.rig.camera_ids,
         tuple(zone.name for zone in resolved.zone),
-        () if events is None else events.kinds,
+        () if watch is None else tuple(watch.rules),
     )
     link = viewer_link(resolved, keys)
     with ExitStack() as stack:
@@ -84,9 +84,7 @@ def stream(
         connection = stack.enter_context(
             Connection(resolved.name, open_network(link), delayed=delayed)
         )
-        sender = stack.enter_context(
-            Sender(connection, streams, Zones(resolved.zone), warn, site_watch(resolved))
-        )
+        sender = stack.enter_context(Sender(connection, streams, Zones(resolved.zone), warn, watch))
         what = "smoothed poses of site" if delayed else "site"
         print(f"Streaming {what} {resolved.name} to {', '.join(target)}", flush=True)
         end_s = None if for_s is None else time.monotonic() + for_s

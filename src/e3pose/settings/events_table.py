@@ -7,7 +7,7 @@ from typing import Annotated
 
 from msgspec import Meta
 
-from e3pose.base.table import check_bounds, entry
+from e3pose.base.table import check_bounds
 
 
 @dataclass(frozen=True, slots=True)
@@ -15,7 +15,7 @@ class EventsTable:
     """`[events]`: what people do that the site tells.
 
     Attributes:
-        kinds: which events; all by default.
+        kinds: names in `events.rules.RULES`; none stand for all.
         fall_s: somebody who went down fast has fallen after lying so long without getting up.
         lies_s: somebody who lies or sits on the floor for so long is told, however they got there.
         settled_s: so long on a bed or a seat before `left` is told.
@@ -23,10 +23,7 @@ class EventsTable:
         most_people: more people than that are too many; 0: never told.
     """
 
-    kinds: tuple[str, ...] = entry(
-        default=("fall", "on-floor", "got-up", "left", "nobody", "too-many", "waved"),
-        write='["fall", "on-floor"]',
-    )
+    kinds: tuple[str, ...] = ()
     fall_s: Annotated[float, Meta(ge=0.2, le=600)] = 2.0
     lies_s: Annotated[float, Meta(ge=1, le=1e6)] = 20.0
     settled_s: Annotated[float, Meta(ge=1, le=1e6)] = 10.0

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from typing import Any
 from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
 from tests.events.bodies import doing, seen
-from tests.site.streams.test_streams import EVENT, slot
+from tests.site.streams.test_streams import EVENT, TIME_NS, slot
 
+from e3pose.events.rules import RULES
 from e3pose.events.watch import advance, begin_watch
 from e3pose.model.skeleton import COCO17
 from e3pose.settings.events_table import EventsTable
@@ -18,9 +20,7 @@ from e3pose.site.streams import Source
 from e3pose.site.streams.base import TellsPeople
 from e3pose.site.streams.homeassistant import HomeAssistantStream, discovery
 
-SOURCE = Source(
-    "lab", COCO17, 12.5, cameras=("c0", "hall 2"), zones=("door",), kinds=EventsTable().kinds
-)
+SOURCE = Source("lab", COCO17, 12.5, cameras=("c0", "hall 2"), zones=("door",), kinds=tuple(RULES))
 # https://www.home-assistant.io/integrations/mqtt/, sensor.mqtt/, binary_sensor.mqtt/ and
 # device_trigger.mqtt/: required keys, and those that we use of the optional ones.
 REQUIRED = {
@@ -82,7 +82,7 @@ def test_a_fall_goes_on_until_the_person_is_up(client: MagicMock) -> None:
 
 def test_counts_of_zones_and_cameras_are_told(client: MagicMock) -> None:
     stream = HomeAssistantStream(client, SOURCE)
-    watch = begin_watch(EventsTable(), COCO17.joints)
+    watch = replace(begin_watch(EventsTable(), COCO17.joints), time_ns=TIME_NS)
     stream.slot(slot(7))
     stream.zone(EVENT)
     stream.people(watch, [])

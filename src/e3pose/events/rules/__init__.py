@@ -11,7 +11,7 @@ from e3pose.events.rules.base import Rule as Rule
 from e3pose.events.rules.fall import Fall
 from e3pose.events.rules.left import Left
 from e3pose.events.rules.on_floor import GotUp, OnFloor
-from e3pose.events.rules.presence import Nobody, TooMany
+from e3pose.events.rules.presence import nobody, too_many
 from e3pose.events.rules.wave import Waved
 from e3pose.settings.events_table import EventsTable
 
@@ -20,8 +20,8 @@ RULES: dict[str, Callable[[EventsTable, Joints], Rule]] = {
     "on-floor": lambda table, joints: OnFloor(table),
     "got-up": lambda table, joints: GotUp(table),
     "left": lambda table, joints: Left(table),
-    "nobody": lambda table, joints: Nobody(table),
-    "too-many": lambda table, joints: TooMany(table),
+    "nobody": lambda table, joints: nobody(table),
+    "too-many": lambda table, joints: too_many(table),
     "waved": lambda table, joints: Waved(joints),
 }
 
@@ -35,4 +35,4 @@ def make_rules(table: EventsTable, joints: Joints) -> dict[str, Rule]:
     for kind in table.kinds:
         if kind not in RULES:
             raise InputError("kinds", repr(kind[:40]), f"some of {', '.join(RULES)}")
-    return {kind: RULES[kind](table, joints) for kind in table.kinds}
+    return {kind: RULES[kind](table, joints) for kind in table.kinds or RULES}
