@@ -31,36 +31,16 @@ from numpy.typing import NDArray
 
 from adaptive_choice import ACTIVE_W, FPS, IDLE_W
 from e3pose.base.arrays import Flags, Floats
+from e3pose.select.floor import seen_floor
 
 ASLEEP_W = 0.5  # assumed: a suspended board, from which its own clock wakes it
 WARMUP_SLOTS = 10
 RULES = ("random", "slot", "set", "set+cover")
-CELL_M, MARGIN_M, FAR_M = 0.5, 2.0, 12.0  # of the floor around the cameras
-HEIGHTS_M = (0.1, 0.5, 0.9, 1.3, 1.7)
-SEEN_SHARE = 0.6  # of these heights: a camera sees somebody who stands there
 COVER_NATS = 1.0  # of a floor that two cameras see everywhere
 STAY_NATS = 0.02  # of a plan that wakes nobody
 PRICE_NATS = 0.02  # of a slot in a queue, shared by the cameras awake
 WAITING = 0.5  # people not started yet, for whom a camera is woken
 STARTED_SHARE = 0.3  # of them: fewer than these are too few
-
-
-def floor_seen(rig: Any) -> Floats:
-    """Return `(num_cameras, num_cells)`: 1 where a camera sees somebody who stands in a cell.
-
-    Cells that fewer than two cameras see are left out: nobody is estimated there.
-    """
-    centers_m = rig.centers_m[:, :2]
-    low, high = centers_m.min(axis=0) - MARGIN_M, centers_m.max(axis=0) + MARGIN_M
-    x, y = np.meshgrid(*(np.arange(a, b, CELL_M) for a, b in zip(low, high, strict=True)))
-    cells_m = np.stack([x.ravel(), y.ravel()], axis=-1)
-    heights_m = np.tile(HEIGHTS_M, len(cells_m))[:, None]
-    points_m = np.concatenate([np.repeat(cells_m, len(HEIGHTS_M), axis=0), heights_m], axis=1)
-    shape = (len(cells_m), len(HEIGHTS_M))
-    inside = np.stack([c.sees(points_m).reshape(shape).mean(axis=1) for c in rig.cameras])
-    near = np.linalg.norm(cells_m - centers_m[:, None], axis=-1) < FAR_M
-    seen = ((inside >= SEEN_SHARE) & near).astype(np.float64)
-    return np.asarray(seen[:, seen.sum(axis=0) >= 2])
 
 
 @dataclass(eq=False)
@@ -73,7 +53,7 @@ class Planner:
         num_awake: K.
         block_slots: slots from plan to plan.
         wake_slots: slots that waking takes.
-        seen: `(num_cameras, num_cells)` see `floor_seen`.
+        seen: `(num_cameras, num_cells)` see `seen_floor`.
         until: `(num_cameras,)` slot up to which each camera is awake; `ready` likewise, from which.
         awake: `(num_cameras,)` of each slot decided so far: whether it draws more than asleep.
         wakes: how often a camera was woken.
@@ -181,7 +161,7 @@ def one(
         num_awake,
         max(round(options.block / recording.interval_s), 1),
         round(options.wake / recording.interval_s),
-        floor_seen(recording.rig),
+        seen_floor(recording.rig)[1],
         np.full(num_cameras, 10**9),
         np.zeros(num_cameras, dtype=np.int64),
     )

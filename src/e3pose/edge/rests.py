@@ -17,11 +17,11 @@ import numpy as np
 from e3pose.base.arrays import Flags, Integers
 from e3pose.base.clock import SlotTimes
 from e3pose.edge.roster import SILENT_S, CameraState
+from e3pose.energy.rest_costs import alarm_s
 from e3pose.wire.messages import RESTING, Heartbeat
 from e3pose.wire.site_messages import CameraStatus
 
 ASLEEP = "asleep"  # begins what is said of a camera that is expected back
-SIGMAS = 2.0  # tuned: sd | a normal wake is late once in 44 | not measured
 PRIOR_SHARE = 0.5  # tuned: share of the mean | not recorded, boards of a kind vary | not measured
 MEMORY_WAKES = 20  # tuned: wakes | not recorded, heat and networks change | not measured
 LONGEST_WAKE_S = 60.0  # what is learned of a camera that was away for other reasons
@@ -50,7 +50,7 @@ class WakeTime:
     @property
     def early_s(self) -> float:
         """How long before it is needed an alarm is set."""
-        return min(self.mean_s + SIGMAS * self.sd_s, LONGEST_WAKE_S)
+        return min(alarm_s(self.mean_s, self.sd_s), LONGEST_WAKE_S)
 
     def after(self, took_s: float) -> WakeTime:
         """Return it after one more wake; what was stated counts as one."""
