@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.base.arrays import Floats
-from e3pose.model.proportions import KINDS, LEAST_M, MOST_M, RIGID, STATURE_M, kind_of
+from e3pose.model.proportions import KINDS, LEAST_M, MOST_M, RIGID, STATURE_M
 
 UNSTATED_M = 0.05  # standard deviation of a joint whose own is not known
 ONE_SIDE_M = 0.05  # one hip is so far from the middle of both
@@ -59,7 +59,7 @@ def joints_of(names: tuple[str, ...]) -> Joints:
     for (first, second), share in _SHARES:
         for side in ("left", "right"):
             ends = place.get(f"{side}_{first}", -1), place.get(f"{side}_{second}", -1)
-            if min(ends) >= 0 and kind_of(f"{side}_{first}", f"{side}_{second}") >= 0:
+            if min(ends) >= 0:
                 limbs.append(ends)
                 shares.append(share)
     head = tuple(place[n] for n in ("nose", "left_ear", "right_ear", "head") if n in place)

@@ -60,7 +60,6 @@ class Person:
         on_floor: probability that the person lies or sits on the floor itself.
         place_m: `(2,)` on the floor.
         surface_m: height of the bed or seat that the person is over; 0 on the floor.
-        zones: names of the zones that the person is in.
         near: name of the zone that is nearest, if one is near.
         trail: `(time_ns, height of the hips over the floor / stature)` of the last seconds.
         joints_m: `(num_joints, 3)` as last seen.
@@ -77,7 +76,6 @@ class Person:
     states: Floats = field(default_factory=lambda: states_of(NOT_KNOWN[None])[0])
     on_floor: float = 0.0
     surface_m: float = 0.0
-    zones: tuple[str, ...] = ()
     near: str = ""
     trail: Trail = ()
     joints_m: Floats = field(default_factory=lambda: np.zeros((0, 3)))
@@ -198,7 +196,7 @@ def _followed(
             int(seen.track_ids[row]), person.since_ns, seen.time_ns,
             (float(stature.mean[row]), float(stature.precision[row])), share[row], places_m[row],
             float(statures[row]), states[row], float(low[row]), float(surface_m[row]),
-            tuple(zones[index].name for index in inside[row]), near[row],
+            near[row],
             _trail(person.trail, seen.time_ns, float(hips_m[row, 2] / statures[row])),
             joints_m[row], fast_m[row], slow_m[row],
         )  # fmt: skip

@@ -52,12 +52,10 @@ def simulate(
     """
     check_number("seed", seed, 0, 2**63 - 1, whole=True)
     report = progress or (lambda share: None)
-    scene = scene_by_name(settings.scene)
-    number = scene.people if settings.people is None else int(settings.people)
+    scene, number, seeds = _drawn(settings, seed)
     fps = scene.fps if settings.fps is None else settings.fps
     check_number("slots (seconds x fps)", settings.seconds * fps, 1, MAX_SLOTS)
     num_slots = max(1, round(settings.seconds * fps))
-    seeds = np.random.SeedSequence(int(seed)).spawn(5)
     rig_seed, life_seed, body_seed, view_seed, field_seed = seeds
     stage = _place(settings, scene, np.random.default_rng(rig_seed))
     settings.check_size(num_slots, len(stage.rig), number)
@@ -108,13 +106,18 @@ def simulate(
 
 def episodes_of(settings: SceneSettings, seed: int = 0) -> tuple[tuple[Episode, ...], ...]:
     """Return what each of the people of `simulate(settings, seed)` does besides walking about."""
-    scene = scene_by_name(settings.scene)
-    number = scene.people if settings.people is None else int(settings.people)
-    rig_seed, life_seed, *_ = np.random.SeedSequence(int(seed)).spawn(5)
+    scene, number, (rig_seed, life_seed, *_) = _drawn(settings, seed)
     stage = _place(settings, scene, np.random.default_rng(rig_seed))
     play = Play(stage.scene, number, np.random.default_rng(life_seed))
     _, lives = play.run(settings.seconds + AFTER_S, lambda share: None)
     return tuple(tuple(life.episodes) for life in lives)
+
+
+def _drawn(settings: SceneSettings, seed: int) -> tuple[Scene, int, list[np.random.SeedSequence]]:
+    """Return the scene, how many people take part, and seeds: rig, lives, bodies, views, fields."""
+    scene = scene_by_name(settings.scene)
+    number = scene.people if settings.people is None else int(settings.people)
+    return scene, number, np.random.SeedSequence(int(seed)).spawn(5)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -25,6 +26,14 @@ class Moment:
     time_ns: int
     shown: People
     known: People
+
+    def on_floor(self, spells: Mapping[int, Spell]) -> dict[int, float]:
+        """Return how likely each person is on the floor; 0.5 of one not shown who was there.
+
+        Somebody who is not shown for a moment has not got up.
+        """
+        hidden = {track: 0.5 for track in spells if track in self.known}
+        return hidden | {track: person.on_floor for track, person in self.shown.items()}
 
     def event(
         self, kind: str, phase: Phase, track: int, spell: Spell, says: str, score: float = 1.0

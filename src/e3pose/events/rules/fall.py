@@ -79,10 +79,8 @@ class Fall:
 
     def advance(self, memory: Memory, moment: Moment) -> tuple[Memory, list[PersonEvent]]:
         """See `Rule.advance`."""
-        values = {track: person.on_floor for track, person in moment.shown.items()}
-        # Somebody who is not shown for a moment has not got up.
-        values |= {t: 0.5 for t in memory.spells if t not in moment.shown and t in moment.known}
-        turned = turn(memory.spells, values, moment.time_ns, self._bounds)
+        on_floor = moment.on_floor(memory.spells)
+        turned = turn(memory.spells, on_floor, moment.time_ns, self._bounds)
         descents = {track: memory.descents.get(track, Descent(0, 0)) for track in turned.spells}
         for track, spell in turned.spells.items():
             person = moment.shown.get(track)

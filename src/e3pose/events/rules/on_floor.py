@@ -29,9 +29,7 @@ class OnFloor:
         self, memory: Mapping[int, Spell], moment: Moment
     ) -> tuple[Mapping[int, Spell], list[PersonEvent]]:
         """See `Rule.advance`."""
-        values = {track: person.on_floor for track, person in moment.shown.items()}
-        values |= {t: 0.5 for t in memory if t not in moment.shown and t in moment.known}
-        turned = turn(memory, values, moment.time_ns, self._bounds)
+        turned = turn(memory, moment.on_floor(memory), moment.time_ns, self._bounds)
         events = [
             moment.event("on-floor", "begun", track, spell, "is on the floor", spell.most)
             for track, spell in turned.begun.items()

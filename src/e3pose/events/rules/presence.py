@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
+from e3pose.events.people import People
 from e3pose.events.rules.base import Moment
 from e3pose.events.spells import Bounds, Spell, turn
 from e3pose.model.person_event import NOBODY, PersonEvent
@@ -13,12 +14,13 @@ MANY_S = 3.0
 Spells = Mapping[int, Spell]
 
 
-class Nobody:
-    """`nobody`: begun after `nobody_s` without anybody, ended when somebody comes."""
+class Presence:
+    """An event about all people together, from when it has been so for a while until it ends."""
 
-    def __init__(self, table: EventsTable) -> None:
-        self._bounds = Bounds(after_s=table.nobody_s, ends_s=0.5)
-        self._asked = table.nobody_s > 0
+    def __init__(
+        self, kind: str, says: str, bounds: Bounds, is_so: Callable[[People], bool]
+    ) -> None:
+        self._kind, self._says, self._bounds, self._is_so = kind, says, bounds, is_so
 
     def begin(self) -> Spells:
         """See `Rule.begin`."""
@@ -26,32 +28,28 @@ class Nobody:
 
     def advance(self, memory: Spells, moment: Moment) -> tuple[Spells, list[PersonEvent]]:
         """See `Rule.advance`."""
-        values = {NOBODY: float(self._asked and not moment.shown)}
+        values = {NOBODY: float(self._is_so(moment.shown))}
         turned = turn(memory, values, moment.time_ns, self._bounds)
-        return turned.spells, _told("nobody", moment, turned.begun, turned.ended, "nobody seen")
+        begun = [
+            moment.event(self._kind, "begun", NOBODY, spell, self._says)
+            for spell in turned.begun.values()
+        ]
+        ended = [
+            moment.event(self._kind, "ended", NOBODY, spell, self._says)
+            for spell in turned.ended.values()
+        ]
+        return turned.spells, begun + ended
 
 
-class TooMany:
-    """`too-many`: begun when more than `most_people` are there for three seconds."""
-
-    def __init__(self, table: EventsTable) -> None:
-        self._bounds = Bounds(after_s=MANY_S, ends_s=MANY_S)
-        self._most = table.most_people
-
-    def begin(self) -> Spells:
-        """See `Rule.begin`."""
-        return {}
-
-    def advance(self, memory: Spells, moment: Moment) -> tuple[Spells, list[PersonEvent]]:
-        """See `Rule.advance`."""
-        many = self._most > 0 and len(moment.shown) > self._most
-        turned = turn(memory, {NOBODY: float(many)}, moment.time_ns, self._bounds)
-        return turned.spells, _told(
-            "too-many", moment, turned.begun, turned.ended, "too many people"
-        )
+def nobody(table: EventsTable) -> Presence:
+    """Return `nobody`: begun after `nobody_s` without anybody, ended when somebody comes."""
+    bounds = Bounds(after_s=table.nobody_s, ends_s=0.5)
+    return Presence(
+        "nobody", "nobody seen", bounds, lambda people: bool(table.nobody_s) and not people
+    )
 
 
-def _told(kind: str, moment: Moment, begun: Spells, ended: Spells, says: str) -> list[PersonEvent]:
-    return [moment.event(kind, "begun", NOBODY, spell, says) for spell in begun.values()] + [
-        moment.event(kind, "ended", NOBODY, spell, says) for spell in ended.values()
-    ]
+def too_many(table: EventsTable) -> Presence:
+    """Return `too-many`: begun when more than `most_people` are there for three seconds."""
+    most, bounds = table.most_people, Bounds(after_s=MANY_S, ends_s=MANY_S)
+    return Presence("too-many", "too many people", bounds, lambda people: 0 < most < len(people))

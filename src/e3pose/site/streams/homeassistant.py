@@ -168,8 +168,7 @@ class HomeAssistantStream:
         """See `TellsPeople.people`."""
         for event in events:
             self._tell(event)
-        now_ns = max((person.seen_ns for person in watch.shown.values()), default=None)
-        now_ns = now_ns or max(self._arrived_ns.values(), default=0)
+        now_ns = watch.time_ns
         if now_ns - self._sent_ns >= EVERY_S * 1e9 or events:
             self._sent_ns = now_ns
             does = Counter(STATES[int(p.states.argmax())] for p in watch.shown.values())
