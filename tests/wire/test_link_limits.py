@@ -27,6 +27,18 @@ from e3pose.wire.keys.folder import certificates_in
 pytestmark = pytest.mark.slow
 
 LARGE = 60_000_000
+PRIORITIES = [
+    getattr(zenoh.Priority, name)
+    for name in (
+        "REAL_TIME",
+        "INTERACTIVE_HIGH",
+        "INTERACTIVE_LOW",
+        "DATA_HIGH",
+        "DATA",
+        "DATA_LOW",
+        "BACKGROUND",
+    )
+]
 GROWTH = 50_000_000  # bytes: less than one of the messages that are sent
 EDGE = """
 import sys
@@ -89,7 +101,7 @@ def test_large_messages_take_no_memory_of_the_edge(site: Site, camera_id: str) -
         message = zenoh.ZBytes(b"x" * LARGE)
 
         def flood(liar: Any) -> None:
-            for priority in (zenoh.Priority.DATA, zenoh.Priority.BACKGROUND):
+            for priority in PRIORITIES:
                 liar.put(
                     f"e3pose/lab/camera/{camera_id}/view",
                     message,

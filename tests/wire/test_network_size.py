@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import signal
+import subprocess
+import sys
+import threading
 import time
 from typing import Literal
 
@@ -17,6 +21,14 @@ from e3pose.wire.network import open_network
 pytestmark = pytest.mark.slow
 
 SILENCE_S = 0.4  # how long to wait for what must not come
+LISTENER = """
+import sys, time
+from e3pose.wire.access import Link
+from e3pose.wire.network import open_network
+camera = open_network(Link("camera", "lab", sys.argv[1]))
+camera.subscribe("e3pose/lab/order/cam1", lambda topic, payload: print(len(payload), flush=True))
+sys.stdin.read()
+"""
 
 
 def test_what_is_far_too_large_does_not_even_arrive(site: Site) -> None:
@@ -102,3 +114,37 @@ def test_what_is_said_at_once_arrives_whole() -> None:
     assert eventually(lambda: got == 600, 5.0), got
     viewer.close()
     edge.close()
+
+
+def test_camera_that_stood_still_hears_again_on_the_same_link() -> None:
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    heard: list[int] = []
+    with contextlib.closing(open_network(Link("edge", "lab", endpoint))) as edge:
+        camera = subprocess.Popen(
+            [sys.executable, "-c", LISTENER, endpoint],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+        )  # fmt: skip
+        assert camera.stdin is not None and camera.stdout is not None
+        lines = camera.stdout
+        reader = threading.Thread(target=lambda: heard.extend(int(line) for line in lines))
+        reader.start()
+
+        def hears(size: int) -> bool:
+            edge.publish("e3pose/lab/order/cam1", b"x" * size)
+            time.sleep(0.05)
+            return size in heard
+
+        try:
+            assert eventually(lambda: hears(1))
+            camera.send_signal(signal.SIGSTOP)
+            for _ in range(400):  # more than the kernel and Zenoh keep for it
+                edge.publish("e3pose/lab/order/cam1", b"x" * 60_000)
+            camera.send_signal(signal.SIGCONT)  # before the link is given up
+            assert eventually(lambda: hears(2))
+            assert heard.count(60_000) < 400  # some were dropped
+        finally:
+            camera.kill()
+            reader.join()
+            camera.stdin.close()
+            lines.close()
+            camera.wait()

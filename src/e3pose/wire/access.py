@@ -17,14 +17,16 @@ LEASE_MS = 1500  # a frozen peer is given up after it; Zenoh's own 10 s is too l
 # busy machine loses whole poses. 16 is the most it takes: 1 MB a connection, where it is needed.
 WAITING_MESSAGES = 16
 # Of a link, before anybody looks at who says what: Zenoh holds up to 1 GB of an unfinished message
-# otherwise, also of a certificate that may say nothing. With one priority in place of eight, a
-# session holds two such messages at most.
+# otherwise, also of a certificate that may say nothing. A session holds 16 such messages at most,
+# two of each priority. Zenoh 1.10 can do with one priority, but then a link that was once full
+# drops everything from there on: what ends that looks at the wrong one.
 MESSAGE_BYTES = MAX_BYTES + 2**12  # with its topic
-MAX_SESSIONS = 256  # programs of a site that may be connected
+VIEW_BYTES = 2**19  # 256 people with 133 keypoints
+EDGE_BYTES = VIEW_BYTES + 2**12  # nothing larger than a view comes to an edge
+MAX_SESSIONS = 128  # programs of a site that may be connected: 1 GB of unfinished messages
 CLIENT_MS = 2000  # of one attempt of a client to join, which nothing can end before
 JOIN_MS = 5000  # who has shown a certificate and says nothing more is given up after it
 WORD_BYTES = 2**15  # hello and heartbeat: some hundred bytes, and the names of many joints
-VIEW_BYTES = 2**19  # 256 people with 133 keypoints
 SPEAK = ["put", "delete", "liveliness_token", "query", "reply"]
 LISTEN = [
     "declare_subscriber",
@@ -151,10 +153,9 @@ def zenoh_config(
                 "max_sessions": MAX_SESSIONS,
                 "max_links": 1,
                 "accept_timeout": JOIN_MS,
-                "qos": {"enabled": False},
             },
             "link": {
-                "rx": {"max_message_size": MESSAGE_BYTES},
+                "rx": {"max_message_size": EDGE_BYTES if link.role == "edge" else MESSAGE_BYTES},
                 "tx": {
                     "lease": LEASE_MS,
                     "keep_alive": 3,
