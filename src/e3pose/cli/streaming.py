@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 import sys
+import time
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
 from e3pose.base.errors import InputError
 from e3pose.base.quantities import check_seconds
 from e3pose.cli.options import Flag, warn
+
+if TYPE_CHECKING:
+    from e3pose.site.streams.send import Sender
+
+FIRST_SLOT_S = 60.0  # to wait for what --for counts from
+RUNNING = "an edge that runs, with cameras online (`e3pose top`)"
 
 
 def stream(
@@ -47,10 +54,9 @@ def stream(
     keys
         Folder from `e3pose keys add NAME --viewer`. Default on the edge server: the first viewer.
     for_s
-        Stop after this many seconds.
+        Stop this many seconds after the first slot, which must come within a minute. Default: at
+        Ctrl-C.
     """
-    import time
-
     check_seconds("--for", for_s)
     from e3pose.settings.resolved import resolve_site
     from e3pose.site.connect import Connection
@@ -87,8 +93,17 @@ def stream(
         sender = stack.enter_context(Sender(connection, streams, Zones(resolved.zone), warn, watch))
         what = "smoothed poses of site" if delayed else "site"
         print(f"Streaming {what} {resolved.name} to {', '.join(target)}", flush=True)
-        end_s = None if for_s is None else time.monotonic() + for_s
-        run_until_stopped(lambda: sender.running() and (end_s is None or time.monotonic() < end_s))
+        begun_s = time.monotonic()
+        run_until_stopped(lambda: sender.running() and not _over(sender, begun_s, for_s))
         if sender.failure is not None:
             raise sender.failure
     print(f"Sent {sender.sent} slots, {connection.dropped} lost", file=sys.stderr)
+
+
+def _over(sender: Sender, begun_s: float, for_s: float | None) -> bool:
+    """Return whether it has sent for so long; raise `InputError` if there was nothing to send."""
+    if for_s is None or sender.first_s is not None:
+        return for_s is not None and time.monotonic() - (sender.first_s or 0.0) >= for_s
+    if time.monotonic() - begun_s >= FIRST_SLOT_S:
+        raise InputError(f"site {sender.site}", f"no slot in {FIRST_SLOT_S:g} s", RUNNING)
+    return False

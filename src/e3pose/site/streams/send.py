@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable, Sequence
 
 from e3pose.base.errors import InputError
@@ -21,6 +22,7 @@ class Sender:
 
     Attributes:
         sent: slots.
+        first_s: when the first was sent, monotonic time; None before.
         failure: what ended it.
         report: called with why nothing comes.
     """
@@ -44,6 +46,7 @@ class Sender:
         """
         self.report = report
         self.sent = 0
+        self.first_s: float | None = None
         self.failure: BaseException | None = None
         self._connection, self._streams, self._zones = connection, streams, zones
         self._telling = [stream for stream in streams if isinstance(stream, TellsPeople)]
@@ -57,6 +60,11 @@ class Sender:
     def __exit__(self, *_: object) -> None:
         self._connection.close()
         self._thread.join(END_S)
+
+    @property
+    def site(self) -> str:
+        """Name of the site."""
+        return self._connection.site
 
     def running(self) -> bool:
         """Return whether it still sends, or waits for the edge."""
@@ -84,6 +92,7 @@ class Sender:
                             stream.zone(event)
                     self._tell(slot)
                     self.sent += 1
+                    self.first_s = self.first_s or time.monotonic()
                 return
             except InputError as error:  # the edge is away: it comes back
                 if not silent:
