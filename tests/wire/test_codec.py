@@ -169,6 +169,14 @@ def test_wrong_field_is_named_in_one_line(name: str) -> None:
     assert sent in str(error.value) and "\n" not in str(error.value)
 
 
+def test_text_that_is_none_after_a_number_out_of_bounds_is_refused() -> None:
+    hello = Hello("cam1", 7, JOINTS, (1920, 1080), -1.0, 0.4, "movenet", "0.1", 50.0)
+    payload = encode(hello)
+    assert payload.count(b"movenet") == 1
+    with pytest.raises(InputError, match="cam1: message"):
+        decode(payload.replace(b"movenet", b"\xffovenet"), Hello, "cam1")
+
+
 def test_huge_message_is_refused_unread() -> None:
     with pytest.raises(InputError, match="expected at most"):
         decode(b"\x00" * (MAX_BYTES + 1), View, "cam1")
