@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -49,6 +50,21 @@ def test_a_fall_is_told_once_and_so_is_getting_up(kind: str, seed: int) -> None:
     fall = events[0]
     assert fall.phase == "begun" and fall.score > 0.5 and 1.9 < fall.lasted_s < 3.5
     assert sentence(fall, "Ada").startswith("Ada fell at 00:00")
+
+
+@pytest.mark.parametrize("later_s", [1.0, 3.0])
+def test_a_fall_is_told_once_of_somebody_whose_number_changes_on_the_floor(later_s: float) -> None:
+    slots = list(seen(doing("fall-left", 0)))
+    (fall, *_) = told(slots)
+    number = [1 if slot.time_ns < fall.start_ns + later_s * 1e9 else 8 for slot in slots]
+    changed = [
+        replace(slot, track_ids=np.array([track]))
+        for slot, track in zip(slots, number, strict=True)
+    ]
+    events = told(changed, EventsTable(lies_s=4.0))
+    assert kinds(events) == ["fall", "on-floor", "on-floor", "got-up"]
+    assert [event.phase for event in events] == ["begun", "begun", "ended", "ended"]
+    assert {event.start_ns for event in events[:3]} == {fall.start_ns}
 
 
 @pytest.mark.parametrize(

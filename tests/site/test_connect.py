@@ -8,6 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
+from tests.events.bodies import doing, seen
 from tests.memory_transport import Hub, MemoryTransport
 
 from e3pose import connect, plot, to_frame
@@ -157,3 +159,20 @@ def test_endpoint_needs_the_keys_and_the_name_of_the_site(tmp_path: Path) -> Non
     init_keys(tmp_path / "keys", "lab", [], NOW)
     folder = add_keys(tmp_path / "keys", "wall", NOW, kind="viewer")
     assert certified_site(folder / "authority.pem") == "lab"
+
+
+def test_events_of_people_are_told_as_they_happen() -> None:
+    hub = Hub()
+    with Connection("lab", hub.join(), wait_s=0.2) as site:
+        edge = hub.join()
+        for one in seen(doing("fall-forward", 0)):
+            words = poses(one.slot, 7)
+            edge.publish(
+                "e3pose/lab/poses",
+                encode(replace(words, time_edge_ns=one.time_ns, joints_m=pack(one.joints_m))),
+            )
+        told = []
+        with pytest.raises(InputError, match="no slot"):
+            for event in site.events():
+                told.append((event.kind, event.track))
+    assert told == [("fall", 7), ("got-up", 7)]

@@ -64,6 +64,7 @@ class Person:
         trail: `(time_ns, height of the hips over the floor / stature)` of the last seconds.
         joints_m: `(num_joints, 3)` as last seen.
         fast_m, slow_m: `(2,)` means of the place.
+        was: identity in the slot before: another one where the person was lost and found.
     """
 
     track: int
@@ -81,6 +82,7 @@ class Person:
     joints_m: Floats = field(default_factory=lambda: np.zeros((0, 3)))
     fast_m: Floats = field(default_factory=lambda: np.full(2, np.nan))
     slow_m: Floats = field(default_factory=lambda: np.full(2, np.nan))
+    was: int = -1
 
     @property
     def lies(self) -> float:
@@ -123,6 +125,11 @@ def follow(
         if track not in now and seen.time_ns - person.seen_ns < LOST_S * 1e9
     }
     return {**gone, **now}, now
+
+
+def heirs_in(shown: People) -> dict[int, int]:
+    """Return the identity that people had before, by the one that they have now; those changed."""
+    return {track: person.was for track, person in shown.items() if person.was not in (-1, track)}
 
 
 def _zones_of(
@@ -198,7 +205,7 @@ def _followed(
             float(statures[row]), states[row], float(low[row]), float(surface_m[row]),
             near[row],
             _trail(person.trail, seen.time_ns, float(hips_m[row, 2] / statures[row])),
-            joints_m[row], fast_m[row], slow_m[row],
+            joints_m[row], fast_m[row], slow_m[row], person.track,
         )  # fmt: skip
 
 

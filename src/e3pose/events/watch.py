@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from e3pose.events.body import Joints, joints_of
-from e3pose.events.people import People, Seen, follow
-from e3pose.events.rules import Moment, Rule, make_rules
+from e3pose.events.people import People, Seen, follow, heirs_in
+from e3pose.events.rules import Moment, Rule, inherited, make_rules
 from e3pose.model.person_event import PersonEvent
 from e3pose.settings.events_table import EventsTable
 from e3pose.settings.site_file import ZoneTable
@@ -65,10 +65,12 @@ def advance(watch: Watch, seen: Seen) -> tuple[Watch, list[PersonEvent]]:
     if seen.slot <= watch.slot or soon:
         return watch, []
     known, shown = follow(watch.known, seen, watch.joints, watch.zones)
+    heirs = heirs_in(shown)
     moment = Moment(seen.slot, seen.time_ns, shown, known)
     memories, events = dict[str, Any](), list[PersonEvent]()
     for kind, rule in watch.rules.items():
-        memories[kind], told = rule.advance(watch.memories[kind], moment)
+        before = inherited(watch.memories[kind], heirs) if heirs else watch.memories[kind]
+        memories[kind], told = rule.advance(before, moment)
         events += told
     now = replace(
         watch, memories=memories, known=known, shown=shown, slot=seen.slot, time_ns=seen.time_ns

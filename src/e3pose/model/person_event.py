@@ -7,6 +7,7 @@ from datetime import datetime, timezone, tzinfo
 from typing import Literal
 
 Phase = Literal["begun", "ended"]
+ONCE = ("got-up", "left", "waved")  # kinds that do not last: told once, as ended
 NOBODY = -1  # the track of events that are about a place, not a person
 
 
@@ -38,6 +39,11 @@ class PersonEvent:
     slot: int
     score: float
     says: str
+
+    @property
+    def is_news(self) -> bool:
+        """Whether this is the first that is told of it."""
+        return self.phase == "begun" or self.kind in ONCE
 
     @property
     def lasted_s(self) -> float:

@@ -13,9 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.base.errors import MISSING, InputError
+from e3pose.events.people import Seen
+from e3pose.events.watch import Watch, advance, begin_watch
+from e3pose.model.person_event import PersonEvent
 from e3pose.model.skeleton import SKELETONS, Skeleton
 from e3pose.model.take import Take, motion_of
-from e3pose.settings.site_file import load_site
+from e3pose.settings.events_table import EventsTable
+from e3pose.settings.site_file import ZoneTable, load_site
 from e3pose.site.follow import Follower, viewer_link
 from e3pose.wire.access import Link, split_endpoint
 from e3pose.wire.arrays import unpack
@@ -25,6 +29,7 @@ from e3pose.wire.transport import Transport
 
 MAX_WAITING = 1000  # slots that nobody has taken yet; older ones are dropped
 WAIT_S = 10.0
+EVERY_KIND = EventsTable()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,6 +98,11 @@ def live_slot(poses: Poses) -> LiveSlot:
     )
 
 
+def seen_of(slot: LiveSlot) -> Seen:
+    """Return the people of a slot as events follow them."""
+    return Seen(slot.slot, slot.time_ns, slot.track_ids, slot.joints_m, slot.sigma_m)
+
+
 def take_of_slots(slots: Sequence[LiveSlot], interval_s: float, name: str = "live") -> Take:
     """Return slots as a take, in which each person has arrays over time.
 
@@ -138,7 +148,13 @@ class Connection:
     """
 
     def __init__(
-        self, site: str, transport: Transport, wait_s: float = WAIT_S, delayed: bool = False
+        self,
+        site: str,
+        transport: Transport,
+        wait_s: float = WAIT_S,
+        delayed: bool = False,
+        told: EventsTable = EVERY_KIND,
+        zones: Sequence[ZoneTable] = (),
     ) -> None:
         """Follow a site.
 
@@ -147,7 +163,10 @@ class Connection:
             transport: how to reach its edge; closed with the connection.
             wait_s: how long to wait for the edge at most; it may be away for less.
             delayed: follow the smoothed poses that come later, in place of those at once.
+            told: which events of people `events` yields.
+            zones: of the site, for these events.
         """
+        self._told, self._zones = told, tuple(zones)
         self.site, self.dropped = site, 0
         self._transport, self._wait_s = transport, wait_s
         self._follower = Follower(site, delayed=delayed)
@@ -197,6 +216,21 @@ class Connection:
                 f"site {self.site}: no slot for {self._wait_s:g} s{why}: check that the edge runs "
                 "and cameras are online (`e3pose top`), the endpoint, the site name and the keys"
             ) from None
+
+    def events(self) -> Iterator[PersonEvent]:
+        """Yield what people do as it happens, until the connection is closed.
+
+        What `[events]` and the zones of the site file say, where the connection was made with one;
+        otherwise events of every kind, with their usual settings. It takes the slots.
+
+        Raises:
+            InputError: when no slot comes for `wait_s` seconds.
+        """
+        watch: Watch | None = None
+        for slot in self:
+            watch = watch or begin_watch(self._told, slot.joints, self._zones)
+            watch, events = advance(watch, seen_of(slot))
+            yield from events
 
     def newest(self) -> LiveSlot:
         """Return the newest slot: what waits is skipped; waits for one if none does."""
@@ -278,8 +312,9 @@ def connect(
 
     folder = None if keys is None else Path(keys)
     if Path(place).exists():
-        link = viewer_link(load_site(Path(place)), folder)
-        return Connection(link.site, open_network(link), wait_s, delayed)
+        table = load_site(Path(place))
+        link, told = viewer_link(table, folder), table.events or EVERY_KIND
+        return Connection(link.site, open_network(link), wait_s, delayed, told, table.zone)
     endpoint, certificates = str(place), None
     if split_endpoint(endpoint)[0] == "tls":
         if folder is None:

@@ -75,6 +75,7 @@ def test_it_says_what_foxgloves_own_server_says() -> None:
         foxglove.Channel("/scene", message_encoding="protobuf", schema=schema, context=context),
         foxglove.Channel("/poses", message_encoding="json", context=context),
         foxglove.Channel("/zones", message_encoding="json", context=context),
+        foxglove.Channel("/events", message_encoding="json", context=context),
     ]
     with (
         served() as (_, url),
@@ -84,7 +85,7 @@ def test_it_says_what_foxgloves_own_server_says() -> None:
         assert theirs.subprotocol == ours.subprotocol == "foxglove.sdk.v1"
         assert advertised(ours) == advertised(theirs)
     own.stop()
-    assert len(kept) == 3
+    assert len(kept) == len(CHANNELS)
 
 
 def test_subscribers_alone_get_messages_until_they_leave() -> None:
@@ -162,7 +163,7 @@ def test_only_pages_of_this_machine_and_named_ones_connect(
     with served("?origin=https://app.foxglove.dev", source) as (_, url):
         if comes_in:
             with joined(url, origin=None if origin is None else Origin(origin)) as client:
-                assert len(_channels(client)) == 3
+                assert len(_channels(client)) == len(CHANNELS)
             assert said == []
             return
         for _ in range(3):

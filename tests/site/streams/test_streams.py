@@ -25,10 +25,15 @@ from websockets.sync.client import connect as connect_socket
 from websockets.typing import Subprotocol
 
 from e3pose.base.errors import InputError
+from e3pose.events.watch import begin_watch
+from e3pose.model.person_event import PersonEvent
 from e3pose.model.skeleton import COCO17
 from e3pose.model.zone_event import ZoneEvent
+from e3pose.settings.events_table import EventsTable
 from e3pose.site.connect import Connection, LiveSlot
-from e3pose.site.streams import STREAMS, Source, open_stream
+from e3pose.site.streams import STREAMS, Source, Stream, open_stream
+from e3pose.site.streams.as_json import event_words
+from e3pose.site.streams.base import TellsPeople
 from e3pose.site.streams.send import Sender
 from e3pose.site.zones import Zones
 from e3pose.wire.arrays import pack
@@ -38,6 +43,8 @@ from e3pose.wire.site_messages import Poses
 SOURCE = Source("lab", COCO17, 25.0)
 TIME_NS = 1_795_000_000_000_000_000
 EVENT = ZoneEvent("enter", "door", 7, 2, 0.0, 3, TIME_NS)
+FELL = PersonEvent("fall", "begun", 7, "bed", TIME_NS - 10**9, TIME_NS, 3, 0.9, "fell")
+WATCH = begin_watch(EventsTable(), COCO17.joints)
 KNEE = COCO17.joints.index("left_knee")
 
 
@@ -55,6 +62,12 @@ def slot(*tracks: int, number: int = 3) -> LiveSlot:
     )
 
 
+def tell(stream: Stream) -> None:
+    """Tell a stream of a fall."""
+    assert isinstance(stream, TellsPeople)
+    stream.people(WATCH, [FELL])
+
+
 def test_osc_is_read_by_python_osc() -> None:
     heard: queue.Queue[tuple[Any, ...]] = queue.Queue()
     dispatcher = Dispatcher()
@@ -65,7 +78,8 @@ def test_osc_is_read_by_python_osc() -> None:
         stream = open_stream(f"osc://127.0.0.1:{server.server_address[1]}", SOURCE)
         stream.slot(slot(7, 9))
         stream.zone(EVENT)
-        found = [heard.get(timeout=20) for _ in range(1 + 2 * 16 + 1)]
+        tell(stream)
+        found = [heard.get(timeout=20) for _ in range(1 + 2 * 16 + 2)]
         stream.close()
         server.shutdown()
     said = {address: values for address, *values in found}
@@ -73,6 +87,8 @@ def test_osc_is_read_by_python_osc() -> None:
     assert said["/e3pose/person/9/left_knee"] == pytest.approx([9, KNEE / 10, 1])
     assert "/e3pose/person/9/nose" not in said
     assert said["/e3pose/zone/door"] == ["enter", 7, 2, 0.0]
+    assert said["/e3pose/event/fall"][:4] == ["begun", 7, "bed", pytest.approx(0.9)]
+    assert said["/e3pose/event/fall"][4].startswith("Person 7 fell (bed) at ")
 
 
 def test_lsl_is_read_by_pylsl() -> None:
@@ -81,7 +97,7 @@ def test_lsl_is_read_by_pylsl() -> None:
     name = f"e3pose-test-{free_port()}"
     stream = open_stream(f"lsl:{name}", SOURCE)
     inlets = []
-    for one in (name, f"{name}-zones"):
+    for one in (name, f"{name}-zones", f"{name}-events"):
         (info,) = pylsl.resolve_byprop("name", one, timeout=20)
         inlets.append(pylsl.StreamInlet(info))
         inlets[-1].open_stream(timeout=20)
@@ -92,6 +108,7 @@ def test_lsl_is_read_by_pylsl() -> None:
     stream.slot(slot(7, 9))
     stream.slot(slot(9, 11))  # 9 keeps its place, 11 takes that of 7
     stream.zone(EVENT)
+    tell(stream)
     samples = [np.array(inlets[0].pull_sample(timeout=20)[0]).reshape(4, 69) for _ in range(2)]
     assert samples[0][:2, 0].tolist() == [7, 9] and np.isnan(samples[0][2:]).all()
     assert samples[1][:2, 0].tolist() == [11, 9]
@@ -99,6 +116,7 @@ def test_lsl_is_read_by_pylsl() -> None:
     assert knee == pytest.approx([9, KNEE / 10, 1, 0.02])
     assert np.isnan(samples[0][0, 1:4]).all()
     assert inlets[1].pull_sample(timeout=20)[0] == ["enter door 7 2"]
+    assert inlets[2].pull_sample(timeout=20)[0] == ["fall begun 7"]
     stream.close()
 
 
@@ -107,11 +125,12 @@ def test_mcap_is_read_by_mcap(tmp_path: Path) -> None:
     stream = open_stream(f"mcap:{path}", SOURCE)
     stream.slot(slot(7))
     stream.zone(EVENT)
+    tell(stream)
     stream.close()
     assert path.stat().st_mode & 0o077 == 0
     with path.open("rb") as file:
         found = {c.topic: (s, m) for s, c, m in make_reader(file).iter_messages()}
-    assert set(found) == {"/scene", "/poses", "/zones"}
+    assert set(found) == {"/scene", "/poses", "/zones", "/events"}
     schema, scene = found["/scene"]
     assert schema is not None and schema.name == "foxglove.SceneUpdate"
     assert scene.log_time == TIME_NS and b"track 7" in scene.data
@@ -119,6 +138,8 @@ def test_mcap_is_read_by_mcap(tmp_path: Path) -> None:
     assert person["track"] == 7 and person["joints"]["left_knee"] == [7, KNEE / 10, 1]
     assert "nose" not in person["joints"]
     assert json.loads(found["/zones"][1].data)["event"] == "enter"
+    told = json.loads(found["/events"][1].data)
+    assert told == event_words(FELL) and told["kind"] == "fall" and told["start_ns"] < TIME_NS
     with pytest.raises(InputError, match="a file that is there"):
         open_stream(f"mcap:{path}", SOURCE)
 
@@ -171,13 +192,15 @@ def test_mqtt_is_read_by_paho() -> None:
         stream = open_stream(f"mqtt://127.0.0.1:{port}", SOURCE)
         stream.slot(slot(7))
         stream.zone(EVENT)
-        found = dict(heard.get(timeout=20) for _ in range(3))
+        tell(stream)
+        found = dict(heard.get(timeout=20) for _ in range(4))
         stream.close()
         client.disconnect()
         client.loop_stop()
     assert json.loads(found["e3pose/lab/poses"])["people"][0]["track"] == 7
     assert json.loads(found["e3pose/lab/zone/door"])["event"] == "enter"
     assert found["e3pose/lab/zone/door/count"] == b"2"
+    assert json.loads(found["e3pose/lab/event/fall"]) == event_words(FELL)
 
 
 @pytest.mark.parametrize(

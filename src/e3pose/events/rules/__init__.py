@@ -8,6 +8,7 @@ from e3pose.base.errors import InputError
 from e3pose.events.body import Joints
 from e3pose.events.rules.base import Moment as Moment
 from e3pose.events.rules.base import Rule as Rule
+from e3pose.events.rules.base import inherited as inherited
 from e3pose.events.rules.fall import Fall
 from e3pose.events.rules.left import Left
 from e3pose.events.rules.on_floor import GotUp, OnFloor

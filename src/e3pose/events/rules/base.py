@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from typing import Any, Protocol
 
 from e3pose.events.people import People
@@ -57,3 +57,23 @@ class Rule(Protocol):
     def advance(self, memory: Any, moment: Moment) -> tuple[Any, list[PersonEvent]]:
         """Return what it remembers after a slot, and the events of it."""
         ...
+
+
+def inherited(memory: Any, heirs: Mapping[int, int]) -> Any:
+    """Return what a rule remembers, with people by the identities that they have now.
+
+    Args:
+        memory: a mapping by track or by a tuple that begins with one, or a record of such.
+        heirs: identity before, by the one now.
+    """
+    if not isinstance(memory, Mapping):
+        parts = {part.name: getattr(memory, part.name) for part in fields(memory)}
+        return replace(memory, **{name: inherited(each, heirs) for name, each in parts.items()})
+    now = {before: track for track, before in heirs.items()}
+
+    def renamed(key: Any) -> Any:
+        if isinstance(key, tuple):
+            return (now.get(key[0], key[0]), *key[1:])
+        return now.get(key, key)
+
+    return {renamed(key): value for key, value in memory.items()}

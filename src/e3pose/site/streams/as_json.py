@@ -1,12 +1,14 @@
-"""Slots and zone events as JSON, for streams that carry text."""
+"""Slots, zone events and events of people as JSON, for streams that carry text."""
 
 from __future__ import annotations
 
 from dataclasses import asdict
+from datetime import datetime, timezone
 from typing import Any
 
 import numpy as np
 
+from e3pose.model.person_event import PersonEvent, sentence
 from e3pose.model.zone_event import ZoneEvent
 from e3pose.site.connect import LiveSlot
 
@@ -36,3 +38,9 @@ def slot_words(slot: LiveSlot) -> dict[str, Any]:
 def zone_words(event: ZoneEvent) -> dict[str, Any]:
     """Return a zone event as JSON can hold it."""
     return {"event" if key == "kind" else key: value for key, value in asdict(event).items()}
+
+
+def event_words(event: PersonEvent) -> dict[str, Any]:
+    """Return an event of a person as JSON can hold it, with its sentence in local time."""
+    here = datetime.now().astimezone().tzinfo
+    return {**asdict(event), "sentence": sentence(event, zone=here or timezone.utc)}

@@ -1,9 +1,9 @@
-"""Foxglove over WebSocket: skeletons as a 3D scene, poses and zone events as JSON."""
+"""Foxglove over WebSocket: skeletons as a 3D scene, poses and events as JSON."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from urllib.parse import parse_qsl
 
 import numpy as np
@@ -24,12 +24,14 @@ from foxglove.messages import (
 from numpy.typing import NDArray
 
 from e3pose.base.errors import InputError
+from e3pose.events.watch import Watch
+from e3pose.model.person_event import PersonEvent
 from e3pose.model.zone_event import ZoneEvent
 from e3pose.output.report.scene import NUM_COLOURS
 from e3pose.site.connect import LiveSlot
 from e3pose.site.listener import Bounds, open_socket
 from e3pose.site.serving import Serving
-from e3pose.site.streams.as_json import slot_words, zone_words
+from e3pose.site.streams.as_json import event_words, slot_words, zone_words
 from e3pose.site.streams.base import Source, host_port
 from e3pose.site.streams.foxglove_server import (
     CLIENTS,
@@ -44,6 +46,7 @@ CHANNELS = (
     Channel("/scene", "protobuf", _SCHEMA.name, _SCHEMA.data),
     Channel("/poses", "json"),
     Channel("/zones", "json"),
+    Channel("/events", "json"),
 )
 LIFETIME_NS = 500_000_000  # of who is not shown any more
 # As the live page draws them.
@@ -107,6 +110,11 @@ class FoxgloveStream:
     def zone(self, event: ZoneEvent) -> None:
         """See `Stream.zone`."""
         self._log("/zones", json.dumps(zone_words(event)).encode(), event.time_ns)
+
+    def people(self, watch: Watch, events: Sequence[PersonEvent]) -> None:
+        """See `TellsPeople.people`."""
+        for event in events:
+            self._log("/events", json.dumps(event_words(event)).encode(), event.time_ns)
 
     def close(self) -> None:
         """See `Stream.close`."""

@@ -18,18 +18,18 @@ import re
 import ssl
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
-from datetime import datetime, timezone
 from typing import Any
 
 import paho.mqtt.client as mqtt
 
 from e3pose import __version__
+from e3pose.events.people import heirs_in
 from e3pose.events.states import STATES
 from e3pose.events.watch import Watch
-from e3pose.model.person_event import PersonEvent, sentence
+from e3pose.model.person_event import PersonEvent
 from e3pose.model.zone_event import ZoneEvent
 from e3pose.site.connect import LiveSlot
+from e3pose.site.streams.as_json import event_words
 from e3pose.site.streams.base import Source
 from e3pose.site.streams.mqtt import PORT, connected_client
 
@@ -42,7 +42,6 @@ ALARMS = {
     "fall": ("Fall", "safety"), "on-floor": ("On the floor", "safety"),
     "nobody": ("Nobody seen", None), "too-many": ("Too many people", "problem"),
 }  # fmt: skip
-NAMES = {"got-up": "Got up", "left": "Left bed or seat", "waved": "Waved"}
 FALL_ENDS = "got-up"  # a fall is told once; its alarm goes off with this
 
 
@@ -166,6 +165,10 @@ class HomeAssistantStream:
 
     def people(self, watch: Watch, events: Sequence[PersonEvent]) -> None:
         """See `TellsPeople.people`."""
+        for tracks in self._alarms.values():
+            for track, before in heirs_in(watch.shown).items():
+                if before in tracks:
+                    tracks.symmetric_difference_update({before, track})
         for event in events:
             self._tell(event)
         now_ns = watch.time_ns
@@ -190,10 +193,9 @@ class HomeAssistantStream:
             change(self._alarms[event.kind], event.track)
         if event.kind == FALL_ENDS and "fall" in self._alarms:
             self._alarms["fall"].discard(event.track)
-        here = datetime.now().astimezone().tzinfo
-        words = {**asdict(event), "sentence": sentence(event, zone=here or timezone.utc)}
+        words = event_words(event)
         self._retain("told", words)
-        if event.phase == "begun" or event.kind in NAMES:
+        if event.is_news:
             key = identifier(event.kind)
             self._client.publish(f"{self._base}/trigger/{key}", json.dumps(words), qos=1)
 

@@ -1,4 +1,4 @@
-"""Lab Streaming Layer: an outlet of poses, and one of zone events as markers.
+"""Lab Streaming Layer: an outlet of poses, and markers of zone events and events of people.
 
 The channels of a stream are fixed, so there is room for `PEOPLE` people: for each the track id,
 then x, y, z and sigma of each joint, metres. A person keeps the place until gone; NaN is nobody.
@@ -7,10 +7,13 @@ then x, y, z and sigma of each joint, metres. A person keeps the place until gon
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 
 import numpy as np
 import pylsl
 
+from e3pose.events.watch import Watch
+from e3pose.model.person_event import PersonEvent
 from e3pose.model.zone_event import ZoneEvent
 from e3pose.site.connect import LiveSlot
 from e3pose.site.streams.base import Source
@@ -21,7 +24,7 @@ PARTS = ("x", "y", "z", "sigma")
 
 
 def open_stream(place: str, source: Source) -> LslStream:
-    """Return a stream under a name, `e3pose` by default; its markers are `NAME-zones`."""
+    """Return a stream NAME, `e3pose` by default; its markers: `NAME-zones`, `NAME-events`."""
     return LslStream(place or "e3pose", source)
 
 
@@ -29,7 +32,7 @@ class LslStream:
     """See `Stream`."""
 
     def __init__(self, name: str, source: Source) -> None:
-        """Announce both outlets on the network."""
+        """Announce the outlets on the network."""
         joints = source.skeleton.joints
         self._width = 1 + len(joints) * len(PARTS)
         info = pylsl.StreamInfo(
@@ -45,11 +48,14 @@ class LslStream:
                 channel.append_child_value("unit", "none" if label == "track" else "meters")
         info.desc().append_child_value("up_axis", "z")
         self._poses = pylsl.StreamOutlet(info, max_buffered=KEPT_S)
-        self._zones = pylsl.StreamOutlet(
-            pylsl.StreamInfo(
-                f"{name}-zones", "Markers", 1, pylsl.IRREGULAR_RATE, pylsl.cf_string,
-                f"e3pose-{source.site}-{name}-zones",
+        self._zones, self._events = (
+            pylsl.StreamOutlet(
+                pylsl.StreamInfo(
+                    f"{name}-{what}", "Markers", 1, pylsl.IRREGULAR_RATE, pylsl.cf_string,
+                    f"e3pose-{source.site}-{name}-{what}",
+                )
             )
+            for what in ("zones", "events")
         )  # fmt: skip
         self._places: list[int | None] = [None] * PEOPLE
 
@@ -73,9 +79,15 @@ class LslStream:
         said = f"{event.kind} {event.zone} {event.track} {event.count}"
         self._zones.push_sample([said], _stamp(event.time_ns))
 
+    def people(self, watch: Watch, events: Sequence[PersonEvent]) -> None:
+        """See `TellsPeople.people`; a marker reads `fall begun 7`: kind, phase, track."""
+        for event in events:
+            said = f"{event.kind} {event.phase} {event.track}"
+            self._events.push_sample([said], _stamp(event.time_ns))
+
     def close(self) -> None:
         """See `Stream.close`."""
-        del self._poses, self._zones
+        del self._poses, self._zones, self._events
 
 
 def _stamp(time_ns: int) -> float:

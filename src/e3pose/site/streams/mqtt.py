@@ -3,6 +3,7 @@
 e3pose/SITE/poses            a slot
 e3pose/SITE/zone/NAME        an event
 e3pose/SITE/zone/NAME/count  people in it, retained
+e3pose/SITE/event/KIND       an event of a person
 
 The user and the password of a broker come from the environment or a file: on a command line every
 user of the machine could read them.
@@ -14,7 +15,7 @@ import json
 import os
 import queue
 import ssl
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import paho.mqtt.client as mqtt
@@ -22,9 +23,11 @@ from paho.mqtt.enums import CallbackAPIVersion
 from paho.mqtt.reasoncodes import ReasonCode
 
 from e3pose.base.errors import InputError
+from e3pose.events.watch import Watch
+from e3pose.model.person_event import PersonEvent
 from e3pose.model.zone_event import ZoneEvent
 from e3pose.site.connect import LiveSlot
-from e3pose.site.streams.as_json import slot_words, zone_words
+from e3pose.site.streams.as_json import event_words, slot_words, zone_words
 from e3pose.site.streams.base import Source, host_port
 from e3pose.wire.access import is_loopback
 
@@ -130,6 +133,12 @@ class MqttStream:
         topic = f"{self._prefix}/zone/{event.zone}"
         self._client.publish(topic, json.dumps(zone_words(event)), qos=1)
         self._client.publish(f"{topic}/count", str(event.count), qos=1, retain=True)
+
+    def people(self, watch: Watch, events: Sequence[PersonEvent]) -> None:
+        """See `TellsPeople.people`."""
+        for event in events:
+            topic = f"{self._prefix}/event/{event.kind}"
+            self._client.publish(topic, json.dumps(event_words(event)), qos=1)
 
     def close(self) -> None:
         """See `Stream.close`."""

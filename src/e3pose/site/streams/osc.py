@@ -3,9 +3,12 @@
 /e3pose/slot            slot, seconds since 1970, people
 /e3pose/person/TRACK/JOINT   x, y, z in metres, z up; joints that are known
 /e3pose/zone/NAME       enter | dwell | leave, track, people in the zone, seconds stayed
+/e3pose/event/KIND      begun | ended, track, zone, score, its sentence
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 from pythonosc.osc_bundle_builder import IMMEDIATELY, OscBundleBuilder
@@ -13,8 +16,11 @@ from pythonosc.osc_message import OscMessage
 from pythonosc.osc_message_builder import OscMessageBuilder
 from pythonosc.udp_client import UDPClient
 
+from e3pose.events.watch import Watch
+from e3pose.model.person_event import PersonEvent
 from e3pose.model.zone_event import ZoneEvent
 from e3pose.site.connect import LiveSlot
+from e3pose.site.streams.as_json import event_words
 from e3pose.site.streams.base import Source, host_port
 
 PORT = 9000
@@ -48,6 +54,13 @@ class OscStream:
         """See `Stream.zone`."""
         said = (event.kind, "s"), (event.track, "i"), (event.count, "i"), (event.stayed_s, "f")
         self._client.send(message(f"/e3pose/zone/{event.zone}", *said))
+
+    def people(self, watch: Watch, events: Sequence[PersonEvent]) -> None:
+        """See `TellsPeople.people`."""
+        for event in events:
+            said = (event.phase, "s"), (event.track, "i"), (event.zone, "s"), (event.score, "f")
+            words = (event_words(event)["sentence"], "s")
+            self._client.send(message(f"/e3pose/event/{event.kind}", *said, words))
 
     def close(self) -> None:
         """See `Stream.close`."""

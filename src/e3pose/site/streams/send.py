@@ -8,9 +8,8 @@ from collections.abc import Callable, Sequence
 
 from e3pose.base.errors import InputError
 from e3pose.events import watch as watching
-from e3pose.events.people import Seen
 from e3pose.events.watch import Watch
-from e3pose.site.connect import Connection, LiveSlot
+from e3pose.site.connect import Connection, LiveSlot, seen_of
 from e3pose.site.streams.base import Stream, TellsPeople
 from e3pose.site.zones import Zones, advance
 
@@ -74,8 +73,7 @@ class Sender:
         """Tell what people do."""
         if self._watch is None:
             return
-        seen = Seen(slot.slot, slot.time_ns, slot.track_ids, slot.joints_m, slot.sigma_m)
-        self._watch, events = watching.advance(self._watch, seen)
+        self._watch, events = watching.advance(self._watch, seen_of(slot))
         for stream in self._telling:
             stream.people(self._watch, events)
 
