@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from e3pose.base.arrays import Floats
+from e3pose.base.errors import InputError
 from e3pose.calibrate.least_squares import Linearised, Solution, solve
 from e3pose.model.camera import Camera, Rig
 from e3pose.recording.calibration.world import ASSUMED_FOCAL, assumed_rig
@@ -28,6 +29,10 @@ FOCAL_WIDTHS = (0.4, 3.0)  # of the longer side of the image: what a lens may ha
 LEAST_LENS = np.array([np.log(FOCAL_WIDTHS[0] / ASSUMED_FOCAL), -0.6, -0.3, -0.3])
 MOST_LENS = np.array([np.log(FOCAL_WIDTHS[1] / ASSUMED_FOCAL), 0.6, 0.3, 0.3])
 NUM_PARAMETERS = 6 + NUM_LENS  # of a camera: rotation, translation, lens
+
+
+class Diverged(InputError):
+    """A camera went where none can be, such as a kilometre away: this way leads to no rig."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -163,18 +168,23 @@ def placed(camera: Camera, R: Floats, t: Floats, lens: Floats | None = None) -> 
         R: `(3, 3)` world to camera.
         t: `(3,)` world to camera, metres.
         lens: `(4,)` change of the lens, as of `Cameras`; distortion only of a lens without any.
+
+    Raises:
+        Diverged: naming the camera.
     """
     T_world_camera = np.eye(4)
     T_world_camera[:3, :3] = R.T
     T_world_camera[:3, 3] = -R.T @ t
-    if lens is None or not lens.any():
-        return replace(camera, T_world_camera=T_world_camera)
-    K = np.array(camera.K)
-    K[:2, 2] += K[[0, 1], [0, 1]] * lens[2:]
-    K[:2, :2] *= np.exp(lens[0])
-    bent = np.array([lens[1], 2 * lens[1] ** 2, 0.0, 0.0])
-    distortion = bent if lens[1] else camera.distortion
-    return replace(camera, K=K, T_world_camera=T_world_camera, distortion=distortion)
+    K, distortion = np.array(camera.K), camera.distortion
+    if lens is not None and lens.any():
+        K[:2, 2] += K[[0, 1], [0, 1]] * lens[2:]
+        K[:2, :2] *= np.exp(lens[0])
+        if lens[1]:
+            distortion = np.array([lens[1], 2 * lens[1] ** 2, 0.0, 0.0])
+    try:
+        return replace(camera, K=K, T_world_camera=T_world_camera, distortion=distortion)
+    except InputError as error:
+        raise Diverged(*error.args) from None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -9,7 +9,7 @@ import numpy as np
 
 from e3pose.base.arrays import Flags
 from e3pose.base.errors import InputError
-from e3pose.calibrate.bundle import first_lenses, placed
+from e3pose.calibrate.bundle import Diverged, first_lenses, placed
 from e3pose.calibrate.fit import CameraFit, fit_of
 from e3pose.calibrate.from_points import PointRig, adjust_all, pair_poses, solve_points
 from e3pose.calibrate.lenses import expected_lenses, final_lenses, kinds_of
@@ -116,7 +116,7 @@ def solve_people(
             break
         try:
             other = _from_nothing(scene.with_rig(rig, factor), progress)
-        except InputError:  # a camera was placed farther away than any may be
+        except Diverged:
             other = None
         if other is not None and (best is None or _better(other, best)):
             best = other

@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.base.arrays import Floats
-from e3pose.base.errors import InputError
-from e3pose.calibrate.bundle import Adjusted, AdjustOptions, adjust_points, placed
+from e3pose.calibrate.bundle import Adjusted, AdjustOptions, Diverged, adjust_points, placed
 from e3pose.calibrate.essential import RelativePose, relative_pose
 from e3pose.calibrate.triangulation import place_points
 from e3pose.model.camera import Rig
@@ -184,8 +183,8 @@ def adjust_all(
             rig, points[used], pixels[:, used], sigma_px[:, used],
             AdjustOptions(OUTLIER_SIGMAS, free, lenses, max_steps),
         )  # fmt: skip
-    except InputError:
-        return None  # a camera ran away, farther than any may be
+    except Diverged:
+        return None
     return PointRig(adjusted, used, done.copy(), lenses)
 
 
