@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.base.arrays import Floats, Integers
 from e3pose.edge.counters import Counts
 from e3pose.edge.health import Health
 from e3pose.edge.inbox import PAUSED
-from e3pose.edge.rests import Rests, WakeTime
+from e3pose.edge.rests import Rests
 from e3pose.edge.roster import CameraState
 from e3pose.energy.processor_time import share_saved
 from e3pose.estimate.base import People
@@ -61,119 +61,6 @@ def poses_message(
         store_shed=0 if stored is None else stored.shed,
         delay_ms=1e3 * delay_s,
     )
-
-
-class ShownReason(NamedTuple):
-    """What a camera was expected to show in the newest decided slot; None if unknown."""
-
-    occlusion: float | None = None
-    gain_nats: float | None = None
-    price: float | None = None
-
-
-NOTHING = ShownReason()
-
-
-def shown_reason(record: SlotRecord | None, camera: int) -> ShownReason:
-    """Return what the newest record expected a camera to show."""
-    if record is None:
-        return NOTHING
-    occlusion, reasons = float(record.occlusion[camera]), record.reasons
-    found = ShownReason(min(max(occlusion, 0.0), 1.0) if np.isfinite(occlusion) else None)
-    if reasons is None:
-        return found
-    gain, price = float(reasons.gain_nats[camera]), float(reasons.price[camera])
-    return found._replace(
-        gain_nats=gain if np.isfinite(gain) else None, price=price if np.isfinite(price) else None
-    )
-
-
-def camera_status(
-    camera: CameraState,
-    problem: str,
-    impairment: str,
-    deficit: float,
-    duty: float,
-    late: int,
-    lost: int,
-    now_ns: int,
-    noise_factor: float = np.nan,
-    shift_px: float = np.nan,
-    why: ShownReason = NOTHING,
-    budget: float | None = None,
-    turned_deg: float | None = None,
-    ordered: int = 0,
-    delivered: float | None = None,
-    asleep_s: float | None = None,
-    wake: WakeTime | None = None,
-    interval_s: float = 0.0,
-    lead_slots: int = 0,
-) -> CameraStatus:
-    """Return the status of a camera.
-
-    Args:
-        camera: its state.
-        problem: why it cannot be selected; empty if it can.
-        impairment: why it is useless although it can be selected; empty if it is useful.
-        deficit: its virtual queue.
-        duty: share of the last minute's slots in which it was selected.
-        late: views that arrived too late.
-        lost: views that were ordered and never arrived.
-        now_ns: the time.
-        noise_factor: sigma of its keypoints relative to the noise file; NaN if unknown.
-        shift_px: common offset of all its keypoints; NaN if unknown.
-        why: it was or was not selected.
-        budget: share of the slots in which it may be active.
-        turned_deg: rotation since its calibration; None if it was not turned.
-        ordered: views ordered in time.
-        delivered: share of the newest of these that arrived; None if unknown.
-        asleep_s: until it is expected back; None while it is awake.
-        wake: what it takes to wake, as learned.
-        interval_s: seconds per slot; 0 where it does not matter.
-        lead_slots: between an order and its slot.
-    """
-    beat, capacity_wh = camera.beat, camera.hello.battery_wh if camera.hello else None
-    charge = beat.battery_j if beat else None
-    return CameraStatus(
-        camera_id=camera.camera_id,
-        online=not problem,
-        why=one_line(problem or impairment),
-        mode=beat.mode if beat else None,
-        last_seen_s=None if camera.heard_ns is None else (now_ns - camera.heard_ns) / 1e9,
-        duty=duty,
-        power_w=beat.power_w if beat else None,
-        measured=bool(beat and beat.measured),
-        battery=_share(charge, capacity_wh),
-        deficit=float(deficit),
-        late=late,
-        lost=lost,
-        clock_offset_ms=beat.clock_offset_ns / 1e6 if beat else 0.0,
-        gauge=bool(beat and beat.gauge),
-        noise_factor=float(noise_factor) if np.isfinite(noise_factor) else None,
-        shift_px=float(shift_px) if np.isfinite(shift_px) else None,
-        occlusion=why.occlusion,
-        gain_nats=why.gain_nats,
-        price=why.price,
-        temperature_c=beat.temperature_c if beat else None,
-        focused=beat.focused if beat else 0,
-        paused=problem == PAUSED,
-        budget=None if budget is None else min(max(budget, 0.0), 1.0),
-        turned_deg=turned_deg,
-        ordered=ordered,
-        delivered=delivered,
-        source_fps=camera.frames_hz,
-        asleep_s=asleep_s,
-        wake_s=wake.mean_s if wake is not None and wake.wakes else None,
-        cpu_s=beat.cpu_s if beat else None,
-        cpu_saved=cpu_saved(camera, interval_s, lead_slots),
-    )
-
-
-def _share(charge_j: float | None, capacity_wh: float | None) -> float | None:
-    """Return the state of charge in [0, 1]; None where it is not known."""
-    if charge_j is None or not capacity_wh:
-        return None
-    return min(max(charge_j / (capacity_wh * 3600), 0.0), 1.0)
 
 
 def cpu_saved(camera: CameraState, interval_s: float, lead_slots: int) -> float | None:
@@ -232,8 +119,8 @@ class SiteSnapshot:
     problems: Sequence[str]
     impairments: Sequence[str]
     health: Health
-    deficit: NDArray[np.float64]
-    late: NDArray[np.int64]
+    deficit: Floats
+    late: Integers
     lead_slots: int
     pipeline: Pipeline
     counts: Counts
@@ -243,40 +130,65 @@ class SiteSnapshot:
     compiling_s: float | None = None
 
 
+def camera_status(snapshot: SiteSnapshot, index: int) -> CameraStatus:
+    """Return the status of the camera with this index in the rig."""
+    camera, problem = snapshot.cameras[index], snapshot.problems[index]
+    record, counts, wakes = snapshot.record, snapshot.counts, snapshot.rests.wakes[index]
+    beat, capacity_wh = camera.beat, camera.hello.battery_wh if camera.hello else None
+    late, turned = int(snapshot.late[index]), snapshot.turned
+    reasons, shifts_px = (record.reasons, record.shifts_px) if record else (None, None)
+    occlusion = _at(index, record.occlusion if record else None)
+    return CameraStatus(
+        camera_id=camera.camera_id,
+        online=not problem,
+        why=one_line(problem or snapshot.impairments[index]),
+        mode=beat.mode if beat else None,
+        last_seen_s=None if camera.heard_ns is None else (snapshot.now_ns - camera.heard_ns) / 1e9,
+        duty=float(counts.duty()[index]),
+        power_w=beat.power_w if beat else None,
+        measured=bool(beat and beat.measured),
+        battery=_share(beat.battery_j if beat else None, capacity_wh),
+        deficit=float(snapshot.deficit[index]),
+        late=late,
+        lost=max(int(counts.missed[index]) - late, 0),
+        clock_offset_ms=beat.clock_offset_ns / 1e6 if beat else 0.0,
+        gauge=bool(beat and beat.gauge),
+        noise_factor=_at(index, record.noise_factors if record else None),
+        shift_px=_at(index, None if shifts_px is None else np.hypot(*shifts_px.T)),
+        occlusion=None if occlusion is None else min(max(occlusion, 0.0), 1.0),
+        gain_nats=_at(index, reasons.gain_nats if reasons else None),
+        price=_at(index, reasons.price if reasons else None),
+        temperature_c=beat.temperature_c if beat else None,
+        focused=beat.focused if beat else 0,
+        paused=problem == PAUSED,
+        budget=min(max(float(snapshot.pipeline.queue.budget[index]), 0.0), 1.0),
+        turned_deg=turned[1] if turned and turned[0] == index else None,
+        ordered=int(counts.ordered[index]),
+        delivered=snapshot.health.delivery.share(index),
+        source_fps=camera.frames_hz,
+        asleep_s=snapshot.rests.left_s(index, camera, snapshot.now_ns),
+        wake_s=wakes.mean_s if wakes.wakes else None,
+        cpu_s=beat.cpu_s if beat else None,
+        cpu_saved=cpu_saved(camera, counts.interval_s, snapshot.lead_slots),
+    )
+
+
+def _at(camera: int, values: Floats | None) -> float | None:
+    """Return the number of a camera; None where it is not known."""
+    return float(values[camera]) if values is not None and np.isfinite(values[camera]) else None
+
+
+def _share(charge_j: float | None, capacity_wh: float | None) -> float | None:
+    """Return the state of charge in [0, 1]; None where it is not known."""
+    if charge_j is None or not capacity_wh:
+        return None
+    return min(max(charge_j / (capacity_wh * 3600), 0.0), 1.0)
+
+
 def site_status(snapshot: SiteSnapshot) -> Status:
     """Return the status message of a site."""
     record, counts = snapshot.record, snapshot.counts
-    factors = record.noise_factors if record else None
-    if factors is None:
-        factors = np.full(len(snapshot.cameras), np.nan)
-    shifts_px = record.shifts_px if record else None
-    if shifts_px is None:
-        shifts_px = np.full((len(snapshot.cameras), 2), np.nan)
-    duty = counts.duty()
-    cameras = tuple(
-        camera_status(
-            camera,
-            snapshot.problems[index],
-            snapshot.impairments[index],
-            snapshot.deficit[index],
-            float(duty[index]),
-            int(snapshot.late[index]),
-            max(int(counts.missed[index] - snapshot.late[index]), 0),
-            snapshot.now_ns,
-            factors[index],
-            float(np.hypot(*shifts_px[index])),
-            shown_reason(record, index),
-            float(snapshot.pipeline.queue.budget[index]),
-            snapshot.turned[1] if snapshot.turned and snapshot.turned[0] == index else None,
-            int(counts.ordered[index]),
-            snapshot.health.delivery.share(index),
-            snapshot.rests.left_s(index, camera, snapshot.now_ns),
-            snapshot.rests.wakes[index],
-            counts.interval_s,
-            snapshot.lead_slots,
-        )
-        for index, camera in enumerate(snapshot.cameras)
-    )
+    cameras = tuple(camera_status(snapshot, index) for index in range(len(snapshot.cameras)))
     policy = snapshot.pipeline.policy
     target_m = _number(policy, "target_error_m")
     error_m = record.reasons.error_m if record and record.reasons else np.nan
