@@ -18,12 +18,11 @@ from math import gcd
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.base.arrays import Floats
 from e3pose.estimate.base import Outlook
 from e3pose.model.camera import Rig
 from e3pose.model.pose import Poses2D
 from e3pose.select.policies.base import Policy, turns_of
-
-Floats = NDArray[np.float64]
 
 # What it costs and how soon it says something; no site has run long enough to try other values.
 # tuned: s | by reasoning, tried on no recording | not measured

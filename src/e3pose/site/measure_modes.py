@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from e3pose.base.errors import InputError
 from e3pose.camera.base import LiveDetector, LiveFrame, LiveSource
 from e3pose.energy.meters.base import Meter
-from e3pose.energy.modes import Look, Rest, modes_of
+from e3pose.energy.modes import SLOT_S, Look, Rest, modes_of
 from e3pose.energy.profiles import DeviceProfile
 from e3pose.site.bench import mean_watts
 
@@ -129,11 +129,12 @@ def measured_profile(base: DeviceProfile, found: MeasuredModes, when: str) -> De
     looks = {look.name: look for look in modes.looks if look.name != "nothing"}
     whole = looks["whole"]
     by_profile = f"watts of profile {base.name}, times measured {when}"
+    in_ms = f"{1000 * SLOT_S:g} ms"
     for name in ("not-capturing", "asleep"):
         if name in rests:
             rests[name] = replace(rests[name], wake_s=wake_s, wake_sd_s=sd_s, source=by_profile)
     looks["whole"] = replace(
-        whole, latency_s=found.look_s, source=f"joules of profile {base.name} for 40 ms, {when}"
+        whole, latency_s=found.look_s, source=f"joules of profile {base.name} for {in_ms}, {when}"
     )
     if found.watts is not None:
         active_w, idle_w, off_w = found.watts
