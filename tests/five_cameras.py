@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from tests.estimate.filter.room import BODY
 
 from e3pose.energy.queues import Queue
@@ -20,7 +19,6 @@ from e3pose.predict import make_predictor
 from e3pose.select.policies import POLICIES, Need, PolicySettings, Selection, Situation
 
 SIMULATED = load_noise("simulated")
-Floats = NDArray[np.float64]
 NUM_CAMERAS, NUM_JOINTS = 5, 17
 FORESIGHT = frozenset({Need.FORESIGHT})
 BUDGET = np.full(NUM_CAMERAS, 0.6)

@@ -8,7 +8,6 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from tests.estimate.filter.room import BODY
 from tests.five_cameras import (
     BUDGET,
@@ -22,14 +21,13 @@ from tests.five_cameras import (
     scene,
 )
 
+from e3pose.base.arrays import Floats
 from e3pose.energy.queues import Queue
 from e3pose.estimate.base import People
 from e3pose.model.pose import Poses2D
 from e3pose.pipeline import initial_state, step
 from e3pose.predict import Prediction, make_predictor
 from e3pose.select.policies import Selection, Situation
-
-Floats = NDArray[np.float64]
 
 
 def test_people_are_where_they_are_and_keep_their_identity() -> None:

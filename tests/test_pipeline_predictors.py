@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 from tests.five_cameras import (
     FORESIGHT,
     NUM_CAMERAS,
@@ -16,6 +15,7 @@ from tests.five_cameras import (
     scene,
 )
 
+from e3pose.base.arrays import Floats
 from e3pose.estimate.base import STEER_SLOTS
 from e3pose.estimate.filter import Model
 from e3pose.estimate.filter.estimator import Filtered
@@ -24,8 +24,6 @@ from e3pose.model.skeleton import COCO17
 from e3pose.pipeline import SlotRecord
 from e3pose.predict import Prediction
 from e3pose.select.policies import Selection, Situation
-
-Floats = NDArray[np.float64]
 
 
 @dataclass

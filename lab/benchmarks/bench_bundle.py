@@ -15,10 +15,10 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.sparse import coo_matrix
 
+from e3pose.base.arrays import Floats
 from e3pose.calibrate.bundle import (
     AdjustOptions,
     Cameras,
@@ -30,8 +30,6 @@ from e3pose.calibrate.bundle import (
 from e3pose.calibrate.least_squares import Linearised
 from e3pose.model.camera import Rig
 from e3pose.simulate import DetectorSettings, SceneSettings, simulate
-
-Floats = NDArray[np.float64]
 
 SIZES = ((4, 100), (5, 400), (8, 1000))  # cameras, points
 SIGMA_PX, WILD_PX, WILD_SHARE = 2.0, 60.0, 0.05

@@ -15,9 +15,9 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bench_fuse import Workload, make_workload, workloads
+from e3pose.base.arrays import Floats
 from e3pose.estimate.filter import Belief, Estimate, Model
 from e3pose.estimate.filter.step import StepKernel
 from e3pose.model.noises import load_noise
@@ -27,7 +27,6 @@ from reference import step
 
 SIMULATED = load_noise("simulated")
 
-Floats = NDArray[np.float64]
 Slots = list[dict[int, Poses2D]]
 Step = Callable[[Model, Belief, Mapping[int, Poses2D], float], tuple[Belief, Estimate]]
 

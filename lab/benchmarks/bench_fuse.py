@@ -18,13 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from e3pose.base.arrays import Floats
 from e3pose.estimate.per_slot.fuse import Fuser, FusionSettings
 from e3pose.estimate.per_slot.fusion import MATCHERS
 from e3pose.model.camera import Camera, Rig
 from e3pose.model.pose import Poses3D
 from reference import ReferenceFuser
-
-Floats = NDArray[np.float64]
 
 SIZES = ((5, 4), (5, 8), (5, 16), (12, 8), (28, 8))
 DISTORTED = ((5, 4), (12, 8))

@@ -14,8 +14,8 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.base.arrays import Floats
 from e3pose.evaluate.drawing import check_svg
 from e3pose.model.skeleton import COCO17
 from e3pose.predict import PREDICTORS, make_predictor
@@ -31,7 +31,6 @@ from e3pose.predict.normalise import (
 )
 from reference import attention_network as runtime
 
-Floats = NDArray[np.float64]
 Lines = dict[str, list[tuple[int, float | None]]]
 Curves = tuple[Lines, Lines]
 

@@ -9,8 +9,8 @@ joint from the truth, and of its motion over four slots, which is what a predict
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.base.arrays import Floats
 from e3pose.estimate.filter import Model
 from e3pose.estimate.filter.estimator import Filtered
 from e3pose.estimate.filter.step import StepKernel
@@ -31,7 +31,6 @@ from e3pose_lab.train.smooth import smooth
 
 SIMULATED = load_noise("simulated")
 
-Floats = NDArray[np.float64]
 
 REFERENCE = EstimateSettings()
 SECONDS = 20.0

@@ -13,16 +13,14 @@ import sys
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from e3pose.base.arrays import Floats
 from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.model.uncertainty import distance_within_m, expected_distance_m
 from e3pose.pipeline import SlotRecord
 from e3pose.recording import Recording
 from e3pose.simulate import SceneSettings, simulate
-
-Floats = NDArray[np.float64]
 
 SEEDS = (201, 202)  # nothing was chosen on them
 SCENES = {

@@ -13,16 +13,14 @@ import argparse
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.base.arrays import Floats
 from e3pose.evaluate.noise.calibrate import all_camera_tracks
 from e3pose.evaluate.noise.residuals import MIN_SCORE, assign_detections
 from e3pose.evaluate.smoother import smooth
 from e3pose.model.noise import IMAGE_PX
 from e3pose.model.noises import detector_of, load_noise
 from e3pose.recording import load_recording
-
-Floats = NDArray[np.float64]
 
 GROSS_PX = 40.0  # left out
 WINDOW_S = 2.5  # how long errors of a keypoint last

@@ -18,14 +18,11 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from adaptive_choice import ADAPTIVE, SPREAD
+from e3pose.base.arrays import Flags, Floats
 from e3pose.select.expected_information import Foresight
 from oracle_choice import CUT_M, SCENES, UPPER, Figures, Run, Teller, figures, in_order, recorded
-
-Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 LOG_DET, DISTANCE, WITH_TRUTH = "log det", "distance", "with truth"
 DIMENSIONS = 3  # of a position: so many nats for a distance that is down to 1/e

@@ -36,6 +36,7 @@ from scipy.optimize import linear_sum_assignment
 
 from clip_error import references
 from detector_errors import simulated
+from e3pose.base.arrays import Floats
 from e3pose.estimate.base import People, Posterior
 from e3pose.evaluate.faults import downsampled
 from e3pose.evaluate.metrics import mean_errors_m
@@ -48,7 +49,6 @@ from e3pose.recording import Recording, load_recording
 from e3pose.simulate.detections import until
 from predictor_in_the_loop import captured, seen
 
-Floats = NDArray[np.float64]
 Row = dict[str, Any]
 
 POLICIES = ("round-robin", "information", "random")

@@ -34,6 +34,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 from scipy.optimize import linear_sum_assignment
 
+from e3pose.base.arrays import Floats
 from e3pose.estimate.filter import Noise
 from e3pose.estimate.filter.bones import proportions_of
 from e3pose.estimate.filter.tree import grow
@@ -54,8 +55,6 @@ from e3pose.model.uncertainty import distance_within_m
 from e3pose.pipeline import SlotRecord
 from e3pose.recording import Recording, load_recording
 from limbs import Limbs
-
-Floats = NDArray[np.float64]
 
 LAGS_S = np.arange(-0.04, 0.1201, 0.005)
 SAME_M = 0.5  # an estimate farther than this from everybody is of nobody

@@ -17,8 +17,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.base.arrays import Flags
 from e3pose.recording import Recording, load_recording
 from error_statistics import (
     GROSS_CM,
@@ -31,9 +31,6 @@ from error_statistics import (
     remembered,
     shared,
 )
-
-Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 SECONDS, FPS, SEED = 12.0, 25.0, 901
 SCENES = "ring-,meeting-,ring+,buffet,round-table,reception,lab,operating-room"

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.base.arrays import Flags, Floats, Integers
 from e3pose.evaluate.noise.calibrate import all_camera_tracks
 from e3pose.evaluate.noise.residuals import (
     MIN_SCORE,
@@ -26,10 +26,6 @@ from e3pose.model.noises import detector_of, load_noise
 from e3pose.model.skeleton import COCO17, convert
 from e3pose.recording import Recording
 from e3pose.simulate.hidden_joints import covered_by_others, covered_by_self
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Flags = NDArray[np.bool_]
 
 IMAGE_PX = 1032.0  # errors in pixels are those of an image of this size
 LAGS_S = (0.04, 0.2, 1.0, 5.0)
@@ -66,11 +62,11 @@ class Keypoints:
     error_px: Floats
     error_cm: Floats
     score: Floats
-    joint: Ints
-    camera: Ints
-    series: Ints
-    slot: Ints
-    sector: Ints
+    joint: Integers
+    camera: Integers
+    series: Integers
+    slot: Integers
+    sector: Integers
     others: Floats
     own: Floats
     boxed: Flags

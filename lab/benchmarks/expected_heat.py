@@ -19,10 +19,10 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from clip_error import Reference, references
+from e3pose.base.arrays import Floats
 from e3pose.detectors import make_detector, part_affinity
 from e3pose.detectors.base import Image
 from e3pose.detectors.focus import Part, part_with
@@ -34,8 +34,6 @@ from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO18
 from e3pose.recording import Recording, load_recording
 from feedback import converted
-
-Floats = NDArray[np.float64]
 
 HEATS = (0.0, 0.05, 0.1, 0.2, 0.3, 0.5)
 LEAD, NEVER_WHOLE = 2, 1000

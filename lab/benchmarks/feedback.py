@@ -21,9 +21,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from clip_error import Errors, Reference, references
+from e3pose.base.arrays import Floats
 from e3pose.camera.detect import DetectSettings, detect_videos
 from e3pose.detectors import make_detector, movenet, openpose
 from e3pose.detectors.fit import letterbox_to_side
@@ -45,8 +45,6 @@ from e3pose.settings.loop import MAX_WHOLE_EVERY, WHOLE_EVERY
 from e3pose.simulate import SceneSettings, simulate
 from e3pose.site.demo.clip import find_clip
 from e3pose_lab.reproduce.clip_feedback import WholeImages
-
-Floats = NDArray[np.float64]
 
 SCENES = ("ring", "pillar", "one-sided", "two-rooms")
 SEEDS = (701, 702, 703)

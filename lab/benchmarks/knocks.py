@@ -15,8 +15,8 @@ import time
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.base.arrays import Floats
 from e3pose.edge.knock_watch import KnockWatch
 from e3pose.evaluate.replay import ReplaySettings, replay, selected_views
 from e3pose.recording import Recording
@@ -25,8 +25,6 @@ from e3pose.simulate import SceneSettings, simulate
 sys.path.append(str(Path(__file__).resolve().parents[2]))  # scenes of the tests
 
 from tests.calibrate.people_scenes import knocked
-
-Floats = NDArray[np.float64]
 
 FPS = 12.5
 KNOCK_S = 30.0

@@ -20,10 +20,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from choice_of_cameras import distances_m, made
 from clip_error import Reference, references
+from e3pose.base.arrays import Flags, Floats
 from e3pose.evaluate.replay import ReplaySettings, make_pipeline, selected_views
 from e3pose.model.noises import detector_of, load_noise
 from e3pose.model.uncertainty import expected_distance_m
@@ -31,9 +31,6 @@ from e3pose.pipeline import initial_state, step
 from e3pose.recording import Recording, ViewSeries
 from e3pose.select.policies import Policy, Selection, Situation
 from lost_people import missed_in
-
-Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 WARMUP = 10
 FIGURES = ("cameras", "waits %", "off mm", "stated mm", "missed %", "shown after s")

@@ -28,6 +28,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
 from e3pose.calibrate.align import floor_from_people
 from e3pose.calibrate.from_points import OUTLIER_SIGMAS, adjust_all
@@ -43,8 +44,6 @@ from e3pose.model.noises import detector_of, load_noise
 from e3pose.recording import load_recording
 from e3pose.recording.calibration import load_rig
 from e3pose.recording.record import Recording
-
-Floats = NDArray[np.float64]
 
 SHARES = (0.97, 1.0, 1.03)
 POINTS = 2000

@@ -11,11 +11,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.base.arrays import Floats
 from e3pose.model.skeleton import BODY_LIMBS, Skeleton
-
-Floats = NDArray[np.float64]
 
 STATURES_M = 0.8, 2.2
 SHARES = {  # of stature, and what more or less it may be

@@ -9,8 +9,8 @@ import argparse
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.base.arrays import Floats
 from e3pose.evaluate.noise.calibrate import Calibrated, calibrate_noise
 from e3pose.evaluate.noise.residuals import MIN_SCORE
 from e3pose.evaluate.noise.statistics import EDGES, RAYLEIGH, fit_memory
@@ -19,8 +19,6 @@ from e3pose.model.pose import Poses2D
 from e3pose.recording import Recording, ViewSeries
 from e3pose.simulate import DetectorSettings, SceneSettings, simulate
 from e3pose.simulate.noise import GROSS_PX, correlated, normal_cdf
-
-Floats = NDArray[np.float64]
 
 KNOTS, SIGMA_PX = np.array([0.1, 0.4, 0.7, 1.0]), np.array([14.0, 9.0, 5.0, 2.5])
 MEMORIES = ((0.45, 0.45), (0.1, 0.2), (0.8, 0.1), (0.1, 0.8))  # lasting, quick

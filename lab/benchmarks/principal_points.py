@@ -18,9 +18,9 @@ import argparse
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bench_calibration import CASES, declared, recordings
+from e3pose.base.arrays import Floats
 from e3pose.calibrate.bundle import LENS, NUM_PARAMETERS
 from e3pose.calibrate.from_people import FINAL_POINTS, PeopleRig, solve_people
 from e3pose.calibrate.from_points import OUTLIER_SIGMAS, adjust_all
@@ -29,8 +29,6 @@ from e3pose.calibrate.lenses import MIDDLE_SIGMA, REPEATED
 from e3pose.calibrate.uncertainty import distances, normal_equations, rays_apart
 from e3pose.model.camera import Rig
 from e3pose.recording.calibration.world import ASSUMED_FOCAL
-
-Floats = NDArray[np.float64]
 
 MIDDLES = (MIDDLE_SIGMA, 0.01, 0.001)
 MIDDLE = slice(8, 10)  # of a camera's parameters

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clip_error import SAME_M, references
+from e3pose.base.arrays import Flags, Floats
 from e3pose.evaluate.metrics import mean_errors_m
 from e3pose.evaluate.noise.residuals import MIN_SCORE, assign_detections
 from e3pose.evaluate.replay import ReplaySettings, replay
@@ -28,9 +29,6 @@ from e3pose.model.noises import detector_of, load_noise
 from e3pose.pipeline import SlotRecord
 from e3pose.predict.base import Prediction
 from e3pose.recording import Recording, ViewSeries, load_recording
-
-Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 WORST = 0.05
 RECENT_S = 0.15  # how long ago a camera may have seen a joint

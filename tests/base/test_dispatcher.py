@@ -8,12 +8,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from e3pose.base.arrays import Floats
 from e3pose.base.dispatcher import Part, Whole
 from e3pose.base.kernel import kernel
-
-Floats = NDArray[np.float64]
 
 
 @kernel

@@ -6,10 +6,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.base.arrays import Floats
 from e3pose.calibrate.board import Board
 from e3pose.model.camera import Camera
 
-Floats = NDArray[np.float64]
 SQUARE_PX = 32  # of the drawing that is warped
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from e3pose.calibrate.bundle import Cameras, placed
@@ -16,8 +15,6 @@ from e3pose.recording.record import Recording, ViewSeries
 from e3pose.simulate import DetectorSettings, SceneSettings, simulate
 from e3pose.simulate.detections import detect_people
 from e3pose.simulate.scenes import SCENES
-
-Floats = NDArray[np.float64]
 
 
 def walk(

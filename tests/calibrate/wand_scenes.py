@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.base.arrays import Floats
 from e3pose.calibrate.wand import Wand
 from e3pose.model.camera import Rig
 from e3pose.model.rigs import ring_rig
-
-Floats = NDArray[np.float64]
 
 
 def ring(seed: int, cameras: int = 4) -> Rig:

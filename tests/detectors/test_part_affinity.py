@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
 from e3pose.detectors.openpose import OpenPose
 from e3pose.detectors.part_affinity import HEAT, Prior, decode, expected_heat, find_peaks
 from e3pose.detectors.topology import OPENPOSE_THIN, TOPOLOGIES, TRT_POSE
 
-Floats = NDArray[np.float64]
 Maps = NDArray[np.float32]
 Person = Mapping[str, tuple[float, float]]
 Format = tuple[list[str], list[tuple[str, str, int, int]], int]

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.base.arrays import Floats
 from e3pose.edge.lead import Lead, adapt, starting, take_in_delay, with_edge_delay
 
 BEAT_S = 0.5  # cameras report the longest delay since their last report
-Floats = NDArray[np.float64]
 Link = Callable[[float], float]  # delay of an order that leaves at a time
 Pauses = tuple[tuple[float, float], ...]  # each from so many seconds to so many
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from e3pose.base.arrays import Flags
 from e3pose.edge.credibility import (
     AWAITED,
     EXCUSED_S,
@@ -22,7 +22,6 @@ from e3pose.edge.trials import RELIABLE
 INTERVAL_S = 0.04
 AGE_S, DEADLINE_S = 0.02, 0.12  # of views; of slots
 ALL = np.ones(4, dtype=bool)
-Flags = NDArray[np.bool_]
 views = np.zeros(4, dtype=np.int64)  # that came so far
 
 

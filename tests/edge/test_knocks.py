@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from tests.calibrate.people_scenes import knocked, walk
 
+from e3pose.base.arrays import Floats
 from e3pose.edge.knock_watch import KnockWatch
 from e3pose.edge.knocks import Votes, moved, turned_deg
 from e3pose.evaluate.replay import ReplaySettings, replay, selected_views
@@ -17,7 +17,6 @@ from e3pose.recording.record import Recording
 
 pytestmark = pytest.mark.slow
 
-Floats = NDArray[np.float64]
 
 FROM_S = 15.0
 RNG_SEED = 5

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from e3pose.energy.queues import load_profile
 from e3pose.evaluate.energy_figures import PAPER_SAVINGS, energy_figures
@@ -16,8 +15,6 @@ from e3pose.model.skeleton import COCO17, PANOPTIC19, Skeleton
 from e3pose.model.uncertainty import TAILS
 from e3pose.pipeline import Reasons, SlotRecord
 from e3pose.recording import Recording, Truth, ViewSeries
-
-Floats = NDArray[np.float64]
 
 NUM_SLOTS, CAMERAS = 200, ("a", "b", "c", "d", "e")
 BODY = np.random.default_rng(1).normal(size=(17, 3))

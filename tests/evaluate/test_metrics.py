@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from e3pose.base.arrays import Floats
 from e3pose.evaluate.metrics import (
     Candidates,
     acceleration_error_mps2,
@@ -20,8 +20,6 @@ from e3pose.evaluate.metrics import (
     precision_500mm,
     recall_500mm,
 )
-
-Floats = NDArray[np.float64]
 
 HOMES = [0.0, 10.0, 20.0, 30.0]  # where actors stand, far from each other
 

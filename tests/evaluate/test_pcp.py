@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from e3pose.base.arrays import Floats
 from e3pose.evaluate.pcp import GROUPS, LIMBS, count_parts, group_percent, pcp_percent
-
-Floats = NDArray[np.float64]
 
 BODY = np.array(
     [

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from e3pose.base.arrays import Floats
 from e3pose.estimate.filter.bones import proportions_of
 from e3pose.estimate.filter.tree import grow
 from e3pose.evaluate.smoother import project_all, smooth
 from e3pose.simulate import DetectorSettings, SceneSettings, simulate
-
-Floats = NDArray[np.float64]
 
 RECORDING = simulate(
     SceneSettings(people=1, seconds=4, cameras=4, detector=DetectorSettings(perfect=True)), seed=3

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from e3pose.base.arrays import Floats
 from e3pose.energy.queues import load_profile
 from e3pose.evaluate.figures import as_json
 from e3pose.evaluate.replay import ReplaySettings
@@ -21,8 +21,6 @@ from e3pose.model.skeleton import COCO17, PANOPTIC19, SHELF14, Skeleton
 from e3pose.pipeline import SlotRecord
 from e3pose.recording import Recording, Truth, ViewSeries
 from e3pose.select.policies import Selection, Situation
-
-Floats = NDArray[np.float64]
 
 BODY = np.random.default_rng(1).normal(size=(17, 3))  # COCO-17, metres, every joint somewhere else
 SELECTED = np.array([[1, 1], [1, 0], [1, 0], [0, 1]], dtype=bool)

@@ -9,14 +9,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
 from e3pose.model.camera import Camera, Rig
 from e3pose.model.camera_fields import check_camera_id
 from e3pose.model.distortion import Distortion
-
-Floats = NDArray[np.float64]
 
 SIZE = (1280, 720)
 K = np.array([[910.0, 0.0, 644.0], [0.0, 905.0, 352.0], [0.0, 0.0, 1.0]])

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
 from e3pose.model.skeleton import (
     BODY25,
@@ -22,8 +22,6 @@ from e3pose.model.skeleton import (
     convert,
     skeleton_by_name,
 )
-
-Floats = NDArray[np.float64]
 
 # Published orders, written out here with their own words.
 PUBLISHED = {

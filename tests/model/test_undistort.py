@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from tests.reference.fuse import ReferenceFuser
 
+from e3pose.base.arrays import Floats
 from e3pose.base.kernel import LANES
 from e3pose.estimate.per_slot.fuse import Fuser
 from e3pose.model.camera import Camera, Rig
@@ -16,7 +16,6 @@ from e3pose.model.undistort import make_lenses, undistort_slot
 
 pytestmark = pytest.mark.slow
 
-Floats = NDArray[np.float64]
 
 SIZE = (1000, 800)
 K = np.array([[700.0, 3.0, 500.0], [0.0, 690.0, 400.0], [0.0, 0.0, 1.0]])

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
 from e3pose.model.skeleton import BODY25, CMU31, COCO17, SKELETONS, Skeleton, convert
 from e3pose.predict import Prediction, make_predictor, make_predictor_or_fallback
@@ -18,7 +18,6 @@ from e3pose.predict.constant_velocity import ConstantVelocity
 
 pytestmark = pytest.mark.slow
 
-Floats = NDArray[np.float64]
 
 pytest.importorskip("onnxruntime", reason="onnxruntime is not installed")
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from tests.reference.normalise import to_world
 
+from e3pose.base.arrays import Floats
 from e3pose.model.skeleton import BODY25, COCO17, SHELF14, SKELETONS
 from e3pose.predict.kernels.history import SPEED_FLOOR_M
 from e3pose.predict.normalise import (
@@ -18,8 +18,6 @@ from e3pose.predict.normalise import (
     to_common,
     to_person,
 )
-
-Floats = NDArray[np.float64]
 
 
 def walk(num_slots: int = 10, num_tracks: int = 2, seed: int = 0) -> Floats:

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
 from e3pose.predict import PREDICTORS, make_predictor
-
-Floats = NDArray[np.float64]
 
 NAMES = sorted(PREDICTORS)
 

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from e3pose.base.arrays import Floats
 from e3pose.predict.damped_velocity import DampedVelocity
 from e3pose.predict.newest import newest_known
 from e3pose.predict.zero_velocity import ZeroVelocity
-
-Floats = NDArray[np.float64]
 
 
 def _uniform(num_slots: int, step_m: float) -> Floats:

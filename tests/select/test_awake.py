@@ -8,8 +8,8 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from e3pose.base.arrays import Flags, Floats
 from e3pose.energy.modes import Rest
 from e3pose.energy.rest_costs import RestCosts, rest_costs
 from e3pose.select.awake import (
@@ -26,8 +26,6 @@ from e3pose.select.awake import (
     shrinking,
 )
 
-Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 N = 5
 ALL = np.ones(N, dtype=bool)
 SUSPENDED = Rest("suspended", 0.5, 0.5, 1.0, 0.2)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from tests.reference.filter_bias import inflation, worth_inflation
 from tests.rigs import looking
 
+from e3pose.base.arrays import Floats
 from e3pose.estimate.base import Outlook
 from e3pose.estimate.filter.bias import memory_terms
 from e3pose.model.camera import Rig
@@ -19,9 +20,6 @@ from e3pose.model.projection import project
 from e3pose.model.uncertainty import expected_distance_m
 from e3pose.select.expected_information import Foresight, foresee
 from e3pose.select.kernels.foresight import BEHIND_SHARE
-
-Floats = NDArray[np.float64]
-
 
 RIG = looking((4, 0), (0, 4), (-4, 0), (3, 3))
 

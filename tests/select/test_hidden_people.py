@@ -6,13 +6,10 @@ from itertools import product
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from e3pose.base.arrays import Flags, Floats
 from e3pose.select.hidden_people import HiddenPeople
 from e3pose.select.kernels.people import hide
-
-Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 SUBSETS = np.array(list(product([False, True], repeat=3)))
 EACH = np.eye(3, dtype=bool)

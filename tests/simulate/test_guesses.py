@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
 from e3pose.model.camera import Camera
 from e3pose.recording import Recording
@@ -25,7 +25,6 @@ from e3pose.simulate.situations import SIZE, draw_fields, situations
 
 pytestmark = pytest.mark.slow
 
-Floats = NDArray[np.float64]
 FPS = 12.5
 QUIET = Guessing(
     joint_miss=0, own_trunk_miss=0, own_arm_miss=0, own_face_miss=0, other_miss=0, swap=0,

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from e3pose.base.arrays import Floats
 from e3pose.simulate.body import Posture, draw_body, joints_of
 from e3pose.simulate.hidden_joints import behind_things, covered_by_others, covered_by_self
 from e3pose.simulate.occluders import Box, Occluder, Pillar
-
-Floats = NDArray[np.float64]
 
 
 def standing(x_m: float, y_m: float, yaw: float = 0.0) -> Floats:

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from e3pose.base.arrays import Floats
 from e3pose.recording import Recording
 from e3pose.simulate import DetectorSettings, SceneSettings, simulate
 from e3pose.simulate.hidden_joints import covered_by_others
@@ -15,7 +15,6 @@ from e3pose.simulate.mistakes import episodes, merge_people, swap_sides
 
 pytestmark = pytest.mark.slow
 
-Floats = NDArray[np.float64]
 
 FAULTLESS = DetectorSettings(
     noise=0, joint_miss=0, self_occluded_miss=0, behind_head_miss=0, occluded_miss=0,

@@ -6,15 +6,14 @@ from functools import cache
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from e3pose.base.arrays import Floats
 from e3pose.model.skeleton import COCO17
 from e3pose.simulate import SCENES, DetectorSettings, SceneSettings, simulate
 from e3pose.simulate.body import Body, Posture, draw_body, joints_of
 
 pytestmark = pytest.mark.slow
 
-Floats = NDArray[np.float64]
 TORSO = {(5, 11), (6, 12)}  # not bones: the spine twists between shoulders and hips
 SEEDS = (1,)
 

@@ -7,15 +7,14 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from e3pose.base.arrays import Floats
 from e3pose.model.noise import ErrorMemory
 from e3pose.simulate import DetectorSettings, SceneSettings, simulate
 from e3pose.simulate.noise import correlated, normal_cdf, size_scale
 
 pytestmark = pytest.mark.slow
 
-Floats = NDArray[np.float64]
 
 # Measured on Shelf: scores, median residual in pixels, share beyond 40 pixels.
 MEASURED = [

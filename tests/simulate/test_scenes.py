@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
 from e3pose.recording import Recording
 from e3pose.simulate import SCENES, DetectorSettings, SceneSettings, simulate
@@ -18,7 +19,6 @@ from e3pose.simulate.path_finding import Ways
 
 pytestmark = pytest.mark.slow
 
-Floats = NDArray[np.float64]
 
 ROOMS = ("two-rooms", "l-hall")
 PERFECT = DetectorSettings(perfect=True)

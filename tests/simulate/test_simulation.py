@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
 from e3pose.model.camera import Camera, Rig
 from e3pose.model.rigs import ring_rig, watched_area
@@ -14,7 +15,6 @@ from e3pose.simulate import SCENES, DetectorSettings, SceneSettings, simulate
 
 pytestmark = pytest.mark.slow
 
-Floats = NDArray[np.float64]
 PERFECT = DetectorSettings(perfect=True)
 
 

@@ -7,7 +7,6 @@ from dataclasses import fields
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 from tests.reference.belief_arrays import belief_to_arrays
 from tests.reference.filter_step import step
 
@@ -22,7 +21,6 @@ SIMULATED = load_noise("simulated")
 AGREE = 1e-6  # metres, seconds and all else; both do the same sums in another order
 KERNEL = StepKernel()
 
-Floats = NDArray[np.float64]
 Slot = tuple[Mapping[int, Poses2D], float]
 Slots = list[Slot]
 

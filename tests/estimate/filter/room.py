@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.base.arrays import Floats
 from e3pose.estimate.filter import Belief, Estimate, Model
 from e3pose.estimate.filter.step import StepKernel
 from e3pose.model.camera import Camera, Rig
@@ -15,8 +15,6 @@ from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17
 
 SIMULATED = load_noise("simulated")
-
-Floats = NDArray[np.float64]
 
 
 Views = Mapping[int, Poses2D]

@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.estimate.filter.room import MODEL, Floats, run, see, standing, step, turn
+from tests.estimate.filter.room import MODEL, run, see, standing, step, turn
 
+from e3pose.base.arrays import Floats
 from e3pose.estimate.filter import Belief
 from e3pose.estimate.filter.agility import FURTHEST, LASTS_S
 from e3pose.estimate.filter.steer import steer

@@ -5,10 +5,10 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 from tests.estimate.filter.room import step
 from tests.reference import filter_blindness
 
+from e3pose.base.arrays import Floats
 from e3pose.estimate.filter import Belief, Model
 from e3pose.estimate.filter import blindness as blind
 from e3pose.estimate.filter.blindness import proof
@@ -21,7 +21,6 @@ from e3pose.simulate import SceneSettings, simulate
 
 SIMULATED = load_noise("simulated")
 
-Floats = NDArray[np.float64]
 
 RIG = simulate(SceneSettings("crossing", people=0, seconds=0.1), seed=3).rig
 MODEL = Model(RIG, COCO17, SIMULATED)

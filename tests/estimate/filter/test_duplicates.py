@@ -7,9 +7,9 @@ from functools import cache
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from tests.reference.filter_step import step
 
+from e3pose.base.arrays import Floats
 from e3pose.estimate.filter import Belief, Model
 from e3pose.estimate.filter.estimator import FilterStep
 from e3pose.estimate.filter.step import StepKernel
@@ -22,7 +22,6 @@ pytestmark = pytest.mark.slow
 
 SIMULATED = load_noise("simulated")
 
-Floats = NDArray[np.float64]
 SPREAD = 1.5
 
 

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.estimate.filter.room import MODEL, Floats, error_m, ring, run, see, standing, step, turn
+from tests.estimate.filter.room import MODEL, error_m, ring, run, see, standing, step, turn
 from tests.reference.belief_arrays import belief_from_arrays, belief_to_arrays
 
+from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
 from e3pose.estimate.filter import Belief, Model, Noise
 from e3pose.model.noises import load_noise

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from tests.estimate.filter.room import BODY
 from tests.reference import filter_proportions
 
+from e3pose.base.arrays import Floats
 from e3pose.estimate.filter.bones import Proportions, proportions_of
 from e3pose.estimate.filter.proportions import expect_lengths, kept, stature_of
 from e3pose.estimate.filter.tree import grow
 from e3pose.model.proportions import KINDS, RIGID, STATURE_M, STATURE_SPREAD
 from e3pose.model.skeleton import COCO17, SKELETONS
-
-Floats = NDArray[np.float64]
 
 BONES = proportions_of(COCO17.joints, grow(COCO17))
 NUM_BONES = len(BONES.bones)

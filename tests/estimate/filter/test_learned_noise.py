@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from tests.estimate.filter.room import (
     ALL,
     MODEL,
@@ -21,6 +20,7 @@ from tests.estimate.filter.room import (
 from tests.reference.belief_arrays import belief_from_arrays, belief_to_arrays
 from tests.reference.filter_learned_noise import knots_px
 
+from e3pose.base.arrays import Floats
 from e3pose.estimate.filter import Belief, Model, Noise, outlook
 from e3pose.estimate.filter.learned_noise import CAUTION, MOST, factors, found
 from e3pose.estimate.filter.outliers import LEAST_KNOWN, MEMORY
@@ -28,8 +28,6 @@ from e3pose.model.noise import ASSUMED_WEIGHT, KNOWN_WEIGHT
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17
 from e3pose.simulate.noise import correlated
-
-Floats = NDArray[np.float64]
 
 FPS = 12.5
 SCORES = (0.5, 0.9)  # half of the keypoints each

@@ -6,17 +6,15 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from tests.estimate.filter.room import MODEL, NUM_CAMERAS, Views, run, see, step
 from tests.estimate.filter.test_learned_noise import FPS, stated, walking
 from tests.reference.belief_arrays import belief_from_arrays, belief_to_arrays
 
+from e3pose.base.arrays import Floats
 from e3pose.estimate.filter import Belief
 from e3pose.estimate.filter.learned_shift import COUNT, MOST, found_px, shifts_px
 from e3pose.estimate.filter.outliers import MEMORY
 from e3pose.model.pose import Poses2D
-
-Floats = NDArray[np.float64]
 
 SHIFT_PX = np.array([6.0, -4.0])
 QUIET = np.ones(NUM_CAMERAS)

@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from e3pose.base.arrays import Floats
 from e3pose.estimate.filter import Model
 from e3pose.estimate.filter.lone_view import SIZE_SHARE
 from e3pose.estimate.filter.state import Belief
@@ -16,7 +16,6 @@ from e3pose.model.noises import load_noise
 from e3pose.model.pose import Poses2D
 from e3pose.simulate import SceneSettings, simulate
 
-Floats = NDArray[np.float64]
 Cameras = Callable[[int], tuple[int, ...]]
 
 FPS = 12.5

@@ -6,16 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.linalg import expm
 from tests.estimate.filter.test_tree import random_prior
 from tests.reference.filter_motion import spread
 
+from e3pose.base.arrays import Floats
 from e3pose.estimate.filter.motion import ACCELERATION_LASTS_S, alone, places
 from e3pose.estimate.filter.tree import Tree, grow
 from e3pose.model.skeleton import COCO17, SKELETONS, Skeleton
-
-Floats = NDArray[np.float64]
 
 TREE = grow(COCO17)
 HIP, KNEE, ANKLE = (COCO17.index(f"left_{part}") for part in ("hip", "knee", "ankle"))

@@ -6,15 +6,13 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from tests.estimate.filter.room import ALL, BODY, MODEL, RIG, Views, run, see, standing
 
+from e3pose.base.arrays import Floats
 from e3pose.estimate.filter import Estimate
 from e3pose.model.camera import Camera
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17
-
-Floats = NDArray[np.float64]
 
 FPS, SLOTS = 12.5, 40
 LEGS = [

@@ -31,7 +31,6 @@ from e3pose.simulate import SceneSettings, simulate
 
 SIMULATED = load_noise("simulated")
 
-Floats = NDArray[np.float64]
 
 SCENE = SceneSettings("crossing", people=1, seconds=8, cameras=3)
 MODEL = Model(simulate(replace(SCENE, people=0, seconds=0.1), seed=5).rig, COCO17, SIMULATED)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from tests.estimate.filter.room import MODEL, NUM_CAMERAS
 
+from e3pose.base.arrays import Floats
 from e3pose.estimate.filter.bias import memory_terms
 from e3pose.estimate.filter.repeated_errors import (
     COMMON,
@@ -19,8 +19,6 @@ from e3pose.estimate.filter.repeated_errors import (
 )
 from e3pose.model.noise import ErrorMemory
 from e3pose.model.projection import project
-
-Floats = NDArray[np.float64]
 
 TERMS = memory_terms(ErrorMemory())
 JOINT = np.array([0.2, -0.3, 1.1, 0.0, 0.0, 0.0])

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from tests.estimate.filter.room import ALL, BODY, MODEL, NUM_CAMERAS, error_m, run, see, standing
 
 from e3pose.estimate.filter.state import Model
@@ -16,7 +15,6 @@ from e3pose.model.skeleton import BODY25, CMU31, COCO17, COCO18, PANOPTIC19, SHE
 
 SIMULATED = load_noise("simulated")
 
-Floats = NDArray[np.float64]
 PERSON = standing((0.3, -0.2))
 ARMS, LEGS = ([5, 7, 9], [6, 8, 10]), ([11, 13, 15], [12, 14, 16])
 STILL = [see(PERSON)] * 25

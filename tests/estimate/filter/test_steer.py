@@ -8,9 +8,9 @@ from functools import cache
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from tests.estimate.filter.room import step
 
+from e3pose.base.arrays import Floats
 from e3pose.estimate.filter import Belief, Model, outlook
 from e3pose.estimate.filter.motion import (
     LEAST_KNOWN_SLOTS,
@@ -28,8 +28,6 @@ from e3pose.recording import Recording
 from e3pose.simulate import SceneSettings, simulate
 
 SIMULATED = load_noise("simulated")
-
-Floats = NDArray[np.float64]
 
 
 @cache

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from tests.reference.filter_tree import Conditionals, Links, conditionals, solve
 
+from e3pose.base.arrays import Floats
 from e3pose.estimate.filter.tree import Tree, grow
 from e3pose.model.skeleton import COCO17, SKELETONS, Skeleton
-
-Floats = NDArray[np.float64]
 
 
 def spd(rng: np.random.Generator, *batch: int) -> Floats:

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from tests.estimate.filter.room import BODY, MODEL, run, see
 from tests.reference.filter_existence import end, wide
 
+from e3pose.base.arrays import Floats
 from e3pose.estimate.filter import Belief, Model
 from e3pose.estimate.filter.existence import MOST_WIDE_M
 from e3pose.estimate.filter.step import StepKernel
@@ -19,7 +19,6 @@ from e3pose.model.skeleton import Skeleton
 
 SIMULATED = load_noise("simulated")
 
-Floats = NDArray[np.float64]
 
 LEFT, RIGHT = [5, 7, 9, 11, 13, 15], [6, 8, 10, 12, 14, 16]
 

@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from e3pose.base.arrays import Floats
 from e3pose.estimate.per_slot.assign import assign
 
-Floats = NDArray[np.float64]
 ROOM = 9  # rows and columns of the table that the costs are a corner of
 
 

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from tests.reference.fuse import ReferenceFuser
 
+from e3pose.base.arrays import Floats
 from e3pose.estimate.per_slot.epipolar import fundamental_matrices
 from e3pose.estimate.per_slot.fuse import Fuser, FusionSettings
 from e3pose.model.camera import Rig
 from e3pose.model.pose import Poses2D
 from e3pose.model.rigs import ring_rig
-
-Floats = NDArray[np.float64]
 
 FUSERS = (Fuser, ReferenceFuser)
 EPIPOLAR = FusionSettings(refine_steps=0, matcher="epipolar", max_epipolar_px=20.0)

@@ -11,16 +11,15 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from tests.reference.fuse import ReferenceFuser
 
 from bench_fuse import load_workload, quality, run
+from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
 from e3pose.estimate.per_slot.fuse import MAX_POSES, Fuser, Fusion, FusionSettings
 from e3pose.model.camera import Camera, Rig
 from e3pose.model.pose import Poses2D
 
-Floats = NDArray[np.float64]
 Make = type[Fuser]
 FUSERS: tuple[Make, ...] = (Fuser, ReferenceFuser)
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from tests.reference.fuse import ReferenceFuser
 from tests.reference.triangulate import noise_px
 
+from e3pose.base.arrays import Floats
 from e3pose.estimate.per_slot import triangulate as place
 from e3pose.estimate.per_slot.fuse import Fuser, Fusion, FusionSettings
 from e3pose.estimate.per_slot.fusion import MATCHERS
@@ -23,7 +24,6 @@ from e3pose.model.camera import Camera, Rig
 
 pytestmark = pytest.mark.slow
 
-Floats = NDArray[np.float64]
 Slot = tuple[Floats, Floats, NDArray[np.int64]]
 
 NUM_RIGS = {"without distortion": 60, "with any lenses": 120}

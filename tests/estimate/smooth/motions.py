@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.base.arrays import Floats
 from e3pose.model.take import MEASURED, MISSING, Motion
-
-Floats = NDArray[np.float64]
 
 
 def motion(joints_m: Floats, sigma_m: float | Floats = 0.02, first: int = 0) -> Motion:

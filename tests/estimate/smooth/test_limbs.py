@@ -6,16 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from tests.estimate.filter.room import BODY
 from tests.estimate.smooth.motions import motion, waving
 
+from e3pose.base.arrays import Floats
 from e3pose.estimate.smooth import SMOOTHERS, SmoothSettings, smoothed
 from e3pose.estimate.smooth.limbs import keep_limbs
 from e3pose.model.skeleton import COCO17
 from e3pose.model.take import Motion, Take
-
-Floats = NDArray[np.float64]
 
 NUM_SLOTS, FPS = 60, 20.0
 WRIST, ANKLE = COCO17.index("left_wrist"), COCO17.index("right_ankle")

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
 from e3pose.evaluate.noise.calibrate import calibrate_noise
 from e3pose.evaluate.noise.residuals import Residuals
@@ -27,7 +27,6 @@ from e3pose.simulate.noise import correlated, normal_cdf
 
 pytestmark = pytest.mark.slow
 
-Floats = NDArray[np.float64]
 
 KNOTS, SIGMA_PX = np.array([0.1, 0.4, 0.7, 1.0]), np.array([14.0, 9.0, 5.0, 2.5])
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from e3pose.base.arrays import Floats
 from e3pose.model.skeleton import CMU31
 from e3pose.predict import PREDICTORS, make_predictor
 from e3pose.recording.datasets.motion import import_cmu
@@ -18,8 +18,6 @@ from e3pose_lab.prediction.motion import body_errors, body_joints
 from e3pose_lab.prediction.scores import PredictionSettings
 from e3pose_lab.prediction.tally import figures
 from e3pose_lab.train.windows import estimation_noise
-
-Floats = NDArray[np.float64]
 
 pytest.importorskip("onnxruntime", reason="onnxruntime is not installed")
 SHARED = os.environ.get("E3POSE_SHARED")

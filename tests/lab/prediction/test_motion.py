@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from e3pose.base.arrays import Floats
 from e3pose.model.camera import Camera, Rig
 from e3pose.model.pose import Poses3D
 from e3pose.model.skeleton import BODY25, CMU31, COCO17, PANOPTIC19, SHELF14, Skeleton
@@ -20,8 +20,6 @@ from e3pose_lab.prediction.motion import (
     estimated_motion,
     true_motion,
 )
-
-Floats = NDArray[np.float64]
 
 
 def _rig() -> Rig:

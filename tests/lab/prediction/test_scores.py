@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
 from e3pose.model.camera import Camera, Rig
 from e3pose.model.skeleton import COCO17
@@ -26,8 +26,6 @@ from e3pose_lab.prediction.scores import (
     window_ends,
 )
 from e3pose_lab.prediction.tally import Tally, calibration, figures
-
-Floats = NDArray[np.float64]
 
 SHARED = os.environ.get("E3POSE_SHARED")
 STEP_M = 0.03

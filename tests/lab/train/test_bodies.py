@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.base.arrays import Floats
 from e3pose.predict.normalise import NUM_COMMON
 from e3pose_lab.train.bodies import (
     MIRRORED,
@@ -15,8 +15,6 @@ from e3pose_lab.train.bodies import (
     swapped_arms,
     uneven_time,
 )
-
-Floats = NDArray[np.float64]
 
 
 def motion(size: int = 200, num_slots: int = 6, seed: int = 0) -> Floats:

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
 from e3pose.model.rigs import ring_rig
 from e3pose.model.skeleton import COCO17
 from e3pose.recording import Recording, Truth, ViewSeries
 from e3pose_lab.train.clips import clips_of, gather
-
-Floats = NDArray[np.float64]
 
 
 def recording(name: str, joints_m: Floats | None) -> Recording:

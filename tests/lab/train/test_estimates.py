@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
 from e3pose.model.pose import Poses2D
 from e3pose.predict.normalise import NUM_COMMON, common_columns, to_common
@@ -28,7 +29,6 @@ from e3pose_lab.train.training_clips import ClipSettings, Target, free_stretches
 from e3pose_lab.train.windows import Clip, Corruption, Sampler, Variety
 from e3pose_lab.workers import Workers
 
-Floats = NDArray[np.float64]
 REFERENCE = EstimateSettings()
 ALONE = Workers()
 

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from e3pose.base.errors import InputError
 from e3pose.model.camera import Rig
@@ -21,7 +20,6 @@ from e3pose_lab.workers import Workers
 
 pytestmark = pytest.mark.slow
 
-Floats = NDArray[np.float64]
 SPAN = 20
 TWICE = ClipSettings(target="truth", replayed=ReplayedSettings(replays=2))
 

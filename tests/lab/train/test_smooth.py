@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from e3pose.base.arrays import Floats
 from e3pose_lab.train.smooth import smooth
 
-Floats = NDArray[np.float64]
 DT = 1 / 25
 
 

@@ -6,16 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
 from e3pose.model.rigs import ring_rig
 from e3pose.model.skeleton import CMU31, COCO17
 from e3pose.recording import Recording, Truth, ViewSeries
 from e3pose.simulate import DetectorSettings
 from e3pose_lab.train.watched import as_coco17, watched
-
-Floats = NDArray[np.float64]
 
 
 def standing() -> Floats:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from tests.reference.normalise import to_world
 
 from e3pose.predict.normalise import NUM_COMMON
@@ -17,7 +16,6 @@ from e3pose_lab.train.windows import (
     usual_error,
 )
 
-Floats = NDArray[np.float64]
 CLEAN = Corruption(exact=1.0, missing=0.0, short=0.0)
 
 

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from tests.estimate.filter.room import BODY
 
+from e3pose.base.arrays import Floats
 from e3pose.model.pose import Poses3D
 from e3pose.model.skeleton import COCO17
 from e3pose.model.slot_record import SlotRecord
 from e3pose.model.take import MEASURED, PREDICTED, Take, motion_of
-
-Floats = NDArray[np.float64]
 
 FPS = 25.0
 NUM_FRAMES = 40

@@ -9,16 +9,14 @@ from typing import Literal
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from tests.output.exports.takes import FPS, MISSING_FRAMES, MISSING_JOINT, STARTED_NS, take
 
+from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
 from e3pose.model.skeleton import COCO17
 from e3pose.model.take import MEASURED, MISSING, Take, motion_of
 from e3pose.output.exports import EXPORTS, ExportSettings, export, format_of
 from e3pose.output.exports.c3d import CHUNK_FRAMES, MAX_FRAMES
-
-Floats = NDArray[np.float64]
 
 TAKE = take()
 FIRST, SECOND = TAKE.motions

@@ -8,17 +8,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from tests.output.exports.takes import MISSING_FRAMES, NUM_FRAMES, take, walking
 
+from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
 from e3pose.model.skeleton import COCO17, HALPE26, MEANS
 from e3pose.model.take import Motion, Take, motion_of
 from e3pose.output.exports import ExportSettings, export
 from e3pose.output.exports.base import y_up
 from e3pose.output.exports.bones import bones_of
-
-Floats = NDArray[np.float64]
 
 TAKE = take()
 FIRST, SECOND = TAKE.motions

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from tests.reference import normalise as plain
 
+from e3pose.base.arrays import Floats
 from e3pose.predict.normalise import NUM_COMMON, Normalised, fill_gaps, normalise
-
-Floats = NDArray[np.float64]
 
 
 def histories(seed: int, num_slots: int = 10) -> Floats:

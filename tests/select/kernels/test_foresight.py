@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from tests.reference import expected_information as plain
 from tests.reference import newcomers
 from tests.rigs import looking
 
+from e3pose.base.arrays import Flags
 from e3pose.estimate.base import Outlook
 from e3pose.model.noise import ErrorMemory
 from e3pose.select.expected_information import Foresight, foresee
 from e3pose.select.newcomers import expected_entrants
 
-Flags = NDArray[np.bool_]
 RIG = looking((4, 0), (0, 4), (-4, 0), (3, 3))
 SLOT_S = 0.04
 JOINTS = 9

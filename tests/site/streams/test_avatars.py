@@ -8,17 +8,15 @@ from contextlib import contextmanager
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from tests.output.exports.takes import FPS, NUM_FRAMES, walking
 from tests.site.streams.osc_reader import read_osc
 
+from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
 from e3pose.model.skeleton import COCO17
 from e3pose.model.zone_event import ZoneEvent
 from e3pose.site.connect import LiveSlot
 from e3pose.site.streams import Source, Stream, open_stream
-
-Floats = NDArray[np.float64]
 
 SOURCE = Source("lab", COCO17, FPS)
 STARTED_NS = 1_795_000_000_000_000_000
