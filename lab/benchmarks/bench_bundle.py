@@ -19,15 +19,9 @@ from scipy.optimize import least_squares
 from scipy.sparse import coo_matrix
 
 from e3pose.base.arrays import Floats
-from e3pose.calibrate.bundle import (
-    AdjustOptions,
-    Cameras,
-    adjust_points,
-    first_lenses,
-    linearise_points,
-    observe,
-)
+from e3pose.calibrate.bundle import AdjustOptions, adjust_points, linearise_points, observe
 from e3pose.calibrate.least_squares import Linearised
+from e3pose.calibrate.moved_cameras import Cameras, first_lenses
 from e3pose.model.camera import Rig
 from e3pose.simulate import DetectorSettings, SceneSettings, simulate
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from e3pose.calibrate.bundle import Cameras, placed
+from e3pose.calibrate.moved_cameras import Cameras, placed
 from e3pose.model.camera import Rig
 from e3pose.model.rotations import angles_between, similarity
 from e3pose.recording.calibration.world import assumed_rig

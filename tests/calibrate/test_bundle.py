@@ -9,8 +9,9 @@ import pytest
 from scipy.optimize import least_squares
 from tests.calibrate.people_scenes import distances, disturbed
 
-from e3pose.calibrate.bundle import AdjustOptions, Cameras, adjust_points, observe, placed
+from e3pose.calibrate.bundle import AdjustOptions, adjust_points, observe
 from e3pose.calibrate.from_points import adjust_all, pair_poses, solve_points
+from e3pose.calibrate.moved_cameras import Cameras, placed
 from e3pose.calibrate.triangulation import place_points
 from e3pose.model.camera import Rig
 from e3pose.model.rigs import ring_rig

@@ -8,7 +8,7 @@ import numpy as np
 
 from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
-from e3pose.calibrate.bundle import placed
+from e3pose.calibrate.moved_cameras import placed
 from e3pose.calibrate.people_3d import ANKLE_HEIGHT, ASSUMED_STATURE_M, People3D
 from e3pose.model.camera import Rig
 

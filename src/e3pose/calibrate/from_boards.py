@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
-from e3pose.calibrate.bundle import Adjusted, AdjustOptions, adjust_boards, placed, root_mean_square
+from e3pose.calibrate.bundle import Adjusted, AdjustOptions, adjust_boards, root_mean_square
 from e3pose.calibrate.intrinsics import resect
+from e3pose.calibrate.moved_cameras import placed
 from e3pose.calibrate.view_graph import chain, connected, edges_from_boards
 from e3pose.model.camera import Camera, Rig
 

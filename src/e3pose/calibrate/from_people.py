@@ -9,11 +9,11 @@ import numpy as np
 
 from e3pose.base.arrays import Flags
 from e3pose.base.errors import InputError
-from e3pose.calibrate.bundle import Diverged, first_lenses, placed
 from e3pose.calibrate.fit import CameraFit, fit_of
 from e3pose.calibrate.from_points import PointRig, adjust_all, pair_poses, solve_points
 from e3pose.calibrate.lenses import expected_lenses, final_lenses, kinds_of
 from e3pose.calibrate.matched_people import Joints, gather, observe_people, rematch, without_lenses
+from e3pose.calibrate.moved_cameras import Diverged, first_lenses, placed
 from e3pose.calibrate.progress import Progress, silent
 from e3pose.calibrate.resection import PlacedPerson, resect
 from e3pose.calibrate.same_people import Evidence, Seen, group, pair_by_essential

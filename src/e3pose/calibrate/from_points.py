@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.base.arrays import Floats
-from e3pose.calibrate.bundle import Adjusted, AdjustOptions, Diverged, adjust_points, placed
+from e3pose.calibrate.bundle import Adjusted, AdjustOptions, adjust_points
 from e3pose.calibrate.essential import RelativePose, relative_pose
+from e3pose.calibrate.moved_cameras import Diverged, placed
 from e3pose.calibrate.triangulation import place_points
 from e3pose.model.camera import Rig
 

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.base.arrays import Floats
-from e3pose.calibrate.bundle import NUM_LENS, Adjusted
+from e3pose.calibrate.bundle import Adjusted
+from e3pose.calibrate.moved_cameras import NUM_LENS
 from e3pose.model.camera import Rig
 from e3pose.recording.calibration.world import ASSUMED_FOCAL
 

@@ -15,21 +15,12 @@ import numpy as np
 
 from e3pose.base.arrays import Floats, Integers
 from e3pose.calibrate.align import Move
-from e3pose.calibrate.bundle import (
-    LENS,
-    NUM_PARAMETERS,
-    POSE,
-    Cameras,
-    first_lenses,
-    lens_precision,
-    linearise_points,
-    observe,
-    root_mean_square,
-)
+from e3pose.calibrate.bundle import lens_precision, linearise_points, observe, root_mean_square
 from e3pose.calibrate.from_people import PeopleRig
 from e3pose.calibrate.from_points import OUTLIER_SIGMAS
 from e3pose.calibrate.least_squares import Linearised, curvature_share, reduced_normal
 from e3pose.calibrate.lenses import REPEATED
+from e3pose.calibrate.moved_cameras import LENS, NUM_PARAMETERS, POSE, Cameras, first_lenses
 from e3pose.model.camera import Rig
 from e3pose.model.rotations import angles_between, similarity
 
