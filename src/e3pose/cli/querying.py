@@ -52,7 +52,9 @@ def query(
     store: str,
     /,
     *,
-    what: Literal["poses", "slots", "tracks", "energy", "events", "zones", "runs"] = "poses",
+    what: Literal[
+        "poses", "slots", "tracks", "energy", "events", "zones", "summaries", "runs"
+    ] = "poses",
     period: PeriodOptions = PERIOD,
     track: Annotated[Whole | None, Parameter(group=ROWS)] = None,
     joint: Annotated[str | None, Parameter(group=ROWS)] = None,
@@ -60,7 +62,7 @@ def query(
     parquet: Annotated[Path | None, Parameter(group=OUTPUT)] = None,
     json_file: Annotated[JsonFile, Parameter(group=OUTPUT)] = None,
 ) -> None:
-    """Query a store: 3D poses, selections, energy, events, zones.
+    """Query a store: 3D poses, selections, energy, events, zones, summaries.
 
     Example: `e3pose query live.db --from -10min --track 7 --joint left_wrist --csv wrist.csv`
 
@@ -74,7 +76,8 @@ def query(
     what
         `poses`; `slots` (selection, arrivals and energy per slot); `tracks` (first and last slot
         of each person); `energy` (meter readings); `events`; `zones` (who entered, stayed in or
-        left which zone); `runs` (contents of the store).
+        left which zone); `summaries` (one row per minute, what may leave the site); `runs`
+        (contents of the store).
     track
         Only this track id.
     joint

@@ -84,15 +84,18 @@ class StoreTable:
         keep_s: the oldest to keep, such as `30d`.
         max_bytes: the most to keep, such as `20GB`; of a file only.
         spool_bytes: room for what the database cannot take, such as `200MB`.
+        outbox_s: how many minutes of summaries to keep, such as `60d`.
     """
 
     place: Path | str = entry(key="path", read=read_place, write='"poses.db"')
     keep_s: float | None = entry(None, key="keep", read=age_s)
     max_bytes: int | None = entry(None, key="max_size", read=size_bytes)
     spool_bytes: int = entry(32_000_000, key="spool", read=size_bytes)
+    outbox_s: float = entry(60 * 86400.0, key="outbox", read=age_s, write='"60d"')
 
     def __post_init__(self) -> None:
         check_within("spool", self.spool_bytes, 1_000_000, 1_000_000_000)
+        check_within("outbox", self.outbox_s, 3600, 1e8)
 
 
 @dataclass(frozen=True, slots=True)

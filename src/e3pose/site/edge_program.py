@@ -287,6 +287,7 @@ def open_store(
         spool_bytes=site.store.spool_bytes,
         spool_beside=site.folder / site.name,
         one_writer=True,
+        summaries=round(site.store.outbox_s / 60),
     )
     return stack.enter_context(StoreWriter(site.store.place, run, keeping, report=event_log.add))
 

@@ -11,13 +11,14 @@ from numpy.typing import NDArray
 from e3pose.base.errors import InputError
 from e3pose.events import watch as watching
 from e3pose.events.people import Seen
+from e3pose.events.states import STATES
 from e3pose.events.watch import Watch, begin_watch
 from e3pose.model.person_event import PersonEvent, sentence
 from e3pose.model.uncertainty import axis_sigma_m
 from e3pose.pipeline import SlotRecord
 from e3pose.settings.resolved import ResolvedSite
 from e3pose.site.zones import Zones, advance
-from e3pose.store.rows import Event
+from e3pose.store.rows import Event, Presence
 
 if TYPE_CHECKING:
     from e3pose.store.writer import StoreWriter, WriterStatus
@@ -56,6 +57,8 @@ class EventSink:
                 self.watch, told = watching.advance(self.watch, seen)
                 for each in told:
                     self.writer.event(stored(each))
+                if self.watch.slot == record.slot:
+                    self.writer.present(presence(self.watch))
         return taken
 
     def event(self, event: Event) -> bool:
@@ -79,6 +82,13 @@ def stored(event: PersonEvent) -> Event:
         event.time_ns, event.kind, sentence(event), track_id=event.track, zone=event.zone,
         phase=event.phase, start_ns=event.start_ns, score=event.score,
     )  # fmt: skip
+
+
+def presence(watch: Watch) -> Presence:
+    """Return what the people of the newest slot do."""
+    people = [person.states for person in watch.shown.values()]
+    counts = np.sum(people, axis=0).tolist() if people else ()
+    return Presence(watch.time_ns, dict(zip(STATES, counts, strict=False)))
 
 
 def event_sink(site: ResolvedSite, writer: StoreWriter) -> StoreWriter | EventSink:

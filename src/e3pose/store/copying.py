@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 
-from sqlalchemy import Connection, Table, func, insert, inspect, select, text
+from sqlalchemy import Connection, Table, func, insert, inspect, select, text, update
 
 from e3pose.base.atomic import atomic_file
 from e3pose.base.errors import InputError
@@ -77,6 +78,10 @@ def _copied(
     for table in TABLES:
         if table.name in there:
             counts[table.name] = _copy_table(found, made, table, progress)
+    if schema.outboxes.name in there:
+        # A cursor of the source says nothing about what the copy gets from now on.
+        _copy_table(found, made, schema.outboxes, lambda *_: None)
+        made.execute(update(schema.outboxes).values(begun_ns=time.time_ns()))
     if made.dialect.name == "postgresql":  # the next run gets a number that no run had
         last = "SELECT setval(pg_get_serial_sequence('runs', 'run_id'), max(run_id)) FROM runs"
         made.execute(text(last))

@@ -25,6 +25,7 @@ from e3pose.store.database import (
     writing_engine,
 )
 from e3pose.store.migrations import prepare
+from e3pose.store.outbox import put, unsummed
 from e3pose.store.postgres import Line, take_site
 from e3pose.store.retention import Retention, give_back, trim
 from e3pose.store.rows import Row, Run, track_rows
@@ -36,16 +37,20 @@ ADOPTED_FRAMES = 5  # delivered at a time: those that come in meanwhile must not
 class Delivery:
     """A connection that writes, opened when it is needed; used by one thread."""
 
-    def __init__(self, url: str, spools: Path | None = None, site: str | None = None) -> None:
+    def __init__(
+        self, url: str, spools: Path | None = None, site: str | None = None, summaries: int = 0
+    ) -> None:
         """Remember where to deliver; nothing is opened yet.
 
         Args:
             url: of the store.
             spools: what spools of processes that were killed lie beside; None where none can.
             site: of which this is the only writer on a server; None where others may write.
+            summaries: minutes that the outbox keeps.
         """
         self.opened = False  # whether the tables are known to be there
         self._path, self._where, self._site = database_path(url), shown(url), site
+        self._summaries = summaries
         self._engine = writing_engine(url)
         self._line = Line(self._engine) if self._path is None else None
         self._connection: Connection | None = None
@@ -117,6 +122,12 @@ class Delivery:
         give_back(connection)
         connection.rollback()  # that of the last question, which would hold up the log
 
+    def unsummed(self, run: Run, now_ns: int) -> list[Row]:
+        """Return the rows of a run that no summary has."""
+        connection = self._connected()
+        with connection.begin():
+            return unsummed(connection, run, now_ns)
+
     def close(self) -> None:
         """Let the database go; the next commit opens it again."""
         connection, self._connection = self._connection, None
@@ -169,6 +180,7 @@ class Delivery:
             by_table: dict[str, list[dict[str, Any]]] = {}
             for name, row in rows:
                 by_table.setdefault(name, []).append({**row, "run_id": run_id})
+            put(connection, run, by_table.pop("summaries", ()), self._summaries)
             for name, content in by_table.items():
                 connection.execute(new_rows(connection.dialect.name, schema.ROWS[name]), content)
             _extend_tracks(connection, run_id, track_rows(rows))

@@ -25,6 +25,37 @@ ZONES_2 = """CREATE TABLE zones (
     PRIMARY KEY (run_id, time_ns, zone, track_id, kind)
 )"""
 
+SUMMARIES_6 = """CREATE TABLE summaries (
+    run_id BIGINT NOT NULL,
+    time_ns BIGINT NOT NULL,
+    number BIGINT NOT NULL,
+    version INTEGER NOT NULL,
+    span_s FLOAT NOT NULL,
+    software TEXT NOT NULL,
+    slots BIGINT NOT NULL,
+    views FLOAT,
+    people FLOAT,
+    most_people BIGINT NOT NULL,
+    error_mm FLOAT,
+    took_ms FLOAT,
+    blind TEXT NOT NULL,
+    zones TEXT NOT NULL,
+    entered TEXT NOT NULL,
+    states TEXT NOT NULL,
+    events TEXT NOT NULL,
+    joules TEXT NOT NULL,
+    charge TEXT NOT NULL,
+    faults TEXT NOT NULL,
+    PRIMARY KEY (run_id, time_ns)
+)"""
+OUTBOXES_6 = """CREATE TABLE outboxes (
+    site TEXT NOT NULL,
+    begun_ns BIGINT NOT NULL,
+    newest BIGINT NOT NULL,
+    shed BIGINT NOT NULL,
+    PRIMARY KEY (site)
+)"""
+
 
 def prepare(connection: Connection, where: str) -> int:
     """Make the tables of an empty database, or bring those of a store up to the present version.
@@ -106,4 +137,12 @@ def _to_5(connection: Connection) -> None:
         connection.exec_driver_sql(f"ALTER TABLE events ADD COLUMN {column} {kind}")
 
 
-STEPS = {2: _to_2, 3: _to_3, 4: _to_4, 5: _to_5}
+def _to_6(connection: Connection) -> None:
+    """Make the tables of the outbox."""
+    ending = " WITHOUT ROWID" if connection.dialect.name == "sqlite" else ""
+    connection.exec_driver_sql(SUMMARIES_6 + ending)
+    connection.exec_driver_sql("CREATE INDEX summaries_by_number ON summaries (number)")
+    connection.exec_driver_sql(OUTBOXES_6)
+
+
+STEPS = {2: _to_2, 3: _to_3, 4: _to_4, 5: _to_5, 6: _to_6}

@@ -31,7 +31,7 @@ Time = str | datetime | int | None  # as in `times.as_when`; None is without a b
 
 CHUNK_POSES = 10_000
 MAX_POSES = 2_000_000  # at once in memory: a gigabyte; whoever wants more reads it in chunks
-TABLES = ("slots", "tracks", "energy", "events", "zones")
+TABLES = ("slots", "tracks", "energy", "events", "zones", "summaries")
 FOREVER = (-(2**63), 2**63 - 1)
 
 
@@ -158,8 +158,8 @@ class Store:
         found: list[dict[str, Any]] = []
         with reading(self._store, self._engines) as connection:
             spans = self._spans(connection, start, end, site, run)
-            if table == "zones" and not inspect(connection).has_table(table):
-                return []  # a store of version 1
+            if not inspect(connection).has_table(table):
+                return []  # a store of an earlier version
             columns = columns_of(connection, schema.ROWS[table])
             for span in spans:
                 asked = _of_table(table, span, columns)

@@ -92,6 +92,9 @@ def _forget_empty(connection: Connection, run_id: int) -> None:
     newest = connection.execute(select(func.max(runs.c.run_id)).where(runs.c.site == site)).scalar()
     if newest != run_id:  # otherwise it may go on
         connection.execute(gone)
+        told = schema.summaries.c.run_id
+        if connection.execute(select(told).where(told == run_id).limit(1)).first() is not None:
+            return  # its summaries outlive it
         connection.execute(delete(runs).where(runs.c.run_id == run_id))
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -111,6 +111,19 @@ class EnergyReading:
     span_s: float
     source: str
     charge: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Presence:
+    """What people do in a slot, for summaries; not stored.
+
+    Attributes:
+        time_ns: when, since 1970, UTC.
+        states: how many people are in each, sums of probabilities.
+    """
+
+    time_ns: int
+    states: Mapping[str, float]
 
 
 def slot_rows(

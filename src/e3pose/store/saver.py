@@ -56,6 +56,7 @@ class Saver:
         spool: tuple[Path | None, int],
         check_s: float,
         one_writer: bool,
+        summaries: int = 0,
     ) -> None:
         """Open the store, or spool from the start where it cannot be used now.
 
@@ -66,6 +67,7 @@ class Saver:
             spool: the file that its name begins with, None for memory; its bytes.
             check_s: how often to check the integrity of a file.
             one_writer: whether to refuse a second writer of the run's site on a server.
+            summaries: minutes that the outbox keeps.
 
         Raises:
             InputError: when the store is not ours, of another version, or has its writer.
@@ -76,7 +78,7 @@ class Saver:
         self._url, self._run, self._say = url, run, say
         self._path, self._where = database_path(url), shown(url)
         beside, spool_bytes = spool
-        self._delivery = Delivery(url, beside, run.site if one_writer else None)
+        self._delivery = Delivery(url, beside, run.site if one_writer else None, summaries)
         self._caller = None if self._path else Caller(ANSWER_S, self._delivery.cut)
         self._watch = None if self._path is None else IntegrityWatch(self._path, check_s)
         self._next_try_s = 0.0
@@ -127,6 +129,16 @@ class Saver:
         if not len(self.spool):
             self.acknowledged = max(self.acknowledged, self._newest)
             self._recover()
+
+    def unsummed(self, now_ns: int) -> list[Row]:
+        """Return the rows of the run that no summary has, as a killed program left them."""
+        found: list[Row] = []
+        try:
+            if self.problem is None:
+                self._call(lambda: found.extend(self._delivery.unsummed(self._run, now_ns)))
+        except (*TROUBLE, InputError) as error:
+            self._fail(error)
+        return found
 
     def keep_house(self, retention: Retention, now_ns: int) -> None:
         """Do what can wait, a little after every commit."""

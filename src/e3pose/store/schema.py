@@ -24,8 +24,8 @@ from sqlalchemy import (
 
 from e3pose.base.errors import InputError
 
-VERSION = 5  # one more with every change, and a step to it in `store.migrations`
-READABLE = (1, 2, 3, 4, 5)  # columns have the same names and meaning; earlier ones have fewer
+VERSION = 6  # one more with every change, and a step to it in `store.migrations`
+READABLE = (1, 2, 3, 4, 5, 6)  # columns have the same names and meaning; earlier ones have fewer
 
 metadata = MetaData()
 
@@ -141,7 +141,42 @@ zones = Table(
     sqlite_with_rowid=False,
 )
 
-ROWS = {table.name: table for table in (slots, poses, tracks, energy, events, zones)}
+# What may leave a site, a minute at a time: `store.summaries` has what the columns mean.
+summaries = Table(
+    "summaries",
+    metadata,
+    *_in_run("time_ns"),
+    Column("number", BigInteger, nullable=False),  # the cursor: one more than that before, per site
+    Column("version", Integer, nullable=False),  # of the record, not of the schema
+    Column("span_s", Float, nullable=False),
+    Column("software", Text, nullable=False),
+    Column("slots", BigInteger, nullable=False),
+    Column("views", Float),
+    Column("people", Float),
+    Column("most_people", BigInteger, nullable=False),
+    Column("error_mm", Float),
+    Column("took_ms", Float),
+    *(
+        Column(name, Text, nullable=False)  # JSON
+        for name in (
+            "blind", "zones", "entered", "states", "events", "joules", "charge", "faults",
+        )
+    ),
+    Index("summaries_by_number", "number"),
+    sqlite_with_rowid=False,
+)  # fmt: skip
+
+# The cursor of each site, which must not run backwards when its summaries are gone.
+outboxes = Table(
+    "outboxes",
+    metadata,
+    Column("site", Text, primary_key=True),
+    Column("begun_ns", BigInteger, nullable=False),  # tells this outbox from another of the site
+    Column("newest", BigInteger, nullable=False),
+    Column("shed", BigInteger, nullable=False),  # summaries up to this number had to make room
+)
+
+ROWS = {table.name: table for table in (slots, poses, tracks, energy, events, zones, summaries)}
 
 # Full synchronous costs one fsync a commit, once in a while: what was acknowledged then survives a
 # power cut, not only a killed process.

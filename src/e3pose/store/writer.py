@@ -26,6 +26,7 @@ from e3pose.store.rows import (
     NS,
     EnergyReading,
     Event,
+    Presence,
     Row,
     Run,
     energy_row,
@@ -35,6 +36,7 @@ from e3pose.store.rows import (
 )
 from e3pose.store.saver import NO_SLOT, Saver
 from e3pose.store.spool import DEFAULT_BYTES
+from e3pose.store.summaries import Minutes
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +53,7 @@ class WriterSettings:
         check_s: how often to check the integrity of the file.
         retention: what to keep.
         one_writer: refuse to be the second writer of a site on a database server.
+        summaries: minutes kept in the outbox, the newest; 0 for none.
     """
 
     commit_s: float = 0.5  # with the commit itself well within the second that is promised
@@ -61,6 +64,7 @@ class WriterSettings:
     check_s: float = 60.0
     retention: Retention = field(default_factory=Retention)
     one_writer: bool = False
+    summaries: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +100,7 @@ class _Slot:
 
 
 _Item = (
-    _Slot | Event | EnergyReading | ZoneEvent | threading.Event
+    _Slot | Event | EnergyReading | ZoneEvent | Presence | threading.Event
 )  # an event to set once all before it is done
 
 
@@ -148,7 +152,11 @@ class StoreWriter:
             (path or self.settings.spool_beside, self.settings.spool_bytes),
             self.settings.check_s,
             self.settings.one_writer,
+            self.settings.summaries,
         )
+        self._minutes: Minutes | None = None
+        if self.settings.summaries:
+            self._minutes = Minutes(run.software, run.cameras, wall_ns())
         self._thread = threading.Thread(target=self._work, name="store", daemon=True)
         self._thread.start()
 
@@ -191,6 +199,10 @@ class StoreWriter:
     def zone(self, event: ZoneEvent) -> bool:
         """Hand over what happened in a zone; return whether it was taken."""
         return self._hand_over(event, wait=False)
+
+    def present(self, now: Presence) -> bool:
+        """Hand over what people do, for summaries; return whether it was taken."""
+        return self._hand_over(now, wait=False)
 
     def status(self) -> WriterStatus:
         """Return how the writer is doing; cheap enough for every slot."""
@@ -244,6 +256,8 @@ class StoreWriter:
     def _work(self) -> None:
         show_thread_name()
         stopping = False
+        if self._minutes is not None:
+            self._sum_up(self._saver.unsummed(self._minutes.begun_ns))
         while not stopping:
             if len(self._items) < self.settings.commit_slots:
                 self._wake.wait(self.settings.commit_s)
@@ -251,6 +265,7 @@ class StoreWriter:
             # Asked before taking: whatever was handed over by then is still taken.
             stopping = self._stop.is_set() and len(self._items) <= self.settings.commit_slots
             rows, slots, waiting = self._gather()
+            rows += self._sum_up(rows, stopping)
             try:
                 self._saver.save(rows, *slots)
                 self._saver.keep_house(self.settings.retention, self._wall_ns())
@@ -274,6 +289,10 @@ class StoreWriter:
             if isinstance(item, _Slot):
                 newest = max(newest, item.record.slot)
                 first = item.record.slot if first == NO_SLOT else first
+            if isinstance(item, Presence):
+                if self._minutes is not None:
+                    self._minutes.present(item)
+                continue
             rows += self._encode(item)
             time.sleep(0)  # lets the loop have the interpreter in the middle of a batch
         self._report_losses()
@@ -281,6 +300,18 @@ class StoreWriter:
         for note in notes:
             rows += self._encode(note)
         return rows, (first, newest), waiting
+
+    def _sum_up(self, rows: list[Row], ending: bool = False) -> list[Row]:
+        """Add rows to their minutes; return the summaries of minutes that are over."""
+        if self._minutes is None:
+            return []
+        try:
+            self._minutes.take(rows)
+            return self._minutes.closed(self._wall_ns(), ending)
+        except Exception as error:  # slots are worth more than their sums
+            self._minutes = None
+            self._say("store-error", f"no more summaries: {type(error).__name__}: {error}")
+            return []
 
     def _report_losses(self) -> None:
         lost_rows = self._saver.spool.lost_rows

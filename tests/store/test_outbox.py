@@ -1,0 +1,198 @@
+"""The outbox: numbers without gaps, whatever is killed, full, copied or beyond its bound."""
+
+from __future__ import annotations
+
+import json
+import signal
+import sqlite3
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from sqlalchemy import text
+from tests.cli.commands import run as run_verb
+from tests.store.writers import QUICK, Records, Runs, limit_connections, wait_for
+
+from e3pose.store import Retention, Run, Store, StoreWriter, WriterSettings
+from e3pose.store.copying import copy_store
+from e3pose.store.database import database_url, writing_engine
+from e3pose.store.outbox import read_outbox
+from e3pose.store.rows import NS
+from e3pose.store.summaries import MINUTE_NS
+
+pytestmark = pytest.mark.slow
+
+Place = Path | str
+MINUTE = 1_795_000_020_000_000_000
+assert MINUTE % MINUTE_NS == 0
+SUMMING = WriterSettings(commit_s=0.02, summaries=1000)
+
+
+class Wall:
+    """A clock that a test moves."""
+
+    def __init__(self, now_ns: int) -> None:
+        self.now_ns = now_ns
+
+    def __call__(self) -> int:
+        return self.now_ns
+
+
+def write_minutes(
+    place: Place, record: Records, run: Run, count: int, settings: WriterSettings = SUMMING
+) -> None:
+    """Write slots, one a second, of so many minutes from `MINUTE` on, and end at their end."""
+    wall = Wall(MINUTE)
+    with StoreWriter(place, run, settings, wall_ns=wall) as writer:
+        for slot in range(60 * count):
+            wall.now_ns = MINUTE + slot * NS
+            writer.append(record(slot), time_ns=wall.now_ns, wait=True)
+            if slot % 60 == 59:
+                writer.flush()
+        wall.now_ns = MINUTE + count * MINUTE_NS
+
+
+def test_minutes_come_in_order_and_from_where_one_has_them(
+    place: Place, record: Records, run: Runs
+) -> None:
+    write_minutes(place, record, run(), 3)
+    found = read_outbox(place, "hall")
+    assert [row["number"] for row in found.summaries] == [1, 2, 3]
+    assert [row["slots"] for row in found.summaries] == [60, 60, 60]
+    assert [row["time_ns"] for row in found.summaries] == [MINUTE + n * MINUTE_NS for n in range(3)]
+    assert (found.newest, found.shed, found.begun_ns) == (3, 0, MINUTE)
+    assert found.summaries[0]["started_ns"] == run().started_ns
+    assert [row["number"] for row in read_outbox(place, "hall", after=2).summaries] == [3]
+    assert [row["number"] for row in read_outbox(place, "hall", limit=1).summaries] == [1]
+    assert read_outbox(place, "elsewhere").summaries == ()
+
+
+def test_outbox_is_bounded_and_says_what_it_shed(place: Place, record: Records, run: Runs) -> None:
+    write_minutes(place, record, run(), 6, WriterSettings(commit_s=0.02, summaries=4))
+    found = read_outbox(place, "hall")
+    assert [row["number"] for row in found.summaries] == [3, 4, 5, 6]
+    assert (found.newest, found.shed) == (6, 2)
+
+
+def test_numbers_of_sites_are_their_own_and_a_minute_is_stored_once(
+    place: Place, record: Records, run: Runs
+) -> None:
+    write_minutes(place, record, run(), 2)
+    write_minutes(place, record, run("yard"), 1)
+    write_minutes(place, record, run(), 2)  # the same again
+    assert [row["number"] for row in read_outbox(place, "hall").summaries] == [1, 2]
+    assert [row["number"] for row in read_outbox(place, "yard").summaries] == [1]
+    assert read_outbox(place, "hall").newest == 2
+
+
+def test_replay_makes_no_summaries(place: Place, record: Records, run: Runs) -> None:
+    write_minutes(place, record, run(), 2, QUICK)
+    assert Store(place).rows("summaries") == []
+
+
+def test_summaries_outlive_their_slots(place: Place, record: Records, run: Runs) -> None:
+    write_minutes(place, record, run(started_ns=MINUTE - 1), 2)
+    keeping = WriterSettings(commit_s=0.02, summaries=1000, retention=Retention(max_age_s=30))
+    later = Wall(MINUTE + 3600 * NS)
+    with StoreWriter(place, run(started_ns=MINUTE), keeping, wall_ns=later) as writer:
+        writer.append(record(0), time_ns=later.now_ns)
+        wait_for(lambda: len(Store(place).rows("slots")) == 1)
+    assert [row["number"] for row in read_outbox(place, "hall").summaries][:2] == [1, 2]
+
+
+def test_copy_has_a_cursor_of_its_own(tmp_path: Path, record: Records, run: Runs) -> None:
+    write_minutes(tmp_path / "hall.db", record, run(), 2)
+    copy_store(tmp_path / "hall.db", tmp_path / "copy.db", lambda *_: None)
+    before, after = (read_outbox(tmp_path / f"{name}.db", "hall") for name in ("hall", "copy"))
+    assert after.summaries == before.summaries and after.newest == before.newest
+    assert after.begun_ns != before.begun_ns
+
+
+CHILD = """
+import sys
+sys.path.insert(0, {tests!r})
+from conftest import make_record, make_run
+from e3pose.store import StoreWriter, WriterSettings
+now = [{minute}]
+settings = WriterSettings(commit_s=0.02, summaries=9)
+writer = StoreWriter({path!r}, make_run(), settings, wall_ns=lambda: now[0])
+for slot in range(90):
+    now[0] = {minute} + slot * 10**9
+    writer.append(make_record(slot), time_ns=now[0], wait=True)
+    if slot % 30 == 29:
+        writer.flush()
+print("flushed", flush=True)
+sys.stdin.read()
+"""
+
+
+def test_minute_in_which_a_writer_was_killed_is_summed_up_by_the_next(
+    tmp_path: Path, record: Records, run: Runs
+) -> None:
+    path = tmp_path / "hall.db"
+    code = CHILD.format(tests=str(Path(__file__).parent), path=str(path), minute=MINUTE)
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    with subprocess.Popen([sys.executable, "-c", code], text=True, **pipes) as child:  # type: ignore[call-overload]
+        assert child.stdout.readline() == "flushed\n"
+        child.send_signal(signal.SIGKILL)
+    assert [row["slots"] for row in read_outbox(path, "hall").summaries] == [60]
+    wall = Wall(MINUTE + 95 * NS)
+    with StoreWriter(path, run(), SUMMING, wall_ns=wall) as writer:
+        for slot in range(95, 100):
+            wall.now_ns = MINUTE + slot * NS
+            writer.append(record(slot), time_ns=wall.now_ns)
+            writer.flush()
+    found = read_outbox(path, "hall").summaries
+    assert [row["slots"] for row in found] == [60, 35]
+    assert found[1]["time_ns"] == MINUTE + MINUTE_NS and found[1]["people"] == 2.0
+
+
+def test_full_disk_delays_summaries_and_loses_none(
+    tmp_path: Path, record: Records, run: Runs, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, wall, full = tmp_path / "hall.db", Wall(MINUTE), [False]
+    limit_connections(monkeypatch, lambda: f"max_page_count = {40 if full[0] else 1_000_000}")
+    with StoreWriter(path, run(), SUMMING, wall_ns=wall) as writer:
+        writer.append(record(0), time_ns=wall.now_ns)
+        writer.flush()
+        full[0] = True
+        writer._saver._delivery.close()  # the next connection has no room
+        for slot in range(1, 181):
+            wall.now_ns = MINUTE + slot * NS
+            writer.append(record(slot, 20), time_ns=wall.now_ns, wait=True)
+            if slot % 30 == 0:
+                writer.flush()
+        assert writer.status().problem is not None
+        full[0] = False
+        wait_for(lambda: writer.status().problem is None)
+        wall.now_ns += 10 * NS
+        writer.flush()
+    found = read_outbox(path, "hall").summaries
+    assert [row["number"] for row in found] == [1, 2, 3, 4]
+    assert sum(row["slots"] for row in found) == 181
+
+
+def test_query_shows_and_writes_summaries(
+    tmp_path: Path, record: Records, run: Runs, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "hall.db"
+    write_minutes(path, record, run(), 2)
+    assert run_verb("query", path, "--what", "summaries") == 0
+    assert "slots" in capsys.readouterr().out
+    written = tmp_path / "minutes.json"
+    assert run_verb("query", path, "--what", "summaries", "--json", written) == 0
+    rows = json.loads(written.read_text())
+    assert [row["number"] for row in rows] == [1, 2]
+    assert json.loads(rows[0]["faults"]) == [f"camera-lost {c}" for c in sorted(run().cameras)]
+
+
+def test_damaged_summary_is_named(tmp_path: Path, record: Records, run: Runs) -> None:
+    path = tmp_path / "hall.db"
+    write_minutes(path, record, run(), 1)
+    with writing_engine(database_url(path)).begin() as connection:
+        connection.execute(text("UPDATE summaries SET zones = 'not JSON'"))
+    with pytest.raises(Exception, match=r"summaries: number 1: zones is no JSON"):
+        read_outbox(path, "hall")
+    with sqlite3.connect(path) as found:
+        assert found.execute("PRAGMA integrity_check").fetchone() == ("ok",)
