@@ -15,6 +15,7 @@ import pytest
 from paho.mqtt.enums import CallbackAPIVersion
 from tests.live.processes import CAMERAS, FPS, LiveSite, e3pose
 from tests.ports import free_port
+from tests.site.streams.test_webhook import SECRET, Receiver, checker
 from tests.waiting import eventually
 
 from e3pose.recording import save_recording
@@ -40,7 +41,16 @@ def port(tmp_path: Path) -> Iterator[int]:
     broker.wait()
 
 
-def test_a_fall_reaches_home_assistant_and_the_store(tmp_path: Path, port: int) -> None:
+@pytest.fixture
+def receiver(tmp_path: Path) -> Iterator[Receiver]:
+    receiver = Receiver(tmp_path)
+    yield receiver
+    receiver.end()
+
+
+def test_a_fall_reaches_home_assistant_a_webhook_and_the_store(
+    tmp_path: Path, port: int, receiver: Receiver, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (person,) = episodes_of(HOME, SEED)
     assert person[0].kind.startswith("fall")
     save_recording(simulate(HOME, SEED), tmp_path / "recording")
@@ -60,13 +70,22 @@ def test_a_fall_reaches_home_assistant_and_the_store(tmp_path: Path, port: int) 
         home.subscribe("#", qos=1)
         assert ready.wait(30)
         place = f"homeassistant://127.0.0.1:{port}"
-        site.start("stream", *e3pose("stream", str(site.path), place))
+        hook = f"webhook:http://127.0.0.1:{receiver.port}/hook"
+        (tmp_path / "secret").write_bytes(SECRET)
+        (tmp_path / "secret").chmod(0o600)
+        monkeypatch.setenv("E3POSE_WEBHOOK_SECRET_FILE", str(tmp_path / "secret"))
+        receiver.start("takes")
+        site.start("stream", *e3pose("stream", str(site.path), place, hook))
         trigger = "e3pose/lab/home/trigger/fall"
         assert eventually(lambda: trigger in heard, 90.0), (heard, site.diagnostics())
         config = json.loads(heard["homeassistant/device/e3pose_lab/config"])
         assert {"alarm_fall", "trigger_fall", "people"} <= set(config["components"])
         assert heard["e3pose/lab/home/online"] == "online"
         assert "fell" in json.loads(heard[trigger])["sentence"]
+        assert eventually(lambda: bool(receiver.got())), site.log("stream").read_text()
+        notice = receiver.got()[0]
+        assert checker()(notice["body"].encode(), notice["signature"], SECRET)
+        assert json.loads(notice["body"])["kind"] == "fall"
         assert not any("joints" in payload for payload in heard.values()), "no poses leave"
 
         def stored() -> list[dict[str, Any]]:

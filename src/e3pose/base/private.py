@@ -12,6 +12,11 @@ from contextlib import suppress
 from pathlib import Path
 from typing import IO
 
+from e3pose.base.bounded import read_bytes
+from e3pose.base.errors import InputError
+
+MAX_SECRET_BYTES = 4096
+
 
 def shared(folder: Path) -> bool:
     """Return whether the group of a folder may read what is made in it."""
@@ -63,3 +68,29 @@ def append_to(path: Path) -> IO[bytes]:
     """Open a file for appending bytes, made if it is missing."""
     make_file(path)
     return path.open("ab")
+
+
+def read_secret(path: Path, name: str) -> str:
+    """Return the line of a file that its owner alone can read.
+
+    Args:
+        path: the file.
+        name: of the setting, for messages.
+
+    Raises:
+        InputError: when it is no such file, others can read it, or it is empty.
+    """
+    wanted = "a file that its owner alone can read (chmod 600)"
+    try:
+        mode = path.stat().st_mode
+    except OSError as error:
+        raise InputError(name, f"{path} ({error.strerror})", wanted) from None
+    if mode & 0o077:
+        raise InputError(name, f"{path}, which others can read", wanted)
+    try:
+        secret = read_bytes(path, MAX_SECRET_BYTES).decode().strip("\r\n")
+    except UnicodeDecodeError:
+        raise InputError(name, f"{path}, which is no text", wanted) from None
+    if not secret:
+        raise InputError(name, f"{path}, which is empty", "a file with one line")
+    return secret

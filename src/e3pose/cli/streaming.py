@@ -44,8 +44,9 @@ def stream(
     target
         osc://HOST:PORT, vmc://HOST:PORT and vrchat://HOST:PORT (one person as an avatar),
         lsl:NAME, foxglove://HOST:PORT, mcap:FILE.mcap, mqtt://HOST:PORT, mqtts://HOST:PORT,
-        homeassistant://HOST:PORT or homeassistants://HOST:PORT (a broker; what people do, as
-        [events] of the site file says, and no poses). User and password of a broker:
+        homeassistant://HOST:PORT or homeassistants://HOST:PORT (a broker) and webhook:https://URL
+        (what people do, as [events] of the site file says, and no poses). The secret of a
+        webhook: in the file that E3POSE_WEBHOOK_SECRET_FILE names. User and password of a broker:
         E3POSE_MQTT_USER, E3POSE_MQTT_PASSWORD in the environment, or the file that
         E3POSE_MQTT_PASSWORD_FILE names.
     delayed
@@ -58,6 +59,7 @@ def stream(
         Ctrl-C.
     """
     check_seconds("--for", for_s)
+    from e3pose.settings.events_table import EventsTable
     from e3pose.settings.resolved import resolve_site
     from e3pose.site.connect import Connection
     from e3pose.site.event_sink import site_watch
@@ -80,6 +82,7 @@ def stream(
         resolved.rig.camera_ids,
         tuple(zone.name for zone in resolved.zone),
         () if watch is None else tuple(watch.rules),
+        resolved.events or EventsTable(),
     )
     link = viewer_link(resolved, keys)
     with ExitStack() as stack:

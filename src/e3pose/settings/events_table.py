@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from typing import Annotated
 
 from msgspec import Meta
 
+from e3pose.base.errors import InputError
 from e3pose.base.table import check_bounds
+
+TIME = r"([01]\d|2[0-3]):[0-5]\d"
+HOURS = re.compile(f"{TIME}-{TIME}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,6 +26,8 @@ class EventsTable:
         settled_s: so long on a bed or a seat before `left` is told.
         nobody_s: nobody was seen for so long; 0: never told.
         most_people: more people than that are too many; 0: never told.
+        quiet: hours in which webhooks tell only what is urgent, such as `22:00-06:30`; empty: none.
+        urgent: kinds that they tell in these hours too.
     """
 
     kinds: tuple[str, ...] = ()
@@ -29,6 +36,18 @@ class EventsTable:
     settled_s: Annotated[float, Meta(ge=1, le=1e6)] = 10.0
     nobody_s: Annotated[float, Meta(ge=0, le=1e7)] = 0.0
     most_people: Annotated[int, Meta(ge=0, le=1000)] = 0
+    quiet: str = ""
+    urgent: tuple[str, ...] = ("fall", "on-floor")
 
     def __post_init__(self) -> None:
         check_bounds(self)
+        if self.quiet and HOURS.fullmatch(self.quiet) is None:
+            raise InputError("quiet", repr(self.quiet[:40]), 'two times, such as "22:00-06:30"')
+
+    def is_quiet(self, hour: int, minute: int) -> bool:
+        """Return whether a time of day is in the quiet hours."""
+        if not self.quiet:
+            return False
+        begins, ends = self.quiet.split("-")
+        now = f"{hour:02d}:{minute:02d}"
+        return begins <= now < ends if begins <= ends else not ends <= now < begins

@@ -186,7 +186,7 @@ def test_origin_that_is_none_is_refused(query: str) -> None:
 def test_address_has_its_number_of_clients_and_no_more() -> None:
     with served() as (_, url), ExitStack() as stack:
         for _ in range(CLIENTS_OF_ADDRESS):
-            assert len(_channels(stack.enter_context(joined(url)))) == 3
+            assert len(_channels(stack.enter_context(joined(url)))) == len(CHANNELS)
         with pytest.raises((OSError, WebSocketException)):
             joined(url, open_timeout=5)
 

@@ -94,7 +94,11 @@ def test_password_does_not_cross_a_network_unencrypted(monkeypatch: pytest.Monke
 
 def test_password_may_be_in_a_file(tmp_path: Path) -> None:
     (tmp_path / "password").write_text("hunter2\n")
+    (tmp_path / "password").chmod(0o640)
     file = {"E3POSE_MQTT_PASSWORD_FILE": str(tmp_path / "password")}
+    with pytest.raises(InputError, match="which others can read"):
+        login(file)
+    (tmp_path / "password").chmod(0o600)
     assert login({"E3POSE_MQTT_USER": "wall", **file}) == LOGIN
     assert login({"E3POSE_MQTT_USER": "wall"}) == ("wall", None)
     assert login({}) == (None, None)

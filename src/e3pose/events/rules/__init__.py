@@ -33,7 +33,8 @@ def make_rules(table: EventsTable, joints: Joints) -> dict[str, Rule]:
     Raises:
         InputError: for a kind that is not known.
     """
-    for kind in table.kinds:
-        if kind not in RULES:
-            raise InputError("kinds", repr(kind[:40]), f"some of {', '.join(RULES)}")
+    for key, kinds in (("kinds", table.kinds), ("urgent", table.urgent)):
+        for kind in kinds:
+            if kind not in RULES:
+                raise InputError(key, repr(kind[:40]), f"some of {', '.join(RULES)}")
     return {kind: RULES[kind](table, joints) for kind in table.kinds or RULES}

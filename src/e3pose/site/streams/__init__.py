@@ -27,6 +27,7 @@ STREAMS = {
     "homeassistant": "homeassistant://HOST:PORT, a broker that Home Assistant listens to: counts, "
     "states and events of people, no poses",
     "homeassistants": "homeassistants://HOST:PORT, the same over TLS",
+    "webhook": "webhook:https://HOST/PATH, a signed notice of each event of people, no poses",
 }
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol, runtime_checkable
 
 from e3pose.base.errors import InputError
@@ -11,6 +11,7 @@ from e3pose.events.watch import Watch
 from e3pose.model.person_event import PersonEvent
 from e3pose.model.skeleton import Skeleton
 from e3pose.model.zone_event import ZoneEvent
+from e3pose.settings.events_table import EventsTable
 from e3pose.site.connect import LiveSlot
 from e3pose.wire.access import split_endpoint
 
@@ -27,6 +28,7 @@ class Source:
         cameras: their names.
         zones: names of the zones.
         kinds: of the events that are told.
+        told: what the site file says of them.
     """
 
     site: str
@@ -36,6 +38,7 @@ class Source:
     cameras: tuple[str, ...] = ()
     zones: tuple[str, ...] = ()
     kinds: tuple[str, ...] = ()
+    told: EventsTable = field(default_factory=EventsTable)
 
 
 @runtime_checkable

@@ -23,6 +23,7 @@ from paho.mqtt.enums import CallbackAPIVersion
 from paho.mqtt.reasoncodes import ReasonCode
 
 from e3pose.base.errors import InputError
+from e3pose.base.private import read_secret
 from e3pose.events.watch import Watch
 from e3pose.model.person_event import PersonEvent
 from e3pose.model.zone_event import ZoneEvent
@@ -104,17 +105,12 @@ def login(environment: Mapping[str, str]) -> tuple[str | None, str | None]:
     """Return user and password of a broker, None where none is set.
 
     Raises:
-        InputError: when the file of the password cannot be read.
+        InputError: when others can read the file of the password, or nobody.
     """
     user, file = environment.get(USER), environment.get(f"{PASSWORD}_FILE")
     if file is None:
         return user, environment.get(PASSWORD)
-    try:
-        return user, Path(file).read_text().rstrip("\n")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(
-            f"{PASSWORD}_FILE", f"{file} ({error})", "a file with a password"
-        ) from None
+    return user, read_secret(Path(file), f"{PASSWORD}_FILE")
 
 
 class MqttStream:

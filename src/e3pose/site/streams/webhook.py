@@ -1,0 +1,284 @@
+"""A webhook: one signed HTTP POST for each event of people, tried again until it is delivered.
+
+Body: the record of the event as JSON, with the name of the site and an `id` that the notice keeps
+when it is tried again. Header: `E3pose-Signature: t=SECONDS,v1=HEX`, where HEX is the HMAC-SHA256
+of `SECONDS.BODY` by the secret in the file that `E3POSE_WEBHOOK_SECRET_FILE` names.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import hmac
+import http.client
+import json
+import os
+import random
+import socket
+import ssl
+import threading
+import time
+from collections import deque
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from urllib.parse import SplitResult, urlsplit
+
+from e3pose.base.errors import MISSING, InputError
+from e3pose.base.private import read_secret
+from e3pose.base.quantities import plural
+from e3pose.events.watch import Watch
+from e3pose.model.person_event import PersonEvent
+from e3pose.model.zone_event import ZoneEvent
+from e3pose.site.connect import LiveSlot
+from e3pose.site.streams.as_json import event_words
+from e3pose.site.streams.base import Source
+from e3pose.wire.access import is_loopback
+
+SECRET = "E3POSE_WEBHOOK_SECRET_FILE"
+LEAST_SECRET = 16  # characters
+SIGNATURE = "E3pose-Signature"
+MAX_WAITING = 100
+SOON_S = 0.2
+END_S = 5.0  # for what waits when the stream ends
+AGAIN = (408, 425, 429)  # of the answers below 500, those that may be others later
+
+
+@dataclass(frozen=True, slots=True)
+class Patience:
+    """How long to try.
+
+    Attributes:
+        answer_s: one attempt may take, from its connection to the status of its answer.
+        first_s: until the second attempt; each further one waits twice as long.
+        most_s: between two attempts.
+        give_up_s: after which a notice is given up.
+    """
+
+    answer_s: float = 10.0
+    first_s: float = 1.0
+    most_s: float = 60.0
+    give_up_s: float = 900.0
+
+    def wait_s(self, attempts: int) -> float:
+        """Return how long to wait after so many attempts: half of it by chance."""
+        longest_s = min(self.first_s * 2.0 ** min(attempts - 1, 20), self.most_s)
+        return longest_s * random.uniform(0.5, 1.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Notice:
+    """One event to tell: its sentence and body, and when it was told first, monotonic time."""
+
+    sentence: str
+    body: bytes
+    since_s: float
+
+
+def open_stream(place: str, source: Source) -> WebhookStream:
+    """Return a stream that posts to an address; the secret is in the file that `SECRET` names.
+
+    Raises:
+        InputError: for what is no address, or a secret that others can read or that is too short.
+    """
+    url = address(place)
+    file = os.environ.get(SECRET)
+    if not file:
+        raise InputError(SECRET, MISSING, "the file with the secret that signs notices")
+    secret = read_secret(Path(file), SECRET)
+    if len(secret) < LEAST_SECRET:
+        raise InputError(SECRET, f"{plural(len(secret), 'character')}", f"{LEAST_SECRET} at least")
+    if not source.kinds:
+        raise InputError("target", "no [events] in the site file", "[events]: what is told")
+    if url.scheme == "http" and not is_loopback(str(url.hostname)):
+        source.report(f"webhook {url.netloc}: signed, but anybody on the way can read it")
+    return WebhookStream(url, secret.encode(), source)
+
+
+def address(place: str) -> SplitResult:
+    """Return where to post to.
+
+    Raises:
+        InputError: for anything but `https://HOST[:PORT]/PATH` or the same with `http`.
+    """
+    wanted = "webhook:https://HOST/PATH"
+    try:
+        url = urlsplit(place)
+        url.port  # noqa: B018 - raises for one that is no number
+    except ValueError:
+        raise InputError("target", repr(place[:80]), wanted) from None
+    if "@" in url.netloc:
+        raise InputError("target", "a user or password in it", wanted)
+    plain = place.isascii() and place.isprintable() and " " not in place
+    if url.scheme not in ("http", "https") or not url.hostname or not plain:
+        raise InputError("target", repr(place[:80]), wanted)
+    return url
+
+
+def signature(secret: bytes, body: bytes, time_s: int) -> str:
+    """Return the value of the header `SIGNATURE`."""
+    signed = hmac.new(secret, b"%d.%s" % (time_s, body), hashlib.sha256)
+    return f"t={time_s},v1={signed.hexdigest()}"
+
+
+def notice_of(event: PersonEvent, site: str) -> Notice:
+    """Return the notice of an event."""
+    named = f"{site}\n{event.kind}\n{event.track}\n{event.start_ns}"
+    words = event_words(event)
+    body = {"id": hashlib.sha256(named.encode()).hexdigest()[:32], "site": site, **words}
+    return Notice(words["sentence"], json.dumps(body).encode(), time.monotonic())
+
+
+class WebhookStream:
+    """See `Stream` and `TellsPeople`. A thread delivers, the oldest notice first.
+
+    Attributes:
+        delivered, given_up, silent: notices.
+    """
+
+    def __init__(
+        self, url: SplitResult, secret: bytes, source: Source, patience: Patience | None = None
+    ) -> None:
+        """Post to an address."""
+        self.delivered = self.given_up = self.silent = 0
+        self._url, self._secret, self._source = url, secret, source
+        self._patience = patience or Patience()
+        self._secure = ssl.create_default_context() if url.scheme == "https" else None
+        self._waiting: deque[Notice] = deque()
+        self._trouble = ""
+        self._ends_s = float("inf")
+        self._changed = threading.Condition()
+        self._thread = threading.Thread(target=self._run, name="webhook", daemon=True)
+        self._thread.start()
+
+    def slot(self, slot: LiveSlot) -> None:
+        """See `Stream.slot`: poses do not leave."""
+
+    def zone(self, event: ZoneEvent) -> None:
+        """See `Stream.zone`: zones do not leave."""
+
+    def people(self, watch: Watch, events: Sequence[PersonEvent]) -> None:
+        """See `TellsPeople.people`: one notice for each event, when it is told first."""
+        told, now = self._source.told, datetime.now()
+        for event in events:
+            if not event.is_news:
+                continue
+            if told.is_quiet(now.hour, now.minute) and event.kind not in told.urgent:
+                self.silent += 1
+                continue
+            with self._changed:
+                if len(self._waiting) >= MAX_WAITING:
+                    self._give_up(self._waiting.popleft(), f"{MAX_WAITING} newer ones wait")
+                self._waiting.append(notice_of(event, self._source.site))
+                self._changed.notify()
+
+    def close(self) -> None:
+        """See `Stream.close`: what waits is tried for some seconds more, then its loss is told."""
+        with self._changed:
+            self._ends_s = time.monotonic() + END_S
+            self._changed.notify()
+        self._thread.join(END_S + 1.0)
+        with self._changed:
+            while self._waiting:
+                self._give_up(self._waiting.popleft(), self._trouble or "the stream ended")
+        counts = [f"{plural(self.delivered, 'notice')} delivered"]
+        counts += [f"{self.given_up} not delivered"] * (self.given_up > 0)
+        counts += [f"{self.silent} not sent in quiet hours"] * (self.silent > 0)
+        self._say(", ".join(counts))
+
+    def _say(self, line: str) -> None:
+        self._source.report(f"webhook {self._url.netloc}: {line}")
+
+    def _give_up(self, notice: Notice, why: str) -> None:
+        self.given_up += 1
+        self._say(f"not delivered ({why}): {notice.sentence}")
+
+    def _run(self) -> None:
+        attempts = 0
+        while True:
+            with self._changed:
+                while not self._waiting and self._ends_s == float("inf"):
+                    self._changed.wait()
+                if not self._waiting or time.monotonic() >= self._ends_s:
+                    return
+                notice = self._waiting[0]
+            problem, again = self._post(notice.body)
+            attempts += 1
+            late = time.monotonic() - notice.since_s >= self._patience.give_up_s
+            if problem and again and not late:
+                self._is_in_trouble(problem)
+                self._rest(attempts)
+                continue
+            attempts = 0
+            self._done(notice, problem)
+
+    def _rest(self, attempts: int) -> None:
+        """Wait for the next attempt; shortly, once the stream ends."""
+        with self._changed:
+            if self._ends_s < float("inf"):
+                self._changed.wait(SOON_S)
+            else:
+                wait_s = self._patience.wait_s(attempts)
+                self._changed.wait_for(lambda: self._ends_s < float("inf"), wait_s)
+
+    def _done(self, notice: Notice, problem: str) -> None:
+        """Count a notice that was delivered or given up."""
+        with self._changed:
+            if not self._waiting or self._waiting[0] is not notice:
+                return  # given up meanwhile, for newer ones
+            self._waiting.popleft()
+            if problem:
+                self._give_up(notice, problem)
+            else:
+                self.delivered += 1
+        if not problem:
+            self._is_in_trouble("")
+
+    def _is_in_trouble(self, problem: str) -> None:
+        """Say once that deliveries fail, and once that they succeed again."""
+        before, self._trouble = self._trouble, problem
+        if problem and not before:
+            self._say(f"cannot deliver ({problem}): trying again")
+        elif before and not problem:
+            self._say("delivers again")
+
+    def _post(self, body: bytes) -> tuple[str, bool]:
+        """Post once; return what was wrong, empty where nothing was, and whether to try again.
+
+        Redirects are answers like others: a signed notice goes nowhere else. Of an answer the
+        status alone is read.
+        """
+        url, seconds = self._url, self._patience.answer_s
+        host, port = str(url.hostname), url.port
+        if self._secure is None:
+            connection = http.client.HTTPConnection(host, port, timeout=seconds)
+        else:
+            connection = http.client.HTTPSConnection(
+                host, port, timeout=seconds, context=self._secure
+            )
+        # A timeout of the socket is one of each read; an answer may come byte by byte.
+        watchdog = threading.Timer(seconds, _cut, (connection,))
+        watchdog.daemon = True
+        watchdog.start()
+        try:
+            target = f"{url.path or '/'}{'?' * bool(url.query)}{url.query}"
+            signed = signature(self._secret, body, int(time.time()))
+            headers = {"Content-Type": "application/json", SIGNATURE: signed}
+            connection.request("POST", target, body, headers)
+            status = connection.getresponse().status
+        except (OSError, http.client.HTTPException) as error:
+            return str(error) or type(error).__name__, True
+        finally:
+            watchdog.cancel()
+            connection.close()
+        if 200 <= status < 300:
+            return "", False
+        return f"status {status}", status >= 500 or status in AGAIN
+
+
+def _cut(connection: http.client.HTTPConnection) -> None:
+    """End a connection that another thread reads from."""
+    with suppress(OSError):  # it ended by itself
+        if connection.sock is not None:
+            connection.sock.shutdown(socket.SHUT_RDWR)

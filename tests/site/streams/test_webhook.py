@@ -1,0 +1,222 @@
+"""The webhook: signed, tried again, bounded; what was not delivered is told."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tests.ports import free_port
+from tests.site.streams.test_streams import FELL, WATCH, slot
+from tests.waiting import eventually
+
+from e3pose.base.errors import InputError
+from e3pose.model.skeleton import COCO17
+from e3pose.settings.events_table import EventsTable
+from e3pose.site.streams import Source, open_stream
+from e3pose.site.streams.webhook import MAX_WAITING, Patience, WebhookStream, address
+
+HERE = Path(__file__).parent
+PAGE = HERE.parents[2] / "docs" / "how-to" / "events.md"
+SECRET = b"correct horse battery staple"
+QUICK = Patience(answer_s=0.5, first_s=0.05, most_s=0.1, give_up_s=20.0)
+IMPATIENT = replace(QUICK, give_up_s=0.3)
+
+
+class Receiver:
+    """A receiver in a process of its own, which can end and start again on its port."""
+
+    def __init__(self, folder: Path) -> None:
+        self.port, self.file = free_port(), folder / "received.jsonl"
+        self.program: subprocess.Popen[bytes] | None = None
+
+    def start(self, habit: str) -> None:
+        words = [str(HERE / "receiver.py"), str(self.port), habit, str(self.file)]
+        self.program = subprocess.Popen([sys.executable, *words])
+
+    def end(self) -> None:
+        if self.program is not None:
+            self.program.kill()
+            self.program.wait()
+
+    def got(self) -> list[dict[str, Any]]:
+        if not self.file.exists():
+            return []
+        return [json.loads(line) for line in self.file.read_text().splitlines()]
+
+
+@pytest.fixture
+def receiver(tmp_path: Path) -> Iterator[Receiver]:
+    receiver = Receiver(tmp_path)
+    yield receiver
+    receiver.end()
+
+
+@contextmanager
+def sending(
+    receiver: Receiver, patience: Patience = QUICK, told: EventsTable | None = None
+) -> Iterator[tuple[WebhookStream, list[str]]]:
+    said: list[str] = []
+    source = Source("lab", COCO17, 12.5, said.append, kinds=("fall",), told=told or EventsTable())
+    url = address(f"http://127.0.0.1:{receiver.port}/hook?room=2")
+    stream = WebhookStream(url, SECRET, source, patience)
+    try:
+        yield stream, said
+    finally:
+        stream.close()
+
+
+def checker() -> Callable[[bytes, str, bytes], bool]:
+    """Return the receiver's check as the page shows it."""
+    (code,) = re.findall(r"```python\n(import hashlib.*?)```", PAGE.read_text(), flags=re.S)
+    names: dict[str, Any] = {}
+    exec(code, names)
+    return names["is_genuine"]  # type: ignore[no-any-return]
+
+
+def test_notice_is_delivered_once_and_checked_as_the_page_says(receiver: Receiver) -> None:
+    receiver.start("takes")
+    with sending(receiver) as (stream, said):
+        stream.slot(slot(7))
+        stream.people(WATCH, [FELL, replace(FELL, kind="on-floor", phase="ended")])
+        assert eventually(lambda: stream.delivered == 1)
+    (one,) = receiver.got()
+    assert one["path"] == "/hook?room=2"
+    body = json.loads(one["body"])
+    assert (body["site"], body["kind"], body["track"], body["zone"]) == ("lab", "fall", 7, "bed")
+    assert body["sentence"].startswith("Person 7 fell") and "joints" not in one["body"]
+    genuine, sent = checker(), one["body"].encode()
+    assert genuine(sent, one["signature"], SECRET)
+    assert not genuine(sent.replace(b"7", b"8"), one["signature"], SECRET)
+    assert not genuine(sent, one["signature"], SECRET + b"!")
+    assert not genuine(sent, "t=1,v1=" + one["signature"].partition("v1=")[2], SECRET)
+    assert not genuine(sent, "nonsense", SECRET)
+    assert said[-1].endswith("1 notice delivered")
+
+
+@pytest.mark.parametrize("habit", ["fails", "hangs", "drips"])
+def test_trouble_is_told_and_a_receiver_that_comes_back_gets_its_notice(
+    receiver: Receiver, habit: str
+) -> None:
+    receiver.start(habit)
+    with sending(receiver) as (stream, said):
+        stream.people(WATCH, [FELL])
+        assert eventually(lambda: len(receiver.got()) >= 2), "tried again"
+        receiver.end()
+        assert stream.delivered == 0 and len(said) == 1 and "trying again" in said[0]
+        receiver.start("takes")
+        assert eventually(lambda: stream.delivered == 1)
+    assert len({json.loads(one["body"])["id"] for one in receiver.got()}) == 1
+    assert "delivers again" in said[1] and said[2].endswith("1 notice delivered")
+
+
+def test_notice_waits_for_a_receiver_that_is_not_there_yet(receiver: Receiver) -> None:
+    with sending(receiver) as (stream, said):
+        stream.people(WATCH, [FELL])
+        assert eventually(lambda: "refused" in "".join(said))
+        receiver.start("slow")
+        assert eventually(lambda: len(receiver.got()) >= 1)
+        receiver.end()
+        receiver.start("takes")
+        assert eventually(lambda: stream.delivered == 1)
+
+
+@pytest.mark.parametrize(("habit", "status"), [("redirects", "307"), ("refuses", "404")])
+def test_answer_that_stays_is_not_asked_again_nor_followed(
+    receiver: Receiver, habit: str, status: str
+) -> None:
+    receiver.start(habit)
+    with sending(receiver) as (stream, said):
+        stream.people(WATCH, [FELL])
+        assert eventually(lambda: stream.given_up == 1)
+    assert [one["path"] for one in receiver.got()] == ["/hook?room=2"]
+    assert f"not delivered (status {status}): Person 7 fell" in "".join(said)
+
+
+def test_endless_answer_is_not_read(receiver: Receiver) -> None:
+    receiver.start("talks")
+    with sending(receiver) as (stream, _):
+        stream.people(WATCH, [FELL])
+        assert eventually(lambda: stream.delivered == 1)
+
+
+def test_what_cannot_be_delivered_is_given_up_and_told(receiver: Receiver) -> None:
+    with sending(receiver, IMPATIENT) as (stream, said):
+        stream.people(WATCH, [FELL])
+        assert eventually(lambda: stream.given_up == 1)
+        stream.people(WATCH, [replace(FELL, track=8)])
+        assert eventually(lambda: stream.given_up == 2)
+    assert any("refused): Person 8 fell" in line for line in said)
+    assert said[-1].endswith("0 notices delivered, 2 not delivered")
+
+
+def test_what_waits_is_bounded_and_lost_at_the_end_with_a_line_each(receiver: Receiver) -> None:
+    with sending(receiver) as (stream, said):
+        for track in range(MAX_WAITING + 3):
+            stream.people(WATCH, [replace(FELL, track=track)])
+        assert stream.given_up == 3
+    assert stream.given_up == MAX_WAITING + 3
+    assert sum("not delivered (" in line for line in said) == MAX_WAITING + 3
+
+
+def test_quiet_hours_keep_what_is_not_urgent(receiver: Receiver) -> None:
+    receiver.start("takes")
+    with sending(receiver, told=EventsTable(quiet="00:00-23:59")) as (stream, said):
+        stream.people(WATCH, [replace(FELL, kind="waved", phase="ended"), FELL])
+        assert eventually(lambda: stream.delivered == 1)
+    assert [json.loads(one["body"])["kind"] for one in receiver.got()] == ["fall"]
+    assert said[-1].endswith("1 notice delivered, 1 not sent in quiet hours")
+
+
+@pytest.mark.parametrize(
+    ("hours", "at", "quiet"),
+    [
+        ("", (3, 0), False), ("22:00-06:30", (22, 0), True), ("22:00-06:30", (6, 29), True),
+        ("22:00-06:30", (6, 30), False), ("13:00-15:00", (14, 59), True),
+        ("13:00-15:00", (15, 0), False), ("13:00-15:00", (12, 59), False),
+    ],
+)  # fmt: skip
+def test_quiet_hours_may_go_over_midnight(hours: str, at: tuple[int, int], quiet: bool) -> None:
+    assert EventsTable(quiet=hours).is_quiet(*at) is quiet
+
+
+@pytest.mark.parametrize(
+    "place", ["example.org", "ftp://example.org/", "https://", "https://a:b@example.org/",
+              "https://example.org:port/", "https://example.org/a b",
+              "https://example.org/\r\nX: y"],
+)  # fmt: skip
+def test_address_that_is_none_is_refused(place: str) -> None:
+    with pytest.raises(InputError, match="expected webhook:https://HOST/PATH"):
+        address(place)
+
+
+def test_secret_comes_from_a_file_of_its_owner_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    said: list[str] = []
+    source = Source("lab", COCO17, 12.5, said.append, kinds=("fall",))
+    target, file = "webhook:http://192.0.2.1/hook", tmp_path / "secret"
+    with pytest.raises(InputError, match="E3POSE_WEBHOOK_SECRET_FILE"):
+        open_stream(target, source)
+    monkeypatch.setenv("E3POSE_WEBHOOK_SECRET_FILE", str(file))
+    with pytest.raises(InputError, match="expected a file that its owner alone"):
+        open_stream(target, source)
+    file.write_text("short\n")
+    file.chmod(0o644)
+    with pytest.raises(InputError, match="which others can read"):
+        open_stream(target, source)
+    file.chmod(0o600)
+    with pytest.raises(InputError, match="found 5 characters"):
+        open_stream(target, source)
+    file.write_bytes(SECRET + b"\n")
+    open_stream(target, source).close()
+    assert "anybody on the way can read it" in said[0]
+    with pytest.raises(InputError, match="no \\[events\\]"):
+        open_stream(target, Source("lab", COCO17, 12.5))
