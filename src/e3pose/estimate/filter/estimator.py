@@ -23,6 +23,7 @@ from e3pose.estimate.filter.outlook import stated_factor
 from e3pose.estimate.filter.posterior import Grades, posterior_of
 from e3pose.estimate.filter.reidentification import Identities, identify
 from e3pose.estimate.filter.shown import grade
+from e3pose.estimate.filter.state import known_of
 from e3pose.estimate.filter.steer import foreseen, steer
 from e3pose.model.pose import Poses2D, Poses3D
 from e3pose.predict.base import Prediction
@@ -151,24 +152,7 @@ def _prolonged(memory: FilterMemory, estimate: Estimate) -> NDArray[np.float64]:
 def _graded(model: Model, belief: Belief, rows: NDArray[np.int64], estimate: Estimate) -> Grades:
     """Grade the tracks at `rows`, which are published."""
     grades = Grades.empty(*estimate.measured.shape)
-    grade(
-        held_constants(model),
-        rows,
-        belief.state,
-        belief.drift_share,
-        belief.innovations,
-        belief.last_seen_s,
-        belief.delivered,
-        belief.noise,
-        belief.bias_px,
-        estimate.covariance_m2,
-        grades.stated_m2,
-        grades.scores,
-        grades.inflation,
-        grades.repeated_m2,
-        grades.lasting_m2,
-        grades.bias_share,
-    )
+    grade(held_constants(model), rows, known_of(belief), estimate.covariance_m2, grades)
     return grades
 
 

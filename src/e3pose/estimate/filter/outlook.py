@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from e3pose.base.arrays import Flags, Floats, Integers
@@ -15,7 +17,18 @@ from e3pose.estimate.filter.learned_noise import quietest
 from e3pose.estimate.filter.motion import move
 from e3pose.estimate.filter.scratch import Constants
 from e3pose.estimate.filter.shown import find_needed, likely_shown
-from e3pose.estimate.filter.state import Belief, Model
+from e3pose.estimate.filter.state import Belief, Known, Model, known_of
+
+
+class Expected(NamedTuple):
+    """What `expect` fills of an `Outlook`, by the names there."""
+
+    joints_m: Floats
+    covariance: Floats
+    drift_m2ps3: Floats
+    shows: Floats
+    needed: Flags
+    sigma_px: Floats
 
 
 def outlook(
@@ -37,29 +50,15 @@ def outlook(
     drift, lasts_s = model.alone
     num_cameras, leftovers = len(model.rig), belief.leftovers
     people, pairs = belief.drift_share.shape, belief.last_seen_s.shape
-    joints_m, covariance = np.empty((*people, 3)), np.empty((*people, 6, 6))
-    drift_m2ps3, shows = np.empty(people), np.empty(pairs)
-    needed, sigma_px = np.empty(pairs, dtype=bool), np.empty(num_cameras)
-    expect(
-        held_constants(model),
-        ahead_s,
-        factor,
-        drift,
-        belief.state,
-        belief.covariance,
-        belief.drift_share,
-        belief.last_seen_s,
-        belief.seen_by,
-        belief.confirmed,
-        belief.detection_map,
-        belief.noise,
-        joints_m,
-        covariance,
-        drift_m2ps3,
-        shows,
-        needed,
-        sigma_px,
+    expected = Expected(
+        joints_m=np.empty((*people, 3)),
+        covariance=np.empty((*people, 6, 6)),
+        drift_m2ps3=np.empty(people),
+        shows=np.empty(pairs),
+        needed=np.empty(pairs, dtype=bool),
+        sigma_px=np.empty(num_cameras),
     )
+    expect(held_constants(model), ahead_s, factor, drift, known_of(belief), expected)
     unexplained, times_s = np.empty(num_cameras, dtype=np.int64), np.empty(num_cameras)
     count_newest(
         leftovers.cameras,
@@ -74,16 +73,16 @@ def outlook(
     return Outlook(
         track_ids=belief.track_ids if track_ids is None else track_ids,
         confirmed=belief.confirmed,
-        joints_m=joints_m,
-        covariance=covariance,
-        drift_m2ps3=drift_m2ps3,
+        joints_m=expected.joints_m,
+        covariance=expected.covariance,
+        drift_m2ps3=expected.drift_m2ps3,
         velocity_lasts_s=lasts_s,
         has_memory=True,
         delivered=belief.delivered,
-        shows=shows,
+        shows=expected.shows,
         last_seen_s=belief.last_seen_s,
-        needed=needed,
-        sigma_px=sigma_px,
+        needed=expected.needed,
+        sigma_px=expected.sigma_px,
         memory=model.noise.memory,
         unexplained=unexplained,
         unexplained_s=belief.time_s - times_s,
@@ -105,20 +104,8 @@ def expect(
     ahead_s: float,
     factor: float,
     drift_m2ps3: Floats,
-    state: Floats,
-    covariance: Floats,
-    drift_share: Floats,
-    last_seen_s: Floats,
-    seen_by: Flags,
-    confirmed: Flags,
-    detection_map: Floats,
-    noise: Floats,
-    joints_m: Floats,
-    stated: Floats,
-    drift: Floats,
-    shows: Floats,
-    needed: Flags,
-    sigma_px: Floats,
+    known: Known,
+    expected: Expected,
 ) -> None:
     """Fill the people and keypoint noise of an `Outlook`.
 
@@ -127,22 +114,10 @@ def expect(
         ahead_s: seconds after the belief's slot, if nothing is seen.
         factor: on standard deviations (`covariance_inflation`).
         drift_m2ps3: `(num_joints,)` of `Model.alone`.
-        state: as in `Belief`, like all up to `noise`.
-        covariance: `(num_tracks, num_joints, 6, 6)`.
-        drift_share: `(num_tracks, num_joints)`.
-        last_seen_s: `(num_tracks, num_cameras)`.
-        seen_by: `(num_tracks, num_cameras)`.
-        confirmed: `(num_tracks,)`.
-        detection_map: `(num_cameras, NUM_CELLS, NUM_CELLS, 2)`.
-        noise: `(num_cameras + 1, 2)`.
-        joints_m: as in `Outlook`, like all that follow; filled.
-        stated: `(num_tracks, num_joints, 6, 6)`, the covariance of the `Outlook`.
-        drift: `(num_tracks, num_joints)`.
-        shows: `(num_tracks, num_cameras)`.
-        needed: `(num_tracks, num_cameras)`.
-        sigma_px: `(num_cameras,)`.
+        known: of the belief.
+        expected: filled.
     """
-    constants = held.values
+    constants, state, sigma_px = held.values, known.state, expected.sigma_px
     moved = np.empty(state.shape[1:])
     for track in range(len(state)):
         move(
@@ -154,19 +129,21 @@ def expect(
             moved,
         )
         for joint in range(state.shape[1]):
-            drift[track, joint] = drift_m2ps3[joint] * drift_share[track, joint] * factor**2
+            drift = drift_m2ps3[joint] * known.drift_share[track, joint] * factor**2
+            expected.drift_m2ps3[track, joint] = drift
             for axis in range(3):
-                joints_m[track, joint, axis] = moved[joint, axis]
+                expected.joints_m[track, joint, axis] = moved[joint, axis]
             for row in range(6):
                 for column in range(6):
-                    block = covariance[track, joint, row, column]
-                    stated[track, joint, row, column] = block * factor**2
-        root = joints_m[track, constants.order[0]]
-        for camera in range(len(detection_map)):
-            shows[track, camera] = likely_shown(detection_map[camera], root, constants.corner_m)
-    find_needed(state, last_seen_s, confirmed, seen_by, ahead_s, needed)
+                    block = known.covariance[track, joint, row, column]
+                    expected.covariance[track, joint, row, column] = block * factor**2
+        root = expected.joints_m[track, constants.order[0]]
+        for camera in range(len(known.detection_map)):
+            shown = likely_shown(known.detection_map[camera], root, constants.corner_m)
+            expected.shows[track, camera] = shown
+    find_needed(state, known.last_seen_s, known.confirmed, known.seen_by, ahead_s, expected.needed)
     quietest(
-        noise,
+        known.noise,
         constants.noise_weight,
         constants.scales,
         constants.noise_scores,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,8 +12,7 @@ from e3pose.estimate.filter.lasting import grown_m2
 from e3pose.estimate.filter.state import Belief
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Grades:
+class Grades(NamedTuple):
     """What is published of people besides their joints; see `Posterior` for what is not here.
 
     Attributes:
@@ -48,7 +47,7 @@ class Grades:
     def grown(self, excess: float) -> Grades:
         """Return what is published where errors last longer than stated (`filter.lasting`)."""
         more_m2 = grown_m2(self.repeated_m2, self.lasting_m2, excess) - self.repeated_m2
-        return replace(self, stated_m2=self.stated_m2 + more_m2)
+        return self._replace(stated_m2=self.stated_m2 + more_m2)
 
 
 def posterior_of(

@@ -14,6 +14,7 @@ from e3pose.estimate.filter.blindness import PLAIN, chance, proof
 from e3pose.estimate.filter.bones import Proportions
 from e3pose.estimate.filter.covariance_inflation import learned_factor, spread_factor
 from e3pose.estimate.filter.learned_noise import quietest
+from e3pose.estimate.filter.posterior import Grades
 from e3pose.estimate.filter.proportions import keep_all
 from e3pose.estimate.filter.repeated_errors import (
     MOST_LASTING_M,
@@ -23,7 +24,7 @@ from e3pose.estimate.filter.repeated_errors import (
     weigh_views,
 )
 from e3pose.estimate.filter.scratch import Constants
-from e3pose.estimate.filter.state import Belief, Model
+from e3pose.estimate.filter.state import Belief, Known, Model
 
 HALF_SCORE_M = 0.1  # definition: standard deviation of a joint at which its score is a half
 LEAST_SCORE = 1e-3  # definition: a joint that is known at all is not missing
@@ -248,47 +249,24 @@ def show(
 def grade(
     held: Held[Constants],
     rows: Integers,
-    state: Floats,
-    drift_share: Floats,
-    innovations: Floats,
-    last_seen_s: Floats,
-    delivered: Floats,
-    noise: Floats,
-    bias_px: Floats,
+    known: Known,
     covariance_m2: Floats,
-    stated_m2: Floats,
-    scores: Floats,
-    inflation: Floats,
-    repeated_m2: Floats,
-    lasting_m2: Floats,
-    bias_share: Floats,
+    grades: Grades,
 ) -> None:
     """Fill the published covariances of people, and the scores of their joints.
 
     Args:
         held: constants of the rig, the skeleton and the detector.
         rows: `(num_persons,)` of their tracks.
-        state: `(num_tracks, num_joints, 6)` of `Belief`, like all up to `bias_px`.
-        drift_share: `(num_tracks, num_joints)`.
-        innovations: `(num_tracks, 2)`.
-        last_seen_s: `(num_tracks, num_cameras)`.
-        delivered: `(num_tracks, num_cameras)`.
-        noise: `(num_cameras + 1, 2)`.
-        bias_px: `(num_tracks, num_cameras, num_joints, 2)`.
+        known: what the belief knows of its tracks.
         covariance_m2: `(num_persons, num_joints, 3, 3)` of `Estimate`.
-        stated_m2: likewise, filled: with the factors and the errors that views repeat.
-        scores: `(num_persons, num_joints)` filled: certainty in (0, 1], 0 for joints never
-            measured.
-        inflation: `(num_persons, num_joints)` filled: the factors on standard deviations.
-        repeated_m2: `(num_persons, num_joints, 3, 3)` filled: the errors that views repeat.
-        lasting_m2: likewise: the same, as large as the learned biases.
-        bias_share: `(2,)` adds up the squares of these over the variance, and counts them.
+        grades: filled; `bias_share` adds up.
     """
     constants = held.values
     sigma_px, weights = np.empty(len(constants.scales)), np.empty(len(constants.scales))
     lasting = np.empty(len(constants.scales))
     quietest(
-        noise,
+        known.noise,
         constants.noise_weight,
         constants.scales,
         constants.noise_scores,
@@ -297,25 +275,23 @@ def grade(
     )
     for index in range(len(rows)):
         track = rows[index]
-        weigh_views(last_seen_s[track], delivered[track], sigma_px, constants.memory, weights)
-        of_person = learned_factor(innovations[track])
-        for joint in range(scores.shape[1]):
-            factor = spread_factor(drift_share[track, joint], of_person)
+        seen_s, delivered = known.last_seen_s[track], known.delivered[track]
+        weigh_views(seen_s, delivered, sigma_px, constants.memory, weights)
+        of_person = learned_factor(known.innovations[track])
+        for joint in range(covariance_m2.shape[1]):
+            factor = spread_factor(known.drift_share[track, joint], of_person)
             block = covariance_m2[index, joint]
             variance = (block[0, 0] + block[1, 1] + block[2, 2]) / 3
             score = max(1.0 / (1.0 + variance / HALF_SCORE_M**2), LEAST_SCORE)
-            scores[index, joint] = score if math.isfinite(variance) else 0.0
-            inflation[index, joint] = factor
-            repeated = repeated_m2[index, joint]
-            place = state[track, joint]
+            grades.scores[index, joint] = score if math.isfinite(variance) else 0.0
+            grades.inflation[index, joint] = factor
+            repeated = grades.repeated_m2[index, joint]
+            place = known.state[track, joint]
             find_repeated(place, weights, constants.projections, MOST_M, repeated)
-            biases_px, seen_s = bias_px[track, :, joint], last_seen_s[track]
-            weigh_biases(
-                biases_px, seen_s, sigma_px, constants.memory, weights, lasting, bias_share
-            )
-            find_repeated(
-                place, lasting, constants.projections, MOST_LASTING_M, lasting_m2[index, joint]
-            )
+            biases_px, share = known.bias_px[track, :, joint], grades.bias_share
+            weigh_biases(biases_px, seen_s, sigma_px, constants.memory, weights, lasting, share)
+            lasting_m2 = grades.lasting_m2[index, joint]
+            find_repeated(place, lasting, constants.projections, MOST_LASTING_M, lasting_m2)
             for a in range(3):
                 for b in range(3):
-                    stated_m2[index, joint, a, b] = block[a, b] * factor**2 + repeated[a, b]
+                    grades.stated_m2[index, joint, a, b] = block[a, b] * factor**2 + repeated[a, b]

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
+from operator import attrgetter
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -281,3 +283,27 @@ class Belief:
             for item in fields(self)
             if item.name not in OF_THE_SITE
         }
+
+
+class Known(NamedTuple):
+    """Arrays of `Belief` that what is published and expected follows from, as kernels take them."""
+
+    state: Floats
+    covariance: Floats
+    drift_share: Floats
+    innovations: Floats
+    last_seen_s: Floats
+    seen_by: Flags
+    delivered: Floats
+    confirmed: Flags
+    bias_px: Floats
+    detection_map: Floats
+    noise: Floats
+
+
+_arrays = attrgetter(*Known._fields)
+
+
+def known_of(belief: Belief) -> Known:
+    """Return the arrays of a belief that are published."""
+    return Known(*_arrays(belief))

@@ -25,10 +25,33 @@ from e3pose.estimate.per_slot.triangulate import (
     triangulate_person,
 )
 from e3pose.model.camera import Rig
-from e3pose.model.undistort import make_lenses, undistort_slot
+from e3pose.model.undistort import Lenses, make_lenses, undistort_slot
 
 RAYS, TANKE_GALL = MATCHERS.index("rays"), MATCHERS.index("tanke-gall")
 CAMERA, ROW, LABEL, NEAREST, ALIVE, SIZE, MEMBER = range(7)  # the rows of `Workspace.integers`
+
+
+class Site(NamedTuple):
+    """What is constant about a rig."""
+
+    ray_matrices: Floats  # (num_cameras, 3, 3)
+    centers_m: Floats  # (num_cameras, 3)
+    projections: Floats  # (num_cameras, 3, 4)
+    lenses: Lenses
+    fundamentals: Floats  # (num_cameras, num_cameras, 3, 3)
+
+
+class Rules(NamedTuple):
+    """`FusionSettings`, as kernels take them."""
+
+    max_distance_m: float
+    cap_m: float
+    duplicate_m: float
+    min_joints: int
+    steps: int
+    reject_outliers: bool
+    matcher: int
+    epipolar_px: float
 
 
 class Workspace(NamedTuple):
@@ -81,15 +104,15 @@ class SlotKernel:
     """What `Fuser` runs: keeps what is constant per rig, and the working workspace."""
 
     def __init__(self, rig: Rig, num_joints: int, settings: FusionSettings) -> None:
-        self._rig = (
+        self._site = Site(
             np.ascontiguousarray(rig.ray_matrices),
             np.ascontiguousarray(rig.centers_m),
             np.ascontiguousarray(rig.projections),
-            *make_lenses(rig),
+            make_lenses(rig),
             np.ascontiguousarray(fundamental_matrices(rig)),
         )
         self._call: Any = fuse_slot
-        self._settings = (
+        self._rules = Rules(
             settings.max_distance_m,
             settings.cap_m,
             settings.duplicate_m,
@@ -108,9 +131,7 @@ class SlotKernel:
             num_cameras, num_joints = len(counts), scores.shape[2]
             workspace = make_workspace(num_cameras, num_joints, 2 * int(counts.sum()))
             self._workspace = workspace
-        people: int = self._call(
-            keypoints_px, scores, counts, *self._rig, *self._settings, workspace
-        )
+        people: int = self._call(keypoints_px, scores, counts, self._site, self._rules, workspace)
         return (
             workspace.joints_m[:people].copy(),
             workspace.joint_scores[:people].copy(),
@@ -124,21 +145,8 @@ def fuse_slot(
     keypoints_px: Floats,
     scores: Floats,
     counts: Integers,
-    ray_matrices: Floats,
-    centers_m: Floats,
-    projections: Floats,
-    lens_models: Integers,
-    lens_numbers: Floats,
-    lens_tables: Floats,
-    fundamentals: Floats,
-    max_distance_m: float,
-    cap_m: float,
-    duplicate_m: float,
-    min_joints: int,
-    steps: int,
-    reject_outliers: bool,
-    matcher: int,
-    max_epipolar_px: float,
+    site: Site,
+    rules: Rules,
     workspace: Workspace,
 ) -> int:
     """Match and triangulate one slot into the last four arrays of `workspace`; return people."""
@@ -146,9 +154,9 @@ def fuse_slot(
         keypoints_px,
         scores,
         counts,
-        lens_models,
-        lens_numbers,
-        lens_tables,
+        site.lenses.models,
+        site.lenses.numbers,
+        site.lenses.tables,
         workspace.lanes,
         workspace.pixels,
     )
@@ -156,8 +164,8 @@ def fuse_slot(
     num_poses = gather(
         scores,
         counts,
-        ray_matrices,
-        centers_m,
+        site.ray_matrices,
+        site.centers_m,
         workspace.pixels,
         workspace.scores,
         workspace.precisions,
@@ -166,25 +174,16 @@ def fuse_slot(
         workspace.tiles,
         workspace.tile_centers,
     )
-    if matcher == RAYS:
-        _match_rays(num_poses, max_distance_m, cap_m, workspace)
+    if rules.matcher == RAYS:
+        _match_rays(num_poses, rules.max_distance_m, rules.cap_m, workspace)
     else:
-        _match_epipolar(num_poses, matcher, fundamentals, max_epipolar_px, workspace)
+        _match_epipolar(num_poses, rules.matcher, site.fundamentals, rules.epipolar_px, workspace)
     people = 0
     while True:
         group = _take_strongest(num_poses, workspace)
         if len(group) == 0:
             return people
-        people += _fuse_person(
-            group,
-            people,
-            projections,
-            duplicate_m if matcher == RAYS else -1.0,
-            min_joints,
-            steps,
-            reject_outliers,
-            workspace,
-        )
+        people += _fuse_person(group, people, site.projections, rules, workspace)
 
 
 @kernel
@@ -192,35 +191,33 @@ def _fuse_person(
     group: Integers,
     person: int,
     projections: Floats,
-    duplicate_m: float,
-    min_joints: int,
-    steps: int,
-    reject_outliers: bool,
+    rules: Rules,
     workspace: Workspace,
 ) -> bool:
     """Triangulate a group of poses into row `person` of `workspace`; return whether it is a person.
 
-    With fewer than `min_joints` it is none, nor within `duplicate_m`, if positive, of another one.
+    With fewer than `min_joints` it is none, nor, matched by rays, within `duplicate_m` of another.
     """
     cameras, rows = workspace.integers[CAMERA], workspace.integers[ROW]
     joints_m = workspace.joints_m[person]
     found = triangulate_person(
         group, cameras, workspace.pixels, workspace.scores, projections, workspace.small, joints_m
     )
-    if found < min_joints:
+    if found < rules.min_joints:
         return False
-    if steps > 0:
+    if rules.steps > 0:
         refine_person(
             group,
             cameras,
             workspace.pixels,
             workspace.precisions,
             projections,
-            steps,
-            reject_outliers,
+            rules.steps,
+            rules.reject_outliers,
             joints_m,
         )
-    if duplicate_m > 0 and _is_duplicate(workspace.joints_m, person, duplicate_m):
+    near_m = rules.duplicate_m if rules.matcher == RAYS else 0.0
+    if near_m > 0 and _is_duplicate(workspace.joints_m, person, near_m):
         return False
     score_person(
         group,
@@ -229,7 +226,7 @@ def _fuse_person(
         workspace.scores,
         workspace.precisions,
         projections,
-        reject_outliers,
+        rules.reject_outliers,
         joints_m,
         workspace.joint_scores[person],
         workspace.errors_px[person],
