@@ -14,6 +14,7 @@ from cyclopts import App, CycloptsError, Group, MissingArgumentError
 
 from e3pose import __version__
 from e3pose.base.errors import InputError
+from e3pose.cli.archiving import archive_app
 from e3pose.cli.attaching import attach
 from e3pose.cli.calibrating import calibrate_app
 from e3pose.cli.calibrating_lenses import board, intrinsics
@@ -81,6 +82,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
         "stream",
         "query",
         "store",
+        "archive",
         "report",
     ),
     "Evaluate": ("evaluate", "evaluate-predictor", "reproduce"),
@@ -98,6 +100,7 @@ VERBS: dict[str, Callable[..., Any]] = {
     "replay": replay,
     "query": query,
     "store": store_app,
+    "archive": archive_app,
     "report": report,
     "export": export,
     "power": power_app,
@@ -185,6 +188,7 @@ EXTRAS = {
     "plotly": "report",
     "matplotlib": "report",
     "distributed": "cluster",
+    "fsspec": "archive",
     LAB: "lab",
     "motmetrics": "lab",
     "torch": "train",

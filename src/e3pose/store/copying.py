@@ -82,6 +82,9 @@ def _copied(
         # A cursor of the source says nothing about what the copy gets from now on.
         _copy_table(found, made, schema.outboxes, lambda *_: None)
         made.execute(update(schema.outboxes).values(begun_ns=time.time_ns()))
+    if schema.forgotten.name in there:
+        for table in (schema.forgotten, schema.archives):
+            _copy_table(found, made, table, lambda *_: None)
     if made.dialect.name == "postgresql":  # the next run gets a number that no run had
         last = "SELECT setval(pg_get_serial_sequence('runs', 'run_id'), max(run_id)) FROM runs"
         made.execute(text(last))

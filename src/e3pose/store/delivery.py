@@ -24,6 +24,7 @@ from e3pose.store.database import (
     shown,
     writing_engine,
 )
+from e3pose.store.forgetting import without_forgotten
 from e3pose.store.migrations import prepare
 from e3pose.store.outbox import put, unsummed
 from e3pose.store.postgres import Line, take_site
@@ -102,15 +103,22 @@ class Delivery:
             except OSError as error:
                 return f"{path}: cannot be read ({reason_of(error)}): its rows are not in the store"
         adopted = self._adopted
+        run = adopted.spool.run
         for _ in range(ADOPTED_FRAMES):
             if adopted.pending is None and not adopted.advance():
                 self._adopted = None
                 return adopted.finish()
             if adopted.pending is not None:
-                self.commit(known(adopted.pending), adopted.spool.run)
+                self.commit(self._wanted(known(adopted.pending), run), run)
                 adopted.rows += len(adopted.pending)
                 adopted.pending = None
         return None
+
+    def _wanted(self, rows: Sequence[Row], run: Run) -> Sequence[Row]:
+        """Return rows that come late, less what was to be forgotten meanwhile."""
+        connection = self._connected()
+        with connection.begin():
+            return without_forgotten(connection, run.site, run.started_ns, rows)
 
     def trim(self, retention: Retention, now_ns: int) -> None:
         """Remove a few slots beyond the retention."""

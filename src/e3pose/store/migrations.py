@@ -56,6 +56,22 @@ OUTBOXES_6 = """CREATE TABLE outboxes (
     PRIMARY KEY (site)
 )"""
 
+FORGOTTEN_7 = """CREATE TABLE forgotten (
+    number BIGINT NOT NULL,
+    site TEXT NOT NULL,
+    start_ns BIGINT NOT NULL,
+    end_ns BIGINT NOT NULL,
+    run_started_ns BIGINT,
+    track_id BIGINT,
+    PRIMARY KEY (number)
+)"""
+ARCHIVES_7 = """CREATE TABLE archives (
+    site TEXT NOT NULL,
+    place TEXT NOT NULL,
+    forgotten BIGINT NOT NULL,
+    PRIMARY KEY (site, place)
+)"""
+
 
 def prepare(connection: Connection, where: str) -> int:
     """Make the tables of an empty database, or bring those of a store up to the present version.
@@ -145,4 +161,10 @@ def _to_6(connection: Connection) -> None:
     connection.exec_driver_sql(OUTBOXES_6)
 
 
-STEPS = {2: _to_2, 3: _to_3, 4: _to_4, 5: _to_5, 6: _to_6}
+def _to_7(connection: Connection) -> None:
+    """Make the tables of what was deleted, and of archives."""
+    connection.exec_driver_sql(FORGOTTEN_7)
+    connection.exec_driver_sql(ARCHIVES_7)
+
+
+STEPS = {2: _to_2, 3: _to_3, 4: _to_4, 5: _to_5, 6: _to_6, 7: _to_7}

@@ -75,11 +75,11 @@ def _remove(connection: Connection, before_ns: int) -> int:
             connection.execute(
                 delete(table).where(table.c.run_id == run_id, table.c.time_ns <= keys[-1].time_ns)
             )
-        _forget_empty(connection, run_id)
+        forget_empty(connection, run_id)
     return len(keys)
 
 
-def _forget_empty(connection: Connection, run_id: int) -> None:
+def forget_empty(connection: Connection, run_id: int) -> None:
     """Remove tracks of which no slot is left, and the run if nothing is and a later one began."""
     runs, slots, tracks = schema.runs, schema.slots, schema.tracks
     first = connection.execute(select(func.min(slots.c.slot)).where(slots.c.run_id == run_id))

@@ -24,8 +24,8 @@ from sqlalchemy import (
 
 from e3pose.base.errors import InputError
 
-VERSION = 6  # one more with every change, and a step to it in `store.migrations`
-READABLE = (1, 2, 3, 4, 5, 6)  # columns have the same names and meaning; earlier ones have fewer
+VERSION = 7  # one more with every change, and a step to it in `store.migrations`
+READABLE = (1, 2, 3, 4, 5, 6, 7)  # columns have the same names and meaning; earlier ones have fewer
 
 metadata = MetaData()
 
@@ -174,6 +174,27 @@ outboxes = Table(
     Column("begun_ns", BigInteger, nullable=False),  # tells this outbox from another of the site
     Column("newest", BigInteger, nullable=False),
     Column("shed", BigInteger, nullable=False),  # summaries up to this number had to make room
+)
+
+# What somebody asked to delete, days and people: `store.forgetting`.
+forgotten = Table(
+    "forgotten",
+    metadata,
+    Column("number", BigInteger, primary_key=True, autoincrement=False),
+    Column("site", Text, nullable=False),
+    Column("start_ns", BigInteger, nullable=False),
+    Column("end_ns", BigInteger, nullable=False),
+    Column("run_started_ns", BigInteger),
+    Column("track_id", BigInteger),  # of a person; null for everything in that time
+)
+
+# Where poses of a site went, and up to which number of `forgotten` they were deleted there.
+archives = Table(
+    "archives",
+    metadata,
+    Column("site", Text, primary_key=True),
+    Column("place", Text, primary_key=True),
+    Column("forgotten", BigInteger, nullable=False),
 )
 
 ROWS = {table.name: table for table in (slots, poses, tracks, energy, events, zones, summaries)}

@@ -10,7 +10,7 @@ under `e3pose`, as JSON: `docs/reference/wide-parquet.md`.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -41,41 +41,55 @@ def write_wide(take: Take, dest: Path, settings: ExportSettings) -> str:
     Raises:
         InputError: for a skeleton of more joints than an integer has bits.
     """
+    if settings.angles:
+        raise InputError("--angles: found with --wide, expected it without: it holds poses alone")
+    people = settings.progress(take.motions, len(take.motions), "write")
+    return f"{write_people(take, people, dest)} rows, millimetres, z up, version {VERSION}"
+
+
+def write_people(about: Take, people: Iterable[Motion], dest: Path) -> int:
+    """Write people one after the other, so that one at a time is in memory.
+
+    Args:
+        about: what holds for all of them; its own people are not written.
+        people: each once.
+        dest: the file.
+
+    Returns:
+        How many rows were written.
+
+    Raises:
+        InputError: for a skeleton of more joints than an integer has bits.
+    """
     import pyarrow
     from pyarrow import parquet
 
-    joints = take.skeleton.joints
-    if len(joints) > MOST_JOINTS:
-        raise InputError(f"{dest}: found {len(joints)} joints, expected at most {MOST_JOINTS}")
-    if settings.angles:
-        raise InputError("--angles: found with --wide, expected it without: it holds poses alone")
-    names = [*FIRST_COLUMNS, *(f"{joint}_{part}" for joint in joints for part in PARTS)]
-    wide = ("measured", "filled")
-    schema = pyarrow.schema(
-        [(name, pyarrow.int64() if name in wide else pyarrow.int32()) for name in names],
-        metadata={KEY: json.dumps(_about(take))},
-    )
+    schema = _schema(about, dest)
     count, waiting, num_waiting = 0, list[Any](), 0
     with (
         atomic_file(dest, private=True) as temporary,
-        parquet.ParquetWriter(
-            temporary,
-            schema,
-            compression="zstd",
-            compression_level=ZSTD_LEVEL,
-            use_dictionary=False,
-            column_encoding=dict.fromkeys(names, "DELTA_BINARY_PACKED"),
-            write_statistics=["slot", "track"],
-        ) as writer,
+        parquet.ParquetWriter(temporary, schema, **_encoding(schema)) as writer,
     ):
-        for columns in _parts(take, settings):
-            waiting.append(pyarrow.table(columns, schema=schema))
+        for motion in people:
+            waiting.append(pyarrow.table(_columns(about.skeleton, motion), schema=schema))
             num_waiting += waiting[-1].num_rows
             if num_waiting >= ROWS_PER_GROUP:
                 writer.write_table(pyarrow.concat_tables(waiting))
                 count, waiting, num_waiting = count + num_waiting, [], 0
         writer.write_table(pyarrow.concat_tables([schema.empty_table(), *waiting]))
-    return f"{count + num_waiting} rows, millimetres, z up, version {VERSION}"
+    return count + num_waiting
+
+
+def without_person(content: bytes, track: int) -> tuple[bytes, int]:
+    """Return a wide file without the rows of a person, and how many rows are left."""
+    import pyarrow
+    from pyarrow import compute, parquet
+
+    table = parquet.read_table(pyarrow.BufferReader(content))
+    table = table.filter(compute.not_equal(table.column("track"), track))
+    made = pyarrow.BufferOutputStream()
+    parquet.write_table(table, made, row_group_size=ROWS_PER_GROUP, **_encoding(table.schema))
+    return made.getvalue().to_pybytes(), table.num_rows
 
 
 def is_wide(metadata: Mapping[bytes, bytes] | None) -> bool:
@@ -119,6 +133,30 @@ def read_wide(path: Path, table: Any) -> Take:
     return Take(about["name"], skeleton, about["interval_s"], tuple(motions), about["started_ns"])
 
 
+def _schema(about: Take, dest: Path) -> Any:
+    import pyarrow
+
+    joints = about.skeleton.joints
+    if len(joints) > MOST_JOINTS:
+        raise InputError(f"{dest}: found {len(joints)} joints, expected at most {MOST_JOINTS}")
+    names = [*FIRST_COLUMNS, *(f"{joint}_{part}" for joint in joints for part in PARTS)]
+    wide = ("measured", "filled")
+    return pyarrow.schema(
+        [(name, pyarrow.int64() if name in wide else pyarrow.int32()) for name in names],
+        metadata={KEY: json.dumps(_about(about))},
+    )
+
+
+def _encoding(schema: Any) -> dict[str, Any]:
+    return {
+        "compression": "zstd",
+        "compression_level": ZSTD_LEVEL,
+        "use_dictionary": False,
+        "column_encoding": dict.fromkeys(schema.names, "DELTA_BINARY_PACKED"),
+        "write_statistics": ["slot", "track"],
+    }
+
+
 def _about(take: Take) -> dict[str, Any]:
     return {
         "format": FORMAT,
@@ -133,23 +171,22 @@ def _about(take: Take) -> dict[str, Any]:
     }
 
 
-def _parts(take: Take, settings: ExportSettings) -> Iterator[dict[str, Any]]:
+def _columns(skeleton: Skeleton, motion: Motion) -> dict[str, Any]:
     import pyarrow
 
-    for motion in settings.progress(take.motions, len(take.motions), "write"):
-        there = np.flatnonzero(motion.known.any(axis=1))
-        columns = {
-            "slot": pyarrow.array(motion.first + there, type=pyarrow.int32()),
-            "track": pyarrow.array(np.full(len(there), motion.track_id), type=pyarrow.int32()),
-        }
-        for name, origin in (("measured", MEASURED), ("filled", FILLED)):
-            flags = (motion.origin[there] == origin) @ (1 << np.arange(len(take.skeleton)))
-            columns[name] = pyarrow.array(flags, type=pyarrow.int64())
-        values = np.concatenate([motion.joints_m, motion.sigma_m[..., None]], axis=-1)[there]
-        for index, joint in enumerate(take.skeleton.joints):
-            for part, letter in enumerate(PARTS):
-                columns[f"{joint}_{letter}"] = _integers(values[:, index, part])
-        yield columns
+    there = np.flatnonzero(motion.known.any(axis=1))
+    columns = {
+        "slot": pyarrow.array(motion.first + there, type=pyarrow.int32()),
+        "track": pyarrow.array(np.full(len(there), motion.track_id), type=pyarrow.int32()),
+    }
+    for name, origin in (("measured", MEASURED), ("filled", FILLED)):
+        flags = (motion.origin[there] == origin) @ (1 << np.arange(len(skeleton)))
+        columns[name] = pyarrow.array(flags, type=pyarrow.int64())
+    values = np.concatenate([motion.joints_m, motion.sigma_m[..., None]], axis=-1)[there]
+    for index, joint in enumerate(skeleton.joints):
+        for part, letter in enumerate(PARTS):
+            columns[f"{joint}_{letter}"] = _integers(values[:, index, part])
+    return columns
 
 
 def _integers(values: Floats) -> Any:

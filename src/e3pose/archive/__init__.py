@@ -1,0 +1,1 @@
+"""Archives: closed hours of a store as wide Parquet, in a folder or any object store."""

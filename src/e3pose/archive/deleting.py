@@ -1,0 +1,153 @@
+"""Delete a day or a person from an archive, or from a store and every archive that it went to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from sqlalchemy import Connection, select
+
+from e3pose.archive.manifest import (
+    NAME,
+    Manifest,
+    check_there,
+    days_of,
+    digest,
+    read_manifest,
+    write_manifest,
+)
+from e3pose.archive.places import Place, place_of
+from e3pose.base.errors import InputError
+from e3pose.output.exports.wide import without_person
+from e3pose.store import schema
+from e3pose.store.database import database_url, shown
+from e3pose.store.forgetting import Forgotten, changing, forget, left
+
+
+@dataclass(frozen=True, slots=True)
+class Deleted:
+    """What became of a request at one place.
+
+    Attributes:
+        place: the store, or an archive.
+        rows: deleted now.
+        left: found afterwards; None where nobody could look.
+        problem: why it could not be deleted there; empty if it could.
+    """
+
+    place: str
+    rows: int
+    left: int | None
+    problem: str = ""
+
+
+def delete_everywhere(store: str | Path, what: Forgotten) -> list[Deleted]:
+    """Delete from a store and from each archive that it went to; then look what is left.
+
+    The next `archive_store` deletes there once more: where an archive cannot be reached now, and
+    what one that is being written meanwhile has read before.
+
+    Raises:
+        InputError: when the store cannot be used.
+    """
+    what, rows = forget(store, what)
+    found = [Deleted(shown(database_url(store)), rows, left(store, what))]
+    with changing(store) as engine, engine.connect() as connection:
+        places = _places(connection, what.site)
+    for name in places:
+        try:
+            place = place_of(name)
+            found.append(Deleted(name, delete_there(place, what), left_there(place, what)))
+        except (InputError, OSError) as error:
+            found.append(Deleted(name, 0, None, str(error)))
+    return found
+
+
+def delete_there(place: Place, what: Forgotten) -> int:
+    """Delete from an archive; return how many rows were. Once more deletes nothing more.
+
+    Raises:
+        InputError: when the archive cannot be read or written.
+    """
+    check_there(place)
+    if what.track_id is None:
+        return _delete_day(place, what)
+    return sum(_delete_person(place, manifest, what) for manifest in _with_person(place, what))
+
+
+def left_there(place: Place, what: Forgotten) -> int:
+    """Return how many rows an archive has of what is forgotten, by its files."""
+    from io import BytesIO
+
+    from pyarrow import parquet
+
+    rows = 0
+    for site, day in days_of(place, what.site):
+        manifest = Manifest(site, day)
+        if what.track_id is None and day != what.day:
+            continue
+        for name in place.names(manifest.folder):
+            of_run = name.endswith(f"-{what.run_started_ns}.parquet")
+            if not name.endswith(".parquet") or not (what.track_id is None or of_run):
+                continue
+            content = place.read(name)
+            if content is not None:
+                tracks = parquet.read_table(BytesIO(content), columns=["track"]).column("track")
+                everybody = what.track_id is None
+                rows += len(tracks) if everybody else tracks.to_pylist().count(what.track_id)
+    return rows
+
+
+def _places(connection: Connection, site: str) -> list[str]:
+    table = schema.archives
+    asked = select(table.c.place).where(table.c.site == site).order_by(table.c.place)
+    return list(connection.execute(asked).scalars())
+
+
+def _delete_day(place: Place, what: Forgotten) -> int:
+    before = read_manifest(place, what.site, what.day)
+    manifest = before or Manifest(what.site, what.day)
+    names = [n for n in place.names(manifest.folder) if not n.endswith(f"/{NAME}")]
+    if before is None and not names:
+        return 0
+    for name in names:  # those that no manifest names, too
+        place.remove(name)
+    rows = sum(entry.rows for entry in manifest.files.values())
+    write_manifest(place, Manifest(what.site, what.day, deleted=True))
+    return rows
+
+
+def _with_person(place: Place, what: Forgotten) -> list[Manifest]:
+    """Return the days of a person."""
+    found = []
+    for site, day in days_of(place, what.site):
+        manifest = read_manifest(place, site, day)
+        if manifest is None:
+            continue
+        runs = {entry.started_ns for entry in manifest.files.values()}
+        if what.run_started_ns in runs:
+            found.append(manifest)
+    return found
+
+
+def _delete_person(place: Place, manifest: Manifest, what: Forgotten) -> int:
+    deleted = 0
+    for name, entry in manifest.files.items():
+        if entry.started_ns != what.run_started_ns or what.track_id not in entry.tracks:
+            continue
+        path = f"{manifest.folder}/{name}"
+        content = place.read(path)
+        if content is not None and what.track_id is not None:
+            content, rows = without_person(content, what.track_id)
+            tracks = tuple(track for track in entry.tracks if track != what.track_id)
+            if rows:
+                place.write(path, content)
+                size, sha256 = len(content), digest(content)
+            else:
+                place.remove(path)
+                size, sha256 = 0, ""
+            deleted += entry.rows - rows
+            entry = replace(entry, rows=rows, tracks=tracks, bytes=size, sha256=sha256)
+            manifest = manifest.with_file(name, entry)
+            write_manifest(place, manifest)
+    return deleted

@@ -1,0 +1,138 @@
+"""What an archive holds of a day, with hashes: `manifest.json` in the folder of the day."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import msgspec
+
+from e3pose.archive.places import Place
+from e3pose.base.errors import InputError
+
+FORMAT, VERSION = "e3pose-archive", 1
+NAME = "manifest.json"
+MARK = "e3pose-archive.json"  # tells an archive from a folder that is not mounted
+MAX_BYTES = 50_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """An hour of a run.
+
+    Attributes:
+        hour: of the day, UTC.
+        run: what a person calls the run.
+        started_ns: when it began, nanoseconds since 1970, UTC.
+        slots: that the store had of the hour.
+        rows: of people, in the file.
+        tracks: people in the file.
+        bytes: of the file.
+        sha256: of the file, hexadecimal; empty where nobody was there, and no file is.
+    """
+
+    hour: int
+    run: str
+    started_ns: int
+    slots: int
+    rows: int
+    tracks: tuple[int, ...] = ()
+    bytes: int = 0
+    sha256: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Manifest:
+    """What an archive holds of a day of a site.
+
+    Attributes:
+        site: its name.
+        day: UTC, such as 2026-11-25.
+        files: hours by the name of their file.
+        deleted: whether somebody asked for the day to be deleted: nothing of it comes back.
+        format: `FORMAT`.
+        version: `VERSION`.
+    """
+
+    site: str
+    day: str
+    files: Mapping[str, Entry] = field(default_factory=dict)
+    deleted: bool = False
+    format: str = FORMAT
+    version: int = VERSION
+
+    @property
+    def folder(self) -> str:
+        """Its folder in the archive, as DuckDB and others read partitions."""
+        return f"site={self.site}/day={self.day}"
+
+    def with_file(self, name: str, entry: Entry | None) -> Manifest:
+        """Return the manifest with another file of a name, or with none."""
+        files = {n: e for n, e in self.files.items() if n != name}
+        if entry is not None:
+            files[name] = entry
+        return replace(self, files=dict(sorted(files.items())))
+
+
+def check_there(place: Place) -> None:
+    """Raise `InputError` where an archive was and none is now."""
+    if place.read(MARK) is None:
+        raise InputError(
+            f"{place.name}: found no archive where one was, expected it: mount it; or where it is "
+            "gone for good, begin anew: e3pose archive STORE DEST --new"
+        )
+
+
+def mark(place: Place) -> None:
+    """Make a place an archive."""
+    if place.read(MARK) is None:
+        place.write(MARK, msgspec.json.encode({"format": FORMAT, "version": VERSION}))
+
+
+def digest(content: bytes) -> str:
+    """Return the SHA-256 of a file's content, hexadecimal."""
+    return hashlib.sha256(content).hexdigest()
+
+
+def read_manifest(place: Place, site: str, day: str) -> Manifest | None:
+    """Return the manifest of a day; None if there is none.
+
+    Raises:
+        InputError: for one that no archive writes.
+    """
+    name = f"{Manifest(site, day).folder}/{NAME}"
+    content = place.read(name)
+    if content is None:
+        return None
+    try:
+        if len(content) > MAX_BYTES:
+            raise msgspec.ValidationError(f"found {len(content)} bytes")
+        found = msgspec.json.decode(content, type=Manifest)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise InputError(f"{place.name}/{name}: found no manifest ({error})") from None
+    kind = found.format, found.version
+    if kind != (FORMAT, VERSION) or (found.site, found.day) != (site, day):
+        raise InputError(
+            f"{place.name}/{name}: found {kind[0][:40]} version {kind[1]} of {found.site[:40]}, "
+            f"{found.day[:10]}, expected {FORMAT} version {VERSION} of {site}, {day}"
+        )
+    if any("/" in file or not file.endswith(".parquet") for file in found.files):
+        raise InputError(f"{place.name}/{name}: found a file outside its folder")
+    return found
+
+
+def write_manifest(place: Place, manifest: Manifest) -> None:
+    """Write the manifest of a day, after all that it names."""
+    content = msgspec.json.format(msgspec.json.encode(manifest), indent=1)
+    place.write(f"{manifest.folder}/{NAME}", content)
+
+
+def days_of(place: Place, site: str | None = None) -> list[tuple[str, str]]:
+    """Return the sites and days of an archive that have a manifest, oldest first of each."""
+    found = []
+    for name in place.names("" if site is None else f"site={site}"):
+        parts = name.split("/")
+        if len(parts) == 3 and parts[2] == NAME and parts[0].startswith("site="):
+            found.append((parts[0].removeprefix("site="), parts[1].removeprefix("day=")))
+    return sorted(found)

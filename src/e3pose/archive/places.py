@@ -1,0 +1,146 @@
+"""Where an archive lies: a folder, or any object store that fsspec knows."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Protocol, TypeVar
+
+from e3pose.base.atomic import atomic_file
+from e3pose.base.errors import InputError
+
+T = TypeVar("T")
+EXTRA = "pip install 'e3pose[archive]' and what its address needs, such as s3fs"
+
+
+class Place(Protocol):
+    """Holds files under names with slashes; each is there whole or not at all."""
+
+    @property
+    def name(self) -> str:
+        """What it is called, without passwords; the same however it was written."""
+        ...
+
+    def names(self, under: str = "") -> list[str]:
+        """Return the names of all files, or of those below a folder, sorted."""
+        ...
+
+    def read(self, name: str) -> bytes | None:
+        """Return the content of a file; None if there is none."""
+        ...
+
+    def write(self, name: str, content: bytes) -> None:
+        """Write a file, in place of one that is there."""
+        ...
+
+    def remove(self, name: str) -> None:
+        """Remove a file; one that is not there is none."""
+        ...
+
+
+class Folder:
+    """A folder of this machine, or one that it has mounted; made when it is needed."""
+
+    def __init__(self, path: Path) -> None:
+        """Name the folder."""
+        self._path = Path(os.path.abspath(path))
+        self.name = str(self._path)
+
+    def names(self, under: str = "") -> list[str]:
+        """Return the names of all files, or of those below a folder, sorted."""
+        found = (
+            Path(above, name) for above, _, names in os.walk(self._path / under) for name in names
+        )
+        return sorted(str(p.relative_to(self._path)) for p in found if not p.name.startswith("."))
+
+    def read(self, name: str) -> bytes | None:
+        """Return the content of a file; None if there is none."""
+        try:
+            return (self._path / name).read_bytes()
+        except (FileNotFoundError, NotADirectoryError):
+            return None
+
+    def write(self, name: str, content: bytes) -> None:
+        """Write a file for its owner alone, as `base.private` says."""
+        with atomic_file(self._path / name, private=True) as temporary:
+            temporary.write_bytes(content)
+
+    def remove(self, name: str) -> None:
+        """Remove a file, and the folder that it leaves empty."""
+        path = self._path / name
+        path.unlink(missing_ok=True)
+        with suppress(OSError):
+            path.parent.rmdir()
+
+
+class Bucket:
+    """An object store by its address, such as s3://BUCKET/PREFIX."""
+
+    def __init__(self, address: str) -> None:
+        """Find what speaks to it; connects when it is used.
+
+        Raises:
+            InputError: when nothing is installed that does, or the address is none.
+        """
+        try:
+            from fsspec.core import url_to_fs
+        except ModuleNotFoundError:
+            raise InputError(f"{address}: found no fsspec, expected it: {EXTRA}") from None
+        try:
+            self._files, self._root = url_to_fs(address)
+        except (ImportError, ValueError) as error:
+            reason = " ".join(str(error).split())[:200]
+            raise InputError(f"{address}: cannot be used ({reason}): {EXTRA}") from None
+        self._root = self._root.rstrip("/")
+        self.name = f"{address.partition('://')[0]}://{self._root.lstrip('/')}"
+
+    def names(self, under: str = "") -> list[str]:
+        """Return the names of all files, or of those below a folder, sorted."""
+        self._files.invalidate_cache()
+        place = f"{self._root}/{under}".rstrip("/")
+        try:
+            found = self._tried(lambda: self._files.find(place))
+        except FileNotFoundError:
+            return []
+        return sorted(str(name)[len(self._root) :].lstrip("/") for name in found)
+
+    def read(self, name: str) -> bytes | None:
+        """Return the content of a file; None if there is none."""
+        try:
+            return bytes(self._tried(lambda: self._files.cat_file(f"{self._root}/{name}")))
+        except FileNotFoundError:
+            return None
+
+    def write(self, name: str, content: bytes) -> None:
+        """Write a file: an object store shows it when all of it has arrived."""
+        path = f"{self._root}/{name}"
+
+        def send() -> None:
+            self._files.makedirs(path.rpartition("/")[0], exist_ok=True)
+            self._files.pipe_file(path, content)
+
+        self._tried(send)
+
+    def remove(self, name: str) -> None:
+        """Remove a file; one that is not there is none."""
+        with suppress(FileNotFoundError):
+            self._tried(lambda: self._files.rm_file(f"{self._root}/{name}"))
+
+    def _tried(self, call: Callable[[], T]) -> T:
+        """Call; say what went wrong whatever it is: each store has errors of its own."""
+        try:
+            return call()
+        except FileNotFoundError:
+            raise
+        except Exception as error:
+            reason = " ".join(str(error).split())[:200] or type(error).__name__
+            raise InputError(f"{self.name}: cannot be used ({reason})") from None
+
+
+def place_of(address: str) -> Place:
+    """Return the place of an archive: a folder's path, or an address that fsspec knows."""
+    if address.startswith("file://"):
+        return Folder(Path(address.removeprefix("file://")))
+    return Bucket(address) if "://" in address else Folder(Path(address))

@@ -1,0 +1,173 @@
+"""Archive the closed hours of a store, and do there what was asked for meanwhile."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from sqlalchemy import Engine, insert, select, update
+
+from e3pose.archive.deleting import delete_there
+from e3pose.archive.hours import HOUR_NS, Hour, file_of, hours_between, span_of
+from e3pose.archive.manifest import (
+    Manifest,
+    check_there,
+    days_of,
+    mark,
+    read_manifest,
+    write_manifest,
+)
+from e3pose.archive.places import Place
+from e3pose.base.errors import InputError
+from e3pose.store import Store, schema
+from e3pose.store.answers import StoredRun
+from e3pose.store.database import database_url, reading, shown
+from e3pose.store.forgetting import DAY_NS, changing, day_of, requests
+from e3pose.store.rows import NS
+
+CLOSED_NS = 600 * NS  # after its end, when rows of an hour are in the store, from the spool too
+LATE_NS = 2 * DAY_NS  # hours younger than this are looked at again for rows that came late
+
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Written:
+    """What a pass over a store did.
+
+    Attributes:
+        hours: archived, with those that were archived again.
+        rows: of people in them.
+        bytes: of their files.
+        removed: days that were too old.
+        deleted: rows and days that were asked to be deleted and were still there.
+    """
+
+    hours: int = 0
+    rows: int = 0
+    bytes: int = 0
+    removed: int = 0
+    deleted: int = 0
+
+
+def archive_store(
+    store: str | Path,
+    site: str | None,
+    place: Place,
+    now_ns: int,
+    keep_s: float | None = None,
+    say: Say = lambda line: None,
+    new: bool = False,
+) -> Written:
+    """Archive what is closed and not there yet; whoever is killed in it goes on the next time.
+
+    Args:
+        store: path or URL; it may be written meanwhile.
+        site: of which; None for all that it has.
+        place: where to.
+        now_ns: the time.
+        keep_s: days older than this are removed from the archive; None removes none.
+        say: called with a line for each file.
+        new: whether to begin anew where an archive was and is no more.
+
+    Raises:
+        InputError: when one of them cannot be used.
+    """
+    runs = [one for one in Store(store).runs() if site in (None, one.run.site)]
+    sites = sorted({one.run.site for one in runs})
+    if site is not None and site not in sites:
+        wanted = f"one of {', '.join(sites)[:200]}" if sites else "a store that holds a run"
+        raise InputError("site", repr(site[:80]), wanted, shown(database_url(store)))
+    done = Written()
+    for each in sites:
+        mine = [one for one in runs if one.run.site == each]
+        with changing(store) as engine:
+            deleted = _apply(engine, each, place, new)
+            hours, rows, size = _archive_site(store, each, mine, place, now_ns, keep_s, say)
+            deleted += _apply(engine, each, place)  # of what was asked for meanwhile
+        oldest = None if keep_s is None else day_of(now_ns - round(keep_s * NS))
+        removed = 0 if oldest is None else sum(_removed(place, each, oldest))
+        done = Written(
+            done.hours + hours, done.rows + rows, done.bytes + size, done.removed + removed,
+            done.deleted + deleted,
+        )  # fmt: skip
+    return done
+
+
+def _apply(engine: Engine, site: str, place: Place, new: bool = False) -> int:
+    """Note in the store where poses go, before any does; delete there what was asked for since."""
+    table = schema.archives
+    mine = (table.c.site == site) & (table.c.place == place.name)
+    with engine.begin() as connection:
+        applied = connection.scalar(select(table.c.forgotten).where(mine))
+        if applied is not None and not new:
+            check_there(place)
+        mark(place)
+        if applied is None:
+            row = {"site": site, "place": place.name, "forgotten": 0}
+            connection.execute(insert(table), row)
+        pending = requests(connection, site, applied or 0)
+    deleted = 0
+    for what in pending:
+        deleted += delete_there(place, what)
+        with engine.begin() as connection:
+            connection.execute(update(table).where(mine).values(forgotten=what.number))
+    return deleted
+
+
+def _archive_site(
+    store: str | Path,
+    site: str,
+    runs: list[StoredRun],
+    place: Place,
+    now_ns: int,
+    keep_s: float | None,
+    say: Say,
+) -> tuple[int, int, int]:
+    with reading(store) as connection:
+        span = span_of(connection, runs)
+    if span is None:
+        return 0, 0, 0
+    begin_ns = span[0] if keep_s is None else max(span[0], now_ns - round(keep_s * NS))
+    begin_ns -= begin_ns % DAY_NS
+    end_ns = min(span[1] + HOUR_NS, now_ns - CLOSED_NS)
+    opened, counts = Store(store), [0, 0, 0]
+    for day_ns in range(begin_ns, end_ns, DAY_NS):
+        day = day_of(day_ns)
+        before = read_manifest(place, site, day)
+        manifest = before or Manifest(site, day)
+        if manifest.deleted:
+            continue
+        until_ns = min(day_ns + DAY_NS, end_ns - end_ns % HOUR_NS)
+        with reading(store) as connection:
+            open_hours = list(hours_between(connection, runs, day_ns, until_ns))
+        for hour in _missing(manifest, open_hours, now_ns):
+            content, entry = file_of(opened, hour)
+            if content:
+                place.write(f"{manifest.folder}/{hour.name}", content)
+            manifest = manifest.with_file(hour.name, entry)
+            write_manifest(place, manifest)
+            counts = [counts[0] + 1, counts[1] + entry.rows, counts[2] + entry.bytes]
+            say(f"{day} {hour.of_day:02d}:00: {entry.rows} rows, {entry.bytes / 1e6:.1f} MB")
+    return counts[0], counts[1], counts[2]
+
+
+def _missing(manifest: Manifest, hours: list[Hour], now_ns: int) -> Iterator[Hour]:
+    """Yield the hours that an archive lacks, or lacks late rows of."""
+    for hour in hours:
+        there = manifest.files.get(hour.name)
+        young = now_ns - hour.begin_ns < LATE_NS
+        if there is None or (young and hour.slots > there.slots):
+            yield hour
+
+
+def _removed(place: Place, site: str, oldest: str) -> Iterator[int]:
+    """Remove days before one; yield 1 for each."""
+    for _, day in days_of(place, site):
+        if day < oldest:
+            folder = Manifest(site, day).folder
+            # What names the files goes last: whoever is killed in it goes on the next time.
+            for name in sorted(place.names(folder), key=lambda n: n.endswith(".json")):
+                place.remove(name)
+            yield 1

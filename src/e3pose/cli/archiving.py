@@ -1,0 +1,198 @@
+"""`e3pose archive`: years of poses, in a folder or an object store, and how they are deleted."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import App, Parameter
+
+from e3pose.base.errors import InputError
+from e3pose.cli.options import Flag, Whole, as_typed
+
+if TYPE_CHECKING:
+    from e3pose.store.forgetting import Forgotten
+
+archive_app = App(name="archive")
+DAY_S = 86_400
+OPTIONS = {"site": "--site", "day": "--day"}
+
+
+@archive_app.default
+def archive(
+    store: str, dest: str, /, *, keep: str | None = None, site: str | None = None, new: Flag = False
+) -> None:
+    """Archive the closed hours of a store, and leave out those that are archived.
+
+    Example: `e3pose archive site.toml /mnt/archive --keep 2y`
+
+    Example: `e3pose archive site.toml s3://bucket/poses`
+
+    Run it every hour, by cron or systemd; the site may run meanwhile. An hour is closed ten minutes
+    after its end. It becomes one Parquet file in the folder of its site and day (UTC), beside a
+    manifest with its hash. A command that was killed goes on the next time. What `e3pose archive
+    delete` could not reach is deleted now.
+
+    Parameters
+    ----------
+    store
+        Store: a file, a URL, or a site (site.toml or its folder).
+    dest
+        Folder, made if it is missing, or the address of an object store that fsspec knows.
+    keep
+        Remove days older than this from the archive, such as 90d or 2y. Default: keep all.
+    site
+        Only this site of the store.
+    new
+        Begin anew where the archive that the store knows is gone for good.
+    """
+    from e3pose.archive.places import place_of
+    from e3pose.archive.writing import archive_store
+    from e3pose.base.quantities import age_s, plural
+    from e3pose.cli.querying import store_of
+
+    with as_typed({"": "--keep"}):
+        keep_s = None if keep is None else age_s(_years(keep))
+    with as_typed(OPTIONS):
+        named, of_site = store_of(store, site)
+        place = place_of(dest)
+        with _alone(named):
+            done = archive_store(named, of_site, place, time.time_ns(), keep_s, print, new)
+    more = "".join(
+        f", {what}"
+        for count, what in (
+            (done.removed, f"{plural(done.removed, 'old day')} removed"),
+            (done.deleted, f"{plural(done.deleted, 'row')} deleted as asked"),
+        )
+        if count
+    )
+    size = f"{done.bytes / 1e6:.1f} MB"
+    print(f"Archived {plural(done.hours, 'hour')}: {plural(done.rows, 'row')}, {size}{more}")
+
+
+@archive_app.command
+def verify(dest: str, /) -> None:
+    """Read an archive and compare every file with its hash; exit with code 1 if one differs.
+
+    Example: `e3pose archive verify /mnt/archive`
+
+    Parameters
+    ----------
+    dest
+        Folder or address, as given to `e3pose archive`.
+    """
+    from e3pose.archive.checking import check_archive
+    from e3pose.archive.places import place_of
+    from e3pose.base.quantities import plural
+
+    found = check_archive(place_of(dest))
+    for line in found.problems:
+        print(line)
+    for name in found.strays:
+        print(f"{name}: in no manifest: the next e3pose archive writes it")
+    days = plural(found.days, "day") + (f", {found.deleted} of them deleted" * bool(found.deleted))
+    size = f"{found.bytes / 1e6:.1f} MB"
+    print(f"{days}: {plural(found.files, 'good file')}, {plural(found.rows, 'row')}, {size}")
+    if found.problems:
+        print(f"{plural(len(found.problems), 'problem')}")
+        sys.exit(1)
+
+
+@archive_app.command
+def delete(
+    store: str,
+    /,
+    *,
+    day: str | None = None,
+    person: Whole | None = None,
+    run: Whole | None = None,
+    site: Annotated[str | None, Parameter()] = None,
+) -> None:
+    """Delete a day or a person from a store and from every archive that it went to.
+
+    Example: `e3pose archive delete site.toml --day 2026-11-25`
+
+    Example: `e3pose archive delete site.toml --person 7 --run 3`
+
+    The command shows what it deleted at each place, and what it finds there afterwards; it exits
+    with code 1 where it found something, or could not look. An archive that cannot be reached now
+    is cleared by the next `e3pose archive`. Copies by `e3pose store copy` and files by `e3pose
+    export` are not known to the store: delete those yourself.
+
+    Parameters
+    ----------
+    store
+        Store: a file, a URL, or a site (site.toml or its folder).
+    day
+        A day that is over (UTC), such as 2026-11-25: everything that is stored of it.
+    person
+        A track id, as in `e3pose query --what tracks`: poses, track, events and zone events of one
+        person. Needs --run.
+    run
+        The run of the person, by its number in `e3pose query --what runs`.
+    site
+        Of which site of the store. Default: the only one.
+    """
+    from e3pose.archive.deleting import delete_everywhere
+    from e3pose.base.quantities import plural
+    from e3pose.cli.querying import store_of
+
+    with as_typed(OPTIONS):
+        named, of_site = store_of(store, site)
+        found = delete_everywhere(named, _what(named, of_site, day, person, run))
+    for one in found:
+        shown = one.problem or f"{plural(one.rows, 'row')} deleted, {one.left} left"
+        print(f"{one.place}: {shown}")
+    if any(one.left != 0 for one in found):
+        print("not everywhere: run e3pose archive to the places that remain, then this again")
+        sys.exit(1)
+
+
+def _what(
+    store: str, site: str | None, day: str | None, person: int | None, run: int | None
+) -> Forgotten:
+    """Return what the options ask for; raise `InputError` for what nobody can delete."""
+    from e3pose.store import Store
+    from e3pose.store.forgetting import Forgotten, of_day
+
+    if (day is None) == (person is None) or (person is None) != (run is None):
+        wanted = "--day DAY, or --person TRACK with --run RUN"
+        raise InputError(f"--day, --person, --run: found other ones together, expected {wanted}")
+    runs = {one.run_id: one.run for one in Store(store).runs()}
+    if person is not None and run is not None:
+        if run not in runs:
+            raise InputError("--run", run, f"one of {', '.join(map(str, runs))[:200]}")
+        one = runs[run]
+        return Forgotten(one.site, one.started_ns, one.started_ns, one.started_ns, person)
+    sites = sorted({one.site for one in runs.values()})
+    if site is None and len(sites) != 1:
+        raise InputError(f"--site: not found, expected one of {', '.join(sites)[:200]}")
+    what = of_day(site or sites[0], day or "")
+    if what.end_ns > time.time_ns():
+        raise InputError("--day", day, "a day that is over (UTC)")
+    return what
+
+
+@contextmanager
+def _alone(store: str) -> Iterator[None]:
+    """Be the only one that archives a store file."""
+    from e3pose.base.lock import hold
+    from e3pose.store.database import database_path, database_url
+
+    path = database_path(database_url(store))
+    if path is None:
+        yield
+        return
+    with hold(Path(path), "archive"):
+        yield
+
+
+def _years(text: str) -> str:
+    """Return a time in years as days."""
+    number, unit = text[:-1].strip(), text[-1:]
+    days = number.replace(".", "", 1).isdigit() and unit == "y"
+    return f"{365.25 * float(number):.0f}d" if days else text
