@@ -81,7 +81,7 @@ def _view(path: Path) -> None:
 def _ask(port: int) -> None:
     """Load the page and the status over one connection."""
     connection = http.client.HTTPConnection("127.0.0.1", port, timeout=ENTRY_S)
-    for target in ("/", "/view.js", "/api/site", "/api/status", "/api/poses?start=-2s"):
+    for target in ("/", "/main.js", "/api/site", "/api/status", "/api/poses?start=-2s"):
         connection.request("GET", target)
         connection.getresponse().read()
     connection.close()

@@ -112,17 +112,13 @@ def test_viewers_certificate_shows_no_pictures_and_says_why(site: LiveSite) -> N
 def test_page_shows_all_cameras_and_enlarges_one(site: LiveSite, url: str, page: Page) -> None:
     page.open(url)
     assert page.shows("state", "live")
-    shown = "[...tiles.values()].filter((tile) => tile.image && tile.found.people.length).length"
-    assert eventually(lambda: page.run(shown) == len(CAMERAS)), page.text("tiles")
+    shown = "[...m.tiles.values()].filter((one) => one.image && one.found.people.length).length"
+    assert eventually(lambda: page.of("pictures", shown) == len(CAMERAS)), page.text("tiles")
     page.run("document.querySelectorAll('.tile')[1].focus()")
-    for kind in ("keyDown", "keyUp"):
-        page.call(
-            "Input.dispatchKeyEvent", type=kind, key="Enter", code="Enter", text="\r",
-            windowsVirtualKeyCode=13,
-        )  # fmt: skip
+    page.press("Enter")
     assert page.shows("large-of", "cam1") and page.run("document.getElementById('large').open")
     # The camera makes a larger one, also of the image that it has shown already.
-    assert eventually(lambda: page.run("tiles.get('cam1').image.width > 320"))
+    assert eventually(lambda: page.of("pictures", "m.tiles.get('cam1').image.width > 320"))
     assert page.shows("large-said", "poses of slot")
     page.run("document.getElementById('large-off').click()")
     assert not page.run("document.getElementById('large').open")

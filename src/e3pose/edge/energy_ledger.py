@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 
 UPDATE_S = 60.0
 RESTING: dict[str, RestName] = {"asleep": "asleep", "suspended": "suspended"}
-RECORDING = "recording"  # the part of a reading that recording video took, in a row of its own
 
 
 class EnergyLedger:
@@ -92,7 +91,7 @@ class EnergyLedger:
             return
         span_s = (beat.sent_edge_ns - before.sent_edge_ns) / 1e9
         if beat.energy_j is not None and before.energy_j is not None and span_s > 0:
-            from e3pose.store.rows import EnergyReading
+            from e3pose.store.rows import RECORDING, EnergyReading
 
             source = "measured" if beat.measured else "modelled"
             spent_j = max(beat.energy_j - before.energy_j, 0.0)

@@ -22,7 +22,7 @@ from sqlalchemy import (
 )
 
 from e3pose.base.errors import InputError
-from e3pose.store import schema
+from e3pose.store import overview, schema
 from e3pose.store.answers import StoredPoses, StoredRun, joined, plain_row, stored_poses, stored_run
 from e3pose.store.database import database_url, reading, shown
 from e3pose.store.times import When, as_when
@@ -180,6 +180,16 @@ class Store:
                         )
                     found.append(plain_row(dict(row), len(span.stored.run.cameras), self.where))
         return found
+
+    def coverage(self, start_ns: int, end_ns: int, parts: int) -> tuple[list[int], list[int]]:
+        """Return how many slots are stored and how many are blind, see `overview.coverage`."""
+        with reading(self._store, self._engines) as connection:
+            return overview.coverage(connection, start_ns, end_ns, parts)
+
+    def spent(self, start_ns: int, end_ns: int) -> list[overview.Spent]:
+        """Return what each camera spent, see `overview.spent`."""
+        with reading(self._store, self._engines) as connection:
+            return overview.spent(connection, start_ns, end_ns)
 
     def _runs(self, connection: Connection) -> list[StoredRun]:
         rows = connection.execute(select(schema.runs).order_by(schema.runs.c.run_id)).all()

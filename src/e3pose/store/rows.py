@@ -21,6 +21,7 @@ Row = tuple[str, dict[str, Any]]  # table name and columns, less the run id
 
 NS = 1_000_000_000
 MAX_TEXT = 500
+RECORDING = "recording"  # source of the part of a reading that recording video took, in its own row
 SMALLEST_SCORE = 1e-4  # halves have 6e-5 as their smallest of full precision
 
 

@@ -75,6 +75,26 @@ class Page:
         assert "exceptionDetails" not in found, found
         return found["result"].get("value")
 
+    def of(self, module: str, expression: str) -> Any:
+        """Return the value of an expression in which `m` is a module of the page."""
+        return self.run(f"import('/{module}.js').then((m) => ({expression}))")
+
+    def press(self, key: str, *, shift: bool = False) -> None:
+        """Press and release a key."""
+        codes = {"Enter": 13, "Tab": 9, " ": 32, "Escape": 27, "ArrowLeft": 37, "ArrowRight": 39}
+        text = {"Enter": "\r", " ": " "}.get(key, key if len(key) == 1 else "")
+        for kind in ("keyDown", "keyUp"):
+            self.call(
+                "Input.dispatchKeyEvent", type=kind, key=key, code=key if len(key) > 1 else "",
+                windowsVirtualKeyCode=codes.get(key, 0), modifiers=8 if shift else 0,
+                **({"text": text} if text and kind == "keyDown" else {}),
+            )  # fmt: skip
+
+    def dark(self, on: bool) -> None:
+        """Let the system ask for a dark page, or a light one."""
+        scheme = {"name": "prefers-color-scheme", "value": "dark" if on else "light"}
+        self.call("Emulation.setEmulatedMedia", features=[scheme])
+
     def text(self, element: str) -> str:
         """Return the text of an element by its id; empty while it is not there."""
         return str(self.run(f"document.getElementById({element!r})?.textContent ?? ''"))

@@ -119,9 +119,14 @@ class Watched:
 
 
 @contextmanager
-def watched_site(folder: Path) -> Iterator[Watched]:
-    """Write a site to a folder, with some stored slots, and view it."""
-    (folder / "site.toml").write_text(SITE)
+def watched_site(folder: Path, more: str = "") -> Iterator[Watched]:
+    """Write a site to a folder, with some stored slots, and view it.
+
+    Args:
+        folder: of the site.
+        more: tables of its file.
+    """
+    (folder / "site.toml").write_text(SITE + more)
     save_rig(RIG, folder / "rig.toml")
     run = Run("lab", "lab", STARTED_NS, 1 / FPS, "coco17", COCO17.joints, RIG.camera_ids)
     with StoreWriter(folder / "lab.db", run) as writer:

@@ -6,20 +6,32 @@
 const COLOURS = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#b38600", "#4d4d4d", "#8a4b16"];
 const INK = "#1f2937", PALE = "#c3cad4", LOST_INK = "#b91c1c", TRUTH_INK = "#9aa3af", SLEEP_INK = "#9fb4d6", BLIND_INK = "#d97706";
 const ASLEEP = 0, AWAKE = 1, LOST = 2, DEEP = 3, BLIND = 4, UNKNOWN = 5; // saving, active, lost, not capturing, blind slot, not known
+// What a scene is drawn with, on a light and on a dark page; COLOURS are of the light one.
+const LIGHT = {
+  colours: COLOURS, paper: "#fff", grid: "#e5e9ef", wall: "#dfe3e9", wallFill: "rgba(31, 41, 55, 0.025)", zone: "rgba(31, 41, 55, 0.05)",
+  entered: "rgba(0, 158, 115, 0.16)", zoneEdge: TRUTH_INK, soft: "#5f6876", truth: TRUTH_INK, disc: 0.16,
+  cameras: [PALE, INK, LOST_INK, SLEEP_INK, BLIND_INK, "#e3e7ed"],
+};
+const DARK = {
+  colours: ["#58b0e8", "#f59458", "#35c9a0", "#e7a3cb", "#a5dbf7", "#dcb73f", "#c4c4c4", "#d09a6c"], paper: "#14181f",
+  grid: "#262d38", wall: "#2d3542", wallFill: "rgba(226, 232, 240, 0.025)", zone: "rgba(226, 232, 240, 0.06)",
+  entered: "rgba(53, 201, 160, 0.22)", zoneEdge: "#6b7688", soft: "#a3adbb", truth: "#717c8c", disc: 0.26,
+  cameras: ["#4a5466", "#e2e8f0", "#f87171", "#56709c", "#f5a623", "#2a313d"],
+};
 const NEAR = 100;
 const byId = (id) => document.getElementById(id);
 
 // Draws on a canvas and lets people turn what is drawn.
 //   room: limbs, neck, frustums (of 5 points), cameras (names), low, high, floor; truthLimbs, zones.
 //   what: returns what to draw now: people [{ colour, label, joints, radii, trail }], states (a code
-//     for each camera), truth [joints].
+//     for each camera), truth [joints], inks (LIGHT by default).
 // Returns { draw, touch, reset }: draw if something changed, say that something did, look as at first.
 function makeScene(canvas, room, what) {
   const pen = canvas.getContext("2d");
   const centre = [0, 1, 2].map((axis) => (room.low[axis] + room.high[axis]) / 2);
   const size = Math.max(...[0, 1, 2].map((axis) => room.high[axis] - room.low[axis]));
   const eyeLevel = Math.max(room.low[2], Math.min(room.high[2], room.floor + 900));
-  let view = null, stale = true, project = null;
+  let view = null, stale = true, project = null, inks = LIGHT;
   let fitted = null; // width and height that the view was fitted to; null once people turned it
 
   // The view at first: as near as all cameras with their names fit into the canvas.
@@ -69,6 +81,7 @@ function makeScene(canvas, room, what) {
     pen.lineCap = "round";
     project = projector();
     const shown = what(), lines = [], labels = [];
+    inks = shown.inks || LIGHT;
     const line = (a, b, colour, thick) => {
       if (a && b) lines.push({ a, b, colour, thick, depth: (a[2] + b[2]) / 2 });
     };
@@ -76,7 +89,7 @@ function makeScene(canvas, room, what) {
     drawWalls();
     (room.zones || []).forEach((zone) => drawZone(zone, labels));
     drawShadows(shown.people);
-    for (const joints of shown.truth || []) addSkeleton(line, joints, room.truthLimbs, TRUTH_INK, 2);
+    for (const joints of shown.truth || []) addSkeleton(line, joints, room.truthLimbs, inks.truth, 2);
     drawSureness(shown.people);
     for (const { colour, label, joints, trail } of shown.people) {
       drawTrail(trail || [], colour);
@@ -91,7 +104,7 @@ function makeScene(canvas, room, what) {
     for (const [x, y, text, colour, font] of labels) {
       pen.font = `${font} system-ui, sans-serif`;
       pen.lineWidth = 4;
-      pen.strokeStyle = "#fff";
+      pen.strokeStyle = inks.paper;
       pen.strokeText(text, x, y);
       pen.fillStyle = colour;
       pen.fillText(text, x, y);
@@ -114,7 +127,7 @@ function makeScene(canvas, room, what) {
     const [x1, y1] = [0, 1].map((axis) => Math.ceil(room.high[axis] / cell) * cell);
     const piece = (ax, ay, bx, by) => {
       const a = project(ax, ay, room.floor), b = project(bx, by, room.floor);
-      if (a && b) stroke(a, b, "#e5e9ef", 1);
+      if (a && b) stroke(a, b, inks.grid, 1);
     };
     for (let x = x0; x <= x1; x += cell) for (let y = y0; y <= y1; y += cell) {
       if (x < x1) piece(x, y, x + cell, y);
@@ -132,9 +145,9 @@ function makeScene(canvas, room, what) {
       pen.beginPath();
       corners.forEach(([x, y], index) => (index ? pen.lineTo(x, y) : pen.moveTo(x, y)));
       pen.closePath();
-      pen.fillStyle = "rgba(31, 41, 55, 0.025)";
+      pen.fillStyle = inks.wallFill;
       pen.fill();
-      pen.strokeStyle = "#dfe3e9";
+      pen.strokeStyle = inks.wall;
       pen.lineWidth = 1;
       pen.stroke();
     }
@@ -146,13 +159,13 @@ function makeScene(canvas, room, what) {
     pen.beginPath();
     corners.forEach(([x, y], index) => (index ? pen.lineTo(x, y) : pen.moveTo(x, y)));
     pen.closePath();
-    pen.fillStyle = zone.count ? "rgba(0, 158, 115, 0.16)" : "rgba(31, 41, 55, 0.05)";
+    pen.fillStyle = zone.count ? inks.entered : inks.zone;
     pen.fill();
-    pen.strokeStyle = "#9aa3af";
+    pen.strokeStyle = inks.zoneEdge;
     pen.lineWidth = 1;
     pen.stroke();
     const middle = [0, 1].map((axis) => corners.reduce((sum, corner) => sum + corner[axis], 0) / corners.length);
-    labels.push([middle[0], middle[1], zone.count ? `${zone.name}: ${zone.count}` : zone.name, "#6b7280", "400 12px"]);
+    labels.push([middle[0], middle[1], zone.count ? `${zone.name}: ${zone.count}` : zone.name, inks.soft, "400 12px"]);
   }
 
   // What a light from above would throw on the floor: shows where somebody stands.
@@ -161,7 +174,7 @@ function makeScene(canvas, room, what) {
       if (joints[3 * i] === null || joints[3 * j] === null) continue;
       const a = project(joints[3 * i], joints[3 * i + 1], room.floor);
       const b = project(joints[3 * j], joints[3 * j + 1], room.floor);
-      if (a && b) stroke(a, b, "#dfe3e9", 4);
+      if (a && b) stroke(a, b, inks.wall, 4);
     }
   }
 
@@ -178,7 +191,7 @@ function makeScene(canvas, room, what) {
   // A disc around each joint that holds it in nine of ten cases: small where it is known well.
   function drawSureness(people) {
     const focal = focalLength();
-    pen.globalAlpha = 0.16;
+    pen.globalAlpha = inks.disc;
     for (const { colour, joints, radii } of people) {
       pen.fillStyle = colour;
       for (let i = 0; radii && i < radii.length; i++) {
@@ -212,7 +225,7 @@ function makeScene(canvas, room, what) {
   }
 
   function addCamera(line, labels, points, name, state = ASLEEP) {
-    const [colour, thick] = [[PALE, 1.2], [INK, 2.5], [LOST_INK, 2.5], [SLEEP_INK, 1.2], [BLIND_INK, 2.5], ["#e3e7ed", 0.8]][state];
+    const [colour, thick] = [inks.cameras[state], [1.2, 2.5, 2.5, 1.2, 2.5, 0.8][state]];
     const pixels = [0, 1, 2, 3, 4].map((i) => project(points[3 * i], points[3 * i + 1], points[3 * i + 2]));
     for (let corner = 1; corner <= 4; corner++) {
       line(pixels[0], pixels[corner], colour, thick);
@@ -220,7 +233,7 @@ function makeScene(canvas, room, what) {
     }
     if (pixels[0]) {
       const quiet = [ASLEEP, DEEP, UNKNOWN].includes(state);
-      labels.push([pixels[0][0], pixels[0][1] - 10, name, quiet ? "#8a93a1" : colour, quiet ? "400 12px" : "700 12px"]);
+      labels.push([pixels[0][0], pixels[0][1] - 10, name, quiet ? inks.soft : colour, quiet ? "400 12px" : "700 12px"]);
     }
   }
 
@@ -272,6 +285,21 @@ function makeScene(canvas, room, what) {
     event.preventDefault();
     zoom(Math.exp(event.deltaY * 0.001));
   }, { passive: false });
+  // By keyboard: arrows turn, + and - zoom, 0 looks as at first.
+  canvas.addEventListener("keydown", (event) => {
+    const turn = { ArrowLeft: [-0.1, 0], ArrowRight: [0.1, 0], ArrowUp: [0, 0.08], ArrowDown: [0, -0.08] }[event.key];
+    const factor = { "+": 0.9, "=": 0.9, "-": 1.1 }[event.key];
+    if (event.ctrlKey || event.metaKey || event.altKey || !(turn || factor || event.key === "0")) return;
+    event.preventDefault();
+    event.stopPropagation();
+    if (turn) {
+      fitted = null;
+      view.yaw += turn[0];
+      view.pitch = Math.max(-0.2, Math.min(1.55, view.pitch + turn[1]));
+    } else if (factor) zoom(factor);
+    else home();
+    touch();
+  });
   window.addEventListener("resize", touch);
   home();
   return { draw, touch, place: (x, y, z) => projector()(x, y, z) };

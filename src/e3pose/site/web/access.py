@@ -23,15 +23,12 @@ from starlette.types import Scope as Connection
 from e3pose.base.rate_limit import Rate
 from e3pose.site.listener import network_of
 from e3pose.site.web.guesses import Guesses
+from e3pose.site.web.page import FILES
 from e3pose.site.web.tokens import Scope, Tokens
 
 PROTOCOL = "e3pose"  # of WebSockets; a token may come as a second one, as browsers send no header
 TOKEN_PROTOCOL = "e3pose.token."
-# They hold nothing of the site.
-OPEN_PATHS = (
-    "/", "/view.js", "/past.js", "/pictures.js", "/strips.js", "/scene.js", "/view.css",
-    "/favicon.ico",
-)  # fmt: skip
+OPEN_PATHS = frozenset(FILES) | {"/favicon.ico"}  # they hold nothing of the site
 WRITE_PREFIX, PICTURE_PREFIX = "/api/control", "/api/pictures"
 READS_PER_S, READ_BURST = 50.0, 100.0
 WRITES_PER_S, WRITE_BURST = 5.0, 10.0

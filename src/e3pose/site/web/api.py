@@ -66,7 +66,8 @@ def make_api(
         if feed.status is None:
             raise HTTPException(404, "no status yet: the edge does not run, or just started")
         late = {"silent_s": feed.silent_s(), "smoothed_ms": feed.smoothed_ms()}
-        return {**status_body(feed.status), **late}
+        said = [notice._asdict() for notice in feed.notices()]
+        return {**status_body(feed.status), **late, "notices": said}
 
     @api.get("/poses", summary="Stored poses", response_model=PosePage)
     def poses(
@@ -83,14 +84,12 @@ def make_api(
     ) -> Response:
         corners = None if region is None else _corners(region)
         after = None if cursor is None else _pair(cursor)
-        found = read_slots(
-            _needed(store), _time(start), _time(end), track, joint, run, after, limit
-        )
+        found = read_slots(needed(store), _time(start), _time(end), track, joint, run, after, limit)
         return encoded(page_of(found, corners, limit))
 
     @api.get("/runs", summary="Stored runs, oldest first")
     def runs() -> list[dict[str, Any]]:
-        stored = _asked(lambda: _needed(store).runs())
+        stored = asked(lambda: needed(store).runs())
         return [{"run": one.run_id, **_run_row(one.run)} for one in stored]
 
     @api.get(
@@ -105,8 +104,8 @@ def make_api(
         cursor: Cursor = None,
     ) -> Response:
         offset = 0 if cursor is None else _pair(cursor)[0]
-        found = _asked(
-            lambda: _needed(store).rows(
+        found = asked(
+            lambda: needed(store).rows(
                 table, _time(start), _time(end), run=run, offset=offset, limit=limit + 1
             )
         )
@@ -141,7 +140,7 @@ def read_slots(
                 break
         return chunks
 
-    return _asked(read)
+    return asked(read)
 
 
 def page_of(
@@ -184,13 +183,15 @@ def encoded(body: dict[str, Any]) -> Response:
     return Response(as_json(body), media_type="application/json")
 
 
-def _needed(store: Store | None) -> Store:
+def needed(store: Store | None) -> Store:
+    """Return a store; raise 404 where nothing is stored."""
     if store is None:
         raise HTTPException(404, "the site stores nothing: add [store] to its site file")
     return store
 
 
-def _asked(ask: Callable[[], T]) -> T:
+def asked(ask: Callable[[], T]) -> T:
+    """Return what a question to the store returns; raise 422 with what is wrong with it."""
     try:
         return ask()
     except InputError as error:

@@ -17,6 +17,7 @@ from e3pose import __version__
 from e3pose.site.web.access import Door, Rules
 from e3pose.site.web.api import make_api
 from e3pose.site.web.control import Ask, make_control
+from e3pose.site.web.day import make_day
 from e3pose.site.web.feed import Feed
 from e3pose.site.web.live import make_live
 from e3pose.site.web.page import make_page
@@ -89,6 +90,7 @@ def inner_app(content: PageContent) -> FastAPI:
         app.include_router(make_control(content.ask))
     if content.pictures is not None:
         app.include_router(content.pictures)
+    app.include_router(make_day(content.store))
     app.include_router(make_api(content.feed, content.store, content.body))
     return app
 

@@ -3,20 +3,28 @@
 from __future__ import annotations
 
 import asyncio
+import datetime
 import time
+from collections import deque
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
+from e3pose.events import watch as watching
+from e3pose.events.people import Seen
+from e3pose.events.watch import Watch
+from e3pose.model.person_event import PersonEvent
 from e3pose.model.zone_event import ZoneEvent
 from e3pose.site.connect import LiveSlot, live_slot
 from e3pose.site.follow import Follower
+from e3pose.site.web.notices import Notice, Surroundings, notices
 from e3pose.site.web.schemas import (
     Encoded,
     event_of_edge,
     event_of_slot,
     event_of_status,
+    event_of_told,
     event_of_zone,
 )
 from e3pose.site.zones import Zones, advance
@@ -26,6 +34,7 @@ from e3pose.wire.transport import Transport
 MAX_WAITING = 32  # messages that a slow follower has not taken yet
 MAX_FOLLOWERS, MAX_OF_ADDRESS = 64, 16
 MAX_RECENT = 100
+MAX_TOLD = 200
 QUIET_S = 3.0  # without a word of the edge, which says something every second
 WATCH_S = 0.25
 
@@ -53,6 +62,9 @@ class Feed:
         delayed_zones: likewise by the smoothed poses.
         delayed: the newest one that was smoothed; None before the first.
         recent: the newest slots by number, for pictures and smoothed poses, which come later.
+        doing: who does what, by the poses at once; None where nobody follows it.
+        told: the newest events of people, oldest first.
+        around: looks at the site's disk and certificates.
         heard_ns: when the edge was last heard, nanoseconds since 1970; None before the first time.
         now_s: a clock that only goes forward.
         quiet_s: without a word of the edge, until it is told to be gone.
@@ -65,6 +77,9 @@ class Feed:
     delayed: LiveSlot | None = None
     delayed_zones: Zones = field(default_factory=lambda: Zones(()))
     recent: dict[int, LiveSlot] = field(default_factory=dict)
+    doing: Watch | None = None
+    told: deque[PersonEvent] = field(default_factory=lambda: deque(maxlen=MAX_TOLD))
+    around: Surroundings = field(default_factory=Surroundings)
     heard_ns: int | None = None
     now_s: Callable[[], float] = time.monotonic
     quiet_s: float = QUIET_S
@@ -150,10 +165,12 @@ class Feed:
         queue: asyncio.Queue[Encoded] = asyncio.Queue(MAX_WAITING)
         queue.put_nowait(event_of_edge(self._there, self.heard_ns))
         if self.status is not None:
-            queue.put_nowait(event_of_status(self.status, self.smoothed_ms()))
+            queue.put_nowait(self._status_event(self.status))
         slot, zones = (self.delayed, self.delayed_zones) if delayed else (self.slot, self.zones)
         if slot is not None:
-            queue.put_nowait(event_of_slot(slot, zones.counts()))
+            queue.put_nowait(event_of_slot(slot, zones, self.doing))
+        if self.told:
+            queue.put_nowait(event_of_told(list(self.told)))
         self._queues[queue] = Place(address, delayed)
         try:
             yield queue
@@ -174,7 +191,28 @@ class Feed:
         while len(self.recent) > MAX_RECENT:
             self.recent.pop(next(iter(self.recent)), None)
         self.zones, events = advance(self.zones, self.slot)
+        self._follow_people(self.slot)
         self._tell(self.slot, self.zones, events, delayed=False)
+
+    def _follow_people(self, slot: LiveSlot) -> None:
+        """Follow what people do, where somebody looks or the site asks to be told."""
+        if self.doing is None or not (self.doing.rules or self._queues):
+            return
+        seen = Seen(slot.slot, slot.time_ns, slot.track_ids, slot.joints_m, slot.sigma_m)
+        self.doing, told = watching.advance(self.doing, seen)
+        self.told.extend(told)
+        if told and self._queues:
+            self._hand_on(event_of_told(told))
+
+    def notices(self) -> list[Notice]:
+        """Return what is to be known of the site; nothing before its first status."""
+        if self.status is None:
+            return []
+        now = datetime.datetime.now(datetime.timezone.utc)
+        return notices(self.status, self.slot, self.around.look(now), now)
+
+    def _status_event(self, status: Status) -> Encoded:
+        return event_of_status(status, self.smoothed_ms(), self.notices())
 
     def _take_delayed(self, poses: Poses) -> None:
         late = live_slot(poses)
@@ -189,7 +227,7 @@ class Feed:
         self, slot: LiveSlot, zones: Zones, events: Sequence[ZoneEvent], delayed: bool
     ) -> None:
         if any(place.delayed == delayed for place in list(self._queues.values())):
-            self._hand_on(event_of_slot(slot, zones.counts()), delayed)
+            self._hand_on(event_of_slot(slot, zones, self.doing), delayed)
             for event in events:
                 self._hand_on(event_of_zone(event), delayed)
 
@@ -197,7 +235,7 @@ class Feed:
         self._hear()
         self.status = status
         if self._queues:
-            self._hand_on(event_of_status(status, self.smoothed_ms()))
+            self._hand_on(self._status_event(status))
 
     def _hand_on(self, event: Encoded, delayed: bool | None = None) -> None:
         loop = self._loop  # read once: another thread detaches it

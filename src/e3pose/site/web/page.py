@@ -7,22 +7,29 @@ from importlib import resources
 from fastapi import APIRouter
 from fastapi.responses import Response
 
-FILES = {
-    "/": ("e3pose.site.web", "page.html", "text/html"),
-    "/view.js": ("e3pose.site.web", "view.js", "text/javascript"),
-    "/past.js": ("e3pose.site.web", "past.js", "text/javascript"),
-    "/pictures.js": ("e3pose.site.web", "pictures.js", "text/javascript"),
-    "/strips.js": ("e3pose.site.web", "strips.js", "text/javascript"),
-    "/view.css": ("e3pose.site.web", "view.css", "text/css"),
-    "/scene.js": ("e3pose.output.report", "scene.js", "text/javascript"),
-}
+BROWSER = resources.files("e3pose.site.web").joinpath("browser")
+KINDS = {"html": "text/html", "js": "text/javascript", "css": "text/css"}
+
+
+def _files() -> dict[str, bytes]:
+    """Return the files of the page by path: what runs in the browser, and the report's scene."""
+    scene = resources.files("e3pose.output.report").joinpath("scene.js")
+    found = {"/": BROWSER.joinpath("page.html").read_bytes(), "/scene.js": scene.read_bytes()}
+    for folder, at in ((BROWSER, "/"), (BROWSER.joinpath("vendor"), "/vendor/")):
+        for file in folder.iterdir():
+            if file.name.endswith((".js", ".css")):
+                found[at + file.name] = file.read_bytes()
+    return found
+
+
+FILES = _files()
 
 
 def make_page() -> APIRouter:
     """Return the routes of the page."""
     page = APIRouter(include_in_schema=False)
-    for path, (package, name, kind) in FILES.items():
-        body = resources.files(package).joinpath(name).read_bytes()
+    for path, body in FILES.items():
+        kind = KINDS["html" if path == "/" else path.rpartition(".")[2]]
         page.add_api_route(path, _serve(body, f"{kind}; charset=utf-8"))
     page.add_api_route("/favicon.ico", lambda: Response(status_code=204))
     return page

@@ -20,8 +20,10 @@ from e3pose.site.serving import CONNECTIONS, PER_ADDRESS, Serving
 from e3pose.site.web.access import Rules
 from e3pose.site.web.app import PageContent, make_app
 from e3pose.site.web.control import Ask
+from e3pose.site.web.doing import page_watch
 from e3pose.site.web.feed import Feed
 from e3pose.site.web.layout import describe
+from e3pose.site.web.notices import surroundings
 from e3pose.site.web.pictures import PictureRules, make_pictures
 from e3pose.site.web.tokens import Tokens, open_tokens
 from e3pose.site.zones import Zones
@@ -184,7 +186,9 @@ def open_view(
     address = replace(address, port=listening.getsockname()[1])
     rules = rules_of(site, address, tokens)
     rules.guesses.report = report
-    feed = Feed(site.name, zones=Zones(site.zone))
+    feed = Feed(
+        site.name, zones=Zones(site.zone), doing=page_watch(site), around=surroundings(site)
+    )
     view = PageServer(address, rules, feed)
     with ExitStack() as stack:
         stack.callback(listening.close)

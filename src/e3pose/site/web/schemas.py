@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from typing import Any, Literal
@@ -13,8 +13,13 @@ import orjson
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict
 
+from e3pose.events.watch import Watch
+from e3pose.model.person_event import PersonEvent
 from e3pose.model.zone_event import ZoneEvent
 from e3pose.site.connect import LiveSlot
+from e3pose.site.web.doing import doing, told
+from e3pose.site.web.notices import Notice
+from e3pose.site.zones import Zones
 from e3pose.wire.site_messages import Status
 
 DECIMALS_M = 4  # a tenth of a millimetre
@@ -74,7 +79,7 @@ class Encoded:
         body: what JSON and msgpack hold alike.
     """
 
-    kind: Literal["slot", "status", "zone", "edge"]
+    kind: Literal["slot", "status", "zone", "edge", "told"]
     body: dict[str, Any]
 
     @cached_property
@@ -93,8 +98,15 @@ class Encoded:
         return b"event: " + self.kind.encode() + b"\ndata: " + self.json + b"\n\n"
 
 
-def event_of_slot(slot: LiveSlot, zones: Mapping[str, int]) -> Encoded:
-    """Return the event of a slot that was published, with the people in each zone."""
+def event_of_slot(slot: LiveSlot, zones: Zones, watch: Watch | None = None) -> Encoded:
+    """Return the event of a slot that was published, with the people in each zone.
+
+    Args:
+        slot: which.
+        zones: who is in which.
+        watch: who does what; None where nobody follows it.
+    """
+    found = people(slot.track_ids, slot.joints_m, slot.sigma_m, slot.measured)
     body = {
         "slot": slot.slot,
         "time_ns": slot.time_ns,
@@ -107,15 +119,32 @@ def event_of_slot(slot: LiveSlot, zones: Mapping[str, int]) -> Encoded:
         "stored_to": slot.stored_to,
         "store_shed": slot.store_shed,
         "delay_ms": slot.delay_ms,
-        "people": people(slot.track_ids, slot.joints_m, slot.sigma_m, slot.measured),
-        "zones": dict(zones),
+        "people": [
+            {**person, **does}
+            for person, does in zip(found, doing(slot, watch, zones), strict=True)
+        ],
+        "zones": zones.counts(),
     }
     return Encoded("slot", body)
 
 
-def event_of_status(status: Status, smoothed_ms: float | None) -> Encoded:
-    """Return the event of a status, with the delay of smoothed poses; None without them."""
-    return Encoded("status", {**status_body(status), "smoothed_ms": smoothed_ms})
+def event_of_status(
+    status: Status, smoothed_ms: float | None, notices: Sequence[Notice] = ()
+) -> Encoded:
+    """Return the event of a status.
+
+    Args:
+        status: of the edge.
+        smoothed_ms: delay of smoothed poses; None without them.
+        notices: what is to be known of the site.
+    """
+    more = {"smoothed_ms": smoothed_ms, "notices": [notice._asdict() for notice in notices]}
+    return Encoded("status", {**status_body(status), **more})
+
+
+def event_of_told(events: Sequence[PersonEvent]) -> Encoded:
+    """Return the event of what people did, oldest first."""
+    return Encoded("told", {"events": [told(event) for event in events]})
 
 
 def event_of_edge(there: bool, heard_ns: int | None) -> Encoded:

@@ -1,0 +1,188 @@
+// The time line: a clock, what is stored, blind slots, who was there, marks of what people did. Drag
+// or arrow keys go into the past; + and - change the stretch of time that it shows.
+import { html, useEffect, useLayoutEffect, useRef, useState } from "./vendor/preact.js";
+import { ask } from "./connection.js";
+import { ALARMS, occurrences, sentence } from "./happened.js";
+import { changed, known } from "./known.js";
+import { colourOf, hatching, inks, penOf } from "./palette.js";
+import { end_s, goLive, past, seek, setPlaying } from "./past.js";
+import { clock, duration, nanoseconds, number } from "./words.js";
+
+const SPANS = [60, 600, 3600, 6 * 3600, 86_400, 7 * 86_400]; // seconds that can be shown
+const SPAN_WORDS = ["1 min", "10 min", "1 h", "6 h", "1 day", "1 week"];
+const PARTS = 300, FRESH_MS = 10_000, MOST_ROWS = 5000;
+const HEIGHT = 76, LANES = { people: 20, seen: 38, marks: 54 }, LANE = 12;
+const STEPS = [5, 10, 30, 60, 300, 600, 1800, 3600, 3 * 3600, 6 * 3600, 86_400];
+
+export const line = { zoom: 1, stored: null, tracks: [], asked: "" };
+
+// The stretch of time shown: up to now while live; around the moment shown else.
+export function stretch() {
+  const span_s = SPANS[line.zoom], live_s = known.mode === "live" && known.shown ? known.shown.t : Date.now() / 1000;
+  const now_s = Math.max(live_s, Date.now() / 1000 - 1);
+  const until_s = known.mode === "past" ? Math.min(now_s, past.at_s + span_s / 2) : now_s;
+  return { from_s: until_s - span_s, until_s, span_s };
+}
+
+// Ask for what the store has of the stretch, with as much again before it.
+async function look() {
+  if (!past.span || document.hidden) return;
+  const { from_s, until_s, span_s } = stretch(), width = Math.min(span_s, 3.9 * 86_400);
+  const [begin, end] = [Math.max(from_s - width / 4, 0), until_s + width / 4], key = `${line.zoom} ${Math.round((4 * until_s) / width)}`;
+  const fresh = known.mode === "live" || key !== line.asked;
+  if (!fresh) return;
+  line.asked = key;
+  const range = `start=${nanoseconds(begin)}&end=${nanoseconds(end)}`;
+  try {
+    const [found, tracks] = await Promise.all([ask(`/api/timeline?${range}&parts=${PARTS}`), ask(`/api/tracks?${range}&limit=${MOST_ROWS}`)]);
+    Object.assign(line, { stored: { ...found, begin, part_s: (end - begin) / PARTS }, tracks: tracks.rows });
+    changed();
+  } catch {
+    line.asked = ""; // the next look tries again
+  }
+}
+
+const parts = (canvas) => {
+  const { from_s, until_s, span_s } = stretch(), width = canvas.clientWidth;
+  return { from_s, until_s, span_s, width, x: (t) => ((t - from_s) / span_s) * width, t: (x) => from_s + (x / width) * span_s };
+};
+
+function tickWords(t, step_s) {
+  const when = new Date(1000 * t);
+  if (step_s >= 86_400) return when.toLocaleDateString([], { weekday: "short", day: "numeric" });
+  return when.toLocaleTimeString([], { hour: "2-digit", minute: "2-digit", ...(step_s < 60 ? { second: "2-digit" } : {}) });
+}
+
+function drawClock(pen, { from_s, until_s, span_s, width, x }, ink) {
+  const step_s = STEPS.find((one) => (one / span_s) * width > (one < 60 ? 84 : 62)) || 86_400;
+  const shift = new Date(1000 * from_s).getTimezoneOffset() * 60; // ticks stand at round local times
+  pen.fillStyle = ink.soft;
+  for (let t = Math.ceil((from_s - shift) / step_s) * step_s + shift; t <= until_s; t += step_s) {
+    pen.fillStyle = ink.line;
+    pen.fillRect(Math.round(x(t)), 14, 1, HEIGHT - 14);
+    const words = tickWords(t, step_s), half = pen.measureText(words).width / 2;
+    if (x(t) - half < 0 || x(t) + half > width) continue;
+    pen.fillStyle = ink.soft;
+    pen.fillText(words, x(t) - half, 8);
+  }
+}
+
+function drawStored(pen, { x, width }, ink) {
+  pen.fillStyle = hatching(pen);
+  pen.fillRect(0, LANES.seen, width, LANE);
+  const { stored } = line;
+  for (let part = 0; stored && part < stored.slots.length; part++) {
+    if (!stored.slots[part]) continue;
+    const from = x(stored.begin + part * stored.part_s), wide = x(stored.begin + (part + 1) * stored.part_s) - from;
+    pen.fillStyle = ink.stored;
+    pen.fillRect(from, LANES.seen, wide + 0.5, LANE);
+    if (!stored.blind[part]) continue;
+    pen.fillStyle = ink.blind; // a single blind slot can be seen as well
+    const high = Math.max(3, (LANE * stored.blind[part]) / stored.slots[part]);
+    pen.fillRect(from, LANES.seen + LANE - high, Math.max(wide, 1.5), high);
+  }
+  for (const slot of known.mode === "live" ? known.history : []) { // what is too new to be asked for
+    pen.fillStyle = slot.blind ? ink.blind : ink.stored;
+    pen.fillRect(x(slot.t - 1 / known.room.slots_per_s), LANES.seen, Math.max(x(slot.t) - x(slot.t - 1 / known.room.slots_per_s), 0.7), LANE);
+  }
+}
+
+// When whom was there: lines in their colours, beside each other.
+function drawPeople(pen, { x }) {
+  const rows = line.tracks.map((row) => [row.track_id, row.first_ns / 1e9, row.last_ns / 1e9]);
+  if (known.mode === "live" && known.shown) for (const { track, does } of known.shown.people) if (does.since_ns) rows.push([track, does.since_ns / 1e9, known.shown.t]);
+  const busy = []; // until when each lane is taken
+  for (const [track, from, to] of rows.sort((a, b) => a[1] - b[1])) {
+    let lane = busy.findIndex(([who, until]) => who === track || until < from);
+    if (lane < 0) lane = busy.length;
+    busy[lane] = [track, to];
+    pen.fillStyle = colourOf(track);
+    pen.fillRect(x(from), LANES.people + 3 * Math.min(lane, 4), Math.max(x(to) - x(from), 1.5), 2);
+  }
+}
+
+function drawMarks(pen, { x, from_s, until_s }, ink) {
+  for (const one of occurrences()) {
+    if (one.start_s < from_s || one.start_s > until_s) continue;
+    const alarm = ALARMS.has(one.kind), at = x(one.start_s), r = alarm ? 6 : 4, y = LANES.marks + 9;
+    pen.fillStyle = alarm ? ink.alarm : ink.mark;
+    pen.strokeStyle = ink.paper;
+    pen.beginPath();
+    for (const [dx, dy] of [[0, -r], [r, 0], [0, r], [-r, 0]]) pen.lineTo(at + dx, y + dy);
+    pen.closePath();
+    pen.fill();
+    pen.stroke();
+  }
+}
+
+function draw(canvas) {
+  const ink = inks(), pen = penOf(canvas, HEIGHT), at = parts(canvas);
+  drawClock(pen, at, ink);
+  drawStored(pen, at, ink);
+  drawPeople(pen, at);
+  drawMarks(pen, at, ink);
+  const t = known.mode === "past" ? known.shown?.t ?? past.at_s : at.until_s;
+  pen.fillStyle = ink.cursor;
+  pen.fillRect(Math.min(Math.max(x0(at.x(t)), 0), at.width - 2), 14, 2, HEIGHT - 14);
+}
+const x0 = (x) => Math.round(x) - 1;
+
+// What is under the pointer: a mark in its sentence, else the time.
+function under(canvas, event) {
+  const at = parts(canvas), t = at.t(event.offsetX);
+  const near = occurrences().filter((one) => Math.abs(at.x(one.start_s) - event.offsetX) < 7 && event.offsetY > LANES.marks - 4).at(-1);
+  return { t: near ? near.start_s - 3 : t, words: near ? sentence(near) : clock(t) };
+}
+
+const goTo = (t) => (t >= end_s() - 1 ? goLive() : seek(Math.max(t, past.span.begin_s)));
+const zoomTo = (zoom) => ((line.zoom = Math.max(0, Math.min(SPANS.length - 1, zoom))), (line.asked = ""), look(), changed());
+
+function byKey(event) {
+  const { span_s } = stretch(), at_s = known.mode === "past" ? past.at_s : end_s();
+  const by = { ArrowLeft: -span_s / 60, ArrowRight: span_s / 60, PageUp: -span_s / 6, PageDown: span_s / 6 }[event.key];
+  const other = { Home: () => goTo(past.span.begin_s), End: goLive, "+": () => zoomTo(line.zoom - 1), "=": () => zoomTo(line.zoom - 1), "-": () => zoomTo(line.zoom + 1) }[event.key];
+  if (by === undefined && !other) return;
+  event.preventDefault();
+  if (other) other();
+  else if (by < 0 || known.mode === "past") goTo(at_s + by);
+}
+
+function whereWords() {
+  const { shown, mode } = known;
+  if (!shown) return mode === "past" ? `${clock(past.at_s)} · nothing stored` : "";
+  return `${clock(shown.t)}${shown.late_ms === null ? "" : ` · smoothed, published after ${number(shown.late_ms)} ms`}`;
+}
+
+export function Timeline() {
+  const canvas = useRef(null), [dragged, drag] = useState(null), [said, say] = useState("");
+  useEffect(() => {
+    const timer = setInterval(look, FRESH_MS);
+    new ResizeObserver(changed).observe(canvas.current);
+    return () => clearInterval(timer);
+  }, []);
+  useLayoutEffect(() => draw(canvas.current));
+  useEffect(() => void look(), [line.zoom, known.mode, Boolean(past.span), Math.round((4 * past.at_s) / SPANS[line.zoom])]);
+  const { from_s, until_s } = stretch(), at_s = known.mode === "past" ? past.at_s : until_s, open = Boolean(past.span);
+  const down = (event) => open && (canvas.current.setPointerCapture(event.pointerId), drag(under(canvas.current, event)));
+  const moved = (event) => {
+    const found = under(canvas.current, event);
+    say(found.words);
+    if (dragged) drag(found);
+  };
+  const up = () => dragged && (drag(null), goTo(dragged.t));
+  return html`<section id="line-box" aria-label="Time line">
+    <div id="bar">
+      <button id="live" type="button" disabled=${known.mode === "live"} onClick=${goLive}>● Live</button>
+      <button id="play" type="button" hidden=${known.mode === "live"} aria-label=${past.playing ? "Pause" : "Play"} onClick=${() => setPlaying(!past.playing)}>${past.playing ? "❚❚" : "▶"}</button>
+      <span id="where" class="clock">${whereWords()}</span>
+      <span class="soft" id="pointed">${said}</span>
+      <span class="zoom"><button type="button" aria-label="Show less time" disabled=${line.zoom === 0} onClick=${() => zoomTo(line.zoom - 1)}>+</button>
+      <span id="span">${SPAN_WORDS[line.zoom]}</span>
+      <button type="button" aria-label="Show more time" disabled=${line.zoom === SPANS.length - 1} onClick=${() => zoomTo(line.zoom + 1)}>−</button></span>
+    </div>
+    <canvas id="line" ref=${canvas} style=${{ height: `${HEIGHT}px` }} tabindex=${open ? 0 : -1} role="slider" aria-label="Time: arrow keys go into the past, Home to the first, End to now" aria-disabled=${!open}
+      aria-valuemin=${Math.round(from_s)} aria-valuemax=${Math.round(until_s)} aria-valuenow=${Math.round(Math.min(Math.max(at_s, from_s), until_s))} aria-valuetext=${known.mode === "live" ? "now" : clock(at_s)}
+      onPointerDown=${down} onPointerMove=${moved} onPointerUp=${up} onPointerLeave=${() => say("")} onKeyDown=${(event) => open && byKey(event)}></canvas>
+    <details class="help"><summary>What the line shows</summary><p>From above: the time of day; who was there, in their colours; stored time, amber where it was blind (no view came although one was due), hatched where nothing is stored; what happened, red where it is grave. ${open ? `Drag, click a mark, or use the arrow keys; + and − change the stretch. Space: pause. It reaches back ${duration(end_s() - past.span.begin_s)}.` : "This site stores nothing yet, so there is no past to open."}</p></details>
+  </section>`;
+}

@@ -1,0 +1,46 @@
+"""The part of the API that looks at hours: what is stored of them, and what cameras spent."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from fastapi import APIRouter, HTTPException, Query
+
+from e3pose.site.web.api import REFUSALS, asked, needed
+from e3pose.store import Store
+
+Nanoseconds = Annotated[int, Query(ge=0, le=2**62, description="nanoseconds since 1970")]
+LONGEST_NS = 8 * 86_400 * 10**9
+
+
+def make_day(store: Store | None) -> APIRouter:
+    """Return the routes.
+
+    Args:
+        store: of the site; None where nothing is stored.
+    """
+    day = APIRouter(prefix="/api", responses=REFUSALS)
+
+    @day.get("/timeline", summary="Stored and blind slots in equal parts of a time")
+    def timeline(
+        start: Nanoseconds,
+        end: Nanoseconds,
+        parts: Annotated[int, Query(ge=1, le=2000, description="of the time")] = 300,
+    ) -> dict[str, list[int]]:
+        _check(start, end)
+        slots, blind = asked(lambda: needed(store).coverage(start, end, parts))
+        return {"slots": slots, "blind": blind}
+
+    @day.get("/spent", summary="What each camera spent in a time")
+    def spent(start: Nanoseconds, end: Nanoseconds) -> dict[str, list[dict[str, Any]]]:
+        _check(start, end)
+        return {
+            "cameras": [one._asdict() for one in asked(lambda: needed(store).spent(start, end))]
+        }
+
+    return day
+
+
+def _check(start: int, end: int) -> None:
+    if not start < end <= start + LONGEST_NS:
+        raise HTTPException(422, "end: expected after start, by eight days at most")

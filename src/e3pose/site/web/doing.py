@@ -1,0 +1,96 @@
+"""What people do, in the words that the page shows: posture, speed, zones, what is uncertain."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from e3pose.events.states import STATES
+from e3pose.events.watch import Watch, begin_watch
+from e3pose.model.person_event import PersonEvent, sentence
+from e3pose.settings.events_table import EventsTable
+from e3pose.settings.resolved import ResolvedSite
+from e3pose.site.connect import LiveSlot
+from e3pose.site.event_sink import site_watch
+from e3pose.site.zones import Zones
+
+UNSURE_M = 0.06  # definition: a joint with a larger sigma is shown as uncertain
+PARTS = {
+    "head": ("nose", "left_ear", "right_ear", "left_eye", "right_eye", "head"),
+    **{
+        f"{side} {part}": tuple(f"{side}_{joint}" for joint in joints)
+        for side in ("left", "right")
+        for part, joints in (("arm", ("elbow", "wrist")), ("leg", ("knee", "ankle")))
+    },
+}
+
+
+def page_watch(site: ResolvedSite) -> Watch:
+    """Return what follows people for the page: without events where the site asks for none."""
+    asked = site_watch(site)
+    if asked is not None:
+        return asked
+    watch = begin_watch(EventsTable(), site.skeleton.joints, site.zone)
+    return replace(watch, rules={}, memories={})
+
+
+def doing(slot: LiveSlot, watch: Watch | None, zones: Zones) -> list[dict[str, Any]]:
+    """Return what each person of a slot does, in the slot's order.
+
+    Args:
+        slot: with its people.
+        watch: after the slot, or one just before it; None where nobody follows people.
+        zones: after the slot.
+    """
+    unsure = unsure_parts(slot)
+    return [
+        {**_posture(track, watch), "zones": _stays(track, zones), "unsure": unsure[row]}
+        for row, track in enumerate(slot.track_ids.tolist())
+    ]
+
+
+def unsure_parts(slot: LiveSlot) -> list[list[str]]:
+    """Return the parts of each person's body of which a joint is unknown or uncertain."""
+    place = {name: index for index, name in enumerate(slot.joints)}
+    sure = np.isfinite(slot.joints_m[..., 0]) & ~(slot.sigma_m > UNSURE_M)
+    found: list[list[str]] = [[] for _ in range(len(slot))]
+    for part, names in PARTS.items():
+        rows = [place[name] for name in names if name in place]
+        if not rows:
+            continue
+        # Of a head one joint is enough, of a limb all count.
+        known = sure[:, rows].any(axis=1) if part == "head" else sure[:, rows].all(axis=1)
+        for row in np.flatnonzero(~known).tolist():
+            found[row].append(part)
+    return found
+
+
+def told(event: PersonEvent) -> dict[str, Any]:
+    """Return an event of a person as the page is told it; its times are the reader's to write."""
+    names = ("kind", "phase", "track", "zone", "start_ns", "time_ns", "score", "says")
+    return {**{name: getattr(event, name) for name in names}, "sentence": sentence(event)}
+
+
+def _posture(track: int, watch: Watch | None) -> dict[str, Any]:
+    person = None if watch is None else watch.shown.get(track)
+    if person is None:
+        return {"state": None, "probability": None, "speed_mps": None, "since_ns": None}
+    state = int(person.states.argmax())
+    speed_mps = person.speed_mps
+    return {
+        "state": STATES[state],
+        "probability": round(float(person.states[state]), 2),
+        "speed_mps": round(speed_mps, 2) if np.isfinite(speed_mps) else None,
+        "since_ns": person.since_ns,
+    }
+
+
+def _stays(track: int, zones: Zones) -> list[Mapping[str, Any]]:
+    return [
+        {"name": table.name, "since_ns": inside[track].since_ns}
+        for table, inside in zip(zones.tables, zones.stays, strict=False)
+        if track in inside
+    ]

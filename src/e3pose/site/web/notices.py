@@ -1,0 +1,150 @@
+"""What whoever watches a site has to know of it: notices that come and go, in plain sentences."""
+
+from __future__ import annotations
+
+import datetime
+import shutil
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NamedTuple
+
+from e3pose.base.errors import InputError
+from e3pose.base.quantities import plural
+from e3pose.settings.resolved import ResolvedSite
+from e3pose.site.connect import LiveSlot
+from e3pose.store.database import database_path, database_url
+from e3pose.wire.keys.renewal import expiring
+from e3pose.wire.site_messages import CameraStatus, Status
+
+LOOK_S = 30.0  # between two looks at disk and certificates
+LEAST_FREE = 200_000_000  # bytes that a disk should have left
+BEHIND_S = 30.0  # so long the store may need for a slot
+STARTING_S = 20.0  # cameras connect meanwhile
+
+
+class Notice(NamedTuple):
+    """A notice: what it is about, for styles and tests, and a sentence."""
+
+    kind: str
+    text: str
+
+
+class Around(NamedTuple):
+    """What surrounds a site: room on the disk of its store in bytes, certificates with their ends.
+
+    None where the store is not a file of this machine.
+    """
+
+    free: int | None = None
+    certificates: Sequence[tuple[str, datetime.datetime]] = ()
+
+
+def notices(
+    status: Status, slot: LiveSlot | None, around: Around, now: datetime.datetime
+) -> list[Notice]:
+    """Return what is to be known of a site, the most urgent first.
+
+    Args:
+        status: its newest.
+        slot: likewise.
+        around: what surrounds it.
+        now: the time, UTC.
+    """
+    found = [Notice("overload", status.overload)] if status.overload else []
+    gone = [camera for camera in status.cameras if _gone(camera)]
+    if gone and status.uptime_s > STARTING_S:
+        found.append(Notice("camera-gone", _gone_words(gone, len(status.cameras))))
+    if around.free is not None and around.free < LEAST_FREE:
+        left = f"The disk of the store is almost full: {around.free / 1e6:.0f} MB left. "
+        found.append(Notice("disk", left + "Make room, or keep less: [store] of the site file."))
+    if slot is not None and (kept := _store_words(slot, status)):
+        found.append(Notice("store", kept))
+    if flat := [camera.camera_id for camera in status.cameras if _almost_empty(camera)]:
+        found.append(Notice("battery", f"Battery almost empty: {_listed(flat)}."))
+    for name, until in around.certificates:
+        found.append(Notice("certificate", _certificate_words(name, until, now)))
+    return found
+
+
+@dataclass(eq=False)
+class Surroundings:
+    """Looks at the disk and at the certificates of a site now and then.
+
+    Attributes:
+        store: file of the store; None where it has none on this machine.
+        keys: folder of the site's keys; None where it has none.
+        now_s: a clock that only goes forward.
+    """
+
+    store: Path | None = None
+    keys: Path | None = None
+    now_s: Callable[[], float] = time.monotonic
+    _due_s: float = 0.0
+    _seen: Around = field(default_factory=Around)
+
+    def look(self, now: datetime.datetime) -> Around:
+        """Return what surrounds the site, at most `LOOK_S` old."""
+        if self.now_s() < self._due_s:
+            return self._seen
+        self._due_s = self.now_s() + LOOK_S
+        free, certificates = None, self._seen.certificates
+        if self.store is not None and self.store.parent.is_dir():
+            free = shutil.disk_usage(self.store.parent).free
+        if self.keys is not None:
+            try:
+                certificates = tuple(expiring(self.keys, now))
+            except InputError:  # being replaced, or not on this machine
+                certificates = ()
+        self._seen = Around(free, certificates)
+        return self._seen
+
+
+def surroundings(site: ResolvedSite) -> Surroundings:
+    """Return what looks around a site."""
+    place = None if site.store is None else database_path(database_url(site.store.place))
+    return Surroundings(place, site.link.keys)
+
+
+def _gone(camera: CameraStatus) -> bool:
+    asleep = camera.asleep_s is not None and camera.asleep_s > -2
+    return not (camera.online or camera.paused or asleep)
+
+
+def _gone_words(gone: Sequence[CameraStatus], count: int) -> str:
+    if len(gone) == count:
+        return "No camera is connected: nobody is seen."
+    reasons = [f"{c.camera_id} ({c.why})" if c.why else c.camera_id for c in gone]
+    return f"{plural(len(gone), 'camera')} of {count} gone: {_listed(reasons)}."
+
+
+def _almost_empty(camera: CameraStatus) -> bool:
+    return camera.online and camera.battery is not None and camera.battery < 0.1
+
+
+def _store_words(slot: LiveSlot, status: Status) -> str:
+    behind_s = (slot.slot - slot.stored_to) / max(status.fps, 0.1)
+    begun_s = (slot.slot - slot.stored_from) / max(status.fps, 0.1)
+    if slot.stored_from >= 0 and min(behind_s, begun_s) > BEHIND_S:
+        return (
+            f"The store takes nothing: the last {_minutes(min(behind_s, begun_s))} wait on the "
+            "edge. Is its disk full?"
+        )
+    return ""
+
+
+def _minutes(seconds: float) -> str:
+    return plural(round(seconds / 60), "minute") if seconds >= 90 else f"{seconds:.0f} seconds"
+
+
+def _certificate_words(name: str, until: datetime.datetime, now: datetime.datetime) -> str:
+    advice = "e3pose keys init a new folder" if name == "authority" else f"e3pose keys renew {name}"
+    if until < now:
+        return f"The certificate of {name} expired on {until:%Y-%m-%d}: {advice}."
+    left = plural(max((until - now).days, 0), "day")
+    return f"The certificate of {name} expires in {left}, on {until:%Y-%m-%d}: {advice}."
+
+
+def _listed(names: Sequence[str]) -> str:
+    return ", ".join(names[:4]) + (f" and {len(names) - 4} more" if len(names) > 4 else "")

@@ -1,0 +1,75 @@
+"""Sums over hours of a store, which the database makes: how much is stored, what cameras spent."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from sqlalchemy import Connection, case, func, inspect, select
+
+from e3pose.store import schema
+from e3pose.store.rows import RECORDING
+
+SLOTS_LOOKED_AT = 400_000  # of more, every second, third... is counted: it is a drawing
+
+
+class Spent(NamedTuple):
+    """What a camera spent: joules, the seconds that they are of, and the share measured."""
+
+    camera_id: str
+    energy_j: float
+    span_s: float
+    measured: float
+
+
+def coverage(
+    connection: Connection, start_ns: int, end_ns: int, parts: int
+) -> tuple[list[int], list[int]]:
+    """Return how many slots are stored, and how many of them are blind, in parts of a time.
+
+    Args:
+        connection: to the store.
+        start_ns: first time.
+        end_ns: the time after the last.
+        parts: into how many equal parts the time is cut.
+
+    Returns:
+        `(parts,)` slots and blind slots; estimated from every n-th slot where they are many.
+    """
+    slots = schema.slots.c
+    inside = slots.time_ns.between(start_ns, end_ns - 1)
+    count = connection.scalar(select(func.count()).select_from(schema.slots).where(inside)) or 0
+    every = 1 + count // SLOTS_LOOKED_AT
+    width_ns = -(-(end_ns - start_ns) // parts)
+    part = ((slots.time_ns - start_ns) // width_ns).label("part")
+    known = {column["name"] for column in inspect(connection).get_columns("slots")}
+    blind: Any = func.sum(case((slots.blind != "", 1), else_=0)) if "blind" in known else 0
+    asked = select(part, func.count(), blind).where(inside).group_by(part)
+    if every > 1:
+        asked = asked.where(slots.slot % every == 0)
+    found: tuple[list[int], list[int]] = [0] * parts, [0] * parts
+    for index, stored, unseen in connection.execute(asked):
+        found[0][int(index)], found[1][int(index)] = every * stored, every * int(unseen)
+    return found
+
+
+def spent(connection: Connection, start_ns: int, end_ns: int) -> list[Spent]:
+    """Return what each camera spent between two times, by name.
+
+    Args:
+        connection: to the store.
+        start_ns: first time.
+        end_ns: last time.
+    """
+    energy = schema.energy.c
+    span = case((energy.source == RECORDING, 0.0), else_=energy.span_s)
+    measured = case((energy.source.like("measured%"), energy.span_s), else_=0.0)
+    asked = (
+        select(energy.camera_id, func.sum(energy.energy_j), func.sum(span), func.sum(measured))
+        .where(energy.time_ns.between(start_ns, end_ns))
+        .group_by(energy.camera_id)
+        .order_by(energy.camera_id)
+    )
+    return [
+        Spent(camera_id, energy_j, span_s, measured_s / span_s if span_s else 0.0)
+        for camera_id, energy_j, span_s, measured_s in connection.execute(asked)
+    ]

@@ -1,0 +1,53 @@
+"""What people do, as the page is told it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from tests.site.web.watched import RIG, STARTED_NS, poses
+
+from e3pose.model.person_event import PersonEvent
+from e3pose.model.skeleton import COCO17
+from e3pose.settings.site_file import ZoneTable
+from e3pose.site.connect import LiveSlot, live_slot
+from e3pose.site.web.doing import doing, told, unsure_parts
+from e3pose.site.zones import Zones, advance
+
+
+def slot(number: int = 3) -> LiveSlot:
+    found = live_slot(poses(number))
+    joints_m = np.zeros_like(found.joints_m) + found.joints_m[:, :1]
+    return replace(found, joints_m=joints_m)
+
+
+def test_wide_or_unknown_joints_make_a_part_uncertain_and_others_not() -> None:
+    assert len(RIG) == 3
+    wide = slot()
+    sigma_m, joints_m = wide.sigma_m.copy(), wide.joints_m.copy()
+    sigma_m[0, COCO17.joints.index("left_wrist")] = 0.2
+    joints_m[1, COCO17.joints.index("right_knee")] = np.nan
+    joints_m[1, COCO17.joints.index("left_ear")] = np.nan  # the other ear is known
+    found = unsure_parts(replace(wide, sigma_m=sigma_m, joints_m=joints_m))
+    assert found == [["left arm"], ["right leg"]]
+
+
+def test_sigma_that_is_not_stated_is_no_doubt() -> None:
+    bare = slot()
+    assert unsure_parts(replace(bare, sigma_m=np.full_like(bare.sigma_m, np.nan))) == [[], []]
+
+
+def test_zones_are_those_that_the_person_is_in_since_when() -> None:
+    table = ZoneTable("hall", ((-2.0, -2.0), (0.0, -2.0), (0.0, 2.0), (-2.0, 2.0)))
+    here = live_slot(poses(0))
+    zones, _ = advance(Zones((table,)), here)
+    left, right = doing(here, None, zones)
+    assert left["zones"] == [{"name": "hall", "since_ns": STARTED_NS}] and right["zones"] == []
+    assert left["state"] is None, "nobody follows people"
+
+
+def test_event_has_what_a_page_makes_a_sentence_of() -> None:
+    event = PersonEvent("fall", "begun", 3, "door", STARTED_NS, STARTED_NS + 1, 5, 0.9, "fell")
+    words = told(event)
+    assert words["kind"] == "fall" and words["track"] == 3 and words["zone"] == "door"
+    assert words["sentence"].startswith("Person 3 fell (door)")
