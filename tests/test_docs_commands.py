@@ -97,6 +97,16 @@ RUNS = (
 )
 
 ELSEWHERE = {
+    "archive delete room --day 2026-11-25": "tests/archive/test_deleting.py",
+    "archive delete room --person 7 --run 3": "tests/archive/test_deleting.py",
+    "archive room /mnt/archive": "tests/archive/test_archive.py",
+    "archive room /mnt/archive --keep 2y": "tests/archive/test_archive.py",
+    "archive verify /mnt/archive": "tests/archive/test_archive.py",
+    'hub query house "SELECT * FROM sites"': "tests/hub/test_hub.py",
+    'hub query house "SELECT site, sum(people * span_s) / 3600 AS person_hours FROM summaries '
+    'GROUP BY site"': "tests/hub/test_hub.py",
+    "hub run house": "tests/hub/test_hub.py",
+    "keys add house --viewer --keys room/keys": "tests/hub/test_hub.py",
     "sync cam1.mp4 cam2.mp4 cam3.mp4": "tests/calibrate/test_sound.py",
     "calibrate extrinsics cam1.mp4 cam2.mp4 cam3.mp4 rig.toml --intrinsics lenses.toml "
     "--wand green,red=500mm --rate 10": "tests/calibrate/test_ball_films.py",
@@ -142,6 +152,7 @@ DATA = "needs a data set that the project does not ship"
 TRAINS = "trains for minutes with torch; tests/lab/train trains for seconds"
 DAY = "asks for poses of one afternoon"
 HERE_NOT = {
+    "archive room s3://bucket/poses": "needs an object store; tests/archive tries one in memory",
     "--install-completion": "writes to the start-up file of the shell",
     "calibrate align rig.toml room.toml --floor cam1=floor1.png --board charuco-5x7-54mm": BOARD,
     "calibrate extrinsics cam1.mp4 cam2.mp4 cam3.mp4 rig.toml --intrinsics lenses.toml "

@@ -97,6 +97,26 @@ def test_operators_alone_control_the_edge_and_see_what_viewers_see(site: Site) -
     edge.close()
 
 
+def test_viewer_asks_for_summaries_under_its_own_name_alone(site: Site) -> None:
+    edge, asked = site.edge(), list[str]()
+
+    def answer(topic: str, payload: bytes) -> bytes:
+        asked.append(topic)
+        return b"summaries"
+
+    edge.answer("e3pose/lab/outbox/*", answer)
+    viewer, operator, camera = site.viewer(), site.operator(), site.camera("cam1")
+    mine = "e3pose/lab/outbox/wall"
+    assert eventually(lambda: viewer.ask(mine, b"", 0.5) == b"summaries")
+    asked.clear()
+    assert viewer.ask("e3pose/lab/outbox/desk", b"", SILENCE_S) is None
+    for other in (operator, camera):
+        assert other.ask(mine, b"", SILENCE_S) is None
+    assert viewer.ask(mine, b"", 10.0) == b"summaries"
+    assert asked == [mine]
+    edge.close()
+
+
 def test_operators_ask_cameras_through_the_edge_however_often_it_ends(site: Site) -> None:
     topic, asked = "e3pose/lab/camera/cam1/picture", list[bytes]()
 

@@ -27,6 +27,7 @@ from e3pose.cli.demonstrating import demo
 from e3pose.cli.detecting import detect
 from e3pose.cli.evaluating import evaluate
 from e3pose.cli.exporting import export
+from e3pose.cli.hubbing import hub_app
 from e3pose.cli.importing import import_app
 from e3pose.cli.information import info
 from e3pose.cli.keys import keys_app
@@ -83,6 +84,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
         "query",
         "store",
         "archive",
+        "hub",
         "report",
     ),
     "Evaluate": ("evaluate", "evaluate-predictor", "reproduce"),
@@ -101,6 +103,7 @@ VERBS: dict[str, Callable[..., Any]] = {
     "query": query,
     "store": store_app,
     "archive": archive_app,
+    "hub": hub_app,
     "report": report,
     "export": export,
     "power": power_app,

@@ -15,8 +15,8 @@ from e3pose.predict.base import Predictor
 from e3pose.select.policies.base import Policy
 from e3pose.store.rows import Event
 from e3pose.wire.messages import Heartbeat
-from e3pose.wire.topics import ANY, of_control
-from e3pose.wire.transport import Transport
+from e3pose.wire.topics import ANY, of_control, of_outbox
+from e3pose.wire.transport import Answer, Transport
 
 if TYPE_CHECKING:
     from e3pose.edge.gather import Arrival
@@ -90,6 +90,7 @@ class Consumers:
         controls: requests of operators.
         recorder: writes the views of cameras as recordings.
         watch: detects that a camera was knocked.
+        outbox: answers viewers who fetch summaries, on a thread of the transport.
         on_beat: called with every heartbeat, on a thread of the transport.
     """
 
@@ -99,6 +100,7 @@ class Consumers:
     controls: Controls | None = None
     recorder: Recorder | None = None
     watch: KnockWatch | None = None
+    outbox: Answer | None = None
     on_beat: Callable[[Heartbeat], None] = lambda beat: None
 
     def paused(self) -> frozenset[str]:
@@ -106,7 +108,9 @@ class Consumers:
         return frozenset() if self.controls is None else self.controls.paused
 
     def listen(self, transport: Transport, site: str) -> None:
-        """Start to answer operators."""
+        """Start to answer operators and viewers."""
+        if self.outbox is not None:
+            transport.answer(of_outbox(site, ANY), self.outbox)
         controls = self.controls
         if controls is not None:
             transport.answer(

@@ -250,7 +250,12 @@ def make_edge(
     recorder = open_recorder(site, event_log, stack)
     kept = None if sink is None else event_sink(site, sink)
     watch = KnockWatch(site.rig)
-    consumers = Consumers(kept, learner, ledger, controls, recorder, watch)
+    outbox = None
+    if site.store is not None:
+        from e3pose.site.outbox_answers import OutboxAnswers
+
+        outbox = OutboxAnswers(site.store.place, site.name).answer
+    consumers = Consumers(kept, learner, ledger, controls, recorder, watch, outbox)
     return EdgeServer(pipeline, transport, settings, clock, state_file, event_log, consumers)
 
 

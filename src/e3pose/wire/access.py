@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 from e3pose.base.errors import InputError
 from e3pose.wire.codec import MAX_BYTES
-from e3pose.wire.topics import ANY, of_camera, of_control, of_order, of_site
+from e3pose.wire.topics import ANY, of_camera, of_control, of_order, of_outbox, of_site
 
 LEASE_MS = 1500  # a frozen peer is given up after it; Zenoh's own 10 s is too long
 # Zenoh lets 2 messages wait for its own sending thread and drops the next after a millisecond: a
@@ -244,9 +244,12 @@ def _access(
         })  # fmt: skip
     shown = [of_site(site, what) for what in ("poses", "poses-delayed", "status", "alive")]
     for viewer, common_name in viewers.items():
+        outbox = [of_outbox(site, holder_of(common_name))]
         _grant(rules, policies, subjects, f"viewer-{viewer}", common_name, {
             "listens": ("ingress", LISTEN, shown),
             "hears": ("egress", HEAR, shown),
+            "asks": ("ingress", ["query"], outbox),
+            "gets": ("egress", ["reply"], outbox),
         })  # fmt: skip
     for operator, common_name in operators.items():
         control = [of_control(site, holder_of(common_name)), of_camera(site, ANY, "picture")]

@@ -20,6 +20,8 @@ from e3pose.wire.messages import (
 from e3pose.wire.site_messages import (
     Control,
     Controlled,
+    OutboxPart,
+    OutboxQuestion,
     Picture,
     PictureQuestion,
     Poses,
@@ -43,6 +45,8 @@ Message = (
     | Controlled
     | PictureQuestion
     | Picture
+    | OutboxQuestion
+    | OutboxPart
     | Status
 )
 _body = msgspec.msgpack.Decoder(Message)

@@ -208,6 +208,34 @@ class Picture(msgspec.Struct, array_like=True, frozen=True, tag="picture"):
     why: str = ""
 
 
+class OutboxQuestion(msgspec.Struct, array_like=True, frozen=True, tag="outbox-question"):
+    """Request of a viewer for summaries of the site.
+
+    Attributes:
+        after: the number up to which it has them.
+    """
+
+    after: Count = 0
+
+
+class OutboxPart(msgspec.Struct, array_like=True, frozen=True, tag="outbox-part"):
+    """The edge's answer to an `OutboxQuestion`.
+
+    Attributes:
+        begun_ns: when the outbox was begun: another value is another outbox.
+        newest: the number given last.
+        shed: summaries up to this number had to make room.
+        rows: JSON list of summaries after the number asked for, oldest first, as many as fit.
+        problem: why there are none; empty where there is no problem.
+    """
+
+    begun_ns: TimeNs = 0
+    newest: Count = 0
+    shed: Count = 0
+    rows: bytes = b"[]"
+    problem: str = ""
+
+
 class Status(msgspec.Struct, array_like=True, frozen=True, tag="status"):
     """Status of the site; once a second. Replaced by a newer one.
 

@@ -6,6 +6,7 @@ e3pose/SITE/camera/CAMERA/picture                        an operator asks, the c
 e3pose/SITE/order/CAMERA                                 the edge writes, that camera reads
 e3pose/SITE/{poses,poses-delayed,status}                 the edge writes, viewers read
 e3pose/SITE/control/OPERATOR                             that operator asks, the edge answers
+e3pose/SITE/outbox/VIEWER                                that viewer asks, the edge answers
 e3pose/SITE/alive                                        that the edge is there
 """
 
@@ -46,6 +47,12 @@ def of_control(site: str, operator: str) -> str:
     """Return the topic on which an operator controls the edge; `ANY` stands for all operators."""
     name = operator if operator == ANY else check_camera_id(operator)
     return f"{ROOT}/{check_site(site)}/control/{name}"
+
+
+def of_outbox(site: str, viewer: str) -> str:
+    """Return the topic on which a viewer asks for summaries; `ANY` stands for all viewers."""
+    name = viewer if viewer == ANY else check_camera_id(viewer)
+    return f"{ROOT}/{check_site(site)}/outbox/{name}"
 
 
 def sender(topic: str) -> str:

@@ -1,0 +1,1 @@
+"""The hub: one place that keeps the summaries of many sites, and answers questions about them."""

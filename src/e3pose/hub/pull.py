@@ -1,0 +1,169 @@
+"""Fetch the summaries of a site by its cursor: once more changes nothing, a break goes on."""
+
+from __future__ import annotations
+
+import random
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import replace
+
+from sqlalchemy import Engine
+
+from e3pose.base.errors import InputError
+from e3pose.hub.database import Cursor, cursor_of, keep, note_problem
+from e3pose.hub.records import summaries_in
+from e3pose.hub.settings import Hub, viewer_of
+from e3pose.store.database import REFUSALS, reason_of
+from e3pose.wire.codec import decode, encode
+from e3pose.wire.network import open_network
+from e3pose.wire.site_messages import OutboxPart, OutboxQuestion
+from e3pose.wire.topics import of_outbox
+
+Ask = Callable[[bytes], bytes | None]
+MOST_PARTS = 1000  # of one pull: a month and more; the rest comes with the next
+ANSWER_S = 10.0
+JOIN_S = 5.0
+PAUSE_S = 0.25  # between two parts: a site answers four a second
+TRIES = 3  # of a part that gets lost
+SLOWEST = 16  # of a site that does not answer: the usual time between two questions times this
+AT_ONCE = 16  # sites that are asked at a time
+
+
+def pull(engine: Engine, site: str, ask: Ask, pause: Callable[[], object], now_ns: int) -> int:
+    """Fetch what a site has and the hub has not; return how many summaries.
+
+    Args:
+        engine: of the hub's database.
+        site: whose.
+        ask: sends a question to it and returns the answer, None where none came.
+        pause: waits between two questions.
+        now_ns: the time.
+
+    Raises:
+        InputError: when the site does not answer, or sends what no edge sends.
+    """
+    with engine.connect() as connection:
+        cursor = cursor_of(connection, site)
+    count = 0
+    for _ in range(MOST_PARTS):
+        part = _asked(site, ask, pause, cursor.taken)
+        if part.problem:
+            raise InputError(f"{site}: {part.problem}")
+        if part.begun_ns != cursor.begun_ns:  # another outbox: from its beginning
+            begun = Cursor(part.begun_ns, 0, cursor.lost)
+            again, cursor = cursor.taken > 0, begun
+            if again:
+                pause()
+                continue
+        rows = summaries_in(part, cursor.taken, site)
+        gone = rows[-1].number - cursor.taken - len(rows) if rows else part.newest - cursor.taken
+        taken = rows[-1].number if rows else max(part.newest, cursor.taken)
+        cursor = replace(cursor, taken=taken, lost=cursor.lost + max(gone, 0))
+        keep(engine, site, rows, cursor, now_ns)
+        count += len(rows)
+        if cursor.taken >= part.newest:
+            return count
+        pause()
+    return count
+
+
+def _asked(site: str, ask: Ask, pause: Callable[[], object], after: int) -> OutboxPart:
+    for _ in range(TRIES):
+        answer = ask(encode(OutboxQuestion(after)))
+        if answer is not None:
+            return decode(answer, OutboxPart, site)
+        pause()
+    raise InputError(f"{site}: no answer")
+
+
+def wait_s(every_s: float, failures: int, share: float) -> float:
+    """Return seconds until a site is asked again: longer after failures, never all at once.
+
+    Args:
+        every_s: the usual time.
+        failures: in a row.
+        share: random, [0, 1).
+    """
+    return min(2.0**failures, SLOWEST) * every_s * (0.5 + share)
+
+
+class Pulling:
+    """Asks all sites of a hub, again and again, until it is closed. Use it as a context manager."""
+
+    def __init__(self, hub: Hub, engine: Engine, said: Callable[[str, str], None]) -> None:
+        """Start.
+
+        Args:
+            hub: its file.
+            engine: of its database.
+            said: called with a site and why it cannot be asked, or that it can again.
+        """
+        self._hub, self._engine, self._said = hub, engine, said
+        self._stop = threading.Event()
+        self._pool = ThreadPoolExecutor(AT_ONCE, "pull")
+        self._problems: dict[str, str] = {}
+        self._thread = threading.Thread(target=self._run, name="hub")
+        self._thread.start()
+
+    def __enter__(self) -> Pulling:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stop.set()
+        self._thread.join()
+        self._pool.shutdown(cancel_futures=True)
+
+    def _run(self) -> None:
+        every_s, now_s = self._hub.every_s, time.monotonic()
+        # Not all at once when the hub starts: within the first ten seconds.
+        due = {site: now_s + random.random() * min(every_s, 10.0) for site in self._hub.sites}
+        failures = dict.fromkeys(due, 0)
+        running = dict[str, Future[bool]]()
+        while not self._stop.is_set():
+            now_s = time.monotonic()
+            for site in [site for site, future in running.items() if future.done()]:
+                failures[site] = 0 if running.pop(site).result() else failures[site] + 1
+                due[site] = now_s + wait_s(every_s, failures[site], random.random())
+            for site, at_s in due.items():
+                if at_s <= now_s and site not in running:
+                    running[site] = self._pool.submit(self._pull, site)
+            self._stop.wait(0.05)
+
+    def _pull(self, site: str) -> bool:
+        """Ask a site; return whether it answered."""
+        problem = ""
+        try:
+            link = self._hub.link(site)
+            transport = open_network(link)
+            try:
+                until_s = time.monotonic() + JOIN_S
+                while not transport.connected() and time.monotonic() < until_s:
+                    if self._stop.wait(0.05):
+                        return True
+                topic = of_outbox(site, viewer_of(link))
+                pull(
+                    self._engine, site, lambda q: transport.ask(topic, q, ANSWER_S),
+                    lambda: self._stop.wait(PAUSE_S), time.time_ns(),
+                )  # fmt: skip
+            finally:
+                transport.close()
+        except InputError as error:
+            problem = str(error)
+        except (*REFUSALS, OSError) as error:
+            problem = f"database: {reason_of(error)}"
+        except Exception as error:  # one site must not end the others
+            problem = f"{type(error).__name__}: {error}"
+        self._tell(site, problem)
+        return not problem
+
+    def _tell(self, site: str, problem: str) -> None:
+        if problem:
+            try:
+                note_problem(self._engine, site, problem)
+            except (*REFUSALS, OSError):
+                pass  # a database that takes nothing is the problem
+        if problem != self._problems.get(site, ""):
+            self._problems[site] = problem
+            self._said(site, problem)

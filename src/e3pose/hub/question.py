@@ -1,0 +1,95 @@
+"""Questions in SQL over the summaries of all sites: read-only, with limits."""
+
+from __future__ import annotations
+
+import sqlite3
+import time
+from collections.abc import Sequence
+from contextlib import closing
+from typing import Any
+
+from sqlalchemy.engine import make_url
+
+from e3pose.base.errors import InputError
+from e3pose.store.database import database_path, database_url, reading_uri, shown
+from e3pose.store.postgres import engine_settings
+
+MOST_ROWS = 10_000
+LIMIT_S = 30.0
+MAX_VALUE_BYTES = 10_000_000  # of one value that SQLite makes
+LIMIT_LENGTH = 0  # SQLite's number for it
+ALLOWED = (
+    sqlite3.SQLITE_SELECT, sqlite3.SQLITE_READ, sqlite3.SQLITE_FUNCTION, sqlite3.SQLITE_RECURSIVE,
+)  # fmt: skip
+
+
+def answer(
+    database: str, sql: str, limit_s: float = LIMIT_S, most_rows: int = MOST_ROWS
+) -> tuple[list[str], list[Sequence[Any]]]:
+    """Return the names and the rows of an answer.
+
+    Args:
+        database: of a hub: path or URL.
+        sql: one statement that reads.
+        limit_s: how long it may take.
+        most_rows: the most that it may return.
+
+    Raises:
+        InputError: for what does not read, takes too long, or returns too much.
+    """
+    url = database_url(database)
+    path = database_path(url)
+    if path is None:
+        names, rows = _of_server(url, sql, limit_s, most_rows)
+    else:
+        if not path.is_file():
+            raise InputError(str(path), "no such file", "the database of a hub: e3pose hub run")
+        names, rows = _of_file(reading_uri(path), sql, limit_s, most_rows)
+    if len(rows) > most_rows:
+        raise InputError(f"query: found more than {most_rows} rows, expected fewer: add LIMIT")
+    return names, rows
+
+
+def _of_file(
+    uri: str, sql: str, limit_s: float, most_rows: int
+) -> tuple[list[str], list[Sequence[Any]]]:
+    end_s = time.monotonic() + limit_s
+    with closing(sqlite3.connect(uri, uri=True)) as connection:
+        if (limit := getattr(connection, "setlimit", None)) is not None:  # Python 3.11 and later
+            limit(LIMIT_LENGTH, MAX_VALUE_BYTES)
+        connection.set_authorizer(
+            lambda action, *_: sqlite3.SQLITE_OK if action in ALLOWED else sqlite3.SQLITE_DENY
+        )
+        connection.set_progress_handler(lambda: int(time.monotonic() > end_s), 10_000)
+        try:
+            found = connection.execute(sql)
+            if found.description is None:
+                raise InputError("query: found no question, expected SELECT ...")
+            return [each[0] for each in found.description], found.fetchmany(most_rows + 1)
+        except (sqlite3.Error, sqlite3.Warning, ValueError) as error:
+            late = time.monotonic() > end_s
+            reason = f"took more than {limit_s:g} s" if late else str(error)
+            raise InputError(f"query: {reason}, expected one statement that reads") from None
+
+
+def _of_server(
+    url: str, sql: str, limit_s: float, most_rows: int
+) -> tuple[list[str], list[Sequence[Any]]]:
+    import psycopg
+
+    parts = make_url(url)
+    plain = parts.set(drivername="postgresql").render_as_string(hide_password=False)
+    settings = engine_settings(parts, read_only=False)["connect_args"]
+    try:
+        with psycopg.connect(plain, autocommit=True, **settings) as connection:
+            connection.execute("SET default_transaction_read_only = on")
+            connection.execute(f"SET statement_timeout = '{round(limit_s * 1000)}ms'")
+            # Prepared, it can be one statement alone: none ends the transaction that only reads.
+            with connection.cursor() as cursor:
+                cursor.execute(sql.encode(), prepare=True)
+                if cursor.description is None:
+                    raise InputError("query: found no question, expected SELECT ...")
+                return [each.name for each in cursor.description], cursor.fetchmany(most_rows + 1)
+    except psycopg.Error as error:
+        reason = " ".join(str(error).split())[:300]
+        raise InputError(f"{shown(url)}: query: {reason}") from None

@@ -1,0 +1,59 @@
+"""Summaries as a site sends them: checked, as a site may be anybody."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import msgspec
+from msgspec import Meta
+
+from e3pose.base.errors import InputError
+from e3pose.wire.bounds import Count, Figure, TimeNs
+from e3pose.wire.site_messages import OutboxPart
+
+Name = Annotated[str, Meta(max_length=500)]
+Figures = Annotated[dict[Name, Figure], Meta(max_length=200)]
+Counts = Annotated[dict[Name, Count], Meta(max_length=200)]
+RECORD = 1  # the version of the record that a hub can read
+
+
+class Summary(msgspec.Struct, frozen=True):
+    """A minute of a site: the columns are those of `docs/reference/outbox.md`."""
+
+    number: Annotated[int, Meta(ge=1, le=2**62)]
+    started_ns: TimeNs
+    time_ns: TimeNs
+    version: Annotated[int, Meta(ge=RECORD, le=RECORD)]
+    span_s: Annotated[float, Meta(ge=0, le=60)]
+    software: Name
+    slots: Count
+    views: Figure | None
+    people: Figure | None
+    most_people: Count
+    error_mm: Figure | None
+    took_ms: Figure | None
+    blind: Counts
+    zones: Figures
+    entered: Counts
+    states: Figures
+    events: Counts
+    joules: Annotated[dict[Name, Figures], Meta(max_length=200)]
+    charge: Figures
+    faults: Annotated[list[Name], Meta(max_length=200)]
+
+
+_decoder = msgspec.json.Decoder(list[Summary])
+
+
+def summaries_in(part: OutboxPart, after: int, where: str) -> list[Summary]:
+    """Return the summaries of an answer; raise `InputError` for what no edge sends."""
+    try:
+        found = _decoder.decode(part.rows)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise InputError(f"{where}: summaries: {' '.join(str(error).split())[:200]}") from None
+    before = after
+    for one in found:
+        if not before < one.number <= part.newest:
+            raise InputError(f"{where}: summaries: found number {one.number} after {before}")
+        before = one.number
+    return found

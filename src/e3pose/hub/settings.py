@@ -1,0 +1,118 @@
+"""The file of a hub: its database, and the sites that it asks."""
+
+from __future__ import annotations
+
+import datetime
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import msgspec
+from msgspec import Meta
+
+from e3pose.base.bounded import read_bytes, read_toml
+from e3pose.base.errors import InputError
+from e3pose.wire.access import Link, check_link, holder_of, split_endpoint
+from e3pose.wire.keys.folder import MAX_PEM_BYTES, certificates_in, check_certificates
+from e3pose.wire.topics import check_site
+
+FORMAT, VERSION = "e3pose-hub", 1
+MAX_BYTES = 2**22
+
+
+class SiteOfHub(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """`[[site]]`: a site that the hub asks.
+
+    Attributes:
+        name: of the site, as its own file says.
+        endpoint: of its edge or a router before it, `tls/HOST:PORT`; `tcp/HOST:PORT` on loopback.
+        keys: folder of a viewer's certificate of that site, for tls.
+    """
+
+    name: str
+    endpoint: str
+    keys: str = ""
+
+
+class HubTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The file of a hub.
+
+    Attributes:
+        format, version: `FORMAT` and `VERSION`.
+        database: a file (SQLite), or `postgresql://USER@HOST/NAME`.
+        every_s: seconds between two questions to a site.
+        site: the sites.
+    """
+
+    format: str
+    version: int
+    database: str = "hub.db"
+    every_s: Annotated[float, Meta(ge=1, le=86400)] = 60.0
+    site: tuple[SiteOfHub, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Hub:
+    """A hub as its file says, with places as they are from here.
+
+    Attributes:
+        path: the file.
+        database: path or URL.
+        every_s: seconds between two questions to a site.
+        sites: the sites by name.
+    """
+
+    path: Path
+    database: str
+    every_s: float
+    sites: dict[str, SiteOfHub]
+
+    def link(self, name: str) -> Link:
+        """Return how a site is reached, as a viewer of it.
+
+        Raises:
+            InputError: for certificates that cannot be used.
+        """
+        site, certificates = self.sites[name], None
+        if split_endpoint(site.endpoint)[0] == "tls":
+            certificates = certificates_in(self.path.parent / (site.keys or name), "viewer")
+            check_certificates(certificates, datetime.datetime.now(datetime.timezone.utc))
+        link = Link("viewer", name, site.endpoint, certificates)
+        check_link(link)
+        return link
+
+
+def viewer_of(link: Link) -> str:
+    """Return the viewer whose link it is; `hub` where a site has no certificates."""
+    if link.certificates is None:
+        return "hub"
+    from e3pose.wire.keys.authority import common_name
+
+    return holder_of(common_name(read_bytes(link.certificates.certificate, MAX_PEM_BYTES)))
+
+
+def load_hub(named: Path) -> Hub:
+    """Read the file of a hub, or `hub.toml` in its folder.
+
+    Raises:
+        InputError: naming the file, what was found and what was expected.
+    """
+    path = named / "hub.toml" if named.is_dir() else named
+    try:
+        table = msgspec.convert(read_toml(path, MAX_BYTES), HubTable)
+        if (table.format, table.version) != (FORMAT, VERSION):
+            found = f"{table.format[:40]} version {table.version}"
+            raise InputError("format", found, f"{FORMAT} version {VERSION}")
+        names = [check_site(site.name) for site in table.site]
+        for name in names:
+            if names.count(name) > 1:
+                raise InputError(f"site {name}", "twice", "each site once")
+        for site in table.site:
+            split_endpoint(site.endpoint)
+    except msgspec.ValidationError as error:
+        raise InputError(f"{path}: {error}") from None
+    except InputError as error:
+        raise error.at(path) from None
+    url = "://" in table.database
+    database = table.database if url else str(path.parent / table.database)
+    return Hub(path, database, table.every_s, {site.name: site for site in table.site})

@@ -1,0 +1,65 @@
+"""Answer those who fetch a site's summaries, a few at a time."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import msgspec
+
+from e3pose.base.errors import InputError
+from e3pose.store.outbox import Outbox, read_outbox
+from e3pose.wire.codec import decode, encode
+from e3pose.wire.site_messages import OutboxPart, OutboxQuestion
+
+PER_S = 5.0  # parts of a viewer: each takes milliseconds of the edge's interpreter
+MOST_AT_ONCE = 4  # viewers who are answered in that time
+MOST_ROWS = 100
+MOST_BYTES = 500_000  # of a part; more names than usual make it fewer rows
+
+
+class OutboxAnswers:
+    """Answers questions for the outbox of a site; on a thread of the transport."""
+
+    def __init__(
+        self, store: str | Path, site: str, now_s: Callable[[], float] = time.monotonic
+    ) -> None:
+        """Name the store.
+
+        Args:
+            store: path or URL.
+            site: whose outbox.
+            now_s: a clock.
+        """
+        self._store, self._site, self._now_s = store, site, now_s
+        self._lock = threading.Lock()
+        self._free_s: dict[str, float] = {}  # when each may ask again; their names are granted
+
+    def answer(self, topic: str, payload: bytes) -> bytes | None:
+        """Return a part of the outbox; None, as if lost, to who asks too often."""
+        viewer = topic.rpartition("/")[2]
+        with self._lock:
+            now_s = self._now_s()
+            self._free_s = {name: s for name, s in self._free_s.items() if s > now_s}
+            if viewer in self._free_s or len(self._free_s) >= MOST_AT_ONCE:
+                return None
+            self._free_s[viewer] = now_s + 1 / PER_S
+        try:
+            asked = decode(payload, OutboxQuestion, "hub")
+            found = read_outbox(self._store, self._site, asked.after, MOST_ROWS)
+        except InputError:  # its text has places that are none of a viewer's business
+            return encode(OutboxPart(problem="the summaries of the site cannot be read"))
+        return encode(part_of(found))
+
+
+def part_of(found: Outbox) -> OutboxPart:
+    """Return summaries as a message, as many as fit."""
+    rows, size = list[bytes](), 0
+    for row in found.summaries:
+        rows.append(msgspec.json.encode({str(name): value for name, value in row.items()}))
+        size += len(rows[-1])
+        if size > MOST_BYTES:
+            break
+    return OutboxPart(found.begun_ns, found.newest, found.shed, b"[" + b",".join(rows) + b"]")
