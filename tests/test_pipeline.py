@@ -161,3 +161,13 @@ def test_reasons_are_given_for_the_slot_that_was_decided() -> None:
         assert record.reasons is not None
         np.testing.assert_allclose(record.reasons.price, earlier.deficit)
     assert all(record.reasons is None for record in run(make(), [scene(0)] * 3))
+
+
+def test_each_stage_is_timed_by_itself() -> None:
+    times = iter(np.arange(100.0, 1000.0).tolist())
+    record = run(make(clock=lambda: next(times)), [scene(0)])[0]
+    assert {record.stage_s[name] for name in ("predict", "occlusion", "select")} == {1.0}
+
+
+def test_a_decision_is_for_so_many_seconds_ahead() -> None:
+    assert make(lead_slots=3).ahead_s == pytest.approx(0.12)

@@ -17,9 +17,12 @@ from tests.five_cameras import (
     scene,
 )
 
+from e3pose.base.arrays import Integers
 from e3pose.energy.queues import Queue
 from e3pose.model.pose import Poses2D
 from e3pose.pipeline import initial_state, step
+from e3pose.select.awake import RestMemory
+from e3pose.select.policies import POLICIES, Policy, PolicySettings, Selection, Situation
 
 
 def test_a_policy_cannot_see_an_unselected_view() -> None:
@@ -117,3 +120,35 @@ def test_a_sleeping_camera_is_not_selected_and_its_silence_is_no_failure() -> No
             assert record.next_selection.sum() == 2
         assert record.asleep_until[1] == (until if slot >= 15 else 0)
     assert state.silence.failures[1] == 0
+
+
+class Planner:
+    """Lets camera 2 sleep until slot 12, and three of the others look."""
+
+    def __init__(self) -> None:
+        self.charges: list[tuple[bool, int]] = []
+
+    def planned(
+        self, rest: RestMemory, situation: Situation, until: Integers, later: object
+    ) -> tuple[RestMemory, Integers]:
+        return replace(rest, num_selected=3.0), np.array([0, 0, 12, 0, 0])
+
+    def charged(
+        self, rest: RestMemory, decision: Selection, asleep: Selection, interval_s: float
+    ) -> RestMemory:
+        self.charges.append((bool(asleep[2]), int(decision.sum())))
+        return rest
+
+
+def test_a_plan_of_rests_says_who_looks_and_is_charged_for_those_who_sleep() -> None:
+    planner = Planner()
+
+    def waking(count: float) -> Policy:
+        return POLICIES["round-robin"].make(PolicySettings(num_selected=count))
+
+    records = run(make("round-robin", rests=planner, waking=waking), [scene(i) for i in range(20)])
+    decided = [record for record in records if record.slot + 2 >= 4]  # after the warm-up
+    assert [asleep for asleep, _ in planner.charges] == [r.slot + 2 < 12 for r in decided]
+    assert {count for _, count in planner.charges} == {3}
+    assert not any(record.next_selection[2] for record in decided if record.slot + 2 < 12)
+    assert any(record.next_selection[2] for record in decided)

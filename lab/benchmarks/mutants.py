@@ -26,6 +26,7 @@ import time
 import traceback
 from collections import defaultdict
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -40,7 +41,7 @@ PLAIN_TESTS = (  # of kernels by themselves, and against their plain forms
     "tests/select/kernels",
     "tests/select/test_occlusion.py",
     "tests/select/test_expected_information.py",
-    "tests/estimate/filter/kernels",
+    "tests/estimate/filter",
     "tests/estimate/per_slot",
     "tests/reference",
 )
@@ -49,7 +50,7 @@ KERNEL = "from e3pose.base.kernel import"  # of files that declare kernels
 
 
 class Stopwatch:
-    """Notes how long each test takes, and ends those that take too long.
+    """Notes how long each test takes, and ends those that take too long to set up or to run.
 
     Attributes:
         limit_s: of a core, for one test.
@@ -62,18 +63,36 @@ class Stopwatch:
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_protocol(self, item: pytest.Item) -> Iterator[None]:
+        begun_s = time.process_time()
+        try:
+            return (yield)
+        finally:
+            if item.nodeid not in self._failed:
+                self.took_s[item.nodeid] = time.process_time() - begun_s
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_runtest_setup(self) -> Iterator[None]:
+        with self._limited():
+            return (yield)
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_runtest_call(self) -> Iterator[None]:
+        with self._limited():
+            return (yield)
+
+    @contextmanager
+    def _limited(self) -> Iterator[None]:
+        """End what runs inside, and not what pytest and its plugins do around it."""
+
         def end(*_: object) -> None:
             raise TimeoutError(f"more than {self.limit_s} s of a core")
 
         signal.signal(signal.SIGPROF, end)
         signal.setitimer(signal.ITIMER_PROF, self.limit_s)
-        begun_s = time.process_time()
         try:
-            return (yield)
+            yield
         finally:
             signal.setitimer(signal.ITIMER_PROF, 0)
-            if item.nodeid not in self._failed:
-                self.took_s[item.nodeid] = time.process_time() - begun_s
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         if report.outcome != "passed":
@@ -187,9 +206,13 @@ def measure(
     data, times = out / f"lines-{name}", out / f"times-{name}.json"
     if not times.exists():
         watch = Stopwatch(PLAIN_TEST_S if plain else TEST_S)
-        own = [f"tests/{place}" for name in packages for place in (name, f"test_{name}.py")]
-        wanted = PLAIN_TESTS if plain else dict.fromkeys(("tests/test_pipeline.py", *own))
-        tests = [test for test in wanted if Path(test).exists()]
+        own = [Path("tests", name) for name in packages if Path("tests", name).exists()]
+        files = [
+            path
+            for name in ("pipeline", *packages)
+            for path in Path("tests").glob(f"test_{name}*.py")
+        ]
+        tests = [*PLAIN_TESTS] if plain else sorted({*map(str, (*own, *files))})
 
         def run() -> int:
             os.environ["COVERAGE_FILE"] = str(data)

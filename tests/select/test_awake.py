@@ -122,6 +122,7 @@ def test_a_target_is_met_by_the_cheapest_set_that_meets_it() -> None:
     goal = RestGoal(price=0.01, target_m=0.055, num_selected=2.0)
     assert awake(goal, needs((0.0,) * N)).sum() == 4  # 0.1 / sqrt(4) is the first below
     assert awake(replace(goal, target_m=1.0), needs((0.0,) * N)).sum() == FEWEST_WITH_PEOPLE
+    assert awake(replace(goal, target_m=0.01), needs((0.0,) * N)).all()  # none meets it
 
 
 def test_nobody_there_means_as_few_looks_as_find_a_newcomer_in_time() -> None:

@@ -152,3 +152,10 @@ def test_a_policy_whose_model_is_wrong_falls_back_to_turns(
     state, words, chosen = last_state(recording)
     assert state.check.by_turns and "take turns" in words
     assert np.mean(np.array(chosen[:300]) == 0) > 0.5
+
+
+def test_by_turns_for_as_long_as_turns_are_nearer() -> None:
+    check = after_rounds(OwnCheck(), 8, 1.2)
+    for seed in range(4):
+        assert check.by_turns
+        check = after_rounds(check, 1, 1.2, seed)

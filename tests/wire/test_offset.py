@@ -100,3 +100,10 @@ def test_error_grows_with_the_age_of_the_exchange_that_is_believed(drift_ppm: fl
         assert error_ns is not None
         assert abs(estimate.offset.edge_ns(at_ns) - at_ns - truth_ns) <= error_ns - quick / 2 + 1
     assert error_ns == pytest.approx(quick / 2 + 15 * LIKELY_DRIFT_PPM * 1e3, abs=1)
+
+
+def test_an_exchange_is_strange_beyond_half_of_its_delay() -> None:
+    estimate, now = run(30)
+    for off_ms, strange in ((15, False), (30, True)):
+        exchange = Exchange(now + 10**9, (40 + off_ms) * 10**6, 40_000_000)
+        assert take_in(estimate, exchange).outliers == strange

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import pytest
 
 from e3pose.base.errors import InputError
-from e3pose.wire.topics import ANY, of_camera, of_order, of_site, sender
+from e3pose.wire.topics import ANY, of_camera, of_control, of_order, of_site, sender
 
 
 def test_sender_of_a_cameras_topic() -> None:
@@ -19,6 +21,12 @@ def test_names_that_would_reach_elsewhere_are_refused(name: str) -> None:
         of_order("lab", name)
     with pytest.raises(InputError, match="site"):
         of_site(name, "poses")
+    for topic in (partial(of_camera, what="view"), of_control):
+        if name == ANY:
+            assert f"/{ANY}" in topic("lab", name)
+            continue
+        with pytest.raises(InputError):
+            topic("lab", name)
 
 
 @pytest.mark.parametrize("topic", ["e3pose/lab/order/cam1", "x/lab/camera/cam1/view", "", "/////"])

@@ -28,13 +28,28 @@ def model() -> Model:
     return Model(scene().rig, scene().skeleton, SIMULATED)
 
 
-@pytest.mark.parametrize("ahead_s", [0.0, 0.04, 0.5])
-def test_outlook_is_the_prediction_of_the_filter(ahead_s: float) -> None:
+@cache
+def followed() -> Belief:
     belief = Belief.empty(model())
     for slot in range(12):
         views = {camera: scene().view(slot, camera) for camera in range(4)}
         seen = {camera: view for camera, view in views.items() if view is not None}
         belief, _ = step(model(), belief, seen, slot / scene().fps)
+    return belief
+
+
+def test_a_factor_is_on_all_that_is_uncertain() -> None:
+    plain = outlook(model(), followed(), 0.2)
+    twice = outlook(model(), followed(), 0.2, factor=2.0)
+    np.testing.assert_allclose(twice.covariance, 4 * plain.covariance)
+    np.testing.assert_allclose(twice.drift_m2ps3, 4 * plain.drift_m2ps3)
+    np.testing.assert_allclose(twice.sigma_px, 2 * plain.sigma_px)
+    np.testing.assert_array_equal(twice.joints_m, plain.joints_m)
+
+
+@pytest.mark.parametrize("ahead_s", [0.0, 0.04, 0.5])
+def test_outlook_is_the_prediction_of_the_filter(ahead_s: float) -> None:
+    belief = followed()
     assert len(belief) == 3
     found, then = outlook(model(), belief, ahead_s), predict(belief, ahead_s, model())
     np.testing.assert_allclose(found.joints_m, then.state[..., :3])
