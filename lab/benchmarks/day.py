@@ -9,7 +9,8 @@ them; the published system with 3 of 5; two per slot as today; two per slot and 
 with an oracle for whom to keep awake, which wakes cameras at once and without a loss. Watts are a
 profile's with a suspended rest: `SUSPENDED`, which is assumed, where it states none. A newcomer is
 found when a published pose is within 0.5 m, in seconds since two cameras could see the person.
-Of `--recordings`, which are folders, people are there throughout.
+Of `--recordings`, which are folders, people are there throughout; without a truth, errors are those
+from the offline smoother over all cameras (`clip_error.py`).
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from unittest.mock import patch
 
 import numpy as np
 
+from clip_error import references
 from e3pose.base.arrays import Flags, Floats
 from e3pose.energy.modes import Rest, modes_of
 from e3pose.energy.profiles import load_profile
@@ -31,7 +33,9 @@ from e3pose.energy.rest_costs import RestCosts, rest_costs
 from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.evaluate.summary import accuracy
 from e3pose.evaluate.waking import drawn_w
+from e3pose.model.noises import detector_of, load_noise
 from e3pose.recording import Recording, load_recording
+from e3pose.recording.record import Truth
 from e3pose.select import awake
 from e3pose.simulate import SCENES, SceneSettings, simulate
 from e3pose.simulate.activities import Play, _Task
@@ -168,7 +172,7 @@ def seconds_until_found(recording: Recording, records: Sequence[Any]) -> list[fl
     joints_m = truth.joints_m
     waits: list[float] = []
     for person in range(joints_m.shape[1]):
-        body_m = np.nanmean(joints_m[:, person], axis=1)
+        body_m = _middle_m(joints_m[:, person])
         views = np.sum([c.sees(body_m) for c in recording.rig.cameras], axis=0)
         there = np.isfinite(body_m).all(axis=1) & (views >= 2)
         edges = np.diff(np.concatenate([[0], there.astype(np.int64), [0]]))
@@ -184,6 +188,13 @@ def seconds_until_found(recording: Recording, records: Sequence[Any]) -> list[fl
     return waits
 
 
+def _middle_m(joints_m: Floats) -> Floats:
+    """Return `(num_slots, 3)`: means of the known joints; NaN where none is."""
+    known = np.isfinite(joints_m).all(axis=2, keepdims=True)
+    count = known.sum(axis=1)
+    return np.asarray(np.where(known, joints_m, 0).sum(axis=1) / np.where(count, count, np.nan))
+
+
 def _wait_s(
     recording: Recording, records: Sequence[Any], body_m: Floats, begin: int, end: int
 ) -> float:
@@ -196,6 +207,16 @@ def _wait_s(
         if len(people_m) and np.linalg.norm(people_m - body_m[slot], axis=-1).min() < FOUND_M:
             return (slot - begin) * recording.interval_s
     return (end - begin) * recording.interval_s
+
+
+def with_truth(recording: Recording) -> Recording:
+    """Return a recording whose truth is the smoother over all cameras, if it has none."""
+    if recording.truth is not None:
+        return recording
+    people = references(recording, load_noise(detector_of(recording)))
+    joints_m = np.stack([[p.at(slot) for p in people] for slot in range(recording.num_slots)])
+    names = tuple(f"person{number}" for number in range(1, len(people) + 1))
+    return replace(recording, truth=Truth(recording.skeleton, names, joints_m))
 
 
 def costs_of(profile_name: str, num_cameras: int) -> RestCosts:
@@ -286,7 +307,7 @@ def main() -> None:
     wanted = [int(each) for each in options.ways.split(",") if each]
     for place in folders or options.scene.split(","):
         recordings = [
-            load_recording(place)
+            with_truth(load_recording(place))
             if isinstance(place, Path)
             else day(place, options.seconds, options.busy, seed)
             for seed in seeds
