@@ -103,11 +103,13 @@ function makeScene(canvas, room, what) {
     pen.textAlign = "center";
     for (const [x, y, text, colour, font] of labels) {
       pen.font = `${font} system-ui, sans-serif`;
+      const half = pen.measureText(text).width / 2, seen = x > -half && x < width + half;
+      const at = seen ? Math.max(half + 2, Math.min(width - half - 2, x)) : x; // whole while it is in sight
       pen.lineWidth = 4;
       pen.strokeStyle = inks.paper;
-      pen.strokeText(text, x, y);
+      pen.strokeText(text, at, y);
       pen.fillStyle = colour;
-      pen.fillText(text, x, y);
+      pen.fillText(text, at, y);
     }
   }
 

@@ -38,7 +38,7 @@ export function upAt(fall) {
 // What is to be listed: one occurrence for somebody who fell, lay there and got up.
 export function occurrences() {
   const falls = known.happened.filter((one) => one.kind === "fall");
-  const told = (one) => falls.some((fall) => fall.track === one.track && (one.kind === "on-floor" ? Math.abs(one.start_s - fall.start_s) < FALL_S : one.kind === "got-up" && upAt(fall) === one.told_s));
+  const told = (one) => falls.some((fall) => fall.track === one.track && (one.kind === "on-floor" ? Math.abs(one.start_s - fall.start_s) < FALL_S : one.kind === "got-up" && Math.abs((upAt(fall) ?? Infinity) - one.told_s) < FALL_S));
   return known.happened.filter((one) => !told(one));
 }
 
@@ -54,6 +54,7 @@ const SENTENCES = {
   fall: (one, who, where, now_s) => {
     const up_s = upAt(one), begun = `${who} fell${where} at ${hourOf(one.start_s)}`;
     if (up_s !== null) return `${begun}, got up after ${duration(up_s - one.start_s)}`;
+    if (known.mode === "past") return begun;
     return seenNow(one.track) ? `${begun}, has not got up for ${duration(now_s - one.start_s)}` : `${begun}, was not seen to get up`;
   },
   "on-floor": (one, who, where, now_s) => {

@@ -18,7 +18,6 @@ export const known = {
   cameAt: 0, // when the newest slot came, by performance.now()
   history: [], // slots of the last half minute before it, oldest first
   trails: new Map(), // track to [[t, x, y], ...] in millimetres
-  names: new Map(), // track to the name of a person
   happened: [], // what people did, oldest first, see happened.js
   notice: "", // what the past has to say
   said: "", // answer of the edge to a control

@@ -75,9 +75,9 @@ function Picture({ name, width, height, id }) {
     tile.canvases.add(drawn);
     drawPicture(drawn, tile);
     return () => tile.canvases.delete(drawn);
-  }, [name]);
-  const { found } = tiles.get(name), old = known.mode === "past" || Boolean(found && (found.why || found.age_s > FADED_S));
-  return html`<canvas ref=${canvas} id=${id} width=${width} height=${height} class=${old ? "old" : ""}></canvas>`;
+  }, [name, known.mode]);
+  const { found } = tiles.get(name), old = Boolean(found && (found.why || found.age_s > FADED_S)), now = known.mode === "live";
+  return html`<canvas ref=${canvas} id=${id} width=${width} height=${height} class=${now ? (old ? "old" : "") : "none"}></canvas>`;
 }
 
 function Tile({ name, open }) {

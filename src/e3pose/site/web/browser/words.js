@@ -1,5 +1,4 @@
 // Words for what the page shows: times, postures, cameras, watts. Plain sentences, no codes.
-import { known } from "./known.js";
 
 export const number = (value, places = 0, unit = "") => (value === null || value === undefined ? "–" : value.toFixed(places) + unit);
 export const percent = (value) => (value === null || value === undefined ? "–" : `${Math.round(100 * value)} %`);
@@ -34,7 +33,7 @@ export const causeWords = (cause) => CAUSES[cause] || cause;
 
 // ---- people
 
-export const nameOf = (track) => known.names.get(track) || `Person ${track}`;
+export const nameOf = (track) => `Person ${track}`;
 
 const POSTURES = {
   standing: "Standing", walking: "Walking", sitting: "Sitting", bending: "Bending", crouching: "Crouching", crawling: "Crawling", lying: "Lying",
