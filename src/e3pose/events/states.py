@@ -29,7 +29,6 @@ class Prototype(NamedTuple):
     low: bool = False  # the trunk rests on the floor, or on what the person is on
 
 
-_ANY = float("nan")
 #  hips, shoulders, head: shares of the stature; trunk, thighs, shanks: degrees; speed: m/s
 PROTOTYPES = (
     Prototype(STANDING, (0.52, 0.82, 0.93, 6, 8, 6, 0.0), (0.04, 0.06, 0.06, 12, 12, 10, 0.25)),

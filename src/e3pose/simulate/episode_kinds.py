@@ -39,19 +39,6 @@ FOURS = Key(0.9, (0.05, 0.0, 0.27), (-0.2, 0.06, 0.03), pitch=1.42, arms=PROP)
 SQUAT = Key(0.9, (-0.08, 0.0, 0.2), (0.0, 0.08, 0.045), pitch=0.6, arms=DOWN)
 
 
-def _up_again(rng: np.random.Generator, lies_s: float) -> tuple[Key, ...]:
-    """Lie for a while and get up over hands and knees."""
-    slow = rng.uniform(0.8, 1.6)
-    return (
-        tuple(
-            replace(k, after_s=k.after_s * slow)
-            for k in (replace(FOURS, after_s=1.6), KNEEL, replace(STAND, after_s=1.4))
-        )
-        if lies_s
-        else ()
-    )
-
-
 def _fall(rng: np.random.Generator, end: Key, first: tuple[Key, ...] = (STAND,)) -> list[Key]:
     """Lose balance, fall to a posture and settle in it."""
     stagger_s = float(np.clip(rng.normal(STAGGER_S, STAGGER_SPREAD_S), 0.15, 2.0))
