@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from e3pose.base.errors import InputError
-from e3pose.base.quantities import size_bytes
+from e3pose.base.quantities import age_s, size_bytes
 from e3pose.base.table import entries
 from e3pose.model.camera import Rig
 from e3pose.model.rigs import ring_rig
@@ -90,6 +90,8 @@ def test_page_explains_every_key_and_its_default(table: Any) -> None:
             shown = str(default).lower() if isinstance(default, bool) else f"{default}"
             if item.read is size_bytes:
                 shown = f"{default // 10**6}MB"
+            if item.read is age_s:
+                shown = f"{default / 86400:g}d"
             assert cell in (f"`{shown}`", f"`{shown.removesuffix('.0')}`"), name
 
 
