@@ -107,6 +107,16 @@ ELSEWHERE = {
     'GROUP BY site"': "tests/hub/test_hub.py",
     "hub run house": "tests/hub/test_hub.py",
     "keys add house --viewer --keys room/keys": "tests/hub/test_hub.py",
+    **dict.fromkeys(
+        (
+            "people list site.toml",
+            "people name site.toml 7 Ada",
+            "people merge site.toml 9 Ada",
+            "people forget site.toml Ada --also backup.db january.parquet",
+            "people find site.toml 7 --run 1",
+        ),
+        "tests/store/test_people.py",
+    ),
     "sync cam1.mp4 cam2.mp4 cam3.mp4": "tests/calibrate/test_sound.py",
     "calibrate extrinsics cam1.mp4 cam2.mp4 cam3.mp4 rig.toml --intrinsics lenses.toml "
     "--wand green,red=500mm --rate 10": "tests/calibrate/test_ball_films.py",

@@ -85,7 +85,7 @@ def test_writer_upgrades_a_store_of_version_1(
         writer.append(record(5), wait=True)  # is there already
     assert version(old) == schema.VERSION
     assert [e.kind for e in reported] == ["store-upgraded"]
-    assert reported[0].message.endswith("upgraded from schema 1 to 7")
+    assert reported[0].message.endswith(f"upgraded from schema 1 to {schema.VERSION}")
     after = Store(old).query()
     assert after.slots.tolist() == sorted([*range(SLOTS + 1)] * 2)
     for name in ("joints_m", "scores", "sigma_m", "measured", "time_ns", "track_ids"):
@@ -124,7 +124,7 @@ def test_upgrade_without_room_is_refused(
         pytest.skip("the disk of a server is not ours")
     usage = namedtuple("usage", "total used free")
     monkeypatch.setattr(shutil, "disk_usage", lambda _: usage(1, 1, 10))
-    with pytest.raises(InputError, match=r"from schema 1 to 7: found 0\.00 GB of free disk space"):
+    with pytest.raises(InputError, match=r"from schema 1 to 8: found 0\.00 GB of free disk space"):
         StoreWriter(old, run())
     assert version(old) == 1
 
@@ -135,10 +135,10 @@ def test_newer_version_is_refused_and_untouched(
     with StoreWriter(place, run()) as writer:
         writer.append(record(0))
     with writing_engine(database_url(place)).begin() as connection:
-        connection.execute(update(schema.about).values(version=9))
+        connection.execute(update(schema.about).values(version=schema.VERSION + 1))
     before = tables(place), place.read_bytes() if isinstance(place, Path) else b""
     for use in (lambda: StoreWriter(place, run()), lambda: Store(place).query()):
-        with pytest.raises(InputError, match=r"version: found 9, expected 1 to 7; read it with"):
+        with pytest.raises(InputError, match=r"version: found 9, expected 1 to 8; read it with"):
             use()
     with pytest.raises(SystemExit) as stop:
         main(["query", str(place)])

@@ -35,6 +35,7 @@ from e3pose.cli.lab import LAB, lab_verbs
 from e3pose.cli.learning import learn_app
 from e3pose.cli.metering import power_app
 from e3pose.cli.models import models_app
+from e3pose.cli.naming import people_app
 from e3pose.cli.querying import query
 from e3pose.cli.recording import record
 from e3pose.cli.replaying import replay
@@ -83,6 +84,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
         "stream",
         "query",
         "store",
+        "people",
         "archive",
         "hub",
         "report",
@@ -104,6 +106,7 @@ VERBS: dict[str, Callable[..., Any]] = {
     "store": store_app,
     "archive": archive_app,
     "hub": hub_app,
+    "people": people_app,
     "report": report,
     "export": export,
     "power": power_app,

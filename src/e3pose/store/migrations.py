@@ -167,4 +167,9 @@ def _to_7(connection: Connection) -> None:
     connection.exec_driver_sql(ARCHIVES_7)
 
 
-STEPS = {2: _to_2, 3: _to_3, 4: _to_4, 5: _to_5, 6: _to_6, 7: _to_7}
+def _to_8(connection: Connection) -> None:
+    """Make a column for the names of people."""
+    connection.exec_driver_sql("ALTER TABLE tracks ADD COLUMN name TEXT")
+
+
+STEPS = {2: _to_2, 3: _to_3, 4: _to_4, 5: _to_5, 6: _to_6, 7: _to_7, 8: _to_8}

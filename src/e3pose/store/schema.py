@@ -24,8 +24,8 @@ from sqlalchemy import (
 
 from e3pose.base.errors import InputError
 
-VERSION = 7  # one more with every change, and a step to it in `store.migrations`
-READABLE = (1, 2, 3, 4, 5, 6, 7)  # columns have the same names and meaning; earlier ones have fewer
+VERSION = 8  # one more with every change, and a step to it in `store.migrations`
+READABLE = (1, 2, 3, 4, 5, 6, 7, 8)  # columns keep name and meaning; earlier ones have fewer
 
 metadata = MetaData()
 
@@ -94,6 +94,7 @@ tracks = Table(
     Column("last_slot", BigInteger, nullable=False),
     Column("first_ns", BigInteger, nullable=False),
     Column("last_ns", BigInteger, nullable=False),
+    Column("name", Text),  # of the person; tracks of one name are one person
     sqlite_with_rowid=False,
 )
 

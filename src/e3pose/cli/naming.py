@@ -1,0 +1,216 @@
+"""`e3pose people`: names of people in a store, and forgetting them."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import App, Parameter
+
+from e3pose.base.errors import InputError
+from e3pose.base.quantities import plural
+from e3pose.cli.options import Whole, warn
+
+if TYPE_CHECKING:
+    from e3pose.store.people import StoredPerson, Track
+
+people_app = App(name="people", help="List, name, merge and forget people of a store.")
+THERE_S = 60.0  # somebody seen within it may still be there
+
+
+@people_app.command(name="list")
+def list_people(store: str, /) -> None:
+    """List the people of a store: name, tracks, and when they were there.
+
+    Example: `e3pose people list site.toml`
+
+    Parameters
+    ----------
+    store
+        Store: a file, a URL, or a site (site.toml or its folder).
+    """
+    from e3pose.cli.querying import store_of
+    from e3pose.evaluate.columns import fitted_tables, table_console
+    from e3pose.store.people import people_of
+    from e3pose.store.times import iso_text
+
+    people = people_of(*store_of(store, None))
+    if not people:
+        print("Nobody is stored")
+        return
+    keys = {"person": [_called(person) for person in people]}
+    columns = {
+        "tracks": [_shown(person.tracks) for person in people],
+        "first seen": [iso_text(person.first_ns)[:19] for person in people],
+        "last seen, UTC": [iso_text(person.last_ns)[:19] for person in people],
+    }
+    console = table_console(200)
+    for table in fitted_tables(keys, columns, console.width, left=("person", *columns)):
+        console.print(table)
+
+
+@people_app.command(name="name")
+def name(store: str, person: str, new: str, /, *, run: Whole | None = None) -> None:
+    """Name a person: a track, or somebody who has a name already.
+
+    Example: `e3pose people name site.toml 7 Ada`
+
+    Tracks of the same name are the same person. A track keeps its name while it is followed, also
+    when the person was lost for a moment.
+
+    Parameters
+    ----------
+    store
+        Store: a file, a URL, or a site (site.toml or its folder).
+    person
+        Number of the track, or name.
+    new
+        The name.
+    run
+        Run of the track. Default: the newest.
+    """
+    from e3pose.store.people import set_name
+
+    place, tracks = _found(store, person, run)
+    print(f"Named {plural(set_name(place, tracks, new), 'track')}: {new}")
+
+
+@people_app.command(name="merge")
+def merge(store: str, person: str, into: str, /, *, run: Whole | None = None) -> None:
+    """Say that two people are the same: the tracks of one get the name of the other.
+
+    Example: `e3pose people merge site.toml 9 Ada`
+
+    Parameters
+    ----------
+    store
+        Store: a file, a URL, or a site (site.toml or its folder).
+    person
+        Number of the track, or name.
+    into
+        Name of the other.
+    run
+        Run of the track. Default: the newest.
+    """
+    from e3pose.store.people import people_of, set_name
+
+    place, tracks = _found(store, person, run)
+    if into not in [one.name for one in people_of(place)]:
+        raise InputError("INTO", repr(into[:40]), "a name that somebody has: e3pose people list")
+    print(f"Merged {plural(set_name(place, tracks, into), 'track')} into {into}")
+
+
+@people_app.command(name="find")
+def find(store: str, person: str, /, *, run: Whole | None = None) -> None:
+    """Show what a store has of a person; exit code 1 if it has anything.
+
+    Example: `e3pose people find site.toml 7 --run 1`
+
+    After `forget` it shows that nothing is left.
+
+    Parameters
+    ----------
+    store
+        Store: a file, a URL, or a site (site.toml or its folder).
+    person
+        Number of the track, or name.
+    run
+        Run of the track. Default: the newest.
+    """
+    from e3pose.store.people import kept_of
+
+    place, tracks = _found(store, person, run)
+    kept = kept_of(place, tracks)
+    if not any(kept.values()):
+        print(f"Nothing of {_shown(tracks)} in {store}")
+        return
+    print(f"{_shown(tracks)} in {store}: {_counted(kept)}")
+    raise SystemExit(1)
+
+
+@people_app.command(name="forget")
+def forget(
+    store: str,
+    person: str,
+    /,
+    *,
+    run: Whole | None = None,
+    also: Annotated[list[Path] | None, Parameter(negative="", consume_multiple=True)] = None,
+) -> None:
+    """Remove all that a store has of a person: poses, times, events, zones, the name.
+
+    Example: `e3pose people forget site.toml Ada --also backup.db january.parquet`
+
+    The files are written anew, so that nothing is left in their bytes. It works while the site
+    runs, which keeps its slots in a spool meanwhile; somebody who is still there is stored again.
+
+    Parameters
+    ----------
+    store
+        Store: a file, a URL, or a site (site.toml or its folder).
+    person
+        Number of the track, or name.
+    run
+        Run of the track. Default: the newest.
+    also
+        Copies of the store, and tables of `query`, `replay --poses` and `export` (.csv, .json,
+        .parquet), to forget the person in.
+    """
+    from e3pose.archive.deleting import delete_everywhere
+    from e3pose.store.exported import FORMS, forget_rows
+    from e3pose.store.people import people_of, requests_of, write_anew
+
+    place, tracks = _found(store, person, run)
+    for path in also or ():
+        if not path.is_file():
+            raise InputError(f"--also: {path}: file not found")
+    there = [one for one in people_of(place) if set(one.tracks) & set(tracks)]
+    asked = requests_of(place, tracks)
+    for path in also or ():
+        if path.suffix.lower() in FORMS:
+            print(f"{path}: {plural(forget_rows(path, tracks), 'row')} deleted")
+    print(f"Forgets {_shown(tracks)}")
+    left = False
+    stores = [str(path) for path in also or () if path.suffix.lower() not in FORMS]
+    for where in (*stores, place):
+        for one in (one for what in asked for one in delete_everywhere(where, what)):
+            print(f"{one.place}: {one.problem or f'{one.rows} rows deleted, {one.left} left'}")
+            left |= one.left != 0
+        write_anew(where)
+    if _is_there(there):
+        warn("the person was there until now: forget again when they are gone")
+    if left:
+        raise SystemExit(1)
+
+
+def _is_there(people: Sequence[StoredPerson]) -> bool:
+    return any(time.time() - person.last_ns / 1e9 < THERE_S for person in people)
+
+
+def _found(store: str, person: str, run: int | None) -> tuple[str, tuple[Track, ...]]:
+    """Return the place of a store, and the tracks of a person in it."""
+    from e3pose.cli.querying import check_numbers, store_of
+    from e3pose.store.people import tracks_of
+
+    check_numbers({"--run": (run,), "PERSON": (int(person),) if person.isdecimal() else ()})
+    place, site = store_of(store, None)
+    return place, tracks_of(place, person, site, run)
+
+
+def _called(person: StoredPerson) -> str:
+    return person.name or f"Person {person.tracks[0][1]}"
+
+
+def _shown(tracks: Sequence[Track]) -> str:
+    runs = dict.fromkeys(run for run, _ in tracks)
+    return "; ".join(
+        f"run {run} track {', '.join(str(track) for of, track in tracks if of == run)}"
+        for run in runs
+    )
+
+
+def _counted(rows: dict[str, int]) -> str:
+    counts = [plural(count, table[:-1]) for table, count in rows.items() if count]
+    return ", ".join(counts) or "nothing"
