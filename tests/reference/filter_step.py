@@ -17,7 +17,14 @@ from tests.reference.filter_associate import associate
 from tests.reference.filter_births import give_birth
 from tests.reference.filter_existence import attend, end
 from tests.reference.filter_sides import order, turn_round
-from tests.reference.filter_update import Sightings, learn_biases, learn_bones, predict, update
+from tests.reference.filter_update import (
+    Sightings,
+    Still,
+    learn_biases,
+    learn_bones,
+    predict,
+    update,
+)
 
 from e3pose.base.arrays import Floats, Integers
 from e3pose.estimate.filter import bias
@@ -29,6 +36,7 @@ from e3pose.estimate.filter.step import (
     bounded,
     check_slot,
 )
+from e3pose.estimate.filter.unchanged import pace_px
 from e3pose.model.pose import MAX_PIXEL, MISSING_SCORE, Poses2D
 
 
@@ -56,9 +64,10 @@ def step(
     if dt > LONGEST_S:
         belief = belief.without_people()  # places are known as before
     belief = predict(replace(belief, time_s=now), dt, model)
-    cameras, keypoints, scores = _sorted(
-        model, views, filter_learned_noise.shifts_px(belief.shifts, model)
-    )
+    looks = {camera: view for camera, view in views.items() if view.unchanged_s <= 0}
+    still = {camera: view for camera, view in views.items() if view.unchanged_s > 0}
+    shifts_px = filter_learned_noise.shifts_px(belief.shifts, model)
+    cameras, keypoints, scores = _sorted(model, looks, shifts_px)
     knots_px = filter_learned_noise.knots_px(model, belief.noise)
     found = [
         associate(belief, k, s, camera, model, knots_px[camera])
@@ -69,12 +78,13 @@ def step(
     fits = np.array([fit for _, fit, _ in found]).reshape(shape)
     exchanged = np.array([turned for _, _, turned in found], dtype=np.int64).reshape(shape)
     predicted = belief
+    stills = _stills(belief, still, shifts_px, knots_px, model)
     belief, exchanged = turn_round(belief, exchanged, assigned >= 0, cameras, dt, model)
     joints = order(exchanged, model)
     seen = _sightings(belief, cameras, keypoints, scores, assigned, joints, dt, model, knots_px)
     belief = filter_covariance_inflation.learn(belief, seen, cameras, dt, model)
     belief = before_look = filter_agility.learn(belief, seen, cameras, dt)
-    updated = update(belief, seen, model)
+    updated = update(belief, seen, stills, model)
     belief = filter_lone_view.discount(belief, updated, cameras, assigned >= 0, dt, model)
     belief = filter_agility.note(belief, before_look, assigned >= 0)
     belief = learn_bones(belief, model)
@@ -82,7 +92,7 @@ def step(
     belief = learn_biases(belief, seen, cameras, dt, model)
     shares = _information_share(seen, knots_px[cameras])
     belief = attend(belief, predicted, cameras, fits, assigned >= 0, shares, dt, model)
-    fresh = _unexplained(belief, cameras, keypoints, scores, assigned)
+    fresh = _unexplained(belief, cameras, keypoints, scores, assigned, stills)
     belief = end(give_birth(belief, fresh, cameras, dt, model), model)
     return belief, estimate_of(belief, model)
 
@@ -102,6 +112,29 @@ def _sorted(
         keypoints.append(np.where(usable[..., None], pixels, np.nan))
         scores.append(np.where(usable, certainty, 0.0))
     return cameras, keypoints, scores
+
+
+def _stills(
+    belief: Belief,
+    views: Mapping[int, Poses2D],
+    shifts_px: Floats,
+    knots_px: Floats,
+    model: Model,
+) -> list[Still]:
+    """Return who is seen in the views of unchanged images."""
+    found = []
+    cameras, *seen = _sorted(model, views, shifts_px)
+    for camera, keypoints_px, scores in zip(cameras.tolist(), *seen, strict=True):
+        rows, _, exchanged = associate(
+            belief, keypoints_px, scores, camera, model, knots_px[camera]
+        )
+        (shown,), joints = np.nonzero(rows >= 0), order(exchanged[None], model)[0]
+        weights = np.zeros(belief.state.shape[:2])
+        weights[shown] = scores[rows[shown][:, None], joints[shown]]
+        noise = pace_px(views[camera].unchanged_s) * float(model.scales[camera])
+        free = ~np.isin(np.arange(len(scores)), rows)
+        found.append(Still(camera, weights, noise, keypoints_px[free], scores[free]))
+    return found
 
 
 def _sightings(
@@ -144,13 +177,18 @@ def _unexplained(
     keypoints: list[Floats],
     scores: list[Floats],
     assigned: Integers,
+    stills: list[Still],
 ) -> Leftovers:
     free = [~np.isin(np.arange(len(s)), row) for s, row in zip(scores, assigned, strict=True)]
-    counts = [int(f.sum()) for f in free]
+    rows = zip(cameras.tolist(), keypoints, scores, free, strict=True)
+    waiting = [(camera, k[f], s[f]) for camera, k, s, f in rows]
+    waiting += [(each.camera, each.free_px, each.free_scores) for each in stills]
+    waiting.sort(key=lambda row: row[0])
+    counts = [len(row[2]) for row in waiting]
     none = belief.leftovers.take(np.zeros(0, dtype=np.int64))
     return Leftovers(
         np.full(sum(counts), belief.time_s),
-        np.repeat(cameras, counts),
-        np.concatenate([none.keypoints_px, *(k[f] for k, f in zip(keypoints, free, strict=True))]),
-        np.concatenate([none.scores, *(s[f] for s, f in zip(scores, free, strict=True))]),
+        np.repeat(np.array([row[0] for row in waiting], dtype=np.int64), counts),
+        np.concatenate([none.keypoints_px, *(row[1] for row in waiting)]),
+        np.concatenate([none.scores, *(row[2] for row in waiting)]),
     )

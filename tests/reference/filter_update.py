@@ -9,7 +9,7 @@ from tests.reference import filter_bias, filter_proportions
 from tests.reference.filter_motion import spread
 from tests.reference.filter_tree import Links, conditionals, solve
 
-from e3pose.base.arrays import Floats, Integers
+from e3pose.base.arrays import Flags, Floats, Integers
 from e3pose.estimate.filter.bias import memory_terms
 from e3pose.estimate.filter.motion import places
 from e3pose.estimate.filter.outliers import MEASURED_SIGMAS, OUTLIER_SIGMAS
@@ -43,6 +43,25 @@ class Sightings:
     look: Floats
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Still:
+    """A view of an unchanged image, sorted by track.
+
+    Attributes:
+        camera: index of the camera.
+        scores: `(num_tracks, num_joints)`, 0 where not seen.
+        pace_px: how fast joints may move all the same, per second.
+        free_px: `(num_free, num_joints, 2)` of the people whom no track explains.
+        free_scores: `(num_free, num_joints)` of these.
+    """
+
+    camera: int
+    scores: Floats
+    pace_px: float
+    free_px: Floats
+    free_scores: Floats
+
+
 def predict(belief: Belief, dt: float, model: Model) -> Belief:
     """Return the belief `dt` seconds later, before anything is seen."""
     covariance, shared = spread(
@@ -64,7 +83,7 @@ def pixel_variance(jacobian: Floats, covariance_m2: Floats) -> Floats:
     return spread / 2
 
 
-def update(belief: Belief, seen: Sightings, model: Model) -> Belief:
+def update(belief: Belief, seen: Sightings, stills: list[Still], model: Model) -> Belief:
     """Return the belief after the views of a slot: robust, iterated, all tracks and joints at once.
 
     Each pass minimises the squared distance to the prediction, to the keypoints and to the learned
@@ -73,7 +92,7 @@ def update(belief: Belief, seen: Sightings, model: Model) -> Belief:
     if len(belief) == 0:
         return belief
     measured = np.zeros(belief.unmeasured_s.shape, dtype=bool)
-    if len(seen.projections):
+    if len(seen.projections) or stills:
         prior = conditionals(model.tree, belief.covariance, belief.shared)
         lengths = _lengths(belief, model)
         moved = np.zeros_like(belief.state)
@@ -93,11 +112,41 @@ def update(belief: Belief, seen: Sightings, model: Model) -> Belief:
                 "v...,v...ab,v...ac->...bc", weight, jacobian, jacobian
             )
             pull[..., :3] = np.einsum("v...,v...ab,v...a->...b", weight, jacobian, error)
+            for still in stills:
+                measured |= _pull_still(
+                    belief, moved, still, iteration == 0, information, pull, model
+                )
             _pull_bones(belief, moved, seen, lengths, information, pull, model)
             links = _links(belief, moved, lengths, model)
             moved, covariance, shared = solve(model.tree, prior, information, pull, links)
         belief = replace(belief, state=belief.state + moved, covariance=covariance, shared=shared)
     return replace(belief, unmeasured_s=np.where(measured, 0.0, belief.unmeasured_s))
+
+
+def _pull_still(
+    belief: Belief,
+    moved: Floats,
+    still: Still,
+    first: bool,
+    information: Floats,
+    pull: Floats,
+    model: Model,
+) -> Flags:
+    """Add what an unchanged image tells of velocities; return which joints it measures."""
+    state = belief.state + moved
+    projection = model.rig.projections[still.camera]
+    _, depths, jacobians = project(state[..., :3], projection[None])
+    jacobian = jacobians[0]
+    usable = (still.scores > USED_SCORE) & (depths[0] > MIN_DEPTH_M)
+    error = np.where(usable[..., None], -(jacobian @ state[..., 3:, None])[..., 0], 0.0)
+    variance = still.pace_px**2
+    doubt = pixel_variance(jacobian, belief.covariance[..., 3:, 3:]) if first else 0.0
+    off = (error**2).sum(axis=-1) / (variance + doubt)
+    weight = np.where(usable, 1 / (1 + off / OUTLIER_SIGMAS**2) / variance, 0.0)
+    error += (jacobian @ moved[..., 3:, None])[..., 0]  # from the prediction
+    information[..., 3:, 3:] += np.einsum("...,...ab,...ac->...bc", weight, jacobian, jacobian)
+    pull[..., 3:] += np.einsum("...,...ab,...a->...b", weight, jacobian, error)
+    return np.asarray(usable & (off < MEASURED_SIGMAS**2))
 
 
 def learn_biases(

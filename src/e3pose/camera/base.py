@@ -80,6 +80,7 @@ class NodeSettings:
         detector: name of the network.
         battery_wh: capacity; None on mains.
         rests: how it may sleep, of `wire.messages.RESTING`.
+        gate: whether the network rests where the image is unchanged.
     """
 
     site: str
@@ -90,3 +91,4 @@ class NodeSettings:
     detector: str = ""
     battery_wh: float | None = None
     rests: tuple[str, ...] = ()
+    gate: bool = False

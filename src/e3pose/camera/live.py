@@ -23,16 +23,16 @@ from e3pose.camera.base import NodeSettings as NodeSettings
 from e3pose.camera.box import Box
 from e3pose.camera.clock_exchange import exchange_time
 from e3pose.camera.frame_rate import FrameRate
+from e3pose.camera.gate import Gate
 from e3pose.camera.pictures import Pictures
 from e3pose.camera.processor_time import ProcessorTime
 from e3pose.camera.schedule import Schedule, slot_of_frame, take_order
 from e3pose.camera.sleep import LEAST_SUSPEND_S, Suspend
-from e3pose.camera.status import CameraCounts, heartbeat_message, hello_message
+from e3pose.camera.status import CameraCounts, heartbeat_message, hello_message, view_message
 from e3pose.camera.video_recorder import VideoRecorder
-from e3pose.detectors.focus import detect_expected, uses_feedback
+from e3pose.detectors.focus import uses_feedback
 from e3pose.model.expected import ExpectedView
 from e3pose.wire import topics
-from e3pose.wire.arrays import pack_poses
 from e3pose.wire.codec import decode, encode
 from e3pose.wire.messages import Activity, Heartbeat, Order, View
 from e3pose.wire.offset import OffsetEstimate, take_in
@@ -100,7 +100,7 @@ class CameraNode:
         self._lock = threading.Lock()
         self._processor, self._accounted_ns = ProcessorTime(), clock.now_ns()
         self._image_size: tuple[int, int] | None = None  # until the first frame
-        self._rate = FrameRate()
+        self._rate, self._gate = FrameRate(), Gate(detector, settings.gate)
         self._newest = (0, -1)  # session of the edge and slot of the newest frame
         self._threads: list[threading.Thread] = []
         self.failure: BaseException | None = None
@@ -301,30 +301,25 @@ class CameraNode:
         while (seen := self._frames.take()) is not None:
             begun_ns = self.clock.now_ns()
             with self._processor.looking():
-                poses = detect_expected(self.detector, image := seen.frame.image(), seen.expected)
+                image, taken_ns = seen.frame.image(), seen.frame.captured_ns
+                poses = self._gate.look(image, seen.expected, taken_ns)
             if self.pictures is not None:
                 self.pictures.offer(image, seen.slot, max(seen.edge_ns, 0), seen.frame.image_size)
             done_ns = self.clock.now_ns()
-            self.counts.detected += 1
-            self.counts.focused += seen.expected is not None
+            looked = poses.unchanged_s <= 0
+            if not looked:
+                self._account("power-saving")
+            self.counts.unchanged += not looked
+            self.counts.detected += looked
+            self.counts.focused += looked and seen.expected is not None
             if seen.expected is not None and not uses and not warned:
                 name = self.settings.detector or "the detector"
                 self._report(f"feedback ignored: {name} detects in whole images only")
                 warned = True
-            keypoints, scores = pack_poses(poses)
-            self._views.put(
-                View(
-                    camera_id=self.settings.camera_id,
-                    session=self.session,
-                    slot=seen.slot,
-                    captured_edge_ns=max(seen.edge_ns, 0),
-                    keypoints_px=keypoints,
-                    scores=scores,
-                    clock_error_ns=self.offset.offset.error_ns or 0,
-                    detect_ns=done_ns - begun_ns,
-                    sent_edge_ns=max(self.edge_ns(), 0),
-                )
-            )
+            times_ns = seen.edge_ns, done_ns - begun_ns, self.edge_ns()
+            error_ns = self.offset.offset.error_ns or 0
+            sender = self.settings.camera_id, self.session
+            self._views.put(view_message(*sender, seen.slot, poses, *times_ns, error_ns))
 
     # Sending.
 

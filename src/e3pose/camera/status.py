@@ -9,8 +9,10 @@ from typing import Any
 from e3pose import __version__
 from e3pose.camera.base import NodeSettings
 from e3pose.camera.schedule import Schedule
+from e3pose.model.pose import Poses2D
+from e3pose.wire.arrays import pack_poses
 from e3pose.wire.codec import one_line
-from e3pose.wire.messages import RESTING, Activity, Heartbeat, Hello
+from e3pose.wire.messages import RESTING, Activity, Heartbeat, Hello, View
 from e3pose.wire.offset import Offset
 
 
@@ -21,6 +23,7 @@ class CameraCounts:
     Attributes:
         captured: frames taken.
         detected: frames on which the detector ran.
+        unchanged: frames in which nothing changed since the last look, so that it did not run.
         sent: views sent.
         focused: detected frames with an expected view.
         active_ns: time in the mode `active`.
@@ -34,6 +37,7 @@ class CameraCounts:
 
     captured: int = 0
     detected: int = 0
+    unchanged: int = 0
     sent: int = 0
     focused: int = 0
     active_ns: int = 0
@@ -77,6 +81,43 @@ def hello_message(
         software=__version__,
         battery_wh=settings.battery_wh,
         rests=settings.rests,
+    )
+
+
+def view_message(
+    camera_id: str,
+    session: int,
+    slot: int,
+    poses: Poses2D,
+    captured_edge_ns: int,
+    detect_ns: int,
+    now_edge_ns: int,
+    clock_error_ns: int,
+) -> View:
+    """Return the view of a camera; times are estimates of the edge's, which may be before 1970.
+
+    Args:
+        camera_id: of the camera.
+        session: of its program.
+        slot: of the frame.
+        poses: who is in it.
+        captured_edge_ns: when it was taken.
+        detect_ns: how long looking took.
+        now_edge_ns: the time.
+        clock_error_ns: how far these times may be off.
+    """
+    keypoints_px, scores = pack_poses(poses)
+    return View(
+        camera_id=camera_id,
+        session=session,
+        slot=slot,
+        captured_edge_ns=max(captured_edge_ns, 0),
+        keypoints_px=keypoints_px,
+        scores=scores,
+        clock_error_ns=clock_error_ns,
+        detect_ns=detect_ns,
+        sent_edge_ns=max(now_edge_ns, 0),
+        unchanged_ns=round(1e9 * poses.unchanged_s),
     )
 
 
@@ -135,5 +176,6 @@ def heartbeat_message(
         asleep_s=counts.asleep_ns / 1e9,
         cpu_s=counts.cpu_s,
         look_cpu_s=counts.look_cpu_s,
+        unchanged=counts.unchanged,
         **power,
     )

@@ -125,11 +125,15 @@ class Consumers:
         self.on_beat(beat)
 
     def observe(self, record: SlotRecord, time_ns: int, arrivals: Mapping[int, Arrival]) -> None:
-        """Pass on the views of a slot, by camera, and its record."""
+        """Pass on the looks of a slot, by camera, and its record.
+
+        Views of unchanged images say nothing new; a recording of them would count as looks.
+        """
+        looks = {c: one for c, one in arrivals.items() if one.poses.unchanged_s <= 0}
         if self.recorder is not None:
-            self.recorder.keep(record.slot, time_ns, arrivals)
+            self.recorder.keep(record.slot, time_ns, looks)
         if self.watch is not None:
-            self.watch.observe(record, {camera: one.poses for camera, one in arrivals.items()})
+            self.watch.observe(record, {camera: one.poses for camera, one in looks.items()})
 
     def stored(self) -> WriterStatus | None:
         """Return how the store is doing; None without one."""

@@ -307,7 +307,8 @@ def _with_joints(poses: Poses2D, found: tuple[str, ...], wanted: tuple[str, ...]
     if found == wanted:
         return poses
     source, target = Skeleton("", found, ()), Skeleton("", wanted, ())
-    return Poses2D(*convert(poses.keypoints_px, poses.scores, source, target))
+    keypoints_px, scores = convert(poses.keypoints_px, poses.scores, source, target)
+    return Poses2D(keypoints_px, scores, poses.unchanged_s)
 
 
 def _check_sender(named: str, camera_id: str) -> None:

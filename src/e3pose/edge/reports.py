@@ -22,6 +22,7 @@ from e3pose.select.policies.base import Policy
 from e3pose.store.rows import Event
 from e3pose.wire.arrays import pack
 from e3pose.wire.codec import one_line
+from e3pose.wire.messages import Heartbeat
 from e3pose.wire.site_messages import CameraStatus, Poses, Status
 
 if TYPE_CHECKING:
@@ -61,6 +62,13 @@ def poses_message(
         store_shed=0 if stored is None else stored.shed,
         delay_ms=1e3 * delay_s,
     )
+
+
+def unchanged_share(beat: Heartbeat | None) -> float | None:
+    """Return the share of looks in which the image was unchanged; None without any."""
+    if beat is None or not beat.unchanged:
+        return None
+    return beat.unchanged / (beat.unchanged + beat.detected)
 
 
 def cpu_saved(camera: CameraState, interval_s: float, lead_slots: int) -> float | None:
@@ -170,6 +178,7 @@ def camera_status(snapshot: SiteSnapshot, index: int) -> CameraStatus:
         wake_s=wakes.mean_s if wakes.wakes else None,
         cpu_s=beat.cpu_s if beat else None,
         cpu_saved=cpu_saved(camera, counts.interval_s, snapshot.lead_slots),
+        unchanged=unchanged_share(camera.beat),
     )
 
 

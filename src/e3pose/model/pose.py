@@ -22,6 +22,8 @@ class Poses2D:
         keypoints_px: `(num_persons, num_joints, 2)` pixels in the real (distorted) image; NaN where
             missing.
         scores: `(num_persons, num_joints)` in [0, 1]; 0 where missing.
+        unchanged_s: for how long the image is the same as in the look that found them; 0 in that
+            look itself.
 
     Raises:
         InputError: on a wrong shape, or a score outside [0, 1].
@@ -29,6 +31,7 @@ class Poses2D:
 
     keypoints_px: Floats
     scores: Floats
+    unchanged_s: float = 0.0
 
     def __post_init__(self) -> None:
         keypoints, scores = _checked("Poses2D", self.keypoints_px, self.scores, components=2)

@@ -38,6 +38,12 @@ class CameraMachine:
         help="""Milliseconds from the moment that a frame shows to its arrival; `e3pose sync` finds
         them.""",
     )
+    gate: bool = entry(
+        False,
+        group=DETECTION,
+        help="""Let the network rest while nothing changes in the image: for rooms that are often
+        empty, and people who sit still. The network runs every two seconds all the same.""",
+    )
     battery_wh: Annotated[float, Meta(ge=1e-3, le=1e6)] | None = entry(
         None, group="Energy", help="Battery capacity. Default: mains power."
     )

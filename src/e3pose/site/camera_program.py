@@ -237,6 +237,7 @@ def make_camera(
         detector=name,
         battery_wh=node.battery_wh,
         rests=RESTS[node.sleep],
+        gate=node.gate,
     )
     known = (one.limbs for one in SKELETONS.values() if one.joints == joints)
     pictures = Pictures(node.camera, clock, next(known, ())) if node.pictures else None

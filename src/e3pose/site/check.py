@@ -28,7 +28,7 @@ from e3pose.site.admission import edge_link
 from e3pose.wire.access import is_loopback, split_endpoint
 from e3pose.wire.keys.folder import Kind, Roll, certificates_in, check_certificates
 from e3pose.wire.keys.renewal import SOON_DAYS
-from e3pose.wire.site_messages import Status
+from e3pose.wire.site_messages import CameraStatus, Status
 
 APART_M = 0.1  # cameras nearer to each other than this see the same
 CLOCK_MS = 5.0
@@ -352,7 +352,14 @@ def check_running(status: Status | None, endpoint: str) -> Iterator[Finding]:
             found = f"clock offset {camera.clock_offset_ms:+.1f} ms"
             yield Finding("warning", what, found, "corrected; for fast motion use chrony or PTP")
         else:
-            yield Finding("ok", what, f"connected, clock offset {camera.clock_offset_ms:+.1f} ms")
+            yield Finding("ok", what, _connected_words(camera))
+
+
+def _connected_words(camera: CameraStatus) -> str:
+    words = f"connected, clock offset {camera.clock_offset_ms:+.1f} ms"
+    if camera.unchanged is None:
+        return words
+    return f"{words}, image unchanged in {camera.unchanged:.0%} of its looks"
 
 
 def _listens(host: str, port: int) -> bool:

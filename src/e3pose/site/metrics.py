@@ -230,6 +230,11 @@ def _of_cameras(
             [c.cpu_saved for c in cameras],
         ),
         (
+            "camera_unchanged",
+            "share of looks for which its image was unchanged",
+            [c.unchanged for c in cameras],
+        ),
+        (
             "camera_asleep_seconds",
             "until it is expected back from an ordered sleep; negative while it oversleeps",
             [c.asleep_s for c in cameras],

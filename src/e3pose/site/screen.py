@@ -111,6 +111,12 @@ def _head(status: Status, stale_s: float) -> Text:
     spent_s = sum(camera.cpu_s or 0.0 for camera in status.cameras)
     if (saved := cpu_saved(status)) is not None:
         head.append(f"\n{spent_s:.0f} CPU s of all cameras, {saved:.1%} saved (measured)")
+    still = [camera.unchanged for camera in status.cameras if camera.unchanged is not None]
+    if still:
+        mean = _within(sum(still) / len(still), 1.0)
+        head.append(
+            f"\nimages unchanged in {mean:.0%} of the looks of {plural(len(still), 'camera')}"
+        )
     return head
 
 

@@ -55,6 +55,8 @@ def camera_command(site: ResolvedSite, camera_id: str) -> list[str]:
     ]  # fmt: skip
     if _allow_pictures(site):
         command += ["--pictures"]
+    if camera.gate:
+        command += ["--gate"]
     if protocol == "tls":
         command += ["--keys", str(site.keys / "cameras" / camera_id)]
     for option, value in (

@@ -46,4 +46,4 @@ def unpack(array: Array) -> NDArray[Any]:
 def poses_2d(view: View) -> Poses2D:
     """Return the 2D poses of a view, with NaN and score 0 where a keypoint is missing."""
     with np.errstate(invalid="ignore"):  # there are NaNs that NumPy warns of
-        return Poses2D(unpack(view.keypoints_px), unpack(view.scores))
+        return Poses2D(unpack(view.keypoints_px), unpack(view.scores), view.unchanged_ns / 1e9)

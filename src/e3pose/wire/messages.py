@@ -80,6 +80,8 @@ class View(msgspec.Struct, array_like=True, frozen=True, tag="view"):
         clock_error_ns: how far that estimate may be off.
         detect_ns: how long detection took.
         sent_edge_ns: when the message left.
+        unchanged_ns: for how long the image is the same as in the look that found these people;
+            0 in that look itself. The network did not run then, and errors are the same.
     """
 
     camera_id: str
@@ -91,6 +93,7 @@ class View(msgspec.Struct, array_like=True, frozen=True, tag="view"):
     clock_error_ns: TimeNs = 0
     detect_ns: TimeNs = 0
     sent_edge_ns: TimeNs = 0
+    unchanged_ns: TimeNs = 0
 
 
 class Heartbeat(msgspec.Struct, array_like=True, frozen=True, tag="heartbeat"):
@@ -131,6 +134,7 @@ class Heartbeat(msgspec.Struct, array_like=True, frozen=True, tag="heartbeat"):
         asleep_s: seconds that it was asleep or suspended since it started, not in `idle_s`.
         cpu_s: processor time that its program took since it started to capture; None where unknown.
         look_cpu_s: part of `cpu_s` that looking took.
+        unchanged: frames in which nothing changed since its last look: the detector did not run.
     """
 
     camera_id: str
@@ -165,6 +169,7 @@ class Heartbeat(msgspec.Struct, array_like=True, frozen=True, tag="heartbeat"):
     asleep_s: Amount = 0.0
     cpu_s: Amount | None = None
     look_cpu_s: Amount = 0.0
+    unchanged: Count = 0
 
 
 class Order(msgspec.Struct, array_like=True, frozen=True, tag="order"):

@@ -101,6 +101,8 @@ class CameraStatus(msgspec.Struct, array_like=True, frozen=True):
         cpu_s: processor time of its program since it started to capture; None where unknown.
         cpu_saved: share of the processor time that looking in every slot would take, by its own
             time of a look and of a frame, [0, 1]; None while too little is known.
+        unchanged: share of its looks for which its image was unchanged, so that the network did
+            not run, [0, 1]; None without any.
     """
 
     camera_id: str
@@ -134,6 +136,7 @@ class CameraStatus(msgspec.Struct, array_like=True, frozen=True):
     wake_s: Figure | None = None
     cpu_s: Figure | None = None
     cpu_saved: Share | None = None
+    unchanged: Share | None = None
 
 
 class Control(msgspec.Struct, array_like=True, frozen=True, tag="control"):

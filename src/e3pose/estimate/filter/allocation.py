@@ -89,6 +89,8 @@ def _views(cameras: int, people: int, joints: int) -> Views:
     rows = cameras * people
     return Views(
         arrived=np.zeros(cameras, bool),
+        unchanged=np.zeros(cameras, bool),
+        pace_px=np.zeros(cameras),
         counts=np.zeros(cameras, np.int64),
         keypoints_px=np.zeros((cameras, people, joints, 2)),
         scores=np.zeros((cameras, people, joints)),
@@ -173,7 +175,7 @@ def _passes(joints: int, bones: int) -> Passes:
         pull=np.zeros((joints, 6)),
         moved=np.zeros((joints, 6)),
         places=np.zeros((joints, 3)),
-        seen=np.zeros((joints, 9)),
+        seen=np.zeros((joints, 18)),
         measured=np.zeros(joints, bool),
         kinds=np.zeros((4, len(KINDS))),
         lengths_m=np.zeros(bones),

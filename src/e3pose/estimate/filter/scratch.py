@@ -46,7 +46,9 @@ class Constants(NamedTuple):
 class Views(NamedTuple):
     """The detections of a slot: as they came, and in rows, ordered by camera."""
 
-    arrived: Flags  # (num_cameras,)
+    arrived: Flags  # (num_cameras,) of a look
+    unchanged: Flags  # (num_cameras,) of no look: the image is that of an earlier one
+    pace_px: Floats  # (num_cameras,) how fast people may move in it all the same, px/s
     counts: Integers  # (num_cameras,)
     keypoints_px: Floats  # (num_cameras, max_people, num_joints, 2) in the real images
     scores: Floats  # (num_cameras, max_people, num_joints)
@@ -147,7 +149,8 @@ class Passes(NamedTuple):
     pull: Floats  # (num_joints, 6)
     moved: Floats  # (num_joints, 6) from the prediction
     places: Floats  # (num_joints, 3)
-    seen: Floats  # (num_joints, 9) of keypoints and loose bones: a symmetric 3 x 3, a vector
+    seen: Floats  # (num_joints, 18) of keypoints and loose bones: a symmetric 3 x 3, a vector;
+    #   the same of velocities
     measured: Flags  # (num_joints,)
     kinds: Floats  # (4, num_kinds) for `proportions`
     lengths_m: Floats  # (num_bones,) expected

@@ -36,6 +36,7 @@ from e3pose.estimate.filter.scratch import (
 from e3pose.estimate.filter.shown import Estimate, estimate_of
 from e3pose.estimate.filter.sides import turn_round
 from e3pose.estimate.filter.state import MAX_TRACKS, Belief, Leftovers, Model
+from e3pose.estimate.filter.unchanged import pace_px
 from e3pose.estimate.filter.update import learn_bones
 from e3pose.model.pose import MAX_PIXEL, MISSING_SCORE, Poses2D
 from e3pose.model.undistort import undistort_slot
@@ -112,7 +113,7 @@ class StepKernel:
         waiting, num_tracks, num_old = before.leftovers, len(before), len(before.leftovers)
         most = min(max((len(view) for view in views.values()), default=0), MAX_PEOPLE)
         workspace = self._room_for(model, num_tracks + MAX_LEFTOVERS // 2, most, num_old)
-        _pack(workspace.views, views)
+        _pack(workspace.views, views, model.scales)
         if num_tracks:
             given_rows = zip(workspace.tracks, _columns(before), self._newest, strict=True)
             for column, given, newest in given_rows:
@@ -175,16 +176,19 @@ class StepKernel:
         return self._workspace
 
 
-def _pack(arrays: Views, views: Mapping[int, Poses2D]) -> None:
-    arrays.arrived[:] = False
+def _pack(arrays: Views, views: Mapping[int, Poses2D], scales: Floats) -> None:
+    arrays.arrived[:] = arrays.unchanged[:] = False
     arrays.counts[:] = 0
     for camera, view in views.items():
         keypoints_px, scores = bounded(view)
         people = len(scores)
-        arrays.arrived[camera] = True
         arrays.counts[camera] = people
         arrays.keypoints_px[camera, :people] = keypoints_px
         arrays.scores[camera, :people] = scores
+        arrays.arrived[camera] = view.unchanged_s <= 0
+        if view.unchanged_s > 0:
+            arrays.unchanged[camera] = True
+            arrays.pace_px[camera] = scales[camera] * pace_px(view.unchanged_s)
 
 
 @kernel
@@ -213,7 +217,7 @@ def step_slot(
     _prepare(constants, workspace.detectors, views)
     num_views = 0
     for camera in range(len(views.counts)):
-        if views.arrived[camera]:
+        if views.arrived[camera] or views.unchanged[camera]:
             num_views += 1
             associate(
                 camera,

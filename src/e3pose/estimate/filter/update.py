@@ -12,6 +12,7 @@ from e3pose.estimate.filter.projected import USED_SCORE, shown_at
 from e3pose.estimate.filter.proportions import BONE_MEMORY, BONE_TEACHERS, expect_lengths
 from e3pose.estimate.filter.scratch import Constants, Passes, Tracks, Views
 from e3pose.estimate.filter.tree import eliminate, prepare, spread_out
+from e3pose.estimate.filter.unchanged import pull_still
 from e3pose.model.projection import MIN_DEPTH_M
 
 ITERATIONS = 3  # numerics: of Gauss-Newton
@@ -137,7 +138,7 @@ def _pull_views(
     for joint in range(len(state)):
         for axis in range(3):
             places[joint, axis] = state[joint, axis] + moved[joint, axis]
-        for entry in range(9):
+        for entry in range(18):
             seen[joint, entry] = 0.0
     for camera in range(len(views.counts)):
         if views.arrived[camera] and assigned[camera, track] >= 0:
@@ -152,6 +153,20 @@ def _pull_views(
                 views.variances,
                 tracks.bias_px[track, camera],
                 inflation(tracks.last_seen_s[track, camera] + dt, constants.memory),
+                first,
+                seen,
+                passes.measured,
+            )
+        elif views.unchanged[camera] and assigned[camera, track] >= 0:
+            pull_still(
+                views.starts[camera] + assigned[camera, track],
+                views.pace_px[camera],
+                state,
+                places,
+                moved,
+                covariance,
+                constants.projections[camera],
+                views.weights,
                 first,
                 seen,
                 passes.measured,
@@ -278,9 +293,10 @@ def _sum_up(passes: Passes) -> None:
         for a in range(3):
             for b in range(a + 1):
                 passes.own[joint, 6 * a + b] += passes.seen[joint, entry]
+                passes.own[joint, 6 * a + b + 21] += passes.seen[joint, entry + 9]
                 entry += 1
             passes.pull[joint, a] = passes.seen[joint, 6 + a]
-            passes.pull[joint, a + 3] = 0.0
+            passes.pull[joint, a + 3] = passes.seen[joint, 15 + a]
 
 
 @kernel
