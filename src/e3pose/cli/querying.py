@@ -110,7 +110,7 @@ def query(
         from e3pose.store.export import write_tables
 
         for form, path in outputs.items():
-            place = Path("/dev/stdout") if is_stdout(path) else path
+            place = None if is_stdout(path) else path
             count = write_tables(_chunks(asked, what, bounds, track, joint), place, form)
             if not is_stdout(json_file):
                 wrote(path, plural(count, "row"))

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import csv
+import io
+import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, BinaryIO, Protocol
 
 import numpy as np
 
@@ -69,12 +71,12 @@ def row_columns(
     return columns
 
 
-def write_tables(chunks: Iterable[Columns], path: Path, form: str) -> int:
+def write_tables(chunks: Iterable[Columns], path: Path | None, form: str) -> int:
     """Write chunks of one table into a file that appears whole or not at all.
 
     Args:
         chunks: parts of the table with the same columns; the first says which.
-        path: where to.
+        path: where to; None for standard output.
         form: `csv`, `parquet` or `json`.
 
     Returns:
@@ -82,11 +84,22 @@ def write_tables(chunks: Iterable[Columns], path: Path, form: str) -> int:
     """
     count = 0
     sinks = {"csv": _csv, "parquet": _parquet, "json": _json}
-    with atomic_file(path, private=True) as temporary, sinks[form](temporary) as sink:
+    with _opened(path) as file, sinks[form](file) as sink:
         for columns in chunks:
             count += len(next(iter(columns.values()), ()))
             sink.write(columns)
     return count
+
+
+@contextmanager
+def _opened(path: Path | None) -> Iterator[BinaryIO]:
+    if path is None:
+        sys.stdout.flush()
+        with open(sys.stdout.fileno(), "wb", closefd=False) as file:
+            yield file
+    else:
+        with atomic_file(path, private=True) as temporary, temporary.open("wb") as file:
+            yield file
 
 
 class _Csv:
@@ -115,8 +128,8 @@ class _Json:
 
 
 class _Parquet:
-    def __init__(self, path: Path) -> None:
-        self._path = path
+    def __init__(self, file: BinaryIO) -> None:
+        self._file = file
         self._writer: Any = None
 
     def write(self, columns: Columns) -> None:
@@ -125,7 +138,7 @@ class _Parquet:
 
         if self._writer is None:
             schema = pyarrow.schema([(n, _arrow_type(n, v)) for n, v in columns.items()])
-            self._writer = parquet.ParquetWriter(self._path, schema, compression="zstd")
+            self._writer = parquet.ParquetWriter(self._file, schema, compression="zstd")
         arrays = {
             # The text has microseconds; Parquet keeps the nanoseconds as a time of its own kind.
             name: pyarrow.array(columns.get("time_ns", values) if name == "time" else values).cast(
@@ -141,22 +154,24 @@ class _Parquet:
 
 
 @contextmanager
-def _csv(path: Path) -> Iterator[Sink]:
-    with path.open("w", newline="", encoding="utf-8") as file:
-        yield _Csv(file)
+def _csv(file: BinaryIO) -> Iterator[Sink]:
+    text = io.TextIOWrapper(file, encoding="utf-8", newline="")
+    try:
+        yield _Csv(text)
+    finally:
+        text.detach()
 
 
 @contextmanager
-def _json(path: Path) -> Iterator[Sink]:
-    with path.open("wb") as file:
-        file.write(b"[")
-        yield _Json(file)
-        file.write(b"\n]\n")
+def _json(file: BinaryIO) -> Iterator[Sink]:
+    file.write(b"[")
+    yield _Json(file)
+    file.write(b"\n]\n")
 
 
 @contextmanager
-def _parquet(path: Path) -> Iterator[Sink]:
-    sink = _Parquet(path)
+def _parquet(file: BinaryIO) -> Iterator[Sink]:
+    sink = _Parquet(file)
     try:
         yield sink
     finally:
