@@ -75,6 +75,7 @@ check: $(VENV)/.dev docs  ## check formatting, lint, types, layers and documenta
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
+	for system in win32 darwin; do $(BIN)/mypy --platform $$system --cache-dir .mypy_cache/$$system src || exit 1; done
 	$(BIN)/python -m pytest -q tests/test_imports.py
 
 docs: $(VENV)/.dev  ## build the documentation into site/; warnings are errors

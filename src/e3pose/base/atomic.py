@@ -6,12 +6,13 @@ import os
 import shutil
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
 from e3pose.base.errors import InputError
 from e3pose.base.lock import hold
 from e3pose.base.private import file_mode, folder_mode, make_folder
+from e3pose.base.system import sync_path
 
 
 @contextmanager
@@ -40,9 +41,9 @@ def atomic_file(path: Path, private: bool = False) -> Iterator[Path]:
     try:
         yield temporary
         temporary.chmod(file_mode(path.parent) if private else 0o666 & ~_umask())
-        _sync(temporary)
+        sync_path(temporary)
         os.replace(temporary, path)
-        _sync(path.parent)
+        sync_path(path.parent)
     except OSError as error:
         raise _with_advice(path, error) from None
     finally:
@@ -89,7 +90,7 @@ def atomic_folder(
             check_free(path, overwrite, ours)  # hours may have passed since the first look
             _sync_all(temporary)
             _replace(temporary, path)
-            _sync(path.parent)
+            sync_path(path.parent)
         except OSError as error:
             raise _with_advice(path, error) from None
         finally:
@@ -152,24 +153,12 @@ def _make_above(path: Path, private: bool) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
 
 
-def _sync(path: Path) -> None:
-    """Have a file's content, or a folder's names, on the disk when this returns."""
-    folder = path.is_dir()
-    handle = os.open(path, os.O_RDONLY)
-    try:
-        # Some network file systems cannot do it for folders: what they promise is theirs.
-        with suppress(OSError) if folder else nullcontext():
-            os.fsync(handle)
-    finally:
-        os.close(handle)
-
-
 def _sync_all(folder: Path) -> None:
     for above, _, names in os.walk(folder):
         for name in names:
             if not (part := Path(above, name)).is_symlink():
-                _sync(part)
-        _sync(Path(above))
+                sync_path(part)
+        sync_path(Path(above))
 
 
 def _check_above(path: Path) -> None:

@@ -31,7 +31,7 @@ UNREADABLE = (pickle.UnpicklingError, AttributeError, ImportError, TypeError, EO
 @cache
 def _imported(path: Path) -> tuple[Path, ...]:
     """Return the files of this package that a file imports names from."""
-    return tuple(_files(path.read_text()))
+    return tuple(_files(path.read_text(encoding="utf-8")))
 
 
 def _files(source: str) -> Iterator[Path]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
 import sys
 import time
@@ -10,6 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from e3pose.base import system
 from e3pose.base.errors import InputError
 
 TRY_S = 0.02
@@ -37,8 +37,7 @@ def hold(path: Path, what: str = "", wait_s: float = 0.0) -> Iterator[None]:
         yield
     finally:
         if handle is not None:
-            beside.unlink(missing_ok=True)  # while it is still ours
-            os.close(handle)
+            system.remove_open(beside, handle)
 
 
 def lock_file(path: Path, what: str = "") -> Path:
@@ -53,11 +52,11 @@ def _taken(beside: Path, path: Path, wait_s: float) -> int | None:
     deadline_s = time.monotonic() + wait_s
     while True:
         try:
-            handle = os.open(beside, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o600)
+            handle = system.open_unlinked(beside, 0o600)
         except OSError:  # of a full or read-only disk, which the writing itself tells better
             return None
         try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            system.lock(handle)
         except BlockingIOError:
             owner = _owner(handle)
             os.close(handle)
@@ -87,13 +86,13 @@ def _sign(handle: int) -> None:
     command = " ".join(["e3pose", *sys.argv[1:3]])
     try:
         os.ftruncate(handle, 0)
-        os.pwrite(handle, f"{os.getpid()} {command}".encode()[:MAX_OWNER_BYTES], 0)
+        system.write_at(handle, f"{os.getpid()} {command}".encode()[:MAX_OWNER_BYTES], 0)
     except OSError:  # a full disk: it is held all the same, without a name
         pass
 
 
 def _owner(handle: int) -> str:
-    text = os.pread(handle, MAX_OWNER_BYTES, 0).decode(errors="replace")
+    text = system.read_at(handle, MAX_OWNER_BYTES, 0).decode(errors="replace")
     number, _, command = text.partition(" ")
     if not number.isdecimal():
         return "another program"

@@ -12,6 +12,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import IO
 
+from e3pose.base import system
 from e3pose.base.bounded import read_bytes
 from e3pose.base.errors import InputError
 
@@ -55,11 +56,11 @@ def make_folder(path: Path) -> None:
 def make_file(path: Path) -> None:
     """Make an empty file; one that is there stays as it is."""
     try:
-        handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+        handle = system.open_new(path, 0o600)
     except FileExistsError:
         return
     try:
-        os.fchmod(handle, file_mode(path.parent))
+        system.set_mode(handle, file_mode(path.parent))
     finally:
         os.close(handle)
 

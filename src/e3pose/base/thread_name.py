@@ -13,7 +13,7 @@ def show_thread_name() -> None:
     thread = threading.current_thread()
     try:
         # Opened to be changed, not made: elsewhere there is no such file.
-        with Path(f"/proc/self/task/{thread.native_id}/comm").open("r+") as file:
+        with Path(f"/proc/self/task/{thread.native_id}/comm").open("r+", encoding="utf-8") as file:
             file.write(thread.name[:MOST])
     except OSError:
         return

@@ -21,6 +21,7 @@ from typing import Any
 
 from e3pose.base.clock import Clock
 from e3pose.base.errors import InputError
+from e3pose.base.system import require_linux
 from e3pose.camera.base import LiveFrame, LiveSource
 from e3pose.camera.source import FALLBACK_RATE, Frame, open_video
 from e3pose.model.pose import Poses2D
@@ -59,6 +60,7 @@ def make_source(
     if kind == "usb":
         if not (rest.isascii() and rest.isdigit() and len(rest) < 4):
             raise InputError("source", repr(name[:80]), "usb:NUMBER, such as usb:0")
+        require_linux(f"source {name}", "a film, RTSP or HTTP")
         return OpenCvSource(int(rest), clock, fps)
     if kind == "gstreamer":
         return OpenCvSource(rest, clock, fps)

@@ -134,8 +134,10 @@ def find_devices(folder: Path = VIDEO4LINUX) -> dict[str, str]:
     for device in folder.glob("video*"):
         number = device.name.removeprefix("video")
         try:
-            first = (device / "index").read_text().strip() == "0"  # others are its metadata
-            name = " ".join((device / "name").read_text().split())[:60]
+            first = (device / "index").read_text(
+                encoding="utf-8"
+            ).strip() == "0"  # others are its metadata
+            name = " ".join((device / "name").read_text(encoding="utf-8").split())[:60]
         except OSError:
             continue
         if first and number.isdigit():

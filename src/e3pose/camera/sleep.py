@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from e3pose.base.errors import InputError
+from e3pose.base.system import require_linux
 from e3pose.settings.limits import SECONDS, Sleep
 from e3pose.wire.codec import one_line
 
@@ -73,6 +74,8 @@ def open_suspend(sleep: Sleep, command: Sequence[str]) -> Suspend | None:
     if sleep != "suspend":
         return None
     words = tuple(command) or SUSPEND
+    if words == SUSPEND:
+        require_linux("sleep = 'suspend'", "a suspend_command of your own, or sleep = 'process'")
     if shutil.which(words[0]) is None:
         wanted = f"{words[0]} on the PATH"
         if not command:

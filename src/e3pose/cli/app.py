@@ -14,6 +14,7 @@ from cyclopts import App, CycloptsError, Group, MissingArgumentError
 
 from e3pose import __version__
 from e3pose.base.errors import InputError
+from e3pose.base.system import END_SIGNALS
 from e3pose.cli.archiving import archive_app
 from e3pose.cli.attaching import attach
 from e3pose.cli.calibrating import calibrate_app
@@ -205,7 +206,8 @@ def main(tokens: Sequence[str] | None = None) -> None:
     """Run one verb; print a wrong input as one line on standard error and exit with code 2."""
     # A polite kill unwinds like any error, so that temporary files go away with us.
     if threading.current_thread() is threading.main_thread():
-        signal.signal(signal.SIGTERM, lambda number, _frame: sys.exit(128 + number))
+        for number in END_SIGNALS[1:]:  # Ctrl-C is an exception
+            signal.signal(number, lambda number, _frame: sys.exit(128 + number))
     sys.stdout = sys.stdout or io.StringIO()  # None where the caller closed it
     if isinstance(sys.stdout, io.TextIOWrapper):  # a name that it cannot show is no reason to stop
         sys.stdout.reconfigure(errors="backslashreplace")

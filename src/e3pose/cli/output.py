@@ -35,7 +35,7 @@ def write_json(path: Path | None, value: Any) -> None:
     from e3pose.base.atomic import atomic_file
 
     with atomic_file(path) as temporary:
-        temporary.write_text(text)
+        temporary.write_text(text, encoding="utf-8")
     wrote(path)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 from functools import partial
 from pathlib import Path
@@ -69,6 +68,7 @@ def init(
         Playback speed of videos. Default: as slow as this machine needs to follow them.
     """
     from e3pose.base.atomic import check_free
+    from e3pose.base.system import num_cores
     from e3pose.recording.calibration import load_rotations
     from e3pose.site.new_site import Choice, name_sources, site_name, threads_for, write_site
     from e3pose.wire.topics import check_site
@@ -81,7 +81,7 @@ def init(
     if count < 1:
         raise InputError(f"--cameras: found {cameras}, expected 1 to {len(named)}")
     network = _network(detector)
-    cores = len(os.sched_getaffinity(0))
+    cores = num_cores()
     each = threads or threads_for(len(named), count, cores)
     probes = _probed(named, rig)
     times = _measured(network, provider, each, probes, rotations)

@@ -7,7 +7,7 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from multiprocessing.connection import Connection
+from multiprocessing.connection import _ConnectionBase as Connection  # Windows has its own
 from pathlib import Path
 
 import numpy as np
@@ -97,7 +97,7 @@ def _measured(pipes: Sequence[Connection], seconds: float) -> list[float]:
 
 
 @contextmanager
-def _at_work(workloads: Sequence[Workload]) -> Iterator[list[Connection]]:
+def _at_work(workloads: Sequence[Workload]) -> Iterator[Sequence[Connection]]:
     """Yield a pipe to each process, whose network is loaded and tried."""
     context = multiprocessing.get_context("spawn")  # threads of ours would not survive a fork
     processes, pipes = [], []

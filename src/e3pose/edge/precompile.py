@@ -7,7 +7,6 @@ the cache on disk.
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
@@ -15,6 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from e3pose.base.system import free_bytes, num_cores
 from e3pose.model.camera import Rig
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import SKELETONS
@@ -117,11 +117,7 @@ def _start_helper(pipeline: Pipeline) -> subprocess.Popen[bytes] | None:
 
 def _has_room() -> bool:
     """Return whether this machine has a second core, and memory for a second process."""
-    try:
-        free_bytes = os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-        return len(os.sched_getaffinity(0)) > 1 and free_bytes >= HELPER_BYTES
-    except (AttributeError, ValueError, OSError):  # another system than Linux
-        return (os.cpu_count() or 1) > 1
+    return num_cores() > 1 and free_bytes() >= HELPER_BYTES
 
 
 if __name__ == "__main__":

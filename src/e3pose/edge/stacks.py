@@ -7,6 +7,7 @@ import os
 from pathlib import Path
 
 from e3pose.base.private import file_mode, make_folder
+from e3pose.base.system import open_new
 
 MAX_FILES = 5  # the oldest is replaced
 MAX_BYTES = 256 * 1024
@@ -26,7 +27,7 @@ def dump_stacks(folder: Path, program: str) -> Path:
     places = [folder / f"{program}-stacks-{number}.txt" for number in range(1, MAX_FILES + 1)]
     path = min(places, key=lambda place: place.stat().st_mtime_ns if place.exists() else 0)
     path.unlink(missing_ok=True)
-    handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, file_mode(folder))
+    handle = open_new(path, file_mode(folder))
     try:
         faulthandler.dump_traceback(handle, all_threads=True)
         os.ftruncate(handle, min(os.fstat(handle).st_size, MAX_BYTES))

@@ -109,5 +109,5 @@ def take_videos(recording: Path, videos: Mapping[str, Path]) -> None:
     table = dict(read_toml(recording / HEADER, MAX_HEADER_BYTES))
     table[VIDEOS] = {**table.get(VIDEOS, {}), **named}
     written = recording / f"{HEADER}.new"
-    written.write_text(tomli_w.dumps(table))
+    written.write_text(tomli_w.dumps(table), encoding="utf-8")
     os.replace(written, recording / HEADER)

@@ -20,6 +20,7 @@ import tomli_w
 from e3pose.base.bounded import read_toml
 from e3pose.base.errors import InputError
 from e3pose.base.private import append_to, make_folder
+from e3pose.base.system import reserve
 from e3pose.model.camera import Rig
 from e3pose.model.pose import Poses2D
 from e3pose.recording.calibration import load_rig, save_rig
@@ -71,7 +72,7 @@ class RecordingWriter:
             save_rig(self.rig, folder / RIG)
             self._write_header(None)
             with (folder / ROOM).open("wb") as room:
-                os.posix_fallocate(room.fileno(), 0, ROOM_BYTES)
+                reserve(room.fileno(), ROOM_BYTES)
             for camera_id in self.rig.camera_ids:
                 self._files[camera_id] = append_to(_lines_of(folder, camera_id))
                 self.counts[camera_id] = 0
@@ -166,7 +167,7 @@ def _put_header(folder: Path, table: dict[str, Any]) -> None:
     """Write a header in place of the one before, which a full disk leaves as it is."""
     written = folder / f"{HEADER}.new"
     try:
-        written.write_text(tomli_w.dumps(table))
+        written.write_text(tomli_w.dumps(table), encoding="utf-8")
         os.replace(written, folder / HEADER)
     finally:
         written.unlink(missing_ok=True)

@@ -76,7 +76,7 @@ def check_suspend(node: NodeTable, states: Path) -> Finding:
     if node.suspend_command:
         return Finding("ok", what, f"suspended by {words}")
     try:
-        known = states.read_text().split()
+        known = states.read_text(encoding="utf-8").split()
     except OSError:
         known = []
     if "mem" not in known:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import platform
 from collections.abc import Iterator
 from contextlib import suppress
@@ -15,6 +14,7 @@ import numpy as np
 from e3pose.base.atomic import atomic_file
 from e3pose.base.bounded import read_bytes
 from e3pose.base.quantities import plural
+from e3pose.base.system import num_cores
 from e3pose.camera.orientation import Orientation
 from e3pose.detectors.timing import DEFAULT_SIZE, DetectionTimes, Workload, time_detections
 from e3pose.settings.resolved import ResolvedSite
@@ -76,11 +76,11 @@ def save_times(path: Path, workloads: dict[str, Workload], times: DetectionTimes
         "together_s": times.together_s.tolist(),
     }
     with suppress(OSError), atomic_file(path) as temporary:  # measured anew next time
-        temporary.write_text(json.dumps(table, indent=1) + "\n")
+        temporary.write_text(json.dumps(table, indent=1) + "\n", encoding="utf-8")
 
 
 def _asked(workloads: dict[str, Workload]) -> list[str]:
-    machine = f"{platform.node()}, {plural(len(os.sched_getaffinity(0)), 'core')}"
+    machine = f"{platform.node()}, {plural(num_cores(), 'core')}"
     return [machine, *(f"{name} {asdict(workload)}" for name, workload in workloads.items())]
 
 

@@ -86,7 +86,7 @@ def write_example(folder: Path, example: Example, rig: Rig) -> Path:
     }
     comment = "".join(f"# {line}\n" for line in example.comment.splitlines())
     path = folder / SITE_FILE
-    path.write_text(comment + tomli_w.dumps(table))
+    path.write_text(comment + tomli_w.dumps(table), encoding="utf-8")
     return path
 
 

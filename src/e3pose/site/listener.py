@@ -15,6 +15,8 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
 
+from e3pose.base.system import claim_address
+
 REQUEST_S = 10.0  # for the TLS handshake, and then for each whole request
 SWEEP_S = 0.5
 RETRY_S = 0.1  # after the system could not accept a connection
@@ -56,7 +58,7 @@ def open_socket(host: str, port: int) -> socket.socket:
     # Named TCP: asyncio lets only sockets that are send small parts at once, not 40 ms later.
     listening = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
     try:
-        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        claim_address(listening)
         listening.bind((host.strip("[]"), port))
         listening.listen(128)
     except OSError:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import platform
 import re
 import socket
@@ -14,6 +13,7 @@ from pathlib import Path
 from e3pose.base.atomic import atomic_folder, check_free
 from e3pose.base.errors import InputError
 from e3pose.base.quantities import plural, three_digits
+from e3pose.base.system import claim_address, num_cores
 from e3pose.camera.probe import Probe
 from e3pose.detectors.timing import DetectionTimes
 from e3pose.energy.profiles import load_profile
@@ -148,7 +148,7 @@ def write_site(folder: Path, choice: Choice) -> Path:
         if choice.rig is not None:
             save_rig(choice.rig, made / RIG_FILE)
         path = made / SITE_FILE
-        path.write_text(site_text(choice, folder))
+        path.write_text(site_text(choice, folder), encoding="utf-8")
         site = resolve(load_site(path), placed=False)  # what was written can be read
         if choice.times is not None:
             save_times(made / KEPT, workloads_of(site), choice.times)
@@ -165,7 +165,7 @@ def site_text(choice: Choice, folder: Path) -> str:
     count, total = choice.num_selected, len(choice.probes)
     profile = load_profile(PROFILE)
     active_w, idle_w = profile.watts("active"), profile.watts("power-saving")
-    made = f"{datetime.now():%Y-%m-%d} on {platform.node()}, {plural(_cores(), 'core')}"
+    made = f"{datetime.now():%Y-%m-%d} on {platform.node()}, {plural(num_cores(), 'core')}"
     return "\n".join(
         [
             f"# The site {choice.name}, made by `e3pose init` ({made}).",
@@ -283,13 +283,9 @@ def _named(choice: Choice) -> Rig:
 
 def _port() -> int:
     with socket.socket() as probe_socket:
-        probe_socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        claim_address(probe_socket)
         try:
             probe_socket.bind(("127.0.0.1", USUAL_PORT))
         except OSError:
             return free_port()
     return USUAL_PORT
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0))

@@ -10,6 +10,8 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from e3pose.base.system import END_SIGNALS
+
 END_S = 8.0  # to end cleanly
 SAME_S = 1.0  # a terminal, `timeout` or a parent may send one signal twice
 
@@ -58,7 +60,7 @@ def run_until_stopped(running: Callable[[], bool], every_s: float = 0.2) -> str:
         if signals[-1][1] - signals[0][1] > SAME_S:
             os._exit(128 + number)
 
-    before = {number: signal.signal(number, end) for number in (signal.SIGINT, signal.SIGTERM)}
+    before = {number: signal.signal(number, end) for number in END_SIGNALS}
     try:
         while running() and not stop.wait(every_s):
             pass

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 import subprocess
 import sys
 import time
@@ -10,6 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from e3pose.base.apart import ask_to_end, start_apart
 from e3pose.base.errors import InputError
 from e3pose.base.private import append_to
 from e3pose.base.quantities import LEAST_SIZE_BYTES
@@ -129,14 +129,8 @@ class Program:
         """Start it; its output is appended to its log."""
         self.let_go()
         with append_to(self.log) as output:
-            # Its own group: a Ctrl-C on the terminal is for us, who end everybody in order.
-            self.process = subprocess.Popen(
-                self.command,
-                stdin=subprocess.PIPE,
-                stdout=output,
-                stderr=subprocess.STDOUT,
-                start_new_session=True,
-            )
+            # A Ctrl-C on the terminal is for us, who end everybody in order.
+            self.process = start_apart(self.command, subprocess.PIPE, output, subprocess.STDOUT)
 
     def ended(self) -> int | None:
         """Return how it ended; None while it runs."""
@@ -187,7 +181,7 @@ def end(programs: Sequence[Program]) -> None:
     for group in (programs[1:], programs[:1]):
         for program in group:
             if program.process is not None and program.process.poll() is None:
-                program.process.send_signal(signal.SIGINT)
+                ask_to_end(program.process)
         deadline_s = time.monotonic() + END_S
         for program in group:
             if program.process is None:
@@ -202,5 +196,5 @@ def end(programs: Sequence[Program]) -> None:
 
 def last_line(log: Path) -> str:
     """Return the last line that a program wrote."""
-    lines = log.read_text(errors="replace").strip().splitlines()
+    lines = log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
     return lines[-1][:500].removeprefix("e3pose: ") if lines else "exited without output"

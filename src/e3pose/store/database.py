@@ -253,7 +253,10 @@ def _engine(url: str, read_only: bool) -> Engine:
 
 def reading_uri(path: Path) -> str:
     """Return the SQLite URI by which a file is read and never written."""
-    quoted = str(path.absolute()).replace("%", "%25").replace("?", "%3f").replace("#", "%23")
+    place = (
+        f"/{path.absolute().as_posix().lstrip('/')}"  # a drive of Windows has no slash before it
+    )
+    quoted = place.replace("%", "%25").replace("?", "%3f").replace("#", "%23")
     # A folder that may not be written has no place for the index of the log: read without one.
     alone = not os.access(path.parent, os.W_OK) and not Path(f"{path}-wal").exists()
     return f"file:{quoted}?mode=ro{'&immutable=1' if alone else ''}"

@@ -7,7 +7,6 @@ same bytes are kept in memory.
 
 from __future__ import annotations
 
-import fcntl
 import glob
 import mmap
 import os
@@ -21,6 +20,7 @@ from pathlib import Path
 
 import msgspec
 
+from e3pose.base import system
 from e3pose.base.errors import InputError
 from e3pose.store.rows import Row, Run
 
@@ -80,17 +80,17 @@ class Spool:
             return
         try:
             # Never one that is there: it may hold what somebody could not deliver.
-            self._handle = os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600)
+            self._handle = system.open_new(self.path, 0o600)
             # Held as long as we live, so that nobody else adopts the file.
-            fcntl.flock(self._handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            os.posix_fallocate(self._handle, 0, HEADER_BYTES + self.capacity_bytes)
+            system.lock(self._handle)
+            system.reserve(self._handle, HEADER_BYTES + self.capacity_bytes)
             head = MAGIC + frame(msgspec.msgpack.encode(self.run))
             head += frame(msgspec.msgpack.encode(self.capacity_bytes))
             if len(head) > HEADER_BYTES:
                 raise OSError("the run does not fit the head of a spool")
-            os.pwrite(self._handle, head, 0)
+            system.write_at(self._handle, head, 0)
             for part in self._halves:
-                os.pwrite(self._handle, END, part.begin)
+                system.write_at(self._handle, END, part.begin)
         except OSError:
             self.close(keep=False)
 
@@ -128,7 +128,7 @@ class Spool:
         half.waiting.append((len(content), len(rows)))
         if self._handle is not None:
             try:
-                os.fdatasync(self._handle)
+                system.sync_content(self._handle)
             except OSError:
                 self._leave_file()
 
@@ -162,9 +162,10 @@ class Spool:
         """Close the file; with `keep` it stays for the next start, otherwise it is removed."""
         if self._handle is None:
             return
-        if not keep and self.path is not None:
-            self.path.unlink(missing_ok=True)
-        os.close(self._handle)
+        if keep or self.path is None:
+            os.close(self._handle)
+        else:
+            system.remove_open(self.path, self._handle)
         self._handle = None
 
     def _oldest_half(self) -> _Half | None:
@@ -173,7 +174,7 @@ class Spool:
     def _put(self, offset: int, content: bytes) -> None:
         if self._handle is not None:
             try:
-                os.pwrite(self._handle, content, offset)
+                system.write_at(self._handle, content, offset)
                 return
             except OSError:
                 self._leave_file()
@@ -185,7 +186,7 @@ class Spool:
         if self._handle is None:
             return bytes(self._memory[offset : offset + size])
         try:
-            return os.pread(self._handle, size, offset)
+            return system.read_at(self._handle, size, offset)
         except OSError:
             return b""
 
@@ -256,7 +257,7 @@ class LeftSpool:
         """
         self.path = path
         with path.open("r+b") as file:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            system.lock(file.fileno())
             size = os.fstat(file.fileno()).st_size
             if not 0 < size <= HEADER_BYTES + MAX_BYTES:
                 raise InputError(f"{path}: found {size} bytes, expected a spool that e3pose wrote")

@@ -14,6 +14,7 @@ from typing import Any
 import zenoh
 
 from e3pose.base.errors import InputError
+from e3pose.base.system import claim_address
 from e3pose.wire.access import Link, split_endpoint, zenoh_config
 from e3pose.wire.transport import Answer, Presence, Receive
 
@@ -181,7 +182,7 @@ def check_port(endpoint: str) -> None:
     except OSError:
         return  # said when it is opened
     with socket.socket(family, socket.SOCK_STREAM) as probe:
-        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        claim_address(probe)
         try:
             probe.bind(address)
         except OSError as error:

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import msgspec
 
+from e3pose.base.apart import kill_all, start_apart
 from e3pose.base.atomic import atomic_file
 from e3pose.edge.learn.job import COMPLAINTS, JOB, Job
 
@@ -38,16 +39,14 @@ class TrainerProcess:
         with atomic_file(folder / JOB) as temporary:
             temporary.write_bytes(msgspec.json.encode(job))
         with (folder / COMPLAINTS).open("wb") as complaints:
-            self.process = subprocess.Popen(
+            self.process = start_apart(
                 [*command, str(folder)],
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.DEVNULL,
-                stderr=complaints,
-                env={**os.environ, **SINGLE},
-                start_new_session=True,  # Ctrl-C at the edge's terminal is not meant for it
+                subprocess.DEVNULL,
+                subprocess.DEVNULL,
+                complaints,
+                {**os.environ, **SINGLE},
+                last=True,
             )
-        with suppress(OSError):  # it may be over already
-            os.setpriority(os.PRIO_PROCESS, self.process.pid, 19)
 
     @property
     def pid(self) -> int:
@@ -73,8 +72,7 @@ class TrainerProcess:
 
     def kill(self) -> None:
         """End it and everything that it started, at once."""
-        with suppress(OSError):
-            os.killpg(self.process.pid, signal.SIGKILL)
+        kill_all(self.process)
         with suppress(subprocess.TimeoutExpired):  # stuck in the kernel: not worth waiting for
             self.process.wait(timeout=5.0)
 

@@ -59,7 +59,7 @@ def save_charge(path: Path, camera_id: str, capacity_wh: float, left_j: float) -
         "made": datetime.datetime.now(datetime.timezone.utc).isoformat(timespec="seconds"),
     }
     with atomic_file(path, private=True) as temporary:
-        temporary.write_text(json.dumps(table, indent=1) + "\n")
+        temporary.write_text(json.dumps(table, indent=1) + "\n", encoding="utf-8")
 
 
 class ChargeFile:

@@ -37,7 +37,10 @@ def write_bvh(take: Take, dest: Path, settings: ExportSettings) -> str:
     angles = euler_zxy(bones.rotations)
     turning = [node for node in _depth_first(bones, 0) if whole or bones.children(node)]
     numbers = np.concatenate([root, angles[:, turning].reshape(len(motion), -1)], axis=1)
-    with atomic_file(dest, private=True) as temporary, temporary.open("w", newline="") as file:
+    with (
+        atomic_file(dest, private=True) as temporary,
+        temporary.open("w", newline="", encoding="utf-8") as file,
+    ):
         file.write("\n".join(lines) + "\n")
         for row in numbers.tolist():
             file.write(" ".join(f"{value:.5f}" for value in row) + "\n")

@@ -56,7 +56,7 @@ def write_gltf(take: Take, dest: Path, settings: ExportSettings) -> str:
         if dest.suffix.lower() == ".gltf":
             uri = "data:application/octet-stream;base64," + base64.b64encode(blob).decode()
             document["buffers"][0]["uri"] = uri
-            temporary.write_text(json.dumps(document))
+            temporary.write_text(json.dumps(document), encoding="utf-8")
         else:
             temporary.write_bytes(_binary(document, blob))
     kept, frames = count_held(people)

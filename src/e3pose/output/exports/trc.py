@@ -45,7 +45,10 @@ def write_trc(take: Take, dest: Path, settings: ExportSettings) -> str:
     joints_m = [motion.joints_m[:, joints].mean(axis=1) for _, joints in markers]
     places = y_up(np.stack(joints_m, axis=1)) * PER_METRE[units]
     form = f"%.{DECIMALS[units]}f"
-    with atomic_file(dest, private=True) as temporary, temporary.open("w", newline="") as file:
+    with (
+        atomic_file(dest, private=True) as temporary,
+        temporary.open("w", newline="", encoding="utf-8") as file,
+    ):
         file.write("\n".join(header) + "\n")
         for row, place in enumerate(places.reshape(count, -1)):
             time_s = (motion.first + row) * take.interval_s

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import shutil
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -23,6 +22,7 @@ from numpy.typing import NDArray
 
 from e3pose.base.atomic import atomic_folder, check_free
 from e3pose.base.errors import InputError
+from e3pose.base.system import num_cores
 from e3pose.detectors.weights import Progress, find_weights, is_installed, pull_weights
 from e3pose.edge.reports import site_cpu_saved
 from e3pose.model.blind_slot import count_blind
@@ -173,7 +173,7 @@ def run_demo(
             summary=summary,
             seconds=time.monotonic() - began,
         )
-        (folder / ABOUT).write_text(about(report, folder))
+        (folder / ABOUT).write_text(about(report, folder), encoding="utf-8")
     return report
 
 
@@ -220,7 +220,7 @@ def _filmed(clip: Clip, weights: Path, folder: Path, phase: Phase) -> Scene:
     videos = {i: v.name for i, v in zip(rig.camera_ids, clip.videos, strict=True)}
     with phase("timing the network"):
         alone_s = _alone_s(clip.videos[0], weights)
-    pace = pace_for(alone_s, len(rig), FPS, len(os.sched_getaffinity(0)))
+    pace = pace_for(alone_s, len(rig), FPS, num_cores())
     source = open_video(clip.videos[0])
     film = Film(source.num_frames / source.rate, pace)
     example = Example(
@@ -300,7 +300,7 @@ def _figures(
     return LiveFigures(
         pace=scene.film.pace,
         alone_ms=1000 * scene.alone_s,
-        cores=len(os.sched_getaffinity(0)),
+        cores=num_cores(),
         lead_slots=0 if status is None else status.lead,
         orders=sum(beat.orders for beat in heard.beats.values()),
         late_orders=sum(beat.late_orders for beat in heard.beats.values()),
@@ -374,7 +374,7 @@ def _write_results(
     for name in ("poses.parquet", "poses.csv"):
         write_poses(records, recording.skeleton, folder / name)
     table = as_json(summary, live=asdict(figures))
-    (folder / "summary.json").write_text(json.dumps(table, indent=2) + "\n")
+    (folder / "summary.json").write_text(json.dumps(table, indent=2) + "\n", encoding="utf-8")
     details = {"latency": latency_words(figures)}
     write_report(recording, records, summary, folder / "report.html", details=details)
     draw(recording, records, moments_s, folder, folder / SITE, progress)

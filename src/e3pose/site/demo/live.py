@@ -168,7 +168,11 @@ def last_words(programs: list[Program]) -> str:
     """Return the last line of every program that wrote one."""
     said = []
     for program in programs:
-        text = program.log.read_text(errors="replace") if program.log.exists() else ""
+        text = (
+            program.log.read_text(errors="replace", encoding="utf-8")
+            if program.log.exists()
+            else ""
+        )
         lines = [line for line in text.strip().splitlines() if line.strip()]
         said += [f"{program.name}: {lines[-1][:200]}"] if lines else []
     return "; ".join(said) or "no output"

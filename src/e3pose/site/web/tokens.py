@@ -73,7 +73,8 @@ def open_tokens(path: Path) -> Tokens:
             temporary.write_text(
                 "# Who has a token may see the site; who has that for writing may control it.\n"
                 "# Delete this file and restart `e3pose view` for new ones.\n"
-                + tomli_w.dumps(fields)
+                + tomli_w.dumps(fields),
+                encoding="utf-8",
             )
         return made
     try:

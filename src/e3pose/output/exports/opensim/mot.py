@@ -37,7 +37,10 @@ def write_mot(take: Take, dest: Path, settings: ExportSettings) -> str:
         dest.stem, "version=1", f"nRows={len(table)}", f"nColumns={table.shape[1]}",
         "inDegrees=yes", "endheader", "\t".join(["time", *whole]),
     ]  # fmt: skip
-    with atomic_file(dest, private=True) as temporary, temporary.open("w", newline="") as file:
+    with (
+        atomic_file(dest, private=True) as temporary,
+        temporary.open("w", newline="", encoding="utf-8") as file,
+    ):
         file.write("\n".join(header) + "\n")
         np.savetxt(file, table, fmt="%.6f", delimiter="\t")
     kept = sum(count for _, count in whole.values())
