@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import os
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -66,3 +69,23 @@ def test_what_somebody_set_stays(place: Path) -> None:
     make_folder(place)
     assert (place / "live.db").stat().st_mode & 0o777 == 0o644
     assert place.stat().st_mode & 0o777 == 0o755
+
+
+def test_standard_output_is_written_to_and_not_replaced(
+    tmp_path: Path, record: Callable[..., SlotRecord], run: Callable[..., Run]
+) -> None:
+    with StoreWriter(tmp_path / "live.db", run(), WriterSettings(commit_s=0.02)) as writer:
+        writer.append(record(1))
+        assert writer.flush()
+    code = (
+        "import sys\nfrom e3pose.store.export import write_tables\n"
+        "write_tables([{'x': [1]}], None, sys.argv[1])"
+    )
+    for form in ("csv", "json"):
+        with (tmp_path / form).open("wb") as file:
+            subprocess.run([sys.executable, "-c", code, form], stdout=file, check=True)
+    assert (tmp_path / "csv").read_text() == "x\n1\n"
+    assert json.loads((tmp_path / "json").read_text()) == [{"x": 1}]
+    query = [sys.executable, "-m", "e3pose", "query", str(tmp_path / "live.db"), "--json", "-"]
+    said = subprocess.run(query, capture_output=True, check=True).stdout  # a pipe
+    assert len(json.loads(said)) > 1

@@ -90,7 +90,7 @@ def query(
 
     columns = {name: [row[at] for row in rows] for at, name in enumerate(names)}
     for form, path in outputs.items():
-        place = Path("/dev/stdout") if is_stdout(path) else path
+        place = None if is_stdout(path) else path
         count = write_tables([columns], place, form)
         if not is_stdout(path):
             wrote(path, f"{count} rows")
