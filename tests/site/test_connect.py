@@ -169,7 +169,13 @@ def test_events_of_people_are_told_as_they_happen() -> None:
             words = poses(one.slot, 7)
             edge.publish(
                 "e3pose/lab/poses",
-                encode(replace(words, time_edge_ns=one.time_ns, joints_m=pack(one.joints_m))),
+                encode(
+                    replace(
+                        words,
+                        time_edge_ns=one.time_ns,
+                        joints_m=pack(one.joints_m.astype(np.float32)),
+                    )
+                ),
             )
         told = []
         with pytest.raises(InputError, match="no slot"):

@@ -57,8 +57,13 @@ def test_camera_without_frames_says_why() -> None:
 @pytest.mark.parametrize(
     ("done", "orders", "late", "message"),
     [
-        (CameraCounts(1, 1, 1), 4, 1, "cam0: 1 frame, 1 processed, 1 view sent, 1 late order"),
-        (CameraCounts(9, 2, 2), 4, 0, "cam0: 9 frames, 2 processed, 2 views sent, 0 late orders"),
+        (CameraCounts(1, 1, sent=1), 4, 1, "cam0: 1 frame, 1 processed, 1 view sent, 1 late order"),
+        (
+            CameraCounts(9, 2, sent=2),
+            4,
+            0,
+            "cam0: 9 frames, 2 processed, 2 views sent, 0 late orders",
+        ),
         (CameraCounts(9), 0, 0, "cam0: 9 frames, but no orders from the edge"),
     ],
 )
