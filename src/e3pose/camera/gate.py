@@ -74,14 +74,9 @@ class Gate:
         if not self._on or not isinstance(image, np.ndarray):
             return detect_expected(self.detector, image, expected)
         small, since_s = small_grey(image), (captured_ns - self._looked_ns) / 1e9
-        before = self._small
-        there = before is not None and (self._whole or expected is not None)
-        if (
-            there
-            and before is not None
-            and 0 < since_s <= LONGEST_S
-            and is_unchanged(small, before)
-        ):
+        before, covers = self._small, self._whole or expected is not None
+        recent = covers and 0 < since_s <= LONGEST_S
+        if recent and before is not None and is_unchanged(small, before):
             return replace(self._found, unchanged_s=since_s)
         self._found = detect_expected(self.detector, image, expected)
         self._small, self._looked_ns, self._whole = small, captured_ns, expected is None
