@@ -11,9 +11,7 @@ from sqlalchemy import (
     Column,
     Connection,
     Engine,
-    Float,
     Index,
-    Integer,
     MetaData,
     Table,
     Text,
@@ -27,9 +25,9 @@ from e3pose.base.errors import InputError
 from e3pose.hub.records import Summary
 from e3pose.store.database import check_place, database_url, shown, writing_engine
 from e3pose.store.delivery import new_rows
+from e3pose.store.schema import SUMMARY_JSON, summary_columns
 
 metadata = MetaData()
-JSON = ("blind", "zones", "entered", "states", "events", "joules", "charge", "faults")
 
 summaries = Table(
     "summaries",
@@ -37,16 +35,7 @@ summaries = Table(
     Column("site", Text, primary_key=True),
     Column("started_ns", BigInteger, primary_key=True, autoincrement=False),  # of the run
     Column("time_ns", BigInteger, primary_key=True, autoincrement=False),
-    Column("version", Integer, nullable=False),
-    Column("span_s", Float, nullable=False),
-    Column("software", Text, nullable=False),
-    Column("slots", BigInteger, nullable=False),
-    Column("views", Float),
-    Column("people", Float),
-    Column("most_people", BigInteger, nullable=False),
-    Column("error_mm", Float),
-    Column("took_ms", Float),
-    *(Column(name, Text, nullable=False) for name in JSON),
+    *summary_columns(),
     Index("summaries_by_time", "time_ns"),
 )
 
@@ -114,7 +103,7 @@ def keep(engine: Engine, site: str, rows: Sequence[Summary], cursor: Cursor, hea
                 for row in rows
             ]
             for row in plain:
-                row.update((name, msgspec.json.encode(row[name]).decode()) for name in JSON)
+                row.update((name, msgspec.json.encode(row[name]).decode()) for name in SUMMARY_JSON)
             connection.execute(new_rows(connection.dialect.name, summaries), plain)
         new = {
             "begun_ns": cursor.begun_ns, "taken": cursor.taken, "lost": cursor.lost,

@@ -21,8 +21,6 @@ from e3pose.store.rows import NS, Row, Run
 
 LOST_NS = 120 * NS  # of a run without any summary, so much is summed up afterwards at most
 MOST_AT_ONCE = 1000  # summaries of one answer
-MAPS = ("blind", "zones", "entered", "states", "events", "joules", "charge")  # columns of JSON
-JSON = (*MAPS, "faults")
 # What sums need of the tables that grow; the joints themselves are not read.
 NEEDED = {
     "slots": ("time_ns", "slot", "arrived", "took_s", "blind"),
@@ -85,7 +83,7 @@ def read_outbox(store: str | Path, site: str, after: int = 0, limit: int = MOST_
 
 def plain_summary(found: dict[str, Any], where: str) -> dict[str, Any]:
     """Return a summary with its JSON read; raise `InputError` for what no writer writes."""
-    for name in JSON:
+    for name in schema.SUMMARY_JSON:
         try:
             found[name] = json.loads(found[name])
         except (ValueError, TypeError, RecursionError):

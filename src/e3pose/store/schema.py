@@ -6,6 +6,8 @@ per slot in `docs/decisions/0002-store-layout.md`.
 
 from __future__ import annotations
 
+from typing import Any
+
 from sqlalchemy import (
     BigInteger,
     Column,
@@ -142,27 +144,33 @@ zones = Table(
     sqlite_with_rowid=False,
 )
 
+SUMMARY_MAPS = ("blind", "zones", "entered", "states", "events", "joules", "charge")
+SUMMARY_JSON = (*SUMMARY_MAPS, "faults")  # objects, and a list
+
+
+def summary_columns() -> list[Column[Any]]:
+    """Return the columns of a minute's summary, at a site and at a hub."""
+    return [
+        Column("version", Integer, nullable=False),  # of the record, not of the schema
+        Column("span_s", Float, nullable=False),
+        Column("software", Text, nullable=False),
+        Column("slots", BigInteger, nullable=False),
+        Column("views", Float),
+        Column("people", Float),
+        Column("most_people", BigInteger, nullable=False),
+        Column("error_mm", Float),
+        Column("took_ms", Float),
+        *(Column(name, Text, nullable=False) for name in SUMMARY_JSON),
+    ]
+
+
 # What may leave a site, a minute at a time: `store.summaries` has what the columns mean.
 summaries = Table(
     "summaries",
     metadata,
     *_in_run("time_ns"),
     Column("number", BigInteger, nullable=False),  # the cursor: one more than that before, per site
-    Column("version", Integer, nullable=False),  # of the record, not of the schema
-    Column("span_s", Float, nullable=False),
-    Column("software", Text, nullable=False),
-    Column("slots", BigInteger, nullable=False),
-    Column("views", Float),
-    Column("people", Float),
-    Column("most_people", BigInteger, nullable=False),
-    Column("error_mm", Float),
-    Column("took_ms", Float),
-    *(
-        Column(name, Text, nullable=False)  # JSON
-        for name in (
-            "blind", "zones", "entered", "states", "events", "joules", "charge", "faults",
-        )
-    ),
+    *summary_columns(),
     Index("summaries_by_number", "number"),
     sqlite_with_rowid=False,
 )  # fmt: skip
