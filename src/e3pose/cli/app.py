@@ -27,6 +27,7 @@ from e3pose.cli.copying import store_app
 from e3pose.cli.demonstrating import demo
 from e3pose.cli.detecting import detect
 from e3pose.cli.evaluating import evaluate
+from e3pose.cli.eventing import events_app
 from e3pose.cli.exporting import export
 from e3pose.cli.hubbing import hub_app
 from e3pose.cli.importing import import_app
@@ -85,6 +86,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
         "stream",
         "query",
         "store",
+        "events",
         "people",
         "archive",
         "hub",
@@ -107,6 +109,7 @@ VERBS: dict[str, Callable[..., Any]] = {
     "store": store_app,
     "archive": archive_app,
     "hub": hub_app,
+    "events": events_app,
     "people": people_app,
     "report": report,
     "export": export,

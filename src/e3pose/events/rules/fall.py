@@ -98,3 +98,25 @@ class Fall:
         if descent.drop < LEAST_DROP or person.lies < LYING:
             return 0.0
         return float(1 / (1 + np.exp(-(descent.pace - FAST) / (0.5 * FAST_SPREAD))))
+
+
+def why_not(memory: Memory, person: Person) -> str:
+    """Return why somebody on the floor is told as no fall, in words; empty where nothing speaks.
+
+    Args:
+        memory: of the rule.
+        person: who is on the floor.
+    """
+    descent = memory.descents.get(person.track)
+    if descent is None:
+        return "the way down was not seen"
+    if descent.drop < LEAST_DROP:
+        share = (
+            f"{100 * descent.drop:.0f} % of the stature, and a fall takes {100 * LEAST_DROP:.0f}"
+        )
+        return f"the hips came down by {share} %"
+    if person.lies < LYING:
+        return f"sat there rather than lay ({100 * person.lies:.0f} % lying)"
+    if descent.pace < FAST:
+        return f"went down slowly: pace {descent.pace:.2f}, and a fall has {FAST:.2f}"
+    return ""
