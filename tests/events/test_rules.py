@@ -52,6 +52,29 @@ def test_a_fall_is_told_once_and_so_is_getting_up(kind: str, seed: int) -> None:
     assert sentence(fall, "Ada").startswith("Ada fell at 00:00")
 
 
+@pytest.mark.parametrize("last", [2, 3])
+def test_a_fall_is_told_of_somebody_whom_a_second_number_shows_before_the_first_is_lost(
+    last: int,
+) -> None:
+    slots = list(seen(doing("fall-right", 0)))
+    (fall, *_) = told(slots)
+    changed, upright = list[Seen](), slots[0]
+    for slot in slots:
+        down_s = (slot.time_ns - fall.start_ns) / 1e9
+        if down_s < -0.1:
+            changed.append(slot)
+            upright = slot
+        elif down_s < 0.1:  # the first is still expected to stand
+            both = np.concatenate([upright.joints_m, slot.joints_m])
+            sigma_m = np.concatenate([slot.sigma_m] * 2)
+            changed.append(
+                replace(slot, track_ids=np.array([1, 2]), joints_m=both, sigma_m=sigma_m)
+            )
+        else:
+            changed.append(replace(slot, track_ids=np.array([2 if down_s < 0.3 else last])))
+    assert kinds(told(changed)) == ["fall", "got-up"]
+
+
 @pytest.mark.parametrize("later_s", [1.0, 3.0])
 def test_a_fall_is_told_once_of_somebody_whose_number_changes_on_the_floor(later_s: float) -> None:
     slots = list(seen(doing("fall-left", 0)))
@@ -73,6 +96,14 @@ def test_a_fall_is_told_once_of_somebody_whose_number_changes_on_the_floor(later
 @pytest.mark.parametrize("seed", range(3))
 def test_what_is_no_fall_is_not_told(kind: str, seed: int) -> None:
     assert told(seen(doing(kind, seed))) == []
+
+
+def test_a_slow_slide_that_ends_lying_is_a_fall_and_lying_down_as_slowly_is_none() -> None:
+    slides = [told(seen(doing("slide-down", seed))) for seed in range(6)]
+    lies = [told(seen(doing("lie-on-floor", seed))) for seed in range(6)]
+    sits = [told(seen(doing("sit-on-floor", seed))) for seed in range(6)]
+    assert sum(kinds(events)[:1] == ["fall"] for events in slides) >= 4, "the others end upright"
+    assert not any("fall" in kinds(events) for events in (*lies, *sits))
 
 
 def test_somebody_who_gets_up_at_once_has_not_fallen() -> None:

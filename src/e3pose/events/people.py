@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.base.arrays import Floats
-from e3pose.events.body import SPEED, USUAL, Joints, Stature, figures, middle, stature_after
+from e3pose.events.body import SHANKS, SPEED, USUAL, Joints, Stature, figures, middle, stature_after
 from e3pose.events.states import LYING, NOT_KNOWN, advance, low_of, states_of
 from e3pose.model.proportions import STATURE_M
 from e3pose.model.region import distance_m, in_polygon, middles_m
@@ -19,11 +19,12 @@ FAST_S, SLOW_S = 0.1, 0.4  # time constants of two means of the place, whose dif
 SPEED_SPREAD = 0.2  # m/s
 TRAIL_S = 6.0  # so long the height of the hips is remembered
 LOST_S = 4.0  # a person who is not shown for longer is gone
+YOUNG_S = 1.0  # a track that is younger may be a person whom another track still shows
 KIN_M = 1.5  # a new track this near to where somebody was lost may be that person
 NEAR_M = 1.5  # an event this near to a zone is told with its name
 LONGEST_STEP_S = 1.0
 BESIDE_M = 0.2  # hips so far below a surface are not on it
-Trail = tuple[tuple[int, float], ...]
+Trail = tuple[tuple[int, float, float], ...]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,7 +62,8 @@ class Person:
         place_m: `(2,)` on the floor.
         surface_m: height of the bed or seat that the person is over; 0 on the floor.
         near: name of the zone that is nearest, if one is near.
-        trail: `(time_ns, height of the hips over the floor / stature)` of the last seconds.
+        trail: of the last seconds: time_ns, height of the hips over the floor / stature, and
+            inclination of the shanks in degrees, NaN where unknown.
         joints_m: `(num_joints, 3)` as last seen.
         fast_m, slow_m: `(2,)` means of the place.
         was: identity in the slot before: another one where the person was lost and found.
@@ -112,10 +114,7 @@ def follow(
     places_m = middles_m(seen.joints_m)
     inside, near = _zones_of(places_m, zones)
     tracks = seen.track_ids.tolist()
-    before = [
-        people.get(track) or _kin(people, seen, places_m[row]) or _new(track, seen, places_m[row])
-        for row, track in enumerate(tracks)
-    ]
+    before = [_known(people, track, seen, places_m[row]) for row, track in enumerate(tracks)]
     now = dict(
         zip(tracks, _followed(before, seen, joints, places_m, zones, inside, near), strict=True)
     )
@@ -150,15 +149,49 @@ def _zones_of(
     return inside, near
 
 
-def _kin(people: People, seen: Seen, place_m: Floats) -> Person | None:
-    """Return whoever was lost near a new track, and may have got a new identity there."""
+def _known(people: People, track: int, seen: Seen, place_m: Floats) -> Person:
+    """Return what is known of somebody who is shown now.
+
+    Somebody who falls may get a new identity before the one that they had is lost.
+    """
+    person = people.get(track)
+    if person is None:
+        return _kin(people, seen, place_m) or _new(track, seen, place_m)
+    if seen.time_ns - person.since_ns > YOUNG_S * 1e9:
+        return person
+    kin = _kin(people, seen, place_m, person.since_ns)
+    if kin is None:
+        return person
+    later = tuple(point for point in person.trail if point[0] > kin.seen_ns)
+    return replace(
+        person, track=kin.track, since_ns=kin.since_ns, stature=kin.stature,
+        trail=(*kin.trail, *later),
+    )  # fmt: skip
+
+
+def _kin(people: People, seen: Seen, place_m: Floats, since_ns: int | None = None) -> Person | None:
+    """Return whoever was lost near a new track, and may have got a new identity there.
+
+    Of those who were lost at about the same time, the one who was known for longest.
+
+    Args:
+        people: who was remembered before.
+        seen: the newest slot.
+        place_m: `(2,)` of the new track.
+        since_ns: when it was shown first, where that was earlier: a person shown then is none who
+            was lost before, and was known before.
+    """
     shown = set(seen.track_ids.tolist())
     lost = [
         person
         for person in people.values()
-        if person.track not in shown and np.linalg.norm(person.place_m - place_m) < KIN_M
+        if person.track not in shown
+        and np.linalg.norm(person.place_m - place_m) < KIN_M
+        and (since_ns is None or person.since_ns < since_ns <= person.seen_ns)
     ]
-    return max(lost, key=lambda person: person.seen_ns, default=None)
+    newest_ns = max((person.seen_ns for person in lost), default=0)
+    last = [person for person in lost if newest_ns - person.seen_ns < YOUNG_S * 1e9]
+    return min(last, key=lambda person: (person.since_ns, -person.seen_ns), default=None)
 
 
 def _new(track: int, seen: Seen, place_m: Floats) -> Person:
@@ -204,16 +237,19 @@ def _followed(
             (float(stature.mean[row]), float(stature.precision[row])), share[row], places_m[row],
             float(statures[row]), states[row], float(low[row]), float(surface_m[row]),
             near[row],
-            _trail(person.trail, seen.time_ns, float(hips_m[row, 2] / statures[row])),
+            _trail(
+                person.trail, seen.time_ns, float(hips_m[row, 2] / statures[row]),
+                float(value[row, SHANKS]),
+            ),
             joints_m[row], fast_m[row], slow_m[row], person.track,
         )  # fmt: skip
 
 
-def _trail(before: Trail, time_ns: int, height: float) -> Trail:
+def _trail(before: Trail, time_ns: int, height: float, shanks_deg: float) -> Trail:
     """Return a trail with a point more, and without those that are old."""
     if before and time_ns - before[0][0] > (TRAIL_S + 1) * 1e9:
         before = tuple(point for point in before if time_ns - point[0] <= TRAIL_S * 1e9)
-    return before if np.isnan(height) else (*before, (time_ns, height))
+    return before if np.isnan(height) else (*before, (time_ns, height, shanks_deg))
 
 
 def _mean(before: Floats, value: Floats, passed_s: Floats, constant_s: float) -> Floats:

@@ -1,4 +1,8 @@
-"""A fall: the hips go down fast, and then the person lies on the floor without getting up."""
+"""A fall: the hips go down fast, and then the person lies on the floor without getting up.
+
+Who goes down on purpose kneels or crouches: the shanks tilt. Where they stay upright, as in a slide
+along a wall, a slower descent is a fall, too, and so is one that ends half sitting.
+"""
 
 from __future__ import annotations
 
@@ -13,36 +17,56 @@ from e3pose.events.spells import Bounds, Spell, turn
 from e3pose.model.person_event import PersonEvent
 from e3pose.settings.events_table import EventsTable
 
-# Chosen on simulated homes, seeds 0 to 3; see docs/research/events.md.
+# Chosen on simulated homes, seeds 0 to 15; see docs/research/events.md.
 LEAST_DROP = 0.16  # of the hips, share of the stature: from a seat to the floor are 0.24
 FAST = 0.37  # mean speed of the middle half of the way, statures / s, by the root of the drop
 FAST_SPREAD = 0.04
 LYING = 0.6  # least probability: who sits on the floor upright has sat down
+UPRIGHT_DEG = 35.0  # shanks on the way down: slides 14 to 21, kneeling first 57 to 81
+SLID, SLUMPED = 0.25, 0.15  # in place of FAST and LYING where they stay upright
+DROPPED = 0.7  # pace above which nobody slides: children drop to the floor at 0.95 and more
 WINDOW_S = 4.0
 UNSEEN_S = 0.3  # a gap counts as so long
 
 
 @dataclass(frozen=True, slots=True)
 class Descent:
-    """How the hips came down: share of the stature, and statures per second in between."""
+    """How the hips came down.
+
+    Attributes:
+        drop: share of the stature.
+        speed: statures per second in between.
+        shanks_deg: median inclination of the shanks in the lower half; NaN where unknown.
+    """
 
     drop: float
     speed: float
+    shanks_deg: float = np.nan
 
     @property
     def pace(self) -> float:
         """Speed for a drop of one: what falls goes as fast as the root of its height."""
         return self.speed / float(np.sqrt(max(self.drop, 1e-3)))
 
+    @property
+    def least(self) -> tuple[float, float]:
+        """Pace, and probability of lying after it, from which it is a fall."""
+        slides = self.shanks_deg < UPRIGHT_DEG and self.pace < DROPPED
+        return (SLID, SLUMPED) if slides else (FAST, LYING)
+
+    def of_fall(self) -> tuple[bool, float]:
+        """Return how much it is one of a fall: far enough, then fast; noise is fast, too."""
+        return self.drop >= LEAST_DROP, self.pace
+
 
 def descent_of(person: Person) -> Descent:
     """Return the last descent of a person's hips, by their trail."""
     if len(person.trail) < 2:
         return Descent(0.0, 0.0)
-    times = np.array([point[0] for point in person.trail]) / 1e9
-    heights = np.array([point[1] for point in person.trail])
+    times, heights, shanks_deg = np.array(person.trail).T
+    times = times / 1e9
     recent = times >= times[-1] - WINDOW_S
-    times, heights = times[recent], heights[recent]
+    times, heights, shanks_deg = times[recent], heights[recent], shanks_deg[recent]
     low = float(np.median(heights[-5:]))
     top = float(np.max(heights))
     drop = top - low
@@ -54,9 +78,12 @@ def descent_of(person: Person) -> Descent:
     if not len(after):
         return Descent(drop, 0.0)
     end = high + after[0]
+    lower = shanks_deg[high : end + 1][heights[high : end + 1] < low + 0.5 * drop]
+    lower = lower[np.isfinite(lower)]
+    upright_deg = float(np.median(lower)) if len(lower) else np.nan
     # What nobody saw may have gone as fast as a fall.
     took_s = max(float(np.minimum(np.diff(times[high : end + 1]), UNSEEN_S).sum()), 1e-3)
-    return Descent(drop, float(heights[high] - heights[end]) / took_s)
+    return Descent(drop, float(heights[high] - heights[end]) / took_s, upright_deg)
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +112,7 @@ class Fall:
         for track, spell in turned.spells.items():
             person = moment.shown.get(track)
             if person is not None and moment.time_ns - spell.since_ns < 1e9:
-                descents[track] = max(descents[track], descent_of(person), key=lambda d: d.pace)
+                descents[track] = max(descents[track], descent_of(person), key=Descent.of_fall)
         events = []
         for track, spell in turned.begun.items():
             score = self._score(moment.known[track], descents[track])
@@ -95,9 +122,10 @@ class Fall:
 
     def _score(self, person: Person, descent: Descent) -> float:
         """Return the probability of a fall of somebody who has been on the floor for a while."""
-        if descent.drop < LEAST_DROP or person.lies < LYING:
+        pace, lying = descent.least
+        if descent.drop < LEAST_DROP or person.lies < lying:
             return 0.0
-        return float(1 / (1 + np.exp(-(descent.pace - FAST) / (0.5 * FAST_SPREAD))))
+        return float(1 / (1 + np.exp(-(descent.pace - pace) / (0.5 * FAST_SPREAD))))
 
 
 def why_not(memory: Memory, person: Person) -> str:
@@ -115,8 +143,9 @@ def why_not(memory: Memory, person: Person) -> str:
             f"{100 * descent.drop:.0f} % of the stature, and a fall takes {100 * LEAST_DROP:.0f}"
         )
         return f"the hips came down by {share} %"
-    if person.lies < LYING:
+    pace, lying = descent.least
+    if person.lies < lying:
         return f"sat there rather than lay ({100 * person.lies:.0f} % lying)"
-    if descent.pace < FAST:
-        return f"went down slowly: pace {descent.pace:.2f}, and a fall has {FAST:.2f}"
+    if descent.pace < pace:
+        return f"went down slowly: pace {descent.pace:.2f}, and a fall has {pace:.2f}"
     return ""
