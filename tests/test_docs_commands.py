@@ -112,6 +112,7 @@ ELSEWHERE = {
             "people list site.toml",
             "people name site.toml 7 Ada",
             "people merge site.toml 9 Ada",
+            "people colour site.toml Ada orange",
             "people forget site.toml Ada --also backup.db january.parquet",
             "people find site.toml 7 --run 1",
         ),

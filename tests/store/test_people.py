@@ -14,9 +14,12 @@ from e3pose.model.zone_event import ZoneEvent
 from e3pose.store import Event, Store, StoreWriter
 from e3pose.store.forgetting import forget
 from e3pose.store.people import (
+    Called,
     kept_of,
+    names_of,
     people_of,
     requests_of,
+    set_colour,
     set_name,
     tracks_of,
     write_anew,
@@ -60,9 +63,36 @@ def test_people_are_named_renamed_and_merged(stored: Place) -> None:
         tracks_of(stored, "Bob")
     with pytest.raises(InputError, match="track 99 of run 1"):
         set_name(stored, tracks_of(stored, "99"), "Bob")
-    for wrong in ("", " ", "7", "x" * 101):
+    for wrong in ("", " ", "7", "x" * 101, "A\x1b[31m", "A\nB"):
         with pytest.raises(InputError, match="not only digits"):
             set_name(stored, person.tracks, wrong)
+
+
+def test_a_colour_is_of_the_person_also_of_tracks_that_get_the_name_later(stored: Place) -> None:
+    set_name(stored, ((1, PERSON),), "Ada")
+    assert set_colour(stored, tracks_of(stored, "Ada"), "orange") == 1
+    assert {one.name: one.colour for one in people_of(stored)} == {"Ada": "orange", None: None}
+    set_name(stored, ((1, OTHER),), "Ada")
+    assert [row["colour"] for row in Store(stored).rows("tracks")] == ["orange"] * 2
+    set_name(stored, ((1, OTHER),), None)
+    assert [one.name for one in people_of(stored, named=True)] == ["Ada"]
+    set_colour(stored, ((1, PERSON), (1, OTHER)), None)
+    assert {one.colour for one in people_of(stored)} == {None}
+    with pytest.raises(InputError, match="colour: found 'red', expected one of blue, orange"):
+        set_colour(stored, ((1, PERSON),), "red")
+    with pytest.raises(InputError, match="track 99 of run 1"):
+        set_colour(stored, ((1, 99),), "blue")
+
+
+def test_names_of_the_running_run_are_found_by_its_start(stored: Place) -> None:
+    assert names_of(stored, "hall", STARTED_NS) == (1, {})
+    set_name(stored, ((1, PERSON),), "Ada")
+    set_colour(stored, ((1, OTHER),), "gold")
+    assert names_of(stored, "hall", STARTED_NS) == (
+        1, {PERSON: Called("Ada", None), OTHER: Called(None, "gold")},
+    )  # fmt: skip
+    assert names_of(stored, "hall", STARTED_NS + 1) == (None, {})
+    assert names_of(stored, "elsewhere", STARTED_NS) == (None, {})
 
 
 def test_name_stays_while_the_track_goes_on(stored: Place, run: Runs, record: Records) -> None:

@@ -1,4 +1,4 @@
-"""`e3pose people`: names of people in a store, and forgetting them."""
+"""`e3pose people`: names and colours of people in a store, and forgetting them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from e3pose.cli.options import Whole, warn
 if TYPE_CHECKING:
     from e3pose.store.people import StoredPerson, Track
 
-people_app = App(name="people", help="List, name, merge and forget people of a store.")
+people_app = App(name="people", help="List, name, colour, merge and forget people of a store.")
 THERE_S = 60.0  # somebody seen within it may still be there
 
 
@@ -43,6 +43,7 @@ def list_people(store: str, /) -> None:
     keys = {"person": [_called(person) for person in people]}
     columns = {
         "tracks": [_shown(person.tracks) for person in people],
+        "colour": [person.colour or "-" for person in people],
         "first seen": [iso_text(person.first_ns)[:19] for person in people],
         "last seen, UTC": [iso_text(person.last_ns)[:19] for person in people],
     }
@@ -75,6 +76,29 @@ def name(store: str, person: str, new: str, /, *, run: Whole | None = None) -> N
 
     place, tracks = _found(store, person, run)
     print(f"Named {plural(set_name(place, tracks, new), 'track')}: {new}")
+
+
+@people_app.command(name="colour")
+def colour(store: str, person: str, colour: str, /, *, run: Whole | None = None) -> None:
+    """Choose the colour that a person is drawn in on the live page.
+
+    Example: `e3pose people colour site.toml Ada orange`
+
+    Parameters
+    ----------
+    store
+        Store: a file, a URL, or a site (site.toml or its folder).
+    person
+        Number of the track, or name.
+    colour
+        blue, orange, green, pink, sky, gold, grey or brown.
+    run
+        Run of the track. Default: the newest.
+    """
+    from e3pose.store.people import set_colour
+
+    place, tracks = _found(store, person, run)
+    print(f"Coloured {plural(set_colour(place, tracks, colour), 'track')}: {colour}")
 
 
 @people_app.command(name="merge")

@@ -117,6 +117,7 @@ class SiteSnapshot:
         rests: who sleeps by order.
         turned: index of a knocked camera, and degrees; None if there is none.
         compiling_s: until all kernels are compiled; None if they are.
+        run_ns: when the run began.
     """
 
     site: str
@@ -136,6 +137,7 @@ class SiteSnapshot:
     rests: Rests
     turned: tuple[int, float] | None = None
     compiling_s: float | None = None
+    run_ns: int = 0
 
 
 def camera_status(snapshot: SiteSnapshot, index: int) -> CameraStatus:
@@ -224,6 +226,7 @@ def site_status(snapshot: SiteSnapshot) -> Status:
         overload=snapshot.health.load.words(),
         check=record.reasons.check if record and record.reasons else "",
         events_ns=tuple(event.time_ns for event in snapshot.events),
+        run_ns=snapshot.run_ns,
     )
 
 

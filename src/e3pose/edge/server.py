@@ -82,8 +82,7 @@ class EdgeServer:
         self.membership = Membership(transport, clock, self._listen)
         self.interval_ns = round(pipeline.interval_s / settings.pace * 1e9)
         interval_s = self.interval_ns / 1e9
-        self.started_ns = clock.now_ns()
-        num_cameras = len(pipeline.rig)
+        self.started_ns, num_cameras = clock.now_ns(), len(pipeline.rig)
         self.counts, self.gather = Counts(num_cameras, interval_s), Gather(num_cameras)
         self.credibility = Credibility(num_cameras, interval_s, settings.wakes_s)
         self.inbox = Inbox(
@@ -216,6 +215,7 @@ class EdgeServer:
                 events=list(self.event_log.recent),
                 rests=self.inbox.rests,
                 compiling_s=None if self.ready else compiling_left_s(),
+                run_ns=self.state_file.run_ns,
             )
         )
 

@@ -5,13 +5,13 @@ A person is a name, with the tracks that have it, or a track without one.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-from sqlalchemy import Connection, Table, func, select, text, tuple_, update
+from sqlalchemy import Connection, Engine, Table, func, select, text, tuple_, update
 
 from e3pose.base.errors import InputError
 from e3pose.store import schema
@@ -30,6 +30,8 @@ from e3pose.store.query import Store, columns_of
 Track = tuple[int, int]  # run and track
 OF_PEOPLE = (schema.poses, schema.tracks, schema.events, schema.zones)  # tables with a track
 MAX_NAME = 100
+# In the order of the scene's palette, which draws a track without one by its number.
+COLOURS = ("blue", "orange", "green", "pink", "sky", "gold", "grey", "brown")
 PATIENCE_MS = 60_000  # for what a running edge commits
 
 
@@ -41,23 +43,36 @@ class StoredPerson:
         name: None of somebody without one.
         tracks: runs and tracks, oldest first.
         first_ns, last_ns: when the person was there, nanoseconds since 1970.
+        colour: of `COLOURS`; None where nobody chose one.
     """
 
     name: str | None
     tracks: tuple[Track, ...]
     first_ns: int
     last_ns: int
+    colour: str | None = None
 
 
-def people_of(store: str | Path, site: str | None = None) -> list[StoredPerson]:
+def people_of(
+    store: str | Path, site: str | None = None, named: bool = False
+) -> list[StoredPerson]:
     """Return the people of a store, by when they were there first.
+
+    Args:
+        store: path or URL.
+        site: whose people; None for those of all sites.
+        named: only those who have a name.
 
     Raises:
         InputError: when the store cannot be read.
     """
     with reading(store) as connection:
         tracks, runs = schema.tracks, schema.runs
-        asked = select(*columns_of(connection, tracks)).order_by(tracks.c.first_ns)
+        columns = columns_of(connection, tracks)
+        asked = select(*columns).order_by(tracks.c.first_ns)
+        if named:
+            (name,) = (column for column in columns if column.name == "name")
+            asked = asked.where(name.is_not(None))
         if site is not None:
             mine = select(runs.c.run_id).where(runs.c.site == site)
             asked = asked.where(tracks.c.run_id.in_(mine))
@@ -71,9 +86,48 @@ def people_of(store: str | Path, site: str | None = None) -> list[StoredPerson]:
             tuple((row.run_id, row.track_id) for row in each),
             min(row.first_ns for row in each),
             max(row.last_ns for row in each),
+            next((row.colour for row in reversed(each) if row.colour), None),
         )
         for each in people.values()
     ]
+
+
+class Called(NamedTuple):
+    """What a track is called and drawn in, where somebody said so."""
+
+    name: str | None
+    colour: str | None
+
+
+def names_of(
+    store: str | Path, site: str, started_ns: int, engines: dict[str, Engine] | None = None
+) -> tuple[int | None, dict[int, Called]]:
+    """Return a run and its tracks that have a name or a colour.
+
+    Args:
+        store: path or URL.
+        site: of the run.
+        started_ns: when it began.
+        engines: see `database.reading`.
+
+    Returns:
+        The run's number, None where the store does not have it yet, and what tracks are called.
+
+    Raises:
+        InputError: when the store cannot be read.
+    """
+    runs = schema.runs.c
+    with reading(store, engines) as connection:
+        asked = select(runs.run_id).where(runs.site == site, runs.started_ns == started_ns)
+        run = connection.scalar(asked)
+        columns = {column.name: column for column in columns_of(connection, schema.tracks)}
+        name, colour = columns["name"], columns["colour"]
+        found = connection.execute(
+            select(schema.tracks.c.track_id, name, colour)
+            .where(schema.tracks.c.run_id == run)
+            .where(name.is_not(None) | colour.is_not(None))
+        )
+        return run, {row[0]: Called(row[1], row[2]) for row in found}
 
 
 def tracks_of(
@@ -103,20 +157,34 @@ def tracks_of(
 
 
 def set_name(store: str | Path, tracks: Sequence[Track], name: str | None) -> int:
-    """Name tracks; return how many there were.
+    """Name tracks; return how many there were. Those of a person who has a colour get it too.
 
     Raises:
         InputError: for a name that is a number, empty or too long, or no such tracks.
     """
-    if name is not None and (not name.strip() or len(name) > MAX_NAME or name.isdecimal()):
+    good = name is None or (name.strip() and len(name) <= MAX_NAME and name.isprintable())
+    if not good or (name is not None and name.isdecimal()):
         wanted = f"1 to {MAX_NAME} characters, not only digits"
-        raise InputError("name", repr(name[:40]), wanted)
+        raise InputError("name", repr(name)[:40], wanted)
+    c = schema.tracks.c
+    values: dict[str, str | None] = {"name": name}
     with _writing(store) as connection:
-        changed = update(schema.tracks).where(_among(schema.tracks, tracks)).values(name=name)
-        count = connection.execute(changed).rowcount
-        if not count:
-            raise InputError("track", _listed(tracks), "tracks of the store", str(store))
-    return int(count)
+        of_name = select(c.colour).where(c.name == name, c.colour.is_not(None))
+        if name is not None and (colour := connection.scalar(of_name.limit(1))):
+            values["colour"] = colour
+        return _changed(connection, store, tracks, values)
+
+
+def set_colour(store: str | Path, tracks: Sequence[Track], colour: str | None) -> int:
+    """Say what colour tracks are drawn in, None for that of their number; return how many.
+
+    Raises:
+        InputError: for no colour of `COLOURS`, or no such tracks.
+    """
+    if colour is not None and colour not in COLOURS:
+        raise InputError("colour", repr(colour[:40]), f"one of {', '.join(COLOURS)}")
+    with _writing(store) as connection:
+        return _changed(connection, store, tracks, {"colour": colour})
 
 
 def kept_of(store: str | Path, tracks: Sequence[Track]) -> dict[str, int]:
@@ -148,6 +216,19 @@ def requests_of(store: str | Path, tracks: Sequence[Track]) -> list[Forgotten]:
 
 def _among(table: Table, tracks: Sequence[Track]) -> Any:
     return tuple_(table.c.run_id, table.c.track_id).in_(list(tracks))
+
+
+def _changed(
+    connection: Connection,
+    store: str | Path,
+    tracks: Sequence[Track],
+    values: Mapping[str, str | None],
+) -> int:
+    changed = update(schema.tracks).where(_among(schema.tracks, tracks)).values(**values)
+    count = int(connection.execute(changed).rowcount)
+    if not count:
+        raise InputError("track", _listed(tracks), "tracks of the store", str(store))
+    return count
 
 
 def _count(connection: Connection, table: Table, tracks: Sequence[Track]) -> int:

@@ -50,7 +50,7 @@ class Store:
     def __init__(self, store: str | Path) -> None:
         """Name the store: a path, or the URL of a database."""
         self.where = shown(database_url(store))
-        self._store = store
+        self.place = store
         self._engines: dict[str, Engine] = {}  # making SQL takes longer than asking: one keeps it
 
     def runs(self) -> list[StoredRun]:
@@ -59,7 +59,7 @@ class Store:
         Raises:
             InputError: when there is no store, or one that cannot be read.
         """
-        with reading(self._store, self._engines) as connection:
+        with reading(self.place, self._engines) as connection:
             return self._runs(connection)
 
     def query(
@@ -117,7 +117,7 @@ class Store:
             after: run and slot: only what comes after that slot.
             chunk: rows in each.
         """
-        with reading(self._store, self._engines) as connection:
+        with reading(self.place, self._engines) as connection:
             spans = self._spans(connection, start, end, site, run)
             joints = self._joints(spans, joint)
             yield stored_poses([], joints, len(joints), None, self.where)
@@ -156,7 +156,7 @@ class Store:
         if table not in TABLES:
             raise InputError("table", repr(table[:40]), f"one of {', '.join(TABLES)}")
         found: list[dict[str, Any]] = []
-        with reading(self._store, self._engines) as connection:
+        with reading(self.place, self._engines) as connection:
             spans = self._spans(connection, start, end, site, run)
             if not inspect(connection).has_table(table):
                 return []  # a store of an earlier version
@@ -183,12 +183,12 @@ class Store:
 
     def coverage(self, start_ns: int, end_ns: int, parts: int) -> tuple[list[int], list[int]]:
         """Return how many slots are stored and how many are blind, see `overview.coverage`."""
-        with reading(self._store, self._engines) as connection:
+        with reading(self.place, self._engines) as connection:
             return overview.coverage(connection, start_ns, end_ns, parts)
 
     def spent(self, start_ns: int, end_ns: int) -> list[overview.Spent]:
         """Return what each camera spent, see `overview.spent`."""
-        with reading(self._store, self._engines) as connection:
+        with reading(self.place, self._engines) as connection:
             return overview.spent(connection, start_ns, end_ns)
 
     def _runs(self, connection: Connection) -> list[StoredRun]:

@@ -26,8 +26,8 @@ from sqlalchemy import (
 
 from e3pose.base.errors import InputError
 
-VERSION = 8  # one more with every change, and a step to it in `store.migrations`
-READABLE = (1, 2, 3, 4, 5, 6, 7, 8)  # columns keep name and meaning; earlier ones have fewer
+VERSION = 9  # one more with every change, and a step to it in `store.migrations`
+READABLE = (1, 2, 3, 4, 5, 6, 7, 8, 9)  # columns keep name and meaning; earlier ones have fewer
 
 metadata = MetaData()
 
@@ -97,6 +97,7 @@ tracks = Table(
     Column("first_ns", BigInteger, nullable=False),
     Column("last_ns", BigInteger, nullable=False),
     Column("name", Text),  # of the person; tracks of one name are one person
+    Column("colour", Text),  # that the person is drawn in; of `people.COLOURS`
     sqlite_with_rowid=False,
 )
 

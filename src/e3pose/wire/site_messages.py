@@ -265,6 +265,7 @@ class Status(msgspec.Struct, array_like=True, frozen=True, tag="status"):
         events_ns: when each of `events` happened, by the edge's clock.
         compiling_s: seconds until the kernels are compiled, 0 while unknown; None if they are.
         check: how the policy does against taking turns, for operators; empty while that is unknown.
+        run_ns: when the run began that its slots and tracks belong to, as the store names it.
     """
 
     site: str
@@ -290,3 +291,4 @@ class Status(msgspec.Struct, array_like=True, frozen=True, tag="status"):
     events_ns: tuple[TimeNs, ...] = ()
     compiling_s: Figure | None = None
     check: str = ""
+    run_ns: TimeNs = 0
