@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -79,7 +79,7 @@ def status(slot: int) -> Status:
     return Status(
         "lab", slot, FPS, 2, 2, tuple(CameraStatus(i, True) for i in RIG.camera_ids),
         events=("c1 connected", "c2 connected"), events_ns=(0, STARTED_NS),
-        slots=120, blind={"orders-late": 30}, blind_share=0.25,
+        slots=120, blind={"orders-late": 30}, blind_share=0.25, run_ns=STARTED_NS,
     )  # fmt: skip
 
 
@@ -119,12 +119,15 @@ class Watched:
 
 
 @contextmanager
-def watched_site(folder: Path, more: str = "") -> Iterator[Watched]:
+def watched_site(
+    folder: Path, more: str = "", report: Callable[[str], object] = lambda line: None
+) -> Iterator[Watched]:
     """Write a site to a folder, with some stored slots, and view it.
 
     Args:
         folder: of the site.
         more: tables of its file.
+        report: called with lines for operators.
     """
     (folder / "site.toml").write_text(SITE + more)
     save_rig(RIG, folder / "rig.toml")
@@ -135,7 +138,9 @@ def watched_site(folder: Path, more: str = "") -> Iterator[Watched]:
         writer.energy(EnergyReading(STARTED_NS + 10**9, "c0", 7.5, 1.0, "measured: VDD_IN", 0.75))
         writer.event(Event(STARTED_NS + 10**9, "camera-lost", "silent for 2 s", "c2"))
     hub = Hub()
-    with open_view(resolve_site(folder), "127.0.0.1:0", transport=hub.join()) as view:
+    with open_view(
+        resolve_site(folder), "127.0.0.1:0", transport=hub.join(), report=report
+    ) as view:
         view.rules.writes = Rate(1e6, 1e6, time.monotonic)  # tests ask for much
         view.feed.quiet_s = 1e9  # and their edge says little
         yield Watched(view, hub.join(), folder)

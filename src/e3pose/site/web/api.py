@@ -67,7 +67,7 @@ def make_api(
             raise HTTPException(404, "no status yet: the edge does not run, or just started")
         late = {"silent_s": feed.silent_s(), "smoothed_ms": feed.smoothed_ms()}
         said = [notice._asdict() for notice in feed.notices()]
-        return {**status_body(feed.status), **late, "notices": said}
+        return {**status_body(feed.status), **late, "notices": said, **feed.names.body()}
 
     @api.get("/poses", summary="Stored poses", response_model=PosePage)
     def poses(

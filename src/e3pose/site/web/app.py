@@ -21,6 +21,7 @@ from e3pose.site.web.day import make_day
 from e3pose.site.web.feed import Feed
 from e3pose.site.web.live import make_live
 from e3pose.site.web.page import make_page
+from e3pose.site.web.people import make_people
 from e3pose.site.web.pictures import PictureRules
 from e3pose.store import Store
 
@@ -42,6 +43,7 @@ class PageContent:
         ask: sends a `Control` to the edge; None where that is not possible from here.
         pictures: the route of pictures; None where they are off.
         picture_rules: who is shown them.
+        log: called with a line about what operators changed here.
     """
 
     feed: Feed
@@ -50,6 +52,7 @@ class PageContent:
     ask: Ask | None = None
     pictures: APIRouter | None = None
     picture_rules: PictureRules = field(default_factory=PictureRules)
+    log: Callable[[str], object] = lambda line: None
 
     def body(self, scope: str) -> dict[str, Any]:
         """Return what does not change, and what a token of a scope allows."""
@@ -91,6 +94,8 @@ def inner_app(content: PageContent) -> FastAPI:
     if content.pictures is not None:
         app.include_router(content.pictures)
     app.include_router(make_day(content.store))
+    feed, place = content.feed, None if content.store is None else content.store.place
+    app.include_router(make_people(place, feed.site, feed.look_at_names, content.log))
     app.include_router(make_api(content.feed, content.store, content.body))
     return app
 

@@ -18,6 +18,7 @@ from e3pose.model.person_event import PersonEvent
 from e3pose.model.zone_event import ZoneEvent
 from e3pose.site.connect import LiveSlot, live_slot
 from e3pose.site.follow import Follower
+from e3pose.site.web.names import Names
 from e3pose.site.web.notices import Notice, Surroundings, notices
 from e3pose.site.web.schemas import (
     Encoded,
@@ -65,6 +66,7 @@ class Feed:
         doing: who does what, by the poses at once; None where nobody follows it.
         told: the newest events of people, oldest first.
         around: looks at the site's disk and certificates.
+        names: what people in sight are called.
         heard_ns: when the edge was last heard, nanoseconds since 1970; None before the first time.
         now_s: a clock that only goes forward.
         quiet_s: without a word of the edge, until it is told to be gone.
@@ -80,6 +82,7 @@ class Feed:
     doing: Watch | None = None
     told: deque[PersonEvent] = field(default_factory=lambda: deque(maxlen=MAX_TOLD))
     around: Surroundings = field(default_factory=Surroundings)
+    names: Names = field(default_factory=Names)
     heard_ns: int | None = None
     now_s: Callable[[], float] = time.monotonic
     quiet_s: float = QUIET_S
@@ -140,8 +143,11 @@ class Feed:
         return min(slots, key=lambda slot: abs(slot.time_ns - time_ns), default=None)
 
     async def watch(self) -> None:
-        """Tell followers when the edge goes, until cancelled."""
+        """Tell followers when the edge goes, and how people are called, until cancelled."""
         while True:
+            run_ns = 0 if self.status is None else self.status.run_ns
+            if self._queues and self.names.due(run_ns):
+                await asyncio.to_thread(self.look_at_names)
             if self._there and not self.there():
                 self._there = False
                 self._put(event_of_edge(False, self.heard_ns))
@@ -204,6 +210,12 @@ class Feed:
         if told and self._queues:
             self._hand_on(event_of_told(told))
 
+    def look_at_names(self) -> None:
+        """See how people are called now, and tell followers what changed."""
+        status = self.status
+        if status is not None and self.names.look(status.run_ns) and self._queues:
+            self._hand_on(self._status_event(status))
+
     def notices(self) -> list[Notice]:
         """Return what is to be known of the site; nothing before its first status."""
         if self.status is None:
@@ -212,7 +224,7 @@ class Feed:
         return notices(self.status, self.slot, self.around.look(now), now)
 
     def _status_event(self, status: Status) -> Encoded:
-        return event_of_status(status, self.smoothed_ms(), self.notices())
+        return event_of_status(status, self.smoothed_ms(), self.notices(), self.names.body())
 
     def _take_delayed(self, poses: Poses) -> None:
         late = live_slot(poses)

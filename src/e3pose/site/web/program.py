@@ -23,6 +23,7 @@ from e3pose.site.web.control import Ask
 from e3pose.site.web.doing import page_watch
 from e3pose.site.web.feed import Feed
 from e3pose.site.web.layout import describe
+from e3pose.site.web.names import Names
 from e3pose.site.web.notices import surroundings
 from e3pose.site.web.pictures import PictureRules, make_pictures
 from e3pose.site.web.tokens import Tokens, open_tokens
@@ -187,7 +188,11 @@ def open_view(
     rules = rules_of(site, address, tokens)
     rules.guesses.report = report
     feed = Feed(
-        site.name, zones=Zones(site.zone), doing=page_watch(site), around=surroundings(site)
+        site.name,
+        zones=Zones(site.zone),
+        doing=page_watch(site),
+        around=surroundings(site),
+        names=Names(None if site.store is None else site.store.place, site.name),
     )
     view = PageServer(address, rules, feed)
     with ExitStack() as stack:
@@ -210,7 +215,7 @@ def open_view(
             names = {i: of_camera(site.name, i, "picture") for i in site.rig.camera_ids}
             asks = {i: asking(name, PICTURE_S) for i, name in names.items()}
             pictures = make_pictures(site.rig, feed, asks, site.interval_s / site.pace, shown.per_s)
-        made = PageContent(feed, store, lambda: body, ask, pictures, shown)
+        made = PageContent(feed, store, lambda: body, ask, pictures, shown, report)
         view._stack.push(stack.pop_all())
     bounds = Bounds(CONNECTIONS, PER_ADDRESS, proxies=rules.proxies)
     secure = _https(address)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
+from types import MappingProxyType
 from typing import Any, Literal
 
 import msgspec
@@ -129,7 +130,10 @@ def event_of_slot(slot: LiveSlot, zones: Zones, watch: Watch | None = None) -> E
 
 
 def event_of_status(
-    status: Status, smoothed_ms: float | None, notices: Sequence[Notice] = ()
+    status: Status,
+    smoothed_ms: float | None,
+    notices: Sequence[Notice] = (),
+    names: Mapping[str, Any] = MappingProxyType({}),
 ) -> Encoded:
     """Return the event of a status.
 
@@ -137,9 +141,10 @@ def event_of_status(
         status: of the edge.
         smoothed_ms: delay of smoothed poses; None without them.
         notices: what is to be known of the site.
+        names: the run of the store, and what its people are called.
     """
     more = {"smoothed_ms": smoothed_ms, "notices": [notice._asdict() for notice in notices]}
-    return Encoded("status", {**status_body(status), **more})
+    return Encoded("status", {**status_body(status), **more, **names})
 
 
 def event_of_told(events: Sequence[PersonEvent]) -> Encoded:

@@ -1,6 +1,7 @@
 // Speaks with the server: questions with the token, and what it sends by itself over a WebSocket.
 import { changed, known, prepared, remember, show, showNothing } from "./known.js";
 import { learn } from "./happened.js";
+import { learnNames } from "./names.js";
 
 const MAX_WAITING = 1000;
 
@@ -44,6 +45,8 @@ const take = {
   edge: (event) => (known.edge = event),
   status: (event) => {
     known.status = event;
+    known.run = event.run;
+    if (event.run !== null) learnNames(event.names.map((one) => ({ ...one, run: event.run })), event.run);
     if (known.mode === "live") known.told = event;
   },
   told: (event) => learn(event.events, "live"),

@@ -18,6 +18,8 @@ export const known = {
   cameAt: 0, // when the newest slot came, by performance.now()
   history: [], // slots of the last half minute before it, oldest first
   trails: new Map(), // track to [[t, x, y], ...] in millimetres
+  run: null, // number of the run that runs, of the store; null while it is not there
+  called: new Map(), // what tracks of runs are called, see names.js
   happened: [], // what people did, oldest first, see happened.js
   notice: "", // what the past has to say
   said: "", // answer of the edge to a control

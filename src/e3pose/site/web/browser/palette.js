@@ -10,11 +10,6 @@ const STRIPS = {
 export const sceneInks = () => (asked.matches ? DARK : LIGHT);
 export const inks = () => (asked.matches ? STRIPS.dark : STRIPS.light);
 
-export function colourOf(track) {
-  const { colours } = sceneInks();
-  return colours[((track % colours.length) + colours.length) % colours.length];
-}
-
 export function whenTurned(listener) {
   asked.addEventListener("change", () => (listener(), changed()));
 }

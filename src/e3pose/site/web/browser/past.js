@@ -36,7 +36,7 @@ async function load(from_s, history_s) {
     const names = (flags) => (run ? run.cameras.filter((_, index) => flags[index] === "1") : []);
     const found = people.get(`${row.run_id}.${row.slot}`) || [];
     const slot = prepared({ slot: row.slot, time_ns: row.time_ns, people: found, blind: row.blind }, names(row.selected), names(row.arrived));
-    return Object.assign(slot, { row, cameras: run ? run.cameras : [] });
+    return Object.assign(slot, { row, cameras: run ? run.cameras : [], run: row.run_id });
   });
 }
 

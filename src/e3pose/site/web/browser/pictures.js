@@ -3,7 +3,7 @@
 import { html, useEffect, useLayoutEffect, useRef, useState } from "./vendor/preact.js";
 import { ask } from "./connection.js";
 import { changed, known } from "./known.js";
-import { colourOf } from "./palette.js";
+import { colourOf } from "./names.js";
 import { ago, cameraWords, clock, complaint, percent } from "./words.js";
 
 const OLD_S = 2, FADED_S = 10, PAGE_PER_S = 10; // requests of this page, for all cameras together

@@ -2,8 +2,9 @@
 import { html, useEffect, useRef } from "./vendor/preact.js";
 import { followSmoothed } from "./connection.js";
 import { changed, known } from "./known.js";
-import { colourOf, sceneInks, whenTurned } from "./palette.js";
-import { nameOf, number, posture, sleeps } from "./words.js";
+import { colourOf, nameOf } from "./names.js";
+import { sceneInks, whenTurned } from "./palette.js";
+import { number, posture, sleeps } from "./words.js";
 
 export let scene = null;
 const switches = { sure: true, trails: true };

@@ -4,7 +4,8 @@ import { html, useEffect, useLayoutEffect, useRef, useState } from "./vendor/pre
 import { ask } from "./connection.js";
 import { ALARMS, occurrences, sentence } from "./happened.js";
 import { changed, known } from "./known.js";
-import { colourOf, hatching, inks, penOf } from "./palette.js";
+import { colourOf, learnNames, ofRow, whoIs } from "./names.js";
+import { hatching, inks, penOf } from "./palette.js";
 import { end_s, goLive, past, seek, setPlaying } from "./past.js";
 import { clock, duration, nanoseconds, number } from "./words.js";
 
@@ -36,7 +37,7 @@ async function look() {
   try {
     const [found, tracks] = await Promise.all([ask(`/api/timeline?${range}&parts=${PARTS}`), ask(`/api/tracks?${range}&limit=${MOST_ROWS}`)]);
     Object.assign(line, { stored: { ...found, begin, part_s: (end - begin) / PARTS }, tracks: tracks.rows });
-    changed();
+    learnNames(tracks.rows.map(ofRow));
   } catch {
     line.asked = ""; // the next look tries again
   }
@@ -89,14 +90,15 @@ function drawStored(pen, { x, width }, ink) {
 
 // When whom was there: lines in their colours, beside each other.
 function drawPeople(pen, { x }) {
-  const rows = line.tracks.map((row) => [row.track_id, row.first_ns / 1e9, row.last_ns / 1e9]);
-  if (known.mode === "live" && known.shown) for (const { track, does } of known.shown.people) if (does.since_ns) rows.push([track, does.since_ns / 1e9, known.shown.t]);
+  const rows = line.tracks.map((row) => [row.first_ns / 1e9, row.last_ns / 1e9, row.track_id, row.run_id]);
+  if (known.mode === "live" && known.shown) for (const { track, does } of known.shown.people) if (does.since_ns) rows.push([does.since_ns / 1e9, known.shown.t, track, known.run]);
   const busy = []; // until when each lane is taken
-  for (const [track, from, to] of rows.sort((a, b) => a[1] - b[1])) {
-    let lane = busy.findIndex(([who, until]) => who === track || until < from);
+  for (const [from, to, track, run] of rows.sort((a, b) => a[0] - b[0])) {
+    const who = whoIs(track, run);
+    let lane = busy.findIndex(([one, until]) => one === who || until < from);
     if (lane < 0) lane = busy.length;
-    busy[lane] = [track, to];
-    pen.fillStyle = colourOf(track);
+    busy[lane] = [who, to];
+    pen.fillStyle = colourOf(track, run);
     pen.fillRect(x(from), LANES.people + 3 * Math.min(lane, 4), Math.max(x(to) - x(from), 1.5), 2);
   }
 }

@@ -5,7 +5,7 @@ export const percent = (value) => (value === null || value === undefined ? "–"
 export const plural = (count, one) => `${count} ${one}${count === 1 ? "" : "s"}`;
 
 export const nanoseconds = (seconds) => `${Math.round(seconds * 1000)}000000`;
-export const midnight = () => new Date().setHours(0, 0, 0, 0) / 1000;
+export const midnight = (t = Date.now() / 1000) => new Date(1000 * t).setHours(0, 0, 0, 0) / 1000;
 const sameDay = (a, b) => a.toDateString() === b.toDateString();
 
 // A time of day, with the day if it is another one than today.
@@ -32,8 +32,6 @@ export const CAUSES = { "orders-late": "orders late", "views-late": "views late"
 export const causeWords = (cause) => CAUSES[cause] || cause;
 
 // ---- people
-
-export const nameOf = (track) => `Person ${track}`;
 
 const POSTURES = {
   standing: "Standing", walking: "Walking", sitting: "Sitting", bending: "Bending", crouching: "Crouching", crawling: "Crawling", lying: "Lying",
