@@ -139,11 +139,20 @@ def stored_poses(
     )
 
 
+ROWS = (
+    "run_ids", "slots", "time_ns", "track_ids", "joints_m", "scores", "sigma_m", "measured",
+    "dynamics",
+)  # fmt: skip
+
+
+def cut(poses: StoredPoses, rows: slice) -> StoredPoses:
+    """Return some rows of an answer."""
+    return StoredPoses(**{name: getattr(poses, name)[rows] for name in ROWS}, joints=poses.joints)
+
+
 def joined(chunks: Sequence[StoredPoses]) -> StoredPoses:
     """Return chunks of one answer as one."""
-    people = ("run_ids", "slots", "time_ns", "track_ids")
-    names = (*people, "joints_m", "scores", "sigma_m", "measured", "dynamics")
-    arrays = {name: np.concatenate([getattr(c, name) for c in chunks]) for name in names}
+    arrays = {name: np.concatenate([getattr(c, name) for c in chunks]) for name in ROWS}
     return StoredPoses(**arrays, joints=chunks[0].joints)
 
 

@@ -1,4 +1,4 @@
-"""Sums over hours of a store, which the database makes: how much is stored, what cameras spent."""
+"""Looks over hours of a store: how much is stored, what cameras spent, who stayed in which zone."""
 
 from __future__ import annotations
 
@@ -19,6 +19,16 @@ class Spent(NamedTuple):
     energy_j: float
     span_s: float
     measured: float
+
+
+class StoredStay(NamedTuple):
+    """Somebody in a zone, between two times in nanoseconds; `until_ns` is None of who is there."""
+
+    run_id: int
+    track_id: int
+    zone: str
+    since_ns: int
+    until_ns: int | None
 
 
 def coverage(
@@ -73,3 +83,42 @@ def spent(connection: Connection, start_ns: int, end_ns: int) -> list[Spent]:
         Spent(camera_id, energy_j, span_s, measured_s / span_s if span_s else 0.0)
         for camera_id, energy_j, span_s, measured_s in connection.execute(asked)
     ]
+
+
+def stays(connection: Connection, start_ns: int, end_ns: int) -> list[StoredStay]:
+    """Return the stays in zones of all who were there between two times, also before them.
+
+    Args:
+        connection: to the store.
+        start_ns: first time.
+        end_ns: last time.
+    """
+    if not inspect(connection).has_table("zones"):
+        return []  # a store of an earlier version
+    tracks, zones = schema.tracks.c, schema.zones.c
+    there = connection.execute(
+        select(tracks.run_id, tracks.track_id, tracks.first_ns).where(
+            tracks.last_ns >= start_ns, tracks.first_ns <= end_ns
+        )
+    ).all()
+    if not there:
+        return []
+    asked = (
+        select(zones.run_id, zones.track_id, zones.zone, zones.kind, zones.time_ns)
+        .where(zones.run_id.in_({row.run_id for row in there}))
+        .where(zones.time_ns.between(min(row.first_ns for row in there), end_ns))
+        .where(zones.kind.in_(("enter", "leave")))
+        .order_by(zones.time_ns)
+    )
+    wanted = {(row.run_id, row.track_id) for row in there}
+    entered: dict[tuple[int, int, str], int] = {}
+    found = []
+    for run_id, track_id, zone, kind, time_ns in connection.execute(asked):
+        if (run_id, track_id) not in wanted:
+            continue
+        key = run_id, track_id, zone
+        if kind == "enter":
+            entered[key] = time_ns
+        elif key in entered:
+            found.append(StoredStay(*key, entered.pop(key), time_ns))
+    return found + [StoredStay(*key, since_ns, None) for key, since_ns in entered.items()]

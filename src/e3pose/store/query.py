@@ -191,6 +191,11 @@ class Store:
         with reading(self.place, self._engines) as connection:
             return overview.spent(connection, start_ns, end_ns)
 
+    def stays(self, start_ns: int, end_ns: int) -> list[overview.StoredStay]:
+        """Return who stayed in which zone, see `overview.stays`."""
+        with reading(self.place, self._engines) as connection:
+            return overview.stays(connection, start_ns, end_ns)
+
     def _runs(self, connection: Connection) -> list[StoredRun]:
         rows = connection.execute(select(schema.runs).order_by(schema.runs.c.run_id)).all()
         return [stored_run(row, self.where) for row in rows]

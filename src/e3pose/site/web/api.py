@@ -13,6 +13,7 @@ from fastapi.responses import Response
 from e3pose.base.errors import InputError
 from e3pose.model.region import in_rectangle, middles_m
 from e3pose.site.web.feed import Feed
+from e3pose.site.web.past import doing_in
 from e3pose.site.web.schemas import (
     PosePage,
     Refused,
@@ -79,13 +80,22 @@ def make_api(
             str | None, Query(max_length=120, description="x0,y0,x1,y1: corners on the floor, m")
         ] = None,
         run: Run = None,
+        doing: Annotated[bool, Query(description="also what people did, as in live slots")] = False,
         limit: Annotated[int, Query(ge=1, le=MAX_SLOTS, description="slots")] = USUAL_SLOTS,
         cursor: Cursor = None,
     ) -> Response:
+        if doing and joint is not None:
+            raise HTTPException(422, f"doing: found with joint {joint!r}, expected whole bodies")
         corners = None if region is None else _corners(region)
         after = None if cursor is None else _pair(cursor)
         found = read_slots(needed(store), _time(start), _time(end), track, joint, run, after, limit)
-        return encoded(page_of(found, corners, limit))
+        page = page_of(found, corners, limit)
+        if doing:
+            did = asked(lambda: doing_in(needed(store), found, feed.doing))
+            for slot in page["slots"]:
+                for person in slot["people"]:
+                    person.update(did[slot["run"], slot["slot"], person["track"]])
+        return encoded(page)
 
     @api.get("/runs", summary="Stored runs, oldest first")
     def runs() -> list[dict[str, Any]]:

@@ -47,7 +47,7 @@ def doing(slot: LiveSlot, watch: Watch | None, zones: Zones) -> list[dict[str, A
     """
     unsure = unsure_parts(slot)
     return [
-        {**_posture(track, watch), "zones": _stays(track, zones), "unsure": unsure[row]}
+        {**posture(track, watch), "zones": _stays(track, zones), "unsure": unsure[row]}
         for row, track in enumerate(slot.track_ids.tolist())
     ]
 
@@ -74,7 +74,8 @@ def told(event: PersonEvent) -> dict[str, Any]:
     return {**{name: getattr(event, name) for name in names}, "sentence": sentence(event)}
 
 
-def _posture(track: int, watch: Watch | None) -> dict[str, Any]:
+def posture(track: int, watch: Watch | None) -> dict[str, Any]:
+    """Return posture and speed of a person, and since when they are followed; None if unknown."""
     person = None if watch is None else watch.shown.get(track)
     if person is None:
         return {"state": None, "probability": None, "speed_mps": None, "since_ns": None}

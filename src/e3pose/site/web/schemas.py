@@ -33,12 +33,21 @@ class Shape(BaseModel):
 
 
 class Person(Shape):
-    """One person in one slot: world metres, z up; null where a joint is unknown."""
+    """One person in one slot: world metres, z up; null where a joint is unknown.
+
+    What the person did is there where it is asked for.
+    """
 
     track: int
     joints_m: list[list[float | None]]
     sigma_m: list[float | None]
     measured: list[bool]
+    state: str | None = None
+    probability: float | None = None
+    speed_mps: float | None = None
+    since_ns: int | None = None
+    zones: list[dict[str, Any]] = []
+    unsure: list[str] = []
 
 
 class Slot(Shape):

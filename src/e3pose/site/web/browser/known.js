@@ -83,6 +83,7 @@ export function remember(now) {
 // Draw a slot from now on; others are told.
 export function show(now) {
   known.shown = now;
+  if (known.mode === "past") for (const zone of known.room.zones) zone.count = now.people.filter(({ does }) => (does.zones || []).some(({ name }) => name === zone.name)).length;
   remember(now);
   changed();
 }

@@ -5,17 +5,15 @@ import { Control } from "./control.js";
 import { Details } from "./details.js";
 import { Energy } from "./energy.js";
 import { Events } from "./events.js";
-import { learn } from "./happened.js";
 import { changed, known, whenChanged } from "./known.js";
 import { Notices } from "./notices.js";
-import { findSpan, past, playPast, setPlaying } from "./past.js";
+import { findSpan, learnDay, past, playPast, setPlaying } from "./past.js";
 import { People } from "./people.js";
 import { Pictures, startPictures } from "./pictures.js";
 import { peopleWords, scene, Stage } from "./stage.js";
 import { Timeline } from "./timeline.js";
-import { midnight, nanoseconds } from "./words.js";
 
-const QUIET_MS = 3000, LOOK_MS = 500, MOST_PAGES = 10;
+const QUIET_MS = 3000, LOOK_MS = 500;
 const root = document.getElementById("page");
 let before_ms = 0, drawn = null;
 
@@ -73,11 +71,7 @@ function space(event) {
 
 async function openPast() {
   await findSpan();
-  for (let page = 0, cursor = ""; page < MOST_PAGES && cursor !== null; page++) {
-    const found = await ask(`/api/events?start=${nanoseconds(midnight())}&limit=5000${cursor && `&cursor=${cursor}`}`);
-    learn(found.rows.filter((row) => row.phase != null), "stored");
-    cursor = found.cursor;
-  }
+  await learnDay(Date.now() / 1000);
 }
 
 async function start() {

@@ -3,14 +3,15 @@
 import { ask } from "./connection.js";
 import { learn } from "./happened.js";
 import { changed, HISTORY_S, known, prepared, remember, show, showNothing } from "./known.js";
-import { clock, nanoseconds } from "./words.js";
+import { clock, midnight, nanoseconds } from "./words.js";
 
-const WINDOW_S = 20, BEFORE_S = 60, SHOWN_EVENTS = 20, STATUS_S = 0.25; // seconds of a page between two tables
+const MOST_PAGES = 10, WINDOW_S = 20, BEFORE_S = 60, SHOWN_EVENTS = 20, STATUS_S = 0.25; // seconds of a page between two tables
 const GAP_S = 1, PRESENT_S = 5; // a longer gap between slots is skipped; so near the present is live
 
 export const past = { span: null, at_s: 0, playing: false };
 let windowed = [], loading = 0, readings = [], logged = [], told_s = 0;
 let busy = false, opened = 0, played_s = 0; // slots up to here were shown
+const days = new Map(); // midnight to until when its events were asked for
 
 export async function findSpan() {
   const runs = await ask("/api/runs");
@@ -20,15 +21,28 @@ export async function findSpan() {
 
 export const end_s = () => Math.max(Date.now() / 1000 - 1, past.span.begin_s + 1);
 
+// Ask for the events of people of a day up to a time, as far as that was not done yet.
+export async function learnDay(t) {
+  const day_s = midnight(t), from_s = days.get(day_s) ?? day_s;
+  if (from_s >= t) return;
+  days.set(day_s, t);
+  for (let page = 0, cursor = ""; page < MOST_PAGES && cursor !== null; page++) {
+    const found = await ask(`/api/events?start=${nanoseconds(from_s)}&end=${nanoseconds(t)}&limit=5000${cursor && `&cursor=${cursor}`}`);
+    learn(found.rows.filter((row) => row.phase != null), "stored");
+    cursor = found.cursor;
+  }
+}
+
 async function load(from_s, history_s) {
   const asked = ++loading, range = `start=${nanoseconds(from_s - history_s)}&end=${nanoseconds(from_s + WINDOW_S)}`;
   const earlier = `start=${nanoseconds(from_s - BEFORE_S)}&end=${nanoseconds(from_s + WINDOW_S)}&limit=5000`;
   const [poses, rows, energy, events] = await Promise.all([
-    ask(`/api/poses?limit=2000&${range}`), ask(`/api/slots?limit=5000&${range}`), ask(`/api/energy?${earlier}`), ask(`/api/events?${earlier}`),
+    ask(`/api/poses?limit=2000&doing=true&${range}`), ask(`/api/slots?limit=5000&${range}`), ask(`/api/energy?${earlier}`), ask(`/api/events?${earlier}`),
   ]);
   if (asked !== loading) return;
   [readings, logged] = [energy.rows, events.rows.filter((row) => row.phase == null)];
   learn(events.rows.filter((row) => row.phase != null), "stored");
+  learnDay(from_s).catch(() => days.delete(midnight(from_s)));
   const people = new Map(poses.slots.map((slot) => [`${slot.run}.${slot.slot}`, slot.people]));
   const until_s = poses.cursor ? poses.slots.at(-1).time_ns / 1e9 : Infinity; // of later slots the people are not here yet
   windowed = rows.rows.filter((row) => row.time_ns / 1e9 <= until_s).map((row) => {

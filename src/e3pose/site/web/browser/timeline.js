@@ -11,11 +11,12 @@ import { clock, duration, nanoseconds, number } from "./words.js";
 
 const SPANS = [60, 600, 3600, 6 * 3600, 86_400, 7 * 86_400]; // seconds that can be shown
 const SPAN_WORDS = ["1 min", "10 min", "1 h", "6 h", "1 day", "1 week"];
-const PARTS = 300, FRESH_MS = 10_000, MOST_ROWS = 5000;
+const PARTS = 200, FRESH_MS = 10_000, ALL_AGAIN_MS = 600_000, MOST_ROWS = 5000;
+const LONGEST_S = 8 * 86_400, LATE_S = 30; // that can be asked for at once; that the store may be behind
 const HEIGHT = 76, LANES = { people: 20, seen: 38, marks: 54 }, LANE = 12;
 const STEPS = [5, 10, 30, 60, 300, 600, 1800, 3600, 3 * 3600, 6 * 3600, 86_400];
 
-export const line = { zoom: 1, stored: null, tracks: [], asked: "" };
+export const line = { zoom: 1, known: covered(1), asking: false };
 
 // The stretch of time shown: up to now while live; around the moment shown else.
 export function stretch() {
@@ -25,21 +26,46 @@ export function stretch() {
   return { from_s: until_s - span_s, until_s, span_s };
 }
 
-// Ask for what the store has of the stretch, with as much again before it.
-async function look() {
-  if (!past.span || document.hidden) return;
-  const { from_s, until_s, span_s } = stretch(), width = Math.min(span_s, 3.9 * 86_400);
-  const [begin, end] = [Math.max(from_s - width / 4, 0), until_s + width / 4], key = `${line.zoom} ${Math.round((4 * until_s) / width)}`;
-  const fresh = known.mode === "live" || key !== line.asked;
-  if (!fresh) return;
-  line.asked = key;
-  const range = `start=${nanoseconds(begin)}&end=${nanoseconds(end)}`;
+// What is known of the store, in parts as wide as the zoom has them. Parts that are over are asked for once.
+function covered(zoom) {
+  return { zoom, part_s: SPANS[zoom] / PARTS, parts: new Map(), over: new Set(), tracks: new Map(), from_s: Infinity, to_s: -Infinity, since_ms: performance.now() };
+}
+
+// Which tracks to ask for: those of a stretch, less what joins it and is known.
+function missing(have, begin_s, end_s) {
+  if (begin_s > have.to_s || end_s < have.from_s) return [begin_s, end_s];
+  return [begin_s < have.from_s ? begin_s : have.to_s - LATE_S, end_s > have.to_s ? end_s : have.from_s];
+}
+
+// Ask for what the store has of the stretch and a quarter around it, less what is known.
+export async function look() {
+  if (!past.span || document.hidden || line.asking) return;
+  if (line.known.zoom !== line.zoom || performance.now() - line.known.since_ms > ALL_AGAIN_MS) line.known = covered(line.zoom);
+  const { known: have } = line, { part_s, over } = have, { from_s, until_s, span_s } = stretch(), now_s = Date.now() / 1000;
+  const around_s = Math.min(span_s / 4, (LONGEST_S - span_s) / 2 - part_s), end_s = Math.min(until_s + around_s, now_s), begin_s = Math.max(Math.min(from_s - around_s, end_s - part_s), 0);
+  let [first, last] = [Math.floor(begin_s / part_s), Math.ceil(end_s / part_s)];
+  while (first < last && over.has(first)) first++;
+  while (last > first && over.has(last - 1)) last--;
+  const [low_s, high_s] = missing(have, begin_s, end_s);
+  line.asking = true;
   try {
-    const [found, tracks] = await Promise.all([ask(`/api/timeline?${range}&parts=${PARTS}`), ask(`/api/tracks?${range}&limit=${MOST_ROWS}`)]);
-    Object.assign(line, { stored: { ...found, begin, part_s: (end - begin) / PARTS }, tracks: tracks.rows });
+    const [found, tracks] = await Promise.all([
+      first < last ? ask(`/api/timeline?start=${nanoseconds(first * part_s)}&end=${nanoseconds(last * part_s)}&parts=${last - first}`) : { slots: [], blind: [] },
+      low_s < high_s ? ask(`/api/tracks?start=${nanoseconds(low_s)}&end=${nanoseconds(high_s)}&limit=${MOST_ROWS}`) : { rows: [] },
+    ]);
+    found.slots.forEach((slots, index) => {
+      have.parts.set(first + index, [slots, found.blind[index]]);
+      if ((first + index + 1) * part_s < now_s - LATE_S) over.add(first + index);
+    });
+    const whole = low_s === begin_s && high_s === end_s;
+    if (whole) have.tracks.clear();
+    for (const row of tracks.rows) have.tracks.set(`${row.run_id} ${row.track_id}`, row);
+    [have.from_s, have.to_s] = whole ? [begin_s, end_s] : [Math.min(have.from_s, begin_s), Math.max(have.to_s, end_s)];
     learnNames(tracks.rows.map(ofRow));
   } catch {
-    line.asked = ""; // the next look tries again
+    line.known = covered(line.zoom); // the next look tries again
+  } finally {
+    line.asking = false;
   }
 }
 
@@ -71,15 +97,15 @@ function drawClock(pen, { from_s, until_s, span_s, width, x }, ink) {
 function drawStored(pen, { x, width }, ink) {
   pen.fillStyle = hatching(pen);
   pen.fillRect(0, LANES.seen, width, LANE);
-  const { stored } = line;
-  for (let part = 0; stored && part < stored.slots.length; part++) {
-    if (!stored.slots[part]) continue;
-    const from = x(stored.begin + part * stored.part_s), wide = x(stored.begin + (part + 1) * stored.part_s) - from;
+  const { part_s, parts } = line.known;
+  for (const [part, [slots, unseen]] of parts) {
+    const from = x(part * part_s), wide = x((part + 1) * part_s) - from;
+    if (!slots || from > width || from + wide < 0) continue;
     pen.fillStyle = ink.stored;
     pen.fillRect(from, LANES.seen, wide + 0.5, LANE);
-    if (!stored.blind[part]) continue;
+    if (!unseen) continue;
     pen.fillStyle = ink.blind; // a single blind slot can be seen as well
-    const high = Math.max(3, (LANE * stored.blind[part]) / stored.slots[part]);
+    const high = Math.max(3, (LANE * unseen) / slots);
     pen.fillRect(from, LANES.seen + LANE - high, Math.max(wide, 1.5), high);
   }
   for (const slot of known.mode === "live" ? known.history : []) { // what is too new to be asked for
@@ -90,7 +116,7 @@ function drawStored(pen, { x, width }, ink) {
 
 // When whom was there: lines in their colours, beside each other.
 function drawPeople(pen, { x }) {
-  const rows = line.tracks.map((row) => [row.first_ns / 1e9, row.last_ns / 1e9, row.track_id, row.run_id]);
+  const rows = [...line.known.tracks.values()].map((row) => [row.first_ns / 1e9, row.last_ns / 1e9, row.track_id, row.run_id]);
   if (known.mode === "live" && known.shown) for (const { track, does } of known.shown.people) if (does.since_ns) rows.push([does.since_ns / 1e9, known.shown.t, track, known.run]);
   const busy = []; // until when each lane is taken
   for (const [from, to, track, run] of rows.sort((a, b) => a[0] - b[0])) {
@@ -137,7 +163,7 @@ function under(canvas, event) {
 }
 
 const goTo = (t) => (t >= end_s() - 1 ? goLive() : seek(Math.max(t, past.span.begin_s)));
-const zoomTo = (zoom) => ((line.zoom = Math.max(0, Math.min(SPANS.length - 1, zoom))), (line.asked = ""), look(), changed());
+const zoomTo = (zoom) => ((line.zoom = Math.max(0, Math.min(SPANS.length - 1, zoom))), look(), changed());
 
 function byKey(event) {
   const { span_s } = stretch(), at_s = known.mode === "past" ? past.at_s : end_s();

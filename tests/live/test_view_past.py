@@ -1,0 +1,101 @@
+"""The past on the page: postures, zones, events of then; a time line that asks for little."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from urllib.parse import parse_qs, urlsplit
+
+import pytest
+from tests.site.web.browser import Page, browser, browser_path
+from tests.site.web.test_past import FPS, ZONE, at_ns, store_fall
+from tests.site.web.watched import Watched, watched_site
+from tests.waiting import eventually
+
+from e3pose.store import Event, Run, StoreWriter
+
+pytestmark = [
+    pytest.mark.live,
+    pytest.mark.skipif(browser_path() is None, reason="found no chromium, .ci/run installs one"),
+]
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
+    with browser(tmp_path_factory.mktemp("browser")) as made:
+        yield made
+
+
+@pytest.fixture(scope="module")
+def watched(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Watched]:
+    with watched_site(tmp_path_factory.mktemp("site"), ZONE + "[events]\n") as made:
+        store_fall(made.folder / "lab.db")
+        run = Run("lab", "lab", at_ns(0), 1 / FPS, "coco17", (), ())
+        with StoreWriter(made.folder / "lab.db", run) as writer:
+            told_ns = at_ns(330)
+            writer.event(
+                Event(told_ns, "fall", "Person 7 fell", track_id=7, zone="kitchen",
+                      phase="begun", start_ns=at_ns(325), score=0.9)
+            )  # fmt: skip
+            assert writer.flush(30.0)
+        yield made
+
+
+def opened(page: Page, watched: Watched) -> None:
+    page.open(watched.view.url, 1280, 900)
+    page.messages.clear()
+    assert page.shows("site", "lab")
+    assert eventually(lambda: page.of("past", "Boolean(m.past.span)"))
+
+
+def test_past_says_what_people_did_and_where(page: Page, watched: Watched) -> None:
+    opened(page, watched)
+    page.of("past", f"void m.seek({at_ns(345) / 1e9}).then(() => m.setPlaying(false))")
+    assert page.shows("state", "past")
+    page.of("past", "m.setPlaying(true)")
+    assert page.shows("people", "Lying")
+    assert "in the kitchen for" in page.text("people") and "m" in page.text("people")
+    assert page.of("known", "m.known.room.zones[0].count") == 1
+    # The half minute before is there: paths, the strip of cameras, what happened until then.
+    assert page.of("known", "m.known.history.length") > 300
+    assert page.shows("happened", "fell near the kitchen")
+    page.of("past", f"void m.seek({at_ns(140) / 1e9})")
+    upright = ("standing", "walking")
+    assert eventually(lambda: any(word in page.text("people").lower() for word in upright))
+    assert "fell" not in page.text("happened"), "it did not happen yet"
+    assert page.messages == []
+
+
+def asked(page: Page) -> list[dict[str, list[str]]]:
+    """Return what the page asked of the time line since it was opened."""
+    urls = page.run(
+        "performance.getEntriesByType('resource').map((one) => one.name)"
+        ".filter((name) => name.includes('/api/timeline'))"
+    )
+    return [parse_qs(urlsplit(url).query) for url in urls]
+
+
+def test_time_line_asks_again_only_for_what_is_new(page: Page, watched: Watched) -> None:
+    opened(page, watched)
+    assert eventually(lambda: len(asked(page)) >= 1)
+    assert eventually(lambda: not page.of("timeline", "m.line.asking"))
+    page.of("timeline", "m.look()")
+    whole, again = asked(page)[0], asked(page)[-1]
+    assert int(whole["parts"][0]) >= 200 and len(asked(page)) >= 2
+    assert int(again["parts"][0]) <= 16, again  # those of the last seconds, which may still grow
+    for zoom in range(6):  # from a minute to a week
+        page.of("timeline", f"((m.line.zoom = {zoom}), m.look())")
+        width = page.of("timeline", "m.line.known.parts.size")
+        assert width >= 200, (zoom, width)
+    # In the past, what lies around the moment is there.
+    page.of("past", f"void m.seek({at_ns(140) / 1e9})")
+    page.of("timeline", "((m.line.zoom = 1), m.look())")
+    stored = "[...m.line.known.parts.values()].reduce((sum, [slots]) => sum + slots, 0)"
+    assert eventually(lambda: page.of("timeline", stored) == store_slots())
+    tracks = "[...m.line.known.tracks.values()].map((row) => row.track_id)"
+    assert 7 in page.of("timeline", tracks)
+    assert page.messages == []
+
+
+def store_slots() -> int:
+    """Return how many slots `store_fall` stores."""
+    return round(30 * FPS)
