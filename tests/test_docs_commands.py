@@ -103,6 +103,22 @@ ELSEWHERE = {
     "archive room /mnt/archive --keep 2y": "tests/archive/test_archive.py",
     "archive verify /mnt/archive": "tests/archive/test_archive.py",
     'hub query house "SELECT * FROM sites"': "tests/hub/test_hub.py",
+    'hub query house "SELECT site, sum(person_h) FROM hours GROUP BY site" --csv hours.csv': (
+        "tests/hub/test_questions.py"
+    ),
+    'hub query house --archives "SELECT site, day, sum(rows) FROM files GROUP BY site, day"': (
+        "tests/hub/test_questions.py"
+    ),
+    **dict.fromkeys(
+        (
+            "hub grant house ada --operator --group clinics",
+            "hub grant house bob --viewer --group clinics",
+            "hub users house",
+            "hub revoke house bob",
+        ),
+        "tests/hub/test_users.py",
+    ),
+    "hub accesses house --site lab": "tests/hub/test_questions.py",
     'hub query house "SELECT site, sum(people * span_s) / 3600 AS person_hours FROM summaries '
     'GROUP BY site"': "tests/hub/test_hub.py",
     "hub run house": "tests/hub/test_hub.py",

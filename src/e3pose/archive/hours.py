@@ -95,7 +95,7 @@ def file_of(store: Store, hour: Hour) -> tuple[bytes, Entry]:
         return b"", entry
     return content, Entry(
         entry.hour, entry.run, entry.started_ns, entry.slots, rows, tuple(tracks), len(content),
-        digest(content),
+        digest(content), run.interval_s, run.skeleton,
     )  # fmt: skip
 
 

@@ -30,6 +30,8 @@ class Entry:
         tracks: people in the file.
         bytes: of the file.
         sha256: of the file, hexadecimal; empty where nobody was there, and no file is.
+        interval_s: seconds per slot; 0 in an archive that does not say it.
+        skeleton: of the poses; files of one have the same columns.
     """
 
     hour: int
@@ -40,6 +42,8 @@ class Entry:
     tracks: tuple[int, ...] = ()
     bytes: int = 0
     sha256: str = ""
+    interval_s: float = 0.0
+    skeleton: str = ""
 
 
 @dataclass(frozen=True, slots=True)

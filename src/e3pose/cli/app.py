@@ -199,6 +199,7 @@ EXTRAS = {
     "matplotlib": "report",
     "distributed": "cluster",
     "fsspec": "archive",
+    "duckdb": "hub",
     LAB: "lab",
     "motmetrics": "lab",
     "torch": "train",

@@ -1,15 +1,16 @@
-"""`e3pose hub`: the summaries of many sites in one place, and questions about them."""
+"""`e3pose hub`: many sites in one place: their summaries, questions, and who may see what."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from decimal import Decimal
 from pathlib import Path
 from typing import Annotated, Any
 
 from cyclopts import App, Parameter
 
 from e3pose.base.errors import InputError
-from e3pose.cli.options import OUTPUT
+from e3pose.cli.options import OUTPUT, Flag, Whole, as_typed
 from e3pose.cli.output import JsonFile, is_stdout, wrote
 
 hub_app = App(name="hub", help="Gather the summaries of many sites, and ask questions about them.")
@@ -57,38 +58,197 @@ def query(
     sql: str,
     /,
     *,
+    archives: Flag = False,
+    group: Annotated[list[str] | None, Parameter(negative="")] = None,
     csv: Annotated[Path | None, Parameter(group=OUTPUT)] = None,
     json_file: Annotated[JsonFile, Parameter(group=OUTPUT)] = None,
 ) -> None:
-    """Ask a question in SQL about the summaries of all sites.
+    """Ask a question in SQL about all sites.
 
-    Example: `e3pose hub query house "SELECT site, sum(slots) FROM summaries GROUP BY site"`
+    Example: `e3pose hub query house "SELECT site, sum(slots) FROM hours GROUP BY site"`
 
-    Tables: `summaries` (a row per site and minute) and `sites` (how each is fetched). One statement
-    that reads, within 30 s, of at most 10 000 rows; it works while the hub runs.
+    Example: `e3pose hub query house --archives "SELECT day, count(*) FROM poses GROUP BY day"`
+
+    Tables: `summaries` (a row per site and minute), `hours` (sums of them), `sites` (how each is
+    fetched), `accesses` (who came to poses); of archives `poses` (a row per person and slot) and
+    `files`. One statement that reads, within 30 s, of at most 10 000 rows; it works while the hub
+    runs. A question about archives is logged as an access to poses.
 
     Parameters
     ----------
     hub
         File of the hub, or its folder.
     sql
-        In the words of the hub's database, SQLite or PostgreSQL.
+        In the words of the hub's database, SQLite or PostgreSQL; with --archives of DuckDB.
+    archives
+        Ask about the archives that the hub's file names.
+    group
+        With --archives: sites of this group alone; repeatable.
     csv
         Write the rows here as CSV.
     json_file
         Write the rows here as a JSON list; - is standard output.
     """
+    from e3pose.hub.accesses import local_user
+    from e3pose.hub.archives import answer_of_archives
     from e3pose.hub.question import answer
     from e3pose.hub.settings import load_hub
 
-    names, rows = answer(load_hub(hub).database, sql)
+    found = load_hub(hub)
+    if group and not archives:
+        raise InputError("--group: found without --archives, expected both")
+    if archives:
+        names, rows = answer_of_archives(found, sql, local_user(), group)
+    else:
+        names, rows = answer(found.database, sql)
+    _put_out(names, rows, csv, json_file)
+
+
+@hub_app.command
+def grant(
+    hub: Path,
+    name: str,
+    /,
+    *,
+    viewer: Flag = False,
+    operator: Flag = False,
+    group: Annotated[list[str] | None, Parameter(negative="")] = None,
+) -> None:
+    """Let somebody see sites on the hub's page; print the token, which is shown once.
+
+    Example: `e3pose hub grant house ada --operator --group clinics`
+
+    Granting again replaces rights and token.
+
+    Parameters
+    ----------
+    hub
+        File of the hub, or its folder.
+    name
+        Of the user, as the log of accesses has it.
+    viewer
+        The user may open the live pages of the sites to see.
+    operator
+        The user may also open them to control the sites.
+    group
+        Group of sites in the hub's file; repeatable.
+    """
+    from e3pose.hub.settings import load_hub
+    from e3pose.hub.users import grant as grant_user
+
+    if viewer == operator:
+        raise InputError("--viewer, --operator: expected one of them")
+    if not group:
+        raise InputError("--group: not found, expected a group of sites in the hub's file")
+    with as_typed({"camera id": "NAME", "group": "--group"}):
+        token = grant_user(
+            load_hub(hub), name, "operator" if operator else "viewer", tuple(dict.fromkeys(group))
+        )
+    print(f"{name}: token {token}\nappend it to the page's address: #token={token}")
+
+
+@hub_app.command
+def revoke(hub: Path, name: str, /) -> None:
+    """Take all rights from a user of the hub's page.
+
+    Example: `e3pose hub revoke house ada`
+
+    Tokens of sites' own pages that the user was handed stay valid: replace those at the sites.
+
+    Parameters
+    ----------
+    hub
+        File of the hub, or its folder.
+    name
+        Of the user.
+    """
+    from e3pose.hub.settings import load_hub
+    from e3pose.hub.users import revoke as revoke_user
+
+    with as_typed({"user": "NAME"}):
+        revoke_user(load_hub(hub), name)
+    print(f"{name}: revoked")
+
+
+@hub_app.command
+def users(hub: Path, /) -> None:
+    """List who may see which sites on the hub's page.
+
+    Example: `e3pose hub users house`
+
+    Parameters
+    ----------
+    hub
+        File of the hub, or its folder.
+    """
+    from e3pose.hub.settings import load_hub
+    from e3pose.hub.users import read_users, users_of
+
+    found = load_hub(hub)
+    rows = [
+        (user.name, user.role, ", ".join(user.groups), len(found.of_groups(user.groups)))
+        for user in read_users(users_of(found).path)
+    ]
+    _put_out(["name", "role", "groups", "sites"], rows)
+
+
+@hub_app.command
+def accesses(
+    hub: Path,
+    /,
+    *,
+    site: str | None = None,
+    who: str | None = None,
+    limit: Whole = 100,
+    csv: Annotated[Path | None, Parameter(group=OUTPUT)] = None,
+    json_file: Annotated[JsonFile, Parameter(group=OUTPUT)] = None,
+) -> None:
+    """List who came to poses through the hub, newest first.
+
+    Example: `e3pose hub accesses house --site lab`
+
+    Logged are questions about archives and the opening of a site's own page. The log has the
+    newest 100 000. Whoever reads an archive's files without the hub, or has a token or a
+    certificate of a site, is not in it.
+
+    Parameters
+    ----------
+    hub
+        File of the hub, or its folder.
+    site
+        Of this site alone.
+    who
+        By this user alone.
+    limit
+        The most to list.
+    csv
+        Write the rows here as CSV.
+    json_file
+        Write the rows here as a JSON list; - is standard output.
+    """
+    from e3pose.hub.accesses import read_accesses
+    from e3pose.hub.settings import load_hub
+    from e3pose.store.times import iso_text
+
+    found = read_accesses(load_hub(hub).database, site, who, limit)
+    rows = [(iso_text(one.time_ns), one.who, one.site, one.what) for one in found]
+    _put_out(["time", "who", "site", "what"], rows, csv, json_file)
+
+
+def _put_out(
+    names: Sequence[str],
+    rows: Sequence[Sequence[Any]],
+    csv: Path | None = None,
+    json_file: Path | None = None,
+) -> None:
+    """Show rows, or write them where they are wanted."""
     outputs = {form: path for form, path in (("csv", csv), ("json", json_file)) if path}
     if not outputs:
         _show(names, rows)
         return
     from e3pose.store.export import write_tables
 
-    columns = {name: [row[at] for row in rows] for at, name in enumerate(names)}
+    columns = {name: [_plain(row[at]) for row in rows] for at, name in enumerate(names)}
     for form, path in outputs.items():
         place = None if is_stdout(path) else path
         count = write_tables([columns], place, form)
@@ -96,14 +256,22 @@ def query(
             wrote(path, f"{count} rows")
 
 
+def _plain(value: Any) -> Any:
+    """Return a value of a database as JSON has it."""
+    if value is None or isinstance(value, (str, int, float, bool, list, dict)):
+        return value
+    return float(value) if isinstance(value, Decimal) else str(value)
+
+
 def _show(names: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
     from rich.table import Table
+    from rich.text import Text
 
     from e3pose.evaluate.columns import table_console
 
     table = Table(*names, box=None)
     for row in rows[:SHOWN_ROWS]:
-        table.add_row(*("-" if value is None else str(value) for value in row))
+        table.add_row(*(Text("-" if value is None else str(value)) for value in row))
     console = table_console(200)
     console.print(table)
     if len(rows) > SHOWN_ROWS:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import msgspec
 from sqlalchemy import (
@@ -11,10 +13,13 @@ from sqlalchemy import (
     Column,
     Connection,
     Engine,
+    Float,
     Index,
+    Integer,
     MetaData,
     Table,
     Text,
+    delete,
     insert,
     inspect,
     select,
@@ -25,9 +30,12 @@ from e3pose.base.errors import InputError
 from e3pose.hub.records import Summary
 from e3pose.store.database import check_place, database_url, shown, writing_engine
 from e3pose.store.delivery import new_rows
+from e3pose.store.rows import NS
 from e3pose.store.schema import SUMMARY_JSON, summary_columns
 
 metadata = MetaData()
+HOUR_NS = 3600 * NS
+HOUR_JSON = ("zones", "entered", "states", "events", "faults")
 
 summaries = Table(
     "summaries",
@@ -37,6 +45,25 @@ summaries = Table(
     Column("time_ns", BigInteger, primary_key=True, autoincrement=False),
     *summary_columns(),
     Index("summaries_by_time", "time_ns"),
+    Index("summaries_of_site", "site", "time_ns"),
+)
+
+# Sums of an hour: questions about a month read sixty times less.
+hours = Table(
+    "hours",
+    metadata,
+    Column("site", Text, primary_key=True),
+    Column("time_ns", BigInteger, primary_key=True, autoincrement=False),
+    Column("span_s", Float, nullable=False),
+    Column("slots", BigInteger, nullable=False),
+    Column("blind", BigInteger, nullable=False),  # slots, whatever the cause
+    Column("person_h", Float, nullable=False),
+    Column("most_people", BigInteger, nullable=False),
+    Column("error_mm", Float),
+    Column("joules", Float, nullable=False),
+    Column("measured_j", Float, nullable=False),  # of these, by meters
+    *(Column(name, Text, nullable=False) for name in HOUR_JSON),
+    Index("hours_by_time", "time_ns"),
 )
 
 sites = Table(
@@ -48,6 +75,18 @@ sites = Table(
     Column("lost", BigInteger, nullable=False),  # shed or deleted at the site before they were here
     Column("heard_ns", BigInteger),
     Column("problem", Text, nullable=False),
+)
+
+# Who came to poses: by a question about archives, or by the page of a site.
+accesses = Table(
+    "accesses",
+    metadata,
+    Column("number", BigInteger().with_variant(Integer, "sqlite"), primary_key=True),
+    Column("time_ns", BigInteger, nullable=False),
+    Column("who", Text, nullable=False),
+    Column("site", Text, nullable=False),
+    Column("what", Text, nullable=False),
+    sqlite_autoincrement=True,
 )
 
 
@@ -105,6 +144,7 @@ def keep(engine: Engine, site: str, rows: Sequence[Summary], cursor: Cursor, hea
             for row in plain:
                 row.update((name, msgspec.json.encode(row[name]).decode()) for name in SUMMARY_JSON)
             connection.execute(new_rows(connection.dialect.name, summaries), plain)
+            sum_hours(connection, site, {hour_of(row.time_ns) for row in rows})
         new = {
             "begun_ns": cursor.begun_ns, "taken": cursor.taken, "lost": cursor.lost,
             "heard_ns": heard_ns, "problem": "",
@@ -116,6 +156,54 @@ def note_problem(engine: Engine, site: str, problem: str) -> None:
     """Store why a site cannot be asked."""
     with engine.begin() as connection:
         _note(connection, site, {"problem": problem[:500]})
+
+
+def hour_of(time_ns: int) -> int:
+    """Return when the hour of a time begins."""
+    return time_ns - time_ns % HOUR_NS
+
+
+def sum_hours(connection: Connection, site: str, begins_ns: Collection[int]) -> None:
+    """Sum up hours of a site anew, from the summaries that are there."""
+    c, rows = summaries.c, list[dict[str, object]]()
+    names = ("time_ns", "span_s", "slots", "people", "most_people", "error_mm", "blind", "joules")
+    for begin_ns in begins_ns:
+        inside = c.time_ns.between(begin_ns, begin_ns + HOUR_NS - 1)
+        asked = select(*(c[name] for name in (*names, *HOUR_JSON))).where(c.site == site, inside)
+        found = connection.execute(asked).all()
+        if found:
+            rows.append({"site": site, "time_ns": begin_ns, **_hour(found)})
+    gone = hours.c.site == site, hours.c.time_ns.in_(list(begins_ns))
+    connection.execute(delete(hours).where(*gone))
+    if rows:
+        connection.execute(insert(hours), rows)
+
+
+def _hour(minutes: Sequence[Any]) -> dict[str, object]:
+    """Return the sums of minutes."""
+    totals = {name: Counter[str]() for name in HOUR_JSON}
+    joules = measured_j = blind = person_s = seen_s = error_s = 0.0
+    for minute in minutes:
+        for name, total in totals.items():
+            read = msgspec.json.decode(getattr(minute, name))
+            total.update(read if isinstance(read, dict) else dict.fromkeys(read, 1))
+        for spent in msgspec.json.decode(minute.joules).values():
+            joules += sum(spent.values())
+            measured_j += spent.get("measured", 0.0)
+        blind += sum(msgspec.json.decode(minute.blind).values())
+        person_s += (minute.people or 0.0) * minute.span_s
+        if minute.error_mm is not None:
+            seen_s += minute.span_s
+            error_s += minute.error_mm * minute.span_s
+    return {
+        "span_s": sum(m.span_s for m in minutes), "slots": sum(m.slots for m in minutes),
+        "blind": round(blind), "person_h": person_s / 3600,
+        "most_people": max(m.most_people for m in minutes),
+        "error_mm": error_s / seen_s if seen_s else None,
+        "joules": joules, "measured_j": measured_j,
+        **{name: msgspec.json.encode(total, order="sorted").decode()
+           for name, total in totals.items()},
+    }  # fmt: skip
 
 
 def _note(connection: Connection, site: str, values: dict[str, object]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -26,12 +27,18 @@ class SiteOfHub(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     Attributes:
         name: of the site, as its own file says.
         endpoint: of its edge or a router before it, `tls/HOST:PORT`; `tcp/HOST:PORT` on loopback.
-        keys: folder of a viewer's certificate of that site, for tls.
+        keys: folder of a hub's certificate of that site, for tls.
+        group: that it belongs to; people are given rights by group.
+        page: address of its live page.
+        page_tokens: file of that page's tokens, which the hub's page hands to whom has the right.
     """
 
     name: str
     endpoint: str
     keys: str = ""
+    group: Annotated[str, Meta(max_length=100)] = ""
+    page: Annotated[str, Meta(pattern=r"^(https?://[^\s#]{1,300})?$")] = ""
+    page_tokens: str = ""
 
 
 class HubTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -41,6 +48,7 @@ class HubTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         format, version: `FORMAT` and `VERSION`.
         database: a file (SQLite), or `postgresql://USER@HOST/NAME`.
         every_s: seconds between two questions to a site.
+        archives: folders, or addresses that fsspec knows.
         site: the sites.
     """
 
@@ -48,6 +56,7 @@ class HubTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     version: int
     database: str = "hub.db"
     every_s: Annotated[float, Meta(ge=1, le=86400)] = 60.0
+    archives: tuple[str, ...] = ()
     site: tuple[SiteOfHub, ...] = ()
 
 
@@ -59,13 +68,28 @@ class Hub:
         path: the file.
         database: path or URL.
         every_s: seconds between two questions to a site.
+        archives: folders or addresses.
         sites: the sites by name.
     """
 
     path: Path
     database: str
     every_s: float
+    archives: tuple[str, ...]
     sites: dict[str, SiteOfHub]
+
+    def of_groups(self, groups: Collection[str] | None) -> list[str]:
+        """Return the sites of some groups, of all for None, in the order of the file.
+
+        Raises:
+            InputError: for a group that no site is of.
+        """
+        known = dict.fromkeys(site.group for site in self.sites.values())
+        for group in groups or ():
+            if group not in known:
+                names = ", ".join(name for name in known if name) or "a group of a [[site]]"
+                raise InputError("group", repr(group[:80]), f"one of {names[:300]}")
+        return [n for n, site in self.sites.items() if groups is None or site.group in groups]
 
     def link(self, name: str) -> Link:
         """Return how a site is reached, as a viewer of it.
@@ -115,4 +139,6 @@ def load_hub(named: Path) -> Hub:
         raise error.at(path) from None
     url = "://" in table.database
     database = table.database if url else str(path.parent / table.database)
-    return Hub(path, database, table.every_s, {site.name: site for site in table.site})
+    archives = tuple(a if "://" in a else str(path.parent / a) for a in table.archives)
+    sites = {site.name: site for site in table.site}
+    return Hub(path, database, table.every_s, archives, sites)

@@ -1,0 +1,84 @@
+"""Who came to poses, when and how: written before anything is shown."""
+
+from __future__ import annotations
+
+import getpass
+import time
+from collections.abc import Sequence
+from contextlib import closing
+from dataclasses import dataclass
+
+from sqlalchemy import Engine, delete, func, insert, select
+
+from e3pose.base.errors import InputError
+from e3pose.hub.database import accesses, open_hub
+from e3pose.store.database import REFUSALS, reason_of
+
+MOST = 100_000  # accesses; the oldest make room
+MOST_LETTERS = 500  # of what was done
+
+
+@dataclass(frozen=True, slots=True)
+class Access:
+    """That somebody came to poses of a site.
+
+    Attributes:
+        time_ns: when, nanoseconds since 1970, UTC.
+        who: user of the hub, or of its machine.
+        site: whose poses.
+        what: how.
+    """
+
+    time_ns: int
+    who: str
+    site: str
+    what: str
+
+
+def log_accesses(engine: Engine, who: str, sites: Sequence[str], what: str) -> None:
+    """Store that somebody comes to poses of some sites.
+
+    Raises:
+        InputError: when it cannot be stored: then nothing may be shown.
+    """
+    time_ns, table = time.time_ns(), accesses
+    rows = [
+        {"time_ns": time_ns, "who": who, "site": site, "what": what[:MOST_LETTERS]}
+        for site in sites
+    ]
+    try:
+        with engine.begin() as connection:
+            if rows:
+                connection.execute(insert(table), rows)
+                newest = connection.scalar(select(func.max(table.c.number))) or 0
+                connection.execute(delete(table).where(table.c.number <= newest - MOST))
+    except REFUSALS as error:
+        raise InputError(f"access cannot be logged ({reason_of(error)})") from None
+
+
+def read_accesses(
+    database: str, site: str | None = None, who: str | None = None, limit: int = 100
+) -> list[Access]:
+    """Return accesses, newest first.
+
+    Args:
+        database: of a hub: path or URL.
+        site: of which; None for all.
+        who: whose; None for everybody's.
+        limit: the most to return.
+    """
+    c = accesses.c
+    asked = select(c.time_ns, c.who, c.site, c.what).order_by(c.number.desc()).limit(limit)
+    for column, wanted in ((c.site, site), (c.who, who)):
+        asked = asked if wanted is None else asked.where(column == wanted)
+    engine = open_hub(database)
+    with closing(engine.connect()) as connection:
+        return [Access(*row) for row in connection.execute(asked)]
+
+
+def local_user() -> str:
+    """Return who is logged in to this machine."""
+    try:
+        return getpass.getuser()
+    except (KeyError, OSError):  # a container that knows no names
+        return "somebody on this machine"
