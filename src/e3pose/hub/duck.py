@@ -10,9 +10,10 @@ import pickle
 import sys
 import threading
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
+
+from e3pose.base.system import bound_memory
 
 THREADS = 2
 # What there is where an archive holds nobody.
@@ -106,7 +107,7 @@ def _answer(question: Question) -> tuple[list[str], list[Any]]:
         },
     )
     _tables(connection, question.files)
-    _bound(question.most_bytes)
+    bound_memory(question.most_bytes)
     statements = connection.extract_statements(question.sql)
     if len(statements) != 1 or statements[0].type != duckdb.StatementType.SELECT:
         raise RuntimeError(f"found {len(statements)} statements or one that does not read")
@@ -143,13 +144,3 @@ def _tables(connection: Any, files: Sequence[File]) -> None:
         mixed = len({file.skeleton for file in files}) > 1 or not files[0].skeleton
         connection.execute(f"CREATE VIEW poses AS {POSES.format(files=f'[{listed}]', mixed=mixed)}")
     connection.execute("SET lock_configuration = true")
-
-
-def _bound(most_bytes: int) -> None:
-    with suppress(ImportError, ValueError, OSError):  # not every system has such a bound
-        import resource
-
-        import psutil
-
-        most = psutil.Process().memory_info().vms + most_bytes
-        resource.setrlimit(resource.RLIMIT_AS, (most, most))
