@@ -118,6 +118,7 @@ ELSEWHERE = {
         ),
         "tests/hub/test_users.py",
     ),
+    "hub view house": "tests/live/test_hub_page.py",
     "hub accesses house --site lab": "tests/hub/test_questions.py",
     'hub query house "SELECT site, sum(people * span_s) / 3600 AS person_hours FROM summaries '
     'GROUP BY site"': "tests/hub/test_hub.py",

@@ -53,6 +53,46 @@ def run(hub: Path, /) -> None:
 
 
 @hub_app.command
+def view(
+    hub: Path,
+    /,
+    *,
+    listen: str | None = None,
+    for_s: Annotated[float | None, Parameter(name="--for")] = None,
+) -> None:
+    """Serve one page over all sites: health, people, events, watts, blind slots and faults.
+
+    Example: `e3pose hub view house`, then open the printed address with your token.
+
+    Users and their rights come from `e3pose hub grant`; each sees the sites of their groups, and
+    goes from there to a site's own live page, to see or to control it, which is logged. It works
+    beside `e3pose hub run`. Ctrl-C stops it.
+
+    Parameters
+    ----------
+    hub
+        File of the hub, or its folder.
+    listen
+        HOST:PORT instead of the hub file's. Default: 127.0.0.1:8480.
+    for_s
+        Stop after this many seconds.
+    """
+    import time
+
+    from e3pose.base.quantities import check_seconds
+    from e3pose.hub.page import open_page, page_lines
+    from e3pose.hub.settings import load_hub
+    from e3pose.site.run import run_until_stopped
+
+    check_seconds("--for", for_s)
+    found = load_hub(hub)
+    with open_page(found, listen) as opened:
+        print("\n".join(page_lines(opened.url, found)), flush=True)
+        end_s = None if for_s is None else time.monotonic() + for_s
+        run_until_stopped(lambda: opened.running() and (end_s is None or time.monotonic() < end_s))
+
+
+@hub_app.command
 def query(
     hub: Path,
     sql: str,

@@ -41,6 +41,25 @@ class SiteOfHub(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     page_tokens: str = ""
 
 
+class ViewOfHub(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """`[view]`: the page over sites.
+
+    Attributes:
+        listen: `HOST:PORT`; beyond this machine with a certificate.
+        certificate, key: of https, PEM files beside the hub's file.
+        hosts: names by which browsers reach it.
+        proxies: addresses of reverse proxies, which say for whom they ask.
+        insecure: whether plain http beyond this machine is allowed.
+    """
+
+    listen: str = "127.0.0.1:8480"
+    certificate: str = ""
+    key: str = ""
+    hosts: tuple[str, ...] = ()
+    proxies: tuple[str, ...] = ()
+    insecure: bool = False
+
+
 class HubTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The file of a hub.
 
@@ -49,6 +68,7 @@ class HubTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         database: a file (SQLite), or `postgresql://USER@HOST/NAME`.
         every_s: seconds between two questions to a site.
         archives: folders, or addresses that fsspec knows.
+        view: the page over sites.
         site: the sites.
     """
 
@@ -57,6 +77,7 @@ class HubTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     database: str = "hub.db"
     every_s: Annotated[float, Meta(ge=1, le=86400)] = 60.0
     archives: tuple[str, ...] = ()
+    view: ViewOfHub = ViewOfHub()
     site: tuple[SiteOfHub, ...] = ()
 
 
@@ -69,6 +90,7 @@ class Hub:
         database: path or URL.
         every_s: seconds between two questions to a site.
         archives: folders or addresses.
+        view: the page over sites.
         sites: the sites by name.
     """
 
@@ -76,6 +98,7 @@ class Hub:
     database: str
     every_s: float
     archives: tuple[str, ...]
+    view: ViewOfHub
     sites: dict[str, SiteOfHub]
 
     def of_groups(self, groups: Collection[str] | None) -> list[str]:
@@ -141,4 +164,4 @@ def load_hub(named: Path) -> Hub:
     database = table.database if url else str(path.parent / table.database)
     archives = tuple(a if "://" in a else str(path.parent / a) for a in table.archives)
     sites = {site.name: site for site in table.site}
-    return Hub(path, database, table.every_s, archives, sites)
+    return Hub(path, database, table.every_s, archives, table.view, sites)

@@ -16,11 +16,11 @@ TOKENS = Tokens("e3pose-view-tokens", 1, "r" * 20, "w" * 20)
 HOST = "localhost:8470"
 
 
-def rules(open_reading: bool = True, secure: bool = False) -> Rules:
+def rules(open_reading: bool = True, secure: bool = False) -> Rules[Tokens]:
     return Rules(TOKENS, frozenset({"localhost", "edge.local"}), open_reading, secure)
 
 
-def refused(made: Rules, path: str = "/api/status", **headers: str) -> int:
+def refused(made: Rules[Tokens], path: str = "/api/status", **headers: str) -> int:
     """Return the status with which a request is refused; 0 for one that comes in."""
     named = {name.replace("_", "-"): value for name, value in ({"host": HOST} | headers).items()}
     _, refusal = made.judge(path, named, Client("10.0.0.1", made.secure))

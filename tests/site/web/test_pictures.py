@@ -32,7 +32,7 @@ from e3pose.site.web.pictures import (
     reprojected,
 )
 from e3pose.site.web.program import picture_rules
-from e3pose.site.web.tokens import make_tokens
+from e3pose.site.web.tokens import Tokens, make_tokens
 from e3pose.wire.codec import decode, encode
 from e3pose.wire.site_messages import CameraStatus, Picture, PictureQuestion, Status
 from lies import jpeg_header, lies_of_fields, picture_schemes
@@ -322,7 +322,7 @@ def test_pictures_are_shown_on_loopback_and_elsewhere_where_the_site_says_so(
 
 
 def test_beyond_loopback_pictures_take_the_write_token(watched: Watched) -> None:
-    rules: Rules = watched.view.rules
+    rules: Rules[Tokens] = watched.view.rules
     headers = {"host": "localhost"}
     assert rules.open_pictures and rules.judge("/api/pictures/c0", headers, Client("a"))[1] is None
     beyond = Rules(rules.tokens, rules.hosts, open_reading=False)

@@ -16,7 +16,7 @@ from tests.site.tables import write_site
 from e3pose.base.errors import InputError
 from e3pose.recording.calibration import save_rig
 from e3pose.settings.resolved import resolve
-from e3pose.site.web.program import _listen, address_of, open_view
+from e3pose.site.web.program import address_of, listening_at, open_view
 from e3pose.wire.keys.folder import init_keys
 from e3pose.wire.keys.renewal import renew_keys
 
@@ -61,7 +61,7 @@ def test_port_that_is_taken_is_an_error_that_names_it(tmp_path: Path) -> None:
 
 def test_answers_leave_at_once(tmp_path: Path) -> None:
     """Else the last part of an answer waits for the other side to say that it has the others."""
-    with _listen(address_of(write_site(tmp_path), "127.0.0.1:0")) as listening:
+    with listening_at("127.0.0.1", 0) as listening:
         assert listening.proto == socket.IPPROTO_TCP  # which asyncio looks at
 
 

@@ -13,7 +13,7 @@ import ipaddress
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Generic, Protocol, TypeVar
 
 from starlette.datastructures import Headers
 from starlette.responses import JSONResponse
@@ -24,7 +24,7 @@ from e3pose.base.rate_limit import Rate
 from e3pose.site.listener import network_of
 from e3pose.site.web.guesses import Guesses
 from e3pose.site.web.page import FILES
-from e3pose.site.web.tokens import Scope, Tokens
+from e3pose.site.web.tokens import Scope
 
 PROTOCOL = "e3pose"  # of WebSockets; a token may come as a second one, as browsers send no header
 TOKEN_PROTOCOL = "e3pose.token."
@@ -80,8 +80,19 @@ class Client:
         return "https" if self.secure else "http"
 
 
+class Judge(Protocol):
+    """Knows tokens."""
+
+    def scope(self, token: str) -> Scope | None:
+        """Return the scope of a token; None for an unknown one."""
+        ...
+
+
+J = TypeVar("J", bound=Judge, covariant=True)
+
+
 @dataclass(slots=True, eq=False)
-class Rules:
+class Rules(Generic[J]):
     """The access rules.
 
     Attributes:
@@ -95,9 +106,10 @@ class Rules:
         reads: how often each client may read.
         writes: how often each may change something.
         guesses: slows down clients with wrong tokens.
+        open_paths: that hold nothing which needs a token.
     """
 
-    tokens: Tokens
+    tokens: J
     hosts: frozenset[str]
     open_reading: bool
     secure: bool = False
@@ -106,6 +118,7 @@ class Rules:
     reads: Rate = field(default_factory=lambda: Rate(READS_PER_S, READ_BURST, time.monotonic))
     writes: Rate = field(default_factory=lambda: Rate(WRITES_PER_S, WRITE_BURST, time.monotonic))
     guesses: Guesses = field(default_factory=lambda: Guesses(time.monotonic))
+    open_paths: frozenset[str] = OPEN_PATHS
 
     def client_of(self, address: str, headers: Mapping[str, str]) -> Client:
         """Return who sends a request.
@@ -142,7 +155,7 @@ class Rules:
             return None, refusal
         if self.open_reading and not self.proxies and "x-forwarded-for" in headers:
             return None, Refusal(403, "asked through a proxy: see [view] proxies")
-        if path in OPEN_PATHS:
+        if path in self.open_paths:
             return None, _late(self.reads.wait_s(client.address))
         scope: Scope | None = "read" if self.open_reading else None
         who = client.address
@@ -177,7 +190,7 @@ class Rules:
             return Refusal(403, f"origin {origin[:80]!r} is not this page")
         # A link that somebody follows to the page is not a request by the page it stands on.
         site = headers.get("sec-fetch-site", "none")
-        if site not in ("none", "same-origin") and path not in OPEN_PATHS:
+        if site not in ("none", "same-origin") and path not in self.open_paths:
             return Refusal(403, "asked for by another page")
         return None
 
@@ -214,7 +227,7 @@ def token_of(headers: Mapping[str, str]) -> str:
 class Door:
     """Lets in what the rules allow; an ASGI application around another."""
 
-    def __init__(self, app: ASGIApp, rules: Rules) -> None:
+    def __init__(self, app: ASGIApp, rules: Rules[Judge]) -> None:
         """Stand before an application."""
         self.app, self.rules = app, rules
 

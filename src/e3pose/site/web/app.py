@@ -14,7 +14,7 @@ from fastapi.responses import JSONResponse
 from starlette.types import ASGIApp
 
 from e3pose import __version__
-from e3pose.site.web.access import Door, Rules
+from e3pose.site.web.access import Door, Judge, Rules
 from e3pose.site.web.api import make_api
 from e3pose.site.web.control import Ask, make_control
 from e3pose.site.web.day import make_day
@@ -65,7 +65,7 @@ class PageContent:
         }
 
 
-def make_app(content: PageContent, rules: Rules) -> ASGIApp:
+def make_app(content: PageContent, rules: Rules[Judge]) -> ASGIApp:
     """Return the application of a site behind its door."""
     return Door(inner_app(content), rules)
 

@@ -124,7 +124,7 @@ class PageServer:
         feed: what it hands on.
     """
 
-    def __init__(self, address: Address, rules: Rules, feed: Feed) -> None:
+    def __init__(self, address: Address, rules: Rules[Tokens], feed: Feed) -> None:
         """Describe a server; `open_view` starts one."""
         self.address, self.url = address, address.url
         self.rules, self.tokens, self.feed = rules, rules.tokens, feed
@@ -183,7 +183,7 @@ def open_view(
     """
     address = address_of(site, listen)
     tokens = open_tokens(site.view.tokens)
-    listening = _listen(address)
+    listening = listening_at(address.host, address.port)
     address = replace(address, port=listening.getsockname()[1])
     rules = rules_of(site, address, tokens)
     rules.guesses.report = report
@@ -223,7 +223,7 @@ def open_view(
     return view
 
 
-def rules_of(site: SiteTable, address: Address, tokens: Tokens) -> Rules:
+def rules_of(site: SiteTable, address: Address, tokens: Tokens) -> Rules[Tokens]:
     """Return the access rules of a view.
 
     Args:
@@ -256,7 +256,7 @@ def _https(address: Address) -> ssl.SSLContext | None:
     return context
 
 
-def picture_rules(site: SiteTable, rules: Rules, operates: bool) -> PictureRules:
+def picture_rules(site: SiteTable, rules: Rules[Tokens], operates: bool) -> PictureRules:
     """Return who is shown pictures of a site.
 
     Args:
@@ -273,16 +273,14 @@ def picture_rules(site: SiteTable, rules: Rules, operates: bool) -> PictureRules
     return PictureRules(shown, why, here, site.view.pictures_per_s)
 
 
-def _listen(address: Address) -> socket.socket:
+def listening_at(host: str, port: int) -> socket.socket:
     """Return a socket that listens; raise `InputError` naming a port that is taken."""
     try:
-        return open_socket(address.host, address.port)
+        return open_socket(host, port)
     except OSError as error:
         if error.errno == errno.EADDRINUSE:
             raise InputError(
-                f"port {address.port} is in use: stop the program that has it (`ss -ltnp 'sport = "
-                f":{address.port}'` names it), or choose another with --listen"
+                f"port {port} is in use: stop the program that has it (`ss -ltnp 'sport = "
+                f":{port}'` names it), or choose another with --listen"
             ) from None
-        raise InputError(
-            "--listen", f"{address.host}:{address.port}", "an address of this machine"
-        ) from None
+        raise InputError("--listen", f"{host}:{port}", "an address of this machine") from None

@@ -1,0 +1,182 @@
+"""The page over sites: who may, sees how sites are, and goes from there to their own pages."""
+
+from __future__ import annotations
+
+import ssl
+import time
+from contextlib import ExitStack
+from dataclasses import dataclass
+from importlib import resources
+from typing import Any
+
+import msgspec
+from fastapi import FastAPI, HTTPException, Request
+from fastapi.responses import Response
+from pydantic import BaseModel, ConfigDict, Field
+from sqlalchemy import Engine
+
+from e3pose.base.errors import InputError
+from e3pose.hub.accesses import log_accesses
+from e3pose.hub.database import open_hub
+from e3pose.hub.overview import overview
+from e3pose.hub.settings import Hub
+from e3pose.hub.users import User, Users, read_users, users_of
+from e3pose.site.listener import Bounds
+from e3pose.site.serving import CONNECTIONS, PER_ADDRESS, Serving
+from e3pose.site.web.access import Door, Rules, token_of
+from e3pose.site.web.page import FILES as FILES_OF_SITE
+from e3pose.site.web.page import KINDS
+from e3pose.site.web.program import listening_at
+from e3pose.site.web.tokens import open_tokens
+from e3pose.wire.access import is_loopback, split_endpoint
+
+BROWSER = resources.files("e3pose.hub").joinpath("browser")
+# Its own, and the modules and styles of a site's page.
+FILES = {
+    **FILES_OF_SITE,
+    "/": BROWSER.joinpath("sites.html").read_bytes(),
+    "/sites.js": BROWSER.joinpath("sites.js").read_bytes(),
+    "/sites.css": BROWSER.joinpath("sites.css").read_bytes(),
+}
+OPEN_PATHS = frozenset(FILES) | {"/favicon.ico"}  # they hold nothing of any site
+
+
+class Opening(BaseModel):
+    """Which site somebody wants to see."""
+
+    model_config = ConfigDict(extra="forbid")
+    site: str = Field(max_length=100)
+
+
+@dataclass(slots=True, eq=False)
+class HubPage:
+    """A server at work, until it is closed. Use it as a context manager.
+
+    Attributes:
+        url: of its page.
+        rules: who may come in.
+    """
+
+    url: str
+    rules: Rules[Users]
+    _serving: Serving
+    _stack: ExitStack
+
+    def __enter__(self) -> HubPage:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stack.close()
+
+    def running(self) -> bool:
+        """Return whether it serves."""
+        return self._serving.running()
+
+
+def open_page(hub: Hub, listen: str | None = None) -> HubPage:
+    """Serve the page over sites until it is closed.
+
+    Args:
+        hub: its file.
+        listen: in place of the file's `HOST:PORT`.
+
+    Raises:
+        InputError: for a port that is taken, an address beyond this machine without a certificate,
+            and all that is wrong in the files.
+    """
+    table, words = hub.view, listen or hub.view.listen
+    _, host, port = split_endpoint(f"tcp/{words}")
+    secure = None
+    if table.certificate:
+        secure = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+        folder = hub.path.parent
+        try:
+            secure.load_cert_chain(folder / table.certificate, folder / table.key)
+        except OSError as error:
+            raise InputError("view.certificate", table.certificate, f"one ({error})") from None
+    elif not is_loopback(host) and not table.insecure:
+        wanted = "127.0.0.1:PORT, or certificate and key under [view] for https"
+        raise InputError("view.listen" if listen is None else "--listen", words, wanted)
+    users = users_of(hub)
+    read_users(users.path)  # what is wrong in it is told at once
+    hosts = frozenset({"localhost", host.lower(), *(name.lower() for name in table.hosts)})
+    rules = Rules(
+        users, hosts, False, secure is not None, frozenset(table.proxies), open_paths=OPEN_PATHS
+    )
+    engine = open_hub(hub.database)
+    with ExitStack() as stack:
+        stack.callback(engine.dispose)
+        listening = listening_at(host, port)
+        stack.callback(listening.close)
+        bounds = Bounds(CONNECTIONS, PER_ADDRESS, proxies=rules.proxies)
+        app = Door(make_app(hub, engine, users), rules)
+        serving = Serving(app, listening, bounds, secure)
+        stack.callback(serving.close)
+        scheme, at = "http" if secure is None else "https", listening.getsockname()[1]
+        return HubPage(f"{scheme}://{host}:{at}/", rules, serving, stack.pop_all())
+
+
+def make_app(hub: Hub, engine: Engine, users: Users) -> FastAPI:
+    """Return the application, without its door."""
+    app = FastAPI(title="e3pose hub", docs_url=None, redoc_url=None, openapi_url=None)
+
+    def user_of(request: Request) -> tuple[User, list[str]]:
+        user = users.of_token(token_of(request.headers))
+        if user is None:  # revoked since the door was passed
+            raise HTTPException(401, "wrong token")
+        return user, [n for n, site in hub.sites.items() if site.group in user.groups]
+
+    @app.get("/api/sites")
+    def sites(request: Request) -> Response:
+        user, names = user_of(request)
+        now_ns = time.time_ns()
+        with engine.connect() as connection:
+            found = overview(connection, hub, names, now_ns)
+        body = {"user": user.name, "role": user.role, "now_ns": now_ns, "sites": found}
+        return Response(msgspec.json.encode(body), media_type="application/json")
+
+    @app.post("/api/open")
+    def go(asked: Opening, request: Request) -> dict[str, str]:
+        user, names = user_of(request)
+        if asked.site not in names:  # the same for those of others and those that are none
+            raise HTTPException(404, "no site of that name in your groups")
+        try:
+            url, how = _page_of(hub, asked.site, user)
+            log_accesses(engine, user.name, [asked.site], how)
+        except InputError as error:
+            raise HTTPException(409, str(error)) from None
+        return {"url": url}
+
+    def give(path: str, body: bytes) -> None:
+        kind = KINDS["html" if path == "/" else path.rpartition(".")[2]]
+        answer = Response(body, media_type=f"{kind}; charset=utf-8")
+        app.add_api_route(path, lambda: answer)
+
+    for path, body in FILES.items():
+        give(path, body)
+    app.add_api_route("/favicon.ico", lambda: Response(status_code=204))
+    return app
+
+
+def _page_of(hub: Hub, name: str, user: User) -> tuple[str, str]:
+    """Return the address of a site's page for somebody, and what to log."""
+    site = hub.sites[name]
+    if not site.page:
+        raise InputError(f"{name}: page: not found, expected the address of its live page")
+    if not site.page_tokens:
+        return site.page, "live page, by a token of their own"
+    place = hub.path.parent / site.page_tokens
+    if not place.is_file():
+        raise InputError(f"{name}: page_tokens: no such file, expected the tokens of its page")
+    tokens = open_tokens(place)
+    operates = user.role == "operator"
+    token = tokens.write if operates else tokens.read
+    return f"{site.page}#token={token}", f"live page, to {'control' if operates else 'see'}"
+
+
+def page_lines(url: str, hub: Hub) -> list[str]:
+    """Return what to tell whoever started the page."""
+    names: list[Any] = [user.name for user in read_users(users_of(hub).path)]
+    if not names:
+        return [f"See the sites: {url}", "Nobody may yet: e3pose hub grant HUB NAME --viewer"]
+    return [f"See the sites: {url}#token=TOKEN, with the token of {', '.join(names)[:200]}"]
