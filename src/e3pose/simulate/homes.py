@@ -46,6 +46,14 @@ HOMES: dict[str, Scene] = {
             HOME.habits, stand=0.1, sit=0.1, do=0.8, does=tuple(FALLS), lies_s=(8.0, 30.0)
         ),
     ),
+    "home-floor": replace(
+        HOME,
+        summary="the same room; the person lies, sits and kneels down on the floor, and gets up",
+        habits=replace(
+            HOME.habits, stand=0.05, sit=0.05, do=0.85, lies_s=(3.0, 8.0),
+            does=("lie-on-floor", "sit-on-floor", "kneel"),
+        ),
+    ),
     "home-play": replace(
         HOME,
         summary="the same room; two children crawl, jump, drop to the floor and get up",
