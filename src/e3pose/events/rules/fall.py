@@ -19,7 +19,7 @@ from e3pose.settings.events_table import EventsTable
 
 # Chosen on simulated homes, seeds 0 to 15; see docs/research/events.md.
 LEAST_DROP = 0.16  # of the hips, share of the stature: from a seat to the floor are 0.24
-FAST = 0.37  # mean speed of the middle half of the way, statures / s, by the root of the drop
+FAST = 0.40  # mean speed of the middle half of the way, statures / s, by the root of the drop
 FAST_SPREAD = 0.04
 LYING = 0.6  # least probability: who sits on the floor upright has sat down
 UPRIGHT_DEG = 35.0  # shanks on the way down: slides 14 to 21, kneeling first 57 to 81
