@@ -156,6 +156,7 @@ ELSEWHERE = {
     "stream site.toml homeassistant://127.0.0.1:1883": "tests/live/test_events_of_people.py",
     "stream site.toml webhook:https://example.org/hook": "tests/live/test_events_of_people.py",
     "events test site.toml": "tests/live/test_events_of_people.py",
+    "events week site.toml week.html": "tests/output/report/test_week.py",
     "learn versions learned": "tests/cli/test_learn_command.py",
     "learn rollback learned": "tests/cli/test_learn_command.py",
     "models path openpose-thin": "tests/cli/test_models.py",

@@ -1,4 +1,4 @@
-"""`e3pose events`: test in your own room what is told of people."""
+"""`e3pose events`: test in your own room what is told of people, and sum up a week of it."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import App, Parameter
 
 from e3pose.base.errors import InputError
-from e3pose.base.quantities import check_seconds
-from e3pose.cli.options import OUTPUT, warn
+from e3pose.base.quantities import check_seconds, plural
+from e3pose.cli.options import OUTPUT, Whole, warn
 from e3pose.cli.output import JsonFile, is_stdout, write_json
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from e3pose.events.watch import Watch
     from e3pose.settings.events_table import EventsTable
 
-events_app = App(name="events", help="Test what is told of people: falls, lying, getting up.")
+events_app = App(name="events", help="Test what is told of people, and sum up a week of it.")
 PATIENCE_S = 10.0  # without anybody, before that is said
 AFTER_S = 3.0  # after somebody got up from a fall, it is over
 Look = tuple["Seen", tuple[str, ...], int]  # people, cameras whose views came, when it was told
@@ -84,6 +84,74 @@ def test(
     write_json(json_file, trials.as_json(trial, sentences))
     if not (trial.was_told("fall") or trial.was_told("on-floor")):
         raise SystemExit(1)
+
+
+@events_app.command(name="week")
+def week(
+    site: str,
+    dest: Path | None = None,
+    /,
+    *,
+    last: Annotated[str | None, Parameter(name="--to")] = None,
+    days: Whole = 7,
+    csv: Annotated[Path | None, Parameter(group=OUTPUT)] = None,
+    json_file: Annotated[JsonFile, Parameter(group=OUTPUT)] = None,
+) -> None:
+    """Sum up a week: who was there, in which zones, what they did, what was told, when nobody was.
+
+    Example: `e3pose events week site.toml week.html`
+
+    The page is one file, for a phone too, with two sentences on top, which are also printed. Names
+    are those of `e3pose people name`; the page is readable by its owner alone. Poses are not in it.
+
+    Parameters
+    ----------
+    site
+        Site file, or the folder that contains site.toml.
+    dest
+        The page to write, `.html`.
+    last
+        Last day, such as 2026-11-26, in local time. Default: today.
+    days
+        How many days, 1 to 31.
+    csv
+        Write the figures here as CSV: day, who, what, name, amount, unit.
+    json_file
+        Write the figures here as a JSON list; - is standard output.
+    """
+    from datetime import date
+
+    from e3pose.base.atomic import check_output
+    from e3pose.cli.querying import check_files, store_of
+    from e3pose.output.report.week import week_of
+    from e3pose.output.report.week_page import sentences, write_week
+    from e3pose.store import Store
+    from e3pose.store.export import row_columns, write_tables
+
+    if dest is not None and dest.suffix.lower() not in (".html", ".htm"):
+        raise InputError(f"DEST: found {str(dest)!r}, expected a name ending in .html")
+    try:
+        end = date.today() if last is None else date.fromisoformat(last)
+    except ValueError:
+        raise InputError("--to", repr(last)[:40], "a day such as 2026-11-26") from None
+    place, name = store_of(site, None)
+    if name is None:
+        raise InputError("SITE", repr(site[:80]), "a site file or its folder")
+    tables = {"csv": csv, "json": json_file}
+    outputs = {form: path for form, path in tables.items() if path is not None}
+    check_files(place, outputs)
+    if dest is not None:
+        check_output(dest)
+    found = week_of(Store(place), place, name, end, days)
+    say = (lambda line: None) if is_stdout(json_file) else print
+    say(" ".join(sentences(found)))
+    for form, path in outputs.items():
+        count = write_tables([row_columns(found.rows())], None if is_stdout(path) else path, form)
+        if not is_stdout(path):
+            say(f"Wrote {path}: {plural(count, 'row')}")
+    if dest is not None:
+        write_week(found, dest)
+        say(f"Wrote {dest}")
 
 
 def _say(line: str) -> None:

@@ -94,7 +94,7 @@ def query(
     store, site = store_of(store, period.site)
     files = {"csv": csv, "parquet": parquet, "json": json_file}
     outputs = {form: path for form, path in files.items() if path is not None}
-    _check_files(store, outputs)
+    check_files(store, outputs)
     _check_rows(what, period, track, joint)
     asked = Store(store)
     bounds: dict[str, Any] = {
@@ -116,7 +116,7 @@ def query(
                 wrote(path, plural(count, "row"))
 
 
-def _check_files(store: str, outputs: Mapping[str, Path]) -> None:
+def check_files(store: str, outputs: Mapping[str, Path]) -> None:
     """Raise `InputError` for files that cannot be written, or that belong to the store."""
     from e3pose.base.atomic import check_output
     from e3pose.store.database import database_path, database_url

@@ -44,6 +44,7 @@ class StoredPerson:
         tracks: runs and tracks, oldest first.
         first_ns, last_ns: when the person was there, nanoseconds since 1970.
         colour: of `COLOURS`; None where nobody chose one.
+        spans: the same of each track.
     """
 
     name: str | None
@@ -51,6 +52,7 @@ class StoredPerson:
     first_ns: int
     last_ns: int
     colour: str | None = None
+    spans: tuple[tuple[int, int], ...] = ()
 
 
 def people_of(
@@ -87,6 +89,7 @@ def people_of(
             min(row.first_ns for row in each),
             max(row.last_ns for row in each),
             next((row.colour for row in reversed(each) if row.colour), None),
+            tuple((row.first_ns, row.last_ns) for row in each),
         )
         for each in people.values()
     ]

@@ -89,13 +89,13 @@ def render(
     drawn = scene(recording, records)
     charts = _charts(recording, records, summary, drawn)
     boxes = [f'<div id="{name}"></div>' for name in ("energy", "duty") if name in charts]
-    return Template(_packaged("page.html")).substitute(
-        title=_text(recording.name or "Recording"),
-        sentences=f"<p>{_text(' '.join(sentences(recording, records, summary)), 2000)}</p>"
-        f"<p class='soft'>{_text(' '.join(summary.notes), 2000)}</p>",
+    return Template(packaged("page.html")).substitute(
+        title=shown_text(recording.name or "Recording"),
+        sentences=f"<p>{shown_text(' '.join(sentences(recording, records, summary)), 2000)}</p>"
+        f"<p class='soft'>{shown_text(' '.join(summary.notes), 2000)}</p>",
         thinning=f"<p class='soft'>{thinning(drawn['stride'], drawn['numSlots'])}</p>",
         cards="".join(
-            f"<div><b>{_text(value)}</b><span>{_text(meaning)}</span></div>"
+            f"<div><b>{shown_text(value)}</b><span>{shown_text(meaning)}</span></div>"
             for value, meaning in cards(recording, records, summary)
         ),
         cell=_cell(drawn),
@@ -103,15 +103,15 @@ def render(
         sure_box=_sure_box(drawn),
         blind_key=BLIND_KEY if drawn["blind"] else "",
         why=WHY if "gain" in drawn else "",
-        energy_words=_text(_energy_words(summary), 1000),
+        energy_words=shown_text(_energy_words(summary), 1000),
         energy_boxes="".join(boxes),
         settings=_settings(recording, summary, lead, details),
-        source=_text(recording.source),
+        source=shown_text(recording.source),
         data=embed(drawn),
         figures=embed(charts),
-        scene=_packaged("scene.js"),
-        player=_packaged("player.js"),
-        charts=_packaged("charts.js"),
+        scene=packaged("scene.js"),
+        player=packaged("player.js"),
+        charts=packaged("charts.js"),
         plotly=get_plotlyjs(),
     )
 
@@ -171,7 +171,7 @@ def _settings(
     }
     rows |= details
     return "".join(
-        f"<tr><td class='soft'>{_text(key)}</td><td>{_text(value, 2000)}</td></tr>"
+        f"<tr><td class='soft'>{shown_text(key)}</td><td>{shown_text(value, 2000)}</td></tr>"
         for key, value in rows.items()
     )
 
@@ -202,10 +202,12 @@ def _cell(drawn: Mapping[str, Any]) -> str:
     return f"{max(1, -(-size // 30_000))} m"  # as `drawFloor` of scene.js
 
 
-def _text(value: object, most: int = MAX_TEXT) -> str:
+def shown_text(value: object, most: int = MAX_TEXT) -> str:
+    """Return a value as text of a page: escaped, and cut where it is too long."""
     text = str(value)
     return escape(text if len(text) <= most else text[: most - 1] + "…")
 
 
-def _packaged(name: str) -> str:
+def packaged(name: str) -> str:
+    """Return a file that is part of the reports."""
     return resources.files("e3pose.output.report").joinpath(name).read_text(encoding="utf-8")
