@@ -49,7 +49,7 @@ def test_a_fall_is_told_once_and_so_is_getting_up(kind: str, seed: int) -> None:
     assert kinds(events) == ["fall", "got-up"]
     fall = events[0]
     assert fall.phase == "begun" and fall.score > 0.5 and 1.9 < fall.lasted_s < 3.5
-    assert sentence(fall, "Ada").startswith("Ada fell at 00:00")
+    assert sentence(replace(fall, name="Ada")).startswith("Ada fell at 00:00")
 
 
 @pytest.mark.parametrize("last", [2, 3])

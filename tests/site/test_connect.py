@@ -11,11 +11,22 @@ import pytest
 from msgspec.structs import replace
 from tests.events.bodies import doing, seen
 from tests.memory_transport import Hub, MemoryTransport
+from tests.output.report.stored_week import site_file, write_week
 
 from e3pose import connect, plot, to_frame
 from e3pose.base.errors import InputError
-from e3pose.model.skeleton import SKELETONS
-from e3pose.site.connect import MAX_WAITING, Connection, LiveSlot, certified_site, take_of_slots
+from e3pose.model.skeleton import COCO17, SKELETONS
+from e3pose.settings.site_file import load_site
+from e3pose.site.connect import (
+    MAX_WAITING,
+    Connection,
+    LiveSlot,
+    certified_site,
+    names_for,
+    nobody,
+    take_of_slots,
+)
+from e3pose.site.streams import STREAMS, Source, naming
 from e3pose.wire.arrays import pack
 from e3pose.wire.codec import encode
 from e3pose.wire.keys.folder import add_keys, init_keys
@@ -163,7 +174,8 @@ def test_endpoint_needs_the_keys_and_the_name_of_the_site(tmp_path: Path) -> Non
 
 def test_events_of_people_are_told_as_they_happen() -> None:
     hub = Hub()
-    with Connection("lab", hub.join(), wait_s=0.2) as site:
+    names = {7: "Ada"}.get
+    with Connection("lab", hub.join(), wait_s=0.2, names=lambda track: names(track, "")) as site:
         edge = hub.join()
         for one in seen(doing("fall-forward", 0)):
             words = poses(one.slot, 7)
@@ -180,5 +192,20 @@ def test_events_of_people_are_told_as_they_happen() -> None:
         told = []
         with pytest.raises(InputError, match="no slot"):
             for event in site.events():
-                told.append((event.kind, event.track))
-    assert told == [("fall", 7), ("got-up", 7)]
+                told.append((event.kind, event.track, event.name))
+    assert told == [("fall", 7, "Ada"), ("got-up", 7, "Ada")]
+
+
+def test_names_go_only_where_the_site_file_lists_it(tmp_path: Path) -> None:
+    place = site_file(tmp_path)
+    write_week(tmp_path / "poses.db")
+    assert names_for(load_site(place), "mqtt") is nobody, "without [events]"
+    place.write_text(place.read_text() + '[events]\nnames = ["mqtt", "python"]\n')
+    site = load_site(place)
+    assert names_for(site, "mqtt")(10) == names_for(site, "python")(10) == "Ada"
+    source = Source("lab", COCO17, 12.5)
+    told = {kind for kind in STREAMS if naming(source, site, f"{kind}://x").names(10)}
+    assert told == {"mqtt", "mqtts"}
+    place.write_text(place.read_text().replace('"mqtt"', '"mcap"'))
+    with pytest.raises(InputError, match="names: found 'mcap', expected some of foxglove"):
+        load_site(place)

@@ -65,7 +65,7 @@ def stream(
     from e3pose.site.event_sink import site_watch
     from e3pose.site.follow import viewer_link
     from e3pose.site.run import run_until_stopped
-    from e3pose.site.streams import Source, open_stream
+    from e3pose.site.streams import Source, naming, open_stream
     from e3pose.site.streams.send import Sender
     from e3pose.site.zones import Zones
     from e3pose.wire.network import open_network
@@ -88,7 +88,7 @@ def stream(
     with ExitStack() as stack:
         streams = []
         for one in target:
-            streams.append(open_stream(one, source))
+            streams.append(open_stream(one, naming(source, resolved, one)))
             stack.callback(streams[-1].close)
         connection = stack.enter_context(
             Connection(resolved.name, open_network(link), delayed=delayed)

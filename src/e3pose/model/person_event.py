@@ -28,6 +28,7 @@ class PersonEvent:
         slot: in which slot.
         score: probability that it is so, [0, 1].
         says: what happened, in the past tense, without who and when: `fell`, `left`.
+        name: of the person, where one is known and may be told; empty otherwise.
     """
 
     kind: str
@@ -39,6 +40,7 @@ class PersonEvent:
     slot: int
     score: float
     says: str
+    name: str = ""
 
     @property
     def is_news(self) -> bool:
@@ -51,16 +53,15 @@ class PersonEvent:
         return (self.time_ns - self.start_ns) / 1e9
 
 
-def sentence(event: PersonEvent, name: str = "", zone: tzinfo = timezone.utc) -> str:
+def sentence(event: PersonEvent, zone: tzinfo = timezone.utc) -> str:
     """Return an event as a caregiver reads it.
 
     Args:
         event: what happened.
-        name: of the person, if one is known.
         zone: time zone to tell the time in.
     """
     at = datetime.fromtimestamp(event.start_ns / 1e9, zone).strftime("%H:%M")
-    who = "" if event.track == NOBODY else name or f"Person {event.track}"
+    who = "" if event.track == NOBODY else event.name or f"Person {event.track}"
     where = f" ({event.zone})" if event.zone else ""
     text = f"{who} {event.says}{where} at {at}".strip()
     return text[0].upper() + text[1:]

@@ -13,6 +13,7 @@ from e3pose.base.table import check_bounds
 
 TIME = r"([01]\d|2[0-3]):[0-5]\d"
 HOURS = re.compile(f"{TIME}-{TIME}")
+NAMING = ("foxglove", "homeassistant", "mqtt", "osc", "python", "webhook")
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,6 +29,7 @@ class EventsTable:
         most_people: more people than that are too many; 0: never told.
         quiet: hours in which webhooks tell only what is urgent, such as `22:00-06:30`; empty: none.
         urgent: kinds that they tell in these hours too.
+        names: to whom people's names in the store are told, some of `NAMING`; none: to nobody.
     """
 
     kinds: tuple[str, ...] = ()
@@ -38,11 +40,15 @@ class EventsTable:
     most_people: Annotated[int, Meta(ge=0, le=1000)] = 0
     quiet: str = ""
     urgent: tuple[str, ...] = ("fall", "on-floor")
+    names: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         check_bounds(self)
         if self.quiet and HOURS.fullmatch(self.quiet) is None:
             raise InputError("quiet", repr(self.quiet[:40]), 'two times, such as "22:00-06:30"')
+        for one in self.names:
+            if one not in NAMING:
+                raise InputError("names", repr(one[:40]), f"some of {', '.join(NAMING)}")
 
     def is_quiet(self, hour: int, minute: int) -> bool:
         """Return whether a time of day is in the quiet hours."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 import datetime
 import queue
 import time
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +19,7 @@ from e3pose.model.person_event import PersonEvent
 from e3pose.model.skeleton import SKELETONS, Skeleton
 from e3pose.model.take import Take, motion_of
 from e3pose.settings.events_table import EventsTable
-from e3pose.settings.site_file import ZoneTable, load_site
+from e3pose.settings.site_file import SiteTable, ZoneTable, load_site
 from e3pose.site.follow import Follower, viewer_link
 from e3pose.wire.access import Link, split_endpoint
 from e3pose.wire.arrays import unpack
@@ -30,6 +30,12 @@ from e3pose.wire.transport import Transport
 MAX_WAITING = 1000  # slots that nobody has taken yet; older ones are dropped
 WAIT_S = 10.0
 EVERY_KIND = EventsTable()
+Names = Callable[[int], str]  # of people, by track; empty where one has none
+
+
+def nobody(track: int) -> str:
+    """Return no name: for whom none is told."""
+    return ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -155,6 +161,7 @@ class Connection:
         delayed: bool = False,
         told: EventsTable = EVERY_KIND,
         zones: Sequence[ZoneTable] = (),
+        names: Names = nobody,
     ) -> None:
         """Follow a site.
 
@@ -165,8 +172,9 @@ class Connection:
             delayed: follow the smoothed poses that come later, in place of those at once.
             told: which events of people `events` yields.
             zones: of the site, for these events.
+            names: of people, for these events.
         """
-        self._told, self._zones = told, tuple(zones)
+        self._told, self._zones, self._names = told, tuple(zones), names
         self.site, self.dropped = site, 0
         self._transport, self._wait_s = transport, wait_s
         self._follower = Follower(site, delayed=delayed)
@@ -230,7 +238,7 @@ class Connection:
         for slot in self:
             watch = watch or begin_watch(self._told, slot.joints, self._zones)
             watch, events = advance(watch, seen_of(slot))
-            yield from events
+            yield from (replace(event, name=self._names(event.track)) for event in events)
 
     def newest(self) -> LiveSlot:
         """Return the newest slot: what waits is skipped; waits for one if none does."""
@@ -314,7 +322,8 @@ def connect(
     if Path(place).exists():
         table = load_site(Path(place))
         link, told = viewer_link(table, folder), table.events or EVERY_KIND
-        return Connection(link.site, open_network(link), wait_s, delayed, told, table.zone)
+        names = names_for(table, "python")
+        return Connection(link.site, open_network(link), wait_s, delayed, told, table.zone, names)
     endpoint, certificates = str(place), None
     if split_endpoint(endpoint)[0] == "tls":
         if folder is None:
@@ -349,3 +358,15 @@ def certified_site(authority: Path) -> str:
     if len(str(name)) >= 64:  # it may have been cut
         raise InputError("site", MISSING, 'site="NAME", as `name` in the site file')
     return site
+
+
+def names_for(site: SiteTable, where: str) -> Names:
+    """Return the names of a site's people, as its store has them at each moment.
+
+    Nobody's where `[events]` does not list `where` in its `names`, or the site has no store.
+    """
+    if site.events is None or where not in site.events.names or site.store is None:
+        return nobody
+    from e3pose.store.names import Names as StoredNames
+
+    return StoredNames(site.store.place, site.name)

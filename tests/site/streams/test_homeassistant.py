@@ -10,7 +10,7 @@ from unittest.mock import MagicMock
 import numpy as np
 import pytest
 from tests.events.bodies import doing, seen
-from tests.site.streams.test_streams import EVENT, TIME_NS, slot
+from tests.site.streams.test_streams import EVENT, FELL, TIME_NS, slot
 
 from e3pose.events.rules import RULES
 from e3pose.events.watch import advance, begin_watch
@@ -95,3 +95,27 @@ def test_it_says_again_what_there_is_when_home_assistant_starts(client: MagicMoc
     before = client.publish.call_count
     client.on_message(client, None, MagicMock())
     assert client.publish.call_count == 2 * before
+
+
+def test_a_name_is_told_as_it_is_now_and_no_broker_keeps_it(client: MagicMock) -> None:
+    known = {7: "Ada"}
+    stream = HomeAssistantStream(client, replace(SOURCE, names=lambda track: known.get(track, "")))
+    topic = "e3pose/lab/home/told"
+    watch = replace(begin_watch(EventsTable(), COCO17.joints), time_ns=TIME_NS)
+    stream.people(watch, [FELL])
+    assert json.loads(retained(client)[topic])["sentence"].startswith("Ada fell")
+    for name, said in (("Ada L.", "Ada L. fell"), ("", "Person 7 fell")):
+        known[7] = name
+        watch = replace(watch, time_ns=watch.time_ns + 2 * 10**9)
+        stream.people(watch, [])
+        assert json.loads(retained(client)[topic])["sentence"].startswith(said)
+    client.publish.reset_mock()
+    client.on_message(client, None, MagicMock())  # Home Assistant starts
+    assert not any("Ada" in str(call) for call in client.publish.call_args_list)
+
+
+def test_no_named_message_is_retained(client: MagicMock) -> None:
+    stream = HomeAssistantStream(client, replace(SOURCE, names=lambda track: "Ada"))
+    stream.people(begin_watch(EventsTable(), COCO17.joints), [FELL])
+    named = [call for call in client.publish.call_args_list if "Ada" in str(call)]
+    assert len(named) == 2 and not any(call.kwargs.get("retain") for call in named)

@@ -6,6 +6,7 @@ import json
 import queue
 import threading
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -75,7 +76,8 @@ def test_osc_is_read_by_python_osc() -> None:
     with ThreadingOSCUDPServer(("127.0.0.1", 0), dispatcher) as server:
         thread = threading.Thread(target=server.serve_forever, daemon=True)
         thread.start()
-        stream = open_stream(f"osc://127.0.0.1:{server.server_address[1]}", SOURCE)
+        named = replace(SOURCE, names=lambda track: "Ada")
+        stream = open_stream(f"osc://127.0.0.1:{server.server_address[1]}", named)
         stream.slot(slot(7, 9))
         stream.zone(EVENT)
         tell(stream)
@@ -88,7 +90,7 @@ def test_osc_is_read_by_python_osc() -> None:
     assert "/e3pose/person/9/nose" not in said
     assert said["/e3pose/zone/door"] == ["enter", 7, 2, 0.0]
     assert said["/e3pose/event/fall"][:4] == ["begun", 7, "bed", pytest.approx(0.9)]
-    assert said["/e3pose/event/fall"][4].startswith("Person 7 fell (bed) at ")
+    assert said["/e3pose/event/fall"][4].startswith("Ada fell (bed) at ")
 
 
 def test_lsl_is_read_by_pylsl() -> None:
@@ -189,7 +191,8 @@ def test_mqtt_is_read_by_paho() -> None:
         client.subscribe("e3pose/lab/#")
         client.loop_start()
         assert ready.wait(20)
-        stream = open_stream(f"mqtt://127.0.0.1:{port}", SOURCE)
+        named = replace(SOURCE, names=lambda track: "Ada")
+        stream = open_stream(f"mqtt://127.0.0.1:{port}", named)
         stream.slot(slot(7))
         stream.zone(EVENT)
         tell(stream)
@@ -200,7 +203,8 @@ def test_mqtt_is_read_by_paho() -> None:
     assert json.loads(found["e3pose/lab/poses"])["people"][0]["track"] == 7
     assert json.loads(found["e3pose/lab/zone/door"])["event"] == "enter"
     assert found["e3pose/lab/zone/door/count"] == b"2"
-    assert json.loads(found["e3pose/lab/event/fall"]) == event_words(FELL)
+    said = json.loads(found["e3pose/lab/event/fall"])
+    assert said == event_words(FELL, lambda track: "Ada") and said["name"] == "Ada"
 
 
 @pytest.mark.parametrize(

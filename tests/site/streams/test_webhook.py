@@ -20,6 +20,7 @@ from tests.waiting import eventually
 from e3pose.base.errors import InputError
 from e3pose.model.skeleton import COCO17
 from e3pose.settings.events_table import EventsTable
+from e3pose.site.connect import Names, nobody
 from e3pose.site.streams import Source, open_stream
 from e3pose.site.streams.webhook import MAX_WAITING, Patience, WebhookStream, address
 
@@ -61,10 +62,15 @@ def receiver(tmp_path: Path) -> Iterator[Receiver]:
 
 @contextmanager
 def sending(
-    receiver: Receiver, patience: Patience = QUICK, told: EventsTable | None = None
+    receiver: Receiver,
+    patience: Patience = QUICK,
+    told: EventsTable | None = None,
+    names: Names = nobody,
 ) -> Iterator[tuple[WebhookStream, list[str]]]:
     said: list[str] = []
-    source = Source("lab", COCO17, 12.5, said.append, kinds=("fall",), told=told or EventsTable())
+    source = Source(
+        "lab", COCO17, 12.5, said.append, kinds=("fall",), told=told or EventsTable(), names=names
+    )
     url = address(f"http://127.0.0.1:{receiver.port}/hook?room=2")
     stream = WebhookStream(url, SECRET, source, patience)
     try:
@@ -99,6 +105,25 @@ def test_notice_is_delivered_once_and_checked_as_the_page_says(receiver: Receive
     assert not genuine(sent, "t=1,v1=" + one["signature"].partition("v1=")[2], SECRET)
     assert not genuine(sent, "nonsense", SECRET)
     assert said[-1].endswith("1 notice delivered")
+
+
+def test_a_notice_that_waits_has_the_name_of_the_moment_it_is_delivered(
+    receiver: Receiver,
+) -> None:
+    known = {7: "Ada"}
+    receiver.start("fails")
+    with sending(receiver, names=lambda track: known.get(track, "")) as (stream, said):
+        stream.people(WATCH, [FELL])
+        assert eventually(lambda: bool(receiver.got())), "it was tried"
+        tried = json.loads(receiver.got()[0]["body"])
+        assert tried["name"] == "Ada" and tried["sentence"].startswith("Ada fell")
+        known.clear()  # forgotten meanwhile
+        receiver.end()
+        receiver.start("takes")
+        assert eventually(lambda: stream.delivered == 1)
+    last = receiver.got()[-1]["body"]
+    assert "Ada" not in last and json.loads(last)["id"] == tried["id"]
+    assert not any("Ada" in line for line in said), "what is printed is kept"
 
 
 @pytest.mark.parametrize("habit", ["fails", "hangs", "drips"])

@@ -8,9 +8,12 @@ Adding one is a file, a line in `STREAMS`, an extra, and the contract test.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from importlib import import_module
 
 from e3pose.base.errors import InputError
+from e3pose.settings.site_file import SiteTable
+from e3pose.site.connect import names_for
 from e3pose.site.streams.base import Source as Source
 from e3pose.site.streams.base import Stream as Stream
 
@@ -29,6 +32,13 @@ STREAMS = {
     "homeassistants": "homeassistants://HOST:PORT, the same over TLS",
     "webhook": "webhook:https://HOST/PATH, a signed notice of each event of people, no poses",
 }
+
+
+def naming(source: Source, site: SiteTable, target: str) -> Source:
+    """Return a source with the names that a stream may tell; a file keeps none."""
+    kind = target.partition(":")[0]
+    over_tls = {"mqtts": "mqtt", "homeassistants": "homeassistant"}
+    return replace(source, names=names_for(site, over_tls.get(kind, kind)))
 
 
 def open_stream(target: str, source: Source) -> Stream:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from datetime import datetime, timezone
 from typing import Any
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from e3pose.model.person_event import PersonEvent, sentence
 from e3pose.model.zone_event import ZoneEvent
-from e3pose.site.connect import LiveSlot
+from e3pose.site.connect import LiveSlot, Names, nobody
 
 DECIMALS = 4
 
@@ -40,7 +40,13 @@ def zone_words(event: ZoneEvent) -> dict[str, Any]:
     return {"event" if key == "kind" else key: value for key, value in asdict(event).items()}
 
 
-def event_words(event: PersonEvent) -> dict[str, Any]:
-    """Return an event of a person as JSON can hold it, with its sentence in local time."""
+def event_words(event: PersonEvent, names: Names = nobody) -> dict[str, Any]:
+    """Return an event of a person as JSON can hold it, with its sentence in local time.
+
+    Args:
+        event: what happened.
+        names: of people, by track.
+    """
     here = datetime.now().astimezone().tzinfo
-    return {**asdict(event), "sentence": sentence(event, zone=here or timezone.utc)}
+    event = replace(event, name=names(event.track))
+    return {**asdict(event), "sentence": sentence(event, here or timezone.utc)}

@@ -12,7 +12,7 @@ from e3pose.model.person_event import PersonEvent
 from e3pose.model.skeleton import Skeleton
 from e3pose.model.zone_event import ZoneEvent
 from e3pose.settings.events_table import EventsTable
-from e3pose.site.connect import LiveSlot
+from e3pose.site.connect import LiveSlot, Names, nobody
 from e3pose.wire.access import split_endpoint
 
 
@@ -29,6 +29,7 @@ class Source:
         zones: names of the zones.
         kinds: of the events that are told.
         told: what the site file says of them.
+        names: of people, by track; nobody's where the stream may not tell them.
     """
 
     site: str
@@ -39,6 +40,7 @@ class Source:
     zones: tuple[str, ...] = ()
     kinds: tuple[str, ...] = ()
     told: EventsTable = field(default_factory=EventsTable)
+    names: Names = nobody
 
 
 @runtime_checkable

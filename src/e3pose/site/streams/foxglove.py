@@ -97,6 +97,7 @@ class FoxgloveStream:
             close: ends it.
         """
         self._limbs, self._log, self._close = source.skeleton.limbs, log, close
+        self._names = source.names
 
     def slot(self, slot: LiveSlot) -> None:
         """See `Stream.slot`."""
@@ -114,7 +115,9 @@ class FoxgloveStream:
     def people(self, watch: Watch, events: Sequence[PersonEvent]) -> None:
         """See `TellsPeople.people`."""
         for event in events:
-            self._log("/events", json.dumps(event_words(event)).encode(), event.time_ns)
+            self._log(
+                "/events", json.dumps(event_words(event, self._names)).encode(), event.time_ns
+            )
 
     def close(self) -> None:
         """See `Stream.close`."""
@@ -148,7 +151,7 @@ class FoxgloveStream:
                     billboard=True,
                     font_size=0.15,
                     color=colour,
-                    text=str(track),
+                    text=self._names(track) or str(track),
                 )
             ],
         )

@@ -4,7 +4,8 @@ homeassistant/device/e3pose_SITE/config  what there is, retained: one device wit
 e3pose/SITE/home/online                  `online` or `offline`, retained; the broker says the latter
 e3pose/SITE/home/state                   people, people by state and by zone, cameras: retained
 e3pose/SITE/home/alarm                   `on` for each kind of event that goes on, retained
-e3pose/SITE/home/told                    the last event: its sentence, kind, zone, score, retained
+e3pose/SITE/home/told                    the last event: its sentence, kind, zone, score; retained
+                                         unless names are told, which no broker is to keep
 e3pose/SITE/home/trigger/KIND            an event, for device triggers
 
 The format of the first is Home Assistant's, of 2024.11 or later:
@@ -28,7 +29,7 @@ from e3pose.events.states import STATES
 from e3pose.events.watch import Watch
 from e3pose.model.person_event import PersonEvent
 from e3pose.model.zone_event import ZoneEvent
-from e3pose.site.connect import LiveSlot
+from e3pose.site.connect import LiveSlot, nobody
 from e3pose.site.streams.as_json import event_words
 from e3pose.site.streams.base import Source
 from e3pose.site.streams.mqtt import PORT, connected_client
@@ -131,6 +132,7 @@ class HomeAssistantStream:
         self._client, self._source = client, source
         self._base = prefix(source.site)
         self._sent: dict[str, str] = {}
+        self._last: PersonEvent | None = None
         self._sent_ns = -(10**18)
         self._zones = dict.fromkeys(source.zones, 0)
         self._arrived_ns = dict.fromkeys(source.cameras, 0)
@@ -145,14 +147,25 @@ class HomeAssistantStream:
         self._client.publish(topic, json.dumps(message), qos=1, retain=True)
         self._client.publish(f"{self._base}/online", "online", qos=1, retain=True)
         for topic, text in self._sent.copy().items():
-            self._client.publish(topic, text, qos=1, retain=True)
+            self._publish(topic, text)
 
     def _retain(self, topic: str, value: Mapping[str, Any]) -> None:
         """Send a state that changed."""
         topic, text = f"{self._base}/{topic}", json.dumps(value)
         if self._sent.get(topic) != text:
             self._sent[topic] = text
-            self._client.publish(topic, text, qos=1, retain=True)
+            self._publish(topic, text)
+
+    def _publish(self, topic: str, text: str) -> None:
+        named = topic.endswith("/told") and self._source.names is not nobody
+        self._client.publish(topic, text, qos=1, retain=not named)
+
+    def _tell_last(self) -> dict[str, Any]:
+        """Say the last event, with the name that the person has now; return its words."""
+        words = {} if self._last is None else event_words(self._last, self._source.names)
+        if words:
+            self._retain("told", words)
+        return words
 
     def slot(self, slot: LiveSlot) -> None:
         """See `Stream.slot`."""
@@ -185,6 +198,7 @@ class HomeAssistantStream:
                 ],
             })  # fmt: skip
             self._retain("alarm", {kind: bool(tracks) for kind, tracks in self._alarms.items()})
+            self._tell_last()
 
     def _tell(self, event: PersonEvent) -> None:
         """Tell an event: as the last one, by its trigger, and by its alarm while it goes on."""
@@ -193,8 +207,8 @@ class HomeAssistantStream:
             change(self._alarms[event.kind], event.track)
         if event.kind == FALL_ENDS and "fall" in self._alarms:
             self._alarms["fall"].discard(event.track)
-        words = event_words(event)
-        self._retain("told", words)
+        self._last = event
+        words = self._tell_last()
         if event.is_news:
             key = identifier(event.kind)
             self._client.publish(f"{self._base}/trigger/{key}", json.dumps(words), qos=1)

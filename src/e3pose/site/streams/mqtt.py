@@ -47,7 +47,7 @@ def connected(
     place: str, source: Source, usual_port: int, secure: ssl.SSLContext | None
 ) -> MqttStream:
     """Return a stream to a connected broker; see `connected_client`."""
-    return MqttStream(connected_client(place, usual_port, secure), source.site)
+    return MqttStream(connected_client(place, usual_port, secure), source)
 
 
 def connected_client(
@@ -116,9 +116,9 @@ def login(environment: Mapping[str, str]) -> tuple[str | None, str | None]:
 class MqttStream:
     """See `Stream`."""
 
-    def __init__(self, client: mqtt.Client, site: str) -> None:
+    def __init__(self, client: mqtt.Client, source: Source) -> None:
         """Publish with a client that is connected."""
-        self._client, self._prefix = client, f"e3pose/{site}"
+        self._client, self._prefix, self._names = client, f"e3pose/{source.site}", source.names
 
     def slot(self, slot: LiveSlot) -> None:
         """See `Stream.slot`."""
@@ -134,7 +134,7 @@ class MqttStream:
         """See `TellsPeople.people`."""
         for event in events:
             topic = f"{self._prefix}/event/{event.kind}"
-            self._client.publish(topic, json.dumps(event_words(event)), qos=1)
+            self._client.publish(topic, json.dumps(event_words(event, self._names)), qos=1)
 
     def close(self) -> None:
         """See `Stream.close`."""

@@ -19,7 +19,7 @@ from pythonosc.udp_client import UDPClient
 from e3pose.events.watch import Watch
 from e3pose.model.person_event import PersonEvent
 from e3pose.model.zone_event import ZoneEvent
-from e3pose.site.connect import LiveSlot
+from e3pose.site.connect import LiveSlot, Names
 from e3pose.site.streams.as_json import event_words
 from e3pose.site.streams.base import Source, host_port
 
@@ -28,15 +28,15 @@ PORT = 9000
 
 def open_stream(place: str, source: Source) -> OscStream:
     """Return a stream of UDP packets to `HOST:PORT`, received or not."""
-    return OscStream(UDPClient(*host_port(place, PORT)))
+    return OscStream(UDPClient(*host_port(place, PORT)), source.names)
 
 
 class OscStream:
     """See `Stream`."""
 
-    def __init__(self, client: UDPClient) -> None:
-        """Send with a client."""
-        self._client = client
+    def __init__(self, client: UDPClient, names: Names) -> None:
+        """Send with a client, and the names of people."""
+        self._client, self._names = client, names
 
     def slot(self, slot: LiveSlot) -> None:
         """See `Stream.slot`."""
@@ -59,7 +59,7 @@ class OscStream:
         """See `TellsPeople.people`."""
         for event in events:
             said = (event.phase, "s"), (event.track, "i"), (event.zone, "s"), (event.score, "f")
-            words = (event_words(event)["sentence"], "s")
+            words = (event_words(event, self._names)["sentence"], "s")
             self._client.send(message(f"/e3pose/event/{event.kind}", *said, words))
 
     def close(self) -> None:

@@ -69,10 +69,9 @@ class Patience:
 
 @dataclass(frozen=True, slots=True)
 class Notice:
-    """One event to tell: its sentence and body, and when it was told first, monotonic time."""
+    """One event to tell, and when it was told first, monotonic time."""
 
-    sentence: str
-    body: bytes
+    event: PersonEvent
     since_s: float
 
 
@@ -122,12 +121,12 @@ def signature(secret: bytes, body: bytes, time_s: int) -> str:
     return f"t={time_s},v1={signed.hexdigest()}"
 
 
-def notice_of(event: PersonEvent, site: str) -> Notice:
-    """Return the notice of an event."""
-    named = f"{site}\n{event.kind}\n{event.track}\n{event.start_ns}"
-    words = event_words(event)
-    body = {"id": hashlib.sha256(named.encode()).hexdigest()[:32], "site": site, **words}
-    return Notice(words["sentence"], json.dumps(body).encode(), time.monotonic())
+def body_of(event: PersonEvent, source: Source) -> bytes:
+    """Return the body of an event's notice, with the name that the person has now."""
+    named = f"{source.site}\n{event.kind}\n{event.track}\n{event.start_ns}"
+    key = hashlib.sha256(named.encode()).hexdigest()[:32]
+    words = {"id": key, "site": source.site, **event_words(event, source.names)}
+    return json.dumps(words).encode()
 
 
 class WebhookStream:
@@ -170,7 +169,7 @@ class WebhookStream:
             with self._changed:
                 if len(self._waiting) >= MAX_WAITING:
                     self._give_up(self._waiting.popleft(), f"{MAX_WAITING} newer ones wait")
-                self._waiting.append(notice_of(event, self._source.site))
+                self._waiting.append(Notice(event, time.monotonic()))
                 self._changed.notify()
 
     def close(self) -> None:
@@ -192,7 +191,8 @@ class WebhookStream:
 
     def _give_up(self, notice: Notice, why: str) -> None:
         self.given_up += 1
-        self._say(f"not delivered ({why}): {notice.sentence}")
+        said = event_words(notice.event)["sentence"]  # lines are kept: without the name
+        self._say(f"not delivered ({why}): {said}")
 
     def _run(self) -> None:
         attempts = 0
@@ -203,7 +203,7 @@ class WebhookStream:
                 if not self._waiting or time.monotonic() >= self._ends_s:
                     return
                 notice = self._waiting[0]
-            problem, again = self._post(notice.body)
+            problem, again = self._post(body_of(notice.event, self._source))
             attempts += 1
             late = time.monotonic() - notice.since_s >= self._patience.give_up_s
             if problem and again and not late:

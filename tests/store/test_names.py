@@ -1,0 +1,72 @@
+"""Names of people who are there now are those of the store at this moment."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+from sqlalchemy import delete, insert
+from tests.output.report.stored_week import SITE, write_week
+
+from e3pose.store import schema
+from e3pose.store.database import database_url, writing_engine
+from e3pose.store.names import KEPT_S, MOST_KNOWN, Names
+from e3pose.store.people import set_name
+
+ADA, NAMELESS = 10, 50
+
+
+@dataclass
+class Clock:
+    now_s: float = 0.0
+
+    def __call__(self) -> float:
+        self.now_s += KEPT_S
+        return self.now_s
+
+
+@pytest.fixture
+def place(tmp_path: Path) -> Path:
+    return write_week(tmp_path / "poses.db")
+
+
+def test_a_rename_and_a_removal_are_known_at_once(place: Path) -> None:
+    names = Names(place, SITE, Clock())
+    assert (names(ADA), names(NAMELESS), names(99), names(-1)) == ("Ada", "", "", "")
+    set_name(place, [(1, ADA)], "Ada L.")
+    set_name(place, [(1, NAMELESS)], "Bob")
+    assert (names(ADA), names(NAMELESS)) == ("Ada L.", "Bob")
+    engine = writing_engine(database_url(place))
+    with engine.begin() as connection:
+        connection.execute(delete(schema.tracks).where(schema.tracks.c.track_id == ADA))
+    engine.dispose()
+    assert names(ADA) == ""
+
+
+def test_names_are_of_the_newest_run_of_the_site(place: Path) -> None:
+    row = {"run_id": 2, "site": SITE, "name": "", "started_ns": 1, "interval_ns": 1,
+           "skeleton": "coco17", "joints": "[]", "cameras": "[]", "software": ""}  # fmt: skip
+    engine = writing_engine(database_url(place))
+    with engine.begin() as connection:
+        connection.execute(insert(schema.runs), row)
+    engine.dispose()
+    assert Names(place, SITE)(ADA) == "", "track 10 is somebody else now"
+    assert Names(place, "elsewhere")(ADA) == ""
+
+
+def test_a_store_that_is_not_there_names_nobody(tmp_path: Path) -> None:
+    names = Names(tmp_path / "none.db", SITE, Clock())
+    assert names(ADA) == ""
+    write_week(tmp_path / "none.db")
+    assert names(ADA) == "Ada", "once it is"
+
+
+def test_an_answer_serves_for_a_moment_and_few_are_kept(place: Path) -> None:
+    names = Names(place, SITE, lambda: 0.0)
+    assert names(ADA) == "Ada"
+    set_name(place, [(1, ADA)], "Eve")
+    assert names(ADA) == "Ada", "asked just now"
+    for track in range(100, 100 + MOST_KNOWN):
+        names(track)
+    assert names(ADA) == "Eve"
