@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -37,7 +37,7 @@ class Distances(Foresight):
             need not be the covariance that the filter reports.
     """
 
-    squares_m2: Floats
+    squares_m2: Floats = field(kw_only=True)
 
     def information(self, subsets: Flags) -> Floats:
         """See `Foresight.information`."""

@@ -8,6 +8,8 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from tests.rigs import looking
+from tests.select.test_expected_information import outlook, person
 
 from e3pose.base.arrays import Flags, Floats
 from e3pose.energy.modes import Rest
@@ -20,13 +22,19 @@ from e3pose.select.awake import (
     Needs,
     RestGoal,
     RestMemory,
+    RestPlanner,
     next_rest_s,
     planned,
     rested,
+    risen,
     shrinking,
 )
+from e3pose.select.expected_information import Foresight, foresee
+from e3pose.select.policies.base import Situation
+from e3pose.select.stated_error import StatedError
 
 N = 5
+RIG = looking((4, 0), (3, 2.5), (0, 4), (-4, 0), (0, -4))
 ALL = np.ones(N, dtype=bool)
 SUSPENDED = Rest("suspended", 0.5, 0.5, 1.0, 0.2)
 
@@ -35,8 +43,8 @@ def costs(rests: Sequence[Rest | None] = (SUSPENDED,) * N) -> RestCosts:
     return rest_costs([12.5] * N, [6.25] * N, rests)
 
 
-def needs(gains: Sequence[float], people: int = 1, newcomers: bool = False) -> Needs:
-    """Cameras add up, so that each is worth what it says."""
+def needs(gains: Sequence[float], people: int = 1, newcomers: bool = False, kept: int = 0) -> Needs:
+    """Cameras add up, so that each is worth what it says; errors double without those `kept`."""
 
     def worth(sets: Flags) -> Floats:
         return np.asarray(sets @ np.array(gains))
@@ -44,7 +52,10 @@ def needs(gains: Sequence[float], people: int = 1, newcomers: bool = False) -> N
     def error_m(sets: Flags) -> Floats:
         return np.asarray(0.1 / np.maximum(sets.sum(axis=1), 1) ** 0.5)
 
-    return Needs(people, worth, error_m, newcomers)
+    def rise(sets: Flags) -> Floats:
+        return np.where(sets[:, :kept].all(axis=1), 1.0, 2.0)
+
+    return Needs(people, worth, error_m, rise, newcomers)
 
 
 GAINS = (1.0, 0.1, 0.8, 0.2, 0.01)
@@ -149,3 +160,73 @@ def test_who_would_wake_before_it_has_slept_stays_awake() -> None:
     slow = Rest("suspended", 0.5, 5.0, 10.0, 1.0)
     takes, _ = rested(costs([slow] * N), NONE, ALL, 1)
     assert not takes.any()
+
+
+def test_nobody_rests_whose_rest_raises_the_error() -> None:
+    dear = RestGoal(price=10.0, num_selected=2.0)
+    assert awake(dear, needs(GAINS)).sum() == 3
+    assert awake(dear, needs(GAINS, kept=4)).tolist() == [True, True, True, True, False]
+    assert awake(dear, needs(GAINS, kept=5)).all()
+
+
+def test_watts_go_before_errors() -> None:
+    goal = RestGoal(price=0.0, watts=30.0)
+    assert (awake(goal, needs(GAINS, kept=5)) == awake(goal, needs(GAINS))).all()
+
+
+def test_errors_rise_by_what_cameras_repeat() -> None:
+    repeated_m = np.array([[0.04, 0.03], [0.03, 0.03]])
+    everybody_m = np.full((2, 1), 0.03)
+    found = risen(repeated_m, everybody_m, stated_m=0.05)
+    np.testing.assert_allclose(found, [[np.sqrt(1 + 0.0007 / 0.0025), 1], [1, 1]])
+    # What is stated cannot be less than what all cameras repeat.
+    assert risen(repeated_m, everybody_m, 0.0)[0, 0] == pytest.approx(4 / 3)
+
+
+def situation(foresight: Foresight, stated: StatedError) -> Situation:
+    none = np.zeros(N)
+    return Situation(
+        slot=100,
+        interval_s=0.04,
+        online=ALL,
+        occlusion=none,
+        spread=1.0,
+        own_occlusion=none,
+        unseen_slots=np.zeros(N, dtype=np.int64),
+        visibility=none[:, None],
+        deficit=none,
+        budget=np.ones(N),
+        price=none,
+        foresight=foresight,
+        stated=stated,
+    )
+
+
+def rises(bias_share: float, stated: StatedError, last_seen_s: float = np.inf) -> Floats:
+    """Of all five cameras in a ring, of the three on one side, and of the first."""
+    seen = outlook(np.stack([person(0, 0), person(1, -1)]), RIG)
+    often = np.full(seen.last_seen_s.shape, last_seen_s)
+    people = foresee(RIG, replace(seen, bias_share=bias_share, last_seen_s=often), 0.04)
+    planner = RestPlanner(RIG, costs(), PRICED)
+    needs = planner.needs(situation(people, stated), [people], ~ALL)
+    sets = np.array([[1, 1, 1, 1, 1], [1, 1, 1, 0, 0], [1, 0, 0, 0, 0]], dtype=bool)
+    return needs.rise(sets)
+
+
+KNOWN = StatedError(0.03, 1.0)
+
+
+def test_the_fewer_cameras_the_larger_the_error_and_the_more_so_where_errors_last() -> None:
+    kind, hard = rises(0.3, KNOWN), rises(1.2, KNOWN)
+    for found in (kind, hard):
+        assert found[0] == pytest.approx(1.0)
+        assert 1.0 < found[1] < found[2]
+    assert hard[1] > kind[1] > 1.02
+
+
+def test_looks_of_the_same_camera_count_once_however_old_the_last_is() -> None:
+    np.testing.assert_allclose(rises(0.5, KNOWN, 0.04), rises(0.5, KNOWN, 9.0))
+
+
+def test_nobody_rests_before_it_is_learned_how_long_errors_last() -> None:
+    assert np.isinf(rises(0.3, StatedError(0.03, 0.1))).all()

@@ -48,6 +48,7 @@ def outlook(joints_m: Floats, rig: Rig = RIG, sigma_m: float = 0.1) -> Outlook:
         needed=np.zeros(shape, dtype=bool),
         sigma_px=np.full(len(rig), 3.0),
         memory=ErrorMemory(),
+        bias_share=0.4,
         unexplained=np.zeros(len(rig), dtype=np.int64),
         unexplained_s=np.full(len(rig), np.inf),
         wait_s=0.14,

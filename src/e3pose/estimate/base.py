@@ -144,6 +144,8 @@ class Outlook:
             the person is not published; none for people who are published anyway.
         sigma_px: `(num_cameras,)` error of a visible keypoint.
         memory: how long such errors persist.
+        bias_share: mean square of the learned biases over the variance of a keypoint, of the last
+            seconds: where it is large, errors last longer than `memory` says.
         unexplained: `(num_cameras,)` detections of each camera's newest view that no track
             explains, while they wait for another camera.
         unexplained_s: `(num_cameras,)` seconds since that view.
@@ -163,6 +165,7 @@ class Outlook:
     needed: NDArray[np.bool_]
     sigma_px: NDArray[np.float64]
     memory: ErrorMemory
+    bias_share: float
     unexplained: NDArray[np.int64]
     unexplained_s: NDArray[np.float64]
     wait_s: float

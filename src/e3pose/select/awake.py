@@ -32,14 +32,17 @@ from e3pose.select.policies.base import Selection, Situation
 
 Worth = Callable[[Flags], Floats]  # (num_sets, num_cameras) -> (num_sets,)
 
-# tuned: nats a watt | simulated, `two-rooms`, `ring`, `one-sided`, seeds 702 and 11: 0.1 loses a
-#   quarter of the people of `two-rooms` | not measured
-PRICE = 0.05
-# tuned: nats a watt | first guess, so that watts decide between sets that meet a target | not
-#   measured
-TARGET_PRICE = 0.3
+# tuned: nats a watt | simulated, six scenes, seed 702, and the first half of pizza: 0.3
+#   changes `ring` alone, as `MOST_RISE` decides elsewhere | not measured
+PRICE = 0.15
 # tuned: s | first guess, a tenth of the shortest rest | not measured
 PLAN_S = 0.4
+# Without watts or a target that say otherwise.
+MOST_RISE = 1.1  # definition: rests cost at most a tenth of the error
+# Until how long errors last is learned, nobody rests while people are there.
+# tuned: share | simulated and the first half of pizza: a first rest after a third of a second costs
+#   7 % on pizza | not measured
+LEAST_FILLED = 0.3  # of the memory of the stated error: 3 s
 # Of a joint, 3/4 of the logarithm of the looks, of each of three deviations, halved.
 LOOK_NATS = 1.1  # definition: nats of e times as many looks
 # tuned: s | simulated, `two-rooms`, seed 11: with none, somebody who walks through the door is lost
@@ -56,9 +59,9 @@ FEWEST_AWAKE = 2  # definition: cameras that a person takes
 # tuned: cameras | simulated, `two-rooms`, seed 702: with two, a quarter of the people are lost |
 #   not measured
 FEWEST_WITH_PEOPLE = 3
-# tuned: nats | as in the experiments before, of all of the floor watched by two cameras | not
-#   measured
-FLOOR_NATS = 1.0
+# tuned: nats | simulated `ring`, seeds 702 and 703: 1 finds newcomers so late that recall is 3
+#   points less, 3 loses none | not measured
+FLOOR_NATS = 3.0  # of all of the floor watched by two cameras
 # tuned: people | first guess: not started yet, cameras look as if somebody were there | not
 #   measured
 NEWCOMERS = 0.3
@@ -124,12 +127,14 @@ class Needs:
         people: number of tracks.
         worth: nats of sets of cameras, without those of looks.
         error_m: expected error of sets of cameras that all look; NaN where nobody is known.
+        rise: error of sets that stay awake for seconds over that of all cameras; NaN likewise.
         newcomers: whether somebody is seen who is not tracked yet.
     """
 
     people: int
     worth: Worth
     error_m: Worth
+    rise: Worth
     newcomers: bool = False
 
 
@@ -209,6 +214,8 @@ def planned(
         error_m = needs.error_m(sets)
         reach = np.isnan(error_m) | (error_m <= np.maximum(goal.target_m, error_m[0] * NO_WORSE))
         value = np.where(reach, value, -np.inf)
+    elif goal.watts is None:
+        value = np.where(needs.rise(sets) > MOST_RISE, -np.inf, value)
     keeps = watts <= allowed_w + 1e-9
     best = int(np.argmax(np.where(keeps, value, -np.inf)) if keeps.any() else np.argmin(watts))
     return Plan(sets[best], float(counts[best]), float(watts[best]))
@@ -229,6 +236,20 @@ def rested(costs: RestCosts, memory: RestMemory, leave: Flags, people: int) -> t
     order = np.cumsum(leave) - 1
     rest_s = next_rest_s(memory, people) * (1 + STAGGER * order / max(int(leave.sum()), 1))
     return np.asarray(leave & (rest_s > costs.lost_s)), rest_s
+
+
+def risen(repeated_m: Floats, everybody_m: Floats, stated_m: float) -> Floats:
+    """Return the errors of sets of cameras over that of all of them.
+
+    Over seconds, what cameras repeat adds to the rest of the error as variances do.
+
+    Args:
+        repeated_m: `(*batch)` errors that sets leave of what their cameras repeat.
+        everybody_m: `(*batch)` the same of all cameras.
+        stated_m: error stated in the last seconds.
+    """
+    all_m2 = np.maximum(stated_m**2, everybody_m**2)
+    return np.asarray(np.sqrt(1 + (repeated_m**2 - everybody_m**2) / all_m2))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -271,7 +292,8 @@ class RestPlanner:
         if slot < memory.next_slot and not (asleep_until == slot).any():
             return memory, asleep_until
         usable = situation.online & (asleep_until <= slot)
-        needs = self.needs(situation, [later(seconds) for seconds in LATER_S])
+        ahead = [later(seconds) for seconds in LATER_S]
+        needs = self.needs(situation, ahead, asleep_until > slot)
         plan = planned(self.costs, self.goal, memory, needs, usable, interval_s)
         leave, rest_s = rested(self.costs, memory, usable & ~plan.awake, needs.people)
         slots = np.maximum(np.round(rest_s / interval_s).astype(np.int64), 1)
@@ -284,8 +306,13 @@ class RestPlanner:
         )
         return memory, np.where(leave, slot + slots, asleep_until)
 
-    def needs(self, situation: Situation, later: Sequence[Foresight]) -> Needs:
+    def needs(self, situation: Situation, later: Sequence[Foresight], asleep: Flags) -> Needs:
         """Return what a plan is to be good for, now and `later`.
+
+        Args:
+            situation: of the slot that is decided.
+            later: what cameras would add in some seconds.
+            asleep: `(num_cameras,)` who is, and could be awake.
 
         Raises:
             ValueError: of a situation without a foresight.
@@ -294,17 +321,27 @@ class RestPlanner:
         if foresight is None:
             raise ValueError("a plan of rests needs a foresight")
         ahead = [foresight, *later]
+        everybody = situation.online | asleep
+        settled = [each.over_seconds() for each in ahead]
         people, (cells_m, _) = len(foresight.track_ids), seen_floor(self.rig)
         likely = np.full(len(cells_m), 1 / max(len(cells_m), 1))
 
         def worth(sets: Flags) -> Floats:
-            nats = np.mean([each.information(sets) for each in ahead], axis=0)
+            nats = np.mean([each.information(sets) for each in settled], axis=0)
             nats += foresight.hidden.shows(sets)
             floor = FLOOR_NATS * watches(self.rig, sets, likely)
             return np.asarray(nats + foresight.entrants.starts(sets) + floor)
 
+        def rise(sets: Flags) -> Floats:
+            if situation.stated.filled < LEAST_FILLED and foresight.confirmed.any():
+                return np.full(len(sets), np.inf)
+            pairs = np.concatenate([everybody[None], sets])
+            errors_m = np.stack([each.expected_error_m(pairs) for each in settled])
+            stated_m = situation.stated.mean_m
+            return np.asarray(risen(errors_m[:, 1:], errors_m[:, :1], stated_m).max(axis=0))
+
         newcomers = bool(foresight.entrants.weights.sum() > NEWCOMERS)
-        return Needs(people, worth, foresight.expected_error_m, newcomers)
+        return Needs(people, worth, foresight.expected_error_m, rise, newcomers)
 
     def charged(
         self, memory: RestMemory, selected: Selection, asleep: Flags, interval_s: float

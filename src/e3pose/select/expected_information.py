@@ -11,7 +11,7 @@ known, each at its own time. Method: `docs/explanation/camera-selection.md`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -20,11 +20,15 @@ from numpy.typing import NDArray
 from e3pose.base.arrays import Flags, Floats
 from e3pose.estimate.base import Outlook
 from e3pose.estimate.filter.bias import MemoryTerms, memory_terms
+from e3pose.estimate.filter.lasting import MOST, excess_of
+from e3pose.estimate.filter.repeated_errors import MOST_LASTING_M, MOST_M, STAYS
 from e3pose.model.camera import Rig
 from e3pose.model.noise import ErrorMemory
 from e3pose.select.hidden_people import HiddenPeople
 from e3pose.select.kernels import foresight as kernels
 from e3pose.select.newcomers import Entrants, expected_entrants
+
+ON_DIAGONAL = [0, 3, 5]  # layout: of the six entries of a symmetric matrix
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,6 +51,8 @@ class Foresight:
             away, so the information that cameras would have about them counts for less.
         entrants: people who are not tracked yet.
         hidden: people who are followed and hidden unless one more camera shows them.
+        repeats: variance of what all looks of a camera repeat, over that of a keypoint.
+        free_m: standard deviation of a joint along an axis on which no camera tells anything.
     """
 
     track_ids: NDArray[np.int64]
@@ -58,6 +64,8 @@ class Foresight:
     weights: Floats
     entrants: Entrants
     hidden: HiddenPeople
+    repeats: float = 1.0
+    free_m: float = MOST_LASTING_M
 
     def information(self, subsets: Flags) -> Floats:
         """Return `(num_subsets,)` nats a joint that sets of cameras are expected to add.
@@ -72,6 +80,17 @@ class Foresight:
         if self.prior.size:
             kernels.information(self.prior, self.views, self.new, self.weights, subsets, nats)
         return nats
+
+    def over_seconds(self) -> Foresight:
+        """Return the foresight of seconds in which the same cameras look again and again.
+
+        What is known now is gone by then, and every look of a camera repeats its errors: however
+        many there are, they count once.
+        """
+        free = np.zeros_like(self.prior)
+        free[..., ON_DIAGONAL] = 1 / self.free_m**2
+        once = np.full_like(self.counted, 1 / self.repeats)
+        return replace(self, prior=free, counted=once, new=once)
 
     def gains_nats(self, chosen: Flags) -> Floats:
         """Return `(num_cameras,)` nats a joint that each camera adds to the others of a set.
@@ -111,6 +130,7 @@ def foresee(
     """
     if ordered is None:
         ordered = np.zeros((0, len(rig)), dtype=bool)
+    terms = _terms(outlook.memory)
     num_tracks, num_joints, _ = outlook.joints_m.shape
     per_view, per_person = (len(rig), num_tracks), (num_tracks, num_joints, 6)
     foreseen = kernels.Foreseen(
@@ -136,7 +156,7 @@ def foresee(
         ),
         rig.projections,
         rig.image_sizes,
-        _terms(outlook.memory),
+        terms,
         interval_s,
         ordered if outlook.has_memory else np.zeros_like(ordered),
         ordered,
@@ -149,6 +169,8 @@ def foresee(
         views=foreseen.views,
         counted=foreseen.counted,
         new=foreseen.new,
+        repeats=min(STAYS * terms.most + outlook.bias_share, 1.0),
+        free_m=MOST_M + (MOST_LASTING_M - MOST_M) * excess_of(outlook.bias_share) / MOST,
         weights=foreseen.weights,
         hidden=HiddenPeople(foreseen.hidden, foreseen.shown),
         entrants=expected_entrants(

@@ -25,7 +25,7 @@ from e3pose.model.noises import DEFAULT, detector_of, load_noise
 from e3pose.model.skeleton import Skeleton
 from e3pose.pipeline import Pipeline
 from e3pose.predict import Predictor, make_predictor, make_predictors
-from e3pose.select.awake import PRICE, TARGET_PRICE, RestGoal, RestPlanner
+from e3pose.select.awake import RestGoal, RestPlanner
 from e3pose.select.camera_order import spread_order
 from e3pose.select.feedback import Feedback
 from e3pose.select.policies import (
@@ -132,7 +132,6 @@ def _rests(place: Place, settings: LoopSettings) -> RestPlanner | None:
     if costs is None:
         return None
     goal = RestGoal(
-        price=PRICE if settings.target_error_m is None else TARGET_PRICE,
         watts=settings.watts,
         target_m=settings.target_error_m,
         find_within_s=settings.find_within_s,

@@ -41,6 +41,7 @@ def outlook(seed: int, people: int = 3) -> Outlook:
         needed=rng.random(shape) < 0.5,
         sigma_px=rng.uniform(2, 8, len(RIG)),
         memory=MEMORY,
+        bias_share=0.4,
         unexplained=np.zeros(len(RIG), dtype=np.int64),
         unexplained_s=np.full(len(RIG), np.inf),
         wait_s=0.14,

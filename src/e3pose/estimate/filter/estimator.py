@@ -133,7 +133,8 @@ class Filtered:
         """See `Estimator.outlook`."""
         belief = memory.belief
         track_ids = memory.identities.of(belief.track_ids)
-        return outlook(self.model, belief, ahead_s, track_ids, memory.factor)
+        share = memory.lasting.share
+        return outlook(self.model, belief, ahead_s, track_ids, memory.factor, share)
 
 
 def _prolonged(memory: FilterMemory, estimate: Estimate) -> NDArray[np.float64]:

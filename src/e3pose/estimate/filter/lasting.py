@@ -61,11 +61,19 @@ class Lasting:
         return Lasting(total, left * self.seconds + fresh_s)
 
     @property
+    def share(self) -> float:
+        """The mean share."""
+        return self.total / self.seconds if self.seconds > 0 else USUAL
+
+    @property
     def excess(self) -> float:
         """How much larger biases are than usual: g above."""
-        if not self.seconds > 0:
-            return 0.0
-        return min(max((self.total / self.seconds - USUAL) / SPAN, 0.0), MOST)
+        return excess_of(self.share)
+
+
+def excess_of(share: float) -> float:
+    """Return g above of a mean share."""
+    return min(max((share - USUAL) / SPAN, 0.0), MOST)
 
 
 def grown_m2(repeated_m2: Floats, lasting_m2: Floats, excess: float) -> Floats:

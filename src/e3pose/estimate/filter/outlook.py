@@ -13,6 +13,7 @@ from e3pose.estimate.base import Outlook
 from e3pose.estimate.filter.allocation import held_constants
 from e3pose.estimate.filter.covariance_inflation import learned_factor, spread_factor
 from e3pose.estimate.filter.failed_pairs import count_newest
+from e3pose.estimate.filter.lasting import USUAL
 from e3pose.estimate.filter.learned_noise import quietest
 from e3pose.estimate.filter.motion import move
 from e3pose.estimate.filter.scratch import Constants
@@ -37,6 +38,7 @@ def outlook(
     ahead_s: float,
     track_ids: Integers | None = None,
     factor: float = 1.0,
+    bias_share: float = USUAL,
 ) -> Outlook:
     """Return the prediction `ahead_s` seconds after the belief's slot, without new views.
 
@@ -46,6 +48,7 @@ def outlook(
         ahead_s: 0 or more.
         track_ids: `(num_tracks,)` identities; the belief's own ids by default.
         factor: on standard deviations (`stated_factor`).
+        bias_share: of the last seconds, as in `Outlook`.
     """
     drift, lasts_s = model.alone
     num_cameras, leftovers = len(model.rig), belief.leftovers
@@ -84,6 +87,7 @@ def outlook(
         needed=expected.needed,
         sigma_px=expected.sigma_px,
         memory=model.noise.memory,
+        bias_share=bias_share,
         unexplained=unexplained,
         unexplained_s=belief.time_s - times_s,
         wait_s=model.wait_s,

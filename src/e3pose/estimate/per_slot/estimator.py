@@ -112,6 +112,7 @@ class PerSlot:
             needed=np.zeros(shape, dtype=bool),
             sigma_px=self.noise.sigma_px.min() * sizes / self.noise.image_px,
             memory=self.noise.memory,
+            bias_share=0.0,
             unexplained=np.zeros(num_cameras, dtype=np.int64),
             unexplained_s=np.full(num_cameras, np.inf),
             wait_s=0.0,
