@@ -17,7 +17,7 @@ from tests.five_cameras import (
     scene,
 )
 
-from e3pose.base.arrays import Integers
+from e3pose.base.arrays import Flags, Integers
 from e3pose.energy.queues import Queue
 from e3pose.model.pose import Poses2D
 from e3pose.pipeline import initial_state, step
@@ -127,11 +127,18 @@ class Planner:
 
     def __init__(self) -> None:
         self.charges: list[tuple[bool, int]] = []
+        self.slept: list[tuple[int, list[bool]]] = []
 
     def planned(
         self, rest: RestMemory, situation: Situation, until: Integers, later: object
     ) -> tuple[RestMemory, Integers]:
         return replace(rest, num_selected=3.0), np.array([0, 0, 12, 0, 0])
+
+    def checked(
+        self, rest: RestMemory, slot: int, interval_s: float, asleep: Flags, error_m: float
+    ) -> RestMemory:
+        self.slept.append((slot, asleep.tolist()))
+        return rest
 
     def charged(
         self, rest: RestMemory, decision: Selection, asleep: Selection, interval_s: float
@@ -150,5 +157,7 @@ def test_a_plan_of_rests_says_who_looks_and_is_charged_for_those_who_sleep() -> 
     decided = [record for record in records if record.slot + 2 >= 4]  # after the warm-up
     assert [asleep for asleep, _ in planner.charges] == [r.slot + 2 < 12 for r in decided]
     assert {count for _, count in planner.charges} == {3}
+    slept = [[slot < 12 and slot >= 3 and camera == 2 for camera in range(5)] for slot in range(20)]
+    assert planner.slept == [(slot, slept[slot]) for slot in range(planner.slept[0][0], 20)]
     assert not any(record.next_selection[2] for record in decided if record.slot + 2 < 12)
     assert any(record.next_selection[2] for record in decided)

@@ -41,6 +41,7 @@ from e3pose.select.policies.base import (
     selected_by,
     turns_of,
 )
+from e3pose.select.rest_check import RestCheck
 from e3pose.select.stated_error import StatedError, stated_error_m
 
 
@@ -194,7 +195,7 @@ def step(
     if warming_up:
         decision = np.array(online)  # Algorithm 1: not charged
     else:
-        state, decision = _decide(pipeline, state, situation)
+        state, decision = _decide(pipeline, state, situation, people)
     focused, expected = _feedback(pipeline, state, warming_up, decision, best, people.history_ids)
     times.append(clock())
     record = SlotRecord(
@@ -209,7 +210,7 @@ def step(
         next_selection=decision,
         covariance_m2=shown.covariance_m2,
         measured=shown.measured,
-        reasons=_reasons(situation, decision, state.check),
+        reasons=_reasons(situation, decision, (state.check, state.rest.check)),
         stage_s={**people.stage_s, **_spent_s(times)},
         noise_factors=people.noise_factors,
         shifts_px=people.shifts_px,
@@ -331,12 +332,14 @@ def _later(pipeline: Pipeline, state: SlotState, seconds: float) -> Foresight:
 
 
 def _decide(
-    pipeline: Pipeline, state: SlotState, situation: Situation
+    pipeline: Pipeline, state: SlotState, situation: Situation, people: People
 ) -> tuple[SlotState, Selection]:
     """Return the state after the decision, and the cameras of the slot that is decided now."""
     policy, rests, until = pipeline.policy, pipeline.rests, state.asleep_until
     rest, where = state.rest, (situation.slot, situation.interval_s, len(situation.online))
     if rests is not None:
+        error_m, asleep = stated_error_m(people.covariance_m2), until > state.slot
+        rest = rests.checked(rest, state.slot, situation.interval_s, asleep, error_m)
         rest, until = rests.planned(rest, situation, until, partial(_later, pipeline, state))
         situation = replace(situation, online=situation.online & (until <= situation.slot))
         policy = pipeline.policy if pipeline.waking is None else pipeline.waking(rest.num_selected)
@@ -373,13 +376,16 @@ def _feedback(
     return focused_after(state.focused, decision, expected), expected
 
 
-def _reasons(situation: Situation, decision: Selection, check: OwnCheck) -> Reasons | None:
+def _reasons(
+    situation: Situation, decision: Selection, checks: tuple[OwnCheck, RestCheck]
+) -> Reasons | None:
     foresight = situation.foresight
     if foresight is None:
         return None
     gains_nats = foresight.gains_nats(decision)
     error_m = float(foresight.expected_error_m(decision[None])[0])
-    return Reasons(situation.slot, gains_nats, situation.price, error_m, check.words())
+    words = "; ".join(filter(None, (check.words() for check in checks)))
+    return Reasons(situation.slot, gains_nats, situation.price, error_m, words)
 
 
 def _spent_s(times: Sequence[float]) -> dict[str, float]:

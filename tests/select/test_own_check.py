@@ -12,16 +12,9 @@ from e3pose.evaluate.replay import ReplaySettings, make_pipeline, selected_views
 from e3pose.model.pose import Poses2D
 from e3pose.pipeline import SlotState, initial_state, step
 from e3pose.recording import Recording
-from e3pose.select import own_check
-from e3pose.select.own_check import (
-    LEAST_ROUNDS,
-    SELECTING,
-    STRETCH_S,
-    STRETCHES,
-    TURNS,
-    OwnCheck,
-    distance_m,
-)
+from e3pose.select import own_check, rounds
+from e3pose.select.own_check import SELECTING, TURNS, OwnCheck, distance_m
+from e3pose.select.rounds import LEAST_ROUNDS, STRETCH_S, STRETCHES
 from e3pose.simulate import SceneSettings, simulate
 
 pytestmark = pytest.mark.slow
@@ -146,9 +139,9 @@ def last_state(recording: Recording) -> tuple[SlotState, str, list[int]]:
 def test_a_policy_whose_model_is_wrong_falls_back_to_turns(
     recording: Recording, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(own_check, "STRETCH_S", 2.5)
-    monkeypatch.setattr(own_check, "STRETCHES", 4)
-    monkeypatch.setattr(own_check, "SETTLE_S", 0.5)
+    for name, value in (("STRETCH_S", 2.5), ("STRETCHES", 4), ("SETTLE_S", 0.5)):
+        for module in (own_check, rounds):
+            monkeypatch.setattr(module, name, value)
     state, words, chosen = last_state(recording)
     assert state.check.by_turns and "take turns" in words
     assert np.mean(np.array(chosen[:300]) == 0) > 0.5

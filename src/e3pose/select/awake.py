@@ -19,7 +19,7 @@ Method: `docs/explanation/camera-selection.md`.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -29,6 +29,7 @@ from e3pose.model.camera import Rig
 from e3pose.select.expected_information import Foresight
 from e3pose.select.floor import seen_floor, watches
 from e3pose.select.policies.base import Selection, Situation
+from e3pose.select.rest_check import MOST_RISE, RestCheck
 
 Worth = Callable[[Flags], Floats]  # (num_sets, num_cameras) -> (num_sets,)
 
@@ -37,8 +38,6 @@ Worth = Callable[[Flags], Floats]  # (num_sets, num_cameras) -> (num_sets,)
 PRICE = 0.15
 # tuned: s | first guess, a tenth of the shortest rest | not measured
 PLAN_S = 0.4
-# Without watts or a target that say otherwise.
-MOST_RISE = 1.1  # definition: rests cost at most a tenth of the error
 # Until how long errors last is learned, nobody rests while people are there.
 # tuned: share | simulated and the first half of pizza: a first rest after a third of a second costs
 #   7 % on pizza | not measured
@@ -106,12 +105,14 @@ class RestMemory:
         next_slot: of the next plan.
         owed_j: drawn beyond the watts allowed; negative where less was.
         num_selected: cameras per slot, by the last plan.
+        check: what rests were found to cost.
     """
 
     rest_s: Floats
     next_slot: int = 0
     owed_j: float = 0.0
     num_selected: float = 0.0
+    check: RestCheck = field(default_factory=RestCheck)
 
     @classmethod
     def none(cls, num_cameras: int) -> RestMemory:
@@ -227,14 +228,17 @@ def next_rest_s(memory: RestMemory, people: int) -> Floats:
     return np.asarray(np.clip(LONGER * memory.rest_s, FIRST_REST_S, longest_s))
 
 
-def rested(costs: RestCosts, memory: RestMemory, leave: Flags, people: int) -> tuple[Flags, Floats]:
+def rested(
+    costs: RestCosts, memory: RestMemory, leave: Flags, people: int, most_s: float = np.inf
+) -> tuple[Flags, Floats]:
     """Return who of those that `leave` takes a rest, and `(num_cameras,)` its seconds.
 
     They come back one after the other: somebody who came in meanwhile is then seen by more cameras
-    sooner. Who would wake before it has slept stays awake.
+    sooner. Who would wake before it has slept stays awake. No rest is longer than `most_s`.
     """
     order = np.cumsum(leave) - 1
     rest_s = next_rest_s(memory, people) * (1 + STAGGER * order / max(int(leave.sum()), 1))
+    rest_s = np.minimum(rest_s, most_s)
     return np.asarray(leave & (rest_s > costs.lost_s)), rest_s
 
 
@@ -295,7 +299,8 @@ class RestPlanner:
         ahead = [later(seconds) for seconds in LATER_S]
         needs = self.needs(situation, ahead, asleep_until > slot)
         plan = planned(self.costs, self.goal, memory, needs, usable, interval_s)
-        leave, rest_s = rested(self.costs, memory, usable & ~plan.awake, needs.people)
+        most_s = memory.check.left_s(slot, interval_s) if self.checks(needs.people) else np.inf
+        leave, rest_s = rested(self.costs, memory, usable & ~plan.awake, needs.people, most_s)
         slots = np.maximum(np.round(rest_s / interval_s).astype(np.int64), 1)
         needed = usable & plan.awake & ((slot - asleep_until) * interval_s >= KEPT_S)
         memory = replace(
@@ -305,6 +310,27 @@ class RestPlanner:
             num_selected=plan.num_selected,
         )
         return memory, np.where(leave, slot + slots, asleep_until)
+
+    def checks(self, people: int) -> bool:
+        """Return whether rests are compared with none: no watts or target say otherwise."""
+        return people > 0 and self.goal.watts is None and self.goal.target_m is None
+
+    def checked(
+        self, memory: RestMemory, slot: int, interval_s: float, asleep: Flags, error_m: float
+    ) -> RestMemory:
+        """Return the memory after the views of a slot.
+
+        Args:
+            memory: before them.
+            slot: of the views.
+            interval_s: seconds per slot.
+            asleep: `(num_cameras,)` who slept.
+            error_m: the mean error stated; NaN where nobody is known.
+        """
+        if not self.checks(1):
+            return memory
+        check = memory.check.after(slot, interval_s, bool(asleep.any()), error_m)
+        return replace(memory, check=check)
 
     def needs(self, situation: Situation, later: Sequence[Foresight], asleep: Flags) -> Needs:
         """Return what a plan is to be good for, now and `later`.

@@ -23,30 +23,25 @@ from e3pose.estimate.base import Outlook
 from e3pose.model.camera import Rig
 from e3pose.model.pose import Poses2D
 from e3pose.select.policies.base import Policy, turns_of
+from e3pose.select.rounds import (
+    BACK,
+    LEAST_ROUNDS,
+    SETTLE_S,
+    STRETCH_S,
+    STRETCHES,
+    Rounds,
+    by,
+    place_of,
+    with_round,
+)
 
-# What it costs and how soon it says something; no site has run long enough to try other values.
-# tuned: s | by reasoning, tried on no recording | not measured
-STRETCH_S = 8.0
-# tuned: stretches | by reasoning, tried on no recording | not measured
-STRETCHES = 16  # in a round: a sixteenth of the time is spent the other way
-# tuned: s | by reasoning, tried on no recording | not measured
-SETTLE_S = 2.0  # of a stretch, in which its people are still those of the one before
 # tuned: slots | by reasoning, tried on no recording | not measured
 FEWEST_SLOTS = 4  # between two slots that are compared
 # tuned: views | by reasoning, tried on no recording | not measured
 LEAST_LOOKS = 3  # in each of two stretches, or the round says nothing
-# tuned: rounds | by reasoning, tried on no recording: about an hour | not measured
-MEMORY = 32.0  # rounds
-# tuned: rounds | by reasoning, tried on no recording | not measured
-LEAST_ROUNDS = 4
-# tuned: of a logarithm | by reasoning, tried on no recording | not measured
-LEAST_SPREAD = 0.05  # of one round, in logarithms of a distance
-# When to fall back, and when to try again.
 # tuned: standard errors | by reasoning, tried on no recording; on drawn distances that scatter by a
 #   tenth it never falls back without cause in 40 rounds | not measured
 SURE = 2.5  # standard errors behind turns, to fall back
-# tuned: standard errors | by reasoning, tried on no recording | not measured
-BACK = 1.0  # and ahead of them, to select again
 # tuned: joints | by reasoning, tried on no recording | not measured
 LEAST_JOINTS = 4  # of a detection that is compared
 # tuned: m | by reasoning, tried on no recording | not measured
@@ -73,17 +68,14 @@ class Plan:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class OwnCheck:
-    """What the rounds so far have shown.
+class OwnCheck(Rounds):
+    """What the rounds so far have shown: of the distance while selecting over that by turns.
 
     Attributes:
         round: which one it is.
         looks: `(2,)` views compared in this round, by way.
         seen_m: `(2,)` sum of their mean distances from the people predicted, metres.
         stated_m: `(2,)` sum of the errors stated in the same slots.
-        rounds: that were compared, forgotten in time.
-        mean: logarithm of the distance while selecting over that by turns, mean of the rounds.
-        variance: of one round.
         stated: mean logarithm of the same ratio of stated errors.
         by_turns: whether the policy has fallen back to turns.
     """
@@ -92,16 +84,12 @@ class OwnCheck:
     looks: Floats = field(default_factory=lambda: np.zeros(2))
     seen_m: Floats = field(default_factory=lambda: np.zeros(2))
     stated_m: Floats = field(default_factory=lambda: np.zeros(2))
-    rounds: float = 0.0
-    mean: float = 0.0
-    variance: float = 0.0
     stated: float = 0.0
     by_turns: bool = False
 
     def plan(self, slot: int, interval_s: float, num_cameras: int) -> Plan:
         """Return how the cameras of a slot are selected."""
-        stretch, into_s = divmod(slot * interval_s, STRETCH_S)
-        place = int(stretch) % STRETCHES
+        _, place, into_s = place_of(slot, interval_s)
         usual = TURNS if self.by_turns else SELECTING
         way = usual if place < STRETCHES - 1 else 1 - usual
         common = place >= STRETCHES - 2 and slot % _every(num_cameras) == 0
@@ -119,7 +107,7 @@ class OwnCheck:
             seen_m: how far its views were from the people predicted; NaN where none is compared.
             error_m: the mean error stated after it; NaN where nobody is known.
         """
-        now = int(slot * interval_s / STRETCH_S) // STRETCHES
+        now, _, _ = place_of(slot, interval_s)
         check = self if now == self.round else replace(self._judged(), round=now)
         if not (np.isfinite(seen_m) and np.isfinite(error_m)):
             return check
@@ -137,36 +125,21 @@ class OwnCheck:
         if self.looks.min() < LEAST_LOOKS or min(self.seen_m.min(), self.stated_m.min()) <= 0:
             return begun
         seen, stated = self.seen_m / self.looks, self.stated_m / self.looks
-        found = math.log(seen[SELECTING] / seen[TURNS])
-        rounds = min(self.rounds + 1, MEMORY)
-        off = found - self.mean
-        check = replace(
-            begun,
-            rounds=rounds,
-            mean=self.mean + off / rounds,
-            variance=(1 - 1 / rounds) * (self.variance + off**2 / rounds),
-            stated=self.stated
-            + (math.log(stated[SELECTING] / stated[TURNS]) - self.stated) / rounds,
-        )
-        if rounds < LEAST_ROUNDS:
+        check = with_round(begun, math.log(seen[SELECTING] / seen[TURNS]))
+        off = math.log(stated[SELECTING] / stated[TURNS]) - check.stated
+        check = replace(check, stated=check.stated + off / check.rounds)
+        if check.rounds < LEAST_ROUNDS:
             return check
         if check.by_turns:
             return replace(check, by_turns=check.mean + BACK * check.error > 0)
         return replace(check, by_turns=check.mean - SURE * check.error > 0)
 
-    @property
-    def error(self) -> float:
-        """Standard error of `mean`."""
-        return math.sqrt(max(self.variance, LEAST_SPREAD**2) / max(self.rounds, 1.0))
-
     def words(self) -> str:
         """Return what is known, for operators; empty before enough rounds."""
         if self.rounds < LEAST_ROUNDS:
             return ""
-        seen = f"{_by(self.mean)} ± {self.error:.0%}"
-        found = (
-            f"error with the selection against turns: {seen} by views, {_by(self.stated)} stated"
-        )
+        ways = "error with the selection against turns"
+        found = f"{ways}: {self.change} by views, {by(self.stated)} stated"
         if not self.by_turns:
             return found
         return f"cameras take turns, tried again every {STRETCH_S * STRETCHES:.0f} s; {found}"
@@ -226,10 +199,6 @@ def _pairs(rig: Rig, camera: int, joints_m: Floats, view: Poses2D) -> list[Float
         for pair in zip(people, detections, strict=True)
         if mean_m[pair] < SAME_M
     ]
-
-
-def _by(logarithm: float) -> str:
-    return f"{math.expm1(logarithm):+.0%}"
 
 
 def _every(num_cameras: int) -> int:
