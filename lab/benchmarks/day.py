@@ -3,6 +3,8 @@
     python lab/benchmarks/day.py --scene ring --seconds 240 --seeds 711
     python lab/benchmarks/day.py --recordings shelf,pizza --lead 2,4
 
+    python lab/benchmarks/day.py --recordings pizza --share 0.5 --sets 0123,0234
+
 Of a simulated day, people are there for `--busy` of the time: visits of one to four of them, who
 come in through the doors and leave again. A row of the table is a way to run the cameras: all of
 them; the published system with 3 of 5; two per slot as today; two per slot and rests; and the same
@@ -10,7 +12,9 @@ with an oracle for whom to keep awake, which wakes cameras at once and without a
 profile's with a suspended rest: `SUSPENDED`, which is assumed, where it states none. A newcomer is
 found when a published pose is within 0.5 m, in seconds since two cameras could see the person.
 Of `--recordings`, which are folders, people are there throughout; without a truth, errors are those
-from the offline smoother over all cameras (`clip_error.py`).
+from the offline smoother over all cameras (`clip_error.py`). With `--sets` the same cameras are
+awake throughout, two of them per slot: error, and times that of all, as found, as a plan of rests
+expects it while all are awake, and as the estimator states it.
 """
 
 from __future__ import annotations
@@ -30,6 +34,7 @@ from e3pose.base.arrays import Flags, Floats
 from e3pose.energy.modes import Rest, modes_of
 from e3pose.energy.profiles import load_profile
 from e3pose.energy.rest_costs import RestCosts, rest_costs
+from e3pose.evaluate.noise.calibrate import first_slots
 from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.evaluate.summary import accuracy
 from e3pose.evaluate.waking import drawn_w
@@ -37,6 +42,7 @@ from e3pose.model.noises import detector_of, load_noise
 from e3pose.recording import Recording, load_recording
 from e3pose.recording.record import Truth
 from e3pose.select import awake
+from e3pose.select.stated_error import stated_error_m
 from e3pose.simulate import SCENES, SceneSettings, simulate
 from e3pose.simulate.activities import Play, _Task
 
@@ -49,6 +55,7 @@ BATTERY_WH = 50.0
 SUSPENDED = Rest("suspended", 0.5, 0.5, 1.0, 0.2, "assumed")
 WARMUP_SLOTS = 10
 NEVER_S = 1e9
+RESTS = 1  # layout: of `ways`
 LIMIT_SHARE = 0.6  # of the power of two cameras per slot, all awake
 
 
@@ -164,6 +171,40 @@ def run(recording: Recording, way: Way) -> list[Any]:
         return list(replay(recording, way.settings))
 
 
+def set_lines(recording: Recording, settings: ReplaySettings, sets: Sequence[Flags]) -> list[str]:
+    """Return what it costs that only sets of cameras are awake."""
+    everybody = np.ones(len(recording.rig), dtype=bool)
+    tried, rises = np.stack([everybody, *sets]), list[Floats]()
+
+    def found(awake_set: Flags) -> tuple[Any, Any, float]:
+        def planned(
+            planner: awake.RestPlanner, memory: Any, situation: Any, until: Any, later: Any
+        ) -> Any:
+            ahead = [later(seconds) for seconds in awake.LATER_S]
+            if awake_set.all():
+                rises.append(planner.needs(situation, ahead, ~everybody).rise(tried))
+            return replace(memory, num_selected=2.0), np.where(awake_set, 0, 10**6)
+
+        with patch.object(awake.RestPlanner, "planned", planned):
+            records = list(replay(recording, settings))
+        stated_m = [stated_error_m(each.covariance_m2) for each in records[WARMUP_SLOTS:]]
+        result = accuracy(recording, records)
+        return result.mpjpe_mm, result.recall_500mm, 1000 * float(np.nanmean(stated_m))
+
+    lines = [
+        "| awake | error, mm | recall, % | times | planned | stated |",
+        "|---|---|---|---|---|---|",
+    ]
+    all_mm, _, all_stated_mm = found(everybody)
+    known = [rise for rise in rises if np.isfinite(rise).all()]
+    for cameras, planned in zip(tried, np.mean(known, axis=0), strict=True):
+        error_mm, recall, stated_mm = found(cameras)
+        name = "".join(map(str, np.flatnonzero(cameras)))
+        ratios = f"{error_mm / all_mm:.2f} | {planned:.2f} | {stated_mm / all_stated_mm:.2f}"
+        lines.append(f"| {name} | {error_mm:.1f} | {100 * recall:.1f} | {ratios} |")
+    return lines
+
+
 def seconds_until_found(recording: Recording, records: Sequence[Any]) -> list[float]:
     """Return the seconds from when two cameras could see a newcomer to the first pose nearby."""
     truth = recording.truth
@@ -217,6 +258,13 @@ def with_truth(recording: Recording) -> Recording:
     joints_m = np.stack([[p.at(slot) for p in people] for slot in range(recording.num_slots)])
     names = tuple(f"person{number}" for number in range(1, len(people) + 1))
     return replace(recording, truth=Truth(recording.skeleton, names, joints_m))
+
+
+def part_of(recording: Recording, share: float) -> Recording:
+    """Return a share of a recording, from its start; less than all of it is without a truth."""
+    if share == 1:
+        return recording
+    return first_slots(recording, round(share * recording.num_slots))
 
 
 def costs_of(profile_name: str, num_cameras: int) -> RestCosts:
@@ -300,6 +348,8 @@ def main() -> None:
     parser.add_argument("--seeds", default="711")
     parser.add_argument("--lead", default="4", help="slots ahead; several with commas")
     parser.add_argument("--profile", default="xavier-nx")
+    parser.add_argument("--share", type=float, default=1.0, help="of recordings, from their start")
+    parser.add_argument("--sets", default="", help="cameras awake throughout, such as 012,0134")
     parser.add_argument("--ways", default="", help="numbers of rows to run; all by default")
     options = parser.parse_args()
     folders = [Path(each) for each in options.recordings.split(",") if each]
@@ -307,7 +357,7 @@ def main() -> None:
     wanted = [int(each) for each in options.ways.split(",") if each]
     for place in folders or options.scene.split(","):
         recordings = [
-            with_truth(load_recording(place))
+            with_truth(part_of(load_recording(place), options.share))
             if isinstance(place, Path)
             else day(place, options.seconds, options.busy, seed)
             for seed in seeds
@@ -315,8 +365,14 @@ def main() -> None:
         costs = costs_of(options.profile, len(recordings[0].rig))
         for lead in map(int, options.lead.split(",")):
             rate = 1 / recordings[0].interval_s
-            print(f"\n`{place}`, {rate:g} slots per second, lead {lead}\n\n{head()}", flush=True)
+            print(f"\n`{place}`, {rate:g} slots per second, lead {lead}\n", flush=True)
             asked = [ways(lead, seed, costs) for seed in seeds]
+            if options.sets:
+                cameras = np.arange(len(recordings[0].rig))
+                sets = [np.isin(cameras, list(map(int, each))) for each in options.sets.split(",")]
+                print("\n".join(set_lines(recordings[0], asked[0][RESTS].settings, sets)))
+                continue
+            print(head(), flush=True)
             numbers = wanted or range(len(asked[0]))
             quiet = not sys.stderr.isatty()
             for number in track(numbers, f"{place}, lead {lead}", disable=quiet):
