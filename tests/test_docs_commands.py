@@ -118,12 +118,13 @@ ELSEWHERE = {
         ),
         "tests/hub/test_users.py",
     ),
+    "hub forgotten house": "tests/hub/test_forgotten.py",
     "hub view house": "tests/live/test_hub_page.py",
     "hub accesses house --site lab": "tests/hub/test_questions.py",
     'hub query house "SELECT site, sum(people * span_s) / 3600 AS person_hours FROM summaries '
     'GROUP BY site"': "tests/hub/test_hub.py",
     "hub run house": "tests/hub/test_hub.py",
-    "keys add house --viewer --keys room/keys": "tests/hub/test_hub.py",
+    "keys add house --hub --keys room/keys": "tests/hub/test_hub.py",
     **dict.fromkeys(
         (
             "people list site.toml",

@@ -104,21 +104,21 @@ def test_hub_and_sites_are_killed_and_everything_is_there_once(tmp_path: Path) -
     assert [tuple(row) for row in rows] == [("hall", 660, 0), ("lab", 650, 0)]
 
 
-def test_viewer_s_certificate_fetches_and_others_do_not(tmp_path: Path) -> None:
+def test_hub_s_certificate_fetches_and_others_do_not(tmp_path: Path) -> None:
     now, port = datetime.datetime.now(datetime.timezone.utc), free_port()
     init_keys(tmp_path / "keys", "lab", [], now)
-    add_keys(tmp_path / "keys", "house", now, kind="viewer")
+    add_keys(tmp_path / "keys", "house", now, kind="hub")
     init_keys(tmp_path / "other", "lab", [], now)
-    add_keys(tmp_path / "other", "house", now, kind="viewer")
+    add_keys(tmp_path / "other", "house", now, kind="hub")
     fill(tmp_path / "lab.db", "lab", 0, 3)
     hub, database = hub_file(tmp_path, {"lab": port}, "tls"), tmp_path / "hub.db"
     with serve("lab", port, tmp_path / "lab.db", str(tmp_path / "keys")):
-        (tmp_path / "lab").symlink_to(tmp_path / "other" / "viewers" / "house")
+        (tmp_path / "lab").symlink_to(tmp_path / "other" / "hubs" / "house")
         with program(*E3POSE, "hub", "run", str(hub)) as running:
             assert running.stdout is not None and "lab: no answer" in running.stdout.readline()
         assert numbers(database, "lab") == []
         (tmp_path / "lab").unlink()
-        (tmp_path / "lab").symlink_to(tmp_path / "keys" / "viewers" / "house")
+        (tmp_path / "lab").symlink_to(tmp_path / "keys" / "hubs" / "house")
         with program(*E3POSE, "hub", "run", str(hub)):
             assert eventually(lambda: numbers(database, "lab") == [0, 1, 2], 60)
 

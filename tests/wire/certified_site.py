@@ -24,6 +24,8 @@ class Site:
             add_keys(folder, camera, now)
         add_keys(folder, "wall", now, kind="viewer")
         add_keys(folder, "desk", now, kind="operator")
+        add_keys(folder, "house", now, kind="hub")
+        add_keys(folder, "garden", now, kind="hub")
         revoke_keys(folder, "cam3")
 
     def edge(self) -> NetworkTransport:
@@ -31,7 +33,9 @@ class Site:
         link = Link(
             "edge", "lab", f"tls/127.0.0.1:{self.port}", certificates_in(self.folder, "edge")
         )
-        return self.keep(open_network(link, roll.cameras, roll.viewers, operators=roll.operators))
+        return self.keep(
+            open_network(link, roll.cameras, roll.viewers, operators=roll.operators, hubs=roll.hubs)
+        )
 
     def camera(self, name: str) -> NetworkTransport:
         files = certificates_in(self.folder / "cameras" / name, "camera")
@@ -43,6 +47,10 @@ class Site:
 
     def operator(self) -> NetworkTransport:
         files = certificates_in(self.folder / "operators" / "desk", "operator")
+        return self.keep(open_network(Link("viewer", "lab", f"tls/localhost:{self.port}", files)))
+
+    def hub(self, name: str = "house") -> NetworkTransport:
+        files = certificates_in(self.folder / "hubs" / name, "hub")
         return self.keep(open_network(Link("viewer", "lab", f"tls/localhost:{self.port}", files)))
 
     def keep(self, transport: NetworkTransport) -> NetworkTransport:

@@ -97,23 +97,36 @@ def test_operators_alone_control_the_edge_and_see_what_viewers_see(site: Site) -
     edge.close()
 
 
-def test_viewer_asks_for_summaries_under_its_own_name_alone(site: Site) -> None:
-    edge, asked = site.edge(), list[str]()
+def test_hub_asks_for_summaries_under_its_own_name_and_hears_no_pose(site: Site) -> None:
+    edge, asked, heard, seen = site.edge(), list[str](), list[bytes](), list[bytes]()
 
     def answer(topic: str, payload: bytes) -> bytes:
         asked.append(topic)
         return b"summaries"
 
     edge.answer("e3pose/lab/outbox/*", answer)
-    viewer, operator, camera = site.viewer(), site.operator(), site.camera("cam1")
-    mine = "e3pose/lab/outbox/wall"
-    assert eventually(lambda: viewer.ask(mine, b"", 0.5) == b"summaries")
+    edge.answer("e3pose/lab/control/desk", answer)
+    hub, other, viewer = site.hub(), site.hub("garden"), site.viewer()
+    operator, camera = site.operator(), site.camera("cam1")
+    for topic in ("poses", "poses-delayed", "status", "camera/*/view", "order/*", "**"):
+        hub.subscribe(f"e3pose/lab/{topic}", lambda t, p: heard.append(p))
+    viewer.subscribe("e3pose/lab/poses", lambda t, p: seen.append(p))
+    mine = "e3pose/lab/outbox/house"
+    assert eventually(lambda: hub.ask(mine, b"", 0.5) == b"summaries")
+
+    def told() -> bool:
+        for topic in ("poses", "poses-delayed", "status"):
+            edge.publish(f"e3pose/lab/{topic}", b"people")
+        return bool(seen)
+
+    assert eventually(told)
     asked.clear()
-    assert viewer.ask("e3pose/lab/outbox/desk", b"", SILENCE_S) is None
-    for other in (operator, camera):
-        assert other.ask(mine, b"", SILENCE_S) is None
-    assert viewer.ask(mine, b"", 10.0) == b"summaries"
-    assert asked == [mine]
+    assert hub.ask("e3pose/lab/outbox/garden", b"", SILENCE_S) is None
+    assert hub.ask("e3pose/lab/control/desk", b"", SILENCE_S) is None
+    for one in (other, viewer, operator, camera):
+        assert one.ask(mine, b"", SILENCE_S) is None
+    assert hub.ask(mine, b"", 10.0) == b"summaries"
+    assert asked == [mine] and heard == []
     edge.close()
 
 

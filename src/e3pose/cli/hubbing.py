@@ -275,6 +275,52 @@ def accesses(
     _put_out(["time", "who", "site", "what"], rows, csv, json_file)
 
 
+@hub_app.command
+def forgotten(
+    hub: Path,
+    /,
+    *,
+    csv: Annotated[Path | None, Parameter(group=OUTPUT)] = None,
+    json_file: Annotated[JsonFile, Parameter(group=OUTPUT)] = None,
+) -> None:
+    """List what was deleted at sites, and what of it is left at the hub; code 1 if anything is.
+
+    Example: `e3pose hub forgotten house`
+
+    A hub hears of `e3pose archive delete` with the next summaries. Those of a deleted day go; those
+    of a person stay, as nobody is in them.
+
+    Parameters
+    ----------
+    hub
+        File of the hub, or its folder.
+    csv
+        Write the rows here as CSV.
+    json_file
+        Write the rows here as a JSON list; - is standard output.
+    """
+    import sys
+
+    from e3pose.hub.database import read_forgotten
+    from e3pose.hub.settings import load_hub
+    from e3pose.store.forgetting import day_of
+    from e3pose.store.times import iso_text
+
+    found = read_forgotten(load_hub(hub).database)
+    rows = [
+        (
+            one.site,
+            f"day {day_of(one.start_ns)}" if one.track_id is None else f"person {one.track_id} "
+            f"of the run that began {iso_text(one.run_started_ns or 0)}",
+            iso_text(one.heard_ns), one.deleted, one.left,
+        )
+        for one in found
+    ]  # fmt: skip
+    _put_out(["site", "what", "heard", "deleted", "left"], rows, csv, json_file)
+    if any(one.left for one in found):
+        sys.exit(1)
+
+
 def _put_out(
     names: Sequence[str],
     rows: Sequence[Sequence[Any]],

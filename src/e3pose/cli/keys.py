@@ -56,11 +56,12 @@ def add(
     keys: Path = DEFAULT,
     viewer: Flag = False,
     operator: Flag = False,
+    hub: Flag = False,
     router: Flag = False,
     host: Annotated[list[str] | None, Parameter(negative="")] = None,
     again: Flag = False,
 ) -> None:
-    """Create the certificate of a camera, viewer, operator or router; print its folder.
+    """Create the certificate of a camera, viewer, operator, hub or router; print its folder.
 
     Example: `e3pose keys add cam1`, then `scp -r keys/cameras/cam1 cam1.local:`
 
@@ -77,6 +78,8 @@ def add(
         Create a viewer: a program that may read poses and status only.
     operator
         Create an operator: a viewer that may also control the edge, such as `e3pose view`.
+    hub
+        Create a hub: a program that may fetch summaries only, and sees no pose; see `e3pose hub`.
     router
         Create a router, which forwards all messages of the site; see `e3pose router`.
     host
@@ -86,7 +89,9 @@ def add(
     """
     from e3pose.wire.keys.folder import add_keys
 
-    kinds: dict[Kind, bool] = {"viewer": viewer, "operator": operator, "router": router}
+    kinds: dict[Kind, bool] = {
+        "viewer": viewer, "operator": operator, "hub": hub, "router": router,
+    }  # fmt: skip
     chosen = [kind for kind, asked in kinds.items() if asked]
     if len(chosen) > 1:
         raise InputError(f"--{chosen[1]}: found with --{chosen[0]}, expected one of them")
@@ -109,7 +114,8 @@ def renew(name: list[str] | None = None, /, *, keys: Path = DEFAULT) -> None:
     Parameters
     ----------
     name
-        `edge`, cameras, viewers, operators or routers. Default: those that expire within 30 days.
+        `edge`, cameras, viewers, operators, hubs or routers. Default: those that expire within
+        30 days.
     keys
         Folder from `e3pose keys init`.
     """
@@ -125,7 +131,7 @@ def renew(name: list[str] | None = None, /, *, keys: Path = DEFAULT) -> None:
 
 @keys_app.command(name="revoke")
 def revoke(name: str, /, *, keys: Path = DEFAULT) -> None:
-    """Revoke the certificate of a camera, viewer, operator or router.
+    """Revoke the certificate of a camera, viewer, operator, hub or router.
 
     Example: `e3pose keys revoke cam1`
 
@@ -134,7 +140,7 @@ def revoke(name: str, /, *, keys: Path = DEFAULT) -> None:
     Parameters
     ----------
     name
-        Camera, viewer, operator or router.
+        Camera, viewer, operator, hub or router.
     keys
         Folder from `e3pose keys init`.
     """
@@ -168,6 +174,7 @@ def list_keys(*, keys: Path = DEFAULT) -> None:
         ("camera", roll.cameras),
         ("viewer", roll.viewers),
         ("operator", roll.operators),
+        ("hub", roll.hubs),
         ("router", roll.routers),
     ):
         rows += [

@@ -54,7 +54,7 @@ def router(
         endpoint,
         edge,
         lambda link, roll: open_network(
-            link, roll.cameras, roll.viewers, roll.routers, roll.operators
+            link, roll.cameras, roll.viewers, roll.routers, roll.operators, roll.hubs
         ),
         log.info,
     )

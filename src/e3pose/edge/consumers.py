@@ -90,7 +90,7 @@ class Consumers:
         controls: requests of operators.
         recorder: writes the views of cameras as recordings.
         watch: detects that a camera was knocked.
-        outbox: answers viewers who fetch summaries, on a thread of the transport.
+        outbox: answers hubs that fetch summaries, on a thread of the transport.
         on_beat: called with every heartbeat, on a thread of the transport.
     """
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Collection, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,6 +21,7 @@ from sqlalchemy import (
     Table,
     Text,
     delete,
+    func,
     insert,
     inspect,
     select,
@@ -32,6 +34,7 @@ from e3pose.store.database import check_place, database_url, shown, writing_engi
 from e3pose.store.delivery import new_rows
 from e3pose.store.rows import NS
 from e3pose.store.schema import SUMMARY_JSON, summary_columns
+from e3pose.wire.site_messages import Tombstone
 
 metadata = MetaData()
 HOUR_NS = 3600 * NS
@@ -75,6 +78,21 @@ sites = Table(
     Column("lost", BigInteger, nullable=False),  # shed or deleted at the site before they were here
     Column("heard_ns", BigInteger),
     Column("problem", Text, nullable=False),
+)
+
+# What was deleted at sites, and what of it was here.
+forgotten = Table(
+    "forgotten",
+    metadata,
+    Column("site", Text, primary_key=True),
+    Column("begun_ns", BigInteger, primary_key=True, autoincrement=False),  # of the outbox
+    Column("number", BigInteger, primary_key=True, autoincrement=False),  # in it
+    Column("start_ns", BigInteger, nullable=False),
+    Column("end_ns", BigInteger, nullable=False),
+    Column("run_started_ns", BigInteger),
+    Column("track_id", BigInteger),  # of a person; null for everything in that time
+    Column("heard_ns", BigInteger, nullable=False),
+    Column("deleted", BigInteger, nullable=False),  # summaries
 )
 
 # Who came to poses: by a question about archives, or by the page of a site.
@@ -130,9 +148,28 @@ def cursor_of(connection: Connection, site: str) -> Cursor:
     return Cursor() if found is None else Cursor(*found)
 
 
-def keep(engine: Engine, site: str, rows: Sequence[Summary], cursor: Cursor, heard_ns: int) -> None:
-    """Store summaries and the cursor after them in one transaction; one that is there stays."""
+def keep(
+    engine: Engine,
+    site: str,
+    rows: Sequence[Summary],
+    cursor: Cursor,
+    heard_ns: int,
+    told: Sequence[Tombstone] = (),
+) -> None:
+    """Store summaries and the cursor after them in one transaction; one that is there stays.
+
+    Args:
+        engine: of the hub's database.
+        site: whose.
+        rows: its summaries.
+        cursor: after them.
+        heard_ns: the time.
+        told: what was deleted at the site, and so here; nothing of such a day comes back.
+    """
     with engine.begin() as connection:
+        for one in told:
+            _forget(connection, site, one, cursor.begun_ns, heard_ns)
+        rows = _without_forgotten(connection, site, rows)
         if rows:
             plain = [
                 {
@@ -150,6 +187,74 @@ def keep(engine: Engine, site: str, rows: Sequence[Summary], cursor: Cursor, hea
             "heard_ns": heard_ns, "problem": "",
         }  # fmt: skip
         _note(connection, site, new)
+
+
+def _forget(
+    connection: Connection, site: str, what: Tombstone, begun_ns: int, heard_ns: int
+) -> None:
+    """Delete what was deleted at a site; a person is in no summary."""
+    deleted, c = 0, summaries.c
+    if what.track_id is None:
+        inside = c.site == site, c.time_ns >= what.start_ns, c.time_ns < what.end_ns
+        deleted = connection.execute(delete(summaries).where(*inside)).rowcount
+        h = hours.c
+        spans = h.site == site, h.time_ns > what.start_ns - HOUR_NS, h.time_ns < what.end_ns
+        sum_hours(connection, site, connection.scalars(select(h.time_ns).where(*spans)).all())
+    row = {
+        "site": site, "begun_ns": begun_ns, "number": what.number, "start_ns": what.start_ns,
+        "end_ns": what.end_ns, "run_started_ns": what.run_started_ns, "track_id": what.track_id,
+        "heard_ns": heard_ns, "deleted": deleted,
+    }  # fmt: skip
+    connection.execute(new_rows(connection.dialect.name, forgotten), row)
+
+
+def _without_forgotten(connection: Connection, site: str, rows: Sequence[Summary]) -> list[Summary]:
+    """Return rows less those of deleted days, which another outbox of the site may still have."""
+    c = forgotten.c
+    asked = select(c.start_ns, c.end_ns).where(c.site == site, c.track_id.is_(None))
+    days = connection.execute(asked).all() if rows else []
+    return [r for r in rows if not any(start <= r.time_ns < end for start, end in days)]
+
+
+@dataclass(frozen=True, slots=True)
+class HeardOf:
+    """What was deleted at a site, and what is left of it here.
+
+    Attributes:
+        site: of which.
+        start_ns, end_ns: of the time; the end is not included.
+        track_id: of a person; None for everything in that time.
+        run_started_ns: of that person's run.
+        heard_ns: when the hub heard of it.
+        deleted: summaries that it deleted.
+        left: summaries of that time that it has, 0 where a person was deleted, who is in none.
+    """
+
+    site: str
+    start_ns: int
+    end_ns: int
+    track_id: int | None
+    run_started_ns: int | None
+    heard_ns: int
+    deleted: int
+    left: int
+
+
+def read_forgotten(database: str) -> list[HeardOf]:
+    """Return what was deleted at sites, newest first, and look what is left of it."""
+    c, s = forgotten.c, summaries.c
+    left = (
+        select(func.count())
+        .where(s.site == c.site, s.time_ns >= c.start_ns, s.time_ns < c.end_ns)
+        .where(c.track_id.is_(None))
+        .scalar_subquery()
+    )
+    asked = select(
+        c.site, c.start_ns, c.end_ns, c.track_id, c.run_started_ns, c.heard_ns, c.deleted, left
+    ).order_by(c.heard_ns.desc(), c.number.desc())
+    engine = open_hub(database)
+    with closing(engine.connect()) as connection:
+        return [HeardOf(*row) for row in connection.execute(asked)]
 
 
 def note_problem(engine: Engine, site: str, problem: str) -> None:

@@ -13,8 +13,8 @@ from sqlalchemy import Engine
 
 from e3pose.base.errors import InputError
 from e3pose.hub.database import Cursor, cursor_of, keep, note_problem
-from e3pose.hub.records import summaries_in
-from e3pose.hub.settings import Hub, viewer_of
+from e3pose.hub.records import summaries_in, tombstones_in
+from e3pose.hub.settings import Hub, holder_at
 from e3pose.store.database import REFUSALS, reason_of
 from e3pose.wire.codec import decode, encode
 from e3pose.wire.network import open_network
@@ -57,11 +57,12 @@ def pull(engine: Engine, site: str, ask: Ask, pause: Callable[[], object], now_n
             if again:
                 pause()
                 continue
-        rows = summaries_in(part, cursor.taken, site)
-        gone = rows[-1].number - cursor.taken - len(rows) if rows else part.newest - cursor.taken
-        taken = rows[-1].number if rows else max(part.newest, cursor.taken)
+        rows, told = summaries_in(part, cursor.taken, site), tombstones_in(part, cursor.taken, site)
+        came = [*(row.number for row in rows), *(one.number for one in told)]
+        taken = max(came) if came else max(part.newest, cursor.taken)
+        gone = taken - cursor.taken - len(came)
         cursor = replace(cursor, taken=taken, lost=cursor.lost + max(gone, 0))
-        keep(engine, site, rows, cursor, now_ns)
+        keep(engine, site, rows, cursor, now_ns, told)
         count += len(rows)
         if cursor.taken >= part.newest:
             return count
@@ -142,7 +143,7 @@ class Pulling:
                 while not transport.connected() and time.monotonic() < until_s:
                     if self._stop.wait(0.05):
                         return True
-                topic = of_outbox(site, viewer_of(link))
+                topic = of_outbox(site, holder_at(link))
                 pull(
                     self._engine, site, lambda q: transport.ask(topic, q, ANSWER_S),
                     lambda: self._stop.wait(PAUSE_S), time.time_ns(),

@@ -9,7 +9,7 @@ from msgspec import Meta
 
 from e3pose.base.errors import InputError
 from e3pose.wire.bounds import Count, Figure, TimeNs
-from e3pose.wire.site_messages import OutboxPart
+from e3pose.wire.site_messages import OutboxPart, Tombstone
 
 Name = Annotated[str, Meta(max_length=500)]
 Figures = Annotated[dict[Name, Figure], Meta(max_length=200)]
@@ -42,6 +42,7 @@ class Summary(msgspec.Struct, frozen=True):
     faults: Annotated[list[Name], Meta(max_length=200)]
 
 
+MOST_TOLD = 1000  # deletions in a part
 _decoder = msgspec.json.Decoder(list[Summary])
 
 
@@ -57,3 +58,15 @@ def summaries_in(part: OutboxPart, after: int, where: str) -> list[Summary]:
             raise InputError(f"{where}: summaries: found number {one.number} after {before}")
         before = one.number
     return found
+
+
+def tombstones_in(part: OutboxPart, after: int, where: str) -> tuple[Tombstone, ...]:
+    """Return what an answer says was deleted; raise `InputError` for what no edge sends."""
+    before = after
+    for one in part.forgotten:
+        if not before < one.number <= part.newest or not one.start_ns <= one.end_ns:
+            raise InputError(f"{where}: deleted: found number {one.number} after {before}")
+        before = one.number
+    if len(part.forgotten) > MOST_TOLD:
+        raise InputError(f"{where}: deleted: found {len(part.forgotten)}, expected {MOST_TOLD}")
+    return part.forgotten

@@ -115,22 +115,22 @@ class Hub:
         return [n for n, site in self.sites.items() if groups is None or site.group in groups]
 
     def link(self, name: str) -> Link:
-        """Return how a site is reached, as a viewer of it.
+        """Return how a site is reached, as a hub of it.
 
         Raises:
             InputError: for certificates that cannot be used.
         """
         site, certificates = self.sites[name], None
         if split_endpoint(site.endpoint)[0] == "tls":
-            certificates = certificates_in(self.path.parent / (site.keys or name), "viewer")
+            certificates = certificates_in(self.path.parent / (site.keys or name), "hub")
             check_certificates(certificates, datetime.datetime.now(datetime.timezone.utc))
         link = Link("viewer", name, site.endpoint, certificates)
         check_link(link)
         return link
 
 
-def viewer_of(link: Link) -> str:
-    """Return the viewer whose link it is; `hub` where a site has no certificates."""
+def holder_at(link: Link) -> str:
+    """Return the hub whose link it is; `hub` where a site has no certificates."""
     if link.certificates is None:
         return "hub"
     from e3pose.wire.keys.authority import common_name

@@ -48,7 +48,7 @@ def join_as_edge(link: Link, roll: Roll | None) -> Transport:
     """Open the network of a site for the program that routes for it."""
     if roll is None:
         return open_network(link)
-    return open_network(link, roll.cameras, roll.viewers, roll.routers, roll.operators)
+    return open_network(link, roll.cameras, roll.viewers, roll.routers, roll.operators, roll.hubs)
 
 
 @dataclass(slots=True, eq=False)

@@ -170,7 +170,7 @@ def check_link_of(site: ResolvedSite) -> Iterator[Finding]:
 def _lasting(
     folder: Path, name: str, roll: Roll | None, now: datetime.datetime
 ) -> Iterator[Finding]:
-    """Check the certificates of the edge, its authority, viewers, operators and routers."""
+    """Check the certificates of the edge, its authority, viewers, operators, hubs, routers."""
     from e3pose.wire.keys.authority import expires
 
     anew = f"e3pose keys init {name} --out {folder}-new, then copy all its folders"
@@ -184,7 +184,10 @@ def _lasting(
             yield Finding("warning", f"certificate {what}", f"expires on {until:%Y-%m-%d}", advice)
     kinds: dict[Kind, Mapping[str, str]] = {}
     if roll is not None:
-        kinds = {"viewer": roll.viewers, "operator": roll.operators, "router": roll.routers}
+        kinds = {
+            "viewer": roll.viewers, "operator": roll.operators, "hub": roll.hubs,
+            "router": roll.routers,
+        }  # fmt: skip
     for kind, names in kinds.items():
         for one in names:
             place = folder / f"{kind}s" / one

@@ -12,10 +12,10 @@ import msgspec
 from e3pose.base.errors import InputError
 from e3pose.store.outbox import Outbox, read_outbox
 from e3pose.wire.codec import decode, encode
-from e3pose.wire.site_messages import OutboxPart, OutboxQuestion
+from e3pose.wire.site_messages import OutboxPart, OutboxQuestion, Tombstone
 
-PER_S = 5.0  # parts of a viewer: each takes milliseconds of the edge's interpreter
-MOST_AT_ONCE = 4  # viewers who are answered in that time
+PER_S = 5.0  # parts of a hub: each takes milliseconds of the edge's interpreter
+MOST_AT_ONCE = 4  # hubs that are answered in that time
 MOST_ROWS = 100
 MOST_BYTES = 500_000  # of a part; more names than usual make it fewer rows
 
@@ -39,17 +39,17 @@ class OutboxAnswers:
 
     def answer(self, topic: str, payload: bytes) -> bytes | None:
         """Return a part of the outbox; None, as if lost, to who asks too often."""
-        viewer = topic.rpartition("/")[2]
+        hub = topic.rpartition("/")[2]
         with self._lock:
             now_s = self._now_s()
             self._free_s = {name: s for name, s in self._free_s.items() if s > now_s}
-            if viewer in self._free_s or len(self._free_s) >= MOST_AT_ONCE:
+            if hub in self._free_s or len(self._free_s) >= MOST_AT_ONCE:
                 return None
-            self._free_s[viewer] = now_s + 1 / PER_S
+            self._free_s[hub] = now_s + 1 / PER_S
         try:
             asked = decode(payload, OutboxQuestion, "hub")
             found = read_outbox(self._store, self._site, asked.after, MOST_ROWS)
-        except InputError:  # its text has places that are none of a viewer's business
+        except InputError:  # its text has places that are none of a hub's business
             return encode(OutboxPart(problem="the summaries of the site cannot be read"))
         return encode(part_of(found))
 
@@ -62,4 +62,12 @@ def part_of(found: Outbox) -> OutboxPart:
         size += len(rows[-1])
         if size > MOST_BYTES:
             break
-    return OutboxPart(found.begun_ns, found.newest, found.shed, b"[" + b",".join(rows) + b"]")
+    last = found.summaries[len(rows) - 1]["number"] if rows else found.newest
+    whole = len(rows) == len(found.summaries)
+    told = [
+        Tombstone(one.outbox_number, one.start_ns, one.end_ns, one.run_started_ns, one.track_id)
+        for one in found.forgotten
+        if whole or one.outbox_number < last
+    ]
+    content = b"[" + b",".join(rows) + b"]"
+    return OutboxPart(found.begun_ns, found.newest, found.shed, content, "", tuple(told))

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
 from typing import Any
@@ -41,6 +41,7 @@ class Forgotten:
         run_started_ns: of a person: which run, by its start; None for everything.
         track_id: the person.
         number: in the order in which it was asked for; 0 before it is stored.
+        outbox_number: by which hubs hear of it; 0 where none could have anything of it.
     """
 
     site: str
@@ -49,6 +50,7 @@ class Forgotten:
     run_started_ns: int | None = None
     track_id: int | None = None
     number: int = 0
+    outbox_number: int = 0
 
     @property
     def day(self) -> str:
@@ -139,7 +141,15 @@ def requests(connection: Connection, site: str, after: int = 0) -> list[Forgotte
         select(table).where(table.c.site == site, table.c.number > after).order_by(table.c.number)
     )
     return [
-        Forgotten(r.site, r.start_ns, r.end_ns, r.run_started_ns, r.track_id, r.number)
+        Forgotten(
+            r.site,
+            r.start_ns,
+            r.end_ns,
+            r.run_started_ns,
+            r.track_id,
+            r.number,
+            r.outbox_number or 0,
+        )
         for r in found
     ]
 
@@ -158,14 +168,24 @@ def _noted(connection: Connection, what: Forgotten) -> Forgotten:
             return one
     table = schema.forgotten
     number = (connection.scalar(select(func.max(table.c.number))) or 0) + 1
+    told = _outbox_number(connection, what.site)
     row = {
         "number": number, "site": what.site, "start_ns": what.start_ns, "end_ns": what.end_ns,
         "run_started_ns": what.run_started_ns, "track_id": what.track_id,
+        "outbox_number": told,
     }  # fmt: skip
     connection.execute(insert(table), row)
-    return Forgotten(
-        what.site, what.start_ns, what.end_ns, what.run_started_ns, what.track_id, number
-    )
+    return replace(what, number=number, outbox_number=told or 0)
+
+
+def _outbox_number(connection: Connection, site: str) -> int | None:
+    """Take the next number of a site's outbox; None where it has none, and no hub anything."""
+    boxes = schema.outboxes
+    mine = boxes.c.site == site
+    # Changed before it is read: the edge, which numbers summaries, waits for us.
+    if not connection.execute(update(boxes).where(mine).values(newest=boxes.c.newest + 1)).rowcount:
+        return None
+    return connection.scalar(select(boxes.c.newest).where(mine))
 
 
 def _runs(engine: Engine, what: Forgotten) -> list[int]:

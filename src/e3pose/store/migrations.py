@@ -177,4 +177,9 @@ def _to_9(connection: Connection) -> None:
     connection.exec_driver_sql("ALTER TABLE tracks ADD COLUMN colour TEXT")
 
 
-STEPS = {2: _to_2, 3: _to_3, 4: _to_4, 5: _to_5, 6: _to_6, 7: _to_7, 8: _to_8, 9: _to_9}
+def _to_10(connection: Connection) -> None:
+    """Make a column for the numbers by which hubs hear what was deleted; what was, has none."""
+    connection.exec_driver_sql("ALTER TABLE forgotten ADD COLUMN outbox_number BIGINT")
+
+
+STEPS = {2: _to_2, 3: _to_3, 4: _to_4, 5: _to_5, 6: _to_6, 7: _to_7, 8: _to_8, 9: _to_9, 10: _to_10}

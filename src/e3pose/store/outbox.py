@@ -17,10 +17,12 @@ from sqlalchemy import Connection, delete, func, insert, inspect, select, update
 from e3pose.base.errors import InputError
 from e3pose.store import schema
 from e3pose.store.database import database_url, reading, shown
+from e3pose.store.forgetting import Forgotten, requests
 from e3pose.store.rows import NS, Row, Run
 
 LOST_NS = 120 * NS  # of a run without any summary, so much is summed up afterwards at most
 MOST_AT_ONCE = 1000  # summaries of one answer
+MOST_FORGOTTEN = 100  # deletions of one answer
 # What sums need of the tables that grow; the joints themselves are not read.
 NEEDED = {
     "slots": ("time_ns", "slot", "arrived", "took_s", "blind"),
@@ -40,12 +42,14 @@ class Outbox:
         newest: the number given last; 0 before the first.
         shed: summaries up to this number had to make room, or were deleted.
         summaries: those asked for, columns by name, JSON read.
+        forgotten: what was deleted meanwhile, by its `outbox_number`.
     """
 
     begun_ns: int
     newest: int
     shed: int
     summaries: tuple[dict[str, Any], ...]
+    forgotten: tuple[Forgotten, ...] = ()
 
 
 def read_outbox(store: str | Path, site: str, after: int = 0, limit: int = MOST_AT_ONCE) -> Outbox:
@@ -78,7 +82,22 @@ def read_outbox(store: str | Path, site: str, after: int = 0, limit: int = MOST_
         ).mappings()
         where = shown(database_url(store))
         summaries = tuple(plain_summary(dict(row), where) for row in rows)
-        return Outbox(found.begun_ns, found.newest, found.shed, summaries)
+        told = _told(connection, site, after)
+        if len(summaries) == min(limit, MOST_AT_ONCE):  # what is after them comes with the next
+            told = [one for one in told if one.outbox_number < summaries[-1]["number"]]
+        if len(told) > MOST_FORGOTTEN:
+            told = told[:MOST_FORGOTTEN]
+            summaries = tuple(r for r in summaries if r["number"] < told[-1].outbox_number)
+        return Outbox(found.begun_ns, found.newest, found.shed, summaries, tuple(told))
+
+
+def _told(connection: Connection, site: str, after: int) -> list[Forgotten]:
+    """Return what was deleted after a number, by its number."""
+    columns = inspect(connection).get_columns("forgotten")
+    if all(column["name"] != "outbox_number" for column in columns):  # of an earlier version
+        return []
+    found = [one for one in requests(connection, site) if one.outbox_number > after]
+    return sorted(found, key=lambda one: one.outbox_number)
 
 
 def plain_summary(found: dict[str, Any], where: str) -> dict[str, Any]:
@@ -106,7 +125,7 @@ def put(connection: Connection, run: Run, rows: Sequence[Mapping[str, Any]], kee
         return
     boxes, table = schema.outboxes, schema.summaries
     mine = boxes.c.site == run.site
-    box = connection.execute(select(boxes.c.newest).where(mine)).first()
+    box = connection.execute(select(boxes.c.newest).where(mine).with_for_update()).first()
     if box is None:
         new = {"site": run.site, "begun_ns": rows[0]["time_ns"], "newest": 0, "shed": 0}
         connection.execute(insert(boxes), new)

@@ -26,8 +26,8 @@ from sqlalchemy import (
 
 from e3pose.base.errors import InputError
 
-VERSION = 9  # one more with every change, and a step to it in `store.migrations`
-READABLE = (1, 2, 3, 4, 5, 6, 7, 8, 9)  # columns keep name and meaning; earlier ones have fewer
+VERSION = 10  # one more with every change, and a step to it in `store.migrations`
+READABLE = (1, 2, 3, 4, 5, 6, 7, 8, 9, 10)  # columns keep name and meaning; earlier ones have fewer
 
 metadata = MetaData()
 
@@ -196,6 +196,7 @@ forgotten = Table(
     Column("end_ns", BigInteger, nullable=False),
     Column("run_started_ns", BigInteger),
     Column("track_id", BigInteger),  # of a person; null for everything in that time
+    Column("outbox_number", BigInteger),  # by which hubs hear of it; null where none could
 )
 
 # Where poses of a site went, and up to which number of `forgotten` they were deleted there.

@@ -127,6 +127,7 @@ def zenoh_config(
     viewers: Mapping[str, str] | None = None,
     routers: Mapping[str, str] | None = None,
     operators: Mapping[str, str] | None = None,
+    hubs: Mapping[str, str] | None = None,
 ) -> dict[str, Any]:
     """Return the configuration of a program's Zenoh session.
 
@@ -138,6 +139,7 @@ def zenoh_config(
         routers: likewise, of programs that pass on whatever the site says, and are trusted to let
             each camera say and hear its own alone. A router trusts the edge of its site too.
         operators: likewise, of viewers that may also control the edge.
+        hubs: likewise, of hubs, which may ask for summaries and hear nothing else.
     """
     check_link(link)
     protocol, _, _ = split_endpoint(link.endpoint)
@@ -190,7 +192,7 @@ def zenoh_config(
             if link.role == "router":
                 trusted["#edge"] = edge_name(link.site)
             config["access_control"] = _access(
-                link.site, cameras or {}, viewers or {}, trusted, operators or {}
+                link.site, cameras or {}, viewers or {}, trusted, operators or {}, hubs or {}
             )
     if routes(link):
         config["low_pass_filter"] = _limits(link.site)
@@ -228,6 +230,7 @@ def _access(
     viewers: Mapping[str, str],
     trusted: Mapping[str, str],
     operators: Mapping[str, str],
+    hubs: Mapping[str, str],
 ) -> dict[str, Any]:
     rules: list[dict[str, Any]] = []
     policies: list[dict[str, Any]] = []
@@ -244,10 +247,13 @@ def _access(
         })  # fmt: skip
     shown = [of_site(site, what) for what in ("poses", "poses-delayed", "status", "alive")]
     for viewer, common_name in viewers.items():
-        outbox = [of_outbox(site, holder_of(common_name))]
         _grant(rules, policies, subjects, f"viewer-{viewer}", common_name, {
             "listens": ("ingress", LISTEN, shown),
             "hears": ("egress", HEAR, shown),
+        })  # fmt: skip
+    for hub, common_name in hubs.items():
+        outbox = [of_outbox(site, holder_of(common_name))]
+        _grant(rules, policies, subjects, f"hub-{hub}", common_name, {
             "asks": ("ingress", ["query"], outbox),
             "gets": ("egress", ["reply"], outbox),
         })  # fmt: skip

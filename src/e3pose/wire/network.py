@@ -148,6 +148,7 @@ def open_network(
     viewers: Mapping[str, str] | None = None,
     routers: Mapping[str, str] | None = None,
     operators: Mapping[str, str] | None = None,
+    hubs: Mapping[str, str] | None = None,
 ) -> NetworkTransport:
     """Join the site; a camera or viewer that finds no edge keeps trying in the background.
 
@@ -157,12 +158,13 @@ def open_network(
         viewers: see `zenoh_config`.
         routers: see `zenoh_config`.
         operators: see `zenoh_config`.
+        hubs: see `zenoh_config`.
 
     Raises:
         InputError: when the endpoint or a certificate cannot be used.
     """
     zenoh.init_log_from_env_or("off")
-    text = json.dumps(zenoh_config(link, cameras, viewers, routers, operators))
+    text = json.dumps(zenoh_config(link, cameras, viewers, routers, operators, hubs))
     try:
         config = zenoh.Config.from_json5(text)
         if link.role == "viewer":

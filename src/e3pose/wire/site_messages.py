@@ -212,13 +212,31 @@ class Picture(msgspec.Struct, array_like=True, frozen=True, tag="picture"):
 
 
 class OutboxQuestion(msgspec.Struct, array_like=True, frozen=True, tag="outbox-question"):
-    """Request of a viewer for summaries of the site.
+    """Request of a hub for summaries of the site.
 
     Attributes:
         after: the number up to which it has them.
     """
 
     after: Count = 0
+
+
+class Tombstone(msgspec.Struct, array_like=True, frozen=True):
+    """That a day or a person was deleted at a site.
+
+    Attributes:
+        number: in the order of the outbox.
+        start_ns: from when on; of a person that of the run.
+        end_ns: until when, not included.
+        run_started_ns: of a person: which run, by its start; None for everything in that time.
+        track_id: the person.
+    """
+
+    number: Count
+    start_ns: TimeNs
+    end_ns: TimeNs
+    run_started_ns: TimeNs | None = None
+    track_id: Count | None = None
 
 
 class OutboxPart(msgspec.Struct, array_like=True, frozen=True, tag="outbox-part"):
@@ -230,6 +248,7 @@ class OutboxPart(msgspec.Struct, array_like=True, frozen=True, tag="outbox-part"
         shed: summaries up to this number had to make room.
         rows: JSON list of summaries after the number asked for, oldest first, as many as fit.
         problem: why there are none; empty where there is no problem.
+        forgotten: what was deleted after the number asked for and before that of the last row.
     """
 
     begun_ns: TimeNs = 0
@@ -237,6 +256,7 @@ class OutboxPart(msgspec.Struct, array_like=True, frozen=True, tag="outbox-part"
     shed: Count = 0
     rows: bytes = b"[]"
     problem: str = ""
+    forgotten: tuple[Tombstone, ...] = ()
 
 
 class Status(msgspec.Struct, array_like=True, frozen=True, tag="status"):

@@ -6,7 +6,7 @@ e3pose/SITE/camera/CAMERA/picture                        an operator asks, the c
 e3pose/SITE/order/CAMERA                                 the edge writes, that camera reads
 e3pose/SITE/{poses,poses-delayed,status}                 the edge writes, viewers read
 e3pose/SITE/control/OPERATOR                             that operator asks, the edge answers
-e3pose/SITE/outbox/VIEWER                                that viewer asks, the edge answers
+e3pose/SITE/outbox/HUB                                   that hub asks, the edge answers
 e3pose/SITE/alive                                        that the edge is there
 """
 
@@ -49,9 +49,9 @@ def of_control(site: str, operator: str) -> str:
     return f"{ROOT}/{check_site(site)}/control/{name}"
 
 
-def of_outbox(site: str, viewer: str) -> str:
-    """Return the topic on which a viewer asks for summaries; `ANY` stands for all viewers."""
-    name = viewer if viewer == ANY else check_camera_id(viewer)
+def of_outbox(site: str, hub: str) -> str:
+    """Return the topic on which a hub asks for summaries; `ANY` stands for all hubs."""
+    name = hub if hub == ANY else check_camera_id(hub)
     return f"{ROOT}/{check_site(site)}/outbox/{name}"
 
 

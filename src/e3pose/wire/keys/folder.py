@@ -7,6 +7,7 @@
       cameras/CAMERA/           carry it to the camera: authority.pem, camera.pem, camera.key
       viewers/VIEWER/           likewise, for programs that only look
       operators/OPERATOR/       likewise, for programs that also control the edge
+      hubs/HUB/                 likewise, for a hub, which fetches summaries and sees nobody
       routers/ROUTER/           likewise, for a router before the edge, with a copy of keys.toml
 
 A common name holds a number that grows (`cam1#2`): a camera that was revoked and added again is
@@ -42,9 +43,9 @@ MAX_PEM_BYTES = 2**16
 HOST = re.compile(r"[A-Za-z0-9.:-]{1,253}")
 COMMON_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,51}#([0-9]{1,9})")
 MAX_COUNT = 10**9 - 1
-GROUPS = ("cameras", "viewers", "operators", "routers")
+GROUPS = ("cameras", "viewers", "operators", "hubs", "routers")
 KEYS = ("format", "version", "site", "count", "revoked", *GROUPS)
-Kind = Literal["camera", "viewer", "operator", "router"]
+Kind = Literal["camera", "viewer", "operator", "hub", "router"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +57,7 @@ class Roll:
         cameras: camera id to the common name of its certificate.
         viewers: viewer to the common name of its certificate.
         operators: operator to the common name of its certificate.
+        hubs: hub to the common name of its certificate.
         routers: router to the common name of its certificate.
         revoked: common names that are worthless.
         count: certificates made so far.
@@ -65,6 +67,7 @@ class Roll:
     cameras: Mapping[str, str] = field(default_factory=dict)
     viewers: Mapping[str, str] = field(default_factory=dict)
     operators: Mapping[str, str] = field(default_factory=dict)
+    hubs: Mapping[str, str] = field(default_factory=dict)
     routers: Mapping[str, str] = field(default_factory=dict)
     revoked: tuple[str, ...] = ()
     count: int = 0
@@ -135,13 +138,13 @@ def add_keys(
     again: bool = False,
     hosts: Sequence[str] = (),
 ) -> Path:
-    """Make the certificate of a camera, a viewer, an operator or a router.
+    """Make the certificate of a camera, a viewer, an operator, a hub or a router.
 
     Args:
         folder: of the site.
-        name: of the camera, viewer, operator or router.
+        name: of the camera, viewer, operator, hub or router.
         now: the time from which it is valid.
-        kind: which of the four.
+        kind: which of the five.
         again: whether it may replace an earlier one, which is then revoked.
         hosts: names and addresses under which cameras reach a router.
 
@@ -204,7 +207,7 @@ def _add(
 
 
 def revoke_keys(folder: Path, name: str) -> Roll:
-    """Revoke the certificate of a camera, viewer, operator or router.
+    """Revoke the certificate of a camera, viewer, operator, hub or router.
 
     Raises:
         InputError: when there is none of that name.
@@ -226,6 +229,7 @@ def _revoke(folder: Path, name: str) -> Roll:
         cameras={n: c for n, c in roll.cameras.items() if n != name},
         viewers={n: c for n, c in roll.viewers.items() if n != name},
         operators={n: c for n, c in roll.operators.items() if n != name},
+        hubs={n: c for n, c in roll.hubs.items() if n != name},
         routers={n: c for n, c in roll.routers.items() if n != name},
         revoked=(*roll.revoked, *lost),
     )
@@ -323,6 +327,7 @@ def _write_roll(folder: Path, roll: Roll) -> None:
         "cameras": dict(roll.cameras),
         "viewers": dict(roll.viewers),
         "operators": dict(roll.operators),
+        "hubs": dict(roll.hubs),
         "routers": dict(roll.routers),
     }
     written = tomli_w.dumps(table).encode()

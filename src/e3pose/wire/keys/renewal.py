@@ -26,7 +26,7 @@ def certificate_files(folder: Path) -> dict[str, Path]:
     """
     roll = read_roll(folder)
     found = {EDGE: folder / "edge.pem"}
-    for kind in ("camera", "viewer", "operator", "router"):
+    for kind in ("camera", "viewer", "operator", "hub", "router"):
         for name in getattr(roll, f"{kind}s"):
             found[name] = folder / f"{kind}s" / name / f"{kind}.pem"
     return {name: path for name, path in found.items() if path.is_file()}
@@ -57,7 +57,7 @@ def expiring(
 
 
 def renew_keys(folder: Path, name: str, now: datetime.datetime) -> Path:
-    """Make a new certificate for the edge, a camera, a viewer, an operator or a router.
+    """Make a new certificate for the edge, a camera, a viewer, an operator, a hub or a router.
 
     It has the name and the hosts of the old one, which stays valid until it expires.
 
