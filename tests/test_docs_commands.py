@@ -125,6 +125,8 @@ ELSEWHERE = {
     'GROUP BY site"': "tests/hub/test_hub.py",
     "hub run house": "tests/hub/test_hub.py",
     "keys add house --hub --keys room/keys": "tests/hub/test_hub.py",
+    "setup": "tests/live/test_setup_page.py",
+    "setup room": "tests/live/test_setup_page.py",
     **dict.fromkeys(
         (
             "people list site.toml",

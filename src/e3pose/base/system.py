@@ -180,3 +180,13 @@ def require_linux(thing: str, instead: str) -> None:
     """
     if sys.platform != "linux":
         raise InputError(thing, f"the system {sys.platform}", f"Linux; elsewhere {instead}")
+
+
+def open_browser(url: str) -> bool:
+    """Open an address in the person's browser; return whether there is a screen to open it on."""
+    import webbrowser
+
+    screen = sys.platform in ("win32", "darwin") or any(
+        os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY")
+    )
+    return screen and webbrowser.open(url)

@@ -255,25 +255,38 @@ def with_origin(rig: Rig, origin: str, facing: str) -> Move:
     Args:
         rig: already level, floor at zero.
         origin: `keep`, a camera id (the floor below it), or `x,y` in metres.
-        facing: `keep`, or a camera id towards which the x axis points.
+        facing: `keep`, or a camera id or `x,y` in metres towards which the x axis points.
 
     Raises:
-        InputError: for an origin that is neither a camera nor `x,y`, or a camera above it to face.
+        InputError: for a place that is neither a camera nor `x,y`, or one above the origin to face.
     """
     place = np.zeros(3)
-    if "," in origin:
-        try:
-            place[:2] = [float(value) for value in origin.split(",")]
-        except ValueError:
-            raise InputError(f"--origin: found {origin[:40]!r}, expected x,y in metres") from None
-    elif origin != "keep":
-        place[:2] = rig.cameras[rig.index(origin)].center_m[:2]
+    if origin != "keep":
+        place[:2] = _place(rig, "--origin", origin)
     R = np.eye(3)
     if facing != "keep":
-        ahead = rig.cameras[rig.index(facing)].center_m - place
-        if np.hypot(*ahead[:2]) < 0.01:
-            raise InputError(f"--x-axis: camera {facing} stands over the origin, expected another")
+        ahead = _place(rig, "--x-axis", facing) - place[:2]
+        if np.hypot(*ahead) < 0.01:
+            what = (
+                f"place {facing} is the origin"
+                if "," in facing
+                else (f"camera {facing} stands over the origin")
+            )
+            raise InputError(f"--x-axis: {what}, expected another")
         angle = np.arctan2(ahead[1], ahead[0])
         c, s = np.cos(angle), np.sin(angle)
         R = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
     return Move(1.0, R, -R @ place)
+
+
+def _place(rig: Rig, option: str, words: str) -> Floats:
+    """Return `(2,)` metres: what an option says, or the floor below the camera that it names."""
+    if "," not in words:
+        return np.asarray(rig.cameras[rig.index(words)].center_m[:2])
+    try:
+        place = np.array([float(value) for value in words.split(",")])
+    except ValueError:
+        place = np.zeros(0)
+    if place.shape != (2,) or not np.isfinite(place).all():
+        raise InputError(f"{option}: found {words[:40]!r}, expected x,y in metres")
+    return place

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from e3pose.base.errors import InputError
-from e3pose.calibrate.align import Move, floor_from_people, guess
+from e3pose.calibrate.align import Floor, Move, floor_from_people, guess
 from e3pose.calibrate.fit import disagreeing
 from e3pose.calibrate.from_people import solve_people
+from e3pose.calibrate.matched_people import match_people
 from e3pose.calibrate.people_3d import People3D, place_people
 from e3pose.calibrate.places import KnownLength, Places, agreement
 from e3pose.calibrate.progress import Progress
@@ -16,6 +17,7 @@ from e3pose.calibrate.uncertainty import FAR_DEG, camera_errors, distances, like
 from e3pose.model.camera import Rig
 from e3pose.model.camera_fields import MAX_DISTANCE_M
 from e3pose.model.noise import Noise
+from e3pose.model.noises import detector_of, load_noise
 from e3pose.model.rotations import similarity
 from e3pose.recording.record import Recording
 
@@ -92,6 +94,25 @@ def from_people(
         placed, "people", *agreement(adjusted.residuals, adjusted.weights, sigma), scale, world,
         notes, errors,
     )  # fmt: skip
+
+
+def floor_of(recording: Recording, stature_m: float) -> Floor:
+    """Return the floor as the people of a recording stand on it, whose rig is placed in metres.
+
+    Args:
+        recording: detections, with their calibration.
+        stature_m: of the people, metres.
+
+    Raises:
+        InputError: when no person stands upright for long enough.
+    """
+    return floor_from_people(people_of(recording), stature_m)
+
+
+def people_of(recording: Recording) -> People3D:
+    """Return the people of a recording whose rig is placed, matched by it and triangulated."""
+    joints = match_people(recording, load_noise(detector_of(recording)), recording.rig)
+    return place_people(recording.rig, joints, recording.skeleton, recording.fps)
 
 
 def _little_seen(rig: Rig, people: People3D, recording: Recording) -> list[str]:

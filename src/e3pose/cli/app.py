@@ -8,6 +8,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Sequence
+from importlib.util import find_spec
 from typing import Any, NoReturn
 
 from cyclopts import App, CycloptsError, Group, MissingArgumentError
@@ -44,6 +45,7 @@ from e3pose.cli.replaying import replay
 from e3pose.cli.reporting import report
 from e3pose.cli.routing import router
 from e3pose.cli.running import camera, edge, up
+from e3pose.cli.setting_up import setup
 from e3pose.cli.simulating import simulate
 from e3pose.cli.starting import init
 from e3pose.cli.streaming import stream
@@ -62,7 +64,8 @@ app = App(
     suppress_keyboard_interrupt=False,  # `main` says that it was interrupted
     help="Multi-camera 3D human pose on a camera energy budget: each time slot wakes the most "
     "informative cameras that still have energy budget.\n\n"
-    "New here? Run `e3pose demo`, then open demo-output/report.html.",
+    "New here? `e3pose setup` leads from your cameras, or films, to live 3D in the browser. "
+    "`e3pose demo` shows what comes of it.",
 )
 _options = Group("Options", sort_key=99)
 app.register_install_completion_command(
@@ -71,7 +74,7 @@ app.register_install_completion_command(
 app["--help"].group = app["--version"].group = _options
 # Verbs by group, in the order of `e3pose --help`.
 GROUPS: dict[str, tuple[str, ...]] = {
-    "Start here": ("demo", "init", "up"),
+    "Start here": ("setup", "demo", "init", "up"),
     "Recordings": ("detect", "import", "attach", "simulate", "info", "sync", "replay", "export"),
     "Calibrate": ("calibrate",),
     "Live site": (
@@ -99,6 +102,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
 VERBS: dict[str, Callable[..., Any]] = {
     "demo": demo,
     "init": init,
+    "setup": setup,
     "detect": detect,
     "import": import_app,
     "attach": attach,
@@ -191,6 +195,7 @@ EXTRAS = {
     "fastapi": "view",
     "orjson": "view",
     "starlette": "view",
+    "tomlkit": "view",
     "uvicorn": "view",
     "websockets": "view",
     "pandas": "notebook",
@@ -216,6 +221,8 @@ def main(tokens: Sequence[str] | None = None) -> None:
     if isinstance(sys.stdout, io.TextIOWrapper):  # a name that it cannot show is no reason to stop
         sys.stdout.reconfigure(errors="backslashreplace")
     try:
+        if tokens is None and len(sys.argv) == 1:
+            tokens = _without_words()
         try:
             app(tokens, exit_on_error=False, print_error=False)
         finally:
@@ -237,6 +244,15 @@ def main(tokens: Sequence[str] | None = None) -> None:
     except KeyboardInterrupt:
         print("e3pose: interrupted", file=sys.stderr)
         sys.exit(EXIT_INTERRUPTED)
+
+
+def _without_words() -> list[str]:
+    """Return what to do where only `e3pose` was typed: set up, if there is a person to do it."""
+    ready = all(find_spec(name) is not None for name in ("fastapi", "uvicorn", "cv2"))
+    if not (sys.stdin and sys.stdin.isatty() and sys.stdout.isatty() and ready):
+        return ["--help"]
+    print("No command given: this is `e3pose setup`. `e3pose --help` lists the commands.")
+    return ["setup"]
 
 
 def _fail(message: str) -> NoReturn:

@@ -94,7 +94,7 @@ def align(
     origin
         New origin: `keep`, x,y in metres, or a camera (the floor below it).
     x_axis
-        `keep`, or the camera to which the x axis points.
+        `keep`, or the camera or x,y in metres to which the x axis points.
     update
         With a recording: also replace its calibration.
     """
@@ -200,18 +200,11 @@ def check(
 
 
 def _people_floor(path: Path, stature_m: float, seconds: float) -> tuple[Move, str]:
-    from e3pose.calibrate.align import floor_from_people
-    from e3pose.calibrate.matched_people import match_people
-    from e3pose.calibrate.people_3d import place_people
+    from e3pose.calibrate.people_places import floor_of
     from e3pose.calibrate.recordings import first_seconds
-    from e3pose.model.noises import detector_of, load_noise
     from e3pose.recording import load_recording
 
-    recording = first_seconds(load_recording(path), seconds)
-    noise = load_noise(detector_of(recording))
-    joints = match_people(recording, noise, recording.rig)
-    people = place_people(recording.rig, joints, recording.skeleton, recording.fps)
-    floor = floor_from_people(people, stature_m)
+    floor = floor_of(first_seconds(load_recording(path), seconds), stature_m)
     words = (
         f"floor and vertical of people ({floor.moments} upright moments, standing ankles spread "
         f"by {1000 * floor.spread_m:.0f} mm)"

@@ -19,7 +19,6 @@ from e3pose.cli.progress import LINE_S
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from e3pose.settings.resolved import ResolvedSite
     from e3pose.settings.site_file import SiteTable
     from e3pose.site.follow import Follower
     from e3pose.site.up import Program
@@ -169,27 +168,21 @@ def up(
     from e3pose.base.private import make_folder
     from e3pose.settings.resolved import resolve
     from e3pose.settings.site_file import load_site
-    from e3pose.site.admission import edge_link
-    from e3pose.site.edge_program import check_edge
     from e3pose.site.example import make_example
     from e3pose.site.follow import Follower, viewer_link
-    from e3pose.site.up import Program, camera_command, edge_command, view_command
-    from e3pose.wire.network import check_port, open_network
+    from e3pose.site.ready import site_programs
+    from e3pose.site.up import Program, view_command
+    from e3pose.wire.network import open_network
 
     if example:
         make_example(site)
     resolved = resolve(_delayed(load_site(site), delay))
-    check_edge(resolved)  # an error is shown here, not in a log
-    check_port(edge_link(resolved)[0].endpoint)
-    warn(resolved.world_warning())
-    _check_speed(resolved)
     folder = logs or resolved.folder / "logs"
     if folder.exists() and not folder.is_dir():
         raise InputError(f"--logs: found a file, expected a folder: {folder}")
     options = () if delay is None else ("--delay", delay)
-    programs = [Program("edge", edge_command(resolved.path, *options), folder / "edge.log")] + [
-        Program(i, camera_command(resolved, i), folder / f"{i}.log") for i in resolved.cameras
-    ]
+    measuring = Console(stderr=True).status("measuring the networks")
+    programs = site_programs(resolved, folder, *options, warn=warn, measuring=measuring)
     console = Console(quiet=quiet)
     if view:
         from e3pose.site.web.program import address_of, page_links
@@ -241,26 +234,6 @@ def _run_shown(
             run_site(programs, stopped, console.print)
     if newest is not None and not show:  # of a site at work, not of one that is ending
         console.print(screen(newest, 0.0))
-
-
-def _check_speed(site: ResolvedSite) -> None:
-    """Refuse settings with which this machine cannot keep up; warn of those that are tight."""
-    from rich.console import Console
-
-    from e3pose.site.check_sources import require_sources
-    from e3pose.site.detector_speed import check_speed, hopeless, measure_detections
-
-    require_sources(site)  # an error is shown here, not in the log of a camera
-    with Console(stderr=True).status("measuring the networks"):
-        times = measure_detections(site, again=False)
-    if times is None:
-        return
-    selected = site.loop.num_selected or len(site.rig)
-    for finding in hopeless(site, times, selected):
-        raise InputError(f"{site.path}: {finding.what}: {finding.found}: {finding.advice}")
-    for finding in check_speed(site, times, selected):
-        if finding.level != "ok":
-            warn(f"{finding.what}: {finding.found}: {finding.advice}")
 
 
 def _delayed(site: SiteTable, delay: str | None) -> SiteTable:

@@ -201,19 +201,10 @@ def _print(recording: Recording, dest: Path) -> None:
 
 
 def _write_films(recording: Recording, dest: Path) -> None:
-    from dataclasses import replace
+    from e3pose.site.simulated_films import write_films
 
-    from e3pose.output.report.overlay import write_movie
-    from e3pose.recording import save_recording
-    from e3pose.simulate.films import frames
-
-    names = {camera_id: f"{camera_id}.mp4" for camera_id in recording.rig.camera_ids}
-    save_recording(replace(recording, videos=names), dest, overwrite=True)
-    (dest / "videos").mkdir()
     with _bar("films") as progress:
-        for index, name in enumerate(names.values()):
-            write_movie(dest / "videos" / name, frames(recording, index), recording.fps)
-            progress((index + 1) / len(names))
+        write_films(recording, dest, progress)
 
 
 def size_of(thing: str, resolution: str) -> tuple[int, int]:

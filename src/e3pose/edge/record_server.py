@@ -6,7 +6,7 @@ All cameras are active in every slot. Nothing is computed, so late views are not
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from math import ceil
@@ -33,6 +33,11 @@ AHEAD_S = 0.6  # orders are sent so long before their slot
 PATIENCE_S = 2.0  # for views, beyond the end of their slot
 LONE_S = 20.0  # to wait for further cameras once one is connected
 END_S = 5.0
+Watch = Callable[[int, Mapping[int, Arrival]], object]  # takes a slot and its views by camera
+
+
+def nobody(slot: int, arrivals: Mapping[int, Arrival]) -> None:
+    """Watch nothing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,15 +68,18 @@ class RecordingPlan:
 class RecordServer:
     """Records until stopped or for a given time. Use as a context manager."""
 
-    def __init__(self, plan: RecordingPlan, transport: Transport, clock: Clock) -> None:
+    def __init__(
+        self, plan: RecordingPlan, transport: Transport, clock: Clock, watch: Watch = nobody
+    ) -> None:
         """Create a recorder for a site.
 
         Args:
             plan: what to record.
             transport: how to reach the cameras; the server closes it.
             clock: the time.
+            watch: called with each slot that is written, on the recorder's thread.
         """
-        self.plan, self.transport, self.clock = plan, transport, clock
+        self.plan, self.transport, self.clock, self._watch = plan, transport, clock, watch
         self.interval_ns = round(1e9 / plan.fps / plan.pace)
         self.gather = Gather(len(plan.rig))
         self.inbox = Inbox(
@@ -171,6 +179,7 @@ class RecordServer:
             writer.add(self.plan.rig.camera_ids[index], self.slots, time_s, arrival.poses)
             self.views[index] += 1
             self.people[index] += len(arrival.poses)
+        self._watch(self.slots, arrivals)
         self.slots += 1
 
     def _wait_for_cameras(self) -> bool:

@@ -145,14 +145,25 @@ def write_site(folder: Path, choice: Choice) -> Path:
     """
     check_free(folder)
     with atomic_folder(folder, private=True) as made:
-        if choice.rig is not None:
-            save_rig(choice.rig, made / RIG_FILE)
-        path = made / SITE_FILE
-        path.write_text(site_text(choice, folder), encoding="utf-8")
-        site = resolve(load_site(path), placed=False)  # what was written can be read
-        if choice.times is not None:
-            save_times(made / KEPT, workloads_of(site), choice.times)
+        fill_site(made, choice, folder)
     return folder / SITE_FILE
+
+
+def fill_site(made: Path, choice: Choice, folder: Path) -> None:
+    """Write the files of a site to a folder that is there.
+
+    Args:
+        made: the folder.
+        choice: what the site is to be made of.
+        folder: in which the files will stand, for the commands in their comments.
+    """
+    if choice.rig is not None:
+        save_rig(choice.rig, made / RIG_FILE)
+    path = made / SITE_FILE
+    path.write_text(site_text(choice, folder), encoding="utf-8")
+    site = resolve(load_site(path), placed=False)  # what was written can be read
+    if choice.times is not None:
+        save_times(made / KEPT, workloads_of(site), choice.times)
 
 
 def site_text(choice: Choice, folder: Path) -> str:

@@ -29,9 +29,9 @@ def edge_command(path: Path, *options: str) -> list[str]:
     return [sys.executable, "-m", "e3pose", "edge", str(path), *options, CHILD]
 
 
-def view_command(path: Path) -> list[str]:
+def view_command(path: Path, *options: str) -> list[str]:
     """Return the command line of the page, API and streams of a site."""
-    return [sys.executable, "-m", "e3pose", "view", str(path), CHILD]
+    return [sys.executable, "-m", "e3pose", "view", str(path), *options, CHILD]
 
 
 def camera_command(site: ResolvedSite, camera_id: str) -> list[str]:

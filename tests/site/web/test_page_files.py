@@ -2,24 +2,27 @@
 
 from __future__ import annotations
 
+import posixpath
 import re
 from importlib import resources
 
 from e3pose.site.web.page import BROWSER, FILES
 
 OWN = {path: body.decode() for path, body in FILES.items() if not path.startswith("/vendor/")}
+SETUP = BROWSER.joinpath("setup.html").read_text()  # stands at the address of the set-up
 MOST_LINES = 4000  # of our own script and styles
 
 
 def test_modules_import_what_is_served_and_every_one_is_used() -> None:
-    named = {"/", "/main.js", *re.findall(r'(?:src|href)="(/[^"]*)"', OWN["/"])}
-    for body in OWN.values():
-        named |= {f"/{name}" for name in re.findall(r'from "\./([^"]*)"', body)}
+    named = {"/", *re.findall(r'(?:src|href)="(/[^"]*)"', OWN["/"] + SETUP)}
+    for path, body in OWN.items():
+        for name in re.findall(r'from "(\.[^"]*)"', body):
+            named.add(posixpath.normpath(posixpath.join(posixpath.dirname(path), name)))
     assert named == set(FILES)
 
 
 def test_own_files_name_no_other_host_and_make_no_markup_of_text() -> None:
-    for path, text in OWN.items():
+    for path, text in {**OWN, "/setup.html": SETUP}.items():
         assert not re.search(r"https?://|//cdn|innerHTML|insertAdjacentHTML|eval\(", text), path
         assert not re.search(r"<script>|style=\"|\son\w+=\"", text), path
 

@@ -101,6 +101,7 @@ class Rules(Generic[J]):
             page can have the browser believe that an address is its own.
         open_reading: whether reading needs no token: on loopback alone.
         open_pictures: whether pictures of cameras need no more than reading does.
+        printed_by: the command that prints the tokens.
         secure: whether it is reached by https.
         proxies: addresses of reverse proxies, which say for whom they ask.
         reads: how often each client may read.
@@ -115,6 +116,7 @@ class Rules(Generic[J]):
     secure: bool = False
     proxies: frozenset[str] = frozenset()
     open_pictures: bool = False
+    printed_by: str = "e3pose view"
     reads: Rate = field(default_factory=lambda: Rate(READS_PER_S, READ_BURST, time.monotonic))
     writes: Rate = field(default_factory=lambda: Rate(WRITES_PER_S, WRITE_BURST, time.monotonic))
     guesses: Guesses = field(default_factory=lambda: Guesses(time.monotonic))
@@ -168,11 +170,11 @@ class Rules(Generic[J]):
             # Others at the same address do not use up the rate of who has a token.
             who, scope = f"{found} {client.address}", found
         if scope is None:
-            return None, Refusal(401, "a token is needed: `e3pose view` prints it", BEARER)
+            return None, Refusal(401, f"a token is needed: `{self.printed_by}` prints it", BEARER)
         writes = path.startswith(WRITE_PREFIX)
         guarded = path.startswith(PICTURE_PREFIX) and not self.open_pictures
         if (writes or guarded) and scope != "write":
-            why = "the token for writing is needed: `e3pose view` prints it"
+            why = f"the token for writing is needed: `{self.printed_by}` prints it"
             return scope, Refusal(403 if token else 401, why, {} if token else BEARER)
         return scope, _late((self.writes if writes else self.reads).wait_s(who))
 

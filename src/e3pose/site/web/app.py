@@ -86,7 +86,7 @@ def inner_app(content: PageContent) -> FastAPI:
         title="e3pose", version=__version__, description=TEXT, lifespan=life,
         docs_url=None, redoc_url=None, openapi_url="/api/openapi.json",
     )  # fmt: skip
-    app.add_exception_handler(RequestValidationError, _unreadable)
+    app.add_exception_handler(RequestValidationError, unreadable)
     app.include_router(make_page())
     app.include_router(make_live(content.feed))
     if content.ask is not None:
@@ -100,7 +100,7 @@ def inner_app(content: PageContent) -> FastAPI:
     return app
 
 
-async def _unreadable(_: Request, error: Exception) -> JSONResponse:
+async def unreadable(_: Request, error: Exception) -> JSONResponse:
     """Say what cannot be read, without repeating it: NaN cannot be, nor lists in lists in lists."""
     assert isinstance(error, RequestValidationError)
     faults = [

@@ -1,0 +1,52 @@
+"""Prepare a site to run on this machine: check it, and list its programs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+from pathlib import Path
+
+from e3pose.base.errors import InputError
+from e3pose.settings.resolved import ResolvedSite
+from e3pose.site.admission import edge_link
+from e3pose.site.check_sources import require_sources
+from e3pose.site.detector_speed import check_speed, hopeless, measure_detections
+from e3pose.site.edge_program import check_edge
+from e3pose.site.up import Program, camera_command, edge_command
+from e3pose.wire.network import check_port
+
+
+def site_programs(
+    site: ResolvedSite,
+    logs: Path,
+    *options: str,
+    warn: Callable[[str], object],
+    measuring: AbstractContextManager[object] | None = None,
+) -> list[Program]:
+    """Return the programs of a site after checking what they need: the edge, then the cameras.
+
+    Args:
+        site: what its file says.
+        logs: folder of their logs.
+        options: further ones of the edge.
+        warn: called with what is odd, in words.
+        measuring: entered while networks are measured.
+
+    Raises:
+        InputError: for what keeps the site from running, so that it stands in no log alone.
+    """
+    check_edge(site)
+    check_port(edge_link(site)[0].endpoint)
+    warn(site.world_warning())
+    require_sources(site)
+    with measuring or nullcontext():
+        times = measure_detections(site, again=False)
+    if times is not None:
+        selected = site.loop.num_selected or len(site.rig)
+        for finding in hopeless(site, times, selected):
+            raise InputError(f"{site.path}: {finding.what}: {finding.found}: {finding.advice}")
+        for finding in check_speed(site, times, selected):
+            if finding.level != "ok":
+                warn(f"{finding.what}: {finding.found}: {finding.advice}")
+    edge = Program("edge", edge_command(site.path, *options), logs / "edge.log")
+    return [edge] + [Program(i, camera_command(site, i), logs / f"{i}.log") for i in site.cameras]

@@ -1,0 +1,107 @@
+"""Record what all cameras of a site see: its local cameras run as programs of their own."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+
+from e3pose.base.atomic import check_free
+from e3pose.base.clock import WallClock
+from e3pose.base.errors import InputError
+from e3pose.base.private import make_folder
+from e3pose.edge.record_server import RecordingPlan, RecordServer, Watch, nobody
+from e3pose.settings.resolved import ResolvedSite, resolve
+from e3pose.settings.site_file import SiteTable
+from e3pose.site.admission import edge_link, join_as_edge
+from e3pose.site.check_sources import require_sources
+from e3pose.site.detector_speed import measure_detections, with_time_for_all
+from e3pose.site.up import Program, camera_command, last_line, run_site
+
+LOOK_S = 1.0
+MOST_RESTARTS = 3  # of a camera, before the command reports why it ends
+
+
+def record_site(
+    site: SiteTable,
+    dest: Path,
+    *,
+    for_s: float | None = None,
+    logs: Path | None = None,
+    report: Callable[[str], None],
+    look: Callable[[RecordServer], object],
+    watch: Watch = nobody,
+) -> RecordServer:
+    """Record all cameras of a site until Ctrl-C, `for_s`, or an exception of `look`.
+
+    Args:
+        site: what its file says.
+        dest: the recording folder to create.
+        for_s: seconds of the scene; None for no end.
+        logs: folder of the logs of cameras; by default beside the site file.
+        report: called with lines for operators.
+        look: called about every second with the recorder; `KeyboardInterrupt` ends it in order.
+        watch: called with each slot, on the recorder's thread.
+
+    Returns:
+        The recorder, which is closed; its `written` is the recording.
+
+    Raises:
+        InputError: for sources that are not there, and what ended the recording early.
+    """
+    check_free(dest, None)
+    resolved = resolve(site, placed=False)
+    require_sources(resolved)
+    times = measure_detections(resolved, again=False)
+    if times is not None and (slower := with_time_for_all(resolved, times)) is not resolved:
+        rate, pace = f"{slower.fps:.3g} slots per second", f" at pace {slower.pace:g}"
+        report(f"With all cameras active: {rate}{pace if slower.pace != 1 else ''}")
+        resolved = slower
+    folder = logs or resolved.folder / "logs"
+    local = [name for name, camera in resolved.cameras.items() if camera.source]
+    programs = [Program(i, camera_command(resolved, i), folder / f"{i}.log") for i in local]
+    transport = join_as_edge(*edge_link(resolved))
+    make_folder(folder)
+    looked_s = time.monotonic()
+    plan = _plan(resolved, dest, for_s)
+    with RecordServer(plan, transport, WallClock(), watch) as server:
+
+        def stopped() -> bool:
+            nonlocal looked_s
+            if time.monotonic() - looked_s > LOOK_S:
+                looked_s = time.monotonic()
+                look(server)
+            for program in programs:
+                if program.restarts >= MOST_RESTARTS:
+                    raise InputError(f"{program.name}: {last_line(program.log)}")
+            return not server.running()
+
+        with suppress(KeyboardInterrupt):
+            run_site(programs, stopped, report)
+    if server.threads.failure is not None:
+        raise server.threads.failure
+    if server.written is None:
+        reasons = "; ".join(f"{name}: {why}" for name, why in server.problems().items())
+        raise InputError(f"nothing was recorded{': ' if reasons else ''}{reasons}")
+    return server
+
+
+def waiting_words(server: RecordServer) -> str:
+    """Return for which cameras a recorder waits, and why; empty once it records."""
+    if server.slots or not (problems := server.problems()):
+        return ""
+    return "; ".join(f"{name}: {why}" for name, why in problems.items())
+
+
+def _plan(site: ResolvedSite, dest: Path, for_s: float | None) -> RecordingPlan:
+    return RecordingPlan(
+        dest,
+        site.name,
+        site.rig,
+        site.skeleton,
+        site.fps,
+        site.pace,
+        site.named_detector,
+        for_s,
+    )

@@ -1,0 +1,315 @@
+"""The API of the set-up: small questions and orders, each refused in the command line's words."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from dataclasses import dataclass, field
+from typing import Annotated, Any, Literal
+
+from fastapi import APIRouter, FastAPI, HTTPException, Request
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import JSONResponse
+from pydantic import BaseModel, ConfigDict, Field
+
+from e3pose import __version__
+from e3pose.base.errors import InputError
+from e3pose.site.setup import cameras, judging, networks, settings, solving, walking
+from e3pose.site.setup.coverage import Coverage
+from e3pose.site.setup.desk import Desk
+from e3pose.site.setup.going_live import LiveSite
+from e3pose.site.setup.state import state_of
+from e3pose.site.web.app import unreadable
+from e3pose.site.web.page import make_page
+
+Name = Annotated[str, Field(min_length=1, max_length=64)]
+Text = Annotated[str, Field(max_length=500)]
+Short = Annotated[str, Field(max_length=60)]
+Metres = Annotated[float, Field(ge=-1e4, le=1e4)]
+Watthours = Annotated[float, Field(ge=0, le=1e6)]
+
+
+class Asked(BaseModel):
+    """What a page asks for; nothing else may stand in it."""
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+
+class ChosenSite(Asked):
+    """A site: one that is there, a new one, or a finished example."""
+
+    name: Name
+    kind: Literal["known", "new", "example"] = "known"
+
+
+class Sources(Asked):
+    """What cameras could see."""
+
+    sources: Annotated[list[Text], Field(min_length=1, max_length=32)]
+
+
+class CameraChange(Asked):
+    """Another name or turn of a camera, or its end."""
+
+    name: Name | None = None
+    rotation: Annotated[int | None, Field(ge=0, le=270)] = None
+    remove: bool = False
+
+
+class Height(Asked):
+    """Of the person who walked; 0 where nobody knows it."""
+
+    height_cm: Annotated[float, Field(ge=0, le=300)] = 0.0
+
+
+class Click(Asked):
+    """A place in the picture of a camera, pixels of the full image."""
+
+    camera: Name
+    x: Annotated[float, Field(ge=0, le=1e5)]
+    y: Annotated[float, Field(ge=0, le=1e5)]
+    what: Literal["origin", "x-axis"]
+
+
+class ZoneBody(Asked):
+    """A zone of the floor."""
+
+    name: Name
+    corners: Annotated[list[tuple[Metres, Metres]], Field(min_length=3, max_length=100)]
+
+
+class SettingsBody(Asked):
+    """Settings that a person wants; those left out stay as they are."""
+
+    cameras: Annotated[float | None, Field(gt=0, le=1000)] = None
+    target_error: Short | None = None
+    budget: Short | None = None
+    batteries: Annotated[dict[Name, Watthours] | None, Field(max_length=64)] = None
+    keep: Short | None = None
+    max_size: Short | None = None
+    zones: Annotated[list[ZoneBody] | None, Field(max_length=32)] = None
+
+
+class LiveOrder(Asked):
+    """Whether the site is to run."""
+
+    order: Literal["start", "stop", "restart"]
+
+
+@dataclass(eq=False)
+class Table:
+    """All that the API works with.
+
+    Attributes:
+        desk: the site that is set up.
+        live: its programs.
+        snapshots: pictures of the newest walk.
+        covered: what that walk covers; None before one.
+    """
+
+    desk: Desk
+    live: LiveSite = field(default_factory=LiveSite)
+    snapshots: walking.Snapshots = field(default_factory=walking.Snapshots)
+    covered: Coverage | None = None
+
+    def free(self) -> None:
+        """Raise `InputError` while the site runs, which has the cameras then."""
+        if self.live.on:
+            raise InputError("the site is running and has its cameras: stop it first")
+
+    def close(self) -> None:
+        """End all work, all programs, and all sources."""
+        self.desk.jobs.close()
+        self.live.close()
+        self.desk.peeks.close()
+
+
+def setup_app(table: Table) -> FastAPI:
+    """Return the application of the set-up, without its door."""
+
+    @asynccontextmanager
+    async def life(_: FastAPI) -> AsyncIterator[None]:
+        yield
+
+    app = FastAPI(
+        title="e3pose setup", version=__version__, lifespan=life,
+        docs_url=None, redoc_url=None, openapi_url=None,
+    )  # fmt: skip
+    app.add_exception_handler(RequestValidationError, unreadable)
+    app.add_exception_handler(InputError, _refused)
+    app.add_exception_handler(OSError, _refused)
+    app.include_router(make_page("setup.html"))
+    app.include_router(_sites(table))
+    app.include_router(_cameras(table))
+    app.include_router(_steps(table))
+    return app
+
+
+async def _refused(_: Request, error: Exception) -> JSONResponse:
+    """Say what is wrong in the sentence that the command line prints."""
+    words = str(error)
+    if isinstance(error, OSError) and error.strerror:
+        words = f"{error.filename or 'file'}: {error.strerror.lower()}"
+    return JSONResponse({"detail": words[:1000]}, 409)
+
+
+def _sites(table: Table) -> APIRouter:
+    api, desk = APIRouter(prefix="/api/setup"), table.desk
+
+    @api.get("/state")
+    def state() -> dict[str, Any]:
+        return state_of(desk, table.live)
+
+    @api.post("/site")
+    def choose(asked: ChosenSite) -> dict[str, Any]:
+        table.free()
+        if asked.kind == "example":
+            cameras.make_example_site(desk, asked.name)
+        else:
+            desk.choose(asked.name, asked.kind == "new")
+        table.covered = None
+        return state_of(desk, table.live)
+
+    @api.post("/site/leave")
+    def leave() -> dict[str, Any]:
+        table.free()
+        desk.jobs.check_free()
+        desk.peeks.close()
+        desk.name = ""
+        return state_of(desk, table.live)
+
+    @api.post("/stop")
+    def stop() -> dict[str, Any]:
+        desk.jobs.stop()
+        return state_of(desk, table.live)
+
+    @api.get("/settings")
+    def present() -> dict[str, Any]:
+        return settings.present(desk)
+
+    @api.post("/settings")
+    def change(asked: SettingsBody) -> dict[str, Any]:
+        zones = asked.zones
+        wanted = settings.Wanted(
+            asked.cameras, asked.target_error, asked.budget, asked.batteries, asked.keep,
+            asked.max_size,
+            None if zones is None else [settings.Zone(z.name, z.corners) for z in zones],
+        )  # fmt: skip
+        return settings.change_settings(desk, table.live, wanted)
+
+    @api.post("/settings/before")
+    def before() -> dict[str, Any]:
+        return settings.take_before(desk, table.live)
+
+    @api.post("/live")
+    def live(asked: LiveOrder) -> dict[str, Any]:
+        orders: dict[str, Callable[[], None]] = {
+            "start": lambda: table.live.start(desk),
+            "stop": table.live.stop,
+            "restart": lambda: table.live.restart(desk),
+        }
+        orders[asked.order]()
+        return state_of(desk, table.live)
+
+    return api
+
+
+def _cameras(table: Table) -> APIRouter:
+    api, desk = APIRouter(prefix="/api/setup"), table.desk
+
+    def begun() -> dict[str, Any]:
+        return state_of(desk, table.live)
+
+    @api.get("/found")
+    def found() -> dict[str, Any]:
+        return cameras.found(desk)
+
+    @api.post("/cameras")
+    def add(asked: Sources) -> dict[str, Any]:
+        table.free()
+        cameras.start_adding(desk, asked.sources)
+        return begun()
+
+    @api.post("/cameras/{camera_id}")
+    def change(camera_id: str, asked: CameraChange) -> dict[str, Any]:
+        table.free()
+        cameras.change_camera(desk, camera_id, asked.name, asked.rotation, asked.remove)
+        return begun()
+
+    @api.get("/cameras/{camera_id}/picture")
+    def picture(camera_id: str) -> dict[str, Any]:
+        job = desk.jobs.newest
+        if desk.jobs.busy and job is not None and job.kind in ("walk", "second"):
+            return walking.newest_view(table.covered, table.snapshots, camera_id)
+        if desk.jobs.busy or table.live.on:
+            raise HTTPException(409, "other work has the cameras at present")
+        return cameras.peek_of(desk, camera_id)
+
+    @api.post("/look")
+    def look() -> dict[str, Any]:
+        cameras.start_looking(desk)
+        return begun()
+
+    @api.post("/simulate")
+    def simulate() -> dict[str, Any]:
+        cameras.start_simulating(desk)
+        return begun()
+
+    return api
+
+
+def _steps(table: Table) -> APIRouter:
+    api, desk = APIRouter(prefix="/api/setup"), table.desk
+
+    def begun() -> dict[str, Any]:
+        return state_of(desk, table.live)
+
+    @api.get("/networks")
+    def listed() -> list[dict[str, Any]]:
+        return networks.networks(desk)
+
+    @api.post("/networks/{name}/{order}")
+    def network(name: str, order: Literal["pull", "time", "use"]) -> dict[str, Any]:
+        if order != "pull":
+            table.free()
+        start = {
+            "pull": networks.start_pulling,
+            "time": networks.start_timing,
+            "use": networks.start_using,
+        }
+        start[order](desk, name)
+        return begun()
+
+    @api.post("/record/{which}")
+    def record(which: walking.Which) -> dict[str, Any]:
+        table.free()
+        table.covered = walking.start_walk(desk, which, table.snapshots)
+        return begun()
+
+    @api.get("/covered")
+    def covered() -> dict[str, Any]:
+        if table.covered is None:
+            raise HTTPException(404, "no walk was recorded yet")
+        return walking.body(table.covered)
+
+    @api.post("/solve")
+    def solve(asked: Height) -> dict[str, Any]:
+        solving.start_solving(desk, asked.height_cm)
+        return begun()
+
+    @api.get("/overlays")
+    def overlays() -> dict[str, Any]:
+        return solving.overlays(desk, table.snapshots)
+
+    @api.post("/world")
+    def world(asked: Click) -> dict[str, Any]:
+        table.free()
+        command = solving.move_world(desk, asked.camera, asked.x, asked.y, asked.what)
+        return {"command": command}
+
+    @api.post("/check")
+    def check() -> dict[str, Any]:
+        judging.start_checking(desk)
+        return begun()
+
+    return api

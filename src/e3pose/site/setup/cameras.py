@@ -1,0 +1,213 @@
+"""The step of cameras: find, add, name, turn and remove them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from e3pose.base.errors import InputError
+from e3pose.camera.probe import Probe, find_devices, probe, probe_all
+from e3pose.settings.limits import Rotation
+from e3pose.settings.sources import is_recorded, place_of
+from e3pose.site.setup.desk import Desk
+from e3pose.site.setup.discovery import look_around
+from e3pose.site.setup.finding import check_typed, find_films, free_name
+from e3pose.site.setup.jobs import Job
+from e3pose.site.setup.plan import ChosenCamera, Plan
+
+SIMULATED = "films"  # folder of the stand-in for cameras, after the site's name
+SIMULATED_S, SIMULATED_FPS, SIMULATED_SIZE = 30.0, 12.5, (640, 480)
+SIMULATED_SEED = 727  # somebody who walks about
+TURNS: tuple[Rotation, ...] = (0, 90, 180, 270)
+
+
+def found(desk: Desk) -> dict[str, Any]:
+    """Return what could be a camera: devices, films and what the network told of."""
+    used = {camera.source for camera in desk.plan().cameras}
+    films = [name for name in find_films(desk.root) if str(desk.root / name) not in used]
+    devices = [
+        {"source": source, "title": title}
+        for source, title in find_devices().items()
+        if source not in used
+    ]
+    return {"devices": devices, "films": films, "network": desk.found}
+
+
+def start_adding(desk: Desk, sources: Sequence[str]) -> None:
+    """Look at sources in the background, and add those that film.
+
+    Raises:
+        InputError: for what is no source, or one that is a camera already.
+    """
+    plan = desk.chosen_plan()
+    checked = [check_typed(source, desk.root.resolve()) for source in sources]
+    for source in checked:
+        if any(camera.source == source for camera in plan.cameras):
+            raise InputError("source", repr(source[:80]), "one that is no camera of the site yet")
+    if not checked or len(set(checked)) < len(checked):
+        raise InputError("source", "none, or one twice", "sources")
+    title = "Looking at " + ("a source" if len(checked) == 1 else f"{len(checked)} sources")
+    desk.start(Job("cameras", title), lambda job: _add(desk, checked, job))
+
+
+def _add(desk: Desk, sources: Sequence[str], job: Job) -> None:
+    if len(sources) == 1:
+        desk.peeks.close(sources[0])
+    stage = "reading a frame of each, and counting those of live cameras for three seconds"
+    tried = probe_all(
+        {source: partial(probe, source) for source in sources},
+        lambda done, total: job.progress(stage, done, total),
+    )
+    problems = []
+    for source, seen in tried.items():
+        if isinstance(seen, InputError):
+            problems.append(str(seen))
+            continue
+        desk.change(partial(_with, seen))
+        if seen.dark:
+            job.say(f"{source}: its picture is dark; is the lens covered?")
+        if seen.nominal_fps is not None and seen.fps < seen.nominal_fps:
+            job.say(
+                f"{source}: announces {seen.nominal_fps:.3g} frames per second and brings "
+                f"{seen.fps:.3g}: the site gets no more slots per second"
+            )
+    if problems:
+        raise InputError("; ".join(problems))
+
+
+def _with(seen: Probe, plan: Plan) -> Plan:
+    width, height = seen.image_size
+    camera = ChosenCamera(
+        free_name(seen.source, plan.cameras), seen.source, 0, width, height, seen.fps,
+        seen.nominal_fps or 0.0,
+    )  # fmt: skip
+    return replace(plan, cameras=(*plan.cameras, camera))
+
+
+def looked_again(camera: ChosenCamera) -> ChosenCamera:
+    """Return a camera with what is seen of it now; raise `InputError` where nothing is."""
+    seen = probe(camera.source, camera.id)
+    width, height = seen.image_size
+    announced = seen.nominal_fps or 0.0
+    return replace(camera, width=width, height=height, fps=seen.fps, announced=announced)
+
+
+def change_camera(
+    desk: Desk, camera_id: str, name: str | None, rotation: int | None, remove: bool
+) -> None:
+    """Rename, turn or remove a camera of the plan.
+
+    Raises:
+        InputError: for another camera, a name that is none or taken, or another turn.
+    """
+    desk.jobs.check_free()
+    if rotation is not None and rotation not in TURNS:
+        raise InputError("rotation", f"{rotation}", "0, 90, 180 or 270 degrees")
+
+    def changed(plan: Plan) -> Plan:
+        camera = plan.camera(camera_id)
+        if remove:
+            desk.peeks.close(camera.source)
+            return replace(plan, cameras=tuple(c for c in plan.cameras if c.id != camera_id))
+        changes: dict[str, Any] = {}
+        if name is not None:
+            changes["id"] = name.strip()
+        if rotation is not None:
+            changes["rotation"] = rotation
+        return plan.with_camera(camera_id, **changes)
+
+    desk.change(changed)
+
+
+def start_looking(desk: Desk) -> None:
+    """Ask the local network for cameras, in the background."""
+
+    def look(job: Job) -> None:
+        job.progress("asking the local network", 0, 0)
+        cameras = look_around()
+        desk.found = [
+            {"host": each.host, "name": each.name, "suggested": each.suggested} for each in cameras
+        ]
+        if not cameras:
+            job.say(
+                "No camera answered. ONVIF may be off in the camera, or it is in another network: "
+                "paste its address instead."
+            )
+
+    desk.start(Job("network-look", "Looking for cameras in the network"), look)
+
+
+def simulated_folder(desk: Desk) -> Path:
+    """Return where the simulated films of a site lie."""
+    return desk.root / f"{desk.name}-{SIMULATED}"
+
+
+def simulate_command(desk: Desk) -> str:
+    """Return the command line that makes the simulated films."""
+    width, height = SIMULATED_SIZE
+    return (
+        f"e3pose simulate {desk.shown(simulated_folder(desk))} --people 1 --cameras 4 --seconds "
+        f"{SIMULATED_S:g} --fps {SIMULATED_FPS:g} --resolution {width}x{height} --seed "
+        f"{SIMULATED_SEED} --videos"
+    )
+
+
+def start_simulating(desk: Desk) -> None:
+    """Make four films of a simulated person, in the background, and add them as cameras."""
+    dest = simulated_folder(desk)
+    if desk.chosen_plan().cameras:
+        raise InputError("cameras", "some already", "a site without cameras, for simulated films")
+
+    def simulate(job: Job) -> None:
+        from e3pose.simulate import SceneSettings
+        from e3pose.simulate import simulate as run
+        from e3pose.site.simulated_films import FOLDER, write_films
+
+        films = dest / FOLDER
+        if not films.is_dir():
+            settings = SceneSettings(
+                people=1, cameras=4, seconds=SIMULATED_S, fps=SIMULATED_FPS,
+                image_size=SIMULATED_SIZE,
+            )  # fmt: skip
+            scene = "simulating a person who walks"
+            recording = run(
+                settings, SIMULATED_SEED, lambda p: job.progress(scene, round(100 * p), 100)
+            )
+            words = "drawing four films"
+            write_films(recording, dest, lambda p: job.progress(words, round(100 * p), 100))
+        _add(desk, [str(path) for path in sorted(films.glob("*.mp4"))], job)
+        desk.change(lambda plan: replace(plan, detector=plan.detector or "drawn"))
+
+    desk.start(Job("cameras", "Making simulated films", simulate_command(desk)), simulate)
+
+
+def make_example_site(desk: Desk, name: str) -> None:
+    """Make a finished site that plays a simulated scene, and turn to it."""
+    from e3pose.site.example import make_example
+    from e3pose.wire.topics import check_site
+
+    desk.jobs.check_free()
+    make_example(desk.root / check_site(name))
+    desk.choose(name)
+
+
+def peek_of(desk: Desk, camera_id: str) -> dict[str, Any]:
+    """Return the newest picture of a camera that no program of the site has."""
+    camera = desk.plan().camera(camera_id)
+    if not camera.source:
+        return {"jpeg": None, "size": (0, 0), "fps": None, "why": "it runs on its own machine"}
+    if is_recorded(camera.source):
+        return {"jpeg": None, "size": (0, 0), "fps": None, "why": "it plays keypoints, no images"}
+    return desk.peeks.look(camera.source, camera.rotation).body()
+
+
+def shown_source(desk: Desk, source: str) -> str:
+    """Return a source as a person types it in the root."""
+    place = place_of(source) if source else None
+    if place is None:
+        return source
+    prefix = source[: len(source) - len(place)]
+    return f"{prefix}{desk.shown(Path(place))}"

@@ -1,0 +1,179 @@
+"""What is on the table while a site is set up: its folder, its plan, the work in the background."""
+
+from __future__ import annotations
+
+import json
+import shlex
+import threading
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from e3pose.base.atomic import atomic_file
+from e3pose.base.bounded import read_bytes
+from e3pose.base.errors import InputError
+from e3pose.base.private import make_folder
+from e3pose.recording.calibration import load_rig
+from e3pose.settings.site_file import SITE_FILE, SiteTable, load_site
+from e3pose.site.new_site import RIG_FILE
+from e3pose.site.setup.jobs import Job, Jobs
+from e3pose.site.setup.peeks import Peeks
+from e3pose.site.setup.plan import Plan, load_plan, save_plan
+from e3pose.wire.topics import check_site
+
+RESULTS_FILE = "setup-results.json"  # what the steps found, beside the plan
+MAX_RESULTS_BYTES = 2**22
+MOST_SITES = 200
+BEFORE = ".before"  # after the name of a file that was replaced
+
+
+@dataclass(eq=False)
+class Desk:
+    """One page's site; its methods may be called on any thread.
+
+    Attributes:
+        root: folder in which sites lie and films are looked for.
+        name: of the site's folder in it; empty while none was chosen.
+        jobs: the work in the background.
+        peeks: thumbnails of cameras.
+        found: cameras that the network told of, the last time somebody asked to look.
+        times: by network and number of cameras, its speed here in words.
+        lock: held while the plan is changed.
+    """
+
+    root: Path
+    name: str = ""
+    jobs: Jobs = field(default_factory=Jobs)
+    peeks: Peeks = field(default_factory=Peeks)
+    found: list[dict[str, str]] = field(default_factory=list)
+    times: dict[tuple[str, int], str] = field(default_factory=dict)
+    lock: threading.RLock = field(default_factory=threading.RLock)
+
+    @property
+    def folder(self) -> Path:
+        """The site's; raise `InputError` while none was chosen."""
+        if not self.name:
+            raise InputError("site", "none", "one: choose or name it first")
+        return self.root / self.name
+
+    @property
+    def site_file(self) -> Path:
+        """Where the site file is, or will be."""
+        return self.folder / SITE_FILE
+
+    @property
+    def has_site(self) -> bool:
+        """Whether there is a site file."""
+        return bool(self.name) and self.site_file.exists()
+
+    def site(self) -> SiteTable:
+        """Return what the site file says; raise `InputError` where there is none."""
+        return load_site(self.folder)
+
+    @property
+    def calibration(self) -> Path:
+        """Where the calibration is, or will be."""
+        return self.site().calibration if self.has_site else self.folder / RIG_FILE
+
+    def placed(self) -> bool:
+        """Return whether it is known where the cameras stand."""
+        if not self.name or not self.calibration.exists():
+            return False
+        with suppress(InputError):
+            return load_rig(self.calibration).placed
+        return False
+
+    def plan(self) -> Plan:
+        """Return what was chosen."""
+        return load_plan(self.folder) if self.name else Plan()
+
+    def chosen_plan(self) -> Plan:
+        """Return what was chosen; raise `InputError` while no site was."""
+        return load_plan(self.folder)
+
+    def change(self, changed: Callable[[Plan], Plan]) -> Plan:
+        """Change the plan and keep it; errors of `changed` leave it as it is."""
+        with self.lock:
+            plan = changed(self.plan())
+            make_folder(self.folder)
+            save_plan(self.folder, plan)
+            return plan
+
+    def choose(self, name: str, new: bool = False) -> None:
+        """Turn to another site, or begin a new one.
+
+        Args:
+            name: of its folder in the root.
+            new: whether it is to be made.
+
+        Raises:
+            InputError: for a name that is none, a folder that is none, or work that goes on.
+        """
+        check_site(name)
+        self.jobs.check_free()
+        folder = self.root / name
+        known = (folder / SITE_FILE).exists()
+        if new and folder.exists() and any(folder.iterdir()):
+            raise InputError(f"{folder}: folder exists and is not empty, expected a new name")
+        if not new and not known and not (folder / "setup.toml").exists():
+            raise InputError(f"{folder}: found no site, expected one of the list, or a new name")
+        self.peeks.close()
+        self.name = name
+        if new:
+            self.change(lambda plan: plan)
+        self.plan()  # an error of it is said here
+
+    def sites(self) -> list[dict[str, Any]]:
+        """Return the sites in the root: name, and whether there is a site file yet."""
+        found = []
+        try:
+            folders = sorted(path for path in self.root.iterdir() if path.is_dir())
+        except OSError as error:
+            raise InputError(f"{self.root}: {(error.strerror or str(error)).lower()}") from None
+        for path in folders[: 50 * MOST_SITES]:
+            made = (path / SITE_FILE).exists()
+            with suppress(InputError):  # a name that cannot be chosen
+                if made or (path / "setup.toml").exists():
+                    found.append({"name": check_site(path.name), "made": made})
+        return found[:MOST_SITES]
+
+    def shown(self, path: Path) -> str:
+        """Return a path as a person types it in the root, quoted for a shell if need be."""
+        with suppress(ValueError):
+            return shlex.quote(path.relative_to(self.root).as_posix())
+        return shlex.quote(str(path))
+
+    def start(self, job: Job, work: Callable[[Job], object]) -> None:
+        """Begin work in the background; see `Jobs.start`."""
+        self.jobs.start(job, work)
+
+    def results(self) -> dict[str, Any]:
+        """Return what the steps found, by step; nothing where that cannot be read."""
+        path = self.folder / RESULTS_FILE
+        with suppress(InputError, ValueError):
+            table = json.loads(read_bytes(path, MAX_RESULTS_BYTES))
+            return table if isinstance(table, dict) else {}
+        return {}
+
+    def keep_result(self, step: str, result: dict[str, Any] | None) -> None:
+        """Keep what a step found; None for nothing any more."""
+        with self.lock:
+            table = {**self.results(), step: result}
+            with atomic_file(self.folder / RESULTS_FILE, private=True) as temporary:
+                temporary.write_text(json.dumps(table) + "\n", encoding="utf-8")
+
+    def free_folder(self, stem: str) -> str:
+        """Return a name in the site's folder that nothing has yet."""
+        names = (stem, *(f"{stem}-{number}" for number in range(2, 1000)))
+        return next(name for name in names if not (self.folder / name).exists())
+
+
+def keep_before(path: Path) -> None:
+    """Keep the present content of a file beside it, before it is replaced."""
+    if not path.exists():
+        return
+    content = path.read_bytes()
+    with atomic_file(path.with_name(path.name + BEFORE), private=True) as temporary:
+        temporary.write_bytes(content)

@@ -1,0 +1,122 @@
+"""Find ONVIF cameras in the local network by WS-Discovery, when somebody asks to look.
+
+One question goes to the multicast address of WS-Discovery 1.0; cameras answer with their name and
+the address of their service. They do not tell the address of their stream without a password, so a
+person adds it.
+"""
+
+from __future__ import annotations
+
+import re
+import socket
+import time
+import uuid
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Sequence
+from dataclasses import dataclass
+from urllib.parse import unquote, urlsplit
+
+GROUP = ("239.255.255.250", 3702)
+WAIT_S = 3.0
+MAX_BYTES, MOST_ANSWERS = 65_507, 64
+PROBE = """<?xml version="1.0" encoding="UTF-8"?>
+<e:Envelope xmlns:e="http://www.w3.org/2003/05/soap-envelope"
+ xmlns:w="http://schemas.xmlsoap.org/ws/2004/08/addressing"
+ xmlns:d="http://schemas.xmlsoap.org/ws/2005/04/discovery"
+ xmlns:dn="http://www.onvif.org/ver10/network/wsdl">
+<e:Header><w:MessageID>uuid:{id}</w:MessageID>
+<w:To e:mustUnderstand="true">urn:schemas-xmlsoap-org:ws:2005:04:discovery</w:To>
+<w:Action e:mustUnderstand="true">http://schemas.xmlsoap.org/ws/2005/04/discovery/Probe</w:Action>
+</e:Header><e:Body><d:Probe><d:Types>dn:NetworkVideoTransmitter</d:Types></d:Probe></e:Body>
+</e:Envelope>"""
+
+
+@dataclass(frozen=True, slots=True)
+class NetworkCamera:
+    """A camera that answered.
+
+    Attributes:
+        host: its address.
+        name: that it states, of its make and model; empty if it states none.
+        suggested: an RTSP address to begin with.
+    """
+
+    host: str
+    name: str
+    suggested: str
+
+
+def look_around(wait_s: float = WAIT_S, to: tuple[str, int] = GROUP) -> list[NetworkCamera]:
+    """Ask the local network for cameras, and return those that answer in time.
+
+    Args:
+        wait_s: how long to wait for answers.
+        to: whom to ask.
+    """
+    asked = str(uuid.uuid4())
+    found: dict[str, NetworkCamera] = {}
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
+        out.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 1)  # no router passes it on
+        out.sendto(PROBE.format(id=asked).encode(), to)
+        end_s = time.monotonic() + wait_s
+        for _ in range(MOST_ANSWERS):
+            left_s = end_s - time.monotonic()
+            if left_s <= 0:
+                break
+            out.settimeout(left_s)
+            try:
+                answer, (host, _port) = out.recvfrom(MAX_BYTES)
+            except TimeoutError:
+                break
+            if (camera := read_answer(answer, asked, str(host))) is not None:
+                found[camera.host] = camera
+    return [found[host] for host in sorted(found)]
+
+
+def read_answer(answer: bytes, asked: str, sender: str) -> NetworkCamera | None:
+    """Return the camera that an answer tells of; None for another message.
+
+    Args:
+        answer: the datagram.
+        asked: identifier of our question.
+        sender: the address that it came from, the only one that is believed.
+    """
+    try:
+        text = answer.decode("utf-8")
+        if "<!DOCTYPE" in text or "<!ENTITY" in text:  # no camera sends entities
+            return None
+        root = ElementTree.fromstring(text)
+    except (UnicodeDecodeError, ElementTree.ParseError, ValueError):
+        return None
+    words = {name: _texts(root, name) for name in ("RelatesTo", "Scopes", "XAddrs")}
+    if not any(asked in word for word in words["RelatesTo"]) or not words["XAddrs"]:
+        return None
+    if sender not in {_host(url) for text in words["XAddrs"] for url in text.split()[:8]}:
+        return None
+    name = _name(" ".join(words["Scopes"]).split())
+    return NetworkCamera(sender, name, f"rtsp://{sender}:554/")
+
+
+def _host(url: str) -> str | None:
+    try:
+        return urlsplit(url).hostname
+    except ValueError:
+        return None
+
+
+def _texts(root: ElementTree.Element, name: str) -> list[str]:
+    """Return the texts of elements by their local name, whatever their namespace."""
+    return [node.text or "" for node in root.iter() if node.tag.rpartition("}")[2] == name]
+
+
+def _name(scopes: Sequence[str]) -> str:
+    """Return make and model of `onvif://www.onvif.org/name/...` scopes."""
+    parts = []
+    for key in ("name", "hardware"):
+        for scope in scopes:
+            if match := re.fullmatch(rf"onvif://www\.onvif\.org/{key}/(.{{1,100}})", scope):
+                text = unquote(match[1])
+                if text.isprintable() and text not in parts:
+                    parts.append(text)
+                break
+    return " ".join(parts)[:100]

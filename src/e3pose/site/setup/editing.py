@@ -1,0 +1,153 @@
+"""Change a site file that exists: validated before it is written, the file of before kept.
+
+Comments and all that nobody asked to change stay as they are.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import tomlkit
+
+from e3pose.base.atomic import atomic_file
+from e3pose.base.bounded import read_bytes
+from e3pose.base.errors import InputError
+from e3pose.model.camera import Rig
+from e3pose.recording.calibration import load_rig, save_rig
+from e3pose.settings.resolved import ResolvedSite, resolve
+from e3pose.settings.site_file import MAX_BYTES, SITE_FILE, read_site
+from e3pose.site.detector_speed import KEPT, save_times, suggested_deadline_ms, workloads_of
+from e3pose.site.new_site import LEAST_DEADLINE_MS, Choice, rates
+from e3pose.site.setup.desk import BEFORE, Desk, keep_before
+from e3pose.site.setup.plan import Plan
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+Change = Callable[[Any], object]  # takes the document of a site file, and changes it
+
+
+def edit_site(folder: Path, change: Change) -> ResolvedSite:
+    """Change the site file of a folder.
+
+    Args:
+        folder: of the site.
+        change: changes its document, as `tomlkit` has it.
+
+    Returns:
+        The site as it is then.
+
+    Raises:
+        InputError: for what would be wrong in the file, which stays as it is then.
+    """
+    path = folder / SITE_FILE
+    before = read_bytes(path, MAX_BYTES).decode("utf-8")
+    document = tomlkit.parse(before)
+    change(document)
+    text = tomlkit.dumps(document)
+    site = checked(text, path)
+    if text != before:
+        keep_before(path)
+        with atomic_file(path, private=True) as temporary:
+            temporary.write_text(text, encoding="utf-8")
+    return site
+
+
+def checked(text: str, path: Path) -> ResolvedSite:
+    """Return the site that a text would be as its file; raise `InputError` for what is wrong."""
+    from e3pose.site.edge_program import check_edge
+
+    try:
+        site = resolve(read_site(tomllib.loads(text), path), placed=False)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{path}: {error}") from None
+    except InputError as error:
+        raise error.at(path) from None
+    if site.rig.placed:
+        check_edge(site)
+    return site
+
+
+def apply_cameras(desk: Desk, choice: Choice) -> None:
+    """Write the cameras, the network and the rates of a choice into a site file that exists.
+
+    A calibration stays where its cameras do: those that were removed leave it, those that were
+    renamed keep their place in it. With a new camera it is put aside, and a walk is due.
+    """
+    plan = desk.plan()
+    path, before = desk.calibration, None
+    if path.exists():
+        before = path.read_bytes()
+        rig = _kept_rig(load_rig(path), plan)
+        keep_before(path)
+        if rig is None:
+            path.unlink()
+        else:
+            save_rig(rig, path)
+    try:
+        site = edit_site(desk.folder, lambda document: _cameras(document, plan, choice))
+    except InputError:
+        if before is not None:
+            path.write_bytes(before)
+        raise
+    if before is not None and not path.exists():
+        desk.change(lambda now: replace(now, walk="", second="", picked_origin=False))
+        desk.keep_result("solve", None)
+        desk.keep_result("check", None)
+    if choice.times is not None:
+        save_times(desk.folder / KEPT, workloads_of(site), choice.times)
+
+
+def _kept_rig(rig: Rig, plan: Plan) -> Rig | None:
+    """Return the rig of a plan's cameras; None where one of them was never placed."""
+    if not rig.placed or any(c.was not in rig.camera_ids for c in plan.cameras):
+        return None
+    return Rig(tuple(replace(rig.cameras[rig.index(c.was)], camera_id=c.id) for c in plan.cameras))
+
+
+def _cameras(document: Any, plan: Plan, choice: Choice) -> None:
+    fps, pace = rates(choice)
+    document["fps"] = round(fps, 3)
+    if pace != 1 or "pace" in document:
+        document["pace"] = pace
+    if choice.times is not None:
+        document["deadline_ms"] = max(LEAST_DEADLINE_MS, suggested_deadline_ms(choice.times))
+    loop = document.get("loop", {})
+    if isinstance(loop.get("cameras"), int | float):
+        loop["cameras"] = min(loop["cameras"], len(plan.cameras))
+    tables = {str(table["id"]): table for table in document.get("camera", [])}
+    array = tomlkit.aot()
+    for camera in plan.cameras:
+        table = tables.get(camera.was) or tomlkit.table()
+        table["id"], table["source"] = camera.id, camera.source
+        table["detector"], table["threads"] = choice.detector, choice.threads
+        if camera.rotation:
+            table["rotation"] = camera.rotation
+        else:
+            table.pop("rotation", None)
+        table.setdefault("provider", choice.provider)
+        array.append(table)
+    document["camera"] = array
+
+
+def restore_before(path: Path) -> None:
+    """Exchange a file with the one of before, so that doing it twice changes nothing.
+
+    Raises:
+        InputError: where there is none.
+    """
+    kept = path.with_name(path.name + BEFORE)
+    if not kept.exists():
+        raise InputError(f"{kept}: file not found, expected the site file of before a change")
+    content = kept.read_bytes()
+    if path.name == SITE_FILE:
+        checked(content.decode("utf-8"), path)
+    keep_before(path)
+    with atomic_file(path, private=True) as temporary:
+        temporary.write_bytes(content)

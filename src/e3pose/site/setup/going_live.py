@@ -1,0 +1,157 @@
+"""Run the site as `e3pose up --view` does, while the page of the set-up is served."""
+
+from __future__ import annotations
+
+import threading
+from contextlib import closing, suppress
+from dataclasses import dataclass, field
+from typing import Any
+
+from e3pose.base.errors import InputError
+from e3pose.base.private import make_folder
+from e3pose.settings.resolved import ResolvedSite, resolve_site
+from e3pose.site.example import free_port
+from e3pose.site.follow import LOCAL_OPERATOR, Follower, viewer_link
+from e3pose.site.ready import site_programs
+from e3pose.site.setup.desk import Desk
+from e3pose.site.up import Program, run_site, view_command
+from e3pose.site.web.program import Address, address_of, page_links
+from e3pose.wire.codec import decode, encode
+from e3pose.wire.network import check_port, open_network
+from e3pose.wire.site_messages import Control, Controlled
+from e3pose.wire.topics import of_control
+from e3pose.wire.transport import Transport
+
+END_S = 30.0
+ASK_S = 3.0
+MAX_LINES = 20
+
+
+@dataclass(eq=False)
+class LiveSite:
+    """The programs of a site at work; its methods may be called on any thread.
+
+    Attributes:
+        state: `off`, `starting`, `running`, `ending` or `failed`.
+        problem: why it failed.
+        lines: what it said.
+        url: of the live page, with its token; empty while it does not run.
+    """
+
+    state: str = "off"
+    problem: str = ""
+    lines: list[str] = field(default_factory=list)
+    url: str = ""
+    _follower: Follower | None = None
+    _transport: Transport | None = None
+    _site: ResolvedSite | None = None
+    _stop: threading.Event = field(default_factory=threading.Event)
+    _thread: threading.Thread | None = None
+
+    @property
+    def on(self) -> bool:
+        """Whether its programs run, or begin or end to."""
+        return self.state in ("starting", "running", "ending")
+
+    def start(self, desk: Desk) -> None:
+        """Start the site of a desk.
+
+        Raises:
+            InputError: while it runs, or other work does.
+        """
+        if self.on:
+            raise InputError("the site is running: stop it first")
+        desk.jobs.check_free()
+        site = resolve_site(desk.folder)
+        desk.peeks.close()
+        self.state, self.problem, self.lines, self._stop = "starting", "", [], threading.Event()
+        self._thread = threading.Thread(
+            target=self._run, args=(site,), name="setup-live", daemon=True
+        )
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Ask the site to end."""
+        if self.on:
+            self.state = "ending"
+        self._stop.set()
+
+    def close(self) -> None:
+        """End the site, and wait for it."""
+        self.stop()
+        if self._thread is not None:
+            self._thread.join(END_S)
+
+    def restart(self, desk: Desk) -> None:
+        """End the site if it runs, and start it with the file as it is now."""
+        self.close()
+        self.start(desk)
+
+    def ask(self, control: Control) -> str:
+        """Ask the running edge to change something, and return what it says.
+
+        Raises:
+            InputError: where it refuses, or does not answer.
+        """
+        transport, site = self._transport, self._site
+        if transport is None or site is None:
+            raise InputError("the site does not run")
+        topic = of_control(site.name, LOCAL_OPERATOR)
+        answer = transport.ask(topic, encode(control), ASK_S)
+        if answer is None:
+            raise InputError("the edge does not answer: it is still starting, or allows no control")
+        said = decode(answer, Controlled, "edge")
+        if said.problem:
+            raise InputError(said.problem)
+        return said.said
+
+    def body(self) -> dict[str, Any]:
+        """Return it for the page."""
+        status = None if self._follower is None else self._follower.status
+        words = ""
+        if self.state == "running" and status is None:
+            words = "The edge is starting; a first start compiles for a minute or two."
+        elif status is not None and status.compiling_s is not None:
+            words = f"The edge is compiling: {status.compiling_s:.0f} s left, at the first start."
+        return {
+            "state": self.state, "problem": self.problem, "lines": self.lines, "url": self.url,
+            "words": words, "live": bool(status is not None and status.compiling_s is None),
+            "people": None if status is None else status.people,
+        }  # fmt: skip
+
+    def _say(self, line: str) -> None:
+        if line:
+            self.lines = [*self.lines, line][-MAX_LINES:]
+
+    def _run(self, site: ResolvedSite) -> None:
+        try:
+            logs = site.folder / "logs"
+            programs = site_programs(site, logs, warn=self._say)
+            address, options = _free_address(site)
+            programs.append(Program("view", view_command(site.path, *options), logs / "view.log"))
+            make_folder(logs)
+            with closing(open_network(viewer_link(site, None, operates=True))) as transport:
+                self._follower = Follower(site.name)
+                self._follower.listen(transport)
+                self._transport, self._site = transport, site
+                self.url = page_links(site, address)[1].partition(": ")[2].strip()
+                self.state = "ending" if self._stop.is_set() else "running"
+                run_site(programs, self._stop.is_set, self._say)
+            self.state = "off"
+        except (InputError, OSError) as error:
+            self.state, self.problem = "failed", str(error)
+        finally:
+            self.url = ""
+            self._follower = self._transport = self._site = None
+            if self.on:
+                self.state = "off"
+
+
+def _free_address(site: ResolvedSite) -> tuple[Address, tuple[str, ...]]:
+    """Return where the live page listens: as the file says, or on a free port of loopback."""
+    address = address_of(site)
+    with suppress(InputError):
+        check_port(f"tcp/{address.host}:{address.port}")
+        return address, ()
+    listen = f"127.0.0.1:{free_port()}"
+    return address_of(site, listen), ("--listen", listen)

@@ -1,0 +1,198 @@
+"""The step of the network: which detectors are there, how fast they are here, and the site file."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from e3pose.base.errors import InputError
+from e3pose.base.quantities import plural, three_digits
+from e3pose.base.system import num_cores
+from e3pose.camera.orientation import Orientation
+from e3pose.detectors import DETECTORS
+from e3pose.detectors.timing import DetectionTimes, Workload, time_detections
+from e3pose.detectors.weights import MODELS, is_installed, pull_weights
+from e3pose.recording.calibration import load_rig
+from e3pose.settings.sources import is_recorded
+from e3pose.site.new_site import (
+    NETWORKS,
+    Choice,
+    fill_site,
+    rates,
+    site_name,
+    threads_for,
+)
+from e3pose.site.setup.cameras import looked_again
+from e3pose.site.setup.desk import Desk
+from e3pose.site.setup.editing import apply_cameras
+from e3pose.site.setup.jobs import Job
+from e3pose.site.setup.plan import ChosenCamera, Plan
+
+NUM_SELECTED = 2  # active cameras per slot, as `e3pose init` has it
+DRAWN = "drawn"
+NUMBERS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten")
+
+
+def networks(desk: Desk) -> list[dict[str, Any]]:
+    """Return the networks that can be had: title, licence, size, whether installed, and speed."""
+    number = len(desk.plan().cameras)
+    films = any("films" in camera.source for camera in desk.plan().cameras)
+    found = [
+        {
+            "name": model.name,
+            "title": model.title,
+            "licence": model.licence,
+            "mb": round(model.size_bytes / 1e6, 1),
+            "installed": is_installed(model.name),
+            "usual": model.name in NETWORKS,
+            "speed": desk.times.get((model.name, number), ""),
+        }
+        for model in MODELS.values()
+        if model.source is not None
+    ]
+    drawn = {
+        "name": DRAWN, "title": "reads the coloured joints of simulated films, no network",
+        "licence": "Apache-2.0", "mb": 0.0, "installed": True, "usual": films,
+        "speed": desk.times.get((DRAWN, number), ""),
+    }  # fmt: skip
+    return [drawn, *found] if films else [*found, drawn]
+
+
+def start_pulling(desk: Desk, name: str) -> None:
+    """Download a network in the background."""
+    if name not in MODELS or MODELS[name].source is None:
+        raise InputError("network", repr(name[:60]), "one that can be downloaded")
+
+    def pull(job: Job) -> None:
+        words = f"downloading {name}"
+        pull_weights(name, lambda done, total: job.progress(words, done, total))
+
+    desk.start(Job("pull", f"Downloading {name}", f"e3pose models pull {name}"), pull)
+
+
+def start_timing(desk: Desk, name: str) -> None:
+    """Measure in the background how fast a network is with all cameras of the plan."""
+    check_network(name)
+    cameras = _local(desk.plan())
+
+    def measure(job: Job) -> None:
+        desk.peeks.close()
+        job.progress(f"measuring {name} with all cameras at work", 0, 0)
+        _timed(desk, name, cameras)
+
+    desk.start(Job("timing", f"Measuring {name}", f"e3pose models bench {name}"), measure)
+
+
+def start_using(desk: Desk, name: str) -> None:
+    """Choose a network: measure it, and write the site file, all in the background."""
+    check_network(name)
+    _local(desk.plan())
+    job = Job("site", "Writing the site", init_command(desk, name))
+    desk.start(job, lambda running: _use(desk, name, running))
+
+
+def check_network(name: str) -> None:
+    """Raise `InputError` for a network that is not there, with the command that gets it."""
+    if name not in DETECTORS or (name in MODELS and MODELS[name].source is None):
+        raise InputError("network", repr(name[:60]), "one of the list")
+    if name in MODELS and not is_installed(name):
+        raise InputError(f"network {name} is not installed: e3pose models pull {name}")
+
+
+def _use(desk: Desk, name: str, job: Job) -> None:
+    desk.peeks.close()
+    plan = desk.plan()
+    cameras = list(plan.cameras)
+    for index, camera in enumerate(cameras):
+        if camera.source and not is_recorded(camera.source) and not camera.width:
+            job.progress("looking at the cameras", index, len(cameras))
+            cameras[index] = looked_again(camera)
+    plan = desk.change(lambda now: replace(now, cameras=tuple(cameras), detector=name))
+    job.progress(f"measuring {name} with all cameras at work", 0, 0)
+    choice = _choice(desk, plan, name)
+    job.progress("writing the site file", 0, 0)
+    if desk.has_site:
+        apply_cameras(desk, choice)
+    else:
+        _fill(desk, choice)
+    desk.change(lambda now: replace(now, cameras=tuple(replace(c, was=c.id) for c in now.cameras)))
+    fps, pace = rates(choice)
+    slow = "" if pace == 1 else f", films played at {pace:g} of their speed"
+    job.say(f"{plural(fps, 'slot')} per second{slow}, {NUM_SELECTED} of {len(cameras)} cameras "
+            "active in each")  # fmt: skip
+
+
+def _choice(desk: Desk, plan: Plan, name: str) -> Choice:
+    cameras = _local(plan)
+    return Choice(
+        name=desk.site().name if desk.has_site else site_name(desk.folder),
+        probes={camera.id: camera.probe for camera in cameras},
+        detector=name,
+        provider="auto",
+        threads=_threads(len(cameras)),
+        num_selected=min(NUM_SELECTED, len(cameras)),
+        times=_timed(desk, name, cameras),
+        rig=load_rig(desk.calibration) if desk.placed() else None,
+        rotations={camera.id: camera.rotation for camera in cameras if camera.rotation},
+    )
+
+
+def _local(plan: Plan) -> list[ChosenCamera]:
+    """Return the cameras of which the programs run here; raise `InputError` for too few."""
+    cameras = [c for c in plan.cameras if c.source and not is_recorded(c.source)]
+    if len(plan.cameras) < 2:
+        found = plural(len(plan.cameras), "camera")
+        raise InputError("cameras", found, "two or more: 3D needs them")
+    if len(cameras) < len(plan.cameras):
+        raise InputError("cameras", "some that play keypoints or run elsewhere",
+                         "a network in their own settings")  # fmt: skip
+    return cameras
+
+
+def _threads(number: int) -> int:
+    return threads_for(number, min(NUM_SELECTED, number), num_cores())
+
+
+def _timed(desk: Desk, name: str, cameras: list[ChosenCamera]) -> DetectionTimes:
+    """Measure a network with all cameras at work, and note its speed in words."""
+    workloads = [
+        Workload(name, None, "auto", _threads(len(cameras)),
+                 Orientation.from_degrees(camera.rotation).size(camera.width or 1280,
+                                                                camera.height or 720))
+        for camera in cameras
+    ]  # fmt: skip
+    times = time_detections(workloads)
+    desk.times[name, len(cameras)] = speed_words(times, len(cameras))
+    return times
+
+
+def speed_words(times: DetectionTimes, number: int) -> str:
+    """Return how fast a network is here: `12 poses a second here with four cameras`."""
+    many = NUMBERS[number] if number < len(NUMBERS) else str(number)
+    slots = times.reach_fps(min(NUM_SELECTED, number))
+    return (
+        f"{three_digits(times.rate)} poses a second here with {many} cameras: "
+        f"{three_digits(slots)} moments a second, two cameras each"
+    )
+
+
+def _fill(desk: Desk, choice: Choice) -> None:
+    """Write the files of a new site into its folder, which has the plan already."""
+    with tempfile.TemporaryDirectory(prefix=".setup.", dir=desk.folder) as made:
+        fill_site(Path(made), choice, Path(desk.name))
+        for path in sorted(Path(made).iterdir(), key=lambda p: p.name == "site.toml"):
+            os.replace(path, desk.folder / path.name)  # the site file last: it makes the site
+
+
+def init_command(desk: Desk, detector: str) -> str:
+    """Return the command line that writes the site file."""
+    from e3pose.site.setup.cameras import shown_source
+
+    words = [f"{c.id}={shown_source(desk, c.source)}" for c in desk.plan().cameras]
+    turned = [f"{c.id}: {c.rotation}" for c in desk.plan().cameras if c.rotation]
+    more = f"  # then rotation = ... in site.toml ({', '.join(turned)})" if turned else ""
+    network = f" --detector {detector}" if detector else ""
+    return f"e3pose init {desk.name} {' '.join(words)}{network}{more}"

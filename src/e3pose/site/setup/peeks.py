@@ -1,0 +1,164 @@
+"""Live thumbnails of cameras that no program of a site has yet, with the frame rate measured.
+
+A source is opened when somebody looks and closed when nobody does, or when a program of the site
+needs the device. Pictures are held in memory and never stored.
+"""
+
+from __future__ import annotations
+
+import base64
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from e3pose.base.clock import WallClock
+from e3pose.base.errors import InputError
+from e3pose.camera.base import LiveFrame, LiveSource
+from e3pose.camera.frame_rate import rate_hz
+from e3pose.camera.live_source import make_source
+from e3pose.camera.orientation import Orientation
+
+WIDTH, QUALITY = 480, 70
+UNSEEN_S = 6.0  # after which a source that nobody looks at is closed
+COUNT_S = 4.0  # of frames of which the rate is measured
+END_S = 8.0
+MAX_FRAMES = 2000
+
+Open = Callable[[str], LiveSource]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Peek:
+    """What there is to see of a camera.
+
+    Attributes:
+        jpeg: as base64; None where there is no picture.
+        size: `(width, height)` of the frame in pixels.
+        fps: measured, frames per second; None while too few came.
+        why: there is no picture, in words.
+    """
+
+    jpeg: str | None
+    size: tuple[int, int]
+    fps: float | None
+    why: str = ""
+
+    def body(self) -> dict[str, Any]:
+        """Return it for the page."""
+        return {"jpeg": self.jpeg, "size": self.size, "fps": self.fps, "why": self.why}
+
+
+class Peeks:
+    """The sources that somebody looks at, each read on a thread of its own."""
+
+    def __init__(self, opened: Open | None = None) -> None:
+        """Begin with none.
+
+        Args:
+            opened: makes a source of its name, not open yet; by default a real one.
+        """
+        self._make = opened or (lambda name: make_source(name, "", WallClock(), None))
+        self._readers: dict[str, _Reader] = {}
+        self._lock = threading.Lock()
+
+    def look(self, source: str, rotation: int = 0) -> Peek:
+        """Return the newest picture of a source, and open it if nobody looked before.
+
+        Args:
+            source: what a camera sees.
+            rotation: degrees clockwise by which the picture is turned.
+        """
+        with self._lock:
+            self._forget()
+            reader = self._readers.get(source)
+            if reader is None:
+                reader = self._readers[source] = _Reader(source, self._make)
+        return reader.peek(rotation)
+
+    def close(self, *sources: str) -> None:
+        """Close some sources, or all, and wait until their devices are free."""
+        with self._lock:
+            named = sources or tuple(self._readers)
+            ended = [self._readers.pop(name) for name in named if name in self._readers]
+        for reader in ended:
+            reader.stop.set()
+        for reader in ended:
+            reader.thread.join(END_S)
+
+    def _forget(self) -> None:
+        for name in [n for n, each in self._readers.items() if not each.thread.is_alive()]:
+            if self._readers[name].stop.is_set():
+                del self._readers[name]
+
+
+class _Reader:
+    """Reads one source until nobody looks any more."""
+
+    def __init__(self, source: str, make: Open) -> None:
+        self.source, self.stop = source, threading.Event()
+        self._make, self._seen_s, self._why = make, time.monotonic(), ""
+        self._frame: LiveFrame | None = None
+        self._times_ns: deque[int] = deque(maxlen=MAX_FRAMES)
+        self._came = threading.Event()
+        self.thread = threading.Thread(target=self._run, name="setup-peek", daemon=True)
+        self.thread.start()
+
+    def peek(self, rotation: int) -> Peek:
+        self._seen_s = time.monotonic()
+        self._came.wait(1.0)  # for the first frame
+        frame = self._frame
+        if frame is None:
+            return Peek(None, (0, 0), None, self._why or "waiting for its first picture")
+        return Peek(_jpeg(frame.image(), rotation), frame.image_size, self._rate(), self._why)
+
+    def _rate(self) -> float | None:
+        times = [t for t in tuple(self._times_ns) if t > self._times_ns[-1] - COUNT_S * 1e9]
+        found = rate_hz(times)
+        return None if found is None else round(found, 1)
+
+    def _run(self) -> None:
+        try:
+            source = self._make(self.source)
+            source.open()
+        except (InputError, OSError) as error:
+            self._why = str(error)
+            self._came.set()
+            self._linger()
+            return
+        try:
+            while not self.stop.is_set() and time.monotonic() - self._seen_s < UNSEEN_S:
+                if (frame := source.read()) is not None:
+                    self._frame = frame.shared()
+                    self._times_ns.append(frame.captured_ns)
+                    self._came.set()
+        except (InputError, OSError) as error:
+            self._why = str(error)
+            self._linger()
+        finally:
+            self.stop.set()
+            source.close()
+
+    def _linger(self) -> None:
+        """Keep the reason for as long as somebody asks for it, then let it be tried again."""
+        self.stop.wait(UNSEEN_S)
+        self.stop.set()
+
+
+def _jpeg(image: Any, rotation: int) -> str | None:
+    """Return an image made small, as a JPEG in base64; None where a source shows no images."""
+    import cv2
+
+    if not (isinstance(image, np.ndarray) and image.ndim == 3):
+        return None
+    turned = Orientation.from_degrees(rotation).apply(image)
+    height, width = turned.shape[:2]
+    scale = min(1.0, WIDTH / max(height, width))
+    size = (max(1, round(width * scale)), max(1, round(height * scale)))
+    small = cv2.resize(turned, size, interpolation=cv2.INTER_AREA)
+    coded: Any = cv2.imencode(".jpg", small[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
+    return base64.b64encode(coded[1].tobytes()).decode()

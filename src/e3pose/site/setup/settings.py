@@ -1,0 +1,211 @@
+"""Settings of a site that exists: goals, zones, batteries, storage.
+
+They are validated and written into the site file. What a running edge can take at once it is asked
+to; the rest waits for a restart, and the page says so.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import tomlkit
+
+from e3pose.base.errors import InputError
+from e3pose.base.quantities import length_m
+from e3pose.settings.resolved import ResolvedSite, resolve
+from e3pose.settings.site_file import MAX_CORNERS
+from e3pose.site.setup.desk import BEFORE, Desk
+from e3pose.site.setup.editing import edit_site, restore_before
+from e3pose.site.setup.going_live import LiveSite
+from e3pose.wire.site_messages import Control
+
+MOST_ZONES = 32
+
+
+@dataclass(frozen=True, slots=True)
+class Zone:
+    """A zone as the page has it.
+
+    Attributes:
+        name: of it.
+        corners: x and y in metres, in order around it.
+    """
+
+    name: str
+    corners: Sequence[tuple[float, float]]
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """Settings that a person wants; None leaves one as it is, an empty text takes it away.
+
+    Attributes:
+        cameras: active per slot, as a mean; in place of a target error.
+        target_error: such as `40mm`, in place of a number of cameras.
+        budget: of each camera, such as `4W`, `60%` or `until 18:00`.
+        batteries: watt-hours by camera; 0 for mains.
+        keep: the oldest to keep in the store, such as `30d`.
+        max_size: the most to keep, such as `20GB`.
+        zones: all of them.
+    """
+
+    cameras: float | None = None
+    target_error: str | None = None
+    budget: str | None = None
+    batteries: Mapping[str, float] | None = None
+    keep: str | None = None
+    max_size: str | None = None
+    zones: Sequence[Zone] | None = None
+
+
+def present(desk: Desk) -> dict[str, Any]:
+    """Return the settings of a site as the page shows and changes them."""
+    document = tomlkit.parse(desk.site_file.read_text(encoding="utf-8")).unwrap()
+    site = resolve(desk.site(), placed=False)
+    loop, store = document.get("loop", {}), document.get("store", {})
+    return {
+        "cameras": loop.get("cameras"),
+        "most": len(site.cameras),
+        "target_error": loop.get("target_error", ""),
+        "budget": document.get("budget", ""),
+        "batteries": {name: camera.battery_wh or 0 for name, camera in site.cameras.items()},
+        "keep": store.get("keep", ""),
+        "max_size": store.get("max_size", ""),
+        "stored": bool(store),
+        "zones": [{"name": z.name, "corners": [list(c) for c in z.corners]} for z in site.zone],
+        "floor": _floor(site),
+        "centers": [
+            {"id": camera.camera_id, "x": round(float(camera.center_m[0]), 3),
+             "y": round(float(camera.center_m[1]), 3)}
+            for camera in site.rig.cameras
+        ] if site.rig.placed else [],
+        "before": desk.site_file.with_name(desk.site_file.name + BEFORE).exists(),
+    }  # fmt: skip
+
+
+def _floor(site: ResolvedSite) -> list[list[float]]:
+    """Return the corners of the floor to draw on: where cameras stand, and a metre around."""
+    if not site.rig.placed:
+        return [[-3.0, -3.0], [3.0, 3.0]]
+    centers = site.rig.centers_m[:, :2]
+    low, high = centers.min(axis=0) - 1.0, centers.max(axis=0) + 1.0
+    return [low.round(2).tolist(), high.round(2).tolist()]
+
+
+def change_settings(desk: Desk, live: LiveSite, wanted: Wanted) -> dict[str, Any]:
+    """Write what a person wants into the site file, and ask a running edge to take it.
+
+    Returns:
+        `said`, in words, and whether a `restart` is needed for the rest.
+
+    Raises:
+        InputError: for what is wrong; the file stays as it is then.
+    """
+    desk.jobs.check_free()
+    _check(wanted)
+    desk.site()  # an error where there is none
+    before = desk.site_file.read_bytes()
+    edit_site(desk.folder, lambda document: _edit(document, wanted))
+    if desk.site_file.read_bytes() == before:
+        return {"said": "Nothing changed.", "restart": False}
+    said = [f"Wrote {desk.shown(desk.site_file)}; the file of before is site.toml{BEFORE}."]
+    if not live.on:
+        return {"said": " ".join(said), "restart": False}
+    taken, rest = _at_once(live, wanted)
+    said += taken
+    if rest:
+        said.append(f"The running site takes {rest} at its next start.")
+    return {"said": " ".join(said), "restart": bool(rest)}
+
+
+def _check(wanted: Wanted) -> None:
+    if wanted.cameras is not None and wanted.target_error:
+        raise InputError("cameras, target_error", "both", "one of them")
+    zones = wanted.zones or ()
+    if len(zones) > MOST_ZONES or any(len(zone.corners) > MAX_CORNERS for zone in zones):
+        raise InputError("zones", "too many, or too many corners", f"at most {MOST_ZONES}")
+
+
+def _at_once(live: LiveSite, wanted: Wanted) -> tuple[list[str], str]:
+    """Ask a running edge to take what it can; return what it said, and what waits."""
+    waits = [
+        words
+        for words, value in (
+            ("zones", wanted.zones), ("batteries", wanted.batteries), ("budgets", wanted.budget),
+            ("storage", wanted.keep if wanted.max_size is None else wanted.max_size),
+        )
+        if value is not None
+    ]  # fmt: skip
+    said = []
+    if wanted.cameras is not None or wanted.target_error:
+        error_mm = None if not wanted.target_error else 1000 * length_m(wanted.target_error)
+        try:
+            said.append(f"At once: {live.ask(Control(wanted.cameras, error_mm))}.")
+        except InputError as error:
+            said.append(str(error))
+            waits.insert(0, "the goal")
+    return said, " and ".join(waits)
+
+
+def _edit(document: Any, wanted: Wanted) -> None:
+    if wanted.cameras is not None:
+        loop = document.setdefault("loop", tomlkit.table())
+        loop["cameras"] = wanted.cameras
+        loop.pop("target_error", None)
+    if wanted.target_error:
+        loop = document.setdefault("loop", tomlkit.table())
+        loop["target_error"] = wanted.target_error
+        loop.pop("cameras", None)
+    if wanted.budget is not None:
+        _set(document, "budget", wanted.budget)
+    for key, value in (("keep", wanted.keep), ("max_size", wanted.max_size)):
+        if value is not None:
+            if "store" not in document:
+                raise InputError("store", "none in the site file", "[store] with its path")
+            _set(document["store"], key, value)
+    if wanted.batteries is not None:
+        _batteries(document, wanted.batteries)
+    if wanted.zones is not None:
+        _zones(document, wanted.zones)
+
+
+def _set(table: Any, key: str, value: str) -> None:
+    if value:
+        table[key] = value
+    else:
+        table.pop(key, None)
+
+
+def _batteries(document: Any, batteries: Mapping[str, float]) -> None:
+    tables = {str(table["id"]): table for table in document.get("camera", [])}
+    for name, wh in batteries.items():
+        if name not in tables:
+            known = ", ".join(tables)
+            raise InputError("batteries", f"camera {name[:64]!r}", f"one of {known}")
+        if wh:
+            tables[name]["battery_wh"] = wh
+        else:
+            tables[name].pop("battery_wh", None)
+
+
+def _zones(document: Any, zones: Sequence[Zone]) -> None:
+    known = {str(table["name"]): table for table in document.get("zone", [])}
+    array = tomlkit.aot()
+    for zone in zones:
+        table = known.get(zone.name) or tomlkit.table()
+        table["name"] = zone.name
+        table["corners"] = [[round(x, 3), round(y, 3)] for x, y in zone.corners]
+        array.append(table)
+    if zones:
+        document["zone"] = array
+    else:
+        document.pop("zone", None)
+
+
+def take_before(desk: Desk, live: LiveSite) -> dict[str, Any]:
+    """Exchange the site file with the one of before the last change."""
+    desk.jobs.check_free()
+    restore_before(desk.site_file)
+    return {"said": "The site file of before is back.", "restart": live.on}

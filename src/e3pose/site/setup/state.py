@@ -1,0 +1,78 @@
+"""What the page shows of the set-up: the site, its steps with their commands, and the work."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from e3pose.base.quantities import plural
+from e3pose.site.setup.cameras import shown_source, simulate_command
+from e3pose.site.setup.desk import Desk
+from e3pose.site.setup.going_live import LiveSite
+from e3pose.site.setup.judging import check_command
+from e3pose.site.setup.networks import init_command
+from e3pose.site.setup.plan import Plan
+from e3pose.site.setup.solving import solve_command
+from e3pose.site.setup.walking import record_command
+
+
+def state_of(desk: Desk, live: LiveSite) -> dict[str, Any]:
+    """Return all that the page shows but pictures, lists of networks, and settings."""
+    job = desk.jobs.newest
+    body: dict[str, Any] = {
+        "root": str(desk.root),
+        "sites": desk.sites(),
+        "site": desk.name,
+        "job": None if job is None else job.body(),
+        "live": live.body(),
+    }
+    if not desk.name:
+        return body
+    plan = desk.plan()
+    results = desk.results()
+    return {
+        **body,
+        "made": desk.has_site,
+        "cameras": [
+            {
+                "id": c.id, "source": shown_source(desk, c.source), "rotation": c.rotation,
+                "width": c.width, "height": c.height, "fps": c.fps, "announced": c.announced,
+            }
+            for c in plan.cameras
+        ],
+        "detector": plan.detector,
+        "height_cm": plan.height_cm,
+        "walk": results.get("walk"),
+        "second": results.get("second"),
+        "solve": results.get("solve"),
+        "check": results.get("check"),
+        "commands": {"simulate": simulate_command(desk)},
+        "steps": _steps(desk, plan, results, live),
+    }  # fmt: skip
+
+
+def _steps(desk: Desk, plan: Plan, results: dict[str, Any], live: LiveSite) -> list[dict[str, Any]]:
+    """Return the steps: whether each is done, whether it can begin, its command, and words."""
+    written = desk.has_site and [c.was for c in plan.cameras] == [c.id for c in plan.cameras]
+    placed = written and desk.placed()
+    walked = bool(plan.walk) or placed
+    checked = results.get("check") is not None
+    few = len(plan.cameras) < 2
+    rows = (
+        ("cameras", "Cameras", not few, True, init_command(desk, plan.detector),
+         plural(len(plan.cameras), "camera") if plan.cameras else "none yet"),
+        ("network", "Network", written, not few, init_command(desk, plan.detector),
+         plan.detector if written else "changes are not written yet" if desk.has_site else ""),
+        ("walk", "Walk", walked, written, record_command(desk, "walk"),
+         "recorded" if plan.walk else "calibrated already" if placed else ""),
+        ("solve", "Solve", placed, bool(plan.walk) or placed, solve_command(desk, plan.height_cm),
+         "cameras placed" if placed else ""),
+        ("check", "Check", checked, placed, f"{record_command(desk, 'second')}\n"
+         f"{check_command(desk)}", "" if not checked else results["check"]["grade"]),
+        ("live", "Go live", live.body()["live"], placed, f"e3pose up {desk.name} --view",
+         live.state if live.on else ""),
+        ("change", "Change", False, desk.has_site, f"e3pose check {desk.name}", ""),
+    )  # fmt: skip
+    return [
+        {"id": key, "title": title, "done": done, "open": opened, "command": command, "words": says}
+        for key, title, done, opened, command, says in rows
+    ]

@@ -1,0 +1,187 @@
+"""The steps that record a walk: to calibrate from, and to check with."""
+
+from __future__ import annotations
+
+import base64
+import threading
+from collections import deque
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
+
+from e3pose.base.errors import InputError
+from e3pose.edge.gather import Arrival
+from e3pose.edge.record_server import RecordServer
+from e3pose.settings.resolved import ASSUMED_SIZE, ResolvedSite, resolve
+from e3pose.site.follow import viewer_link
+from e3pose.site.record_program import record_site, waiting_words
+from e3pose.site.setup.coverage import CELL_M, Coverage, hints
+from e3pose.site.setup.desk import Desk
+from e3pose.site.setup.jobs import Job
+from e3pose.site.web.jpeg import jpeg_size
+from e3pose.wire.codec import decode, encode
+from e3pose.wire.network import open_network
+from e3pose.wire.site_messages import Picture, PictureQuestion
+from e3pose.wire.topics import of_camera
+
+Which = Literal["walk", "second"]
+MOST_S = 600.0  # that nobody ends
+PICTURE_S, PICTURE_EVERY_S = 1.0, 1.0
+MOST_PICTURES = 60  # of each camera, held in memory until set-up ends
+
+
+@dataclass(eq=False)
+class Snapshots:
+    """Small pictures that the cameras of a walk sent, by camera; held in memory alone.
+
+    Attributes:
+        pictures: the newest last.
+    """
+
+    pictures: dict[str, deque[Picture]] = field(default_factory=dict)
+
+    def take(self, site: ResolvedSite, stop: threading.Event) -> None:
+        """Ask every camera about once a second until told to stop."""
+        with suppress(InputError):  # no operator's certificate: no pictures
+            transport = open_network(viewer_link(site, None, operates=True))
+            try:
+                while not stop.wait(PICTURE_EVERY_S):
+                    for name in site.rig.camera_ids:
+                        topic = of_camera(site.name, name, "picture")
+                        answer = transport.ask(topic, encode(PictureQuestion()), PICTURE_S)
+                        if answer is not None and not stop.is_set():
+                            self._keep(name, answer)
+            finally:
+                transport.close()
+
+    def _keep(self, name: str, answer: bytes) -> None:
+        with suppress(InputError):  # what no honest camera sends
+            picture = decode(answer, Picture, name)
+            if picture.jpeg and picture.camera_id == name:
+                jpeg_size(picture.jpeg)
+                self.pictures.setdefault(name, deque(maxlen=MOST_PICTURES)).append(picture)
+
+    def newest(self, name: str) -> Picture | None:
+        """Return the newest picture of a camera; None where it sent none."""
+        taken = self.pictures.get(name)
+        return taken[-1] if taken else None
+
+
+def record_command(desk: Desk, which: Which) -> str:
+    """Return the command line that records the next walk."""
+    folder = desk.folder / desk.free_folder(which)
+    return f"e3pose record {desk.name} {desk.shown(folder)} --for {60 if which == 'walk' else 30}"
+
+
+def start_walk(desk: Desk, which: Which, snapshots: Snapshots) -> Coverage:
+    """Record a walk in the background until somebody stops it; what it covers grows meanwhile.
+
+    Args:
+        desk: whose site.
+        which: to calibrate from, or to check with.
+        snapshots: takes the pictures of its cameras.
+
+    Raises:
+        InputError: where there is no site file yet, or the site cannot be recorded.
+    """
+    site = resolve(desk.site(), placed=False)
+    if which == "second" and not site.rig.placed:
+        raise InputError("calibration", "none", "one before the second walk: solve first")
+    name = desk.free_folder(which)
+    covered = Coverage(site.rig, site.skeleton, site.fps)
+    sizes = [
+        camera.image_size if site.rig.placed else _size(desk, camera.camera_id)
+        for camera in site.rig.cameras
+    ]
+    snapshots.pictures.clear()
+    ids = site.rig.camera_ids
+    joints = len(site.skeleton)
+
+    def watch(slot: int, arrivals: Mapping[int, Arrival]) -> None:
+        views = {
+            i: arrival.poses
+            for i, arrival in arrivals.items()
+            if arrival.poses.scores.shape[1:] == (joints,)
+        }
+        covered.add(views, sizes)
+
+    def record(job: Job) -> None:
+        desk.peeks.close()
+        stop = threading.Event()
+        taking = threading.Thread(target=snapshots.take, args=(site, stop), daemon=True)
+        job.stage = "starting the cameras"
+        taking.start()
+
+        def look(server: RecordServer) -> None:
+            missing = waiting_words(server)
+            job.stage = f"waiting for {missing}" if missing else "recording"
+            job.shown = {"seconds": round(server.slots / server.plan.fps, 1)}
+            if job.stopping.is_set():
+                raise KeyboardInterrupt  # as Ctrl-C ends it: in order
+
+        try:
+            record_site(
+                desk.site(), desk.folder / name, for_s=MOST_S, report=job.say, look=look,
+                watch=watch,
+            )  # fmt: skip
+        finally:
+            stop.set()
+            taking.join(PICTURE_S * (len(ids) + 1))
+        if which == "walk":
+            desk.change(lambda plan: replace(plan, walk=name))
+        else:
+            desk.change(lambda plan: replace(plan, second=name))
+        desk.keep_result(which, body(covered))
+
+    title = "Recording the walk" if which == "walk" else "Recording the second walk"
+    desk.start(Job(which, title, record_command(desk, which)), record)
+    return covered
+
+
+def _size(desk: Desk, camera_id: str) -> tuple[int, int]:
+    camera = desk.plan().camera(camera_id)
+    return (camera.width, camera.height) if camera.width else ASSUMED_SIZE
+
+
+def body(covered: Coverage) -> dict[str, Any]:
+    """Return what a walk covers, for the page."""
+    names, found = covered.rig.camera_ids, hints(covered)
+    number = len(names)
+    return {
+        "cameras": [
+            {
+                "id": name,
+                "people": int(covered.people[i]),
+                "share": round(covered.share(i), 3),
+                "seen": covered.seen[i].tolist(),
+            }
+            for i, name in enumerate(names)
+        ],
+        "pairs": [
+            {"a": names[a], "b": names[b], "seconds": round(covered.pair_s(a, b), 1)}
+            for a in range(number)
+            for b in range(a + 1, number)
+        ],
+        "seconds": round(covered.seconds, 1),
+        "length": round(covered.slots / covered.fps, 1),
+        "hints": found,
+        "enough": not found,
+        "cell_m": CELL_M,
+        "floor": [[x, y, count] for (x, y), count in sorted(covered.floor.items())[:5000]],
+        "centers": covered.rig.centers_m[:, :2].round(3).tolist() if covered.rig.placed else [],
+    }
+
+
+def newest_view(covered: Coverage | None, snapshots: Snapshots, camera_id: str) -> dict[str, Any]:
+    """Return the newest picture of a camera in a walk, with the people it saw last."""
+    picture = snapshots.newest(camera_id)
+    people = []
+    if covered is not None and camera_id in covered.rig.camera_ids:
+        people = covered.newest.get(covered.rig.index(camera_id), [])
+    if picture is None:
+        return {"jpeg": None, "size": (0, 0), "fps": None, "why": "no picture yet", "people": []}
+    return {
+        "jpeg": base64.b64encode(picture.jpeg).decode(), "size": picture.image_size, "fps": None,
+        "why": "", "people": people,
+    }  # fmt: skip
