@@ -31,7 +31,9 @@ export function firstStep() {
 function take(state) {
   const other = state.site !== setup.state?.site;
   setup.state = state;
-  if (other) setup.step = state.site ? firstStep() : "";
+  if (!other) return;
+  setup.step = state.site ? firstStep() : "";
+  history.replaceState(null, "", setup.step ? `#${setup.step}` : location.pathname);
 }
 
 export async function order(path, body = {}) {

@@ -1,0 +1,258 @@
+"""The set-up in a real browser: from the first click to live 3D, with simulated films."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.ports import free_port
+from tests.site.web.browser import Page, browser, browser_path
+from tests.waiting import eventually
+
+from e3pose.model.rotations import similarity
+from e3pose.recording import load_recording
+from e3pose.recording.calibration import load_rig
+from e3pose.settings.site_file import load_site
+from e3pose.site.setup.program import SetupServer, open_setup
+
+pytestmark = [
+    pytest.mark.live,
+    pytest.mark.skipif(browser_path() is None, reason="found no chromium, .ci/run installs one"),
+]
+AXE = Path(__file__).parents[1] / "site" / "web" / "axe" / "axe.min.js"
+SIZES = {"wide": (1440, 900), "tablet": (1024, 768), "phone": (390, 844)}
+WORK_S, LIVE_S = 240.0, 300.0  # on a machine that does other things, and compiles first
+WALK_S, SECOND_S = 30.0, 12.0
+CENTRE_M = 0.4  # in a room of eight metres
+
+
+@pytest.fixture(scope="module")
+def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SetupServer]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(tmp_path_factory.mktemp("home"))
+        with open_setup(None, "127.0.0.1:0") as server:
+            yield server
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
+    with browser(tmp_path_factory.mktemp("browser")) as made:
+        yield made
+
+
+def there(page: Page, selector: str, timeout_s: float = 30.0) -> bool:
+    """Wait until an element is there and can be used; return whether it is in time."""
+    found = f"(e => Boolean(e && !e.disabled))(document.querySelector({selector!r}))"
+    return eventually(lambda: page.run(found), timeout_s)
+
+
+def push(page: Page, selector: str) -> None:
+    """Push a button by the keyboard."""
+    assert there(page, selector), selector
+    page.run(f"document.querySelector({selector!r}).focus()")
+    page.press("Enter")
+
+
+def type_into(page: Page, selector: str, text: str) -> None:
+    """Type into a field."""
+    assert there(page, selector), selector
+    page.run(f"(e => {{ e.focus(); e.select?.(); }})(document.querySelector({selector!r}))")
+    page.call("Input.insertText", text=text)
+
+
+def again(page: Page, step: str) -> None:
+    """Load the page again; it must be where it was."""
+    page.call("Page.reload")
+    assert page.shows("step-title", step), page.text("page")
+
+
+def judged(page: Page, served: SetupServer) -> None:
+    """Look at the step with axe, on each screen, light and dark; nothing serious is found."""
+    for dark in (False, True):
+        page.dark(dark)
+        for name, (width, height) in SIZES.items():
+            page.call("Emulation.setDeviceMetricsOverride", width=width, height=height,
+                      deviceScaleFactor=1, mobile=width < 600)  # fmt: skip
+            assert eventually(
+                lambda width=width: page.run("document.documentElement.scrollWidth") == width
+            ), name
+            page.run(AXE.read_text() + ";undefined")
+            found = page.run(
+                "axe.run(document, { resultTypes: ['violations'] }).then((all) => JSON.stringify("
+                "all.violations.map((v) => [v.impact, v.id, v.nodes.map((n) => [n.html.slice(0, "
+                "120), n.failureSummary])])))"
+            )
+            serious = [one for one in json.loads(found) if one[0] in ("serious", "critical")]
+            assert serious == [], (name, dark)
+    page.dark(False)
+    page.call("Emulation.setDeviceMetricsOverride", width=1440, height=900, deviceScaleFactor=1,
+              mobile=False)  # fmt: skip
+
+
+def done(served: SetupServer, kind: str) -> bool:
+    job = served.table.desk.jobs.newest
+    assert job is None or not job.problem, job.problem
+    return job is not None and job.kind == kind and job.state == "done"
+
+
+def recorded(served: SetupServer, seconds: float) -> bool:
+    covered = served.table.covered
+    return covered is not None and covered.slots >= seconds * covered.fps
+
+
+def test_without_the_token_there_is_nothing(page: Page, served: SetupServer) -> None:
+    page.open(f"http://{served.address}/")
+    assert page.shows("state", "no access")
+    assert page.shows("notice", "`e3pose setup` prints it. Open the whole address")
+
+
+def test_first_click_to_live_people(page: Page, served: SetupServer) -> None:
+    desk = served.table.desk
+    page.messages.clear()
+    page.open(served.url, *SIZES["wide"])
+    assert there(page, "#create") and "token" not in page.run("location.href")
+    judged(page, served)
+    type_into(page, "#name", "room")
+    push(page, "#create")
+    assert page.shows("step-title", "Cameras") and page.text("site") == "room"
+
+    push(page, "#simulate")
+    assert eventually(lambda: done(served, "cameras"), WORK_S)
+    pictures = "[...document.querySelectorAll('#cameras img')].filter((i) => i.naturalWidth).length"
+    assert eventually(lambda: page.run(pictures) == 4)
+    again(page, "Cameras")
+    assert eventually(lambda: page.run(pictures) == 4), "the pictures are there after a reload"
+    judged(page, served)
+
+    push(page, "#next")
+    assert page.shows("step-title", "Network")
+    push(page, "#use-drawn")
+    assert eventually(lambda: done(served, "site"), WORK_S)
+    assert page.shows("step", "poses a second here with four cameras")
+    again(page, "Network")
+    judged(page, served)
+    site_file = desk.folder / "site.toml"  # another site may run beside this test
+    endpoint = f"127.0.0.1:{free_port()}"
+    site_file.write_text(re.sub(r"127\.0\.0\.1:\d+", endpoint, site_file.read_text()))
+
+    push(page, "#next")
+    push(page, "#record-walk")
+    assert page.shows("covered", "poses"), page.text("page")
+    again(page, "Walk")  # the walk goes on meanwhile
+    assert eventually(lambda: recorded(served, WALK_S), WORK_S)
+    assert page.shows("covered", "Seen by two cameras at once")
+    judged(page, served)
+    push(page, "#enough-stop")
+    assert eventually(lambda: done(served, "walk"), WORK_S)
+    assert load_recording(desk.folder / "walk").num_slots > 0
+
+    push(page, "#next")
+    type_into(page, "#height", "171")
+    push(page, "#solve")
+    assert eventually(lambda: desk.jobs.busy or desk.placed())
+    again(page, "Solve")
+    assert eventually(lambda: done(served, "solve"), WORK_S)
+    drawn = "document.querySelectorAll('.overlay canvas').length"
+    assert eventually(lambda: page.run(drawn) == 4, 60)
+    assert "Placed to within about" in page.text("step")
+    judged(page, served)
+    assert placed_within(desk.root / "room-films", desk.folder / "rig.toml") < CENTRE_M
+    origin_by_a_click(page, served)
+
+    push(page, "#to-check")
+    push(page, "#record-second")
+    assert eventually(lambda: recorded(served, SECOND_S), WORK_S)
+    assert page.run("Boolean(document.getElementById('walk-floor'))"), "the floor is known now"
+    push(page, "#enough-stop")
+    assert eventually(lambda: done(served, "second"), WORK_S)
+    push(page, "#check")
+    assert eventually(lambda: done(served, "check"), WORK_S)
+    assert page.shows("verdict", "mm off in the median over the floor")
+    again(page, "Check")
+    assert page.shows("verdict", "of the floor is green")
+    judged(page, served)
+
+    push(page, "#next")
+    push(page, "#live-start")
+    assert eventually(lambda: page.text("state") == "live", LIVE_S), page.text("page")
+    judged(page, served)
+    assert page.messages == []
+    change_while_it_runs(page, served)
+    live = page.run("document.getElementById('live-page').href")
+    page.open(live)
+    assert page.shows("state", "live")
+    assert eventually(lambda: page.text("count") == "1 person", 60), page.text("page")
+
+
+def placed_within(films: Path, calibration: Path) -> float:
+    """Return how far the worst camera stands from its true place, metres, sizes as they are."""
+    found, truth = load_rig(calibration).centers_m, load_recording(films).rig.centers_m
+    scale, R, t = similarity(found, truth)
+    assert abs(scale - 1) < 0.1
+    return float(np.linalg.norm(scale * found @ R.T + t - truth, axis=1).max())
+
+
+def origin_by_a_click(page: Page, served: SetupServer) -> None:
+    """Click the middle of the lower edge of a picture: what it shows becomes the origin."""
+    desk = served.table.desk
+    before = load_rig(desk.calibration)
+    push(page, "#aim-origin")
+    box = page.run(
+        "(b => [b.x, b.y, b.width, b.height])(document.querySelector('.overlay canvas')"
+        ".getBoundingClientRect())"
+    )
+    page.run(f"window.scrollTo(0, {box[1]} - 100)")
+    x, y, width, height = page.run(
+        "(b => [b.x, b.y, b.width, b.height])(document.querySelector('.overlay canvas')"
+        ".getBoundingClientRect())"
+    )
+    for kind in ("mousePressed", "mouseReleased"):
+        page.call("Input.dispatchMouseEvent", type=kind, x=x + width / 2, y=y + 0.8 * height,
+                  button="left", clickCount=1)  # fmt: skip
+    assert page.shows("step", "--origin="), page.text("step")
+    rig = load_rig(desk.calibration)
+    camera = rig.cameras[0]
+    origin_px = camera.project(np.zeros((1, 3)))[0]
+    assert origin_px == pytest.approx([320, 0.8 * 480], abs=3)
+    apart = [np.linalg.norm(r.centers_m[0] - r.centers_m[2]) for r in (before, rig)]
+    assert apart[0] == pytest.approx(apart[1])
+
+
+def change_while_it_runs(page: Page, served: SetupServer) -> None:
+    """Another goal is taken at once; a zone waits for a restart, with one click."""
+    folder = served.table.desk.folder
+    push(page, "#to-change")
+    judged(page, served)
+    type_into(page, "#cameras-count", "3")
+    push(page, "#save")
+    assert page.shows("said", "At once:"), page.text("page")
+    assert load_site(folder).loop.num_selected == 3
+    for corner in ("0,0", "1,0", "1,1"):
+        type_into(page, "#zone-corner", corner)
+        page.press("Enter")
+    type_into(page, "#zone-name", "door")
+    push(page, "#keep-zone")
+    push(page, "#save")
+    assert page.shows("said", "takes zones at its next start")
+    assert [zone.name for zone in load_site(folder).zone] == ["door"]
+    push(page, "#restart")
+    assert eventually(lambda: served.table.live.body()["live"], LIVE_S)
+    push(page, "#to-live")
+    assert page.shows("live-words", "room is live")
+    again(page, "Go live")
+
+
+def test_the_keyboard_reaches_everything(page: Page, served: SetupServer) -> None:
+    page.open(served.url, *SIZES["wide"])
+    assert page.shows("site", "room")
+    named, focus = set(), "document.activeElement"
+    for _ in range(40):
+        page.press("Tab")
+        named.add(page.run(f"{focus}.id || {focus}.innerText"))
+        if page.run(f"{focus}.tagName") == "BUTTON":
+            assert page.run(f"getComputedStyle({focus}).outlineStyle") != "none"
+    assert {"to-cameras", "to-check", "to-change", "command", "Copy"} <= named, named
