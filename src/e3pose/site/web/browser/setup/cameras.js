@@ -39,7 +39,7 @@ function Camera({ camera }) {
     <p class="rate">${words}</p>
     ${announced > fps && fps ? html`<p class="unsure">It announces ${announced.toFixed(1)} frames a second.</p>` : ""}
     ${found?.jpeg && found.why && html`<p class="bad">${found.why}</p>`}
-    <p class="row"><button type="button" disabled=${off} aria-label=${`Turn ${id}`} onClick=${() => order(path, { rotation: (rotation + 90) % 360 })}>Turn${rotation ? ` (${rotation}°)` : ""}</button>
+    <p class="row"><button type="button" disabled=${off} onClick=${() => order(path, { rotation: (rotation + 90) % 360 })}>Turn<span class="hidden"> ${id}</span>${rotation ? ` (${rotation}°)` : ""}</button>
     <button type="button" disabled=${off} aria-label=${`Remove ${id}`} onClick=${() => order(path, { remove: true })}>Remove</button></p></li>`;
 }
 

@@ -11,7 +11,7 @@ function Row({ network, chosen, off }) {
     <p class="row">${installed
       ? html`<button type="button" class="main" id=${`use-${name}`} disabled=${off} onClick=${() => order(`${path}/use`)}>${chosen ? "Measure and use again" : "Use this one"}</button>
         <button type="button" disabled=${off} aria-label=${`Measure ${name}`} onClick=${() => order(`${path}/time`)}>Measure</button>`
-      : html`<button type="button" disabled=${busy()} aria-label=${`Download ${name}`} onClick=${() => order(`${path}/pull`)}>Download${mb ? ` ${mb} MB` : ""}</button>`}</p></li>`;
+      : html`<button type="button" disabled=${busy()} onClick=${() => order(`${path}/pull`)}>Download<span class="hidden"> ${name}</span>${mb ? ` ${mb} MB` : ""}</button>`}</p></li>`;
 }
 
 export function Network() {
