@@ -99,9 +99,10 @@ def done(served: SetupServer, kind: str) -> bool:
     return job is not None and job.kind == kind and job.state == "done"
 
 
-def recorded(served: SetupServer, seconds: float) -> bool:
-    covered = served.table.covered
-    return covered is not None and covered.slots >= seconds * covered.fps
+def recorded(served: SetupServer, kind: str, seconds: float) -> bool:
+    job = served.table.desk.jobs.newest
+    assert job is None or not job.problem, job.problem
+    return job is not None and job.kind == kind and job.shown.get("seconds", 0) >= seconds
 
 
 def test_without_the_token_there_is_nothing(page: Page, served: SetupServer) -> None:
@@ -143,7 +144,7 @@ def test_first_click_to_live_people(page: Page, served: SetupServer) -> None:
     push(page, "#record-walk")
     assert page.shows("covered", "poses"), page.text("page")
     again(page, "Walk")  # the walk goes on meanwhile
-    assert eventually(lambda: recorded(served, WALK_S), WORK_S)
+    assert eventually(lambda: recorded(served, "walk", WALK_S), WORK_S)
     assert page.shows("covered", "Seen by two cameras at once")
     judged(page, served)
     push(page, "#enough-stop")
@@ -165,8 +166,8 @@ def test_first_click_to_live_people(page: Page, served: SetupServer) -> None:
 
     push(page, "#to-check")
     push(page, "#record-second")
-    assert eventually(lambda: recorded(served, SECOND_S), WORK_S)
-    assert page.run("Boolean(document.getElementById('walk-floor'))"), "the floor is known now"
+    assert eventually(lambda: recorded(served, "second", SECOND_S), WORK_S)
+    assert there(page, "#walk-floor"), "the floor is known now"
     push(page, "#enough-stop")
     assert eventually(lambda: done(served, "second"), WORK_S)
     push(page, "#check")
@@ -182,6 +183,7 @@ def test_first_click_to_live_people(page: Page, served: SetupServer) -> None:
     judged(page, served)
     assert page.messages == []
     change_while_it_runs(page, served)
+    assert there(page, "#live-page")
     live = page.run("document.getElementById('live-page').href")
     page.open(live)
     assert page.shows("state", "live")
