@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -70,6 +71,11 @@ def again(page: Page, step: str) -> None:
     assert page.shows("step-title", step), page.text("page")
 
 
+def fits(page: Page, width: int) -> bool:
+    """Return whether the page is as wide as the screen, and no wider."""
+    return bool(page.run("document.documentElement.scrollWidth") == width)
+
+
 def judged(page: Page, served: SetupServer) -> None:
     """Look at the step with axe, on each screen, light and dark; nothing serious is found."""
     for dark in (False, True):
@@ -77,9 +83,7 @@ def judged(page: Page, served: SetupServer) -> None:
         for name, (width, height) in SIZES.items():
             page.call("Emulation.setDeviceMetricsOverride", width=width, height=height,
                       deviceScaleFactor=1, mobile=width < 600)  # fmt: skip
-            assert eventually(
-                lambda width=width: page.run("document.documentElement.scrollWidth") == width
-            ), name
+            assert eventually(partial(fits, page, width)), name
             page.run(AXE.read_text() + ";undefined")
             found = page.run(
                 "axe.run(document, { resultTypes: ['violations'] }).then((all) => JSON.stringify("
