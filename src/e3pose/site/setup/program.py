@@ -13,7 +13,7 @@ from e3pose.site.serving import CONNECTIONS, PER_ADDRESS, Serving
 from e3pose.site.setup.api import Table, setup_app
 from e3pose.site.setup.desk import Desk
 from e3pose.site.web.access import Door, Rules
-from e3pose.site.web.tokens import make_tokens
+from e3pose.site.web.tokens import Tokens, make_tokens
 from e3pose.wire.access import is_loopback, split_endpoint
 
 LISTEN = "127.0.0.1:8471"
@@ -28,7 +28,7 @@ class SetupServer:
         rules: who may come in.
     """
 
-    def __init__(self, table: Table, rules: Rules, address: str, serving: Serving) -> None:
+    def __init__(self, table: Table, rules: Rules[Tokens], address: str, serving: Serving) -> None:
         """Describe a server; `open_setup` starts one."""
         self.table, self.rules, self.address, self._serving = table, rules, address, serving
         self.url = f"http://{address}/#token={rules.tokens.write}"
