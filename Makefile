@@ -5,13 +5,14 @@ BIN := $(VENV)/bin
 LOCKER := .venv-lock
 CONTAINER := .venv-container
 MUTATOR := .venv-mutants
+DISTRIBUTOR := .venv-dist
 # Real recordings and networks, if available; tests that need them skip otherwise.
 ifneq ($(wildcard ../shared/data),)
 export E3POSE_SHARED ?= $(abspath ../shared)
 endif
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help demo test test-computing test-sites test-fast coverage check docs lint reproduce-quick bench budget mutants soak attack lock sbom licences test-all clean
+.PHONY: help demo test test-computing test-sites test-fast coverage check docs lint reproduce-quick bench budget mutants soak attack dist lock sbom licences test-all clean
 help:  ## list the targets
 	@echo 'make TARGET; each needs only Python 3.10 to 3.13 ($(PYTHON), or PYTHON=...):'
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/; s/^/  /' | expand -t 12
@@ -21,14 +22,15 @@ $(BIN)/python:
 	  "$(PYTHON) is %d.%d, expected 3.10 to 3.13: name another with make PYTHON=..." % sys.version_info[:2])'
 	$(PYTHON) -m venv $(VENV) || { rm -rf $(VENV); exit 1; }
 
-$(VENV)/.all: pyproject.toml | $(BIN)/python
-	$(BIN)/python -m pip install --quiet --editable '.[all]'
+# Product and lab are two distributions, of one version; here both are this folder's.
+$(VENV)/.all: pyproject.toml lab/pyproject.toml | $(BIN)/python
+	$(BIN)/python -m pip install --quiet --editable '.[all,lab]' --editable lab
 	@touch $@
 
 # Pinned versions with hashes; `make lock` renews them.
-$(VENV)/.dev: pyproject.toml requirements/dev.txt | $(BIN)/python
+$(VENV)/.dev: pyproject.toml lab/pyproject.toml requirements/dev.txt | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --require-hashes --requirement requirements/dev.txt
-	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable .
+	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable . --editable lab
 	@touch $@ $(VENV)/.all
 
 demo: $(VENV)/.all  ## run a live site on real videos; results in demo-output/
@@ -128,6 +130,18 @@ soak: $(VENV)/.all  ## run a live site for half an hour and check for leaks
 attack: $(VENV)/.all  ## fuzz decoders and files, attack a live site on loopback (ATTACK_SECONDS=600)
 	$(BIN)/python lab/benchmarks/attack.py
 
+# Uploading is a person's: docs/how-to/release.md.
+DIST ?= dist
+dist: $(DISTRIBUTOR)/.installed  ## build wheels and sdists of product and lab into dist/, and check them as an index does
+	rm -rf $(DIST)
+	for part in . lab; do $(DISTRIBUTOR)/bin/python -m build --outdir $(DIST) $$part > /dev/null || exit 1; done
+	$(DISTRIBUTOR)/bin/twine check --strict $(DIST)/*
+
+$(DISTRIBUTOR)/.installed: | $(BIN)/python
+	$(PYTHON) -m venv --clear $(DISTRIBUTOR)
+	$(DISTRIBUTOR)/bin/python -m pip install --quiet 'build==1.6.1' 'twine==7.0.0'
+	@touch $@
+
 test-all: $(VENV)/.dev  ## run the tests under Python 3.10 to 3.13
 	$(BIN)/nox
 
@@ -135,7 +149,8 @@ test-all: $(VENV)/.dev  ## run the tests under Python 3.10 to 3.13
 # and the pinned one does not. `make lock LOCK=--upgrade` takes the newest versions, otherwise
 # those that still fit stay. The container has those of the tests.
 COMPILE := $(LOCKER)/bin/uv pip compile pyproject.toml --universal --python-version 3.10 --generate-hashes \
-  --no-emit-index-url --no-emit-find-links --no-annotate --no-header --no-strip-extras --quiet
+  --no-emit-index-url --no-emit-find-links --no-annotate --no-header --no-strip-extras --quiet \
+  --no-emit-package e3pose --no-emit-package e3pose-lab
 lock:  ## renew the pinned versions and hashes in requirements/
 	[ -x $(LOCKER)/bin/uv ] || { $(PYTHON) -m venv $(LOCKER) && $(LOCKER)/bin/pip install --quiet uv; }
 	$(COMPILE) $(LOCK) --extra dev --output-file requirements/dev.txt
@@ -156,4 +171,4 @@ licences: $(VENV)/.dev  ## list the licences of everything installed; fails on A
 	$(BIN)/python requirements/licences.py $(VENV)/sbom.json
 
 clean:  ## remove everything these targets created
-	rm -rf $(VENV) .reruns .nox .mypy_cache .ruff_cache .pytest_cache .hypothesis .coverage* demo-output reproduced site $(LOCKER) $(CONTAINER) $(MUTATOR) .mutants sbom.json
+	rm -rf $(VENV) .reruns .nox .mypy_cache .ruff_cache .pytest_cache .hypothesis .coverage* demo-output reproduced site dist $(DISTRIBUTOR) $(LOCKER) $(CONTAINER) $(MUTATOR) .mutants sbom.json

@@ -48,7 +48,13 @@ for policy in ("information", "independent"):  # these two use all kernels of se
 # `make test` looks for these marks in these rooms only.
 ROOMS = {"live": {"live"}, "timed": {"live", "edge"}}
 # These start first: on a worker of its own at the end, each would keep the whole run waiting.
-LONGEST = ("live/test_four_cameras.py", "live/test_soak.py", "test_docs_commands.py", "wire")
+LONGEST = (
+    "live/test_four_cameras.py",
+    "live/test_soak.py",
+    "test_docs_commands.py",
+    "test_distributions.py",
+    "wire",
+)
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -31,17 +31,22 @@ ENVIRONMENTS = [
 ]  # fmt: skip
 
 
+PROJECTS = {"e3pose": ROOT / "pyproject.toml", "e3pose-lab": ROOT / "lab" / "pyproject.toml"}
+
+
 def asked(*extras: str) -> Iterator[Requirement]:
     """Yield what the project needs with some extras."""
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    optional = project["optional-dependencies"]
-    waiting = [*project["dependencies"], *(line for extra in extras for line in optional[extra])]
+    waiting = [f"e3pose[{','.join(extras)}]"]
     while waiting:
         requirement = Requirement(waiting.pop())
-        if requirement.name == "e3pose":
-            waiting += [line for extra in requirement.extras for line in optional[extra]]
-        else:
+        if requirement.name not in PROJECTS:
             yield requirement
+            continue
+        project = tomllib.loads(PROJECTS[requirement.name].read_text())["project"]
+        waiting += project["dependencies"]
+        waiting += [
+            line for extra in requirement.extras for line in project["optional-dependencies"][extra]
+        ]
 
 
 def pinned(name: str) -> list[tuple[Requirement, int]]:

@@ -1,1 +1,3 @@
-"""What measures, reproduces and trains e3pose: needed at no site.."""
+"""What measures, reproduces and trains e3pose: needed at no site."""
+
+__version__ = "0.1.0"

@@ -66,7 +66,7 @@ def test_impossible_numbers_of_processes_are_refused(jobs: int) -> None:
 
 def test_a_dask_cluster_gives_the_same() -> None:
     pytest.importorskip(
-        "distributed", reason="distributed is not installed: pip install e3pose[train]"
+        "distributed", reason="distributed is not installed: pip install e3pose[lab]"
     )
     results = [value for value, _ in Workers(2, "local").run(draw, 5.0, range(8))]
     assert results == [draw(5.0, seed)[0] for seed in range(8)]
@@ -76,7 +76,7 @@ def test_a_dask_cluster_gives_the_same() -> None:
 def one_worker() -> Iterator[str]:
     """A cluster of one worker, which is another process; yields the address of its scheduler."""
     distributed = pytest.importorskip(
-        "distributed", reason="distributed is not installed: pip install e3pose[train]"
+        "distributed", reason="distributed is not installed: pip install e3pose[lab]"
     )
     with distributed.LocalCluster(
         n_workers=1, threads_per_worker=1, dashboard_address="127.0.0.1:0"
@@ -102,7 +102,7 @@ def test_an_error_on_a_cluster_reaches_who_takes_the_results(ready: bool, one_wo
 
 def test_a_cluster_without_a_worker_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     distributed = pytest.importorskip(
-        "distributed", reason="distributed is not installed: pip install e3pose[train]"
+        "distributed", reason="distributed is not installed: pip install e3pose[lab]"
     )
     monkeypatch.setattr("e3pose_lab.workers.WAIT_S", 2.0)
     with (
@@ -114,7 +114,7 @@ def test_a_cluster_without_a_worker_is_named(monkeypatch: pytest.MonkeyPatch) ->
 
 def test_a_scheduler_that_is_none_is_named() -> None:
     pytest.importorskip(
-        "distributed", reason="distributed is not installed: pip install e3pose[train]"
+        "distributed", reason="distributed is not installed: pip install e3pose[lab]"
     )
     with pytest.raises(InputError, match="--dask: found 'nonsense'"):
         list(Workers(2, "nonsense").run(draw, 0.0, range(2)))

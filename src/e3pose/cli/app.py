@@ -202,7 +202,7 @@ EXTRAS = {
     "rerun": "rerun",
     "plotly": "report",
     "matplotlib": "report",
-    "distributed": "cluster",
+    "distributed": "lab",
     "fsspec": "archive",
     "duckdb": "hub",
     LAB: "lab",

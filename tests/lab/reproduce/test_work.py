@@ -107,7 +107,7 @@ def test_results_depend_on_what_computes_and_not_on_what_shows() -> None:
 def scheduler(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     """Run a Dask scheduler and two workers, all processes of their own; yields its address."""
     distributed = pytest.importorskip(
-        "distributed", reason="distributed is not installed: pip install e3pose[cluster]"
+        "distributed", reason="distributed is not installed: pip install e3pose[lab]"
     )
     address = f"tcp://127.0.0.1:{free_port()}"
     python = [sys.executable, "-m"]

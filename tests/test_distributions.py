@@ -1,0 +1,122 @@
+"""Product and lab: two distributions of one version that install by name from an index."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+import zipfile
+from email import message_from_bytes
+from email.message import Message
+from pathlib import Path
+
+import pytest
+from packaging.requirements import Requirement
+from packaging.utils import parse_wheel_filename
+from tests.test_requirements import PROJECTS, tomllib
+
+import e3pose
+import e3pose_lab
+
+ROOT = Path(__file__).parents[1]
+BETWEEN = {"e3pose": "e3pose-lab", "e3pose-lab": "e3pose"}
+
+
+def requirements(name: str) -> list[Requirement]:
+    """Return all that one of the two needs, whatever extra is asked for."""
+    project = tomllib.loads(PROJECTS[name].read_text())["project"]
+    extras = project["optional-dependencies"].values()
+    return [Requirement(line) for part in (project["dependencies"], *extras) for line in part]
+
+
+def test_product_and_lab_have_one_version_and_ask_for_it_of_each_other() -> None:
+    assert e3pose.__version__ == e3pose_lab.__version__
+    for name, other in BETWEEN.items():
+        asked = {str(one.specifier) for one in requirements(name) if one.name == other}
+        assert asked == {f"=={e3pose.__version__}"}, f"{name} asks for {other} {asked}"
+    assert (ROOT / "lab" / "LICENSE").read_bytes() == (ROOT / "LICENSE").read_bytes()
+
+
+def run(*words: object, cwd: Path, **more: str) -> str:
+    """Run a command as on a machine without this checkout; return what it prints."""
+    kept = {name: text for name, text in os.environ.items() if not name.startswith("PYTHON")}
+    ended = subprocess.run(
+        [str(word) for word in words], cwd=cwd, env={**kept, **more}, capture_output=True, text=True
+    )
+    assert ended.returncode == 0, ended.stdout[-3000:] + ended.stderr[-3000:]
+    return ended.stdout
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the folder in which `make dist` left its files."""
+    folder = tmp_path_factory.mktemp("built")
+    run(
+        *("make", f"DIST={folder / 'dist'}", f"DISTRIBUTOR={folder / 'tools'}"),
+        *(f"VENV={Path(sys.prefix)}", f"PYTHON={sys.executable}", "dist"),
+        cwd=ROOT,
+    )
+    return folder / "dist"
+
+
+def metadata(wheel: Path) -> Message:
+    with zipfile.ZipFile(wheel) as archive:
+        (name,) = (one for one in archive.namelist() if one.endswith(".dist-info/METADATA"))
+        return message_from_bytes(archive.read(name))
+
+
+@pytest.mark.slow
+@pytest.mark.network
+def test_what_an_index_shows(built: Path) -> None:
+    found = {parse_wheel_filename(path.name)[0]: path for path in built.glob("*.whl")}
+    assert {*found} == {*BETWEEN} and len([*built.iterdir()]) == 4  # and two sdists
+    for name, wheel in found.items():
+        said = metadata(wheel)
+        assert (said["Name"], said["Version"]) == (name, e3pose.__version__)
+        assert said["Summary"] and said["Description-Content-Type"] == "text/markdown"
+        text = str(said.get_payload())
+        assert text.startswith(f"# {name}\n") and "pip install 'e3pose[" in text
+        assert not re.search(r"\]\((?!https?:)", text), "a link to a file that is not there"
+        files = {one.split("/")[0] for one in zipfile.ZipFile(wheel).namelist()}
+        package = name.replace("-", "_")
+        assert files == {package, f"{package}-{e3pose.__version__}.dist-info"}
+        licences = {Path(one).name for one in said.get_all("License-File", [])}
+        assert "LICENSE" in licences and ("LICENSE-preact" in licences) == (name == "e3pose")
+
+
+@pytest.fixture(scope="module")
+def index(built: Path, tmp_path_factory: pytest.TempPathFactory) -> str:
+    """Return the address of a package index that has both wheels."""
+    folder = tmp_path_factory.mktemp("index")
+    for wheel in built.glob("*.whl"):
+        page = folder / parse_wheel_filename(wheel.name)[0] / "index.html"
+        page.parent.mkdir()
+        page.write_text(f'<!DOCTYPE html><a href="{wheel.as_uri()}">{wheel.name}</a>')
+    return folder.as_uri()
+
+
+@pytest.mark.slow
+@pytest.mark.network
+def test_it_installs_by_name_and_works_in_an_empty_folder(index: str, tmp_path: Path) -> None:
+    bin_, empty = tmp_path / "venv" / "bin", tmp_path / "empty"
+    empty.mkdir()
+    run(sys.executable, "-m", "venv", bin_.parent, cwd=empty)
+
+    def install(what: str) -> None:
+        run(bin_ / "pip", "install", "--extra-index-url", index, what, cwd=empty)
+
+    def call(*words: object) -> str:
+        return run(bin_ / "e3pose", *words, cwd=empty, NUMBA_CACHE_DIR=str(tmp_path / "compiled"))
+
+    install("e3pose[all]")
+    assert "simulate" in call("--help") and call("--version").strip() == e3pose.__version__
+    call("simulate", "walk", "--people", "1", "--seconds", "1", "--cameras", "3")
+    # The paper's pipeline is compiled in a third of the time of the default.
+    call("replay", "walk", "--pipeline", "paper", "--cameras", "2", "--poses", "walk.parquet")
+    assert (empty / "walk.parquet").is_file()
+    assert "Not installed" in call("reproduce", "--help")
+    assert not [*bin_.parent.glob("lib/*/site-packages/e3pose_lab")]
+
+    install("e3pose[lab]")
+    assert "Not installed" not in call("reproduce", "--help")
