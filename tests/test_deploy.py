@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shlex
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 from cyclopts import CycloptsError
+from tests.node_packages import installed
+from tests.ports import free_port
 
 from e3pose.cli.app import VERBS, app
 
@@ -115,8 +119,81 @@ def test_container_file_is_one_that_runs_as_nobody() -> None:
     bases = [words.split()[0] for name, words in said if name == "FROM"]
     assert all(re.fullmatch(r"python:3\.1\d-slim", base) for base in bases)
     (user,) = [words for name, words in said if name == "USER"]
-    assert user == "e3pose"
+    assert f"--uid {user} " in dict(said[said.index(("FROM", bases[-1])) :])["RUN"]
     assert "STOPSIGNAL" in dict(said)  # podman and docker send SIGTERM otherwise
     for sources in (words for name, words in said if name == "COPY" and "--from" not in words):
         for source in sources.split()[:-1]:
             assert (DEPLOY.parent / source).exists(), source
+
+
+@pytest.mark.slow
+@pytest.mark.network
+def test_a_linter_finds_nothing_in_the_container_file(tmp_path: Path) -> None:
+    linter = installed(tmp_path, ["dockerfile-utils@0.16.3"]) / "node_modules/.bin/dockerfile-utils"
+    broken = tmp_path / "Containerfile"
+    broken.write_text("FORM python:3.12-slim\n")
+    for path, code in ((DEPLOY / "Containerfile", 0), (broken, 1)):
+        said = subprocess.run([linter, "lint", path], capture_output=True, text=True)
+        assert said.returncode == code, said.stdout
+
+
+def engine() -> str | None:
+    """Return a program that builds images on this machine, if one works."""
+    for name in filter(shutil.which, ("podman", "docker")):
+        if subprocess.run([name, "info"], capture_output=True).returncode == 0:
+            return name
+    return None
+
+
+def run(*words: object, **more: str) -> str:
+    kept = {name: text for name, text in os.environ.items() if not name.startswith("PYTHON")}
+    ended = subprocess.run(
+        [str(word) for word in words],
+        cwd=DEPLOY.parent,
+        env={**kept, **more},
+        capture_output=True,
+        text=True,
+    )
+    assert ended.returncode == 0, ended.stdout[-3000:] + ended.stderr[-3000:]
+    return ended.stdout
+
+
+@pytest.mark.slow
+@pytest.mark.network
+def test_the_image_is_built_and_its_program_starts(tmp_path: Path) -> None:
+    builds = engine()
+    if builds is not None:
+        run(builds, "build", "-f", "deploy/Containerfile", "-t", "e3pose-test", ".")
+        assert "edge" in run(builds, "run", "--rm", "e3pose-test", "--help")
+        return
+    # The first stage makes all that the second copies, and needs no other root than a folder.
+    stages = [number for number, (name, _) in enumerate(container()) if name == "FROM"]
+    first, second = container()[stages[0] + 1 : stages[1]], dict(container()[stages[1] :])
+    assert {name for name, _ in first} == {"COPY", "RUN"}
+    (tmp_path / "bin").mkdir()
+    (tmp_path / "bin" / "python").symlink_to(sys.executable)
+
+    def here(text: str) -> str:
+        return re.sub(r"(?<![\w./])/(?=opt/|src\b|var/)", f"{tmp_path}/", text)
+
+    for name, words in first:
+        if name == "COPY":
+            *sources, target = here(words).split()
+            Path(target).mkdir(parents=True, exist_ok=True)
+            for source in sources:
+                inside = "/." if (DEPLOY.parent / source).is_dir() else ""
+                run("cp", "-r", f"{source}{inside}", target)
+        else:
+            run("sh", "-c", here(words), PATH=f"{tmp_path / 'bin'}:{os.environ['PATH']}")
+    assert second["COPY"] == "--from=build /opt/e3pose /opt/e3pose"
+    (program,) = re.findall(r'"([^"]*)"', second["ENTRYPOINT"])
+    path = here("/opt/e3pose/bin") + ":" + os.environ["PATH"]
+    home = tmp_path / "var/lib/e3pose"
+    run(program, "simulate", home / "walk", "--seconds", "1", "--cameras", "3", PATH=path)
+    site, port = Path(re.findall(r'"([^"]*)"', here(second["CMD"]))[1]), free_port()
+    site.write_text(
+        'format = "e3pose-site"\nversion = 1\nname = "room"\nfps = 25\n'
+        f'calibration = "walk/calibration.toml"\nlink = {{ endpoint = "tcp/127.0.0.1:{port}" }}\n'
+    )
+    assert "Ready: 0 problems" in run(program, "check", site, PATH=path)
+    assert not [*tmp_path.glob("opt/e3pose/lib/*/site-packages/e3pose_lab")]
