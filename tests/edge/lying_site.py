@@ -1,7 +1,7 @@
 """A site in simulated time: an edge without threads, cameras of which some lie, and the outcome.
 
 Nothing waits: time jumps to the next message. The edge is the real one, from its inbox to its
-outbox, with its energy ledger and a stand-in for recorder and store that keep what they get.
+send queue, with its energy ledger and a stand-in for recorder and store that keep what they get.
 """
 
 from __future__ import annotations
@@ -306,7 +306,7 @@ def run(
         edge._wait_for_views(times, slot)
         edge._compute(times, slot, edge.gather.close())
         edge.housekeeping.look()
-        edge.outbox.send_waiting(publish)
+        edge.send_queue.send_waiting(publish)
         kept.leads.append(edge.lead.slots)
         deficits = np.maximum(deficits, edge.state.deficit[:honest])
     ledger.change([Budget("duty", 0.6)] * cameras, 2.0)  # makes a new estimate

@@ -15,8 +15,8 @@ from tests.manual_clock import ManualClock
 from tests.waiting import eventually
 
 from e3pose.base.errors import InputError
-from e3pose.edge.outbox import Outbox
 from e3pose.edge.publisher import Publisher
+from e3pose.edge.send_queue import SendQueue
 from e3pose.estimate.base import People
 from e3pose.estimate.smooth.delayed import Delayed, lag_slots
 from e3pose.evaluate.replay import ReplaySettings, replay
@@ -109,8 +109,8 @@ def test_a_replay_with_a_delay_writes_what_an_edge_publishes(tmp_path: Path) -> 
     }
 
     settings = EdgeSettings("lab", recording.skeleton.joints, 0.1, (), smooth_delay_s=0.2)
-    outbox, clock = Outbox(), ManualClock()
-    publisher = Publisher(settings, recording.rig, recording.interval_s, outbox, clock)
+    queue, clock = SendQueue(), ManualClock()
+    publisher = Publisher(settings, recording.rig, recording.interval_s, queue, clock)
     people: list[People] = []
     replayed = replay(
         recording, ReplaySettings(policy="round-robin", num_selected=2), publish=people.append
@@ -125,7 +125,7 @@ def test_a_replay_with_a_delay_writes_what_an_edge_publishes(tmp_path: Path) -> 
         if topic.endswith("/poses-delayed"):
             published.append(decode(payload, Poses, "edge"))
 
-    outbox.send_waiting(keep)
+    queue.send_waiting(keep)
     assert len(published) >= 20
     for message in published:
         joints_m = unpack(message.joints_m)

@@ -14,9 +14,9 @@ from e3pose.edge.gather import Gather
 from e3pose.edge.health import Health
 from e3pose.edge.inbox import Inbox
 from e3pose.edge.membership import Membership
-from e3pose.edge.outbox import Outbox
 from e3pose.edge.reports import Conditions, camera_changes
 from e3pose.edge.rests import ASLEEP
+from e3pose.edge.send_queue import SendQueue
 from e3pose.edge.state_file import StateFile
 from e3pose.edge.threads import ThreadGroup
 from e3pose.edge.watchdog import Watchdog
@@ -39,7 +39,7 @@ class RunningEdge(Protocol):
     membership: Membership
     inbox: Inbox
     gather: Gather
-    outbox: Outbox
+    send_queue: SendQueue
     counts: Counts
     health: Health
     event_log: EventLog
@@ -114,7 +114,7 @@ class Housekeeping:
             self._report(*event)
         if events or edge.clock.now_ns() >= self._due_ns:
             self._due_ns = edge.clock.now_ns() + round(KEEPING_S * 1e9)
-            edge.outbox.put(topics.of_site(edge.settings.site, "status"), encode(edge.status()))
+            edge.send_queue.put(topics.of_site(edge.settings.site, "status"), encode(edge.status()))
             self.keep_checkpoint()
 
     def _report(self, kind: str, message: str, camera_id: str) -> None:

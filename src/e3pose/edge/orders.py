@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.base.clock import Clock, SlotTimes
-from e3pose.edge.outbox import Outbox
 from e3pose.edge.rests import Rests
+from e3pose.edge.send_queue import SendQueue
 from e3pose.model.blind_slot import blind_cause
 from e3pose.model.expected import ExpectedView
 from e3pose.wire import topics
@@ -28,7 +28,7 @@ class Orders:
         camera_ids: of the rig.
         idle_modes: what each camera does in slots without an order.
         session: of the edge.
-        outbox: where orders go.
+        queue: where orders go.
         clock: the edge's.
         rests: who sleeps by order.
         can_sleep: returns which cameras can.
@@ -39,7 +39,7 @@ class Orders:
     camera_ids: Sequence[str]
     idle_modes: Sequence[CameraMode]
     session: int
-    outbox: Outbox
+    queue: SendQueue
     clock: Clock
     rests: Rests
     can_sleep: Callable[[], NDArray[np.bool_]]
@@ -85,12 +85,12 @@ class Orders:
             topic: self._order(times, slot, camera, bool(active[camera]), lead, view)
             for camera, (topic, view) in enumerate(zip(self._topics, views, strict=True))
         }
-        self.outbox.put_all(payloads, slot)
+        self.queue.put_all(payloads, slot)
 
     def give_early(self, times: SlotTimes, slot: int, camera: int, ahead: int) -> None:
         """Order one camera to be active so many slots ahead, before the others' orders leave."""
         payload = self._order(times, slot + ahead, camera, active=True, lead=ahead)
-        self.outbox.put_all({self._topics[camera]: payload}, slot + ahead)
+        self.queue.put_all({self._topics[camera]: payload}, slot + ahead)
 
     def _order(
         self,

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.base.clock import Clock
-from e3pose.edge.outbox import Outbox
 from e3pose.edge.reports import poses_message
+from e3pose.edge.send_queue import SendQueue
 from e3pose.estimate.base import People, Posterior
 from e3pose.estimate.smooth.delayed import Delayed, lag_slots
 from e3pose.model.camera import Rig
@@ -31,7 +31,7 @@ class Publisher:
         settings: EdgeSettings,
         rig: Rig,
         interval_s: float,
-        outbox: Outbox,
+        queue: SendQueue,
         clock: Clock,
     ) -> None:
         """Start without people.
@@ -40,10 +40,10 @@ class Publisher:
             settings: of the edge.
             rig: the cameras.
             interval_s: of a slot.
-            outbox: the send queue.
+            queue: the send queue.
             clock: the edge's.
         """
-        self._joints, self._outbox, self._clock = settings.joints, outbox, clock
+        self._joints, self._queue, self._clock = settings.joints, queue, clock
         self._camera_ids = np.array(rig.camera_ids, dtype=object)
         self._topic = topics.of_site(settings.site, "poses")
         self._delayed_topic = topics.of_site(settings.site, "poses-delayed")
@@ -89,7 +89,7 @@ class Publisher:
             blind,
             stored,
         )
-        self._outbox.put(self._topic, encode(message), slot)
+        self._queue.put(self._topic, encode(message), slot)
 
     def warm_up(self) -> None:
         """Compile what delayed poses need."""
@@ -118,7 +118,7 @@ class Publisher:
             message = poses_message(
                 late.slot, late, self._joints, then_ns, now_ns, delay_s=self._delay_s
             )
-            self._outbox.put(self._delayed_topic, encode(message), late.slot)
+            self._queue.put(self._delayed_topic, encode(message), late.slot)
         return self._clock.now_ns() - begun_ns
 
     def latency_ns(self, topic: str, slot: int) -> int | None:

@@ -20,7 +20,7 @@ from e3pose.base.quantities import plural
 from e3pose.edge.gather import Arrival, Gather
 from e3pose.edge.inbox import Inbox
 from e3pose.edge.orders import Orders
-from e3pose.edge.outbox import Outbox
+from e3pose.edge.send_queue import SendQueue
 from e3pose.edge.threads import ThreadGroup
 from e3pose.model.camera import Rig
 from e3pose.model.skeleton import Skeleton
@@ -86,10 +86,10 @@ class RecordServer:
             plan.site, plan.rig, plan.skeleton.joints, self.interval_ns / 1e9, self.gather, clock,
             lambda camera, delay_s: None, lambda beat: None,
         )  # fmt: skip
-        self.outbox = Outbox()
+        self.send_queue = SendQueue()
         self.orders = Orders(
             plan.site, plan.rig.camera_ids, ["power-saving"] * len(plan.rig),
-            clock.now_ns() // 1000, self.outbox, clock, self.inbox.rests, self.inbox.can_sleep,
+            clock.now_ns() // 1000, self.send_queue, clock, self.inbox.rests, self.inbox.can_sleep,
         )  # fmt: skip
         self.threads = ThreadGroup(self._wake)
         self.done = threading.Event()
@@ -101,7 +101,7 @@ class RecordServer:
     def __enter__(self) -> RecordServer:
         self.inbox.listen(self.transport)
         self.transport.be_present(topics.of_site(self.plan.site, "alive"))
-        self.threads.start("sending", lambda: self.outbox.run(self._publish))
+        self.threads.start("sending", lambda: self.send_queue.run(self._publish))
         self.threads.start("recording", self._run)
         return self
 
@@ -109,7 +109,7 @@ class RecordServer:
         self.threads.stop()
         self.gather.wake()
         self.threads.join(END_S, without="sending")
-        self.outbox.close()
+        self.send_queue.close()
         self.threads.join(END_S)
         self.transport.close()
 
@@ -124,7 +124,7 @@ class RecordServer:
 
     def _wake(self) -> None:
         self.gather.wake()
-        self.outbox.close()
+        self.send_queue.close()
 
     def _publish(self, topic: str, payload: bytes, slot: int) -> None:
         self.transport.publish(topic, payload)

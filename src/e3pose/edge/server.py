@@ -2,7 +2,7 @@
 
     receiving (the transport's threads -> Inbox -> Gather)
     fusion and selection (`_run_slots`: close a slot, step, pass on)
-    sending (Outbox)
+    sending (SendQueue)
     housekeeping (Housekeeping: status, checkpoint, events, watchdog)
 
 It contains no mathematics: it owns the clock, the threads and the counters.
@@ -31,12 +31,12 @@ from e3pose.edge.lead import Lead, adapt, cautious, starting, with_edge_delay
 from e3pose.edge.lead_change import lasting, skip_to, still_true, with_lead
 from e3pose.edge.membership import Membership
 from e3pose.edge.orders import Orders
-from e3pose.edge.outbox import Outbox
 from e3pose.edge.pipeline_owner import PipelineOwner
 from e3pose.edge.precompile import compiling_left_s, warm_up
 from e3pose.edge.publisher import Publisher
 from e3pose.edge.reports import SiteSnapshot, site_status
 from e3pose.edge.roster import wakes_s
+from e3pose.edge.send_queue import SendQueue
 from e3pose.edge.state_file import StateFile
 from e3pose.edge.threads import ThreadGroup
 from e3pose.estimate.base import People
@@ -98,13 +98,13 @@ class EdgeServer:
             wakes_s=settings.wakes_s,
         )
         self._late = self.gather.late.copy()  # up to the slot before
-        self.outbox = Outbox()
+        self.send_queue = SendQueue()
         self.orders = Orders(
             settings.site,
             pipeline.rig.camera_ids,
             settings.idle_modes,
             clock.now_ns() // 1000,  # larger than that of any edge before
-            self.outbox,
+            self.send_queue,
             clock,
             self.inbox.rests,
             self.inbox.can_sleep,
@@ -117,7 +117,7 @@ class EdgeServer:
         self.times: SlotTimes | None = None  # until the first slot
         self.newest: SlotRecord | None = None
         self.ready = False  # whether all kernels are compiled
-        self.publisher = Publisher(settings, pipeline.rig, interval_s, self.outbox, clock)
+        self.publisher = Publisher(settings, pipeline.rig, interval_s, self.send_queue, clock)
         self.threads = ThreadGroup(self._wake)
         self.housekeeping = Housekeeping(self)
         self._resume()
@@ -157,7 +157,7 @@ class EdgeServer:
         self.gather.wake()
         self.threads.join(END_S, without="sending")
         self.housekeeping.keep_checkpoint()
-        self.outbox.close()
+        self.send_queue.close()
         self.threads.join(END_S)
         self.membership.leave()
 
@@ -168,7 +168,7 @@ class EdgeServer:
 
     def start_sending(self) -> None:
         """Start the thread that sends; it takes over from one that hangs."""
-        self.threads.start("sending", lambda: self.outbox.run(self._publish))
+        self.threads.start("sending", lambda: self.send_queue.run(self._publish))
 
     def _publish(self, topic: str, payload: bytes, slot: int) -> None:
         self.membership.publish(topic, payload)
@@ -177,7 +177,7 @@ class EdgeServer:
 
     def _wake(self) -> None:
         self.gather.wake()
-        self.outbox.close()
+        self.send_queue.close()
 
     def running(self) -> bool:
         """Return whether all threads are running."""

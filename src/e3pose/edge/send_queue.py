@@ -10,7 +10,7 @@ MAX_WAITING = 4096
 
 
 @dataclass(slots=True, eq=False)
-class Outbox:
+class SendQueue:
     """Messages by topic and slot, where newer ones replace older ones; thread-safe."""
 
     _waiting: dict[tuple[str, int], bytes] = field(default_factory=dict)
