@@ -16,9 +16,9 @@ import numpy as np
 
 from e3pose.base.arrays import Floats
 from e3pose.evaluate.noise.calibrate import all_camera_tracks
-from e3pose.evaluate.noise.residuals import MIN_SCORE, assign_detections
+from e3pose.evaluate.noise.residuals import assign_detections
 from e3pose.evaluate.smoother import smooth
-from e3pose.model.noise import IMAGE_PX
+from e3pose.model.noise import IMAGE_PX, LEAST_SCORE
 from e3pose.model.noises import detector_of, load_noise
 from e3pose.recording import load_recording
 
@@ -60,12 +60,12 @@ def main() -> None:
     found: dict[str, list[Floats]] = {name: [] for name in lengths}
     for body in assign_detections(recording, tracks, recording.num_slots):
         scale = (sizes / noise.image_px)[:, None]
-        sigma = np.where(body.scores > MIN_SCORE, noise.of(body.scores, scale), np.inf)
+        sigma = np.where(body.scores > LEAST_SCORE, noise.of(body.scores, scale), np.inf)
         rig = recording.rig.projections
         path = smooth(body.keypoints_px, sigma, rig, body.joints_m, recording.interval_s)
         at = np.einsum("vab,tjb->tvja", rig[..., :3], path) + rig[:, None, :, 3]
         off = (body.keypoints_px - at[..., :2] / at[..., 2:]) * (IMAGE_PX / sizes)[:, None, None]
-        right = (body.scores > MIN_SCORE) & (np.linalg.norm(off, axis=-1) < GROSS_PX)
+        right = (body.scores > LEAST_SCORE) & (np.linalg.norm(off, axis=-1) < GROSS_PX)
         for name, length in lengths.items():
             found[name].append(means(np.where(right[..., None], off, np.nan), length))
     print("means of   number  keypoints  scatter px  as of independent")

@@ -42,13 +42,13 @@ from e3pose.evaluate.faults import downsampled
 from e3pose.evaluate.metrics import mean_errors_m
 from e3pose.evaluate.noise.calibrate import all_camera_tracks, first_slots
 from e3pose.evaluate.noise.residuals import (
-    MIN_SCORE,
     SUPPORT_S,
     SUPPORT_VIEWS,
     assign_detections,
 )
 from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.evaluate.smoother import smooth
+from e3pose.model.noise import LEAST_SCORE
 from e3pose.model.noises import detector_of, load_noise
 from e3pose.model.skeleton import Skeleton
 from e3pose.model.uncertainty import distance_within_m
@@ -94,7 +94,7 @@ def references(recording: Recording, noise: Noise, limbs: bool = True) -> list[R
     reach = 2 * max(1, round(SUPPORT_S / recording.interval_s)) + 1
     found = []
     for person in assign_detections(recording, tracks, recording.num_slots):
-        seen = person.scores > MIN_SCORE
+        seen = person.scores > LEAST_SCORE
         sigma = np.where(seen, noise.of(person.scores, scales[:, None]), np.inf)
         path = smooth(
             person.keypoints_px,

@@ -15,19 +15,18 @@ import numpy as np
 from e3pose.base.arrays import Flags, Floats, Integers
 from e3pose.evaluate.noise.calibrate import all_camera_tracks
 from e3pose.evaluate.noise.residuals import (
-    MIN_SCORE,
     SUPPORT_S,
     SUPPORT_VIEWS,
     Observed,
     assign_detections,
     leave_one_out,
 )
+from e3pose.model.noise import IMAGE_PX, LEAST_SCORE
 from e3pose.model.noises import detector_of, load_noise
 from e3pose.model.skeleton import COCO17, convert
 from e3pose.recording import Recording
 from e3pose.simulate.hidden_joints import covered_by_others, covered_by_self
 
-IMAGE_PX = 1032.0  # errors in pixels are those of an image of this size
 LAGS_S = (0.04, 0.2, 1.0, 5.0)
 WINSOR_CM = 15.0  # one wild moment does not decide a mean or a correlation
 GROSS_PX, GROSS_CM = 30.0, 15.0
@@ -167,7 +166,7 @@ def _camera_rows(
     mirror, front = _alternatives(pixels, nearer, found_px)
     speed = np.linalg.norm(np.gradient(hips, recording.interval_s, axis=0), axis=-1)
     own_score = scores[:, :, index]
-    seen = own_score > MIN_SCORE
+    seen = own_score > LEAST_SCORE
     known = np.isfinite(errors[..., 0])
     elsewhere = _supported(scores, index, recording.interval_s) & inside.transpose(1, 0, 2)
     rows = (known | (elsewhere & ~seen)) & (np.arange(num_slots) >= first)[:, None]
@@ -211,7 +210,7 @@ def _supported(scores: Floats, index: int, interval_s: float) -> Flags:
     from scipy.ndimage import maximum_filter1d
 
     reach = 2 * max(1, round(SUPPORT_S / interval_s)) + 1
-    near = maximum_filter1d((scores > MIN_SCORE).astype(np.int8), reach, axis=1, mode="constant")
+    near = maximum_filter1d((scores > LEAST_SCORE).astype(np.int8), reach, axis=1, mode="constant")
     return np.asarray(near.sum(axis=2) - near[:, :, index] >= SUPPORT_VIEWS)
 
 

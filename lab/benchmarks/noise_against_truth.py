@@ -12,9 +12,8 @@ import numpy as np
 
 from e3pose.base.arrays import Floats
 from e3pose.evaluate.noise.calibrate import Calibrated, calibrate_noise
-from e3pose.evaluate.noise.residuals import MIN_SCORE
 from e3pose.evaluate.noise.statistics import EDGES, RAYLEIGH, fit_memory
-from e3pose.model.noise import ErrorMemory
+from e3pose.model.noise import LEAST_SCORE, ErrorMemory
 from e3pose.model.pose import Poses2D
 from e3pose.recording import Recording, ViewSeries
 from e3pose.simulate import DetectorSettings, SceneSettings, simulate
@@ -56,7 +55,7 @@ def true_errors(recording: Recording) -> tuple[Floats, Floats]:
             view = recording.view(slot, index)
             for pixels, score in zip(view.keypoints_px, view.scores, strict=True) if view else ():
                 apart = np.linalg.norm(expected[slot] - pixels, axis=-1)
-                known = np.isfinite(apart) & (score > MIN_SCORE)
+                known = np.isfinite(apart) & (score > LEAST_SCORE)
                 middles = [
                     np.median(a[k]) if k.any() else np.inf
                     for a, k in zip(apart, known, strict=True)

@@ -21,10 +21,10 @@ from numpy.typing import NDArray
 from clip_error import SAME_M, references
 from e3pose.base.arrays import Flags, Floats
 from e3pose.evaluate.metrics import mean_errors_m
-from e3pose.evaluate.noise.residuals import MIN_SCORE, assign_detections
+from e3pose.evaluate.noise.residuals import assign_detections
 from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.evaluate.smoother import project_all, smooth
-from e3pose.model.noise import Noise
+from e3pose.model.noise import LEAST_SCORE, Noise
 from e3pose.model.noises import detector_of, load_noise
 from e3pose.pipeline import SlotRecord
 from e3pose.predict.base import Prediction
@@ -86,7 +86,7 @@ def reference_of(recording: Recording) -> Reference:
     tracks = [(there[person], joints_m[there[person], person]) for person in people]
     for person, seen in zip(people, assign_detections(recording, tracks, num_slots), strict=True):
         span = slice(seen.first_slot, seen.first_slot + len(seen.scores))
-        found = seen.scores > MIN_SCORE
+        found = seen.scores > LEAST_SCORE
         keypoints[span, person], scores[span, person] = seen.keypoints_px, seen.scores * found
     shown = np.stack([project_all(path, recording.rig.projections)[0] for path in
                       joints_m.swapaxes(0, 1)], axis=1)  # fmt: skip

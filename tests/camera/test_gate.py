@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.camera.gate import LONGEST_S, Gate
+from e3pose.camera.gate import Gate
 from e3pose.camera.live_source import RecordedDetector
 from e3pose.model.expected import ExpectedView
-from e3pose.model.pose import Poses2D
+from e3pose.model.pose import MOST_UNCHANGED_S, Poses2D
 
 Image = NDArray[np.uint8]
 NS = 10**9
@@ -71,7 +71,7 @@ def test_slow_motion_adds_up() -> None:
 def test_it_looks_again_after_a_while() -> None:
     network = Counting()
     gate = Gate(network, on=True)
-    for tenth in range(int(10 * LONGEST_S) + 2):
+    for tenth in range(int(10 * MOST_UNCHANGED_S) + 2):
         gate.look(room(tenth), None, tenth * NS // 10)
     assert network.looks == 2
 

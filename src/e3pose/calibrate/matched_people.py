@@ -13,10 +13,9 @@ from e3pose.base.arrays import Floats
 from e3pose.calibrate.same_people import Seen, group, pair_by_rig
 from e3pose.calibrate.tracklets import Tracklet, find_tracklets
 from e3pose.model.camera import Rig
-from e3pose.model.noise import Noise
+from e3pose.model.noise import SURE_SCORE, Noise
 from e3pose.recording.record import Recording
 
-MIN_SCORE = 0.3
 DOUBTED_SIGMAS, LEAST_SIGMAS = (
     15.0,
     4.0,
@@ -57,7 +56,7 @@ def without_lenses(recording: Recording, noise: Noise, tracklets: Sequence[Track
     points, deviations = [], []
     for camera, series in zip(recording.rig.cameras, recording.views, strict=True):
         scale = max(camera.image_size) / noise.image_px
-        good = series.scores >= MIN_SCORE
+        good = series.scores >= SURE_SCORE
         points.append(camera.normalise(np.where(good[..., None], series.keypoints_px, np.nan)))
         deviations.append(noise.of(series.scores, scale) / camera.K[0, 0])
     return Seen(
@@ -96,7 +95,7 @@ def gather(recording: Recording, noise: Noise, seen: Seen, groups: list[list[int
             place, row = np.array(rows).T
             scores = series.scores[row]
             pixels[tracklet.camera, place] = np.where(
-                (scores >= MIN_SCORE)[..., None], series.keypoints_px[row], np.nan
+                (scores >= SURE_SCORE)[..., None], series.keypoints_px[row], np.nan
             )
             sigma[tracklet.camera, place] = noise.of(scores, scale)
     people = np.array(list(keys), dtype=np.int64).reshape(-1, 2)

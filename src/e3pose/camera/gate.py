@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from e3pose.camera.base import LiveDetector
 from e3pose.detectors.focus import detect_expected
 from e3pose.model.expected import ExpectedView
-from e3pose.model.pose import Poses2D
+from e3pose.model.pose import MOST_UNCHANGED_S, Poses2D
 
 # tuned: px | first guess: a head of 1/20 of the image is 8 pixels | not measured
 LONG_SIDE = 160  # of the small image
@@ -24,8 +24,6 @@ SAMPLES = 4  # along each side, for the mean of one of its pixels
 CHANGED = 12
 # tuned: px | first guess | not measured
 FEWEST_CHANGED = 3  # pixels that changed: one or two may be noise
-# tuned: s | first guess | not measured
-LONGEST_S = 2.0  # after so long the network runs all the same: it may have missed somebody
 
 
 def small_grey(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -75,7 +73,7 @@ class Gate:
             return detect_expected(self.detector, image, expected)
         small, since_s = small_grey(image), (captured_ns - self._looked_ns) / 1e9
         before, covers = self._small, self._whole or expected is not None
-        recent = covers and 0 < since_s <= LONGEST_S
+        recent = covers and 0 < since_s <= MOST_UNCHANGED_S
         if recent and before is not None and is_unchanged(small, before):
             return replace(self._found, unchanged_s=since_s)
         self._found = detect_expected(self.detector, image, expected)

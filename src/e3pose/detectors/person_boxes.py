@@ -26,7 +26,7 @@ MEAN_BGR = np.array([103.53, 116.28, 123.675], dtype=np.float32)
 DEVIATION_BGR = np.array([57.375, 57.12, 58.395], dtype=np.float32)
 RTMDET, YOLOX = "Conv", "Slice"  # the operator that reads the image
 PERSON = 0  # of COCO's labels
-MIN_SCORE = 0.3  # of the publisher's example
+PERSON_SCORE = 0.3  # of the publisher's example
 MAX_PEOPLE = 20  # each costs a run of the keypoint network
 
 
@@ -75,7 +75,7 @@ class PersonBoxes:
         if boxes.ndim != 3 or boxes.shape[2] != 5 or labels.shape != boxes.shape[:2]:
             raise self._error([boxes.shape, labels.shape])
         rows = boxes[0].astype(np.float64)
-        kept = (labels[0] == PERSON) & (rows[:, 4] > MIN_SCORE) & np.isfinite(rows).all(axis=1)
+        kept = (labels[0] == PERSON) & (rows[:, 4] > PERSON_SCORE) & np.isfinite(rows).all(axis=1)
         rows = rows[kept]
         rows = rows[np.argsort(-rows[:, 4], kind="stable")][:MAX_PEOPLE]
         corners = fit.to_image(rows[:, :4].reshape(-1, 2, 2) - 0.5) + 0.5

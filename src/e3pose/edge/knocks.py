@@ -16,6 +16,7 @@ import numpy as np
 
 from e3pose.base.arrays import Floats, Integers
 from e3pose.model.camera import Camera, Rig
+from e3pose.model.noise import SURE_SCORE
 from e3pose.model.pose import Poses2D, Poses3D
 
 WINDOW_S = 20.0  # votes older than this are dropped
@@ -24,7 +25,6 @@ MOST_VOTES = 300  # of a camera
 MIN_VOTES = 30
 MOST_TRIED = 60  # votes tried as cluster centres
 MIN_JOINTS = 6
-MIN_SCORE = 0.3
 MOST_SIGMA_M = 0.1  # of joints that are compared
 ALIKE = 0.1  # of a person's size: scatter of the joints' offsets in a vote
 MOST_OFFSET = 0.25  # normalised: 14 degrees
@@ -139,7 +139,7 @@ def _found(camera: Camera, observations: Sequence[Observation]) -> Floats:
     """Return `(num_poses, num_joints, 2)`: detections, normalised."""
     keypoints_px = np.concatenate([observation.view.keypoints_px for observation in observations])
     scores = np.concatenate([observation.view.scores for observation in observations])
-    return camera.normalise(np.where((scores >= MIN_SCORE)[..., None], keypoints_px, np.nan))
+    return camera.normalise(np.where((scores >= SURE_SCORE)[..., None], keypoints_px, np.nan))
 
 
 def _pairs(observations: Sequence[Observation]) -> tuple[Integers, Integers]:

@@ -12,6 +12,8 @@ from e3pose.base.errors import InputError
 # One keypoint that no other resembles has a standard error of 0.7 in the logarithm of sigma, but
 # the errors of joints and slots resemble each other: 100 stand for about ten of these.
 KNOWN_WEIGHT, ASSUMED_WEIGHT = 100.0, 20.0
+LEAST_SCORE = 0.1  # below this keypoints are as good as missing, and detectors rarely report any
+SURE_SCORE = 0.3  # from this on a keypoint may place a camera
 IMAGE_PX = 1032.0  # of the images that the limits of the estimators are stated in
 SHORTEST_S, LONGEST_S = 1e-3, 100.0  # of correlation times
 DIGITS, ROUNDING = 12, 1e-9  # of shares: decimal ones stay decimal

@@ -12,6 +12,10 @@ from e3pose.base.errors import InputError
 
 MISSING_SCORE = 1e-3  # a keypoint less certain than this is missing
 MAX_PIXEL = 1e6  # and so is one further out than this
+# After so long a camera looks again though the image is unchanged, for the network may have missed
+# somebody; one that says more is not believed.
+# tuned: s | first guess | not measured
+MOST_UNCHANGED_S = 2.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)

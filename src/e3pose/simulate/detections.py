@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from e3pose.base.arrays import Floats
 from e3pose.model.camera import Camera
-from e3pose.model.noise import ErrorMemory
+from e3pose.model.noise import LEAST_SCORE, ErrorMemory
 from e3pose.recording import ViewSeries
 from e3pose.simulate.guesses import BEST_SCORE, CLEAR, FACE, Seen, guess, hidden
 from e3pose.simulate.hidden_joints import behind_things, covered_by_others, covered_by_self
@@ -20,7 +20,6 @@ from e3pose.simulate.settings import DetectorSettings
 from e3pose.simulate.situations import Fields
 
 MIN_JOINTS = 3  # with fewer a detector does not speak of a person
-MIN_SCORE = 0.1
 LASTING_MERGE_S = 1.0  # people merge for as long as they overlap, if the detector guesses
 # What takes away from the log-odds of the score of a joint in plain sight.
 SPREAD = 0.75
@@ -93,7 +92,7 @@ def detect_people(
         seen = found.seen & inside
     keypoints, scores = found.keypoints_px, found.scores
     in_image = (keypoints >= -0.5) & (keypoints < np.array(camera.image_size) - 0.5)
-    seen &= in_image.all(axis=-1) & (scores > MIN_SCORE)
+    seen &= in_image.all(axis=-1) & (scores > LEAST_SCORE)
     seen &= seen.sum(axis=-1, keepdims=True) >= MIN_JOINTS
     scores = np.where(seen, scores, 0.0)
     keypoints = np.where(seen[..., None], keypoints, np.nan)

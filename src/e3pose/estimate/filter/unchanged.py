@@ -18,17 +18,17 @@ from e3pose.base.arrays import Flags, Floats
 from e3pose.base.kernel import kernel
 from e3pose.estimate.filter.outliers import MEASURED_SIGMAS, ROBUST
 from e3pose.estimate.filter.projected import USED_SCORE, projected_variance_px2, shown_at
+from e3pose.model.pose import MOST_UNCHANGED_S
 from e3pose.model.projection import MIN_DEPTH_M
 
 # tuned: px | first guess: what moves an edge of 20 grey levels across a third of a small pixel |
 #   not measured
 STILL_PX = 4.0  # hidden by an unchanged image, in images of `model.noise.IMAGE_PX`
-LONGEST_S = 2.0  # capacity: a camera looks again by then; one that says more is not believed
 
 
 def pace_px(unchanged_s: float) -> float:
     """Return the standard deviation of a velocity of zero, pixels per second as `STILL_PX`."""
-    return STILL_PX / min(unchanged_s, LONGEST_S)
+    return STILL_PX / min(unchanged_s, MOST_UNCHANGED_S)
 
 
 @kernel

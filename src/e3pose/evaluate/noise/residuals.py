@@ -17,10 +17,9 @@ from scipy.optimize import linear_sum_assignment
 from e3pose.base.arrays import Floats, Integers
 from e3pose.evaluate.smoother import project_all, smooth
 from e3pose.model.camera import Rig
-from e3pose.model.noise import Noise
+from e3pose.model.noise import LEAST_SCORE, Noise
 from e3pose.recording import Recording
 
-MIN_SCORE = 0.1  # below this keypoints are as good as missing, and detectors rarely report any
 SHARED_JOINTS = 5  # that a detection and a track have in common, to tell whether they are one
 # The median joint of a detection is nearer than this share of the image to the track it belongs to:
 # 40 pixels of 1032, where the simulator and the filter draw the line of gross errors.
@@ -101,7 +100,7 @@ def assign_detections(
             known = np.asarray(np.isfinite(pixels).all(axis=-1))
             bodies_m = np.stack([joints[i][slot - spans[i][0]] for i in there])
             expected = project_all(bodies_m, rig.projections[camera : camera + 1])[0][:, 0]
-            good = known & (view.scores > MIN_SCORE)
+            good = known & (view.scores > LEAST_SCORE)
             cost = _apart(expected, np.where(good[..., None], pixels, np.nan)) / scale
             rows, people = linear_sum_assignment(np.minimum(cost, NEVER))
             for row, person in zip(rows, people, strict=True):
@@ -134,7 +133,7 @@ def leave_one_out(
     parts: list[tuple[NDArray[np.generic], ...]] = []
     for number, person in enumerate(people):
         num_joints = person.scores.shape[2]
-        seen = person.scores > MIN_SCORE
+        seen = person.scores > LEAST_SCORE
         sigma = np.where(seen, noise.of(person.scores, scales[:, None]), np.inf)
         near = maximum_filter1d(seen.astype(np.int8), reach, axis=0, mode="constant")
         start = smooth(person.keypoints_px, sigma, rig.projections, person.joints_m, interval_s)

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from e3pose.base.arrays import Floats, Integers
 from e3pose.base.errors import InputError
-from e3pose.evaluate.noise.residuals import MIN_SCORE, Residuals
-from e3pose.model.noise import ErrorMemory
+from e3pose.evaluate.noise.residuals import Residuals
+from e3pose.model.noise import LEAST_SCORE, ErrorMemory
 
-EDGES = np.array([MIN_SCORE, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0 + 1e-9])
+EDGES = np.array([LEAST_SCORE, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0 + 1e-9])
 LEAST = 400  # keypoints of a bin, whose errors last; bins with fewer are joined
 RAYLEIGH = float(np.sqrt(2 * np.log(2)))  # median length of two standard normal coordinates
 GROSS_SHARE = 40 / 1032  # of the image, beyond which an error is gross
