@@ -31,8 +31,8 @@ import numpy as np
 
 from clip_error import references
 from e3pose.base.arrays import Flags, Floats
-from e3pose.energy.modes import Rest, modes_of
-from e3pose.energy.profiles import load_profile
+from e3pose.energy.modes import Rest
+from e3pose.energy.profiles import load_profile, modes_of
 from e3pose.energy.rest_costs import RestCosts, rest_costs
 from e3pose.evaluate.noise.calibrate import first_slots
 from e3pose.evaluate.replay import ReplaySettings, replay

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from e3pose.base.errors import InputError
-from e3pose.energy.modes import RESTS, modes_of
-from e3pose.energy.profiles import PROFILES, load_profile
+from e3pose.energy.modes import RESTS
+from e3pose.energy.profiles import PROFILES, load_profile, modes_of
 
 BASE = """
 format = "e3pose-power-profile"

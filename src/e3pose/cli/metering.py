@@ -179,8 +179,7 @@ def measure(
     from e3pose.camera.live_source import make_source
     from e3pose.detectors import make_detector
     from e3pose.energy.meters.choose import choose_meter
-    from e3pose.energy.modes import modes_of
-    from e3pose.energy.profiles import load_profile
+    from e3pose.energy.profiles import load_profile, modes_of
     from e3pose.energy.profiles.write import profile_text
     from e3pose.settings.sources import is_recorded
     from e3pose.site.measure_modes import measure_modes, measured_profile
@@ -220,8 +219,7 @@ def modes(profile: str = "xavier-nx", /) -> None:
     profile
         xavier-nx, tx2, generic, or a TOML file such as `e3pose power measure` writes.
     """
-    from e3pose.energy.modes import modes_of
-    from e3pose.energy.profiles import load_profile
+    from e3pose.energy.profiles import load_profile, modes_of
 
     _print_modes(modes_of(load_profile(profile)))
 

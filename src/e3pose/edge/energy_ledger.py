@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from e3pose.base.quantities import plural
 from e3pose.energy.budgets import Budget
-from e3pose.energy.modes import RestName, modes_of
-from e3pose.energy.profiles import DeviceProfile, Mode
+from e3pose.energy.modes import RestName
+from e3pose.energy.profiles import DeviceProfile, Mode, modes_of
 from e3pose.energy.site_energy import (
     CameraEnergy,
     EnergyEstimate,

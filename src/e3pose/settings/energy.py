@@ -197,7 +197,7 @@ class EnergyPlan:
         Raises:
             InputError: when no camera has it.
         """
-        from e3pose.energy.modes import modes_of
+        from e3pose.energy.profiles import modes_of
         from e3pose.energy.rest_costs import rest_costs
 
         if rest == "none":

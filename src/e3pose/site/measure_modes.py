@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 from e3pose.base.errors import InputError
 from e3pose.camera.base import LiveDetector, LiveFrame, LiveSource
 from e3pose.energy.meters.base import Meter
-from e3pose.energy.modes import SLOT_S, Look, Rest, modes_of
-from e3pose.energy.profiles import DeviceProfile
+from e3pose.energy.modes import SLOT_S, Look, Rest
+from e3pose.energy.profiles import DeviceProfile, modes_of
 from e3pose.site.bench import mean_watts
 
 FIRST_FRAME_S = 30.0  # a source that takes longer to its first frame is broken

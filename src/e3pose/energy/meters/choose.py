@@ -10,8 +10,7 @@ from e3pose.energy.meters.base import Meter, MeterError, Rail, Reading
 from e3pose.energy.meters.battery import BatteryMeter
 from e3pose.energy.meters.rails import RailMeter
 from e3pose.energy.meters.rapl import RaplMeter
-from e3pose.energy.modes import modes_of
-from e3pose.energy.profiles import Activity, DeviceProfile
+from e3pose.energy.profiles import Activity, DeviceProfile, modes_of
 
 ROOT = Path("/")
 

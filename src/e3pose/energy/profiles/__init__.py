@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Literal, cast
 
 from e3pose.base.shipped import read_shipped
-from e3pose.energy.modes import Look, Rest
+from e3pose.energy.modes import LOOKS, RESTS, SLOT_S, WAKE_S, CameraModes, Look, Rest
 from e3pose.energy.profiles.fields import check_keys, error, number, text
 from e3pose.energy.profiles.rows import MAX_WATTS, read_looks, read_rests
 
@@ -84,6 +84,40 @@ def load_profile(name_or_path: str | Path) -> DeviceProfile:
     """
     return _decode(
         *read_shipped(name_or_path, "e3pose.energy.profiles", PROFILES, "device profile", MAX_BYTES)
+    )
+
+
+def modes_of(profile: DeviceProfile, interval_s: float = SLOT_S) -> CameraModes:
+    """Return the table of a camera by its power profile.
+
+    Rows that the profile states go first. Otherwise a look at the whole image takes what an active
+    slot draws beyond an idle one, idling draws what `power-saving` says and not capturing what
+    `aggressive-power-saving` says; sleep and suspension have to be stated.
+
+    Args:
+        profile: of the camera's device.
+        interval_s: seconds per slot, for a look that the profile states by its power alone.
+    """
+    idle_w = profile.watts("power-saving")
+    whole_j = (profile.watts("active") - idle_w) * interval_s
+    slot = f"active less power-saving, {1e3 * interval_s:.4g} ms"
+    off_w = profile.watts("aggressive-power-saving")
+    rests = {
+        "idle": Rest("idle", idle_w, source="power-saving"),
+        "not-capturing": Rest(
+            "not-capturing", off_w, wake_s=WAKE_S, source="aggressive-power-saving"
+        ),
+        **{rest.name: rest for rest in profile.rests},
+    }
+    looks = {
+        "whole": Look("whole", whole_j, source=slot),
+        "nothing": Look("nothing", 0.0, source="a slot without a look"),
+        **{look.name: look for look in profile.looks},
+    }
+    return CameraModes(
+        looks=tuple(looks[name] for name in LOOKS if name in looks),
+        rests=tuple(rests[name] for name in RESTS if name in rests),
+        table=f"profile {profile.name}",
     )
 
 
