@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 from packaging.requirements import Requirement
 from packaging.utils import parse_wheel_filename
-from tests.test_requirements import PROJECTS, tomllib
+from tests.test_requirements import project
 
 import e3pose
 import e3pose_lab
@@ -25,9 +25,9 @@ BETWEEN = {"e3pose": "e3pose-lab", "e3pose-lab": "e3pose"}
 
 def requirements(name: str) -> list[Requirement]:
     """Return all that one of the two needs, whatever extra is asked for."""
-    project = tomllib.loads(PROJECTS[name].read_text())["project"]
-    extras = project["optional-dependencies"].values()
-    return [Requirement(line) for part in (project["dependencies"], *extras) for line in part]
+    said = project(name)
+    extras = said["optional-dependencies"].values()
+    return [Requirement(line) for part in (said["dependencies"], *extras) for line in part]
 
 
 def test_product_and_lab_have_one_version_and_ask_for_it_of_each_other() -> None:

@@ -34,6 +34,11 @@ ENVIRONMENTS = [
 PROJECTS = {"e3pose": ROOT / "pyproject.toml", "e3pose-lab": ROOT / "lab" / "pyproject.toml"}
 
 
+def project(name: str) -> dict[str, Any]:
+    """Return what a distribution says of itself."""
+    return dict(tomllib.loads(PROJECTS[name].read_text())["project"])
+
+
 def asked(*extras: str) -> Iterator[Requirement]:
     """Yield what the project needs with some extras."""
     waiting = [f"e3pose[{','.join(extras)}]"]
@@ -42,11 +47,10 @@ def asked(*extras: str) -> Iterator[Requirement]:
         if requirement.name not in PROJECTS:
             yield requirement
             continue
-        project = tomllib.loads(PROJECTS[requirement.name].read_text())["project"]
-        waiting += project["dependencies"]
-        waiting += [
-            line for extra in requirement.extras for line in project["optional-dependencies"][extra]
-        ]
+        said = project(requirement.name)
+        waiting += said["dependencies"]
+        for extra in requirement.extras:
+            waiting += said["optional-dependencies"][extra]
 
 
 def pinned(name: str) -> list[tuple[Requirement, int]]:
