@@ -23,10 +23,8 @@ from numba.core.caching import NullCache
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Flags, compile_extra
 from numba.core.registry import CPUDispatcher
-from numba.extending import typeof_impl
 
 from e3pose.base.compiling import COMPILING, Compiling
-from e3pose.base.kernel import Kernel
 from e3pose.base.kernel_cache import KernelCache
 
 # Of the fast-math flags only `contract` is safe: it fuses a product and a sum, with one rounding
@@ -190,12 +188,6 @@ def is_kept(dispatcher: Any) -> bool | None:
     """Return whether a compiled form is on disk; None where none can be kept."""
     kept = getattr(dispatcher, "_cache", None)
     return kept.is_filled() if isinstance(kept, KernelCache) else None
-
-
-@typeof_impl.register(Kernel)  # type: ignore[untyped-decorator]
-def _type_of_kernel(kernel: Any, context: Any) -> Any:
-    """Tell numba what a kernel that another one calls is."""
-    return types.Dispatcher(kernel.compiled)
 
 
 event.Listener.register(Compiling)

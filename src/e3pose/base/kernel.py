@@ -42,6 +42,11 @@ class Kernel(Generic[Parameters, Result]):
         made = import_module("e3pose.base.dispatcher").dispatcher_of(self.py_func)
         return self.__dict__.setdefault("compiled", made)  # the same for all threads
 
+    @property
+    def _numba_type_(self) -> Any:
+        """Tell numba what a kernel that another one calls is."""
+        return self.compiled._numba_type_
+
 
 def kernel(function: Callable[Parameters, Result]) -> Callable[Parameters, Result]:
     """Declare a kernel: free of the interpreter lock, division as in numpy."""
