@@ -67,12 +67,13 @@ class Site:
             smooth_delay_s=self.smooth_delay_s,
         )
         event_log = EventLog(self.clock, self.events.append)
+        pipeline = make_pipeline(self.recording, settings)
         self.edge = EdgeServer(
-            make_pipeline(self.recording, settings),
+            pipeline,
             self.hub.join(),
             edge_settings,
             self.clock,
-            StateFile(self.folder / "state.npz", event_log.report, self.clock.now_ns()),
+            StateFile(pipeline, self.folder / "state.npz", event_log.report, self.clock.now_ns()),
             event_log,
         )
         return self.edge

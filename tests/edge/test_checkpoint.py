@@ -278,7 +278,9 @@ def test_values_that_make_no_sense_begin_afresh(
     reported: list[str] = []
 
     def taken_up() -> Checkpoint | None:
-        return StateFile(path, lambda kind, message: reported.append(message), 0).take_up(pipeline)
+        return StateFile(
+            pipeline, path, lambda kind, message: reported.append(message), 0
+        ).take_up()
 
     assert taken_up() is not None and not reported
     change_file(path, HOSTILE[name])
@@ -299,7 +301,8 @@ def test_state_that_the_loop_fails_on_begins_afresh(
     monkeypatch.setattr("e3pose.edge.state_file.step", fail)
     reported: list[str] = []
     assert (
-        StateFile(path, lambda kind, message: reported.append(message), 0).take_up(pipeline) is None
+        StateFile(pipeline, path, lambda kind, message: reported.append(message), 0).take_up()
+        is None
     )
     assert "the loop fails on" in reported[0] and "one of many" in reported[0]
 

@@ -133,9 +133,9 @@ class Housekeeping:
     def keep_checkpoint(self) -> None:
         """Save the state of the loop."""
         edge = self._edge
-        times, pipeline, state = edge.times, edge.pipeline, edge.state  # values: they stay
+        times, state = edge.times, edge.state  # values: they stay
         if times is None or not edge.ready:
             return
         made_ns, run_ns = edge.clock.now_ns(), edge.state_file.run_ns
         made = Checkpoint(state, times.origin_ns, len(state.selections), made_ns, run_ns)
-        edge.state_file.keep(made, pipeline)
+        edge.state_file.keep(made)

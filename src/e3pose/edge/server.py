@@ -109,7 +109,9 @@ class EdgeServer:
             self.inbox.rests,
             self.inbox.can_sleep,
         )
-        self.state_file = state_file or StateFile(None, self.event_log.report, self.started_ns)
+        self.state_file = state_file or StateFile(
+            pipeline, None, self.event_log.report, self.started_ns
+        )
         lead = cautious(settings.deadline_s, interval_s) if settings.adaptive_lead else None
         self.owner = PipelineOwner(pipeline, lead)
         self.health = Health(num_cameras, interval_s, settings.pace, pipeline.warmup_slots)
@@ -386,7 +388,7 @@ class EdgeServer:
             self._order_ahead(times, before)  # slots without orders yet
 
     def _resume(self) -> None:
-        found = self.state_file.take_up(self.pipeline)
+        found = self.state_file.take_up()
         if found is None:
             return
         self.times = SlotTimes(found.origin_ns, self.interval_ns)

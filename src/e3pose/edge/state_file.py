@@ -16,15 +16,17 @@ from e3pose.wire.codec import one_line
 
 @dataclass(slots=True, eq=False)
 class StateFile:
-    """Saves and loads the state of the loop.
+    """Saves and loads the state of a loop.
 
     Attributes:
+        pipeline: the parts of the loop, as it begins.
         path: the file; None saves nothing.
         report: called with the kind and message of an event; a lasting fault is reported once.
         run_ns: when the run began: that of the resumed state, if there is one.
         problem: why the state cannot be saved at present; empty if it can.
     """
 
+    pipeline: Pipeline
     path: Path | None
     report: Callable[[str, str], None]
     run_ns: int
@@ -32,12 +34,12 @@ class StateFile:
     _found: Checkpoint | None = None
     _loaded: bool = False
 
-    def keep(self, made: Checkpoint, pipeline: Pipeline) -> None:
+    def keep(self, made: Checkpoint) -> None:
         """Save a state; a full disk is no reason to stop."""
         if self.path is None:
             return
         try:
-            save_checkpoint(self.path, made, pipeline)
+            save_checkpoint(self.path, made, self.pipeline)
         except (InputError, OSError) as error:
             if not self.problem:
                 self.problem = one_line(str(error))
@@ -47,25 +49,25 @@ class StateFile:
             self.problem = ""
             self.report("checkpoint", "saving the state again")
 
-    def take_up(self, pipeline: Pipeline) -> Checkpoint | None:
+    def take_up(self) -> Checkpoint | None:
         """Return the saved state; None if there is none or it is unusable and was moved aside."""
         if self._loaded or self.path is None or not self.path.exists():
             return self._found
         self._loaded = True
         try:
-            found = load_checkpoint(self.path, pipeline)
-            self._try(self.path, found, pipeline)
+            found = load_checkpoint(self.path, self.pipeline)
+            self._try(self.path, found)
         except InputError as error:
             self._set_aside(self.path, error)
             return None
         self._found, self.run_ns = found, found.run_ns
         return found
 
-    def _try(self, path: Path, found: Checkpoint, pipeline: Pipeline) -> None:
+    def _try(self, path: Path, found: Checkpoint) -> None:
         """Raise `InputError` if the loop fails on a state, as it would at every start."""
-        everybody = np.ones(len(pipeline.rig), dtype=bool)
+        everybody = np.ones(len(self.pipeline.rig), dtype=bool)
         try:
-            step(replace(pipeline, lead_slots=found.lead_slots), found.state, {}, everybody)
+            step(replace(self.pipeline, lead_slots=found.lead_slots), found.state, {}, everybody)
         except Exception as error:
             reason = f"{type(error).__name__}: {error}"[:120]
             raise InputError(f"{path}: found a state that the loop fails on ({reason})") from None

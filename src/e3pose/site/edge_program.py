@@ -214,8 +214,8 @@ def make_edge(
             make_folder(checkpoint.parent)
         stack.enter_context(hold(checkpoint))
     event_log = EventLog(clock, report)
-    state_file = StateFile(checkpoint, event_log.report, clock.now_ns())
-    state_file.take_up(pipeline)
+    state_file = StateFile(pipeline, checkpoint, event_log.report, clock.now_ns())
+    state_file.take_up()
     sink = open_store(site, state_file.run_ns, event_log, stack)
     learner = None
     if site.learn is not None:
