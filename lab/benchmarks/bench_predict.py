@@ -152,7 +152,8 @@ def curves(calls: int) -> Curves:
 
 def draw(path: Path, drawn: Curves) -> None:
     """Draw cost against lead and against people."""
-    from e3pose.evaluate.drawing import COLOURS, MARKERS, PREDICTOR_COLOURS, legend_above, picture
+    from e3pose.evaluate.drawing import COLOURS, MARKERS, legend_above, picture
+    from e3pose_lab.prediction.colours import PREDICTOR_COLOURS
 
     headings = (("4 people", "slots ahead"), ("5 slots ahead", "people"))
     with picture(path, 7.2, 2.9) as figure:

@@ -11,13 +11,14 @@ from numpy.typing import NDArray
 
 from e3pose.base.arrays import Floats
 from e3pose.evaluate.replay import ReplaySettings, replay
-from e3pose.evaluate.summary import accuracy, pcp_readings
+from e3pose.evaluate.summary import accuracy
 from e3pose.pipeline import SlotRecord
 from e3pose.recording import Recording
 from e3pose.select.occlusion import occlusion, person_boxes
 from e3pose.select.policies import PolicySettings, Situation, policy_row
 from e3pose.select.policies.base import Policy, Selection
 from e3pose.simulate import SceneSettings, simulate
+from e3pose_lab.reproduce.readings import pcp_readings
 from e3pose_lab.reproduce.simulated import gathered, with_detections
 from e3pose_lab.reproduce.sources import Sources
 from e3pose_lab.reproduce.work import Piece

@@ -18,12 +18,6 @@ if TYPE_CHECKING:
 INK, PALE = "#1f2937", "#9ca3af"
 # Okabe and Ito's colours, which people who see fewer colours can tell apart.
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
-PREDICTOR_COLOURS: Mapping[str, str] = {
-    "attention-lstm": COLOURS[0],
-    "constant-velocity": COLOURS[1],
-    "damped-velocity": COLOURS[2],
-    "zero-velocity": PALE,
-}
 MARKERS = ("o", "s", "^", "D", "v", "P")
 TAG = re.compile(r"<[^>]*>")  # what stands between them is text that people read
 DECIMALS = re.compile(r"(\d\.\d\d)\d+")  # a hundredth of a point is finer than any screen
@@ -95,8 +89,3 @@ def legend_above(figure: Figure, columns: int = 6) -> None:
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
             lines.setdefault(label, handle)
     figure.legend(lines.values(), lines.keys(), loc="outside upper left", ncols=columns)
-
-
-def colour_of(predictor: str, index: int) -> str:
-    """Return the colour of a predictor, the same in every picture."""
-    return PREDICTOR_COLOURS.get(predictor, COLOURS[3 + index % 3])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -28,7 +27,6 @@ from e3pose.evaluate.pcp import count_parts, group_percent, pcp_percent
 from e3pose.evaluate.waking import asleep_in
 from e3pose.model.blind_slot import count_blind, duty
 from e3pose.model.noises import detector_of
-from e3pose.model.pose import Poses3D
 from e3pose.model.skeleton import PANOPTIC19, SHELF14, Skeleton, convert
 from e3pose.recording import Recording
 from e3pose.select.policies import Need
@@ -110,7 +108,7 @@ def accuracy(recording: Recording, records: Sequence[SlotRecord]) -> Accuracy:
     true_joints = truth.joints_m[first:stop]
     by_slot = {record.slot: record for record in records}
     scored = [by_slot.get(slot) for slot in range(first, stop)]
-    predicted = _converted(scored, recording.skeleton, truth.skeleton)
+    predicted = in_skeleton(scored, recording.skeleton, truth.skeleton)
     scores = [_person_scores(record) for record in scored]
     pcp = None
     if truth.skeleton == SHELF14:
@@ -144,42 +142,6 @@ def accuracy(recording: Recording, records: Sequence[SlotRecord]) -> Accuracy:
     )
 
 
-def pcp_readings(
-    recording: Recording, records: Sequence[SlotRecord]
-) -> dict[str, dict[str, float]]:
-    """Return PCP of a replay without a memory in three readings of the protocol; {} without truth.
-
-    Returns:
-        By actor and `average`: `shown` with filled joints; `estimated` without them, a limb that
-        lacks an end being wrong; `skipped` likewise, such a limb not being counted.
-    """
-    truth = recording.truth
-    if truth is None or truth.skeleton != SHELF14:
-        return {}
-    first, stop = recording.scored_slots or (0, recording.num_slots)
-    by_slot = {record.slot: record for record in records}
-    scored = [by_slot.get(slot) for slot in range(first, stop)]
-    shown = _converted(scored, recording.skeleton, truth.skeleton)
-    placed = _converted(
-        [None if record is None else _placed(record) for record in scored],
-        recording.skeleton,
-        truth.skeleton,
-    )
-    readings = {"estimated": (placed, False), "shown": (shown, False), "skipped": (placed, True)}
-    return {
-        name: pcp_percent(count_parts(people, truth.joints_m[first:stop], skip), truth.person_ids)
-        for name, (people, skip) in readings.items()
-    }
-
-
-def _placed(record: SlotRecord) -> SlotRecord:
-    """Return the record without the joints that were not estimated in its slot."""
-    measured = record.measured
-    joints_m = np.where(measured[..., None], record.poses.joints_m, np.nan)
-    poses = Poses3D(joints_m, np.where(measured, record.poses.scores, 0.0))
-    return replace(record, poses=poses)
-
-
 def _by_limit(
     found: metrics.Candidates, metric: Callable[[metrics.Candidates, float], float | None]
 ) -> dict[str, float] | None:
@@ -193,7 +155,7 @@ def _by_limit(
     return known
 
 
-def _converted(
+def in_skeleton(
     scored: Sequence[SlotRecord | None], source: Skeleton, target: Skeleton
 ) -> list[Floats]:
     """Express the people of all slots in the truth's skeleton, in one conversion."""
