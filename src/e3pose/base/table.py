@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
+import math
 import sys
 import types
 import typing
@@ -90,28 +91,35 @@ def entries(kind: Any) -> tuple[Entry, ...]:
 
 @lru_cache(maxsize=256)
 def _bounds(kind: Any) -> tuple[tuple[str, str, float, float], ...]:
-    """Return field, key, least and most of each field whose type has bounds."""
+    """Return field, key, least and most of each field whose type has bounds; inf for no most."""
     keys = {item.field: item.key for item in entries(kind)}
     found = []
     for name, hint in _hints(kind, include_extras=True).items():
         for each in (hint, *typing.get_args(hint)):
             for meta in getattr(each, "__metadata__", ()):
-                if isinstance(meta, msgspec.Meta) and meta.ge is not None and meta.le is not None:
-                    found.append((name, keys[name], meta.ge, meta.le))
+                if isinstance(meta, msgspec.Meta) and meta.ge is not None:
+                    found.append(
+                        (name, keys[name], meta.ge, math.inf if meta.le is None else meta.le)
+                    )
     return tuple(found)
 
 
 def check_bounds(record: object) -> None:
     """Raise `InputError` for a number outside the bounds that its type has; its thing is the key.
 
-    A bounded field is `Annotated[float, msgspec.Meta(ge=..., le=...)]`, as in messages. A dataclass
-    calls this when it is made.
+    A bounded field is `Annotated[float, msgspec.Meta(ge=..., le=...)]`, as in messages; without
+    `le` it may be any finite number from `ge` on. A dataclass calls this when it is made.
     """
     kind: Any = type(record)
     for name, key, low, high in _bounds(kind):
         value = getattr(record, name)
-        if isinstance(value, int | float) and not low <= value <= high:  # NaN fails too
-            raise InputError(key, f"{value:g}", f"{low:g} to {high:g}")
+        if isinstance(value, int | float) and not (low <= value <= high and math.isfinite(value)):
+            found, least, most = (
+                str(number) if isinstance(number, int) else f"{number:g}"
+                for number in (value, low, high)
+            )
+            bounds = f"a number of at least {least}" if high == math.inf else f"{least} to {most}"
+            raise InputError(key, found, bounds)
 
 
 def _hints(kind: Any, include_extras: bool = False) -> dict[str, Any]:

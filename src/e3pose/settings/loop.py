@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from math import isfinite
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+
+from msgspec import Meta
 
 from e3pose.base.errors import InputError
 from e3pose.base.quantities import duration_s, length_m, milliseconds_s, power_w
-from e3pose.base.table import entry
+from e3pose.base.table import check_bounds, entry
 from e3pose.settings.energy import AWAKE, RestChoice
 from e3pose.settings.faults import NO_FAULTS, Faults
 
@@ -41,6 +43,8 @@ MAX_WATTS = 1e6
 FIND_RANGE_S = (0.1, 3600.0)
 
 Settings = TypeVar("Settings", bound="LoopSettings")
+AtLeast0 = Annotated[float, Meta(ge=0)]
+Seed = Annotated[int, Meta(ge=0, le=MAX_SEED)]
 
 
 def read_name(found: object) -> str:
@@ -125,7 +129,7 @@ class LoopSettings:
         help="""Energy budget E: share of slots a camera may be active, C/N to 1. Default:
         C/N + 0.2. `evaluate` also takes several, comma-separated.""",
     )
-    quality_weight: float | None = entry(
+    quality_weight: AtLeast0 | None = entry(
         None,
         flag="-V",
         help="""Quality weight V: larger favours better views, smaller favours even energy use. For
@@ -138,14 +142,14 @@ class LoopSettings:
         group=PAPER_ONLY,
         help="V of the paper's policies weighs IoU itself, as in its eq. (9).",
     )
-    lead_slots: int = entry(
+    lead_slots: Annotated[int, Meta(ge=1, le=MAX_LEAD)] = entry(
         1, key="lead", help="Lead tau: slots between a decision and the slot it is for."
     )
-    warmup_slots: int = entry(
+    warmup_slots: Annotated[int, Meta(ge=0, le=MAX_LEAD)] = entry(
         10, key="warmup", help="Warm-up M: slots at the start in which every camera detects."
     )
-    seed: int = entry(0, help="Random seed.")
-    phase: int = entry(0, help="Camera that starts the round robin and wins ties.")
+    seed: Seed = entry(0, help="Random seed.")
+    phase: Seed = entry(0, help="Camera that starts the round robin and wins ties.")
     predictor: str | Predictor | None = entry(
         None,
         read=read_name,
@@ -166,7 +170,7 @@ class LoopSettings:
         are expected, in parts scaled to the network's best size. Same as +feedback after the name
         of a policy.""",
     )
-    whole_every: int = entry(
+    whole_every: Annotated[int, Meta(ge=1, le=MAX_WHOLE_EVERY)] = entry(
         WHOLE_EVERY,
         help="With feedback, detect in the whole image every this many detections.",
     )
@@ -201,7 +205,7 @@ class LoopSettings:
         negative=True,
         help="Keep a joint that a slot lacks where it last was on the body. Default: on.",
     )
-    occlusion_limit: float = entry(
+    occlusion_limit: AtLeast0 = entry(
         0.05, group=PAPER_ONLY, help="Occlusion threshold of the policy `independent`."
     )
     independent_queue: bool = entry(
@@ -223,21 +227,9 @@ class LoopSettings:
     estimator: Estimator[Any] | None = entry(None, key="")
 
     def __post_init__(self) -> None:
-        for thing, count, low in (("lead", self.lead_slots, 1), ("warmup", self.warmup_slots, 0)):
-            if not low <= count <= MAX_LEAD:
-                raise InputError(thing, f"{count} slots", f"{low} to {MAX_LEAD}")
-        for thing, value in (
-            ("quality_weight", self.quality_weight),
-            ("occlusion_limit", self.occlusion_limit),
-            ("round_trip_ms", self.round_trip_s),
-        ):
-            if value is not None and not (isfinite(value) and value >= 0):
-                raise InputError(thing, value, "a number of at least 0")
-        for thing, number in (("seed", self.seed), ("phase", self.phase)):
-            if not 0 <= number <= MAX_SEED:
-                raise InputError(thing, number, f"0 to {MAX_SEED}")
-        if not 1 <= self.whole_every <= MAX_WHOLE_EVERY:
-            raise InputError("whole_every", self.whole_every, f"1 to {MAX_WHOLE_EVERY}")
+        check_bounds(self)
+        if not (isfinite(self.round_trip_s) and self.round_trip_s >= 0):
+            raise InputError("round_trip_ms", self.round_trip_s, "a number of at least 0")
         target_m = self.target_error_m
         if target_m is not None and not 0 < target_m <= MAX_TARGET_M:
             raise InputError("target_error", f"{1000 * target_m:g} mm", "1 mm to 1 m")
