@@ -65,10 +65,10 @@ class GridOptions:
         from e3pose.settings.loop import FEEDBACK
         from e3pose.settings.parts import row_of
 
-        names = _names(_usual(loop) if self.policies is None else self.policies)
+        loops = _balances(loop)
+        names = _names(_usual(loops[0].settings()) if self.policies is None else self.policies)
         given = self.cameras
         counts = [None] if given is None else [*numbers_of("--cameras", given, "1.15,2")]
-        loops = _balances(loop)
         ahead = [] if self.leads is None else _counts("--leads", self.leads)
         return [
             each
@@ -187,10 +187,10 @@ def _names(text: str) -> list[str]:
     return list(dict.fromkeys(name.strip() for name in text.split(",")))
 
 
-def _usual(loop: LoopOptions) -> str:
+def _usual(loop: ReplaySettings) -> str:
     from e3pose.settings.energy import AWAKE
 
-    if loop.target_error is not None or loop.rest != AWAKE:
+    if loop.target_error_m is not None or loop.rest != AWAKE:
         return "information"
     if loop.pipeline == "paper":
         return "all,random,independent,e3pose-mv,e3pose"

@@ -18,7 +18,7 @@ from e3pose.cli.output import STDOUT
 from e3pose.cli.settings_options import Flag as Flag
 from e3pose.cli.settings_options import Whole as Whole
 from e3pose.cli.settings_options import options_from
-from e3pose.settings.energy import AWAKE, EnergySettings, RestChoice
+from e3pose.settings.energy import EnergySettings
 from e3pose.settings.loop import FEEDBACK, PAPER_ONLY, ReplaySettings
 
 # Groups of options in `--help`, in their order.
@@ -96,13 +96,10 @@ def check_outputs(source: Path, outputs: Mapping[str, Path | None]) -> None:
 @options_from(ReplaySettings, GROUPS)
 @dataclass(frozen=True, kw_only=True)
 class LoopOptions:
-    """How the loop runs, for every verb that runs it; verbs themselves look at these options."""
+    """How the loop runs, for every verb that runs it; of these two `evaluate` takes several."""
 
-    pipeline: str = "default"
-    target_error: str | None = None
     budget: str | None = None
     quality_weight: str | None = None
-    rest: RestChoice = AWAKE
 
     def settings(self, policy: str | None = None, cameras: float | None = None) -> ReplaySettings:
         """Return the settings that these options and two that some verbs have mean.

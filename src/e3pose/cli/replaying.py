@@ -153,17 +153,17 @@ def replay(
     from e3pose.settings.parts import noise_warning
 
     smoothing = smooth.settings()
-    delay_s = delay_of(delay, smoothing.method, loop.pipeline)
+    asked = loop.settings(policy, cameras)
+    delay_s = delay_of(delay, smoothing.method, asked.pipeline)
     smoothed = "--delay" if delay_s else "--smooth" if smoothing.method else None
     outputs.check(recording, store, smoothed)
     source = faults.downsampled(load_placed(recording))
     smoother = Smoother(source, smoothing, delay_s)
-    asked = loop.settings(policy, cameras)
     with as_typed(options_of(LoopOptions, EnergyOptions, more=("cameras", "policy", "detector"))):
         plan = energy.settings().plan(source.rig.camera_ids, source.interval_s, source.battery_wh)
         settings = replace(
             asked.for_rig(len(source.rig), plan),
-            foresees=outputs.report is not None and loop.pipeline != "paper",
+            foresees=outputs.report is not None and asked.pipeline != "paper",
             faults=faults.day(source, plan.watts),
         )
         feedback, read_view = settings.feedback, None
