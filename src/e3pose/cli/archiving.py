@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import App, Parameter
 
 from e3pose.base.errors import InputError
-from e3pose.cli.options import Flag, Whole, as_typed
+from e3pose.cli.options import Flag, StorePlace, Whole, as_typed
 
 if TYPE_CHECKING:
     from e3pose.store.forgetting import Forgotten
@@ -24,7 +24,13 @@ OPTIONS = {"site": "--site", "day": "--day"}
 
 @archive_app.default
 def archive(
-    store: str, dest: str, /, *, keep: str | None = None, site: str | None = None, new: Flag = False
+    store: StorePlace,
+    dest: str,
+    /,
+    *,
+    keep: str | None = None,
+    site: str | None = None,
+    new: Flag = False,
 ) -> None:
     """Archive the closed hours of a store, and leave out those that are archived.
 
@@ -39,8 +45,6 @@ def archive(
 
     Parameters
     ----------
-    store
-        Store: a file, a URL, or a site (site.toml or its folder).
     dest
         Folder, made if it is missing, or the address of an object store that fsspec knows.
     keep
@@ -104,7 +108,7 @@ def verify(dest: str, /) -> None:
 
 @archive_app.command
 def delete(
-    store: str,
+    store: StorePlace,
     /,
     *,
     day: str | None = None,
@@ -125,8 +129,6 @@ def delete(
 
     Parameters
     ----------
-    store
-        Store: a file, a URL, or a site (site.toml or its folder).
     day
         A day that is over (UTC), such as 2026-11-25: everything that is stored of it.
     person

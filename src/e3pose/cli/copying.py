@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from cyclopts import App
 
+from e3pose.cli.options import StorePlace
+
 store_app = App(name="store", help="Back up, restore and move a store.")
 
 
 @store_app.command(name="copy")
-def copy(source: str, dest: str, /) -> None:
+def copy(source: StorePlace, dest: str, /) -> None:
     """Copy a store: a backup, its restoration, or a move to another database.
 
     Example: `e3pose store copy site.toml backup.db`
@@ -20,8 +22,6 @@ def copy(source: str, dest: str, /) -> None:
 
     Parameters
     ----------
-    source
-        Store: a file, a URL, or a site (site.toml or its folder).
     dest
         File to create, or URL of a database without runs.
     """

@@ -11,25 +11,22 @@ from cyclopts import App, Parameter
 
 from e3pose.base.errors import InputError
 from e3pose.base.quantities import plural
-from e3pose.cli.options import Whole, warn
+from e3pose.cli.options import StorePlace, Whole, warn
 
 if TYPE_CHECKING:
     from e3pose.store.people import StoredPerson, Track
 
 people_app = App(name="people", help="List, name, colour, merge and forget people of a store.")
+Person = Annotated[str, Parameter(help="Number of the track, or name.")]
+Run = Annotated[Whole | None, Parameter(help="Run of the track. Default: the newest.")]
 THERE_S = 60.0  # somebody seen within it may still be there
 
 
 @people_app.command(name="list")
-def list_people(store: str, /) -> None:
+def list_people(store: StorePlace, /) -> None:
     """List the people of a store: name, tracks, and when they were there.
 
     Example: `e3pose people list site.toml`
-
-    Parameters
-    ----------
-    store
-        Store: a file, a URL, or a site (site.toml or its folder).
     """
     from e3pose.cli.querying import store_of
     from e3pose.evaluate.columns import fitted_tables, table_console
@@ -53,7 +50,7 @@ def list_people(store: str, /) -> None:
 
 
 @people_app.command(name="name")
-def name(store: str, person: str, new: str, /, *, run: Whole | None = None) -> None:
+def name(store: StorePlace, person: Person, new: str, /, *, run: Run = None) -> None:
     """Name a person: a track, or somebody who has a name already.
 
     Example: `e3pose people name site.toml 7 Ada`
@@ -63,14 +60,8 @@ def name(store: str, person: str, new: str, /, *, run: Whole | None = None) -> N
 
     Parameters
     ----------
-    store
-        Store: a file, a URL, or a site (site.toml or its folder).
-    person
-        Number of the track, or name.
     new
         The name.
-    run
-        Run of the track. Default: the newest.
     """
     from e3pose.store.people import set_name
 
@@ -79,21 +70,15 @@ def name(store: str, person: str, new: str, /, *, run: Whole | None = None) -> N
 
 
 @people_app.command(name="colour")
-def colour(store: str, person: str, colour: str, /, *, run: Whole | None = None) -> None:
+def colour(store: StorePlace, person: Person, colour: str, /, *, run: Run = None) -> None:
     """Choose the colour that a person is drawn in on the live page.
 
     Example: `e3pose people colour site.toml Ada orange`
 
     Parameters
     ----------
-    store
-        Store: a file, a URL, or a site (site.toml or its folder).
-    person
-        Number of the track, or name.
     colour
         blue, orange, green, pink, sky, gold, grey or brown.
-    run
-        Run of the track. Default: the newest.
     """
     from e3pose.store.people import set_colour
 
@@ -102,21 +87,15 @@ def colour(store: str, person: str, colour: str, /, *, run: Whole | None = None)
 
 
 @people_app.command(name="merge")
-def merge(store: str, person: str, into: str, /, *, run: Whole | None = None) -> None:
+def merge(store: StorePlace, person: Person, into: str, /, *, run: Run = None) -> None:
     """Say that two people are the same: the tracks of one get the name of the other.
 
     Example: `e3pose people merge site.toml 9 Ada`
 
     Parameters
     ----------
-    store
-        Store: a file, a URL, or a site (site.toml or its folder).
-    person
-        Number of the track, or name.
     into
         Name of the other.
-    run
-        Run of the track. Default: the newest.
     """
     from e3pose.store.people import people_of, set_name
 
@@ -127,21 +106,12 @@ def merge(store: str, person: str, into: str, /, *, run: Whole | None = None) ->
 
 
 @people_app.command(name="find")
-def find(store: str, person: str, /, *, run: Whole | None = None) -> None:
+def find(store: StorePlace, person: Person, /, *, run: Run = None) -> None:
     """Show what a store has of a person; exit code 1 if it has anything.
 
     Example: `e3pose people find site.toml 7 --run 1`
 
     After `forget` it shows that nothing is left.
-
-    Parameters
-    ----------
-    store
-        Store: a file, a URL, or a site (site.toml or its folder).
-    person
-        Number of the track, or name.
-    run
-        Run of the track. Default: the newest.
     """
     from e3pose.store.people import kept_of
 
@@ -156,11 +126,11 @@ def find(store: str, person: str, /, *, run: Whole | None = None) -> None:
 
 @people_app.command(name="forget")
 def forget(
-    store: str,
-    person: str,
+    store: StorePlace,
+    person: Person,
     /,
     *,
-    run: Whole | None = None,
+    run: Run = None,
     also: Annotated[list[Path] | None, Parameter(negative="", consume_multiple=True)] = None,
 ) -> None:
     """Remove all that a store has of a person: poses, times, events, zones, the name.
@@ -172,12 +142,6 @@ def forget(
 
     Parameters
     ----------
-    store
-        Store: a file, a URL, or a site (site.toml or its folder).
-    person
-        Number of the track, or name.
-    run
-        Run of the track. Default: the newest.
     also
         Copies of the store, and tables of `query`, `replay --poses` and `export` (.csv, .json,
         .parquet), to forget the person in.

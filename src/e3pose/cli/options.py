@@ -30,7 +30,9 @@ SMOOTHING = Group("Smoothing", sort_key=5)
 OUTPUT = Group("Output", sort_key=6)
 GROUPS = {"Goal": GOAL, PAPER_ONLY: PAPER, "Energy": POWER}
 
-
+StorePlace = Annotated[
+    str, Parameter(help="Store: a file, a URL, or a site (site.toml or its folder).")
+]
 Redetect = Annotated[
     str | None,
     Parameter(

@@ -11,10 +11,10 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
-from e3pose.base.bounded import read_bytes, read_toml
+from e3pose.base.bounded import read_toml
 from e3pose.base.errors import InputError
-from e3pose.wire.access import Link, check_link, holder_of, split_endpoint
-from e3pose.wire.keys.folder import MAX_PEM_BYTES, certificates_in, check_certificates
+from e3pose.wire.access import Link, check_link, split_endpoint
+from e3pose.wire.keys.folder import certificates_in, check_certificates, holder
 from e3pose.wire.topics import check_site
 
 FORMAT, VERSION = "e3pose-hub", 1
@@ -131,11 +131,7 @@ class Hub:
 
 def holder_at(link: Link) -> str:
     """Return the hub whose link it is; `hub` where a site has no certificates."""
-    if link.certificates is None:
-        return "hub"
-    from e3pose.wire.keys.authority import common_name
-
-    return holder_of(common_name(read_bytes(link.certificates.certificate, MAX_PEM_BYTES)))
+    return "hub" if link.certificates is None else holder(link.certificates)
 
 
 def load_hub(named: Path) -> Hub:

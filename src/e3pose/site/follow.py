@@ -9,17 +9,16 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from e3pose.base.bounded import read_bytes
 from e3pose.base.errors import InputError
 from e3pose.settings.site_file import SiteTable
 from e3pose.wire import topics
-from e3pose.wire.access import Link, holder_of, split_endpoint
+from e3pose.wire.access import Link, split_endpoint
 from e3pose.wire.codec import decode
 from e3pose.wire.keys.folder import (
-    MAX_PEM_BYTES,
     Kind,
     certificates_in,
     check_certificates,
+    holder,
 )
 from e3pose.wire.site_messages import Poses, Status
 from e3pose.wire.transport import Transport
@@ -105,11 +104,8 @@ def operator_of(link: Link) -> str | None:
     """
     if link.certificates is None:
         return LOCAL_OPERATOR
-    if link.certificates.certificate.name != "operator.pem":
-        return None
-    from e3pose.wire.keys.authority import common_name
-
-    return holder_of(common_name(read_bytes(link.certificates.certificate, MAX_PEM_BYTES)))
+    is_operator = link.certificates.certificate.name == "operator.pem"
+    return holder(link.certificates) if is_operator else None
 
 
 def viewer_link(site: SiteTable, viewer: Path | None, operates: bool = False) -> Link:

@@ -32,7 +32,7 @@ from e3pose.base.errors import InputError
 from e3pose.base.lock import hold
 from e3pose.base.private import make_folder
 from e3pose.model.camera_fields import check_camera_id
-from e3pose.wire.access import Certificates, edge_name
+from e3pose.wire.access import Certificates, edge_name, holder_of
 from e3pose.wire.topics import check_site
 
 FORMAT = "e3pose-keys"
@@ -342,3 +342,14 @@ def write_file(path: Path, content: bytes) -> None:
     """Write a certificate, a list, or a key that its owner alone can read."""
     with atomic_file(path, private=path.suffix == ".key") as temporary:
         temporary.write_bytes(content)
+
+
+def holder(files: Certificates) -> str:
+    """Return to whom the certificate of a program was given.
+
+    Raises:
+        InputError: for a certificate that cannot be read.
+    """
+    from e3pose.wire.keys.authority import common_name
+
+    return holder_of(common_name(read_bytes(files.certificate, MAX_PEM_BYTES)))
