@@ -109,7 +109,7 @@ class EdgeServer:
             self.inbox.rests,
             self.inbox.can_sleep,
         )
-        self.state_file = state_file or StateFile(pipeline, None, self.event_log.report, started_ns)
+        self.state_file = state_file or StateFile(pipeline, None, self.event_log.report)
         lead = cautious(settings.deadline_s, interval_s) if settings.adaptive_lead else None
         self.owner = PipelineOwner(pipeline, lead)
         self.health = Health(num_cameras, interval_s, settings.pace, pipeline.warmup_slots)

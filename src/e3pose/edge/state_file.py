@@ -22,14 +22,14 @@ class StateFile:
         pipeline: the parts of the loop, as it begins.
         path: the file; None saves nothing.
         report: called with the kind and message of an event; a lasting fault is reported once.
-        run_ns: when the run began: that of the resumed state, if there is one.
+        run_ns: when the run began: that of the resumed state, if there is one; for what is saved.
         problem: why the state cannot be saved at present; empty if it can.
     """
 
     pipeline: Pipeline
     path: Path | None
     report: Callable[[str, str], None]
-    run_ns: int
+    run_ns: int = 0
     problem: str = ""
     _found: Checkpoint | None = None
     _loaded: bool = False
