@@ -14,10 +14,11 @@ nothing from it: nobody looked again.
 
 from __future__ import annotations
 
-from e3pose.base.arrays import Flags, Floats
+from e3pose.base.arrays import Floats
 from e3pose.base.kernel import kernel
 from e3pose.estimate.filter.outliers import MEASURED_SIGMAS, ROBUST
 from e3pose.estimate.filter.projected import USED_SCORE, projected_variance_px2, shown_at
+from e3pose.estimate.filter.scratch import Passes
 from e3pose.model.pose import MOST_UNCHANGED_S
 from e3pose.model.projection import MIN_DEPTH_M
 
@@ -36,14 +37,11 @@ def pull_still(
     row: int,
     pace_px: float,
     state: Floats,
-    places: Floats,
-    moved: Floats,
     covariance: Floats,
     projection: Floats,
     weights: Floats,
     first: bool,
-    seen: Floats,
-    measured: Flags,
+    passes: Passes,
 ) -> None:
     """Add the information of one detection about each joint's velocity to `seen`.
 
@@ -51,15 +49,13 @@ def pull_still(
         row: of the detection in `weights`.
         pace_px: standard deviation of its velocities, pixels per second.
         state: `(num_joints, 6)` as predicted.
-        places: `(num_joints, 3)` metres, as this pass has them.
-        moved: `(num_joints, 6)` from the prediction.
         covariance: `(num_joints, 6, 6)` of the prediction.
         projection: `(3, 4)`.
         weights: `(num_rows, num_joints)` scores.
         first: whether the prediction may still be off by more than what is hidden.
-        seen: `(num_joints, 18)` its last nine entries are of the velocity.
-        measured: `(num_joints,)`.
+        passes: of its `seen`, the last nine entries are of the velocity.
     """
+    places, moved, seen, measured = passes.places, passes.moved, passes.seen, passes.measured
     variance = pace_px * pace_px
     for joint in range(len(places)):
         if not weights[row, joint] > USED_SCORE:

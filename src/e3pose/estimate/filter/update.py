@@ -41,7 +41,7 @@ def update(
     num_joints, num_cameras = len(state), len(views.counts)
     blocks = covariance.reshape(num_joints, 36)
     shared = tracks.shared[track].reshape(num_joints, 36)
-    moved, places = passes.moved, passes.places
+    moved = passes.moved
     prepare(
         constants.order,
         constants.parents,
@@ -63,29 +63,9 @@ def update(
     for iteration in range(ITERATIONS):
         _pull_views(track, dt, iteration == 0, constants, views, assigned, tracks, passes)
         if shown:  # else two joints would make each other surer without anybody having looked
-            _pull_loose_bones(
-                places,
-                moved,
-                covariance,
-                passes.lengths_m,
-                passes.slacks_m,
-                constants.body.bones,
-                constants.loose,
-                passes.seen,
-            )
+            _pull_loose_bones(covariance, constants, passes)
         _sum_up(passes)
-        _pull_links(
-            places,
-            moved,
-            passes.lengths_m,
-            passes.slacks_m,
-            constants.body.links,
-            constants.parents,
-            constants.usual_m,
-            passes.own,
-            passes.across,
-            passes.pull,
-        )
+        _pull_links(constants, passes)
         eliminate(constants.order, constants.parents, passes.own, passes.across, passes.pull, moved)
     for joint in range(num_joints):
         for axis in range(6):
@@ -144,55 +124,44 @@ def _pull_views(
         if views.arrived[camera] and assigned[camera, track] >= 0:
             _pull_view(
                 views.starts[camera] + assigned[camera, track],
-                places,
-                moved,
                 covariance,
                 constants.projections[camera],
-                views.pixels,
-                views.weights,
-                views.variances,
+                views,
                 tracks.bias_px[track, camera],
                 inflation(tracks.last_seen_s[track, camera] + dt, constants.memory),
                 first,
-                seen,
-                passes.measured,
+                passes,
             )
         elif views.unchanged[camera] and assigned[camera, track] >= 0:
             pull_still(
                 views.starts[camera] + assigned[camera, track],
                 views.pace_px[camera],
                 state,
-                places,
-                moved,
                 covariance,
                 constants.projections[camera],
                 views.weights,
                 first,
-                seen,
-                passes.measured,
+                passes,
             )
 
 
 @kernel
 def _pull_view(
     row: int,
-    places: Floats,
-    moved: Floats,
     covariance: Floats,
     projection: Floats,
-    pixels: Floats,
-    weights: Floats,
-    variances: Floats,
+    views: Views,
     bias_px: Floats,
     factor: float,
     first: bool,
-    seen: Floats,
-    measured: Flags,
+    passes: Passes,
 ) -> None:
     """Add the information of one detection about each joint to `seen`; note what it measures.
 
     `factor` is on its variances.
     """
+    pixels, weights, variances = views.pixels, views.weights, views.variances
+    places, moved, seen, measured = passes.places, passes.moved, passes.seen, passes.measured
     for joint in range(len(places)):
         if not weights[row, joint] > USED_SCORE:
             continue
@@ -235,16 +204,14 @@ def _pull_view(
 
 @kernel
 def _pull_loose_bones(
-    places: Floats,
-    moved: Floats,
     covariance: Floats,
-    bones_m: Floats,
-    slacks_m: Floats,
-    bones: Integers,
-    loose: Flags,
-    seen: Floats,
+    constants: Constants,
+    passes: Passes,
 ) -> None:
     """Add the information of bones outside the tree to either end, with the other end fixed."""
+    bones, loose = constants.body.bones, constants.loose
+    bones_m, slacks_m = passes.lengths_m, passes.slacks_m
+    places, moved, seen = passes.places, passes.moved, passes.seen
     for bone in range(len(bones_m)):
         if not (loose[bone] and slacks_m[bone] > 0):
             continue
@@ -301,18 +268,14 @@ def _sum_up(passes: Passes) -> None:
 
 @kernel
 def _pull_links(
-    places: Floats,
-    moved: Floats,
-    bones_m: Floats,
-    slacks_m: Floats,
-    links: Integers,
-    parents: Integers,
-    usual_m: Floats,
-    own: Floats,
-    across: Floats,
-    pull: Floats,
+    constants: Constants,
+    passes: Passes,
 ) -> None:
     """Add the information of the bones of the tree to both ends jointly."""
+    links, parents, usual_m = constants.body.links, constants.parents, constants.usual_m
+    places, moved = passes.places, passes.moved
+    bones_m, slacks_m = passes.lengths_m, passes.slacks_m
+    own, across, pull = passes.own, passes.across, passes.pull
     for joint in range(len(links)):
         bone, parent = links[joint], parents[joint]
         if bone >= 0 and slacks_m[bone] > 0:

@@ -11,20 +11,20 @@ import math
 
 import numpy as np
 
-from e3pose.base.arrays import Floats, Integers
 from e3pose.base.kernel import LANES, kernel
 from e3pose.estimate.per_slot.group import PRIOR_JOINTS
 from e3pose.estimate.per_slot.pairs import measure_tile
+from e3pose.estimate.per_slot.workspace import CAMERA, LABEL, NEAREST, SIZE, Workspace
 
 # Sums of scores that differ by less are equal; then the first pose leads.
 STRENGTH_UNIT = 1e-6  # numerics: of a sum of scores
 
 
 @kernel
-def weigh_groups(
-    num_poses: int, labels: Integers, scores: Floats, sizes: Integers, strength: Floats
-) -> None:
+def weigh_groups(num_poses: int, workspace: Workspace) -> None:
     """Fill size and strength (sum of scores, in `STRENGTH_UNIT`) of all groups; 0 where is none."""
+    labels, sizes = workspace.integers[LABEL], workspace.integers[SIZE]
+    scores, strength = workspace.scores, workspace.strength
     for pose in range(num_poses):
         sizes[pose] = 0
         strength[pose] = 0.0
@@ -39,24 +39,16 @@ def weigh_groups(
 @kernel
 def dissolve_groups(
     num_poses: int,
-    cameras: Integers,
-    scores: Floats,
-    tiles: Floats,
-    tile_centers: Floats,
-    lanes: Floats,
     max_distance_m: float,
     cap_m: float,
-    labels: Integers,
-    sizes: Integers,
-    homes: Integers,
-    strength: Floats,
-    group_sums: Floats,
-    group_weights: Floats,
+    workspace: Workspace,
 ) -> None:
-    """Change `labels`; `sizes` and `strength` are those of `weigh_groups` and are kept up to date.
+    """Change the labels; sizes and strengths are those of `weigh_groups` and are kept up to date.
 
-    `homes`, `group_sums` and `group_weights` are scratch of `num_poses` each.
+    What `measure_pairs` and `group_poses` worked in is used up.
     """
+    labels, sizes = workspace.integers[LABEL], workspace.integers[SIZE]
+    homes, strength = workspace.integers[NEAREST], workspace.strength
     largest = 0
     for label in range(num_poses):
         largest = max(largest, sizes[label])
@@ -77,21 +69,7 @@ def dissolve_groups(
         at_home = 0
         for pose in range(num_poses):
             if labels[pose] == label:
-                homes[pose] = _find_home(
-                    pose,
-                    num_poses,
-                    cameras,
-                    scores.shape[1],
-                    tiles,
-                    tile_centers,
-                    lanes,
-                    max_distance_m,
-                    cap_m,
-                    labels,
-                    sizes,
-                    group_sums,
-                    group_weights,
-                )
+                homes[pose] = _find_home(pose, num_poses, max_distance_m, cap_m, workspace)
                 if homes[pose] < 0:
                     break
                 at_home += 1
@@ -105,39 +83,26 @@ def dissolve_groups(
                 largest = max(largest, sizes[homes[pose]])
         sizes[label] = 0
     if changed:
-        weigh_groups(num_poses, labels, scores, sizes, strength)
+        weigh_groups(num_poses, workspace)
 
 
 @kernel
 def _find_home(
     pose: int,
     num_poses: int,
-    cameras: Integers,
-    num_joints: int,
-    tiles: Floats,
-    tile_centers: Floats,
-    lanes: Floats,
     max_distance_m: float,
     cap_m: float,
-    labels: Integers,
-    sizes: Integers,
-    group_sums: Floats,
-    group_weights: Floats,
+    workspace: Workspace,
 ) -> int:
+    """Return the group in which a pose is at home; -1 for none."""
+    cameras, lanes = workspace.integers[CAMERA], workspace.lanes
+    labels, sizes = workspace.integers[LABEL], workspace.integers[SIZE]
+    group_sums, group_weights = workspace.distance, workspace.weights[0]
     for other in range(num_poses):
         group_sums[other] = 0.0
         group_weights[other] = 0.0
     for start in range(0, num_poses, LANES):
-        measure_tile(
-            tiles[pose // LANES],
-            tile_centers[pose // LANES],
-            pose % LANES,
-            tiles[start // LANES],
-            tile_centers[start // LANES],
-            num_joints,
-            cap_m,
-            lanes,
-        )
+        measure_tile(pose, start // LANES, cap_m, workspace)
         for other in range(start, min(start + LANES, num_poses)):
             if cameras[other] == cameras[pose]:
                 group_sums[labels[other]] = np.inf

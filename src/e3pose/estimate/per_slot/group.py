@@ -14,8 +14,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from e3pose.base.arrays import Floats, Integers
 from e3pose.base.kernel import kernel
+from e3pose.estimate.per_slot.workspace import ALIVE, LABEL, NEAREST, Workspace
 
 # So many certain joints at the distance `cap_m` are added to what two groups have in common: a
 # scrap of two joints needs more than a lucky coincidence, and larger groups merge before smaller.
@@ -27,26 +27,22 @@ PRIOR_JOINTS = 1.0
 @kernel
 def group_poses(
     num_poses: int,
-    sums: Floats,
-    weights: Floats,
     max_distance_m: float,
     cap_m: float,
-    labels: Integers,
-    nearest: Integers,
-    distance: Floats,
-    alive: Integers,
+    workspace: Workspace,
 ) -> None:
-    """Fill `labels` with the smallest pose index of each pose's group.
+    """Label each pose with the smallest pose index of its group.
 
-    `sums` and `weights` come from `measure_pairs` and are used up; `nearest`, `distance` and
-    `alive` are scratch of `num_poses` each.
+    The sums and weights of `measure_pairs` are used up.
     """
+    labels, nearest = workspace.integers[LABEL], workspace.integers[NEAREST]
+    alive, distance = workspace.integers[ALIVE], workspace.distance
     num_alive = num_poses
     for pose in range(num_poses):
         labels[pose] = pose
         alive[pose] = pose
     for pose in range(num_poses):
-        _find_nearest(pose, num_alive, alive, sums, weights, cap_m, nearest, distance)
+        _find_nearest(pose, num_alive, cap_m, workspace)
     while True:
         first = -1
         smallest = np.inf
@@ -67,20 +63,18 @@ def group_poses(
                 alive[kept] = alive[index]
                 kept += 1
         num_alive = kept
-        _merge(first, second, num_alive, alive, sums, weights, cap_m, nearest, distance)
+        _merge(first, second, num_alive, cap_m, workspace)
 
 
 @kernel
 def _find_nearest(
     pose: int,
     num_alive: int,
-    alive: Integers,
-    sums: Floats,
-    weights: Floats,
     cap_m: float,
-    nearest: Integers,
-    distance: Floats,
+    workspace: Workspace,
 ) -> None:
+    alive, nearest = workspace.integers[ALIVE], workspace.integers[NEAREST]
+    sums, weights = workspace.sums, workspace.weights
     nearest[pose] = pose
     smallest = np.inf
     for index in range(num_alive):
@@ -89,7 +83,7 @@ def _find_nearest(
         if link < smallest:
             smallest = link
             nearest[pose] = other
-    distance[pose] = smallest
+    workspace.distance[pose] = smallest
 
 
 @kernel
@@ -97,13 +91,11 @@ def _merge(
     first: int,
     second: int,
     num_alive: int,
-    alive: Integers,
-    sums: Floats,
-    weights: Floats,
     cap_m: float,
-    nearest: Integers,
-    distance: Floats,
+    workspace: Workspace,
 ) -> None:
+    alive, nearest = workspace.integers[ALIVE], workspace.integers[NEAREST]
+    sums, weights, distance = workspace.sums, workspace.weights, workspace.distance
     for index in range(num_alive):
         other = alive[index]
         if other == first:
@@ -117,5 +109,5 @@ def _merge(
             distance[other] = link
             nearest[other] = first
         elif nearest[other] == first or nearest[other] == second:
-            _find_nearest(other, num_alive, alive, sums, weights, cap_m, nearest, distance)
-    _find_nearest(first, num_alive, alive, sums, weights, cap_m, nearest, distance)
+            _find_nearest(other, num_alive, cap_m, workspace)
+    _find_nearest(first, num_alive, cap_m, workspace)

@@ -14,41 +14,36 @@ import numpy as np
 from e3pose.base.arrays import Floats, Integers
 from e3pose.base.kernel import LANES, kernel
 from e3pose.estimate.per_slot.triangulate import noise_px
+from e3pose.estimate.per_slot.workspace import CAMERA, PLANES, ROW, Site, Workspace
 from e3pose.model.pose import MAX_PIXEL, MISSING_SCORE
 
 # Squared sine of the angle under which two rays count as parallel: their distance says nothing.
 PARALLEL_SINE2 = 1e-9  # numerics: of parallel rays
-PLANES = 4  # layout: of a tile, as `gather` fills it
 
 
 @kernel
 def gather(
     scores: Floats,
     counts: Integers,
-    ray_matrices: Floats,
-    centers_m: Floats,
-    pixels: Floats,
-    pose_scores: Floats,
-    precisions: Floats,
-    cameras: Integers,
-    rows: Integers,
-    tiles: Floats,
-    tile_centers: Floats,
+    site: Site,
+    workspace: Workspace,
 ) -> int:
-    """Fill everything after `pixels`, pose by pose; return the number of poses.
+    """Fill scores, precisions and tiles, pose by pose; return the number of poses.
 
-    `pixels` `(num_poses, num_joints, 2)` are undistorted; they become 0 where not seen.
+    `workspace.pixels` are undistorted; they become 0 where not seen.
     """
+    pixels, tiles, tile_centers = workspace.pixels, workspace.tiles, workspace.tile_centers
+    cameras, rows = workspace.integers[CAMERA], workspace.integers[ROW]
     num_joints = scores.shape[2]
     pose = 0
     for camera in range(len(counts)):
-        m = ray_matrices[camera]
+        m = site.ray_matrices[camera]
         for row in range(counts[camera]):
             tile, lane = pose // LANES, pose % LANES
             cameras[pose] = camera
             rows[pose] = row
             for axis in range(3):
-                tile_centers[tile, axis * LANES + lane] = centers_m[camera, axis]
+                tile_centers[tile, axis * LANES + lane] = site.centers_m[camera, axis]
             for joint in range(num_joints):
                 u, v = pixels[pose, joint, 0], pixels[pose, joint, 1]
                 score = scores[camera, row, joint]
@@ -64,8 +59,8 @@ def gather(
                     precision = 1.0 / noise_px(score)
                 else:
                     pixels[pose, joint, 0] = pixels[pose, joint, 1] = score = 0.0
-                pose_scores[pose, joint] = score
-                precisions[pose, joint] = precision
+                workspace.scores[pose, joint] = score
+                workspace.precisions[pose, joint] = precision
                 at = joint * PLANES * LANES + lane
                 tiles[tile, at] = x
                 tiles[tile, at + LANES] = y
@@ -82,19 +77,12 @@ def gather(
 @kernel
 def measure_pairs(
     num_poses: int,
-    num_joints: int,
-    cameras: Integers,
-    tiles: Floats,
-    tile_centers: Floats,
     cap_m: float,
-    lanes: Floats,
-    sums: Floats,
-    weights: Floats,
+    workspace: Workspace,
 ) -> None:
-    """Fill the symmetric `sums` and `weights` of `match.ray_distances`; the same view is infinite.
-
-    `lanes` is scratch of `5 * LANES` numbers.
-    """
+    """Fill the symmetric sums and weights of all pairs; those of one view are infinite."""
+    cameras, lanes = workspace.integers[CAMERA], workspace.lanes
+    sums, weights = workspace.sums, workspace.weights
     num_tiles = (num_poses + LANES - 1) // LANES
     for pose in range(num_poses):
         first = pose + 1
@@ -105,16 +93,7 @@ def measure_pairs(
         sums[pose, pose] = np.inf
         weights[pose, pose] = 0.0
         for tile in range(first // LANES, num_tiles):
-            measure_tile(
-                tiles[pose // LANES],
-                tile_centers[pose // LANES],
-                pose % LANES,
-                tiles[tile],
-                tile_centers[tile],
-                num_joints,
-                cap_m,
-                lanes,
-            )
+            measure_tile(pose, tile, cap_m, workspace)
             start = tile * LANES
             for other in range(max(first, start), min(start + LANES, num_poses)):
                 lane = other - start
@@ -124,23 +103,23 @@ def measure_pairs(
 
 @kernel
 def measure_tile(
-    own: Floats,
-    own_center: Floats,
-    own_lane: int,
-    tile: Floats,
-    centers: Floats,
-    num_joints: int,
+    pose: int,
+    number: int,
     cap_m: float,
-    lanes: Floats,
+    workspace: Workspace,
 ) -> None:
     """Measure one pose against the poses of a tile: the fourth and fifth row of `lanes`."""
+    own, own_lane = workspace.tiles[pose // LANES], pose % LANES
+    own_center = workspace.tile_centers[pose // LANES]
+    tile, centers = workspace.tiles[number], workspace.tile_centers[number]
+    lanes = workspace.lanes
     for lane in range(LANES):
         lanes[lane] = centers[lane] - own_center[own_lane]
         lanes[LANES + lane] = centers[LANES + lane] - own_center[LANES + own_lane]
         lanes[2 * LANES + lane] = centers[2 * LANES + lane] - own_center[2 * LANES + own_lane]
         lanes[3 * LANES + lane] = 0.0
         lanes[4 * LANES + lane] = 0.0
-    for joint in range(num_joints):
+    for joint in range(workspace.scores.shape[1]):
         plane = joint * PLANES * LANES
         score = own[plane + 3 * LANES + own_lane]
         if score <= 0:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from e3pose.base.arrays import Floats, Integers
-from e3pose.base.kernel import LANES, kernel
+from e3pose.base.kernel import kernel
 from e3pose.estimate.per_slot.dissolve import dissolve_groups, weigh_groups
 from e3pose.estimate.per_slot.epipolar import (
     fundamental_matrices,
@@ -17,87 +17,28 @@ from e3pose.estimate.per_slot.epipolar import (
 )
 from e3pose.estimate.per_slot.fusion import MATCHERS, Fused, FusionSettings
 from e3pose.estimate.per_slot.group import group_poses
-from e3pose.estimate.per_slot.pairs import PLANES, gather, measure_pairs
+from e3pose.estimate.per_slot.pairs import gather, measure_pairs
 from e3pose.estimate.per_slot.triangulate import (
     MIN_VIEWS,
     refine_person,
     score_person,
     triangulate_person,
 )
+from e3pose.estimate.per_slot.workspace import (
+    CAMERA,
+    LABEL,
+    MEMBER,
+    ROW,
+    SIZE,
+    Rules,
+    Site,
+    Workspace,
+    make_workspace,
+)
 from e3pose.model.camera import Rig
-from e3pose.model.undistort import Lenses, make_lenses, undistort_slot
+from e3pose.model.undistort import make_lenses, undistort_slot
 
 RAYS, TANKE_GALL = MATCHERS.index("rays"), MATCHERS.index("tanke-gall")
-CAMERA, ROW, LABEL, NEAREST, ALIVE, SIZE, MEMBER = range(7)  # the rows of `Workspace.integers`
-
-
-class Site(NamedTuple):
-    """What is constant about a rig."""
-
-    ray_matrices: Floats  # (num_cameras, 3, 3)
-    centers_m: Floats  # (num_cameras, 3)
-    projections: Floats  # (num_cameras, 3, 4)
-    lenses: Lenses
-    fundamentals: Floats  # (num_cameras, num_cameras, 3, 3)
-
-
-class Rules(NamedTuple):
-    """`FusionSettings`, as kernels take them."""
-
-    max_distance_m: float
-    cap_m: float
-    duplicate_m: float
-    min_joints: int
-    steps: int
-    reject_outliers: bool
-    matcher: int
-    epipolar_px: float
-
-
-class Workspace(NamedTuple):
-    """Scratch of a slot of at most `capacity` poses, allocated once."""
-
-    pixels: Floats  # (capacity, num_joints, 2)
-    scores: Floats  # (capacity, num_joints)
-    tiles: Floats
-    tile_centers: Floats
-    lanes: Floats
-    sums: Floats  # (capacity, capacity)
-    weights: Floats  # (capacity, capacity)
-    distance: Floats  # (capacity,)
-    strength: Floats  # (capacity,)
-    precisions: Floats  # (capacity, num_joints)
-    small: Floats  # (4, 4, 4)
-    integers: Integers  # (7, capacity)
-    joints_m: Floats  # (capacity // 2, num_joints, 3)
-    joint_scores: Floats  # (capacity // 2, num_joints)
-    errors_px: Floats  # (capacity // 2, num_joints)
-    members: Integers  # (capacity // 2, num_cameras)
-
-
-def make_workspace(num_cameras: int, num_joints: int, capacity: int) -> Workspace:
-    """Allocate scratch; `capacity` is rounded up to whole tiles."""
-    num_tiles = max(1, -(-capacity // LANES))
-    capacity = num_tiles * LANES
-    people = capacity // MIN_VIEWS
-    return Workspace(
-        pixels=np.zeros((capacity, num_joints, 2)),
-        scores=np.zeros((capacity, num_joints)),
-        tiles=np.zeros((num_tiles, num_joints * PLANES * LANES)),
-        tile_centers=np.zeros((num_tiles, 3 * LANES)),
-        lanes=np.zeros(6 * LANES),
-        sums=np.zeros((capacity, capacity)),
-        weights=np.zeros((capacity, capacity)),
-        distance=np.zeros(capacity),
-        strength=np.zeros(capacity),
-        precisions=np.zeros((capacity, num_joints)),
-        small=np.zeros((4, 4, 4)),
-        integers=np.zeros((7, capacity), np.int64),
-        joints_m=np.zeros((people, num_joints, 3)),
-        joint_scores=np.zeros((people, num_joints)),
-        errors_px=np.zeros((people, num_joints)),
-        members=np.zeros((people, num_cameras), np.int64),
-    )
 
 
 class SlotKernel:
@@ -160,20 +101,7 @@ def fuse_slot(
         workspace.lanes,
         workspace.pixels,
     )
-    cameras, rows = workspace.integers[CAMERA], workspace.integers[ROW]
-    num_poses = gather(
-        scores,
-        counts,
-        site.ray_matrices,
-        site.centers_m,
-        workspace.pixels,
-        workspace.scores,
-        workspace.precisions,
-        cameras,
-        rows,
-        workspace.tiles,
-        workspace.tile_centers,
-    )
+    num_poses = gather(scores, counts, site, workspace)
     if rules.matcher == RAYS:
         _match_rays(num_poses, rules.max_distance_m, rules.cap_m, workspace)
     else:
@@ -257,53 +185,16 @@ def _match_epipolar(
         match_tanke_gall(*arguments)
     else:
         match_epipolar(*arguments)
-    weigh_groups(num_poses, labels, workspace.scores, workspace.integers[SIZE], workspace.strength)
+    weigh_groups(num_poses, workspace)
 
 
 @kernel
 def _match_rays(num_poses: int, max_distance_m: float, cap_m: float, workspace: Workspace) -> None:
     """Group poses by person, the closest first: their labels, group sizes and strengths."""
-    cameras, labels = workspace.integers[CAMERA], workspace.integers[LABEL]
-    nearest, sizes = workspace.integers[NEAREST], workspace.integers[SIZE]
-    measure_pairs(
-        num_poses,
-        workspace.scores.shape[1],
-        cameras,
-        workspace.tiles,
-        workspace.tile_centers,
-        cap_m,
-        workspace.lanes,
-        workspace.sums,
-        workspace.weights,
-    )
-    group_poses(
-        num_poses,
-        workspace.sums,
-        workspace.weights,
-        max_distance_m,
-        cap_m,
-        labels,
-        nearest,
-        workspace.distance,
-        workspace.integers[ALIVE],
-    )
-    weigh_groups(num_poses, labels, workspace.scores, sizes, workspace.strength)
-    dissolve_groups(
-        num_poses,
-        cameras,
-        workspace.scores,
-        workspace.tiles,
-        workspace.tile_centers,
-        workspace.lanes,
-        max_distance_m,
-        cap_m,
-        labels,
-        sizes,
-        nearest,
-        workspace.strength,
-        workspace.distance,
-        workspace.weights[0],
-    )
+    measure_pairs(num_poses, cap_m, workspace)
+    group_poses(num_poses, max_distance_m, cap_m, workspace)
+    weigh_groups(num_poses, workspace)
+    dissolve_groups(num_poses, max_distance_m, cap_m, workspace)
 
 
 @kernel
