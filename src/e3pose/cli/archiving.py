@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from e3pose.store.forgetting import Forgotten
 
 archive_app = App(name="archive")
-DAY_S = 86_400
 OPTIONS = {"site": "--site", "day": "--day"}
 
 

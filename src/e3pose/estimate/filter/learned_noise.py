@@ -126,25 +126,17 @@ def tilt_knots(tilt: float, scores: Floats, stated_px: Floats, noise_px: Floats)
 @kernel
 def quietest(
     noise: Floats,
-    weight: float,
-    scales: Floats,
-    scores: Floats,
-    stated_px: Floats,
+    constants: Constants,
     sigma_px: Floats,
 ) -> None:
     """Fill `sigma_px` `(num_cameras,)`: of each camera's keypoints of the best score.
 
-    Args:
-        noise: as of `find_logs`, like `weight`.
-        weight: keypoints.
-        scales: `(num_cameras,)` of `Model`.
-        scores: `(num_knots,)` of the noise file.
-        stated_px: `(num_knots,)` of the noise file.
-        sigma_px: filled.
+    `noise` is as of `find_logs`.
     """
+    scales, scores = constants.scales, constants.noise_scores
     logs, noise_px = np.empty(len(noise)), np.empty(len(scores))
-    find_logs(noise, weight, logs)
-    tilt_knots(logs[len(scales)], scores, stated_px, noise_px)
+    find_logs(noise, constants.noise_weight, logs)
+    tilt_knots(logs[len(scales)], scores, constants.noise_px, noise_px)
     for camera in range(len(scales)):
         sigma_px[camera] = scales[camera] * math.exp(logs[camera]) * noise_px.min()
 

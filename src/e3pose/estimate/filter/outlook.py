@@ -146,14 +146,7 @@ def expect(
             shown = likely_shown(known.detection_map[camera], root, constants.corner_m)
             expected.shows[track, camera] = shown
     find_needed(state, known.last_seen_s, known.confirmed, known.seen_by, ahead_s, expected.needed)
-    quietest(
-        known.noise,
-        constants.noise_weight,
-        constants.scales,
-        constants.noise_scores,
-        constants.noise_px,
-        sigma_px,
-    )
+    quietest(known.noise, constants, sigma_px)
     for camera in range(len(sigma_px)):
         sigma_px[camera] *= factor
 

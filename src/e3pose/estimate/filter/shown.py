@@ -265,14 +265,7 @@ def grade(
     constants = held.values
     sigma_px, weights = np.empty(len(constants.scales)), np.empty(len(constants.scales))
     lasting = np.empty(len(constants.scales))
-    quietest(
-        known.noise,
-        constants.noise_weight,
-        constants.scales,
-        constants.noise_scores,
-        constants.noise_px,
-        sigma_px,
-    )
+    quietest(known.noise, constants, sigma_px)
     for index in range(len(rows)):
         track = rows[index]
         seen_s, delivered = known.last_seen_s[track], known.delivered[track]

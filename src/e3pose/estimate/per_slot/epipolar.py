@@ -29,9 +29,10 @@ import math
 
 import numpy as np
 
-from e3pose.base.arrays import Floats, Integers
+from e3pose.base.arrays import Floats
 from e3pose.base.kernel import kernel
 from e3pose.estimate.per_slot.assign import assign
+from e3pose.estimate.per_slot.workspace import CAMERA, LABEL, Workspace
 from e3pose.model.camera import Rig
 
 # Of Tanke and Gall, of the mean score of a pose.
@@ -60,37 +61,25 @@ def fundamental_matrices(rig: Rig) -> Floats:
 
 @kernel
 def match_epipolar(
-    num_poses: int,
-    cameras: Integers,
-    pixels: Floats,
-    scores: Floats,
-    fundamentals: Floats,
-    max_distance_px: float,
-    labels: Integers,
-    costs: Floats,
+    num_poses: int, fundamentals: Floats, max_distance_px: float, workspace: Workspace
 ) -> None:
-    """Fill `labels` with the first pose index of each pose's candidate.
+    """Label each pose with the first pose index of its candidate.
 
     Args:
         num_poses: of all views, camera after camera.
-        cameras: `(num_poses,)` camera of each pose.
-        pixels: `(num_poses, num_joints, 2)` undistorted.
-        scores: `(num_poses, num_joints)`; 0 where not seen.
         fundamentals: those of `fundamental_matrices`.
         max_distance_px: the most that a pose may cost the candidate it is assigned to.
-        labels: `(num_poses,)`, filled.
-        costs: `(num_poses, num_poses)` scratch: candidate by pose.
+        workspace: with the poses of the slot; its sums are used up.
     """
+    labels, costs = workspace.integers[LABEL], workspace.sums  # candidate by pose
     start = 0
     while start < num_poses:
-        stop = _each_alone(start, num_poses, cameras, labels)
+        stop = _each_alone(start, num_poses, workspace)
         for candidate in range(start):
             for pose in range(start, stop):
                 costs[candidate, pose] = np.inf
                 if labels[candidate] == candidate:
-                    costs[candidate, pose] = _cost(
-                        candidate, pose, start, labels, cameras, pixels, scores, fundamentals
-                    )
+                    costs[candidate, pose] = _cost(candidate, pose, start, fundamentals, workspace)
         while True:
             best, chosen, smallest = -1, -1, max_distance_px
             for candidate in range(start):
@@ -109,24 +98,18 @@ def match_epipolar(
 
 @kernel
 def match_tanke_gall(
-    num_poses: int,
-    cameras: Integers,
-    pixels: Floats,
-    scores: Floats,
-    fundamentals: Floats,
-    max_distance_px: float,
-    labels: Integers,
-    costs: Floats,
+    num_poses: int, fundamentals: Floats, max_distance_px: float, workspace: Workspace
 ) -> None:
-    """Fill `labels` as `match_epipolar` does; a dropped pose is alone. Arguments are its own."""
+    """Label poses as `match_epipolar` does; a dropped pose is alone. Arguments are its own."""
+    labels, costs = workspace.integers[LABEL], workspace.sums
     reals, integers = np.empty((3, num_poses)), np.empty((5, num_poses), np.int64)
     flags, believed = np.empty((2, num_poses), np.bool_), np.empty(num_poses)
     rows, columns = np.empty(num_poses, np.int64), np.empty(num_poses, np.int64)
     for pose in range(num_poses):
-        believed[pose] = _mean_score(scores[pose])
+        believed[pose] = _mean_score(workspace.scores[pose])
     start = 0
     while start < num_poses:
-        stop = _each_alone(start, num_poses, cameras, labels)
+        stop = _each_alone(start, num_poses, workspace)
         num_rows = num_columns = 0
         for pose in range(start, stop):
             if believed[pose] > DROPPED_SCORE:
@@ -138,19 +121,8 @@ def match_tanke_gall(
                 num_rows += 1
         for row in range(num_rows):
             for column in range(num_columns):
-                costs[row, column] = min(
-                    FAR_PX,
-                    _cost(
-                        rows[row],
-                        columns[column],
-                        start,
-                        labels,
-                        cameras,
-                        pixels,
-                        scores,
-                        fundamentals,
-                    ),
-                )
+                apart = _cost(rows[row], columns[column], start, fundamentals, workspace)
+                costs[row, column] = min(FAR_PX, apart)
         if num_rows > 0 and num_columns > 0:
             assign(costs, num_rows, num_columns, reals, integers, flags)
             for row in range(num_rows):
@@ -159,21 +131,19 @@ def match_tanke_gall(
                     rows[row],
                     columns[column],
                     start,
-                    labels,
-                    cameras,
-                    pixels,
-                    scores,
                     fundamentals,
                     max_distance_px,
                     believed,
+                    workspace,
                 ):
                     labels[columns[column]] = rows[row]
         start = stop
 
 
 @kernel
-def _each_alone(start: int, num_poses: int, cameras: Integers, labels: Integers) -> int:
+def _each_alone(start: int, num_poses: int, workspace: Workspace) -> int:
     """Make each pose of the view that begins at `start` a candidate; return where it ends."""
+    cameras, labels = workspace.integers[CAMERA], workspace.integers[LABEL]
     stop = start
     while stop < num_poses and cameras[stop] == cameras[start]:
         labels[stop] = stop
@@ -197,18 +167,16 @@ def _vetoed(
     candidate: int,
     pose: int,
     stop: int,
-    labels: Integers,
-    cameras: Integers,
-    pixels: Floats,
-    scores: Floats,
     fundamentals: Floats,
     max_distance_px: float,
     believed: Floats,
+    workspace: Workspace,
 ) -> bool:
     """Return whether a strong member of a candidate is too far from a pose."""
+    labels = workspace.integers[LABEL]
     for member in range(candidate, stop):
         if labels[member] == candidate and believed[member] > STRONG_SCORE:
-            apart = _distance(member, pose, cameras, pixels, scores, fundamentals)
+            apart = _distance(member, pose, fundamentals, workspace)
             if not apart <= max_distance_px:
                 return True
     return False
@@ -219,18 +187,16 @@ def _cost(
     candidate: int,
     pose: int,
     stop: int,
-    labels: Integers,
-    cameras: Integers,
-    pixels: Floats,
-    scores: Floats,
     fundamentals: Floats,
+    workspace: Workspace,
 ) -> float:
     """Return the mean distance of a pose from those of a candidate before `stop`."""
+    labels = workspace.integers[LABEL]
     total, count = 0.0, 0
     for member in range(candidate, stop):
         if labels[member] != candidate:
             continue
-        apart = _distance(member, pose, cameras, pixels, scores, fundamentals)
+        apart = _distance(member, pose, fundamentals, workspace)
         if math.isfinite(apart):
             total += apart
             count += 1
@@ -241,12 +207,11 @@ def _cost(
 def _distance(
     member: int,
     pose: int,
-    cameras: Integers,
-    pixels: Floats,
-    scores: Floats,
     fundamentals: Floats,
+    workspace: Workspace,
 ) -> float:
     """Return D of two poses in pixels; inf without a shared joint, or without epipolar lines."""
+    cameras, pixels, scores = workspace.integers[CAMERA], workspace.pixels, workspace.scores
     forward = fundamentals[cameras[member], cameras[pose]]
     backward = fundamentals[cameras[pose], cameras[member]]
     apart, shared = 0.0, 0

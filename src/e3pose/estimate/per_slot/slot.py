@@ -170,21 +170,10 @@ def _match_epipolar(
     num_poses: int, matcher: int, fundamentals: Floats, max_epipolar_px: float, workspace: Workspace
 ) -> None:
     """Group poses by person by epipolar lines: their labels, group sizes and strengths."""
-    labels = workspace.integers[LABEL]
-    arguments = (
-        num_poses,
-        workspace.integers[CAMERA],
-        workspace.pixels,
-        workspace.scores,
-        fundamentals,
-        max_epipolar_px,
-        labels,
-        workspace.sums,
-    )
     if matcher == TANKE_GALL:
-        match_tanke_gall(*arguments)
+        match_tanke_gall(num_poses, fundamentals, max_epipolar_px, workspace)
     else:
-        match_epipolar(*arguments)
+        match_epipolar(num_poses, fundamentals, max_epipolar_px, workspace)
     weigh_groups(num_poses, workspace)
 
 
