@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from sqlalchemy import Connection, select
+from sqlalchemy import select
 
 from e3pose.archive.manifest import (
     NAME,
@@ -48,13 +48,14 @@ def delete_everywhere(store: str | Path, what: Forgotten) -> list[Deleted]:
     what one that is being written meanwhile has read before.
 
     Raises:
-        InputError: when the store cannot be used.
+        InputError: when the store cannot be used, or has archives and a part of a day is asked for.
     """
+    if not what.whole_day and (places := archives_of(store, what.site)):
+        wanted = "a whole day, as archives have them: e3pose archive delete SITE --day DAY"
+        raise InputError("time", f"a part of one, with archives ({', '.join(places)})", wanted)
     what, rows = forget(store, what)
     found = [Deleted(shown(database_url(store)), rows, left(store, what))]
-    with changing(store) as engine, engine.connect() as connection:
-        places = _places(connection, what.site)
-    for name in places:
+    for name in archives_of(store, what.site):
         try:
             place = place_of(name)
             found.append(Deleted(name, delete_there(place, what), left_there(place, what)))
@@ -70,6 +71,8 @@ def delete_there(place: Place, what: Forgotten) -> int:
         InputError: when the archive cannot be read or written.
     """
     check_there(place)
+    if not what.whole_day:  # asked for before there was an archive: it never had those rows
+        return 0
     if what.track_id is None:
         return _delete_day(place, what)
     return sum(_delete_person(place, manifest, what) for manifest in _with_person(place, what))
@@ -98,10 +101,12 @@ def left_there(place: Place, what: Forgotten) -> int:
     return rows
 
 
-def _places(connection: Connection, site: str) -> list[str]:
+def archives_of(store: str | Path, site: str) -> list[str]:
+    """Return the archives that poses of a site went to."""
     table = schema.archives
     asked = select(table.c.place).where(table.c.site == site).order_by(table.c.place)
-    return list(connection.execute(asked).scalars())
+    with changing(store) as engine, engine.connect() as connection:
+        return list(connection.execute(asked).scalars())
 
 
 def _delete_day(place: Place, what: Forgotten) -> int:

@@ -207,8 +207,8 @@ class Recorder:
     def _trim(self) -> None:
         """Delete the oldest recordings beyond the space limit."""
         parts = recordings_in(self.settings.folder)
-        sizes = {part: _size(part) for part in parts}
-        left = sum(sizes.values()) + _size(self.settings.videos)
+        sizes = {part: size_of(part) for part in parts}
+        left = sum(sizes.values()) + size_of(self.settings.videos)
         left += self._writer.num_bytes if self._writer else 0
         for part in parts:
             if left <= self.settings.max_bytes:
@@ -242,7 +242,8 @@ def recordings_in(folder: Path) -> list[Path]:
     )
 
 
-def _size(folder: Path) -> int:
+def size_of(folder: Path) -> int:
+    """Return the bytes of all files in a folder."""
     sizes = []
     for file in folder.rglob("*"):
         with suppress(FileNotFoundError):  # a camera deleted an old video

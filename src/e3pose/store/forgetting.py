@@ -53,6 +53,12 @@ class Forgotten:
     outbox_number: int = 0
 
     @property
+    def whole_day(self) -> bool:
+        """Whether it is a person, or all of a day as archives have them."""
+        whole = self.start_ns % DAY_NS == 0 and self.end_ns - self.start_ns == DAY_NS
+        return self.track_id is not None or whole
+
+    @property
     def day(self) -> str:
         """The day that begins with it, as archives are called."""
         return day_of(self.start_ns)

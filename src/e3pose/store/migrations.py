@@ -72,6 +72,17 @@ ARCHIVES_7 = """CREATE TABLE archives (
     PRIMARY KEY (site, place)
 )"""
 
+CLIPS_11 = """CREATE TABLE clips (
+    number {number} NOT NULL,
+    site TEXT NOT NULL,
+    name TEXT NOT NULL,
+    note TEXT NOT NULL,
+    start_ns BIGINT NOT NULL,
+    end_ns BIGINT NOT NULL,
+    made_ns BIGINT NOT NULL,
+    PRIMARY KEY (number)
+)"""
+
 
 def prepare(connection: Connection, where: str) -> int:
     """Make the tables of an empty database, or bring those of a store up to the present version.
@@ -182,4 +193,13 @@ def _to_10(connection: Connection) -> None:
     connection.exec_driver_sql("ALTER TABLE forgotten ADD COLUMN outbox_number BIGINT")
 
 
-STEPS = {2: _to_2, 3: _to_3, 4: _to_4, 5: _to_5, 6: _to_6, 7: _to_7, 8: _to_8, 9: _to_9, 10: _to_10}
+def _to_11(connection: Connection) -> None:
+    """Make the table of clips."""
+    number = "SERIAL" if connection.dialect.name == "postgresql" else "INTEGER"
+    connection.exec_driver_sql(CLIPS_11.format(number=number))
+
+
+STEPS = {
+    2: _to_2, 3: _to_3, 4: _to_4, 5: _to_5, 6: _to_6, 7: _to_7, 8: _to_8, 9: _to_9, 10: _to_10,
+    11: _to_11,
+}  # fmt: skip

@@ -26,8 +26,9 @@ from sqlalchemy import (
 
 from e3pose.base.errors import InputError
 
-VERSION = 10  # one more with every change, and a step to it in `store.migrations`
-READABLE = (1, 2, 3, 4, 5, 6, 7, 8, 9, 10)  # columns keep name and meaning; earlier ones have fewer
+VERSION = 11  # one more with every change, and a step to it in `store.migrations`
+# Columns keep name and meaning; earlier versions have fewer.
+READABLE = (1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11)
 
 metadata = MetaData()
 
@@ -197,6 +198,19 @@ forgotten = Table(
     Column("run_started_ns", BigInteger),
     Column("track_id", BigInteger),  # of a person; null for everything in that time
     Column("outbox_number", BigInteger),  # by which hubs hear of it; null where none could
+)
+
+# Stretches that somebody marked: `store.clips`.
+clips = Table(
+    "clips",
+    metadata,
+    Column("number", Integer, primary_key=True),
+    Column("site", Text, nullable=False),
+    Column("name", Text, nullable=False),
+    Column("note", Text, nullable=False),
+    Column("start_ns", BigInteger, nullable=False),
+    Column("end_ns", BigInteger, nullable=False),
+    Column("made_ns", BigInteger, nullable=False),
 )
 
 # Where poses of a site went, and up to which number of `forgotten` they were deleted there.

@@ -20,6 +20,7 @@ from e3pose.model.take import Take, kept_rows, motion_of
 from e3pose.output.exports.wide import is_wide, read_wide
 from e3pose.store import Store
 from e3pose.store.answers import StoredPoses, StoredRun
+from e3pose.store.query import Time
 from e3pose.store.times import as_when
 
 TABLES = (".csv", ".parquet")
@@ -42,8 +43,8 @@ class Asked:
             joints lies between them.
     """
 
-    start: str | None = None
-    end: str | None = None
+    start: Time = None
+    end: Time = None
     tracks: tuple[int, ...] = ()
     site: str | None = None
     run: int | None = None

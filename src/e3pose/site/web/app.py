@@ -19,6 +19,7 @@ from e3pose.site.web.api import make_api
 from e3pose.site.web.control import Ask, make_control
 from e3pose.site.web.day import make_day
 from e3pose.site.web.feed import Feed
+from e3pose.site.web.keep import Keeping, make_keep
 from e3pose.site.web.live import make_live
 from e3pose.site.web.page import make_page
 from e3pose.site.web.people import make_people
@@ -44,6 +45,7 @@ class PageContent:
         pictures: the route of pictures; None where they are off.
         picture_rules: who is shown them.
         log: called with a line about what operators changed here.
+        keep: clips, files and recordings; None without.
     """
 
     feed: Feed
@@ -53,6 +55,7 @@ class PageContent:
     pictures: APIRouter | None = None
     picture_rules: PictureRules = field(default_factory=PictureRules)
     log: Callable[[str], object] = lambda line: None
+    keep: Keeping | None = None
 
     def body(self, scope: str) -> dict[str, Any]:
         """Return what does not change, and what a token of a scope allows."""
@@ -61,6 +64,7 @@ class PageContent:
             "scope": scope,
             "stored": self.store is not None,
             "controls": self.ask is not None,
+            "recorded": self.keep is not None and self.keep.recordings is not None,
             "pictures": self.picture_rules.for_scope(scope),
         }
 
@@ -96,6 +100,7 @@ def inner_app(content: PageContent) -> FastAPI:
     app.include_router(make_day(content.store))
     feed, place = content.feed, None if content.store is None else content.store.place
     app.include_router(make_people(place, feed.site, feed.look_at_names, content.log))
+    app.include_router(make_keep(content.keep or Keeping(place, feed.site, log=content.log)))
     app.include_router(make_api(content.feed, content.store, content.body))
     return app
 

@@ -15,6 +15,7 @@ from e3pose.base.version import Version, version_of
 from e3pose.settings.resolved import ResolvedSite
 from e3pose.settings.site_file import SiteTable
 from e3pose.site.follow import ANY_HOST, LOCAL_OPERATOR, operator_of, viewer_link
+from e3pose.site.keep.jobs import Jobs
 from e3pose.site.listener import Bounds, open_socket
 from e3pose.site.serving import CONNECTIONS, PER_ADDRESS, Serving
 from e3pose.site.web.access import Rules
@@ -22,6 +23,7 @@ from e3pose.site.web.app import PageContent, make_app
 from e3pose.site.web.control import Ask
 from e3pose.site.web.doing import page_watch
 from e3pose.site.web.feed import Feed
+from e3pose.site.web.keep import Keeping
 from e3pose.site.web.layout import describe
 from e3pose.site.web.names import Names
 from e3pose.site.web.notices import surroundings
@@ -36,6 +38,7 @@ from e3pose.wire.transport import Transport
 
 ASK_S = 3.0  # for the edge to answer
 PICTURE_S = 1.0  # for a camera to answer
+FILES = "view-files"  # folder beside the site file, of what the page made
 
 
 @dataclass(frozen=True, slots=True)
@@ -215,12 +218,33 @@ def open_view(
             names = {i: of_camera(site.name, i, "picture") for i in site.rig.camera_ids}
             asks = {i: asking(name, PICTURE_S) for i, name in names.items()}
             pictures = make_pictures(site.rig, feed, asks, site.interval_s / site.pace, shown.per_s)
-        made = PageContent(feed, store, lambda: body, ask, pictures, shown, report)
+        keep = keeping(site, report, stack)
+        made = PageContent(feed, store, lambda: body, ask, pictures, shown, report, keep)
         view._stack.push(stack.pop_all())
     bounds = Bounds(CONNECTIONS, PER_ADDRESS, proxies=rules.proxies)
     secure = _https(address)
     view.serve(Serving(make_app(made, rules), listening, bounds, secure), secure)
     return view
+
+
+def keeping(site: ResolvedSite, report: Callable[[str], object], stack: ExitStack) -> Keeping:
+    """Return what the page keeps of a site.
+
+    Args:
+        site: what its file says.
+        report: called with lines for operators.
+        stack: ends what is being made.
+    """
+    place, jobs = None, None
+    if site.store is not None:
+        place, jobs = (
+            site.store.place,
+            Jobs(site.folder.resolve() / FILES, site.path.resolve(), report),
+        )
+        stack.callback(jobs.close)
+    recorded = any(camera.record is not None for camera in site.cameras.values())
+    folder = site.record.path if recorded or site.record.path.is_dir() else None
+    return Keeping(place, site.name, jobs, folder, report)
 
 
 def rules_of(site: SiteTable, address: Address, tokens: Tokens) -> Rules[Tokens]:

@@ -1,0 +1,117 @@
+"""Stored poses, zones and events of people as MCAP, as `e3pose stream mcap:FILE` writes them."""
+
+from __future__ import annotations
+
+import heapq
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from e3pose.base.errors import InputError
+from e3pose.base.quantities import plural
+from e3pose.events.watch import begin_watch
+from e3pose.model.person_event import PersonEvent
+from e3pose.model.zone_event import ZoneEvent
+from e3pose.settings.events_table import EventsTable
+from e3pose.settings.resolved import ResolvedSite
+from e3pose.site.connect import LiveSlot
+from e3pose.site.keep.wish import Wish
+from e3pose.site.stored import stored_slots
+from e3pose.site.streams import Source
+from e3pose.store import Store
+
+SENTENCE = re.compile(r"(?:Person \d+ )?(.+?)(?: \(.*\))? at \d\d:\d\d")
+Timed = tuple[int, int, Any]  # nanoseconds since 1970, what comes first at one time, what it is
+
+
+def write_mcap(
+    wish: Wish, site: ResolvedSite, dest: Path, say: Callable[[str, float | None], None]
+) -> str:
+    """Write a stretch of a store; return a note about it.
+
+    Args:
+        wish: the time, run and people.
+        site: whose store it is.
+        dest: the file to make.
+        say: see `making.make`.
+
+    Raises:
+        InputError: when nobody was stored in that time, or the library is not installed.
+    """
+    try:
+        from e3pose.site.streams.mcap import open_stream
+    except ModuleNotFoundError as error:
+        missing = f"MCAP: found no module {error.name}, expected it: pip install 'e3pose[foxglove]'"
+        raise InputError(missing) from None
+    assert site.store is not None
+    store = Store(site.store.place)
+    bounds: dict[str, Any] = {
+        "start": wish.start_ns,
+        "end": wish.end_ns,
+        "site": site.name,
+        "run": wish.run,
+    }
+    chunks = store.read(**bounds)
+    slots = ((s.time_ns, 0, s) for _, one in stored_slots(chunks) if len(s := _chosen(one, wish)))
+    told = heapq.merge(
+        ((row["time_ns"], 1, _zone_event(row)) for row in _of(store.rows("zones", **bounds), wish)),
+        ((e.time_ns, 2, e) for e in _person_events(store.rows("events", **bounds), wish)),
+        key=lambda timed: timed[:2],
+    )
+    source = Source(site.name, site.skeleton, site.fps, cameras=site.rig.camera_ids)
+    watch = begin_watch(EventsTable(), site.skeleton.joints)
+    stream, count = open_stream(str(dest), source), 0
+    try:
+        for time_ns, _, what in heapq.merge(slots, told, key=lambda timed: timed[:2]):
+            if isinstance(what, LiveSlot):
+                stream.slot(what)
+                count += 1
+                say("writing", (time_ns - wish.start_ns) / (wish.end_ns - wish.start_ns))
+            elif isinstance(what, ZoneEvent):
+                stream.zone(what)
+            elif isinstance(what, PersonEvent):
+                stream.people(watch, [what])
+    finally:
+        stream.close()
+    if not count:
+        dest.unlink(missing_ok=True)
+        raise InputError(f"{store.where}: found no poses that fit")
+    return f"{plural(count, 'slot')}, metres, z up"
+
+
+def _chosen(slot: LiveSlot, wish: Wish) -> LiveSlot:
+    """Return a slot with the people who are wanted."""
+    if not wish.tracks:
+        return slot
+    rows = np.isin(slot.track_ids, wish.tracks)
+    names = ("track_ids", "joints_m", "sigma_m", "measured")
+    return replace(slot, **{name: getattr(slot, name)[rows] for name in names})
+
+
+def _of(rows: list[dict[str, Any]], wish: Wish) -> Iterator[dict[str, Any]]:
+    return (row for row in rows if not wish.tracks or row["track_id"] in wish.tracks)
+
+
+def _zone_event(row: dict[str, Any]) -> ZoneEvent:
+    return ZoneEvent(
+        row["kind"], row["zone"], row["track_id"], row["count"], row["stayed_s"], row["slot"],
+        row["time_ns"],
+    )  # fmt: skip
+
+
+def _person_events(rows: list[dict[str, Any]], wish: Wish) -> Iterator[PersonEvent]:
+    for row in _of([row for row in rows if row["phase"] is not None], wish):
+        yield PersonEvent(
+            row["kind"], row["phase"], row["track_id"], row["zone"] or "", row["start_ns"],
+            row["time_ns"], -1, row["score"] or 0.0, _says(row["message"]),
+        )  # fmt: skip
+
+
+def _says(message: str) -> str:
+    """Return what a stored sentence says besides who, where and when."""
+    found = SENTENCE.fullmatch(message)
+    return found[1] if found else message

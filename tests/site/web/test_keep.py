@@ -1,0 +1,429 @@
+"""Clips, files and recordings by the API: made, found again, bounded, and nothing beside them."""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+from tests.site.web.watched import SLOTS, STARTED_NS, Watched, watched_site
+from tests.waiting import eventually
+
+import e3pose.site.keep.jobs as limits
+from e3pose.base.errors import InputError
+from e3pose.model.zone_event import ZoneEvent
+from e3pose.site.keep.jobs import CUT_OFF, KEPT_S, Jobs
+from e3pose.site.keep.wish import FORMS, Wish
+from e3pose.store import Event, Run, Store, StoreWriter
+
+END_NS = STARTED_NS + 1_200_000_000
+BOUNDS = {"start_ns": STARTED_NS, "end_ns": END_NS}
+RECORDING = 'format = "e3pose-recording"\nversion = 3\nname = "a"\nfps = 25.0\nnum_slots = 250\n'
+
+
+@pytest.fixture(scope="module")
+def watched(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Watched]:
+    folder = tmp_path_factory.mktemp("site")
+    parts = folder / "recordings"
+    for name in ("20261118T100640Z", "20261118T101640Z"):
+        (parts / name).mkdir(parents=True)
+        (parts / name / "recording.toml").write_text(RECORDING)
+    (folder / "outside").mkdir()
+    (folder / "outside" / "recording.toml").write_text(RECORDING)
+    (parts / "link").symlink_to(folder / "outside")
+    (parts / "broken").mkdir()
+    (parts / "broken" / "recording.toml").write_text("fps = [")
+    with watched_site(folder) as made:
+        run = Run("lab", "lab", STARTED_NS, 1 / 25, "coco17", (), ())
+        with StoreWriter(folder / "lab.db", run) as writer:
+            writer.zone(ZoneEvent("enter", "bed", 10, 1, 0.0, 3, STARTED_NS + 10**8))
+            writer.event(
+                Event(STARTED_NS + 2 * 10**8, "fall", "Person 10 fell (bed) at 10:06", track_id=10,
+                      zone="bed", phase="begun", start_ns=STARTED_NS + 10**8, score=0.9)
+            )  # fmt: skip
+        yield made
+
+
+@pytest.fixture
+def operator(watched: Watched) -> Iterator[httpx.Client]:
+    with watched.client(watched.view.tokens.write) as made:
+        yield made
+
+
+def made(client: httpx.Client, **body: Any) -> dict[str, Any]:
+    """Ask for files and wait until they are there, or cannot be."""
+    answer = client.post("/api/control/jobs", json={"name": "walk", **BOUNDS, **body})
+    assert answer.status_code == 200, answer.text
+    number = answer.json()["number"]
+
+    def job() -> dict[str, Any]:
+        jobs = client.get("/api/jobs").json()["jobs"]
+        return dict(next(one for one in jobs if one["number"] == number))
+
+    assert eventually(lambda: job()["state"] in ("done", "failed"), 60.0)
+    return job()
+
+
+def content(client: httpx.Client, job: dict[str, Any], index: int = 0) -> bytes:
+    answer = client.get(f"/api/jobs/{job['number']}/{job['files'][index]['name']}")
+    assert answer.status_code == 200
+    assert "attachment" in answer.headers["content-disposition"]
+    assert len(answer.content) == job["files"][index]["bytes"]
+    return answer.content
+
+
+def test_clips_are_marked_named_noted_and_removed(operator: httpx.Client) -> None:
+    clip = operator.post("/api/control/clips", json={"name": "walk", **BOUNDS}).json()
+    changes = {"name": "<i>run</i>", "note": "two\nlines"}
+    changed = operator.post(f"/api/control/clips/{clip['number']}", json=changes).json()
+    assert (changed["name"], changed["note"]) == ("<i>run</i>", "two\nlines")
+    listed = operator.get("/api/clips").json()
+    assert listed == [{**changed, "stored": True}]
+    assert operator.delete(f"/api/control/clips/{clip['number']}").json() == {"said": "Removed."}
+    assert operator.get("/api/clips").json() == []
+    assert operator.delete(f"/api/control/clips/{clip['number']}").status_code == 422
+
+
+def test_what_is_stored_of_a_clip_is_deleted_if_asked_for(tmp_path: Path) -> None:
+    said: list[str] = []
+    with (
+        watched_site(tmp_path, report=said.append) as own,
+        own.client(own.view.tokens.write) as client,
+    ):
+        clip = client.post("/api/control/clips", json={"name": "x", **BOUNDS}).json()
+        answer = client.delete(f"/api/control/clips/{clip['number']}", params={"stored": True})
+        assert "rows of its time deleted" in answer.json()["said"]
+        slots = [row["slot"] for row in Store(own.folder / "lab.db").rows("slots")]
+        assert slots == list(range(31, SLOTS))
+    assert said[0] == f"page: 127.0.0.1 marked clip {clip['number']}"
+    assert said[1].startswith(f"page: 127.0.0.1 deleted what was stored of clip {clip['number']}")
+
+
+FIRST = {
+    "c3d": b"\x02\x50", "gltf": b"glTF", "bvh": b"HIERARCHY", "csv": b"frame,", "parquet": b"PAR1",
+    "mcap": b"\x89MCAP0\r\n", "report": b"<!doctype html>", "trc": b"PathFileType",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("form", sorted(FORMS))
+def test_every_form_is_made_and_downloaded(operator: httpx.Client, form: str) -> None:
+    job = made(operator, form=form)
+    assert job["state"] == "done", job
+    assert {file["name"] for file in job["files"]} == (
+        {f"walk-track{track}{FORMS[form].suffix}" for track in (10, 11)}
+        if form in ("trc", "bvh")
+        else {f"walk{FORMS[form].suffix}"}
+    )
+    assert content(operator, job).startswith(FIRST[form])
+    assert job["until_s"] == pytest.approx(time.time() + KEPT_S, abs=300)
+
+
+def test_people_are_chosen_and_poses_smoothed(operator: httpx.Client) -> None:
+    one = content(operator, made(operator, form="csv", tracks=[11])).decode().splitlines()
+    assert len(one) == 1 + 31 and all(line.split(",")[4] == "11" for line in one[1:])
+    smooth = made(operator, form="csv", tracks=[11], smooth=True)
+    assert content(operator, smooth).decode().splitlines() != one
+    nobody = made(operator, form="csv", tracks=[99])
+    assert nobody["state"] == "failed" and "no poses that fit" in nobody["doing"]
+    assert nobody["files"] == []
+    empty = made(operator, form="report", start_ns=1, end_ns=2)
+    assert empty["state"] == "failed" and "no slot of site lab" in empty["doing"]
+
+
+def test_mcap_holds_slots_zones_and_events(operator: httpx.Client, tmp_path: Path) -> None:
+    from mcap.reader import make_reader
+
+    path = tmp_path / "walk.mcap"
+    path.write_bytes(content(operator, made(operator, form="mcap", tracks=[10])))
+    seen: dict[str, list[Any]] = {}
+    with path.open("rb") as file:
+        for _, channel, message in make_reader(file).iter_messages():
+            seen.setdefault(channel.topic, []).append(message)
+    assert len(seen["/poses"]) == len(seen["/scene"]) == 31
+    poses = json.loads(seen["/poses"][0].data)
+    assert [one["track"] for one in poses["people"]] == [10]
+    (event,) = [json.loads(one.data) for one in seen["/events"]]
+    assert event["says"] == "fell" and event["kind"] == "fall"
+    assert len(seen["/zones"]) == 1
+    times = [message.log_time for topic in seen.values() for message in topic]
+    assert min(times) == STARTED_NS
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "../../etc/passwd",
+        "..",
+        "/",
+        "a/b\\c",
+        "C:\\x",
+        "-rf",
+        "con.",
+        "\u202egnp.exe",
+        " ",
+        "é" * 90,
+    ],
+)
+def test_no_name_is_a_path(operator: httpx.Client, watched: Watched, name: str) -> None:
+    before = {path for path in watched.folder.rglob("*") if "view-files" not in path.parts}
+    job = made(operator, form="csv", name=name)
+    assert job["state"] == "done"
+    (file,) = job["files"]
+    assert set(file["name"]) <= set(
+        "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789-_."
+    )
+    assert not file["name"].startswith((".", "-")) and file["name"].endswith(".csv")
+    content(operator, job)
+    after = {path for path in watched.folder.rglob("*") if "view-files" not in path.parts}
+    assert {path for path in after - before if ".db" not in path.name} == set()
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "job.json", "../job.json", "..%2f..%2flab.db", "%2e%2e/lab.db", "walk.csv%00.txt",
+        "..%5c..%5clab.db", "", "%2fetc%2fpasswd",
+    ],
+)  # fmt: skip
+def test_only_files_that_jobs_made_are_served(operator: httpx.Client, path: str) -> None:
+    job = made(operator, form="csv")
+    answer = operator.get(f"/api/jobs/{job['number']}/{path}")
+    assert answer.status_code in (404, 422), answer.text
+    for number in ("0" * 16, "..", "%2e%2e", job["number"].upper() + "x"):
+        answer = operator.get(f"/api/jobs/{number}/walk.csv")
+        assert answer.status_code in (404, 422), number
+
+
+@pytest.mark.parametrize(
+    ("body", "words"),
+    [
+        ({"form": "exe"}, "form: found 'exe'"),
+        ({"form": "csv", "end_ns": STARTED_NS}, "the earlier time first"),
+        ({"form": "csv", "start_ns": 0, "end_ns": 2**62}, "at most 24"),
+        ({"form": "csv", "end_ns": 2**80}, "end_ns"),
+        ({"form": "csv", "start_ns": -1}, "start_ns"),
+        ({"form": "csv", "tracks": [1] * 201}, "tracks"),
+        ({"form": "csv", "tracks": ["x"]}, "tracks"),
+        ({"form": "csv", "name": ""}, "name"),
+        ({"form": "csv", "name": "x" * 200}, "name"),
+        ({"form": "mcap", "smooth": True}, "smooth"),
+        ({"form": "csv", "dest": "/tmp/x"}, "dest"),
+    ],
+)
+def test_what_cannot_be_made_is_refused_at_once(
+    operator: httpx.Client, body: dict[str, Any], words: str
+) -> None:
+    before = len(operator.get("/api/jobs").json()["jobs"])
+    answer = operator.post("/api/control/jobs", json={"name": "walk", **BOUNDS, **body})
+    assert answer.status_code == 422 and words in answer.json()["detail"], answer.text
+    assert len(operator.get("/api/jobs").json()["jobs"]) == before
+
+
+def test_viewers_see_and_download_and_change_nothing(
+    watched: Watched, operator: httpx.Client
+) -> None:
+    job = made(operator, form="csv")
+    clip = operator.post("/api/control/clips", json={"name": "walk", **BOUNDS}).json()
+    for token, status in (("", 401), (watched.view.tokens.read, 403), ("y" * 32, 401)):
+        with watched.client(token) as client:
+            asks = {"name": "walk", "form": "csv", **BOUNDS}
+            assert client.post("/api/control/jobs", json=asks).status_code == status
+            assert client.post("/api/control/clips", json=asks).status_code == status
+            for path in (
+                f"jobs/{job['number']}",
+                f"clips/{clip['number']}?stored=true",
+                "recordings/20261118T100640Z",
+            ):
+                assert client.delete(f"/api/control/{path}").status_code == status, path
+    with watched.client(watched.view.tokens.read) as client:
+        assert content(client, job)
+        assert [one["number"] for one in client.get("/api/clips").json()] == [clip["number"]]
+    assert len(Store(watched.folder / "lab.db").rows("slots")) == SLOTS
+    operator.delete(f"/api/control/clips/{clip['number']}")
+
+
+def test_recordings_are_listed_and_deleted_by_their_names_alone(
+    watched: Watched, operator: httpx.Client
+) -> None:
+    names = [one["name"] for one in operator.get("/api/recordings").json()]
+    assert names == ["20261118T101640Z", "20261118T100640Z"]
+    first = operator.get("/api/recordings").json()[1]
+    assert first["start_ns"] == 1_794_996_400 * 10**9 and first["seconds"] == 10.0
+    for name in ("link", "..", "%2e%2e%2foutside", "..%2foutside", "broken/../../outside", ""):
+        assert operator.delete(f"/api/control/recordings/{name}").status_code in (404, 405, 422)
+    assert (watched.folder / "outside" / "recording.toml").is_file()
+    assert operator.delete("/api/control/recordings/20261118T100640Z").status_code == 200
+    assert [one["name"] for one in operator.get("/api/recordings").json()] == names[:1]
+
+
+# ---- jobs across programs, disks and days
+
+
+@pytest.fixture
+def site(tmp_path: Path) -> Iterator[Path]:
+    with watched_site(tmp_path):
+        yield tmp_path
+
+
+WISH = Wish("csv", "walk", STARTED_NS, END_NS)
+
+
+def state_of(jobs: Jobs, number: str) -> str:
+    return next((job.state for job in jobs.all() if job.number == number), "gone")
+
+
+def until(jobs: Jobs, number: str, *states: str) -> bool:
+    return eventually(lambda: state_of(jobs, number) in states, 60.0)
+
+
+def test_jobs_are_there_for_the_next_program_which_says_what_was_cut_off(site: Path) -> None:
+    jobs = Jobs(site / "files", site / "site.toml")
+    done = jobs.add(WISH)
+    assert until(jobs, done.number, "done")
+    cut = [jobs.add(WISH) for _ in range(3)]
+    jobs.close()
+    again = Jobs(site / "files", site / "site.toml")
+    try:
+        found = {job.number: job for job in again.all()}
+        assert found[done.number].state == "done"
+        assert again.file(done.number, "walk.csv").is_file()
+        for one in cut[1:]:
+            assert (found[one.number].state, found[one.number].doing) == ("failed", CUT_OFF)
+            assert [path.name for path in (site / "files" / one.number).iterdir()] == ["job.json"]
+    finally:
+        again.close()
+
+
+def test_a_second_program_of_the_site_says_that_there_is_another(site: Path) -> None:
+    first = Jobs(site / "files", site / "site.toml")
+    try:
+        done = first.add(WISH)
+        assert until(first, done.number, "done")
+        second = Jobs(site / "files", site / "site.toml")
+        assert second.all() == [] and "jobs" in second.why
+        with pytest.raises(InputError):
+            second.add(WISH)
+        second.close()
+        assert first.file(done.number, "walk.csv").is_file()
+    finally:
+        first.close()
+
+
+def test_files_go_a_day_after_they_were_made(site: Path) -> None:
+    now_s = [1000.0]
+    jobs = Jobs(site / "files", site / "site.toml", now_s=lambda: now_s[0])
+    try:
+        job = jobs.add(WISH)
+        assert until(jobs, job.number, "done")
+        now_s[0] += KEPT_S - 1
+        assert jobs.file(job.number, "walk.csv").is_file()
+        now_s[0] += 2
+        assert jobs.all() == [] and not (site / "files" / job.number).exists()
+        with pytest.raises(InputError, match="expected one that a job made"):
+            jobs.file(job.number, "walk.csv")
+    finally:
+        jobs.close()
+
+
+def test_a_job_is_removed_while_it_works_and_the_next_one_is_made(
+    site: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    jobs = Jobs(site / "files", site / "site.toml")
+    try:
+        first, second = jobs.add(WISH), jobs.add(WISH)
+        assert until(jobs, first.number, "working", "done")
+        jobs.remove(first.number)
+        assert not (site / "files" / first.number).exists()
+        assert until(jobs, second.number, "done")
+        assert state_of(jobs, first.number) == "gone"
+        assert eventually(lambda: not (site / "files" / first.number).exists())
+        with pytest.raises(InputError, match="job: found"):
+            jobs.remove("../..")
+    finally:
+        jobs.close()
+
+
+def test_folder_disk_and_queue_are_bounded(site: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    jobs = Jobs(site / "files", site / "site.toml")
+    try:
+        done = jobs.add(WISH)
+        assert until(jobs, done.number, "done")
+        with monkeypatch.context() as small:
+            small.setattr(limits, "MOST_BYTES", 10)
+            with pytest.raises(InputError, match="remove some"):
+                jobs.add(WISH)
+        with monkeypatch.context() as full:
+            full.setattr(limits, "LEAST_FREE", 10**18)
+            with pytest.raises(InputError, match=r"the disk has \d+ MB left"):
+                jobs.add(WISH)
+        with monkeypatch.context() as few:
+            few.setattr(limits, "MOST_JOBS", 1)
+            with pytest.raises(InputError, match="remove some, or wait"):
+                jobs.add(WISH)
+    finally:
+        jobs.close()
+
+
+def test_what_grows_too_large_is_ended(site: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(limits, "LOOK_S", 0.001)
+    jobs = Jobs(site / "files", site / "site.toml")
+    try:
+        job = jobs.add(WISH)
+        assert until(jobs, job.number, "working", "done")
+        monkeypatch.setattr(limits, "LEAST_FREE", 10**18)
+        again = "done" if state_of(jobs, job.number) == "done" else "failed"
+        assert until(jobs, job.number, again)
+        if again == "failed":
+            (found,) = jobs.all()
+            assert "MB left" in found.doing and found.files == ()
+            assert os.listdir(site / "files" / job.number) == ["job.json"]
+    finally:
+        jobs.close()
+
+
+def test_a_folder_that_cannot_be_written_is_told(
+    site: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    jobs = Jobs(site / "files", site / "site.toml")
+    try:
+        monkeypatch.setattr(limits, "make_folder", full)
+        with pytest.raises(InputError, match="No space left on device") as refused:
+            jobs.add(WISH)
+        assert str(site) not in str(refused.value)
+        assert jobs.all() == []
+    finally:
+        jobs.close()
+
+
+def test_what_lies_among_jobs_and_is_none_is_left_alone(site: Path) -> None:
+    folder = site / "files"
+    odd: dict[str, Callable[[dict[str, Any]], object]] = {
+        "0" * 16: lambda job: {**job, "files": [["../../lab.db", 1]]},
+        "1" * 16: lambda job: {**job, "wish": {**job["wish"], "form": "exe"}},
+        "2" * 16: lambda job: [],
+        "not-a-job": lambda job: job,
+    }
+    jobs = Jobs(folder, site / "site.toml")
+    made = jobs.add(WISH)
+    assert until(jobs, made.number, "done")
+    jobs.close()
+    told = json.loads((folder / made.number / "job.json").read_text())
+    for name, change in odd.items():
+        (folder / name).mkdir()
+        (folder / name / "job.json").write_text(json.dumps(change(told)))
+    (folder / ("3" * 16)).mkdir()
+    (folder / ("3" * 16) / "job.json").write_bytes(b"\xff" * 100)
+    again = Jobs(folder, site / "site.toml")
+    try:
+        assert [job.number for job in again.all()] == [made.number]
+        assert all((folder / name / "job.json").is_file() for name in odd)
+    finally:
+        again.close()
