@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 MISSING = "missing"  # found, where what is expected says what to write
+# A file or database that a sentence begins with, and folders in it.
+WHERE = re.compile(r"^(?:\S+://\S+|(?:[A-Za-z]:)?[\\/]\S*): ")
+FOLDERS = re.compile(r"(?<!\S)(?:[A-Za-z]:)?[\\/](?:[^\s\\/]+[\\/])*")
 
 
 class InputError(ValueError):
@@ -50,6 +54,12 @@ class InputError(ValueError):
             named = f"{thing}: {self.sentence}" if thing else self.sentence
             return InputError(named, place=place)
         return InputError(self.thing if thing is None else thing, self.found, self.expected, place)
+
+    def elsewhere(self) -> InputError:
+        """Return the error for who is not of this machine: without where its files lie."""
+        texts = (self.sentence or self.thing, self.found, self.expected)
+        thing, found, expected = (text and FOLDERS.sub("", WHERE.sub("", text)) for text in texts)
+        return InputError(thing or "", found, expected)
 
     def under(self, table: str) -> InputError:
         """Return the error with its thing as a part of another: `loop` makes `loop.cameras`."""

@@ -102,9 +102,13 @@ def main(arguments: list[str]) -> int:
     try:
         names, note = make(wish, site_file, folder, say)
     except InputError as error:
-        # Where things lie on this machine is nobody's business.
-        fault = InputError(error.sentence or error.thing, error.found, error.expected)
-        print(json.dumps({"problem": str(fault)}), flush=True)
+        print(json.dumps({"problem": str(error.elsewhere())}), flush=True)
+        return 1
+    except ModuleNotFoundError as error:
+        problem = (
+            f"{error.name} is not installed on the machine of the page: see pip install e3pose"
+        )
+        print(json.dumps({"problem": problem}), flush=True)
         return 1
     except OSError as error:
         print(json.dumps({"problem": (error.strerror or str(error)).lower()}), flush=True)

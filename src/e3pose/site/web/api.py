@@ -205,9 +205,7 @@ def asked(ask: Callable[[], T]) -> T:
     try:
         return ask()
     except InputError as error:
-        # Where the store lies on this machine is nobody's business.
-        fault = InputError(error.sentence or error.thing, error.found, error.expected)
-        raise HTTPException(422, str(fault)) from None
+        raise HTTPException(422, str(error.elsewhere())) from None
 
 
 def _time(words: str | None) -> str | int | None:

@@ -13,18 +13,20 @@ if (given) {
 }
 const token = sessionStorage.getItem("token") || "";
 
-export async function ask(path, body) {
-  const headers = token ? { Authorization: `Bearer ${token}` } : {};
-  const options = { headers };
+// What the server answers; an error where it refuses, with its words.
+export async function fetched(path, body, method = body === undefined ? "GET" : "POST") {
+  const headers = token ? { Authorization: `Bearer ${token}` } : {}, options = { headers, method };
   if (body !== undefined) {
-    Object.assign(options, { method: "POST", body: JSON.stringify(body) });
+    options.body = JSON.stringify(body);
     headers["Content-Type"] = "application/json";
   }
   const answer = await fetch(path, options);
+  if (answer.ok) return answer;
   const said = answer.headers.get("content-type")?.startsWith("application/json") ? await answer.json() : null;
-  if (!answer.ok) throw new Error(said && typeof said.detail === "string" ? said.detail : `refused (${answer.status})`);
-  return said;
+  throw new Error(said && typeof said.detail === "string" ? said.detail : `refused (${answer.status})`);
 }
+
+export const ask = async (path, body, method) => (await fetched(path, body, method)).json();
 
 // Ask the edge to change something; its answer is shown.
 export async function control(path, body) {

@@ -21,6 +21,8 @@ export const known = {
   run: null, // number of the run that runs, of the store; null while it is not there
   called: new Map(), // what tracks of runs are called, see names.js
   happened: [], // what people did, oldest first, see happened.js
+  clips: [], // of the store, newest first
+  tab: location.hash === "#keep" ? "keep" : "watch",
   notice: "", // what the past has to say
   said: "", // answer of the edge to a control
   wall: false,

@@ -6,6 +6,7 @@ import { Details } from "./details.js";
 import { Energy } from "./energy.js";
 import { Events } from "./events.js";
 import { changed, known, whenChanged } from "./known.js";
+import { Keep, keeps } from "./keep.js";
 import { Notices } from "./notices.js";
 import { findSpan, learnDay, past, playPast, setPlaying } from "./past.js";
 import { People } from "./people.js";
@@ -33,21 +34,34 @@ function toggleWall() {
   changed();
 }
 
+// Watching, or keeping: the address remembers which.
+function Tabs() {
+  const open = (tab) => () => {
+    known.tab = tab;
+    history.replaceState(null, "", tab === "keep" ? "#keep" : location.pathname);
+    changed();
+  };
+  const one = (tab, words) => html`<button type="button" id=${`tab-${tab}`} aria-pressed=${known.tab === tab} onClick=${open(tab)}>${words}</button>`;
+  return html`<nav aria-label="Parts of the page">${one("watch", "Watch")}${one("keep", "Keep")}</nav>`;
+}
+
 function Head() {
   const word = stateWord(), count = known.mode === "past" && !known.shown ? null : known.told?.people ?? known.shown?.people.length;
   return html`<header><h1 id="site">${known.room.site}</h1>
     <b id="state" class=${`pill ${{ past: "past", live: "live" }[word] || "off"}`}>${word}</b>
     <span id="count" class="count">${peopleWords(count)}</span>
+    ${keeps() && html`<${Tabs} />`}
     <button type="button" id="wall" aria-pressed=${known.wall} onClick=${toggleWall}>${known.wall ? "Leave the wall" : "Wall"}</button></header>`;
 }
 
 function Page() {
   const word = stateWord();
   document.body.className = [known.wall ? "wall" : "", ["no connection", "edge gone"].includes(word) ? "stale" : ""].join(" ").trim();
+  const keeping = known.tab === "keep" && keeps(), blindfold = !(known.room.pictures.shown || known.room.pictures.why);
   return html`<${Head} /><${Notices} />
-    <main class=${known.room.pictures.shown || known.room.pictures.why ? "" : "blindfold"}><${Stage} /><${Pictures} />
-    <aside aria-label="People and what happened"><${People} /><${Events} /></aside>
-    <${Timeline} /><${Energy} /><${Control} /><${Details} /></main>`;
+    <main class=${keeping ? "keeping" : blindfold ? "blindfold" : ""}><${Stage} />${keeping ? html`<${Keep} />` : html`<${Pictures} />`}
+    <aside aria-label="People and what happened"><${People} />${!keeping && html`<${Events} />`}</aside>
+    <${Timeline} />${!keeping && html`<${Energy} /><${Control} /><${Details} />`}</main>`;
 }
 
 function tick(now_ms) {

@@ -8,7 +8,7 @@ import { clock, midnight, nanoseconds } from "./words.js";
 const MOST_PAGES = 10, WINDOW_S = 20, BEFORE_S = 60, SHOWN_EVENTS = 20, STATUS_S = 0.25; // seconds of a page between two tables
 const GAP_S = 1, PRESENT_S = 5; // a longer gap between slots is skipped; so near the present is live
 
-export const past = { span: null, at_s: 0, playing: false };
+export const past = { span: null, at_s: 0, playing: false, until_s: null }; // plays to until_s, if that is set
 let windowed = [], loading = 0, readings = [], logged = [], told_s = 0;
 let busy = false, opened = 0, played_s = 0; // slots up to here were shown
 const days = new Map(); // midnight to until when its events were asked for
@@ -101,11 +101,18 @@ export function setPlaying(on) {
 export async function seek(to_s) {
   known.mode = "past";
   [past.at_s, played_s, windowed] = [to_s, -Infinity, []];
-  past.playing = true;
+  [past.playing, past.until_s] = [true, null];
   showNothing();
   known.told = unknownStatus();
   say("");
   await playFrom(to_s, true);
+}
+
+// Play a stretch and stop at its end.
+export async function playStretch(from_s, to_s) {
+  const opening = seek(from_s);
+  past.until_s = to_s;
+  await opening;
 }
 
 export function goLive() {
@@ -130,6 +137,10 @@ export function playPast(passed_s) {
       told_s = known.shown.t;
       known.told = storedStatus(known.shown);
     }
+  }
+  if (past.until_s !== null && past.playing && past.at_s >= past.until_s) {
+    past.until_s = null;
+    setPlaying(false);
   }
   if (past.playing && !busy && past.at_s >= last_s && !windowed.some(({ t }) => t > played_s)) {
     if (last_s + 0.001 < end_s()) playFrom(last_s + 0.001, false);

@@ -16,7 +16,7 @@ const LONGEST_S = 8 * 86_400, LATE_S = 30; // that can be asked for at once; tha
 const HEIGHT = 76, LANES = { people: 20, seen: 38, marks: 54 }, LANE = 12;
 const STEPS = [5, 10, 30, 60, 300, 600, 1800, 3600, 3 * 3600, 6 * 3600, 86_400];
 
-export const line = { zoom: 1, known: covered(1), asking: false };
+export const line = { zoom: 1, known: covered(1), asking: false, marked: null };
 
 // The stretch of time shown: up to now while live; around the moment shown else.
 export function stretch() {
@@ -143,12 +143,25 @@ function drawMarks(pen, { x, from_s, until_s }, ink) {
   }
 }
 
+// Clips as thin bars; what is marked as a band.
+function drawKept(pen, { x, width }, ink) {
+  pen.fillStyle = ink.mark;
+  for (const { from_s, to_s } of known.clips) if (x(to_s) >= 0 && x(from_s) <= width) pen.fillRect(x(from_s), HEIGHT - 3, Math.max(x(to_s) - x(from_s), 2), 3);
+  if (!line.marked || known.tab !== "keep") return;
+  const [from, to] = [x(line.marked.from_s), x(line.marked.to_s)];
+  pen.globalAlpha = 0.18;
+  pen.fillRect(from, 14, Math.max(to - from, 1), HEIGHT - 14);
+  pen.globalAlpha = 1;
+  for (const at of [from, to]) pen.fillRect(Math.round(at) - 1, 14, 2, HEIGHT - 14);
+}
+
 function draw(canvas) {
   const ink = inks(), pen = penOf(canvas, HEIGHT), at = parts(canvas);
   drawClock(pen, at, ink);
   drawStored(pen, at, ink);
   drawPeople(pen, at);
   drawMarks(pen, at, ink);
+  drawKept(pen, at, ink);
   const t = known.mode === "past" ? known.shown?.t ?? past.at_s : at.until_s;
   pen.fillStyle = ink.cursor;
   pen.fillRect(Math.min(Math.max(x0(at.x(t)), 0), at.width - 2), 14, 2, HEIGHT - 14);
@@ -163,11 +176,21 @@ function under(canvas, event) {
 }
 
 const goTo = (t) => (t >= end_s() - 1 ? goLive() : seek(Math.max(t, past.span.begin_s)));
+// Show a stretch whole.
+export function zoomOver(from_s, to_s) {
+  const fits = SPANS.findIndex((span_s) => span_s > 1.5 * (to_s - from_s));
+  zoomTo(fits < 0 ? SPANS.length - 1 : fits);
+}
+
 const zoomTo = (zoom) => ((line.zoom = Math.max(0, Math.min(SPANS.length - 1, zoom))), look(), changed());
 
 function byKey(event) {
   const { span_s } = stretch(), at_s = known.mode === "past" ? past.at_s : end_s();
   const by = { ArrowLeft: -span_s / 60, ArrowRight: span_s / 60, PageUp: -span_s / 6, PageDown: span_s / 6 }[event.key];
+  const [begins_s, ends_s] = [line.marked?.from_s ?? at_s - 10, line.marked?.to_s ?? at_s + 10];
+  if (known.tab === "keep" && event.key === "[") line.marked = { from_s: at_s, to_s: Math.max(ends_s, at_s + 1) };
+  if (known.tab === "keep" && event.key === "]") line.marked = { from_s: Math.min(begins_s, at_s - 1), to_s: at_s };
+  if ("[]".includes(event.key)) return changed();
   const other = { Home: () => goTo(past.span.begin_s), End: goLive, "+": () => zoomTo(line.zoom - 1), "=": () => zoomTo(line.zoom - 1), "-": () => zoomTo(line.zoom + 1) }[event.key];
   if (by === undefined && !other) return;
   event.preventDefault();
@@ -182,7 +205,7 @@ function whereWords() {
 }
 
 export function Timeline() {
-  const canvas = useRef(null), [dragged, drag] = useState(null), [said, say] = useState("");
+  const canvas = useRef(null), dragged = useRef(null), [said, say] = useState("");
   useEffect(() => {
     const timer = setInterval(look, FRESH_MS);
     new ResizeObserver(changed).observe(canvas.current);
@@ -191,13 +214,22 @@ export function Timeline() {
   useLayoutEffect(() => draw(canvas.current));
   useEffect(() => void look(), [line.zoom, known.mode, Boolean(past.span), Math.round((4 * past.at_s) / SPANS[line.zoom])]);
   const { from_s, until_s } = stretch(), at_s = known.mode === "past" ? past.at_s : until_s, open = Boolean(past.span);
-  const down = (event) => open && (canvas.current.setPointerCapture(event.pointerId), drag(under(canvas.current, event)));
+  const down = (event) => open && (canvas.current.setPointerCapture(event.pointerId), (dragged.current = { ...under(canvas.current, event), x: event.offsetX, marks: false }));
   const moved = (event) => {
     const found = under(canvas.current, event);
     say(found.words);
-    if (dragged) drag(found);
+    const from = dragged.current;
+    if (!from) return;
+    const marks = from.marks || (known.tab === "keep" && Math.abs(event.offsetX - from.x) > 4), at = parts(canvas.current);
+    if (marks) line.marked = { from_s: at.t(Math.min(from.x, event.offsetX)), to_s: at.t(Math.max(from.x, event.offsetX)) };
+    dragged.current = { ...found, x: from.x, marks };
+    changed();
   };
-  const up = () => dragged && (drag(null), goTo(dragged.t));
+  const up = () => {
+    const let_go = dragged.current;
+    dragged.current = null;
+    if (let_go) let_go.marks ? changed() : goTo(let_go.t);
+  };
   return html`<section id="line-box" aria-label="Time line">
     <div id="bar">
       <button id="live" type="button" disabled=${known.mode === "live"} onClick=${goLive}>● Live</button>
@@ -211,6 +243,6 @@ export function Timeline() {
     <canvas id="line" ref=${canvas} style=${{ height: `${HEIGHT}px` }} tabindex=${open ? 0 : -1} role="slider" aria-label="Time: arrow keys go into the past, Home to the first, End to now" aria-disabled=${!open}
       aria-valuemin=${Math.round(from_s)} aria-valuemax=${Math.round(until_s)} aria-valuenow=${Math.round(Math.min(Math.max(at_s, from_s), until_s))} aria-valuetext=${known.mode === "live" ? "now" : clock(at_s)}
       onPointerDown=${down} onPointerMove=${moved} onPointerUp=${up} onPointerLeave=${() => say("")} onKeyDown=${(event) => open && byKey(event)}></canvas>
-    <details class="help"><summary>What the line shows</summary><p>From above: the time of day; who was there, in their colours; stored time, amber where it was blind (no view came although one was due), hatched where nothing is stored; what happened, red where it is grave. ${open ? `Drag, click a mark, or use the arrow keys; + and − change the stretch. Space: pause. It reaches back ${duration(end_s() - past.span.begin_s)}.` : "This site stores nothing yet, so there is no past to open."}</p></details>
+    <details class="help"><summary>What the line shows</summary><p>From above: the time of day; who was there, in their colours; stored time, amber where it was blind (no view came although one was due), hatched where nothing is stored; what happened, red where it is grave. ${open ? `Drag, click a mark, or use the arrow keys; + and − change the stretch. ${known.tab === "keep" ? "Drag to mark, click to go there, [ and ] mark from and to the moment shown." : ""} Space: pause. It reaches back ${duration(end_s() - past.span.begin_s)}.` : "This site stores nothing yet, so there is no past to open."}</p></details>
   </section>`;
 }

@@ -28,6 +28,8 @@ export function duration(s) {
 }
 export const ago = (s) => `${duration(s)} ago`;
 
+export const bytesWords = (bytes) => (bytes < 1e6 ? `${Math.max(1, Math.round(bytes / 1000))} kB` : bytes < 1e9 ? `${(bytes / 1e6).toFixed(1)} MB` : `${(bytes / 1e9).toFixed(1)} GB`);
+
 export const CAUSES = { "orders-late": "orders late", "views-late": "views late", "views-missing": "views missing", "cameras-offline": "no camera online" };
 export const causeWords = (cause) => CAUSES[cause] || cause;
 
