@@ -81,6 +81,7 @@ class OutputOptions:
         summary: Summary,
         notes: Sequence[str],
         store: Path | None,
+        folder: Path | None = None,
     ) -> None:
         """Write the files and print the figures, unless JSON goes to standard output."""
         from e3pose.evaluate.figures import as_json
@@ -92,7 +93,7 @@ class OutputOptions:
         if self.report is not None:
             from e3pose.output.report import write_report
 
-            write_report(source, records, summary, self.report)
+            write_report(source, records, summary, self.report, folder=folder)
         if not is_stdout(self.json_file):
             print_summary(summary)
             for note in notes:
@@ -184,7 +185,7 @@ def replay(
     )
     notes = () if read_view is None else (read_view.words(),)
     summary = replace(figures, smooth=smoother.words, notes=(*figures.notes, *notes))
-    outputs.write(source, records, summary, notes, store.file())
+    outputs.write(source, records, summary, notes, store.file(), recording)
 
 
 def delay_of(delay: str | None, method: str | None, pipeline: str) -> float:

@@ -31,7 +31,7 @@ from e3pose.output.report.scene import (
     frustum,
     scene,
 )
-from e3pose.output.report.summary import cards, sentences
+from e3pose.output.report.summary import cards, headline, sentences
 from e3pose.pipeline import Reasons, SlotRecord
 from e3pose.recording import Recording, Truth, ViewSeries
 from e3pose.settings.loop import ReplaySettings
@@ -144,7 +144,7 @@ def test_hostile_text_stays_text() -> None:
     records = [record(i, [0], stage_s={HOSTILE: 0.1}) for i in range(2)]
     hostile, plain = page(source, records, figures), page(recording(2), records, summary())
     tags = [tag for tag, _ in hostile.tags]
-    assert tags.count("script") == [tag for tag, _ in plain.tags].count("script") == 6
+    assert tags.count("script") == [tag for tag, _ in plain.tags].count("script") == 7
     assert "img" not in tags
     assert HOSTILE not in render(source, records, figures)
 
@@ -218,6 +218,17 @@ def test_sentences_say_how_many_cameras_and_what_it_saved() -> None:
     assert "2 calibrated cameras, 2 slots of 40 ms" in text
     assert "Up to 2 people at a time; people present in 50 % of the slots" in text
     assert "1.0 of 2 cameras are active" in text and "saves 31 %" in text
+
+
+def test_page_begins_with_two_plain_sentences() -> None:
+    slots = [record(slot, [3, 7]) for slot in range(1750)]
+    said = headline(recording(1750), slots, bare())
+    assert said[0] == "Up to 2 people followed in 2 cameras, for 1 min 10 s."
+    assert said[1].startswith("On average ") and "of 2 cameras looked at a time" in said[1]
+    assert headline(recording(2), [record(0), record(1)], bare())[0].startswith("Nobody was found")
+    assert len(headline(recording(0), [], bare())) == 2
+    page = render(recording(1750), slots, bare())
+    assert f'<p class="headline">{said[0]} {said[1]}</p>' in page
 
 
 def test_blind_slots_are_named_and_drawn_and_are_no_rest() -> None:

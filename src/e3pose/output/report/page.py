@@ -19,8 +19,9 @@ from e3pose.base.atomic import atomic_file
 from e3pose.evaluate.figures import Summary, settings_json
 from e3pose.model.blind_slot import duty
 from e3pose.output.report import figures
+from e3pose.output.report.film import film
 from e3pose.output.report.scene import scene
-from e3pose.output.report.summary import budget, cards, sentences, thinning
+from e3pose.output.report.summary import budget, cards, headline, sentences, thinning
 from e3pose.pipeline import SlotRecord
 from e3pose.recording import Recording
 
@@ -40,7 +41,7 @@ SETTING_WORDS = {
     "smooth": "smoothing",
 }
 BLIND_KEY = (
-    f" &nbsp; <i class='swatch' style='background:{figures.BLIND}'></i>blind slot: no view arrived"
+    " &nbsp; <i class='swatch' style='background:var(--blind)'></i>blind slot: no view arrived"
 )
 # Filled in by player.js.
 WHY = (
@@ -59,6 +60,7 @@ def write_report(
     path: Path,
     lead: str | None = None,
     details: Mapping[str, str] = MappingProxyType({}),
+    folder: Path | None = None,
 ) -> None:
     """Write the page that shows a run to `path`.
 
@@ -70,8 +72,9 @@ def write_report(
         lead: what the page says of the lead where it changed during the run; that of the
             settings by default.
         details: further rows of the settings, by name.
+        folder: of the recording, whose videos are shown beside the player, if it has any.
     """
-    text = render(recording, records, summary, lead, details)
+    text = render(recording, records, summary, lead, details, folder)
     with atomic_file(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
 
@@ -82,23 +85,30 @@ def render(
     summary: Summary,
     lead: str | None = None,
     details: Mapping[str, str] = MappingProxyType({}),
+    folder: Path | None = None,
 ) -> str:
     """Return the page as text; arguments are those of `write_report`."""
     from plotly.offline import get_plotlyjs
 
     drawn = scene(recording, records)
+    filmed = film(recording, records[:: drawn["stride"]], folder)
     charts = _charts(recording, records, summary, drawn)
     boxes = [f'<div id="{name}"></div>' for name in ("energy", "duty") if name in charts]
     return Template(packaged("page.html")).substitute(
         title=shown_text(recording.name or "Recording"),
-        sentences=f"<p>{shown_text(' '.join(sentences(recording, records, summary)), 2000)}</p>"
-        f"<p class='soft'>{shown_text(' '.join(summary.notes), 2000)}</p>",
+        headline=shown_text(" ".join(headline(recording, records, summary)), 1000),
+        sentences="".join(
+            f"<p class='soft'>{shown_text(' '.join(said), 2000)}</p>"
+            for said in (sentences(recording, records, summary), summary.notes)
+        ),
         thinning=f"<p class='soft'>{thinning(drawn['stride'], drawn['numSlots'])}</p>",
         cards="".join(
             f"<div><b>{shown_text(value)}</b><span>{shown_text(meaning)}</span></div>"
             for value, meaning in cards(recording, records, summary)
         ),
         cell=_cell(drawn),
+        film_box=_film_box(filmed),
+        film=embed(filmed),
         truth_box=_truth_box(drawn),
         sure_box=_sure_box(drawn),
         blind_key=BLIND_KEY if drawn["blind"] else "",
@@ -146,7 +156,7 @@ def _energy_words(summary: Summary) -> str:
         return "Share of slots in which each camera was active, blind slots left out."
     hours = [camera.battery_hours for camera in energy.cameras.values()]
     return (
-        f"Dark: energy of each camera in this run; light: the same camera always active. "
+        f"Bars: energy of each camera in this run; behind them: the same camera always active. "
         f"Modelled with the power profile {energy.profile}, not measured; cameras that are "
         f"not selected are in {energy.idle_mode} mode. "
         f"A {energy.battery_wh:g} Wh battery lasts {min(hours):.1f} to {max(hours):.1f} h "
@@ -180,6 +190,18 @@ def _setting(value: object) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _film_box(filmed: Mapping[str, Any] | None) -> str:
+    if filmed is None:
+        return ""
+    if "why" in filmed:
+        return f"<div id='film-box' class='soft'>No pictures: {shown_text(filmed['why'])}</div>"
+    options = "".join(f"<option>{shown_text(name)}</option>" for name in filmed["cameras"])
+    return (
+        "<div id='film-box'><img id='film' alt=''><label class='soft'>camera "
+        f"<select id='film-of'>{options}</select></label></div>"
+    )
 
 
 def _truth_box(drawn: Mapping[str, Any]) -> str:

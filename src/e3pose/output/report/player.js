@@ -3,7 +3,9 @@
 
 const DATA = JSON.parse(byId("data").textContent);
 const MAX_LISTED = 14;
-const colourOf = (track) => COLOURS[DATA.colours[track]];
+const darkened = matchMedia("(prefers-color-scheme: dark)");
+const inksNow = () => (darkened.matches ? DARK : LIGHT);
+const colourOf = (track) => inksNow().colours[DATA.colours[track]];
 
 const last = DATA.slots.length - 1;
 let frame = DATA.start, playing = false, clock = 0, before = 0;
@@ -16,7 +18,19 @@ const scene = makeScene(byId("scene"), DATA, () => ({
   })),
   states: DATA.states.map((states) => states[frame] ?? ASLEEP), // there may be no slot at all
   truth: checked("truth") ? DATA.truth[frame] : [],
+  inks: inksNow(),
 }));
+
+// ---- pictures beside the scene: the newest one that is not later than the slot
+
+const FILM = JSON.parse(byId("film-data").textContent);
+
+function showFilm() {
+  if (!FILM || !FILM.at) return;
+  const camera = byId("film-of").selectedIndex, later = FILM.at.findIndex((index) => index > frame);
+  byId("film").src = `data:image/jpeg;base64,${FILM.jpeg[camera][(later < 0 ? FILM.at.length : later) - 1]}`;
+  byId("film").alt = `Picture of camera ${FILM.cameras[camera]} with the people drawn in`;
+}
 
 // ---- playing
 
@@ -27,6 +41,7 @@ function seek(index) {
   byId("where").textContent = `slot ${DATA.slots[frame]} · ${DATA.times[frame].toFixed(2)} s`;
   showPeople();
   showReasons();
+  showFilm();
   scene.touch();
   for (const listener of listeners) listener(frame);
 }
@@ -95,6 +110,8 @@ document.addEventListener("keydown", (event) => {
   if (action) event.preventDefault(), action();
 });
 
+if (byId("film-of")) byId("film-of").addEventListener("change", showFilm);
+darkened.addEventListener("change", () => (showPeople(), scene.touch()));
 byId("scrub").max = Math.max(last, 0);
 if (last >= 0) seek(DATA.start);
 requestAnimationFrame(tick);

@@ -23,6 +23,29 @@ def budget(summary: Summary, num_cameras: int) -> float | None:
     return asked if isinstance(asked, float | int) else None
 
 
+def headline(recording: Recording, records: Sequence[SlotRecord], summary: Summary) -> list[str]:
+    """Say in two sentences who was there and what it took; no markup."""
+    if not records:
+        return ["The recording is empty.", "There is nothing to show."]
+    minutes, seconds = divmod(round(len(records) * recording.interval_s), 60)
+    long = f"{minutes} min {seconds} s" if minutes else f"{seconds} s"
+    counts = [len(record.poses) for record in records]
+    num_cameras = len(recording.rig)
+    who = "Nobody was" if max(counts) == 0 else f"Up to {plural(max(counts), 'person', 'people')}"
+    seen = "found" if max(counts) == 0 else f"followed in {plural(num_cameras, 'camera')}"
+    mean = duty(records, num_cameras).sum()
+    looked = f"{mean:.1f} of {num_cameras} cameras looked at a time"
+    energy = summary.energy
+    saved = (
+        ""
+        if energy is None
+        else (
+            f", which saves {energy.device_saving_percent:.0f} % of the cameras' energy (modelled)"
+        )
+    )
+    return [f"{who} {seen}, for {long}.", f"On average {looked}{saved}."]
+
+
 def sentences(recording: Recording, records: Sequence[SlotRecord], summary: Summary) -> list[str]:
     """Say what happened, one thought per sentence, without the notes of the run; no markup."""
     num_cameras = len(recording.rig)
