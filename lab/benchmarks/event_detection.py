@@ -3,6 +3,12 @@
     python lab/benchmarks/event_detection.py --seeds 0-9 --cameras 1,2,4 --fps 12.5 --lead 4
     python lab/benchmarks/event_detection.py --scenes "" --recordings PIZZA,SHELF --cameras 2
     python lab/benchmarks/event_detection.py --scenes "" --captured
+    python lab/benchmarks/event_detection.py --scenes "" --motions MOTIONS --cameras 1,2
+
+MOTIONS is a folder of recordings with truth alone, as `e3pose import bvh` makes them, and a table
+`falls.csv` with a line `motion,down_s,up_s` for each fall: the recording's name, when the hips are
+down, when the person begins to get up. They move before a ring of cameras with the detectors of the
+simulated homes.
 
 Simulated homes: `home-fall` has falls of seven kinds (their kinematics: `simulate.episode_kinds`),
 `home` and `home-play` have everything else that goes down, many times as often as life has it, and
@@ -13,10 +19,11 @@ In recordings of real people nobody falls: every alarm is false there.
 from __future__ import annotations
 
 import argparse
+import csv
 import os
 import time
 from collections import Counter, defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -25,23 +32,23 @@ from rich.progress import track
 from scipy.stats import chi2
 
 from choice_of_cameras import made as made_of
+from e3pose.evaluate.faults import downsampled
 from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.events.people import Seen
 from e3pose.events.watch import advance, begin_watch
 from e3pose.model.person_event import ONCE, PersonEvent
 from e3pose.model.skeleton import COCO17
-from e3pose.recording import Recording
+from e3pose.recording import Recording, load_recording
 from e3pose.settings.energy import EnergySettings, RestChoice
 from e3pose.settings.events_table import EventsTable
 from e3pose.settings.site_file import ZoneTable
 from e3pose.simulate.episode_kinds import BED_M, FALLS, SOFA_M
 from e3pose.simulate.homes import BED, SOFA
-from e3pose.simulate.settings import SceneSettings
+from e3pose.simulate.settings import DetectorSettings, Guessing, SceneSettings
 from e3pose.simulate.simulation import episodes_of, simulate
 from e3pose.site.event_sink import seen_in
-from event_truth import LATE_S, due_of
-from event_truth import SOON_S as EARLY_S
-from predictor_in_the_loop import captured
+from event_truth import LATE_S, Due, due_of
+from predictor_in_the_loop import captured, seen
 
 SOON_S = 3.0  # the aim: falls are told so soon after lying
 
@@ -84,6 +91,30 @@ class Tally:
     took_s: float = 0.0
     slots: int = 0
 
+    def count(
+        self,
+        due: Sequence[Due],
+        told: Sequence[PersonEvent],
+        name: str,
+        doing: Callable[[float], str] = lambda at_s: "moving",
+    ) -> None:
+        """Count what was due in a recording, and what was told of it."""
+        for one in due:
+            if not one.must:
+                continue
+            hits = sorted(event.time_ns / 1e9 - one.since_s for event in told if one.covers(event))
+            self.tried[one.kind, one.what] += 1
+            self.found[one.kind, one.what] += bool(hits)
+            self.delays_s[one.kind] += hits[:1]
+            if not hits:
+                self.missed.append(f"{name}: no {one.kind} of {one.what} at {one.since_s:.1f} s")
+        for event in told:
+            if not any(one.covers(event, LATE_S) for one in due):
+                at_s = event.time_ns / 1e9
+                self.false[event.kind].append(
+                    f"{name}: {event.kind} while {doing(at_s)} at {at_s:.1f} s"
+                )
+
 
 def told_in(
     recording: Recording, settings: ReplaySettings, zones: Sequence[ZoneTable], tally: Tally
@@ -92,9 +123,9 @@ def told_in(
     table, told = EventsTable(), list[PersonEvent]()
     watch = begin_watch(table, recording.skeleton.joints, zones)
     for record in replay(recording, settings):
-        seen = seen_in(record, round(record.time_s * 1e9))
+        shown = seen_in(record, round(record.time_s * 1e9))
         began = time.thread_time()
-        watch, events = advance(watch, seen)
+        watch, events = advance(watch, shown)
         tally.took_s += time.thread_time() - began
         tally.slots += 1
         told += [event for event in events if event.is_news or event.kind in ONCE]
@@ -109,31 +140,13 @@ def home(
     lived = [episode for person in episodes_of(made, seed) for episode in person]
     recording = simulate(made, seed)
     told = told_in(recording, placed(settings, rest, recording), ZONES, tally)
-    due = due_of(lived, EventsTable(), made.seconds)
-    for one in due:
-        hits = [
-            event.time_ns / 1e9 - one.since_s
-            for event in told
-            if event.kind == one.kind and one.since_s - EARLY_S < event.time_ns / 1e9 < one.until_s
-        ]
-        if not one.must:
-            continue
-        tally.tried[one.kind, one.what] += 1
-        tally.found[one.kind, one.what] += bool(hits)
-        tally.delays_s[one.kind] += sorted(hits)[:1]
-        if not hits:
-            tally.missed.append(
-                f"{made.scene} {seed}: no {one.kind} of {one.what} at {one.since_s:.1f} s"
-            )
+    name = f"{made.scene} {seed}"
+
+    def doing(at_s: float) -> str:
+        return ", ".join(e.kind for e in lived if e.start_s <= at_s <= e.stop_s + 1)
+
+    tally.count(due_of(lived, EventsTable(), made.seconds), told, name, doing)
     tally.other.update(episode.kind for episode in lived if episode.kind not in FALLS)
-    for event in told:
-        at_s = event.time_ns / 1e9
-        known = (one for one in due if one.kind == event.kind)
-        if not any(one.since_s - EARLY_S < at_s < one.until_s + LATE_S for one in known):
-            doing = [e.kind for e in lived if e.start_s <= at_s <= e.stop_s + 1]
-            tally.false[event.kind].append(
-                f"{made.scene} {seed}: {event.kind} while {', '.join(doing)} at {at_s:.1f} s"
-            )
 
 
 def placed(settings: ReplaySettings, rest: RestChoice, recording: Recording) -> ReplaySettings:
@@ -161,12 +174,32 @@ def captured_people(tally: Tally) -> Iterator[str]:
         tally.hours += len(joints_m) / 30 / 3600
 
 
+def motions(folder: Path, fps: float, settings: ReplaySettings, tally: Tally) -> None:
+    """Count what is told of motion capture before simulated cameras."""
+    with (folder / "falls.csv").open() as file:
+        falls = list(csv.DictReader(file))
+    detector = DetectorSettings(guessing=Guessing())
+    for path in sorted(each for each in folder.iterdir() if each.is_dir()):
+        motion = load_recording(path)
+        assert motion.truth is not None
+        joints_m = motion.truth.joints_m[:, 0]
+        keep = downsampled(seen(joints_m, motion.fps, detector), fps)
+        told = [e for e in told_in(keep, settings, (), tally) if e.kind == "fall"]
+        due = [
+            Due("fall", "recorded fall", float(row["down_s"]), float(row["up_s"]))
+            for row in falls
+            if row["motion"] == path.name
+        ]
+        tally.count(due, told, path.name)
+
+
 def main() -> None:
     """Print a line for each recording or scene, and number of cameras."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--scenes", default="home-fall,home,home-play")
     parser.add_argument("--recordings", default="", help="folders, or motion-1, motion-2")
     parser.add_argument("--captured", action="store_true", help="motion capture as it is")
+    parser.add_argument("--motions", type=Path, help="folder of motion capture")
     parser.add_argument("--seeds", default="0-3", help="FIRST-LAST; 900 and up are kept")
     parser.add_argument("--seconds", type=float, default=180.0)
     parser.add_argument("--people", type=int, help="by default as many as the scene has")
@@ -190,6 +223,10 @@ def main() -> None:
             for event in told:
                 tally.false[event.kind].append(f"{event.kind} at {event.time_ns / 1e9:.1f} s")
             print_lines(f"{name}, {cameras} cameras", tally, options.show)
+        if options.motions:
+            tally = Tally()
+            motions(options.motions, options.fps, settings, tally)
+            print_lines(f"{options.motions}, {cameras} cameras", tally, options.show)
         for scene in filter(None, options.scenes.split(",")):
             tally = Tally()
             made = SceneSettings(

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from e3pose.model.person_event import PersonEvent
 from e3pose.settings.events_table import EventsTable
 from e3pose.simulate.episode_kinds import FALLS
 from e3pose.simulate.episodes import LOW, Episode
@@ -36,11 +37,18 @@ class Due:
     until_s: float
     must: bool = True
 
+    def covers(self, event: PersonEvent, late_s: float = 0.0) -> bool:
+        """Return whether an event is this one."""
+        at_s = event.time_ns / 1e9
+        return event.kind == self.kind and self.since_s - SOON_S < at_s < self.until_s + late_s
+
 
 def due_of(lived: Sequence[Episode], table: EventsTable, seconds: float) -> list[Due]:
-    """Return what is due in a recording of so many seconds."""
+    """Return what is due in a recording of so many seconds; near to its end it only may be told."""
     return [
-        due for episode in lived for due in _due(episode, table) if due.since_s < seconds - LATE_S
+        replace(due, must=due.must and due.since_s < seconds - LATE_S)
+        for episode in lived
+        for due in _due(episode, table)
     ]
 
 

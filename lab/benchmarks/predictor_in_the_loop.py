@@ -34,21 +34,12 @@ BODY = slice(5, 17)  # COCO-17 without the face, which motion capture lacks
 def with_face(joints_m: Floats, capture_m: Floats) -> Floats:
     """Return COCO-17 joints whose face is made up from neck and head of CMU-31."""
     from e3pose.model.skeleton import CMU31
+    from e3pose.recording.datasets.bvh import face_of
 
     top, below = (capture_m[..., CMU31.index(n), :] for n in ("top_head", "upper_neck"))
-    left = _unit(joints_m[..., 5, :] - joints_m[..., 6, :])
-    up = _unit(top - below)
-    ahead, middle = _unit(np.cross(left, up)), (top + below) / 2
     face = joints_m.copy()
-    face[..., 0, :] = middle + 0.11 * ahead
-    for side, eye, ear in ((1, 1, 3), (-1, 2, 4)):
-        face[..., eye, :] = middle + 0.09 * ahead + 0.03 * side * left + 0.03 * up
-        face[..., ear, :] = middle + 0.07 * side * left
+    face[..., :5, :] = face_of(below, top, joints_m[..., 5, :] - joints_m[..., 6, :])
     return np.asarray(face)
-
-
-def _unit(vectors: Floats) -> Floats:
-    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-6))
 
 
 def captured(shared: Path) -> Iterator[tuple[str, Floats]]:
@@ -70,23 +61,26 @@ def captured(shared: Path) -> Iterator[tuple[str, Floats]]:
         yield "Panoptic", joints
 
 
-def seen(joints_m: Floats, fps: float) -> Any:
+def seen(joints_m: Floats, fps: float, detector: Any = None) -> Any:
     """Return a recording of one person who moves so, before a ring of cameras."""
     from e3pose.model.skeleton import COCO17
     from e3pose.recording import Recording, Truth
     from e3pose.recording.datasets.motion import default_ring
     from e3pose.simulate import DetectorSettings
     from e3pose.simulate.detections import detect_people
+    from e3pose.simulate.guesses import OUTPUTS
     from e3pose.simulate.scenes import SCENES
+    from e3pose.simulate.situations import draw_fields
 
     hips = joints_m[:, 11]
     rig = default_ring(hips)
     middle = np.append((hips[:, :2].min(axis=0) + hips[:, :2].max(axis=0)) / 2, 0.0)
     seeds = np.random.SeedSequence(len(joints_m)).spawn(len(rig))
+    fields = draw_fields(np.random.default_rng(len(joints_m)), 1, OUTPUTS)
     views = tuple(
         detect_people(
             camera, (joints_m - middle)[:, None], middle, SCENES["ring"], 4.2, fps,
-            DetectorSettings(), seed,
+            detector or DetectorSettings(), seed, fields,
         )
         for camera, seed in zip(rig.cameras, seeds, strict=True)
     )  # fmt: skip

@@ -322,6 +322,42 @@ def cmu(
         _save(import_cmu(source, name, fps), path, overwrite)
 
 
+@import_app.command
+def bvh(
+    source: Path,
+    dest: Dest,
+    /,
+    *,
+    scale: float | None = None,
+    up: Literal["y", "z"] = "y",
+    overwrite: Overwrite = False,
+) -> None:
+    """Import motion capture of one person from a BVH file, such as recorded falls.
+
+    Example: `e3pose import bvh fall.bvh recordings/fall`
+
+    The recording holds only the truth, with made-up cameras around it. The floor is where the
+    lowest joints are; the face is made up from head and neck.
+
+    Parameters
+    ----------
+    source
+        The file. Its joints are called as Biovision, MotionBuilder, Mixamo, Poser, VRM, Unreal or
+        `e3pose export` call them.
+    scale
+        Metres per unit of the file. Default: m, cm, mm or inches, whichever makes a person of
+        usual size.
+    up
+        Axis of the file that points up.
+    """
+    from e3pose.recording.datasets.bvh import import_bvh
+
+    _check_free(dest, overwrite)
+    recording, scale_m = import_bvh(source, scale, up == "z")
+    _save(recording, dest, overwrite)
+    print(f"Unit of {source.name}: {scale_m:g} m; {recording.num_slots / recording.fps:.1f} s")
+
+
 @import_app.command(show=False)
 def videos(recording: Path, folder: Path, /) -> None:
     """Say what the verb for this is called now."""

@@ -67,6 +67,7 @@ def stream(
     from e3pose.site.run import run_until_stopped
     from e3pose.site.streams import Source, naming, open_stream
     from e3pose.site.streams.send import Sender
+    from e3pose.site.troubles import TroubleFile
     from e3pose.site.zones import Zones
     from e3pose.wire.network import open_network
 
@@ -97,7 +98,14 @@ def stream(
         what = "smoothed poses of site" if delayed else "site"
         print(f"Streaming {what} {resolved.name} to {', '.join(target)}", flush=True)
         begun_s = time.monotonic()
-        run_until_stopped(lambda: sender.running() and not _over(sender, begun_s, for_s))
+        troubles = TroubleFile(resolved.path)
+        stack.callback(troubles.close)
+
+        def runs() -> bool:
+            troubles.update(streams)
+            return sender.running() and not _over(sender, begun_s, for_s)
+
+        run_until_stopped(runs)
         if sender.failure is not None:
             raise sender.failure
     print(f"Sent {sender.sent} slots, {connection.dropped} lost", file=sys.stderr)

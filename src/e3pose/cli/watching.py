@@ -45,6 +45,7 @@ def top(
     from e3pose.settings.site_file import load_site
     from e3pose.site.follow import Follower, viewer_link
     from e3pose.site.screen import screen
+    from e3pose.site.troubles import troubles_of
     from e3pose.wire.network import open_network
 
     table = load_site(site)
@@ -60,7 +61,7 @@ def top(
                     f"endpoint {link.endpoint}: the edge of site {table.name} does not answer; "
                     "is it running? e3pose up or e3pose edge starts it"
                 )
-            console.print(screen(follower.status, 0.0))
+            console.print(screen(follower.status, 0.0, troubles_of(table.path)))
             return
         came_s = time.monotonic()
         with Live(screen(None, 0.0), console=console, screen=True, auto_refresh=False) as live:
@@ -68,7 +69,8 @@ def top(
                 if follower.fresh.wait(1.0):
                     follower.fresh.clear()
                     came_s = time.monotonic()
-                live.update(screen(follower.status, time.monotonic() - came_s), refresh=True)
+                stale_s = time.monotonic() - came_s
+                live.update(screen(follower.status, stale_s, troubles_of(table.path)), refresh=True)
     except KeyboardInterrupt:
         pass
     finally:

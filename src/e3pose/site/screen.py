@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
@@ -53,17 +54,19 @@ COLUMNS = (
 GAP = 1  # between two columns
 
 
-def screen(status: Status | None, stale_s: float) -> RenderableType:
+def screen(status: Status | None, stale_s: float, troubles: Sequence[str] = ()) -> RenderableType:
     """Return the picture of a site.
 
     Args:
         status: the newest; None before the first.
         stale_s: seconds since it came.
+        troubles: of streams, a line each.
     """
     if status is None:
         said = "Waiting for the edge (Ctrl-C quits)."
         return Text(said, style="yellow")
     lines: list[RenderableType] = [_head(status, stale_s), _Cameras(status)]
+    lines += [Text(f"stream: {trouble}", style="red") for trouble in troubles]
     for camera in status.cameras:
         if remark := _remark(camera):
             style = "red" if camera.why else "yellow"

@@ -18,7 +18,7 @@ from e3pose.model.skeleton import COCO17
 from e3pose.settings.events_table import EventsTable
 from e3pose.site.streams import Source
 from e3pose.site.streams.base import TellsPeople
-from e3pose.site.streams.homeassistant import HomeAssistantStream, discovery
+from e3pose.site.streams.homeassistant import HURRY_S, HomeAssistantStream, discovery
 
 SOURCE = Source("lab", COCO17, 12.5, cameras=("c0", "hall 2"), zones=("door",), kinds=tuple(RULES))
 # https://www.home-assistant.io/integrations/mqtt/, sensor.mqtt/, binary_sensor.mqtt/ and
@@ -63,6 +63,12 @@ def retained(client: MagicMock) -> dict[str, Any]:
     return {call.args[0]: call.args[1] for call in client.publish.call_args_list}
 
 
+def starts(client: MagicMock, stream: HomeAssistantStream) -> None:
+    """Let Home Assistant say that it has started, a while later."""
+    stream._announced_s -= HURRY_S
+    client.on_message(client, None, MagicMock(payload=b"online"))
+
+
 def test_a_fall_goes_on_until_the_person_is_up(client: MagicMock) -> None:
     stream = HomeAssistantStream(client, SOURCE)
     assert isinstance(stream, TellsPeople)
@@ -91,10 +97,8 @@ def test_counts_of_zones_and_cameras_are_told(client: MagicMock) -> None:
 
 
 def test_it_says_again_what_there_is_when_home_assistant_starts(client: MagicMock) -> None:
-    HomeAssistantStream(client, SOURCE)
-    before = client.publish.call_count
-    client.on_message(client, None, MagicMock())
-    assert client.publish.call_count == 2 * before
+    starts(client, HomeAssistantStream(client, SOURCE))
+    assert client.publish.call_count == 2 * 2
 
 
 def test_a_name_is_told_as_it_is_now_and_no_broker_keeps_it(client: MagicMock) -> None:
@@ -110,7 +114,8 @@ def test_a_name_is_told_as_it_is_now_and_no_broker_keeps_it(client: MagicMock) -
         stream.people(watch, [])
         assert json.loads(retained(client)[topic])["sentence"].startswith(said)
     client.publish.reset_mock()
-    client.on_message(client, None, MagicMock())  # Home Assistant starts
+    starts(client, stream)
+    assert topic in retained(client)
     assert not any("Ada" in str(call) for call in client.publish.call_args_list)
 
 

@@ -115,12 +115,14 @@ def test_a_notice_that_waits_has_the_name_of_the_moment_it_is_delivered(
     with sending(receiver, names=lambda track: known.get(track, "")) as (stream, said):
         stream.people(WATCH, [FELL])
         assert eventually(lambda: bool(receiver.got())), "it was tried"
+        assert eventually(lambda: "1 notice waiting" in stream.trouble), stream.trouble
+        assert stream.trouble.startswith("webhook 127.0.0.1") and "hook?" not in stream.trouble
         tried = json.loads(receiver.got()[0]["body"])
         assert tried["name"] == "Ada" and tried["sentence"].startswith("Ada fell")
         known.clear()  # forgotten meanwhile
         receiver.end()
         receiver.start("takes")
-        assert eventually(lambda: stream.delivered == 1)
+        assert eventually(lambda: stream.delivered == 1 and not stream.trouble)
     last = receiver.got()[-1]["body"]
     assert "Ada" not in last and json.loads(last)["id"] == tried["id"]
     assert not any("Ada" in line for line in said), "what is printed is kept"

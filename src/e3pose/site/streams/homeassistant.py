@@ -17,6 +17,7 @@ from __future__ import annotations
 import json
 import re
 import ssl
+import time
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -32,10 +33,11 @@ from e3pose.model.zone_event import ZoneEvent
 from e3pose.site.connect import LiveSlot, nobody
 from e3pose.site.streams.as_json import event_words
 from e3pose.site.streams.base import Source
-from e3pose.site.streams.mqtt import PORT, connected_client
+from e3pose.site.streams.mqtt import PORT, broker_trouble, connected_client
 
 EVERY_S = 1.0  # states are sent at most so often
 SILENT_S = 30.0  # a camera that sends nothing for longer rests
+HURRY_S = 2.0  # between two announcements that somebody asked for
 BIRTH = "homeassistant/status"  # where Home Assistant says that it has started
 PAGE = "https://github.com/e3pose/e3pose"
 # What a kind of event is called, and its class of `binary_sensor` while it goes on.
@@ -137,9 +139,17 @@ class HomeAssistantStream:
         self._zones = dict.fromkeys(source.zones, 0)
         self._arrived_ns = dict.fromkeys(source.cameras, 0)
         self._alarms = {kind: set[int]() for kind in source.kinds if kind in ALARMS}
-        client.on_message = lambda _client, _data, message: self._announce()
+        self._announced_s = time.monotonic()
+        client.on_message = lambda _client, _data, message: self._hear(message.payload)
         client.subscribe(BIRTH, qos=1)
         self._announce()
+
+    def _hear(self, said: bytes) -> None:
+        """Announce again when Home Assistant starts; whoever else says so cannot hurry us."""
+        now_s = time.monotonic()
+        if said == b"online" and now_s - self._announced_s >= HURRY_S:
+            self._announced_s = now_s
+            self._announce()
 
     def _announce(self) -> None:
         """Say what there is, and that it is there; again when Home Assistant starts."""
@@ -166,6 +176,11 @@ class HomeAssistantStream:
         if words:
             self._retain("told", words)
         return words
+
+    @property
+    def trouble(self) -> str:
+        """See `troubles.HasTrouble`."""
+        return broker_trouble(self._client)
 
     def slot(self, slot: LiveSlot) -> None:
         """See `Stream.slot`."""

@@ -101,6 +101,11 @@ def connected_client(
     return client
 
 
+def broker_trouble(client: mqtt.Client) -> str:
+    """Return that a broker is away, in words; empty where it is not."""
+    return "" if client.is_connected() else f"broker {client.host}:{client.port} is away"
+
+
 def login(environment: Mapping[str, str]) -> tuple[str | None, str | None]:
     """Return user and password of a broker, None where none is set.
 
@@ -119,6 +124,11 @@ class MqttStream:
     def __init__(self, client: mqtt.Client, source: Source) -> None:
         """Publish with a client that is connected."""
         self._client, self._prefix, self._names = client, f"e3pose/{source.site}", source.names
+
+    @property
+    def trouble(self) -> str:
+        """See `troubles.HasTrouble`."""
+        return broker_trouble(self._client)
 
     def slot(self, slot: LiveSlot) -> None:
         """See `Stream.slot`."""

@@ -151,6 +151,14 @@ class WebhookStream:
         self._thread = threading.Thread(target=self._run, name="webhook", daemon=True)
         self._thread.start()
 
+    @property
+    def trouble(self) -> str:
+        """See `troubles.HasTrouble`: what cannot be delivered now, and what never was."""
+        waits = f"cannot deliver ({self._trouble}), {plural(len(self._waiting), 'notice')} waiting"
+        lost = f"{plural(self.given_up, 'notice')} given up"
+        parts = [waits] * bool(self._trouble) + [lost] * bool(self.given_up)
+        return f"webhook {self._url.netloc}: {', '.join(parts)}" if parts else ""
+
     def slot(self, slot: LiveSlot) -> None:
         """See `Stream.slot`: poses do not leave."""
 

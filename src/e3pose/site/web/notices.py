@@ -14,11 +14,12 @@ from e3pose.base.errors import InputError
 from e3pose.base.quantities import plural
 from e3pose.settings.resolved import ResolvedSite
 from e3pose.site.connect import LiveSlot
+from e3pose.site.troubles import troubles_of
 from e3pose.store.database import database_path, database_url
 from e3pose.wire.keys.renewal import expiring
 from e3pose.wire.site_messages import CameraStatus, Status
 
-LOOK_S = 30.0  # between two looks at disk and certificates
+LOOK_S = 10.0  # between two looks at disk, certificates and streams
 LEAST_FREE = 200_000_000  # bytes that a disk should have left
 BEHIND_S = 30.0  # so long the store may need for a slot
 STARTING_S = 20.0  # cameras connect meanwhile
@@ -34,11 +35,12 @@ class Notice(NamedTuple):
 class Around(NamedTuple):
     """What surrounds a site: room on the disk of its store in bytes, certificates with their ends.
 
-    None where the store is not a file of this machine.
+    None where the store is not a file of this machine. And what is wrong with streams, a line each.
     """
 
     free: int | None = None
     certificates: Sequence[tuple[str, datetime.datetime]] = ()
+    troubles: Sequence[str] = ()
 
 
 def notices(
@@ -61,6 +63,7 @@ def notices(
         found.append(Notice("disk", left + "Make room, or keep less: [store] of the site file."))
     if slot is not None and (kept := _store_words(slot, status)):
         found.append(Notice("store", kept))
+    found += [Notice("stream", f"{one[0].upper()}{one[1:]}.") for one in around.troubles if one]
     if flat := [camera.camera_id for camera in status.cameras if _almost_empty(camera)]:
         found.append(Notice("battery", f"Battery almost empty: {_listed(flat)}."))
     for name, until in around.certificates:
@@ -76,11 +79,13 @@ class Surroundings:
         store: file of the store; None where it has none on this machine.
         keys: folder of the site's keys; None where it has none.
         now_s: a clock that only goes forward.
+        site: its file; None where nobody looks beside it.
     """
 
     store: Path | None = None
     keys: Path | None = None
     now_s: Callable[[], float] = time.monotonic
+    site: Path | None = None
     _due_s: float = 0.0
     _seen: Around = field(default_factory=Around)
 
@@ -97,14 +102,15 @@ class Surroundings:
                 certificates = tuple(expiring(self.keys, now))
             except InputError:  # being replaced, or not on this machine
                 certificates = ()
-        self._seen = Around(free, certificates)
+        troubles = () if self.site is None else tuple(troubles_of(self.site))
+        self._seen = Around(free, certificates, troubles)
         return self._seen
 
 
 def surroundings(site: ResolvedSite) -> Surroundings:
     """Return what looks around a site."""
     place = None if site.store is None else database_path(database_url(site.store.place))
-    return Surroundings(place, site.link.keys)
+    return Surroundings(place, site.link.keys, site=site.path)
 
 
 def _gone(camera: CameraStatus) -> bool:

@@ -1,0 +1,75 @@
+"""What goes wrong in streams, for those who look at the site: small files beside the site file.
+
+A stream is a viewer of the site: it can tell the edge nothing. It keeps a file in the folder
+`troubles` while something is wrong; `e3pose top` and the page on the same machine read it.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Protocol, runtime_checkable
+
+from e3pose.base.atomic import atomic_file
+from e3pose.base.errors import InputError
+from e3pose.base.private import make_folder
+
+FOLDER = "troubles"
+EVERY_S = 5.0  # a file is written again, so that one of a killed program is known to be old
+FRESH_S = 20.0
+MOST_FILES, MOST_LINES, MOST_TEXT = 16, 4, 200
+
+
+@runtime_checkable
+class HasTrouble(Protocol):
+    """Something that may be in trouble."""
+
+    @property
+    def trouble(self) -> str:
+        """What is wrong, a line; empty where nothing is."""
+        ...
+
+
+class TroubleFile:
+    """The file of this program; where it cannot be written, nothing is told."""
+
+    def __init__(self, site: Path) -> None:
+        """Name the site file beside which it is."""
+        self._path = site.parent / FOLDER / f"{os.getpid()}.txt"
+        self._lines: tuple[str, ...] = ()
+        self._due_s = -float("inf")
+
+    def update(self, parts: Sequence[object]) -> None:
+        """Say what is wrong with some streams now; to be called often."""
+        lines = tuple(one.trouble for one in parts if isinstance(one, HasTrouble) and one.trouble)
+        if lines == self._lines and (not lines or time.monotonic() < self._due_s):
+            return
+        self._lines, self._due_s = lines, time.monotonic() + EVERY_S
+        with suppress(OSError, InputError):
+            if not lines:
+                self._path.unlink(missing_ok=True)
+                return
+            make_folder(self._path.parent)
+            with atomic_file(self._path, private=True) as temporary:
+                temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+    def close(self) -> None:
+        """Say nothing any more."""
+        self.update(())
+
+
+def troubles_of(site: Path) -> list[str]:
+    """Return what is wrong with the streams of a site on this machine, a line each."""
+    found: list[str] = []
+    with suppress(OSError):
+        paths = sorted((site.parent / FOLDER).glob("*.txt"))[:MOST_FILES]
+        for path in paths:
+            if path.is_file() and time.time() - path.stat().st_mtime < FRESH_S:
+                with path.open(encoding="utf-8", errors="replace") as file:
+                    text = file.read(MOST_LINES * MOST_TEXT)
+                lines = (line[:MOST_TEXT] for line in text.splitlines()[:MOST_LINES])
+                found += ["".join(c for c in line if c.isprintable()) for line in lines]
+    return found
