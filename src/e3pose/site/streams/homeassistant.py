@@ -140,7 +140,7 @@ class HomeAssistantStream:
         self._arrived_ns = dict.fromkeys(source.cameras, 0)
         self._alarms = {kind: set[int]() for kind in source.kinds if kind in ALARMS}
         self._announced_s = time.monotonic()
-        client.on_message = lambda _client, _data, message: self._hear(message.payload)
+        client.on_message = lambda _client, _data, message: self._hear(bytes(message.payload))
         client.subscribe(BIRTH, qos=1)
         self._announce()
 
