@@ -39,7 +39,7 @@ from e3pose.events.watch import advance, begin_watch
 from e3pose.model.person_event import ONCE, PersonEvent
 from e3pose.model.skeleton import COCO17
 from e3pose.recording import Recording, load_recording
-from e3pose.settings.energy import EnergySettings, RestChoice
+from e3pose.settings.energy import EnergySettings
 from e3pose.settings.events_table import EventsTable
 from e3pose.settings.site_file import ZoneTable
 from e3pose.simulate.episode_kinds import BED_M, FALLS, SOFA_M
@@ -133,13 +133,11 @@ def told_in(
     return told
 
 
-def home(
-    made: SceneSettings, seed: int, settings: ReplaySettings, rest: RestChoice, tally: Tally
-) -> None:
+def home(made: SceneSettings, seed: int, settings: ReplaySettings, tally: Tally) -> None:
     """Count what is told of a simulated home, and false alarms."""
     lived = [episode for person in episodes_of(made, seed) for episode in person]
     recording = simulate(made, seed)
-    told = told_in(recording, placed(settings, rest, recording), ZONES, tally)
+    told = told_in(recording, placed(settings, recording), ZONES, tally)
     name = f"{made.scene} {seed}"
 
     def doing(at_s: float) -> str:
@@ -149,13 +147,13 @@ def home(
     tally.other.update(episode.kind for episode in lived if episode.kind not in FALLS)
 
 
-def placed(settings: ReplaySettings, rest: RestChoice, recording: Recording) -> ReplaySettings:
-    """Return settings for the cameras of a recording: they may sleep."""
-    if rest == "none":
+def placed(settings: ReplaySettings, recording: Recording) -> ReplaySettings:
+    """Return settings for the cameras of a recording: within watts, they sleep."""
+    if settings.watts is None:
         return settings
     ids = recording.rig.camera_ids
     plan = EnergySettings().plan(ids, 1 / recording.fps, recording.battery_wh)
-    return replace(settings, rest=rest).for_rig(len(ids), plan)
+    return settings.for_rig(len(ids), plan)
 
 
 def captured_people(tally: Tally) -> Iterator[str]:
@@ -206,7 +204,7 @@ def main() -> None:
     parser.add_argument("--fps", type=float, default=12.5)
     parser.add_argument("--lead", type=int, default=4)
     parser.add_argument("--cameras", default="1,2,4")
-    parser.add_argument("--rest", choices=("none", "asleep"), default="none")
+    parser.add_argument("--watts", type=float, help="cameras sleep; in place of --cameras")
     parser.add_argument("--show", action="store_true", help="list what was missed and false")
     options = parser.parse_args()
     first, _, last = options.seeds.partition("-")
@@ -214,27 +212,31 @@ def main() -> None:
         tally = Tally()
         tally.false["fall"] = list(captured_people(tally))
         print_lines("motion capture", tally, options.show)
-    for cameras in options.cameras.split(","):
-        settings = ReplaySettings(num_selected=float(cameras), lead_slots=options.lead)
+    goals = [f"{options.watts:g} W"] if options.watts else options.cameras.split(",")
+    for goal in goals:
+        settings = ReplaySettings(lead_slots=options.lead, rest="asleep", watts=options.watts)
+        cameras = goal if options.watts else f"{goal} cameras"
+        if not options.watts:
+            settings = replace(settings, rest="none", num_selected=float(goal))
         for name in filter(None, options.recordings.split(",")):
             tally = Tally()
             recording = made_of(name, options.fps, 60.0, 0)
-            told = told_in(recording, placed(settings, options.rest, recording), (), tally)
+            told = told_in(recording, placed(settings, recording), (), tally)
             for event in told:
                 tally.false[event.kind].append(f"{event.kind} at {event.time_ns / 1e9:.1f} s")
-            print_lines(f"{name}, {cameras} cameras", tally, options.show)
+            print_lines(f"{name}, {cameras}", tally, options.show)
         if options.motions:
             tally = Tally()
             motions(options.motions, options.fps, settings, tally)
-            print_lines(f"{options.motions}, {cameras} cameras", tally, options.show)
+            print_lines(f"{options.motions}, {cameras}", tally, options.show)
         for scene in filter(None, options.scenes.split(",")):
             tally = Tally()
             made = SceneSettings(
                 scene=scene, seconds=options.seconds, fps=options.fps, people=options.people
             )
             for seed in track(range(int(first), int(last or first) + 1), transient=True):
-                home(made, seed, settings, options.rest, tally)
-            print_lines(f"{scene}, {cameras} cameras", tally, options.show)
+                home(made, seed, settings, tally)
+            print_lines(f"{scene}, {cameras}", tally, options.show)
 
 
 def print_lines(name: str, tally: Tally, show: bool) -> None:
