@@ -200,9 +200,6 @@ def panoptic(
     detections
         Folder of OpenPose JSON, one folder per camera. Without it, the recording holds only the
         truth.
-    detections
-        Folder of OpenPose JSON, one folder per camera. Without it, the recording holds only the
-        truth.
     project_truth
         Use exact projections of the truth as detections; the recording says so.
     """
@@ -342,8 +339,7 @@ def bvh(
     Parameters
     ----------
     source
-        The file. Its joints are called as Biovision, MotionBuilder, Mixamo, Poser, VRM, Unreal or
-        `e3pose export` call them.
+        The file, with joints called as in Biovision, MotionBuilder, Mixamo, Poser, VRM or Unreal.
     scale
         Metres per unit of the file. Default: m, cm, mm or inches, whichever makes a person of
         usual size.

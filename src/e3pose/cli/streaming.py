@@ -15,6 +15,9 @@ from e3pose.base.quantities import check_seconds
 from e3pose.cli.options import Flag, warn
 
 if TYPE_CHECKING:
+    from e3pose.events.watch import Watch
+    from e3pose.settings.resolved import ResolvedSite
+    from e3pose.site.streams import Source
     from e3pose.site.streams.send import Sender
 
 FIRST_SLOT_S = 60.0  # to wait for what --for counts from
@@ -59,13 +62,12 @@ def stream(
         Ctrl-C.
     """
     check_seconds("--for", for_s)
-    from e3pose.settings.events_table import EventsTable
     from e3pose.settings.resolved import resolve_site
     from e3pose.site.connect import Connection
     from e3pose.site.event_sink import site_watch
     from e3pose.site.follow import viewer_link
     from e3pose.site.run import run_until_stopped
-    from e3pose.site.streams import Source, naming, open_stream
+    from e3pose.site.streams import naming, open_stream
     from e3pose.site.streams.send import Sender
     from e3pose.site.troubles import TroubleFile
     from e3pose.site.zones import Zones
@@ -75,16 +77,7 @@ def stream(
         raise InputError("TARGET", "none", "one at least, such as osc://127.0.0.1:9000")
     resolved = resolve_site(site)
     watch = site_watch(resolved)
-    source = Source(
-        resolved.name,
-        resolved.skeleton,
-        resolved.fps,
-        warn,
-        resolved.rig.camera_ids,
-        tuple(zone.name for zone in resolved.zone),
-        () if watch is None else tuple(watch.rules),
-        resolved.events or EventsTable(),
-    )
+    source = _source(resolved, watch)
     link = viewer_link(resolved, keys)
     with ExitStack() as stack:
         streams = []
@@ -109,6 +102,23 @@ def stream(
         if sender.failure is not None:
             raise sender.failure
     print(f"Sent {sender.sent} slots, {connection.dropped} lost", file=sys.stderr)
+
+
+def _source(site: ResolvedSite, watch: Watch | None) -> Source:
+    """Return what is streamed, without names."""
+    from e3pose.settings.events_table import EventsTable
+    from e3pose.site.streams import Source
+
+    return Source(
+        site.name,
+        site.skeleton,
+        site.fps,
+        warn,
+        site.rig.camera_ids,
+        tuple(zone.name for zone in site.zone),
+        () if watch is None else tuple(watch.rules),
+        site.events or EventsTable(),
+    )
 
 
 def _over(sender: Sender, begun_s: float, for_s: float | None) -> bool:
