@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
@@ -10,12 +12,15 @@ import pytest
 
 from e3pose.edge.consumers import Consumers
 from e3pose.edge.energy_ledger import EnergyLedger
+from e3pose.edge.gather import Arrival
 from e3pose.edge.pipeline_owner import PipelineOwner
 from e3pose.energy.budgets import Budget
+from e3pose.energy.modes import Look
 from e3pose.energy.profiles import load_profile
 from e3pose.energy.queues import Queue
 from e3pose.energy.site_energy import CameraEnergy, estimate_energy, new_camera, observe
-from e3pose.pipeline import Pipeline
+from e3pose.model.pose import Poses2D
+from e3pose.pipeline import Pipeline, SlotRecord
 from e3pose.select.policies.drift_plus_penalty import DriftPlusPenalty
 from e3pose.store import EnergyReading
 from e3pose.wire.messages import Heartbeat
@@ -249,3 +254,45 @@ def test_no_battery_holds_more_than_its_capacity() -> None:
     cameras = [lived(new_camera(PROFILE, capacity_j=3600.0), battery_j=3600.0)] * 2
     estimate = estimate_energy([*cameras, boasting], together, 0.04, 0.0, 1.5)
     np.testing.assert_allclose(estimate.budget, 0.5, atol=0.02)
+
+
+class Sink:
+    """Keeps what slots are charged with."""
+
+    def __init__(self) -> None:
+        self.energy_j = list[Any]()
+
+    def append(self, record: SlotRecord, time_ns: int, energy_j: Any = None) -> None:
+        self.energy_j.append(energy_j)
+
+    def status(self) -> None:
+        """Say nothing."""
+
+
+def test_a_look_whose_image_was_unchanged_is_charged_an_idle_slot_and_the_gate() -> None:
+    gated = replace(PROFILE, looks=(Look("gate", 0.01, 0.002),))
+    ledger = EnergyLedger(
+        ["a", "b", "c", "d"], [gated, PROFILE, gated, gated], ["power-saving"] * 4,
+        [Budget("duty", 1.0)] * 4, 0.04, 1, lambda: 0,
+    )  # fmt: skip
+    sink = Sink()
+    consumers = Consumers(ledger=ledger, sink=cast(Any, sink))
+    found = Poses2D.empty(17)
+    still = replace(found, unchanged_s=0.5)
+    arrivals = {camera: Arrival(still, 0, 0) for camera in (0, 1, 3)} | {2: Arrival(found, 0, 0)}
+    record = cast(SlotRecord, SimpleNamespace(selected=np.array([True, True, True, False])))
+    consumers.keep(record, 0, arrivals)
+    look_j, idle_j = 10.0 * 0.04, 5.2 * 0.04
+    # A profile without the row says nothing of the gate; a look that nobody ordered costs nothing.
+    np.testing.assert_allclose(sink.energy_j[-1], [idle_j + 0.01, idle_j, look_j, idle_j])
+    consumers.keep(record, 0)  # no view came: charged as ordered
+    np.testing.assert_allclose(sink.energy_j[-1], [look_j, look_j, look_j, idle_j])
+
+
+def test_the_gate_never_costs_more_than_a_look() -> None:
+    dear = replace(PROFILE, looks=(Look("gate", 9.0, 0.002),))
+    ledger = EnergyLedger(
+        ["a"], [dear], ["power-saving"], [Budget("duty", 1.0)], 0.04, 1, lambda: 0
+    )
+    one = np.array([True])
+    np.testing.assert_allclose(ledger.spent_j(one, one), ledger.spent_j(one))

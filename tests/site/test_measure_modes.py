@@ -80,7 +80,10 @@ def test_times_are_measured_without_a_sensor_and_watts_stay_the_profiles() -> No
     assert idle is not None and idle.watts == pytest.approx(6.25)
     assert closed is not None and closed.wake_s == pytest.approx(result.wake_s[0])
     assert "times measured today" in closed.source
+    gate = modes.look("gate")
     assert whole is not None and whole.latency_s == result.look_s
+    assert gate is not None and gate.latency_s == result.gate_s
+    assert 0 < gate.joules < whole.joules and "share of its processor time" in gate.source
 
 
 def test_sensor_gives_rests_their_watts_and_looks_their_joules() -> None:
@@ -94,6 +97,9 @@ def test_sensor_gives_rests_their_watts_and_looks_their_joules() -> None:
     ]
     whole = modes.look("whole")
     assert whole is not None and whole.joules == pytest.approx(4.0 * result.look_s)
+    gate = modes.look("gate")
+    assert gate is not None and gate.joules == pytest.approx(4.0 * result.gate_s)
+    assert result.gate_s < result.look_s and "a sensor" in gate.source
     assert all("a sensor" in rest.source for rest in modes.rests)
 
 

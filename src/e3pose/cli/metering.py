@@ -162,7 +162,7 @@ def measure(
     profile
         Power profile to start from: xavier-nx, tx2, generic, or a TOML file.
     seconds
-        Seconds for each of looking, capturing and resting, 1 to 600.
+        Seconds for each of looking, looking through the gate, capturing and resting, 1 to 600.
     wakes
         How often the source is opened, 1 to 100.
     pace
@@ -202,6 +202,7 @@ def measure(
     _print_modes(modes_of(made))
     print(
         f"processor time: {1e3 * found.look_cpu_s:.1f} ms a look, "
+        f"{1e3 * found.gate_cpu_s:.1f} ms an unchanged one with the gate, "
         f"{1e3 * found.frame_cpu_s:.1f} ms a frame (measured)"
     )
     print(f"watts: {found.how}")

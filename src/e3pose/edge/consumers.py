@@ -145,10 +145,17 @@ class Consumers:
         knock = None if self.watch is None else self.watch.knock
         return None if knock is None else (knock.camera, knock.degrees)
 
-    def keep(self, record: SlotRecord, time_ns: int) -> None:
-        """Pass on a computed slot."""
+    def keep(
+        self, record: SlotRecord, time_ns: int, arrivals: Mapping[int, Arrival] | None = None
+    ) -> None:
+        """Pass on a computed slot, and what it is charged with."""
         if self.sink is not None:
-            spent_j = None if self.ledger is None else self.ledger.spent_j(record.selected)
+            spent_j = None
+            if self.ledger is not None:
+                unchanged = np.zeros(len(record.selected), dtype=bool)
+                for camera, arrival in (arrivals or {}).items():
+                    unchanged[camera] = arrival.poses.unchanged_s > 0
+                spent_j = self.ledger.spent_j(record.selected, unchanged)
             self.sink.append(record, time_ns=time_ns, energy_j=spent_j)
 
 

@@ -66,6 +66,8 @@ class EnergyLedger:
             )
         ]
         self._modes = [modes_of(profile, interval_s) for profile in profiles]
+        gates = [modes.look("gate") for modes in self._modes]
+        self._gate_j = np.array([0.0 if gate is None else gate.joules for gate in gates])
         self._resting_w = np.full(len(profiles), np.nan)
         self._budgets, self._interval_s = tuple(budgets), interval_s
         self._num_selected, self._now_ns, self._keep = num_selected, now_ns, keep
@@ -163,13 +165,24 @@ class EnergyLedger:
             )
         return events
 
-    def spent_j(self, selected: NDArray[np.bool_]) -> NDArray[np.float64]:
+    def spent_j(
+        self, selected: NDArray[np.bool_], unchanged: NDArray[np.bool_] | None = None
+    ) -> NDArray[np.float64]:
         """Return `(num_cameras,)` joules charged for a slot with this selection.
 
-        Cameras that said that they sleep are charged what their profile says of that.
+        Cameras that said that they sleep are charged what their profile says of that. One whose
+        image was unchanged is charged an idle slot and what its profile says of the gate, if it
+        does.
+
+        Args:
+            selected: `(num_cameras,)` who was ordered to look.
+            unchanged: `(num_cameras,)` whose view says that the network did not run; None: nobody.
         """
         resting_j = self._resting_w * self._interval_s
         spent_j = self._estimate.spent_j(selected)
+        if unchanged is not None and unchanged.any():
+            gated_j = self._estimate.spent_j(np.zeros_like(selected)) + self._gate_j
+            spent_j = np.where(selected & unchanged, np.minimum(gated_j, spent_j), spent_j)
         return np.where(selected, spent_j, np.fmin(spent_j, resting_j))  # NaN: awake
 
     def _estimated(self) -> EnergyEstimate:

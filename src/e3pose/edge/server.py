@@ -336,7 +336,7 @@ class EdgeServer:
         self.credibility.observe(slot, ordered, reachable, ages_s, self.gather.views)
         self.counts.count_slot(len(used), wanted, record, begun_ns, took_ns)
         self.consumers.observe(record, time_ns, arrivals)
-        self.consumers.keep(record, time_ns)
+        self.consumers.keep(record, time_ns, arrivals)
         took_ns += self.publisher.publish_delayed(record, time_ns, self.health.load.level > 0)
         self._update_pipeline(times, record, reachable)
         lately = views_late, orders_late, self.state.silence.failures > 0

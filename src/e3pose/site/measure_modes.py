@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 from e3pose.base.errors import InputError
 from e3pose.camera.base import LiveDetector, LiveFrame, LiveSource
+from e3pose.camera.gate import Gate
 from e3pose.energy.meters.base import Meter
 from e3pose.energy.modes import SLOT_S, Look, Rest
 from e3pose.energy.profiles import DeviceProfile, modes_of
@@ -25,17 +26,23 @@ class MeasuredModes:
     Attributes:
         look_s: seconds of one look at the whole image, median.
         look_cpu_s: processor time of one.
+        gate_s: seconds of one look of the motion gate at an unchanged image, mean.
+        gate_cpu_s: processor time of one.
         frame_cpu_s: processor time of capturing a frame.
         wakes_s: seconds from opening the source to its first frame, each time.
         watts: mean power while it looks, captures, and does neither; None without a sensor.
+        gate_w: mean power while the gate looks all the time; None without a sensor.
         how: how watts are known, or why they are not.
     """
 
     look_s: float
     look_cpu_s: float
+    gate_s: float
+    gate_cpu_s: float
     frame_cpu_s: float
     wakes_s: tuple[float, ...]
     watts: tuple[float, float, float] | None
+    gate_w: float | None
     how: str
 
     @property
@@ -54,7 +61,7 @@ def measure_modes(
         source: its frames; closed afterwards.
         detector: its network, loaded and tried.
         meter: of the machine's power.
-        seconds: for each of looking, capturing and resting.
+        seconds: for each of looking, looking through the gate, capturing and resting.
         wakes: how often the source is opened.
 
     Raises:
@@ -68,6 +75,7 @@ def measure_modes(
         _next_frame(source)
         wakes_s.append(time.perf_counter() - begun_s)
     looks_s, frames, frame_cpu_s, look_cpu_s = list[float](), 0, 0.0, 0.0
+    gates, gates_s, gates_cpu_s = 0, 0.0, 0.0
 
     def capture() -> None:
         nonlocal frames, frame_cpu_s
@@ -86,17 +94,32 @@ def measure_modes(
             looks_s.append(time.perf_counter() - begun_s)
             look_cpu_s += time.process_time() - cpu_s
 
+    def gate() -> None:
+        nonlocal gates, gates_s, gates_cpu_s
+        image = _next_frame(source).image()
+        closed = Gate(detector, on=True)
+        closed.look(image, None, 1)
+        begun_s, cpu_s = time.perf_counter(), time.process_time()
+        while gates < LEAST_LOOKS or gates_s < seconds:
+            gates += closed.look(image, None, 2).unchanged_s > 0
+            gates_s = time.perf_counter() - begun_s
+        gates_cpu_s = time.process_time() - cpu_s
+
     idle_w, reading = mean_watts(meter, "power-saving", capture)
     active_w, _ = mean_watts(meter, "active", look)
+    gate_w, _ = mean_watts(meter, "active", gate)
     source.close()
     off_w, _ = mean_watts(meter, "aggressive-power-saving", lambda: time.sleep(seconds))
     watts = (active_w, idle_w, off_w) if reading.measured else None
     return MeasuredModes(
         look_s=statistics.median(looks_s),
         look_cpu_s=look_cpu_s / len(looks_s),
+        gate_s=gates_s / gates,
+        gate_cpu_s=gates_cpu_s / gates,
         frame_cpu_s=frame_cpu_s / max(frames, 1),
         wakes_s=tuple(wakes_s),
         watts=watts,
+        gate_w=gate_w if reading.measured else None,
         how=reading.how,
     )
 
@@ -136,6 +159,9 @@ def measured_profile(base: DeviceProfile, found: MeasuredModes, when: str) -> De
     looks["whole"] = replace(
         whole, latency_s=found.look_s, source=f"joules of profile {base.name} for {in_ms}, {when}"
     )
+    gate_share = min(found.gate_cpu_s / max(found.look_cpu_s, 1e-9), 1.0)
+    by_look = f"joules of a whole look by the share of its processor time, {when}"
+    looks["gate"] = Look("gate", gate_share * whole.joules, found.gate_s, by_look)
     if found.watts is not None:
         active_w, idle_w, off_w = found.watts
         how = f"measured {when}: {found.how}"
@@ -145,6 +171,8 @@ def measured_profile(base: DeviceProfile, found: MeasuredModes, when: str) -> De
         rests["asleep"] = Rest("asleep", off_w, 0.0, wake_s, sd_s, how)
         look_j = max(active_w - idle_w, 0.0) * found.look_s
         looks["whole"] = Look("whole", look_j, found.look_s, how)
+        gate_j = max((found.gate_w or idle_w) - idle_w, 0.0) * found.gate_s
+        looks["gate"] = Look("gate", gate_j, found.gate_s, how)
         if "suspended" in rests and rests["suspended"].watts > off_w:
             del rests["suspended"]  # of another device
     return replace(

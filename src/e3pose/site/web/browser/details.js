@@ -10,7 +10,7 @@ const modeOf = (c) => (c.paused ? "paused" : c.online ? MODES[c.mode] || "–" :
 const COLUMNS = [ // name, text of a camera, what it means
   ["camera", (c) => c.camera_id, ""],
   ["mode", modeOf, "active; saving: idle, but capturing; sleeping: idle, not capturing; asleep by order until it is expected back; paused by an operator; offline"],
-  ["duty", (c) => percent(c.duty), "share of the last slots in which the camera was active"],
+  ["duty", (c) => `${percent(c.duty)}${c.unchanged == null ? "" : `, ${percent(c.unchanged)} of looks unchanged`}`, "share of the last slots in which the camera was active; with a motion gate, the share of its looks in which its image was unchanged, so that the network rested"],
   ["occlusion", (c) => percent(c.occlusion), "predicted overlap of the people in its view"],
   ["information, nats", (c) => number(c.gain_nats, 2), "expected information of its view at the last decision, per joint"],
   ["price", (c) => number(c.price, 1), "what selecting it costs: grows with its deficit, compared with the information"],
