@@ -1,0 +1,323 @@
+"""What a hub takes: keeping, asking, catching up, a bad link; and what of it ends first.
+
+    python lab/benchmarks/bench_hub.py                       # some minutes; a few hundred MB
+    python lab/benchmarks/bench_hub.py --live 8 --days 3     # smaller
+    python lab/benchmarks/bench_hub.py --database postgresql://USER@HOST/NAME
+
+Sites are made up (`simulated_sites.py`); their stores, their answers over Zenoh, the hub that asks
+and its database are the real ones, all on this machine. Keeping and asking are measured with
+`--days` of three sites through the hub's own code; for questions these are copied under other
+names, `--sites` of them for sums by the hour and `--whole` for minutes. `--live` sites are asked
+over the network.
+"""
+
+from __future__ import annotations
+
+import argparse
+import random
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections import Counter
+from contextlib import ExitStack
+from pathlib import Path
+
+import msgspec
+import psutil
+from sqlalchemy import Engine, func, select, text
+
+from e3pose.edge.consumers import Consumers
+from e3pose.hub.database import Cursor, hours, keep, open_hub, summaries
+from e3pose.hub.overview import overview
+from e3pose.hub.pull import ANSWER_S, AT_ONCE, PAUSE_S, Pulling, pull
+from e3pose.hub.question import answer
+from e3pose.hub.settings import Hub, load_hub
+from e3pose.site.outbox_answers import OutboxAnswers
+from e3pose.store.database import writing_engine
+from e3pose.store.delivery import Delivery
+from e3pose.store.rows import NS, Run
+from e3pose.wire.access import Link
+from e3pose.wire.network import open_network
+from e3pose.wire.topics import of_outbox
+from simulated_sites import BEGIN_NS, CAMERAS, records_of, summaries_of
+
+PART = 100  # summaries of an answer
+OUTBOX_DAYS = 60
+DELAY_S, LOSS, RESEND_S, PACKET = 0.15, 0.01, 0.2, 1400  # of a bad link, each way
+QUESTIONS = {
+    "person-hours of each site, by day": "SELECT site, time_ns / 86400000000000 AS day, "
+    "sum(person_h) FROM hours GROUP BY site, day ORDER BY 3 DESC LIMIT 100",
+    "watts of each site": "SELECT site, sum(joules) / sum(span_s) FROM hours GROUP BY site",
+    "hour of the day with most people": "SELECT time_ns / 3600000000000 % 24, max(most_people) "
+    "FROM hours GROUP BY 1",
+}
+
+
+def store_with(path: Path, site: str, seed: int, first: int, minutes: int) -> None:
+    """Store summaries as the writer of an edge does."""
+    run = Run(site, site, BEGIN_NS, 0.04, "coco17", ("nose",), CAMERAS, "e3pose bench")
+    delivery = Delivery(f"sqlite:///{path}", summaries=10**6)
+    rows = [("summaries", row) for row in summaries_of(seed, first, minutes)]
+    for at in range(0, len(rows), 1000):
+        delivery.commit(rows[at : at + 1000], run)
+    delivery.close()
+
+
+def size_mb(*paths: Path) -> float:
+    return sum(p.stat().st_size for path in paths for p in path.parent.glob(f"{path.name}*")) / 1e6
+
+
+def bench_outbox(folder: Path) -> None:
+    """Print what the summaries of `OUTBOX_DAYS` take in a store, by those of two."""
+    path = folder / "outbox.db"
+    writing_engine(f"sqlite:///{path}").dispose()
+    store_with(path, "lab", 1, 0, 2 * 1440)
+    per_day = size_mb(path) / 2
+    print(f"outbox: {per_day:.2f} MB a day, {OUTBOX_DAYS * per_day:.0f} MB in {OUTBOX_DAYS} days")
+
+
+def bench_keeping(engine: Engine, days: int) -> float:
+    """Keep days of three sites in parts, as they come; return CPU of a summary, seconds."""
+    spent_s, count = 0.0, 0
+    for seed in range(3):
+        rows = [*records_of(seed, 0, 1440 * days)]
+        before_s = time.process_time()
+        for at in range(0, len(rows), PART):
+            part = rows[at : at + PART]
+            keep(engine, f"real{seed}", part, Cursor(1, at + len(part)), 1)
+        spent_s += time.process_time() - before_s
+        count += len(rows)
+    print(f"keeping: {1e3 * spent_s / count:.3f} ms of CPU a summary in parts of {PART}")
+    one = [*records_of(9, 0, 240)]
+    before_s = time.process_time()
+    for at, row in enumerate(one):
+        keep(engine, "single", [row], Cursor(1, at + 1), 1)
+    single_s = (time.process_time() - before_s) / len(one)
+    print(f"keeping: {1e3 * single_s:.2f} ms of CPU a summary that comes alone, as every minute")
+    return single_s
+
+
+def bench_questions(engine: Engine, hub: Hub, sites: int, whole: int, days: int) -> None:
+    """Copy what is kept under other names, and ask."""
+    for table, count in ((hours, sites), (summaries, whole)):
+        others = ", ".join(c.name for c in table.columns if c.name != "site")
+        for at in range(count):
+            with engine.begin() as connection:
+                connection.execute(text(
+                    f"INSERT INTO {table.name} (site, {others}) SELECT 'site{at}', {others} "
+                    f"FROM {table.name} WHERE site = 'real{at % 3}'"
+                ))  # fmt: skip
+    with engine.connect() as connection:
+        num_hours = connection.scalar(select(func.count()).select_from(hours))
+        num_rows = connection.scalar(select(func.count()).select_from(summaries))
+    print(f"questions: {days} days; hours of {sites + 3} sites ({num_hours} rows), minutes of "
+          f"{whole + 3} ({num_rows} rows)")  # fmt: skip
+    for about, sql in QUESTIONS.items():
+        begun_s = time.monotonic()
+        rows = answer(hub.database, sql)[1]
+        print(f"  {time.monotonic() - begun_s:6.2f} s  {about} ({len(rows)} rows)")
+    sql = "SELECT site, sum(people * span_s) / 3600 FROM summaries GROUP BY site"
+    begun_s = time.monotonic()
+    answer(hub.database, sql)
+    took_s = time.monotonic() - begun_s
+    print(f"  {took_s:6.2f} s  the first by minutes, of {whole + 3} sites")
+    names, now_ns = [f"site{at}" for at in range(sites)], BEGIN_NS + days * 86400 * NS
+    known = {n: msgspec.structs.replace(hub.sites["real0"], name=n) for n in names}
+    made = Hub(hub.path, hub.database, hub.every_s, (), hub.view, known)
+    begun_s = time.monotonic()
+    with engine.connect() as connection:
+        overview(connection, made, names, now_ns)
+    print(f"  {time.monotonic() - begun_s:6.2f} s  page over {sites} sites")
+
+
+def serve(folder: str, ports: list[int]) -> None:
+    """Answer for some sites until killed; print when each is asked."""
+    kept = []
+    for at, port in enumerate(ports):
+        path = Path(folder) / f"live{at}.db"
+        box, site = OutboxAnswers(path, f"live{at}"), f"live{at}"
+
+        def told(topic: str, asked: bytes, box: OutboxAnswers = box) -> bytes | None:
+            print(f"{time.time():.3f}", flush=True)
+            return box.answer(topic, asked)
+
+        kept.append(open_network(Link("edge", site, f"tcp/127.0.0.1:{port}")))
+        Consumers(outbox=told).listen(kept[-1], site)
+    print("serving", flush=True)
+    threading.Event().wait()
+
+
+def free_ports(count: int) -> list[int]:
+    with ExitStack() as stack:
+        found = [stack.enter_context(socket.socket()) for _ in range(count)]
+        for one in found:
+            one.bind(("127.0.0.1", 0))
+        return [one.getsockname()[1] for one in found]
+
+
+def bench_live(folder: Path, count: int, single_s: float) -> None:
+    """Let a hub ask real sites; kill it for an hour; print what it takes and what ends first."""
+    ports = free_ports(count)
+    for at in range(count):
+        store_with(folder / f"live{at}.db", f"live{at}", at, 0, 60)
+    hub = load_hub(
+        write_hub(folder / "live.toml", {f"live{a}": p for a, p in enumerate(ports)}, 60)
+    )
+    command = [sys.executable, __file__, "--serve", str(folder), *map(str, ports)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            while process.stdout.readline().strip() != "serving":
+                pass
+            asked = list[float]()
+            lines = process.stdout
+            reader = threading.Thread(target=lambda: asked.extend(map(float, lines)), daemon=True)
+            reader.start()
+            engine, program = open_hub(hub.database), psutil.Process()
+            before_s, rss = sum(program.cpu_times()[:2]), program.memory_info().rss
+            took_s = until_complete(hub, engine, count * 60)
+            spent_s = sum(program.cpu_times()[:2]) - before_s
+            grown_mb = (program.memory_info().rss - rss) / 1e6
+            print(f"live: {count} sites, an hour of each there {took_s:.0f} s after the hub began")
+            most = max(Counter(int(at_s) for at_s in asked).values(), default=0)
+            print(
+                f"live: most asked in one second {most} of {count}; {1e3 * spent_s / count:.0f} ms "
+                f"of CPU and {grown_mb / count:.1f} MB of memory a site, joining it included"
+            )
+            pull_s = wall_of_pull(hub, engine)
+            for at in range(count):  # an hour passes without the hub
+                store_with(folder / f"live{at}.db", f"live{at}", at, 60, 60)
+            took_s = until_complete(hub, engine, count * 120)
+            print(f"live: killed for an hour, complete {took_s:.0f} s after it began again")
+            per_site_s = spent_s / count + single_s
+            print(
+                f"once a minute: CPU of a core is enough for {60 / per_site_s:.0f} sites, "
+                f"{1e3 * per_site_s:.0f} ms each; {AT_ONCE} asked at once for "
+                f"{AT_ONCE * 60 / pull_s:.0f}, {pull_s:.2f} s each; connections are {AT_ONCE} at most"
+            )
+        finally:
+            process.kill()
+
+
+def wall_of_pull(hub: Hub, engine: Engine) -> float:
+    """Return what joining a site, asking and leaving take, seconds."""
+    begun_s = time.monotonic()
+    for site in hub.sites:
+        transport, topic = open_network(hub.link(site)), of_outbox(site, "hub")
+        while not transport.connected():
+            time.sleep(0.05)
+        pull(
+            engine, site, lambda q, t=transport, of=topic: t.ask(of, q, ANSWER_S),  # type: ignore[misc]
+            lambda: time.sleep(PAUSE_S), 1,
+        )  # fmt: skip
+        transport.close()
+    return (time.monotonic() - begun_s) / len(hub.sites)
+
+
+def until_complete(hub: Hub, engine: Engine, wanted: int) -> float:
+    """Run a hub until it has so many summaries; return how long that took."""
+    begun_s = time.monotonic()
+    with Pulling(hub, engine, lambda site, problem: print(f"  {site}: {problem}")):
+        while True:
+            with engine.connect() as connection:
+                found = connection.scalar(select(func.count()).select_from(summaries))
+            if (found or 0) >= wanted or time.monotonic() - begun_s > 300:
+                return time.monotonic() - begun_s
+            time.sleep(0.2)
+
+
+def bench_bad_link(folder: Path) -> None:
+    """Fetch a day over a link with delay and loss."""
+    near, far = free_ports(2)
+    store_with(folder / "live0.db", "live0", 0, 0, 1440)
+    command = [sys.executable, __file__, "--serve", str(folder), str(far)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            while process.stdout.readline().strip() != "serving":
+                pass
+            threading.Thread(target=link, args=(near, far), daemon=True).start()
+            engine = open_hub(str(folder / "bad.db"))
+            transport = open_network(Link("viewer", "live0", f"tcp/127.0.0.1:{near}"))
+            while not transport.connected():
+                time.sleep(0.05)
+            begun_s, topic = time.monotonic(), of_outbox("live0", "hub")
+            count = pull(
+                engine, "live0", lambda q: transport.ask(topic, q, ANSWER_S),
+                lambda: time.sleep(PAUSE_S), 1,
+            )  # fmt: skip
+            took_s = time.monotonic() - begun_s
+            transport.close()
+            print(f"bad link: {2e3 * DELAY_S:.0f} ms there and back, {100 * LOSS:.0f} % of packets "
+                  f"sent again: {count} of 1440 summaries in {took_s:.0f} s")  # fmt: skip
+        finally:
+            process.kill()
+
+
+def link(near: int, far: int) -> None:
+    """Pass bytes on late, some packets later still, in order: what TCP makes of loss."""
+    with socket.create_server(("127.0.0.1", near)) as listening:
+        while True:
+            here, _ = listening.accept()
+            there = socket.create_connection(("127.0.0.1", far))
+            for source, sink in ((here, there), (there, here)):
+                threading.Thread(target=_pass_on, args=(source, sink), daemon=True).start()
+
+
+def _pass_on(source: socket.socket, sink: socket.socket) -> None:
+    draw, waiting, free_s = random.Random(1), list[tuple[float, bytes]](), 0.0
+    source.settimeout(0.005)
+    while True:
+        try:
+            if not (content := source.recv(PACKET)):
+                return sink.close()
+            late_s = RESEND_S if draw.random() < LOSS else 0.0
+            free_s = max(free_s, time.monotonic() + DELAY_S) + late_s
+            waiting.append((free_s, content))
+        except TimeoutError:
+            pass
+        except OSError:
+            return sink.close()
+        while waiting and waiting[0][0] <= time.monotonic():
+            sink.sendall(waiting.pop(0)[1])
+
+
+def write_hub(path: Path, ports: dict[str, int], every_s: float, database: str = "") -> Path:
+    lines = ['format = "e3pose-hub"', "version = 1", f"every_s = {every_s}"]
+    lines.append(f'database = "{database or path.with_suffix(".db").name}"')
+    for name, port in ports.items():
+        lines += ["[[site]]", f'name = "{name}"', f'endpoint = "tcp/127.0.0.1:{port}"']
+    path.write_text("\n".join(lines))
+    return path
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--days", type=int, default=30, help="of each site that is kept")
+    parser.add_argument("--sites", type=int, default=1000, help="with sums by the hour")
+    parser.add_argument("--whole", type=int, default=7, help="with minutes")
+    parser.add_argument("--live", type=int, default=24, help="that run for real")
+    parser.add_argument("--database", default="", help="of the hub; SQLite in a folder by default")
+    parser.add_argument("--serve", nargs="+", help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.serve:
+        return serve(options.serve[0], [int(port) for port in options.serve[1:]])
+    with tempfile.TemporaryDirectory(prefix="e3pose-hub-") as name:
+        folder = Path(name)
+        bench_outbox(folder)
+        hub = load_hub(write_hub(folder / "hub.toml", {"real0": 7447}, 60, options.database))
+        engine = open_hub(hub.database)
+        single_s = bench_keeping(engine, options.days)
+        if not options.database:
+            rows = 3 * 1440 * options.days
+            print(f"keeping: {1e6 * size_mb(folder / 'hub.db') / rows:.0f} bytes a summary on disk")
+        bench_questions(engine, hub, options.sites, options.whole, options.days)
+        bench_live(folder, options.live, single_s)
+        bench_bad_link(folder)
+
+
+if __name__ == "__main__":
+    main()
