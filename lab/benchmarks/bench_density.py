@@ -80,7 +80,7 @@ def child(options: argparse.Namespace) -> None:
     if options.threads:
         threads = [
             threading.Thread(
-                target=lambda s=slot, o=at / count: spent.append(  # type: ignore[misc]
+                target=lambda s=slot, o=at / count: spent.append(
                     paced([s], o, begin_s, options.seconds)
                 )
             )

@@ -127,7 +127,7 @@ def test_full_disk_at_the_hub_is_told_and_nothing_is_lost(tmp_path: Path) -> Non
     port, disk = free_port(), tmp_path / "disk"
     fill(tmp_path / "lab.db", "lab", 0, 1500)
     disk.mkdir()
-    as_root("mount", "-t", "tmpfs", "-o", "size=1m", "tmpfs", str(disk))
+    as_root("mount", "-t", "tmpfs", "-o", "size=4m", "tmpfs", str(disk))
     try:
         hub = hub_file(disk, {"lab": port})
         with (
