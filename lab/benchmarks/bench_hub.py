@@ -196,7 +196,7 @@ def bench_live(folder: Path, count: int, single_s: float) -> None:
             print(
                 f"once a minute: CPU of a core is enough for {60 / per_site_s:.0f} sites, "
                 f"{1e3 * per_site_s:.0f} ms each; {AT_ONCE} asked at once for "
-                f"{AT_ONCE * 60 / pull_s:.0f}, {pull_s:.2f} s each; connections are {AT_ONCE} at most"
+                f"{AT_ONCE * 60 / pull_s:.0f}, {pull_s:.2f} s each, no more connections"
             )
         finally:
             process.kill()
