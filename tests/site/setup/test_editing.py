@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import socket
 from pathlib import Path
 
 import pytest
+from tests.ports import free_port
 from tests.rigs import looking
 
 from e3pose.base.errors import InputError
 from e3pose.recording.calibration import load_rig, save_rig
+from e3pose.settings.resolved import ResolvedSite
 from e3pose.settings.site_file import load_site
+from e3pose.site.setup import settings
 from e3pose.site.setup.desk import Desk
 from e3pose.site.setup.editing import apply_cameras, restore_before
 from e3pose.site.setup.going_live import LiveSite
@@ -17,12 +21,16 @@ from e3pose.site.setup.plan import ChosenCamera, Plan
 from e3pose.site.setup.settings import Wanted, Zone, change_settings, present
 from e3pose.wire.site_messages import Control
 
-SITE = """# my site
+PORT = free_port()  # nobody listens there
+SITE = f"""# my site
 format = "e3pose-site"
 version = 1
 name = "lab"
 calibration = "rig.toml"
 fps = 10  # as measured
+
+[link]
+endpoint = "tcp/127.0.0.1:{PORT}"
 
 [store]
 path = "live.db"
@@ -127,6 +135,27 @@ def test_a_running_site_takes_at_once_what_it_can(
     found = change_settings(desk, live, Wanted(target_error="40mm", keep="3d"))
     assert asked[-1].target_error_mm == pytest.approx(40.0) and found["restart"]
     assert "takes storage at its next start" in found["said"]
+
+
+def test_a_site_that_another_program_runs_is_asked_too(
+    desk: Desk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = list[Control]()
+
+    def ask(site: ResolvedSite, control: Control) -> str:
+        asked.append(control)
+        raise InputError("cameras: found 1, expected more")
+
+    monkeypatch.setattr(settings, "ask_elsewhere", ask)
+    with socket.socket() as listening:
+        listening.bind(("127.0.0.1", 0))
+        listening.listen()
+        port = listening.getsockname()[1]
+        desk.site_file.write_text(SITE.replace(f":{PORT}", f":{port}"))
+        found = change_settings(desk, LiveSite(), Wanted(cameras=1.0))
+    assert asked == [Control(1.0, None)] and not found["restart"]
+    assert "cameras: found 1, expected more" in found["said"]
+    assert "takes the goal at its next start, where you started it." in found["said"]
 
 
 def chosen(*cameras: ChosenCamera) -> Plan:

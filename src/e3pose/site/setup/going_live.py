@@ -11,7 +11,7 @@ from e3pose.base.errors import InputError
 from e3pose.base.private import make_folder
 from e3pose.settings.resolved import ResolvedSite, resolve_site
 from e3pose.site.example import free_port
-from e3pose.site.follow import LOCAL_OPERATOR, Follower, viewer_link
+from e3pose.site.follow import LOCAL_OPERATOR, Follower, operator_of, viewer_link
 from e3pose.site.ready import site_programs
 from e3pose.site.setup.desk import Desk
 from e3pose.site.up import Program, run_site, view_command
@@ -96,14 +96,7 @@ class LiveSite:
         transport, site = self._transport, self._site
         if transport is None or site is None:
             raise InputError("the site does not run")
-        topic = of_control(site.name, LOCAL_OPERATOR)
-        answer = transport.ask(topic, encode(control), ASK_S)
-        if answer is None:
-            raise InputError("the edge does not answer: it is still starting, or allows no control")
-        said = decode(answer, Controlled, "edge")
-        if said.problem:
-            raise InputError(said.problem)
-        return said.said
+        return ask_edge(transport, site, LOCAL_OPERATOR, control)
 
     def body(self) -> dict[str, Any]:
         """Return it for the page."""
@@ -145,6 +138,37 @@ class LiveSite:
             self._follower = self._transport = self._site = None
             if self.on:
                 self.state = "off"
+
+
+def runs_elsewhere(site: ResolvedSite) -> bool:
+    """Return whether another program of this machine listens where the edge of a site does."""
+    try:
+        check_port(site.link.endpoint)
+    except InputError:
+        return True
+    return False
+
+
+def ask_elsewhere(site: ResolvedSite, control: Control) -> str:
+    """Ask an edge that another program started; see `LiveSite.ask`."""
+    link = viewer_link(site, None, operates=True)
+    operator = operator_of(link)
+    if operator is None:
+        raise InputError("the running edge takes orders of operators only: e3pose keys add desk "
+                         "--operator")  # fmt: skip
+    with closing(open_network(link)) as transport:
+        return ask_edge(transport, site, operator, control)
+
+
+def ask_edge(transport: Transport, site: ResolvedSite, operator: str, control: Control) -> str:
+    """Return what an edge says to an order; raise `InputError` where it refuses."""
+    answer = transport.ask(of_control(site.name, operator), encode(control), ASK_S)
+    if answer is None:
+        raise InputError("the edge does not answer: it is still starting, or allows no control")
+    said = decode(answer, Controlled, "edge")
+    if said.problem:
+        raise InputError(said.problem)
+    return said.said
 
 
 def _free_address(site: ResolvedSite) -> tuple[Address, tuple[str, ...]]:

@@ -6,8 +6,9 @@ to; the rest waits for a restart, and the page says so.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import tomlkit
@@ -18,7 +19,7 @@ from e3pose.settings.resolved import ResolvedSite, resolve
 from e3pose.settings.site_file import MAX_CORNERS
 from e3pose.site.setup.desk import BEFORE, Desk
 from e3pose.site.setup.editing import edit_site, restore_before
-from e3pose.site.setup.going_live import LiveSite
+from e3pose.site.setup.going_live import LiveSite, ask_elsewhere, runs_elsewhere
 from e3pose.wire.site_messages import Control
 
 MOST_ZONES = 32
@@ -107,17 +108,19 @@ def change_settings(desk: Desk, live: LiveSite, wanted: Wanted) -> dict[str, Any
     _check(wanted)
     desk.site()  # an error where there is none
     before = desk.site_file.read_bytes()
-    edit_site(desk.folder, lambda document: _edit(document, wanted))
+    site = edit_site(desk.folder, lambda document: _edit(document, wanted))
     if desk.site_file.read_bytes() == before:
         return {"said": "Nothing changed.", "restart": False}
     said = [f"Wrote {desk.shown(desk.site_file)}; the file of before is site.toml{BEFORE}."]
-    if not live.on:
+    if not (live.on or runs_elsewhere(site)):
         return {"said": " ".join(said), "restart": False}
-    taken, rest = _at_once(live, wanted)
+    ask = live.ask if live.on else partial(ask_elsewhere, site)
+    taken, rest = _at_once(ask, wanted)
     said += taken
     if rest:
-        said.append(f"The running site takes {rest} at its next start.")
-    return {"said": " ".join(said), "restart": bool(rest)}
+        where = "" if live.on else ", where you started it"
+        said.append(f"The running site takes {rest} at its next start{where}.")
+    return {"said": " ".join(said), "restart": bool(rest) and live.on}
 
 
 def _check(wanted: Wanted) -> None:
@@ -128,7 +131,7 @@ def _check(wanted: Wanted) -> None:
         raise InputError("zones", "too many, or too many corners", f"at most {MOST_ZONES}")
 
 
-def _at_once(live: LiveSite, wanted: Wanted) -> tuple[list[str], str]:
+def _at_once(ask: Callable[[Control], str], wanted: Wanted) -> tuple[list[str], str]:
     """Ask a running edge to take what it can; return what it said, and what waits."""
     waits = [
         words
@@ -142,7 +145,7 @@ def _at_once(live: LiveSite, wanted: Wanted) -> tuple[list[str], str]:
     if wanted.cameras is not None or wanted.target_error:
         error_mm = None if not wanted.target_error else 1000 * length_m(wanted.target_error)
         try:
-            said.append(f"At once: {live.ask(Control(wanted.cameras, error_mm))}.")
+            said.append(f"At once: {ask(Control(wanted.cameras, error_mm))}.")
         except InputError as error:
             said.append(str(error))
             waits.insert(0, "the goal")
