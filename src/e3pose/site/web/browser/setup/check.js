@@ -13,7 +13,7 @@ function Result({ check }) {
   const bounds = boundsOf([...centers.map(({ x, y }) => [x, y]), ...cells.map(({ x, y }) => [x, y])]);
   return html`<p id="verdict" class=${`verdict ${check.grade}`}>${check.verdict}</p>
     <${Floor} id="error-map" bounds=${bounds} cells=${cells} cameras=${centers} label=${check.verdict} />
-    <ul class="keys"><li><i class="key good"></i>up to ${good_mm} mm</li><li><i class="key fair"></i>up to ${poor_mm} mm</li><li><i class="key poor"></i>more</li><li>white: fewer than two cameras see it, or nobody walked near</li></ul>
+    <ul class="keys"><li><i class="key good"></i>up to ${good_mm} mm</li><li><i class="key fair"></i>up to ${poor_mm} mm</li><li><i class="key poor"></i>more</li><li>no colour: fewer than two cameras see it, or nobody walked near</li></ul>
     ${check.next.length > 0 && html`<h3>What to do</h3><ul class="hints" id="to-do">${check.next.map((line) => html`<li>${line}</li>`)}</ul>`}
     <h3>Cameras</h3><ul class="plain">${check.cameras.map(({ id, words, expected }) => html`<li><b>${id}</b> ${words}; expected error ${expected}</li>`)}</ul>`;
 }
