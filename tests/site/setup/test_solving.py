@@ -48,12 +48,12 @@ def test_clicks_set_the_origin_and_the_axis(tmp_path: Path) -> None:
     desk = Desk(tmp_path, "lab")
     save_rig(RIG, desk.folder / "rig.toml")
     seen = RIG.cameras[0].project(np.array([[1.0, 1.0, 0.0]]))[0].tolist()
-    command = move_world(desk, "c0", *seen, "origin")
+    command = move_world(desk, "c0", seen[0], seen[1], "origin")
     assert command == "e3pose calibrate align lab/rig.toml lab/rig.toml --origin=1.000,1.000"
     moved = load_rig(desk.folder / "rig.toml")
     assert moved.centers_m == pytest.approx(RIG.centers_m - [1, 1, 0], abs=2e-3)
     seen = moved.cameras[0].project(np.array([[-1.0, -1.0, 0.0]]))[0].tolist()
-    assert "--x-axis=-1.000,-1.000" in move_world(desk, "c0", *seen, "x-axis")
+    assert "--x-axis=-1.000,-1.000" in move_world(desk, "c0", seen[0], seen[1], "x-axis")
     turned = load_rig(desk.folder / "rig.toml")
     middle = turned.cameras[0].project(np.array([[np.sqrt(2), 0.0, 0.0]]))[0]
     assert middle == pytest.approx(seen, abs=1.0), "it lies on the x axis now"
