@@ -13,7 +13,7 @@ from e3pose.estimate.filter.existence import DELIVERED_PRIOR, is_wide
 from e3pose.estimate.filter.failed_pairs import count_failures
 from e3pose.estimate.filter.leftovers import MIN_JOINTS, collect
 from e3pose.estimate.filter.proportions import median_of, stature_of
-from e3pose.estimate.filter.scratch import Constants, Pairs, Tracks, Views, Waiting
+from e3pose.estimate.filter.scratch import Constants, Pairs, Tracks, Waiting, Workspace
 from e3pose.estimate.filter.state import APART_M, MAX_TRACKS
 from e3pose.estimate.per_slot.triangulate import triangulate_person
 from e3pose.model.proportions import LEAST_M, MOST_M
@@ -42,10 +42,7 @@ def give_birth(
     dt: float,
     next_id: int,
     constants: Constants,
-    views: Views,
-    tracks: Tracks,
-    waiting: Waiting,
-    pairs: Pairs,
+    workspace: Workspace,
     failed_pairs: Floats,
 ) -> tuple[int, int, int]:
     """Start people from pairs of leftovers; return numbers of tracks and leftovers, and `next_id`.
@@ -53,17 +50,10 @@ def give_birth(
     The first `num_old` rows of `waiting` are of earlier slots. What still waits in the end is in
     the rows that `waiting.order` begins with.
     """
+    views, tracks = workspace.views, workspace.tracks
+    waiting, pairs = workspace.waiting, workspace.pairs
     num_waiting = collect(num_old, time_s, constants.wait_s, views, waiting)
-    num_pairs = _pair(
-        num_waiting,
-        time_s,
-        constants.projections,
-        constants.scales,
-        constants.girdles,
-        constants.body,
-        waiting,
-        pairs,
-    )
+    num_pairs = _pair(num_waiting, time_s, constants, waiting, pairs)
     for index in range(num_waiting):
         pairs.taken[index] = False
     while num_tracks < MAX_TRACKS:
@@ -111,14 +101,12 @@ def give_birth(
 def _pair(
     num_waiting: int,
     time_s: float,
-    projections: Floats,
-    scales: Floats,
-    girdles: Integers,
-    body: Proportions,
+    constants: Constants,
     waiting: Waiting,
     pairs: Pairs,
 ) -> int:
     """Fill `pairs` with those who may be one person; return how many."""
+    projections, scales = constants.projections, constants.scales
     num_pairs = 0
     for a in range(num_waiting):
         first = waiting.order[a]
@@ -143,7 +131,7 @@ def _pair(
                 joints_m,
             )
             fit = _fit(joints_m, projections, scales, pairs.cameras, pairs.px, pairs.sorted)
-            if fit < np.inf and _is_human(joints_m, girdles, body, pairs.logs):
+            if fit < np.inf and _is_human(joints_m, constants.girdles, constants.body, pairs.logs):
                 pairs.fits[num_pairs] = fit
                 pairs.ends[num_pairs, 0] = a
                 pairs.ends[num_pairs, 1] = b

@@ -249,17 +249,7 @@ def step_slot(
         num_tracks, dt, constants.corner_m, views.arrived, workspace.matches, detection_map, tracks
     )
     num_tracks, num_waiting, next_id = give_birth(
-        num_tracks,
-        num_old,
-        time_s,
-        dt,
-        next_id,
-        constants,
-        views,
-        tracks,
-        workspace.waiting,
-        workspace.pairs,
-        failed_pairs,
+        num_tracks, num_old, time_s, dt, next_id, constants, workspace, failed_pairs
     )
     num_tracks = end(num_tracks, constants.girdles, tracks, workspace.offers.flags[0])
     return num_tracks, num_waiting, next_id
