@@ -43,9 +43,9 @@ UNMET_PEOPLE = 0.5  # with a target, two cameras look while so many wait to be s
 MAX_PAUSE_S = 0.2  # with a target, some camera looks at least this often, whoever is known
 # tuned: s | not recorded | not measured
 BURST_S = 2.0  # with a target or by turns, how far ahead of its budget a camera may run
-# tuned: nats | pizza and eight scenes, seeds 701 to 704: 0.4 costs 4 % on pizza,
-#   docs/research/camera-selection.md | not measured
-LEAST_NATS = 0.1  # more than the cameras whose turn it is: where directions err alike, as turns do
+# tuned: nats s | pizza and eight scenes, seeds 701 to 704, as 0.1 nats in slots of 80 ms: 0.4 costs
+#   4 % on pizza, docs/research/camera-selection.md | not measured
+LEAST_NATS_S = 0.008  # more than the cameras whose turn it is, as long as a slot lasts
 # tuned: nats | not recorded | not measured
 NEAR_NATS = 0.02  # sets of cameras that differ by less are equally good, and take turns
 # tuned: share | not recorded | not measured
@@ -110,7 +110,8 @@ class Information:
         worth = self.quality_weight * watch_nats(situation) - situation.price
         both = np.stack([best, turn])
         value = self.quality_weight * worth_nats(foresight, both) + both @ worth
-        better = value[0] - value[1] > self.quality_weight * LEAST_NATS
+        least = self.quality_weight * LEAST_NATS_S / situation.interval_s
+        better = value[0] - value[1] > least
         return best if better else turn
 
     def _best(
