@@ -72,7 +72,8 @@ def test_a_fall_is_told_of_somebody_whom_a_second_number_shows_before_the_first_
             )
         else:
             changed.append(replace(slot, track_ids=np.array([2 if down_s < 0.3 else last])))
-    assert kinds(told(changed)) == ["fall", "got-up"]
+    events = told(changed)
+    assert kinds(events) == ["fall", "got-up"] and {event.first for event in events} == {1}
 
 
 @pytest.mark.parametrize("later_s", [1.0, 3.0])
@@ -88,6 +89,7 @@ def test_a_fall_is_told_once_of_somebody_whose_number_changes_on_the_floor(later
     assert kinds(events) == ["fall", "on-floor", "on-floor", "got-up"]
     assert [event.phase for event in events] == ["begun", "begun", "ended", "ended"]
     assert {event.start_ns for event in events[:3]} == {fall.start_ns}
+    assert {event.first for event in events} == {1}, "whatever the number is now"
 
 
 @pytest.mark.parametrize(

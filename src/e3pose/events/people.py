@@ -67,6 +67,7 @@ class Person:
         joints_m: `(num_joints, 3)` as last seen.
         fast_m, slow_m: `(2,)` means of the place.
         was: identity in the slot before: another one where the person was lost and found.
+        first: identity that the person had first.
     """
 
     track: int
@@ -85,6 +86,7 @@ class Person:
     fast_m: Floats = field(default_factory=lambda: np.full(2, np.nan))
     slow_m: Floats = field(default_factory=lambda: np.full(2, np.nan))
     was: int = -1
+    first: int = -1
 
     @property
     def lies(self) -> float:
@@ -164,7 +166,7 @@ def _known(people: People, track: int, seen: Seen, place_m: Floats) -> Person:
         return person
     later = tuple(point for point in person.trail if point[0] > kin.seen_ns)
     return replace(
-        person, track=kin.track, since_ns=kin.since_ns, stature=kin.stature,
+        person, track=kin.track, first=kin.first, since_ns=kin.since_ns, stature=kin.stature,
         trail=(*kin.trail, *later),
     )  # fmt: skip
 
@@ -242,6 +244,7 @@ def _followed(
                 float(value[row, SHANKS]),
             ),
             joints_m[row], fast_m[row], slow_m[row], person.track,
+            person.track if person.first < 0 else person.first,
         )  # fmt: skip
 
 

@@ -29,6 +29,7 @@ class PersonEvent:
         score: probability that it is so, [0, 1].
         says: what happened, in the past tense, without who and when: `fell`, `left`.
         name: of the person, where one is known and may be told; empty otherwise.
+        first: track by which the person was known first; it changes where somebody is lost.
     """
 
     kind: str
@@ -41,6 +42,7 @@ class PersonEvent:
     score: float
     says: str
     name: str = ""
+    first: int = NOBODY
 
     @property
     def is_news(self) -> bool:

@@ -238,7 +238,7 @@ class Connection:
         for slot in self:
             watch = watch or begin_watch(self._told, slot.joints, self._zones)
             watch, events = advance(watch, seen_of(slot))
-            yield from (replace(event, name=self._names(event.track)) for event in events)
+            yield from (called(event, self._names) for event in events)
 
     def newest(self) -> LiveSlot:
         """Return the newest slot: what waits is skipped; waits for one if none does."""
@@ -358,6 +358,11 @@ def certified_site(authority: Path) -> str:
     if len(str(name)) >= 64:  # it may have been cut
         raise InputError("site", MISSING, 'site="NAME", as `name` in the site file')
     return site
+
+
+def called(event: PersonEvent, names: Names) -> PersonEvent:
+    """Return an event with the name of its person, also where the number has changed since."""
+    return replace(event, name=names(event.track) or names(event.first))
 
 
 def names_for(site: SiteTable, where: str) -> Names:

@@ -22,6 +22,7 @@ from e3pose.model.skeleton import COCO17
 from e3pose.settings.events_table import EventsTable
 from e3pose.site.connect import Names, nobody
 from e3pose.site.streams import Source, open_stream
+from e3pose.site.streams.as_json import event_words
 from e3pose.site.streams.webhook import MAX_WAITING, Patience, WebhookStream, address
 
 HERE = Path(__file__).parent
@@ -126,6 +127,12 @@ def test_a_notice_that_waits_has_the_name_of_the_moment_it_is_delivered(
     last = receiver.got()[-1]["body"]
     assert "Ada" not in last and json.loads(last)["id"] == tried["id"]
     assert not any("Ada" in line for line in said), "what is printed is kept"
+
+
+def test_a_name_stays_with_somebody_whose_number_changed() -> None:
+    changed = replace(FELL, track=12, first=7)
+    assert event_words(changed, lambda track: "Ada" if track == 7 else "")["name"] == "Ada"
+    assert event_words(changed, lambda track: "Bob" if track == 12 else "Ada")["name"] == "Bob"
 
 
 @pytest.mark.parametrize("habit", ["fails", "hangs", "drips"])

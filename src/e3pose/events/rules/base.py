@@ -40,11 +40,12 @@ class Moment:
     ) -> PersonEvent:
         """Return an event of a person that began with a spell and is told now."""
         person = self.known.get(track)
-        zone = "" if person is None else person.near
+        zone, first = ("", track) if person is None else (person.near, person.first)
         score = round(min(max(score, 0.0), 1.0), 3)
         return PersonEvent(
-            kind, phase, track, zone, spell.since_ns, self.time_ns, self.slot, score, says
-        )
+            kind, phase, track, zone, spell.since_ns, self.time_ns, self.slot, score, says,
+            first=first,
+        )  # fmt: skip
 
 
 class Rule(Protocol):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from datetime import datetime, timezone
 from typing import Any
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from e3pose.model.person_event import PersonEvent, sentence
 from e3pose.model.zone_event import ZoneEvent
-from e3pose.site.connect import LiveSlot, Names, nobody
+from e3pose.site.connect import LiveSlot, Names, called, nobody
 
 DECIMALS = 4
 
@@ -48,5 +48,5 @@ def event_words(event: PersonEvent, names: Names = nobody) -> dict[str, Any]:
         names: of people, by track.
     """
     here = datetime.now().astimezone().tzinfo
-    event = replace(event, name=names(event.track))
+    event = called(event, names)
     return {**asdict(event), "sentence": sentence(event, here or timezone.utc)}
