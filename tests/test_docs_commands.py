@@ -118,6 +118,14 @@ ELSEWHERE = {
         ),
         "tests/hub/test_users.py",
     ),
+    **dict.fromkeys(
+        (
+            'each results recordings/* --verb "evaluate --policies all,information" --plan',
+            'each results recordings/* --verb "evaluate --policies all,information"',
+            'each results recordings/* --verb "calibrate check" --cluster tcp://head.local:8786',
+        ),
+        "tests/lab/test_each.py",
+    ),
     "hub forgotten house": "tests/hub/test_forgotten.py",
     "hub view house": "tests/live/test_hub_page.py",
     "hub accesses house --site lab": "tests/hub/test_questions.py",

@@ -36,7 +36,7 @@ def test_verb_says_in_a_line_what_to_install(verb: str, words: tuple[str, ...]) 
 
 def test_help_lists_them_with_what_to_install() -> None:
     said = without_lab("--help").stdout
-    assert all(f"{verb} " in said for verb in LAB_VERBS) and said.count("e3pose[lab]") == 3
+    assert all(f"{verb} " in said for verb in LAB_VERBS) and said.count("e3pose[lab]") == 4
 
 
 def test_other_verbs_work_without() -> None:

@@ -95,7 +95,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
         "hub",
         "report",
     ),
-    "Evaluate": ("evaluate", "evaluate-predictor", "reproduce"),
+    "Evaluate": ("evaluate", "each", "evaluate-predictor", "reproduce"),
     "Learn": ("train", "learn"),
     "Maintenance": ("models", "power"),
 }
@@ -138,6 +138,7 @@ VERBS: dict[str, Callable[..., Any]] = {
 # Usage of the verbs that take several paths or names, which the parser calls ARGS.
 USAGE = {
     "detect": "[OPTIONS] VIDEO... DEST",
+    "each": "[OPTIONS] DEST RECORDING...",
     "evaluate-predictor": "[OPTIONS] RECORDING...",
     "init": "[OPTIONS] FOLDER [SOURCE...]",
     "stream": "[OPTIONS] SITE TARGET...",

@@ -17,6 +17,7 @@ LAB = "e3pose_lab"
 LAB_VERBS = {
     "evaluate-predictor": ("predicting:evaluate_predictor", "Evaluate motion predictors."),
     "reproduce": ("reproducing:reproduce", "Redo the tables and figures of the paper."),
+    "each": ("eaching:each", "Run a verb over many recordings."),
     "train": ("training:train", "Train the motion predictor."),
 }
 

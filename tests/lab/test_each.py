@@ -1,0 +1,123 @@
+"""One verb over many recordings: a result each, once, whoever does the work and however it ends."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from tests.cli.commands import run as run_verb
+
+from e3pose.base.errors import InputError
+from e3pose.recording import save_recording
+from e3pose.simulate import DetectorSettings, SceneSettings, simulate
+from e3pose_lab.each import check_words, make_plan, result_of, rows_of, run_each, write_rows
+from e3pose_lab.workers import Workers
+
+pytestmark = pytest.mark.slow
+
+WORDS = ("replay", "--policy", "round-robin", "--cameras", "1")
+
+
+@pytest.fixture(scope="module")
+def recordings(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    folder = tmp_path_factory.mktemp("recordings")
+    made = []
+    for seed in range(3):
+        scene = SceneSettings(
+            people=1, seconds=1.0, fps=10, cameras=2, detector=DetectorSettings(perfect=True)
+        )
+        made.append(folder / f"walk {seed}")
+        save_recording(simulate(scene, seed), made[-1])
+    return made
+
+
+def test_results_are_one_table_and_a_second_run_does_what_is_missing(
+    recordings: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    import pandas
+
+    verb, dest = " ".join(WORDS), tmp_path / "results"
+    words = ("each", dest, *recordings[:2], "--verb", verb, "--jobs", "1")
+    assert run_verb(*words, "--plan") == 0
+    assert "To do: 2 recordings" in capsys.readouterr().out and not dest.exists()
+    assert run_verb(*words) == 0
+    assert "2 results, 0 failed" in capsys.readouterr().out
+    result_of(dest, recordings[0], WORDS).unlink()  # as if it had been killed before
+    stays = result_of(dest, recordings[1], WORDS)
+    written_ns = stays.stat().st_mtime_ns
+    assert run_verb("each", dest, *recordings, "--verb", verb, "--jobs", "1", "--plan") == 0
+    shown = capsys.readouterr().out
+    assert "To do: 2 recordings" in shown and "hours of one worker; done: 1" in shown
+    assert run_verb("each", dest, *recordings, "--verb", verb, "--jobs", "1") == 0
+    assert stays.stat().st_mtime_ns == written_ns
+    table = pandas.read_parquet(dest)
+    assert sorted(table.folder) == [str(one) for one in recordings]
+
+
+def test_a_recording_that_fails_is_told_and_leaves_the_others(
+    recordings: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    broken = tmp_path / "broken"
+    broken.mkdir()
+    dest, verb = tmp_path / "results", " ".join(WORDS)
+    assert run_verb("each", dest, broken, recordings[0], "--verb", verb, "--jobs", "1") == 1
+    told = capsys.readouterr()
+    assert f"{broken}: e3pose: " in told.err and "1 result, 1 failed" in told.out
+    assert make_plan(dest, [broken, recordings[0]], WORDS).to_do == (broken,)
+
+
+def test_cluster_has_the_same_results(recordings: list[Path], tmp_path: Path) -> None:
+    from pyarrow import parquet
+
+    here, there = tmp_path / "here", tmp_path / "there"
+    for dest, workers in ((here, Workers(1)), (there, Workers(1, "local"))):
+        assert [*run_each(dest, recordings[:2], WORDS, workers)] != []
+    for recording in recordings[:2]:
+        one, other = (
+            parquet.read_table(result_of(dest, recording, WORDS)).to_pylist()
+            for dest in (here, there)
+        )
+        timeless = [{k: v for k, v in r.items() if "ms" not in k} for r in (*one, *other)]
+        assert timeless[0] == timeless[1]
+
+
+def test_another_recording_option_or_content_is_another_result(
+    recordings: list[Path], tmp_path: Path
+) -> None:
+    one = result_of(tmp_path, recordings[0], WORDS)
+    assert one.parent == tmp_path and one.name.startswith("walk_0-")
+    assert len({one, result_of(tmp_path, recordings[1], WORDS),
+                result_of(tmp_path, recordings[0], (*WORDS, "--lead", "2"))}) == 3  # fmt: skip
+    path = next(path for path in recordings[2].rglob("*") if path.is_file())
+    before = result_of(tmp_path, recordings[2], WORDS)
+    os.utime(path, ns=(1, 1))
+    assert result_of(tmp_path, recordings[2], WORDS) != before
+
+
+@pytest.mark.parametrize("words", [["query"], ["calibrate"], [], ["replay", "--json=x"]])
+def test_what_it_does_not_do_is_told(words: list[str]) -> None:
+    with pytest.raises(InputError, match="--verb"):
+        check_words(words)
+
+
+def test_rows_have_one_schema_whatever_is_missing(tmp_path: Path) -> None:
+    import pandas
+
+    write_rows(tmp_path / "a.parquet", rows_of({"mm": None, "n": 1, "of": [1]}, "a"), 1.0)
+    write_rows(
+        tmp_path / "b.parquet", rows_of({"rows": [{"mm": 2.5, "n": 2, "of": [2]}]}, "b"), 1.0
+    )
+    table = pandas.read_parquet(tmp_path)
+    assert table.n.tolist() == [1.0, 2.0] and table.of.tolist() == ["[1]", "[2]"]
+
+
+def test_a_cluster_that_is_not_there_is_told() -> None:
+    code = (
+        "from e3pose_lab.workers import Workers; import e3pose_lab.workers as w; w.WAIT_S = 1\n"
+        "list(Workers(1, 'tcp://127.0.0.1:1', '--cluster').as_ready(print, 1, [1]))"
+    )
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert "InputError: --cluster: found 'tcp://127.0.0.1:1'" in ended.stderr
