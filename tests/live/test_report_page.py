@@ -1,0 +1,89 @@
+"""The report page in a browser: light and dark, pictures that follow the player, for every eye."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+
+import pytest
+from tests.cli.commands import run as verb
+from tests.live.test_view_people import AXE, SIZES
+from tests.site.web.browser import Page, browser, browser_path
+from tests.waiting import eventually
+
+pytestmark = [
+    pytest.mark.live,
+    pytest.mark.skipif(browser_path() is None, reason="found no chromium, .ci/run installs one"),
+]
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
+    with browser(tmp_path_factory.mktemp("browser")) as made:
+        yield made
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory: pytest.TempPathFactory) -> str:
+    folder = tmp_path_factory.mktemp("report")
+    asks = ("--people", 2, "--cameras", 2, "--seconds", 4, "--videos")
+    assert verb("simulate", folder / "walk", *asks) == 0
+    assert verb("replay", folder / "walk", "--cameras", 1, "--report", folder / "r.html") == 0
+    return (folder / "r.html").as_uri()
+
+
+def opened(page: Page, report: str, size: str = "screen") -> None:
+    page.messages.clear()
+    page.open(report, *SIZES[size])
+    assert eventually(lambda: page.run("Boolean(document.querySelector('#strips .main-svg'))"))
+
+
+def test_pictures_follow_the_player(page: Page, report: str) -> None:
+    opened(page, report)
+    picture = "document.getElementById('film').src"
+    assert page.run("seek(0), FILM.at[0]") == 0
+    first = page.run(picture)
+    assert first.startswith("data:image/jpeg;base64,")
+    page.run("seek(last)")
+    end = page.run(picture)
+    assert end != first and page.run("document.getElementById('film').naturalWidth") > 100
+    page.run("document.getElementById('film-of').selectedIndex = 1")
+    page.run("document.getElementById('film-of').dispatchEvent(new Event('change'))")
+    assert page.run(picture) not in (first, end)
+    assert page.messages == []
+
+
+def test_page_turns_dark_with_the_system_while_it_is_open(page: Page, report: str) -> None:
+    opened(page, report)
+    ground = "getComputedStyle(document.body).backgroundColor"
+    ink = "document.querySelector('#strips .xtick text, #strips text').style.fill"
+    light = page.run(ground), page.run(ink)
+    page.dark(True)
+    try:
+        assert eventually(lambda: page.run(ground) != light[0])
+        assert eventually(lambda: page.run(ink) != light[1])
+        assert page.run("inksNow() === DARK")
+    finally:
+        page.dark(False)
+    assert eventually(lambda: (page.run(ground), page.run(ink)) == light)
+    assert page.messages == []
+
+
+@pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
+@pytest.mark.parametrize("size", sorted(SIZES))
+def test_axe_finds_nothing_serious(page: Page, report: str, size: str, dark: bool) -> None:
+    page.dark(dark)
+    try:
+        opened(page, report, size)
+        assert page.run("document.documentElement.scrollWidth") == SIZES[size][0]
+        page.run(AXE.read_text() + ";undefined")
+        # The charts are Plotly's own drawings.
+        found = page.run(
+            "axe.run({ exclude: ['.js-plotly-plot'] }, { resultTypes: ['violations'] })"
+            ".then((all) => JSON.stringify(all.violations.map((v) => [v.impact, v.id,"
+            " v.nodes.map((n) => [n.html.slice(0, 120), n.failureSummary])])))"
+        )
+        serious = [one for one in json.loads(found) if one[0] in ("serious", "critical")]
+        assert serious == []
+    finally:
+        page.dark(False)
