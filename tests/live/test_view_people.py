@@ -89,8 +89,8 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
 
 def opened(page: Page, home: Home, size: str = "screen") -> None:
     """Open the page, with a token that controls."""
-    page.messages.clear()
     page.open(home.watched.view.url + "#token=" + home.watched.view.tokens.write, *SIZES[size])
+    page.messages.clear()  # what the page before said of its server, which is gone
     assert page.shows("site", "lab")
     assert eventually(lambda: home.watched.view.feed.followers >= 1)
 
