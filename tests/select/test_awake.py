@@ -230,3 +230,15 @@ def test_looks_of_the_same_camera_count_once_however_old_the_last_is() -> None:
 
 def test_nobody_rests_before_it_is_learned_how_long_errors_last() -> None:
     assert np.isinf(rises(0.3, StatedError(0.03, 0.1))).all()
+
+
+def test_who_woke_rests_again_only_after_a_look() -> None:
+    seen = outlook(np.stack([person(0, 0)]), RIG)
+    nobody = foresee(RIG, replace(seen, confirmed=np.zeros(1, dtype=bool)), 0.04)
+    now = situation(nobody, KNOWN)
+    planner = RestPlanner(RIG, costs(), RestGoal(price=10.0, num_selected=2.0))
+    woke = np.full(N, now.slot - 10)
+    for unseen, rests in ((300, False), (10, False), (9, True)):
+        waiting = replace(now, unseen_slots=np.full(N, unseen))
+        _, until = planner.planned(NONE, waiting, woke, lambda seconds: nobody)
+        assert bool((until > now.slot).any()) is rests

@@ -47,9 +47,9 @@ LOOK_NATS = 1.1  # definition: nats of e times as many looks
 # tuned: s | simulated, `two-rooms`, seed 11: with none, somebody who walks through the door is lost
 #   for 2 s | not measured
 LATER_S = (1.5, 3.0)
-# tuned: s | first guess: twice what falling asleep and waking take; with somebody and with nobody
-#   there | not measured
-FIRST_REST_S, LONGEST_REST_S, EMPTY_REST_S = 4.0, 8.0, 60.0
+# tuned: s | first guess: twice what falling asleep and waking take; with nobody there a simulated
+#   day of `one-sided`, docs/experiments/2026-11-26-what-rests-cost.md | not measured
+FIRST_REST_S, LONGEST_REST_S, EMPTY_REST_S = 4.0, 8.0, 16.0
 # tuned: times | first guess: a rest that ends with nothing to do is followed by a longer one | not
 #   measured
 LONGER = 2.0
@@ -300,7 +300,10 @@ class RestPlanner:
         needs = self.needs(situation, ahead, asleep_until > slot)
         plan = planned(self.costs, self.goal, memory, needs, usable, interval_s)
         most_s = memory.check.left_s(slot, interval_s) if self.checks(needs.people) else np.inf
-        leave, rest_s = rested(self.costs, memory, usable & ~plan.awake, needs.people, most_s)
+        # Who woke looks before it rests again: somebody may be where the others are blind.
+        looked = situation.unseen_slots < np.maximum(slot - asleep_until, 1)
+        leave = usable & looked & ~plan.awake
+        leave, rest_s = rested(self.costs, memory, leave, needs.people, most_s)
         slots = np.maximum(np.round(rest_s / interval_s).astype(np.int64), 1)
         needed = usable & plan.awake & ((slot - asleep_until) * interval_s >= KEPT_S)
         memory = replace(
