@@ -26,7 +26,7 @@ pytestmark = [
 ]
 AXE = Path(__file__).parents[1] / "site" / "web" / "axe" / "axe.min.js"
 SIZES = {"wide": (1440, 900), "tablet": (1024, 768), "phone": (390, 844)}
-WORK_S, LIVE_S = 240.0, 300.0  # on a machine that does other things, and compiles first
+WORK_S, LIVE_S = 600.0, 600.0  # on a machine that does much else, and compiles first
 WALK_S, SECOND_S = 30.0, 12.0
 CENTRE_M = 0.4  # in a room of eight metres
 
@@ -115,6 +115,7 @@ def test_without_the_token_there_is_nothing(page: Page, served: SetupServer) -> 
     assert page.shows("notice", "`e3pose setup` prints it. Open the whole address")
 
 
+@pytest.mark.timeout(2400)
 def test_first_click_to_live_people(page: Page, served: SetupServer) -> None:
     desk = served.table.desk
     page.messages.clear()
