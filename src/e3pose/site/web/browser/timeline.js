@@ -16,7 +16,7 @@ const LONGEST_S = 8 * 86_400, LATE_S = 30; // that can be asked for at once; tha
 const HEIGHT = 76, LANES = { people: 20, seen: 38, marks: 54 }, LANE = 12;
 const STEPS = [5, 10, 30, 60, 300, 600, 1800, 3600, 3 * 3600, 6 * 3600, 86_400];
 
-export const line = { zoom: 1, known: covered(1), asking: false, marked: null };
+export const line = { zoom: 1, known: covered(1), asking: false, again: false, marked: null };
 
 // The stretch of time shown: up to now while live; around the moment shown else.
 export function stretch() {
@@ -39,7 +39,8 @@ function missing(have, begin_s, end_s) {
 
 // Ask for what the store has of the stretch and a quarter around it, less what is known.
 export async function look() {
-  if (!past.span || document.hidden || line.asking) return;
+  if (!past.span || document.hidden) return;
+  if (line.asking) return void (line.again = true); // what is shown has changed meanwhile
   if (line.known.zoom !== line.zoom || performance.now() - line.known.since_ms > ALL_AGAIN_MS) line.known = covered(line.zoom);
   const { known: have } = line, { part_s, over } = have, { from_s, until_s, span_s } = stretch(), now_s = Date.now() / 1000;
   const around_s = Math.min(span_s / 4, (LONGEST_S - span_s) / 2 - part_s), end_s = Math.min(until_s + around_s, now_s), begin_s = Math.max(Math.min(from_s - around_s, end_s - part_s), 0);
@@ -66,6 +67,10 @@ export async function look() {
     line.known = covered(line.zoom); // the next look tries again
   } finally {
     line.asking = false;
+    if (line.again) {
+      line.again = false;
+      look();
+    }
   }
 }
 
