@@ -171,6 +171,13 @@ def claim_address(listening: socket.socket) -> None:
     listening.setsockopt(socket.SOL_SOCKET, getattr(socket, name), 1)
 
 
+def stand_back() -> None:
+    """Let other programs go first: what computes for a person waits for edges and cameras."""
+    if sys.platform != "win32":
+        with suppress(OSError):
+            os.nice(10)
+
+
 def require_linux(thing: str, instead: str) -> None:
     """Raise `InputError` on another system.
 

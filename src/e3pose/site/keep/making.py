@@ -8,21 +8,19 @@ and can be ended whatever it does. The files are those of `e3pose export` and `e
 from __future__ import annotations
 
 import json
-import os
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from e3pose.base.errors import InputError
 from e3pose.base.quantities import plural
+from e3pose.base.system import stand_back
 from e3pose.site.keep.wish import Wish
 
 SAY_S = 0.2  # between two lines about how far it is
-NICE = 10
 Say = Callable[[str, float | None], None]
 
 
@@ -89,8 +87,7 @@ def _exported(
 def main(arguments: list[str]) -> int:
     """Make what standard input asks for; return the exit code."""
     folder, site_file = Path(arguments[0]), Path(arguments[1])
-    with suppress(AttributeError, OSError):  # what computes comes after the edge and its cameras
-        os.nice(NICE)
+    stand_back()
     wish = Wish(**{**(told := json.load(sys.stdin)), "tracks": tuple(told["tracks"])})
     said_s = [0.0]
 
