@@ -53,14 +53,24 @@ def recall(records: list[SlotRecord]) -> float:
     return accuracy(scene(), records).recall_500mm or 0.0
 
 
-def test_sleep_saves_joules_and_keeps_people() -> None:
+def test_sleep_saves_joules() -> None:
     usual, sleepy, what = run(scene()), resting(), costs(scene())
     before, after = (
         drawn_w(records, LEAD, what, scene().interval_s).mean() for records in (usual, sleepy)
     )
     assert asleep_in(sleepy, LEAD).any() and not asleep_in(usual, LEAD).any()
     assert after < 0.8 * before
-    assert recall(sleepy) > recall(usual) - 0.05
+
+
+def test_sleep_keeps_people() -> None:
+    """One walk of 16 s loses or keeps two seconds by chance; eight tell."""
+    lost = []
+    for seed in range(11, 19):
+        walk = simulate(SceneSettings("two-rooms", people=1, seconds=16.0, fps=10), seed=seed)
+        usual, sleepy = run(walk), run(walk, rest="suspended", rest_costs=costs(walk))
+        found, kept = (accuracy(walk, records).recall_500mm or 0.0 for records in (usual, sleepy))
+        lost.append(found - kept)
+    assert np.mean(lost) < 0.07  # 0.107 where each look of a camera counts as new
 
 
 def test_a_sleeping_camera_is_neither_selected_nor_seen() -> None:
