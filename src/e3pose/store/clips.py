@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import delete, exists, func, insert, inspect, select, update
+from sqlalchemy import Connection, delete, exists, func, insert, inspect, select, update
 
 from e3pose.base.errors import InputError
 from e3pose.store import schema
@@ -96,11 +96,9 @@ def change_clip(store: str | Path, site: str, number: int, changes: Mapping[str,
     """
     table = schema.clips
     with changing(store) as engine, engine.begin() as connection:
-        mine = (table.c.number == number) & (table.c.site == site)
-        row = connection.execute(select(table).where(mine)).mappings().first()
-        if row is None:
-            raise InputError("clip", number, "one of the site")
+        row = _row(connection, site, number)
         changed = _clip({**row, **changes})
+        mine = table.c.number == number
         connection.execute(update(table).where(mine).values(name=changed.name, note=changed.note))
     return changed
 
@@ -111,14 +109,19 @@ def remove_clip(store: str | Path, site: str, number: int) -> Clip:
     Raises:
         InputError: for a clip that the site does not have.
     """
-    table = schema.clips
     with changing(store) as engine, engine.begin() as connection:
-        mine = (table.c.number == number) & (table.c.site == site)
-        row = connection.execute(select(table).where(mine)).mappings().first()
-        if row is None:
-            raise InputError("clip", number, "one of the site")
-        connection.execute(delete(table).where(mine))
+        row = _row(connection, site, number)
+        connection.execute(delete(schema.clips).where(schema.clips.c.number == number))
     return _clip(row)
+
+
+def _row(connection: Connection, site: str, number: int) -> Mapping[Any, Any]:
+    table = schema.clips
+    mine = (table.c.number == number) & (table.c.site == site)
+    row = connection.execute(select(table).where(mine)).mappings().first()
+    if row is None:
+        raise InputError("clip", number, "one of the site")
+    return row
 
 
 def _clip(row: Mapping[Any, Any]) -> Clip:

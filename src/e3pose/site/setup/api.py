@@ -117,6 +117,10 @@ class Table:
         if self.live.on:
             raise InputError("the site is running and has its cameras: stop it first")
 
+    def state(self) -> dict[str, Any]:
+        """Return where the set-up stands, which is the answer to all that changes it."""
+        return state_of(self.desk, self.live)
+
     def close(self) -> None:
         """End all work, all programs, and all sources."""
         self.desk.jobs.close()
@@ -158,7 +162,7 @@ def _sites(table: Table) -> APIRouter:
 
     @api.get("/state")
     def state() -> dict[str, Any]:
-        return state_of(desk, table.live)
+        return table.state()
 
     @api.post("/site")
     def choose(asked: ChosenSite) -> dict[str, Any]:
@@ -168,7 +172,7 @@ def _sites(table: Table) -> APIRouter:
         else:
             desk.choose(asked.name, asked.kind == "new")
         table.covered = None
-        return state_of(desk, table.live)
+        return table.state()
 
     @api.post("/site/leave")
     def leave() -> dict[str, Any]:
@@ -176,12 +180,12 @@ def _sites(table: Table) -> APIRouter:
         desk.jobs.check_free()
         desk.peeks.close()
         desk.name = ""
-        return state_of(desk, table.live)
+        return table.state()
 
     @api.post("/stop")
     def stop() -> dict[str, Any]:
         desk.jobs.stop()
-        return state_of(desk, table.live)
+        return table.state()
 
     @api.get("/settings")
     def present() -> dict[str, Any]:
@@ -209,16 +213,13 @@ def _sites(table: Table) -> APIRouter:
             "restart": lambda: table.live.restart(desk),
         }
         orders[asked.order]()
-        return state_of(desk, table.live)
+        return table.state()
 
     return api
 
 
 def _cameras(table: Table) -> APIRouter:
     api, desk = APIRouter(prefix="/api/setup"), table.desk
-
-    def begun() -> dict[str, Any]:
-        return state_of(desk, table.live)
 
     @api.get("/found")
     def found() -> dict[str, Any]:
@@ -228,13 +229,13 @@ def _cameras(table: Table) -> APIRouter:
     def add(asked: Sources) -> dict[str, Any]:
         table.free()
         cameras.start_adding(desk, asked.sources)
-        return begun()
+        return table.state()
 
     @api.post("/cameras/{camera_id}")
     def change(camera_id: str, asked: CameraChange) -> dict[str, Any]:
         table.free()
         cameras.change_camera(desk, camera_id, asked.name, asked.rotation, asked.remove)
-        return begun()
+        return table.state()
 
     @api.get("/cameras/{camera_id}/picture")
     def picture(camera_id: str) -> dict[str, Any]:
@@ -248,21 +249,18 @@ def _cameras(table: Table) -> APIRouter:
     @api.post("/look")
     def look() -> dict[str, Any]:
         cameras.start_looking(desk)
-        return begun()
+        return table.state()
 
     @api.post("/simulate")
     def simulate() -> dict[str, Any]:
         cameras.start_simulating(desk)
-        return begun()
+        return table.state()
 
     return api
 
 
 def _steps(table: Table) -> APIRouter:
     api, desk = APIRouter(prefix="/api/setup"), table.desk
-
-    def begun() -> dict[str, Any]:
-        return state_of(desk, table.live)
 
     @api.get("/networks")
     def listed() -> list[dict[str, Any]]:
@@ -278,13 +276,13 @@ def _steps(table: Table) -> APIRouter:
             "use": networks.start_using,
         }
         start[order](desk, name)
-        return begun()
+        return table.state()
 
     @api.post("/record/{which}")
     def record(which: walking.Which) -> dict[str, Any]:
         table.free()
         table.covered = walking.start_walk(desk, which, table.snapshots)
-        return begun()
+        return table.state()
 
     @api.get("/covered")
     def covered() -> dict[str, Any]:
@@ -295,7 +293,7 @@ def _steps(table: Table) -> APIRouter:
     @api.post("/solve")
     def solve(asked: Height) -> dict[str, Any]:
         solving.start_solving(desk, asked.height_cm)
-        return begun()
+        return table.state()
 
     @api.get("/overlays")
     def overlays() -> dict[str, Any]:
@@ -310,6 +308,6 @@ def _steps(table: Table) -> APIRouter:
     @api.post("/check")
     def check() -> dict[str, Any]:
         judging.start_checking(desk)
-        return begun()
+        return table.state()
 
     return api
