@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Iterator
 from functools import partial
@@ -24,7 +23,6 @@ pytestmark = [
     pytest.mark.live,
     pytest.mark.skipif(browser_path() is None, reason="found no chromium, .ci/run installs one"),
 ]
-AXE = Path(__file__).parents[1] / "site" / "web" / "axe" / "axe.min.js"
 SIZES = {"wide": (1440, 900), "tablet": (1024, 768), "phone": (390, 844)}
 WORK_S, LIVE_S = 600.0, 600.0  # on a machine that does much else, and compiles first
 WALK_S, SECOND_S = 30.0, 12.0
@@ -84,14 +82,7 @@ def judged(page: Page, served: SetupServer) -> None:
             page.call("Emulation.setDeviceMetricsOverride", width=width, height=height,
                       deviceScaleFactor=1, mobile=width < 600)  # fmt: skip
             assert eventually(partial(fits, page, width)), name
-            page.run(AXE.read_text() + ";undefined")
-            found = page.run(
-                "axe.run(document, { resultTypes: ['violations'] }).then((all) => JSON.stringify("
-                "all.violations.map((v) => [v.impact, v.id, v.nodes.map((n) => [n.html.slice(0, "
-                "120), n.failureSummary])])))"
-            )
-            serious = [one for one in json.loads(found) if one[0] in ("serious", "critical")]
-            assert serious == [], (name, dark)
+            assert page.serious() == [], (name, dark)
     page.dark(False)
     page.call("Emulation.setDeviceMetricsOverride", width=1440, height=900, deviceScaleFactor=1,
               mobile=False)  # fmt: skip

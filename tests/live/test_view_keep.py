@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.live.test_view_people import AXE, SIZES
+from tests.live.test_view_people import SIZES
 from tests.site.web.browser import Page, browser, browser_path
 from tests.site.web.test_keep import RECORDING
 from tests.site.web.test_past import ZONE, at_ns, store_fall
@@ -224,14 +224,7 @@ def test_axe_finds_nothing_serious(page: Page, watched: Watched, size: str, dark
             press(page, label)
         page.run("document.querySelectorAll('details').forEach((one) => { one.open = true; })")
         assert page.run("document.documentElement.scrollWidth") == SIZES[size][0]
-        page.run(AXE.read_text() + ";undefined")
-        found = page.run(
-            "axe.run(document, { resultTypes: ['violations'] }).then((all) => JSON.stringify("
-            "all.violations.map((v) => [v.impact, v.id, v.nodes.map((n) => [n.html.slice(0, 120),"
-            " n.failureSummary])])))"
-        )
-        serious = [one for one in json.loads(found) if one[0] in ("serious", "critical")]
-        assert serious == []
+        assert page.serious() == []
         assert page.messages == []
     finally:
         page.dark(False)

@@ -25,6 +25,7 @@ FLAGS = (
     "--no-first-run", "--disable-extensions", "--disable-dev-shm-usage",
     "--remote-debugging-port=0",
 )  # fmt: skip
+AXE = Path(__file__).parent / "axe" / "axe.min.js"
 
 
 def browser_path() -> str | None:
@@ -94,6 +95,20 @@ class Page:
         """Let the system ask for a dark page, or a light one."""
         scheme = {"name": "prefers-color-scheme", "value": "dark" if on else "light"}
         self.call("Emulation.setEmulatedMedia", features=[scheme])
+
+    def serious(self, what: str = "document") -> list[Any]:
+        """Return what axe finds of what is serious: rule, and each element with what is wrong.
+
+        Args:
+            what: a script's expression for what to look at.
+        """
+        self.run(AXE.read_text() + ";undefined")
+        found = self.run(
+            f"axe.run({what}, {{ resultTypes: ['violations'] }}).then((all) => JSON.stringify("
+            "all.violations.map((v) => [v.impact, v.id, v.nodes.map((n) => [n.html.slice(0, 120),"
+            " n.failureSummary])])))"
+        )
+        return [one for one in json.loads(found) if one[0] in ("serious", "critical")]
 
     def text(self, element: str) -> str:
         """Return the text of an element by its id; empty while it is not there."""
