@@ -18,12 +18,12 @@ from tests.site.tables import write_site
 from tests.site.web.watched import FPS, RIG, STARTED_NS, Watched, poses, record
 
 from e3pose.base.errors import InputError
+from e3pose.base.jpeg import jpeg_size
 from e3pose.camera.pictures import Pictures
 from e3pose.site.connect import live_slot
 from e3pose.site.web.access import Client, Rules
 from e3pose.site.web.control import Ask
 from e3pose.site.web.feed import Feed
-from e3pose.site.web.jpeg import jpeg_size
 from e3pose.site.web.pictures import (
     POSES_S,
     CameraPictures,

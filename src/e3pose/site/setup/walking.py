@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 from e3pose.base.errors import InputError
+from e3pose.base.jpeg import jpeg_size
 from e3pose.edge.gather import Arrival
 from e3pose.edge.record_server import RecordServer
 from e3pose.settings.resolved import ASSUMED_SIZE, ResolvedSite, resolve
@@ -19,7 +20,6 @@ from e3pose.site.record_program import record_site, waiting_words
 from e3pose.site.setup.coverage import CELL_M, Coverage, hints
 from e3pose.site.setup.desk import Desk
 from e3pose.site.setup.jobs import Job
-from e3pose.site.web.jpeg import jpeg_size
 from e3pose.wire.codec import decode, encode
 from e3pose.wire.network import open_network
 from e3pose.wire.site_messages import Picture, PictureQuestion

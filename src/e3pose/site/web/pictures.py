@@ -18,11 +18,11 @@ import numpy as np
 from fastapi import APIRouter, HTTPException, Query
 
 from e3pose.base.errors import InputError
+from e3pose.base.jpeg import jpeg_size
 from e3pose.model.camera import Camera, Rig
 from e3pose.site.connect import LiveSlot
 from e3pose.site.web.control import Ask
 from e3pose.site.web.feed import Feed
-from e3pose.site.web.jpeg import jpeg_size
 from e3pose.wire.codec import decode, encode
 from e3pose.wire.site_messages import Picture, PictureQuestion
 
