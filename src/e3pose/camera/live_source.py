@@ -2,6 +2,7 @@
 
     usb:0                        a camera of Video4Linux, `/dev/video0`
     rtsp://HOST/PATH             a network camera; http:// likewise
+    phone:FILE                   a phone whose page sends frames; `e3pose phone FILE` makes the file
     gstreamer:PIPELINE           a GStreamer pipeline, where OpenCV was built with it
     VIDEO.mp4                    a file at its own pace, again and again
     FOLDER                       its images, at --fps
@@ -23,6 +24,8 @@ from e3pose.base.clock import Clock
 from e3pose.base.errors import InputError
 from e3pose.base.system import require_linux
 from e3pose.camera.base import LiveFrame, LiveSource
+from e3pose.camera.phone import PhoneSource
+from e3pose.camera.phone_file import load_phone
 from e3pose.camera.source import FALLBACK_RATE, Frame, open_video
 from e3pose.model.pose import Poses2D
 from e3pose.recording import Recording
@@ -55,7 +58,7 @@ def make_source(
         InputError: when it can be seen already that there is no such source.
     """
     kind, _, rest = name.partition(":")
-    if pace != 1 and kind in ("usb", "gstreamer", *STREAMS):
+    if pace != 1 and kind in ("usb", "phone", "gstreamer", *STREAMS):
         raise InputError("pace", f"{pace:g}", "1: live cameras cannot play slower")
     if kind == "usb":
         if not (rest.isascii() and rest.isdigit() and len(rest) < 4):
@@ -66,6 +69,9 @@ def make_source(
         return OpenCvSource(rest, clock, fps)
     if kind in STREAMS and "://" in name:
         return StreamSource(name, clock)
+    if kind == "phone":
+        load_phone(Path(rest))  # an error of it is said here
+        return PhoneSource(Path(rest), clock)
     if kind == "recorded":
         from e3pose.recording import load_recording
 

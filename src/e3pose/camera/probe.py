@@ -17,7 +17,7 @@ from e3pose.camera.base import LiveSource
 from e3pose.camera.frame_rate import rate_hz, rounded_hz
 from e3pose.camera.live_source import make_source
 from e3pose.camera.source import open_video
-from e3pose.settings.sources import place_of
+from e3pose.settings.sources import is_live
 
 COUNT_S = 3.0  # in which the frames of a live source are counted
 SETTLE_S = 0.5  # after the first frame: a stream may begin with a burst
@@ -75,7 +75,7 @@ def probe(
         while time.monotonic() < end_s:
             if (frame := opened.read()) is not None:
                 dark, nominal_hz = _dark(frame.image()), opened.fps
-                counted = None if place_of(source) is not None else _counted_hz(opened)
+                counted = _counted_hz(opened) if is_live(source) else None
                 fps = rounded_hz(counted, nominal_hz)
                 announced = None if fps == nominal_hz else nominal_hz
                 return Probe(source, frame.image_size, fps, dark, announced)

@@ -39,6 +39,7 @@ from e3pose.cli.learning import learn_app
 from e3pose.cli.metering import power_app
 from e3pose.cli.models import models_app
 from e3pose.cli.naming import people_app
+from e3pose.cli.phoning import phone
 from e3pose.cli.querying import query
 from e3pose.cli.recording import record
 from e3pose.cli.replaying import replay
@@ -79,6 +80,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
     "Calibrate": ("calibrate",),
     "Live site": (
         "keys",
+        "phone",
         "check",
         "record",
         "edge",
@@ -103,6 +105,7 @@ VERBS: dict[str, Callable[..., Any]] = {
     "demo": demo,
     "init": init,
     "setup": setup,
+    "phone": phone,
     "detect": detect,
     "import": import_app,
     "attach": attach,

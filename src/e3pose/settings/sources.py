@@ -8,6 +8,7 @@ from pathlib import Path
 from e3pose.base.errors import InputError
 
 RECORDED = "recorded:"  # keypoints of a recording, no images
+PHONE = "phone:"  # a phone that sends what its camera sees, by its file
 DEVICES = ("usb:", "gstreamer:")
 
 
@@ -16,16 +17,24 @@ def is_recorded(source: str | None) -> bool:
     return (source or "").startswith(RECORDED)
 
 
+def is_live(source: str) -> bool:
+    """Return whether a source films now, in place of playing what was recorded."""
+    return source.startswith(PHONE) or place_of(source) is None
+
+
 def place_of(source: str) -> str | None:
     """Return the file or folder that a source names; None for a device or a stream.
 
     Raises:
-        InputError: for a recording without a name.
+        InputError: for a recording or a phone without a name.
     """
-    if is_recorded(source):
-        if source == RECORDED:
-            raise InputError("source", repr(source), "recorded:RECORDING, a recording's folder")
-        return source.removeprefix(RECORDED)
+    if source == RECORDED:
+        raise InputError("source", repr(source), "recorded:RECORDING, a recording's folder")
+    if source == PHONE:
+        raise InputError("source", repr(source), "phone:FILE, as `e3pose phone FILE` makes it")
+    for kind in (RECORDED, PHONE):
+        if source.startswith(kind):
+            return source.removeprefix(kind)
     return None if "://" in source or source.startswith(DEVICES) else source
 
 
@@ -47,4 +56,4 @@ def located(source: str, near: Callable[[str], Path]) -> str:
     place = place_of(source)
     if place is None:
         return source
-    return f"{RECORDED if is_recorded(source) else ''}{near(place)}"
+    return f"{source[: len(source) - len(place)]}{near(place)}"

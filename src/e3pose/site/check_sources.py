@@ -12,7 +12,7 @@ from e3pose.camera.probe import Probe, probe, probe_all
 from e3pose.edge.delivery import SHORT
 from e3pose.settings.resolved import ResolvedSite
 from e3pose.settings.site_file import CameraTable
-from e3pose.settings.sources import is_recorded, place_of, shown_source
+from e3pose.settings.sources import PHONE, is_recorded, place_of, shown_source
 from e3pose.site.check import Finding
 
 SOURCE_ADVICE = "correct its source, relative to the folder of the site file"
@@ -102,7 +102,11 @@ def _source(site: ResolvedSite, camera: CameraTable, source: str) -> Iterator[Fi
     path = None if place is None else Path(place)
     if path is not None and not path.exists():
         yield Finding("problem", what, f"source {path} does not exist", SOURCE_ADVICE)
-    elif path is not None and not is_recorded(source) and (broken := _broken(path)):
+    elif (
+        path is not None
+        and not is_recorded(source)
+        and (broken := _broken(path, source.startswith(PHONE)))
+    ):
         yield Finding("problem", what, broken)
     elif source.startswith("usb:") and not Path(f"/dev/video{source.partition(':')[2]}").exists():
         yield Finding("problem", what, f"{source}: no such device", "connect the camera")
@@ -127,14 +131,15 @@ def _network(camera: CameraTable) -> Iterator[Finding]:
         yield Finding("problem", what, f"unknown detector {detector}", f"one of {known}")
 
 
-def _broken(path: Path) -> str:
-    """Return why a video cannot be played; empty if it can."""
+def _broken(path: Path, phone: bool) -> str:
+    """Return why a video, or the file of a phone, cannot be used; empty if it can."""
+    from e3pose.camera.phone_file import load_phone
     from e3pose.camera.source import open_video
 
     if path.is_dir():
         return ""
     try:
-        open_video(path)
+        load_phone(path) if phone else open_video(path)
     except InputError as error:
         return str(error)
     return ""

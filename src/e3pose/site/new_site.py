@@ -22,7 +22,7 @@ from e3pose.model.camera_fields import check_camera_id
 from e3pose.recording.calibration import save_rig
 from e3pose.settings.resolved import resolve
 from e3pose.settings.site_file import SITE_FILE, load_site
-from e3pose.settings.sources import place_of
+from e3pose.settings.sources import is_live, located, place_of
 from e3pose.site.detector_speed import (
     KEPT,
     save_times,
@@ -74,7 +74,7 @@ class Choice:
     @property
     def files(self) -> bool:
         """Whether all that is seen was recorded before."""
-        return all(place_of(probe.source) is not None for probe in self.probes.values())
+        return not any(is_live(probe.source) for probe in self.probes.values())
 
 
 def name_sources(words: list[str], folder: Path) -> dict[str, str]:
@@ -97,8 +97,8 @@ def name_sources(words: list[str], folder: Path) -> dict[str, str]:
         if place_of(source) is not None:
             if source.isdigit() and not Path(source).exists():
                 raise InputError("source", repr(source), f"usb:{source} for /dev/video{source}")
-            stem = re.sub(r"[^A-Za-z0-9_.-]", "_", Path(source).stem)[:64]
-            camera_id, source = camera_id or stem, str(Path(source).resolve())
+            stem = re.sub(r"[^A-Za-z0-9_.-]", "_", Path(place_of(source) or "").stem)[:64]
+            camera_id, source = camera_id or stem, located(source, lambda at: Path(at).resolve())
         camera_id = camera_id or f"cam{number}"
         check_camera_id(camera_id)
         if camera_id in named:

@@ -128,12 +128,17 @@ class Page:
 
 
 @contextmanager
-def browser(folder: Path) -> Iterator[Page]:
-    """Start a browser with a profile in a folder; yield its page."""
+def browser(folder: Path, *flags: str) -> Iterator[Page]:
+    """Start a browser with a profile in a folder; yield its page.
+
+    Args:
+        folder: of the profile.
+        flags: more of them.
+    """
     path = browser_path()
     assert path is not None
     program = subprocess.Popen(
-        [path, *FLAGS, f"--user-data-dir={folder}", "about:blank"],
+        [path, *FLAGS, *flags, f"--user-data-dir={folder}", "about:blank"],
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
     )

@@ -14,7 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from e3pose import __version__
 from e3pose.base.errors import InputError
-from e3pose.site.setup import cameras, judging, networks, settings, solving, walking
+from e3pose.site.setup import cameras, judging, networks, phoning, settings, solving, walking
 from e3pose.site.setup.coverage import Coverage
 from e3pose.site.setup.desk import Desk
 from e3pose.site.setup.going_live import LiveSite
@@ -54,6 +54,12 @@ class CameraChange(Asked):
     name: Name | None = None
     rotation: Annotated[int | None, Field(ge=0, le=270)] = None
     remove: bool = False
+
+
+class Phone(Asked):
+    """A phone that is to be a camera."""
+
+    name: Name
 
 
 class Height(Asked):
@@ -236,6 +242,15 @@ def _cameras(table: Table) -> APIRouter:
         table.free()
         cameras.change_camera(desk, camera_id, asked.name, asked.rotation, asked.remove)
         return table.state()
+
+    @api.post("/phones")
+    def add_phone(asked: Phone) -> dict[str, Any]:
+        table.free()
+        return phoning.add_phone(desk, asked.name)
+
+    @api.post("/phones/{camera_id}")
+    def show_code(camera_id: str) -> dict[str, Any]:
+        return phoning.show_code(desk, camera_id)
 
     @api.get("/cameras/{camera_id}/picture")
     def picture(camera_id: str) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from urllib.parse import urlsplit
 
 from e3pose.base.errors import InputError
 from e3pose.settings.limits import check_source
-from e3pose.settings.sources import place_of
+from e3pose.settings.sources import PHONE, place_of
 from e3pose.site.setup.plan import ChosenCamera
 
 FILMS = (".mp4", ".mkv", ".mov", ".avi", ".webm", ".m4v")
@@ -60,6 +60,8 @@ def check_typed(source: str, folder: Path) -> str:
         raise InputError(
             "source", "a GStreamer pipeline", "it in site.toml: a pipeline may write files"
         )
+    if source.startswith(PHONE):
+        raise InputError("source", repr(source[:60]), "a phone by `Add a phone`")
     if "://" in source:
         parts = urlsplit(source)
         if parts.scheme not in STREAMS or not parts.hostname:

@@ -26,6 +26,7 @@ from e3pose.camera.orientation import Orientation
 WIDTH, QUALITY = 480, 70
 UNSEEN_S = 6.0  # after which a source that nobody looks at is closed
 COUNT_S = 4.0  # of frames of which the rate is measured
+STALE_S = 3.0  # after which a picture is said to be old
 END_S = 8.0
 MAX_FRAMES = 2000
 
@@ -104,7 +105,7 @@ class _Reader:
         self._make, self._seen_s, self._why = make, time.monotonic(), ""
         self._frame: LiveFrame | None = None
         self._times_ns: deque[int] = deque(maxlen=MAX_FRAMES)
-        self._came = threading.Event()
+        self._came, self._came_s = threading.Event(), 0.0
         self.thread = threading.Thread(target=self._run, name="setup-peek", daemon=True)
         self.thread.start()
 
@@ -114,7 +115,10 @@ class _Reader:
         frame = self._frame
         if frame is None:
             return Peek(None, (0, 0), None, self._why or "waiting for its first picture")
-        return Peek(_jpeg(frame.image(), rotation), frame.image_size, self._rate(), self._why)
+        old_s = time.monotonic() - self._came_s
+        why = self._why or (f"no picture for {old_s:.0f} s" if old_s > STALE_S else "")
+        rate = None if why else self._rate()
+        return Peek(_jpeg(frame.image(), rotation), frame.image_size, rate, why)
 
     def _rate(self) -> float | None:
         times = [t for t in tuple(self._times_ns) if t > self._times_ns[-1] - COUNT_S * 1e9]
@@ -135,6 +139,7 @@ class _Reader:
                 if (frame := source.read()) is not None:
                     self._frame = frame.shared()
                     self._times_ns.append(frame.captured_ns)
+                    self._came_s = time.monotonic()
                     self._came.set()
         except (InputError, OSError) as error:
             self._why = str(error)

@@ -26,20 +26,30 @@ export function usePicture(id, off) {
   return found;
 }
 
-function Camera({ camera }) {
-  const { id, source, rotation, width, height, fps, announced } = camera, off = busy() || running();
+// The code that a phone scans, until somebody puts it away.
+function Code({ shown, put }) {
+  return html`<section id="code" class="code" aria-label=${`Code for the phone ${shown.name}`}><img src=${shown.picture} alt="QR code of the address below" />
+    <div><h3>Scan this with the phone that is to be ${shown.name}</h3><p>The phone must be in the same network. This machine now listens there, beyond loopback, at port ${shown.port}; the code is good for one phone and ${shown.minutes} minutes.</p>
+    <p class="soft">The phone warns of the certificate, which is your own: its SHA-256 fingerprint is <code>${shown.fingerprint}</code></p>
+    <p class="soft">Without a camera for codes: <a id="phone-url" href=${shown.url} target="_blank" rel="noopener">${shown.url.replace(/#.*/, "#…")}</a> · The same: <code>${shown.command}</code></p>
+    <button type="button" id="code-away" onClick=${() => put(null)}>Put the code away</button></div></section>`;
+}
+
+function Camera({ camera, show }) {
+  const { id, source, rotation, width, height, fps, announced } = camera, off = busy() || running(), isPhone = source.startsWith("phone:");
   const found = usePicture(id, off), [name, type] = useState(id), path = `cameras/${encodeURIComponent(id)}`;
   useEffect(() => type(id), [id]);
   const rename = () => name.trim() && name !== id && order(path, { name: name.trim() });
   const rate = found?.fps ?? (fps || null);
   const words = [width ? `${width} × ${height}` : "", rate ? `${rate.toFixed(1)} frames a second${found?.fps ? "" : " when added"}` : ""].filter(Boolean).join(", ");
-  return html`<li class="camera"><div class="frame">${found?.jpeg ? html`<img src=${`data:image/jpeg;base64,${found.jpeg}`} alt=${`Picture of ${id}`} class=${off || found.why ? "old" : ""} />` : html`<span class="soft">${off ? "in use" : found?.why || "…"}</span>`}</div>
+  return html`<li class="camera"><div class="frame">${found?.jpeg ? html`<img src=${`data:image/jpeg;base64,${found.jpeg}`} alt=${`Picture of ${id}`} class=${off || found.why ? "old" : ""} />` : html`<span class="soft">${off ? "in use" : isPhone && found ? "waiting for the phone: its page must be open, and its camera started" : found?.why || "…"}</span>`}</div>
     <label class="row">Name <input value=${name} maxlength="64" disabled=${off} autocomplete="off" onInput=${(event) => type(event.target.value)} onBlur=${rename} onKeyDown=${(event) => event.key === "Enter" && event.target.blur()} /></label>
     <p class="soft source" title=${source}>${source}</p>
     <p class="rate">${words}</p>
     ${announced > fps && fps ? html`<p class="unsure">It announces ${announced.toFixed(1)} frames a second.</p>` : ""}
     ${found?.jpeg && found.why && html`<p class="bad">${found.why}</p>`}
     <p class="row"><button type="button" disabled=${off} onClick=${() => order(path, { rotation: (rotation + 90) % 360 })}>Turn<span class="hidden"> ${id}</span>${rotation ? ` (${rotation}°)` : ""}</button>
+    ${isPhone && html`<button type="button" aria-label=${`New code for ${id}`} onClick=${async () => show(await order(`phones/${encodeURIComponent(id)}`))}>New code</button>`}
     <button type="button" disabled=${off} aria-label=${`Remove ${id}`} onClick=${() => order(path, { remove: true })}>Remove</button></p></li>`;
 }
 
@@ -61,7 +71,7 @@ function Found({ found, add, off }) {
 }
 
 export function Cameras() {
-  const { cameras } = setup.state, off = busy() || running(), [typed, type] = useState(""), [found, find] = useState(null);
+  const { cameras } = setup.state, off = busy() || running(), [typed, type] = useState(""), [found, find] = useState(null), [code, show] = useState(null), [phone, call] = useState("phone");
   useEffect(() => {
     if (!busy()) question("found").then(find, () => {});
   }, [busy(), cameras.length]);
@@ -70,11 +80,19 @@ export function Cameras() {
     event.preventDefault();
     if (await order("cameras", { sources: [typed.trim()] })) type("");
   };
+  const addPhone = async (event) => {
+    event.preventDefault();
+    const shown = await order("phones", { name: phone.trim() });
+    if (shown) (show(shown), call(`phone${cameras.length + 2}`));
+  };
   return html`<p>Add two cameras or more that see the same room. Four, at head height or above, one in each corner, see almost everything.</p>
-    ${cameras.length > 0 && html`<ul id="cameras">${cameras.map((camera) => html`<${Camera} key=${camera.source} camera=${camera} />`)}</ul>`}
+    ${code && html`<${Code} shown=${code} put=${show} />`}
+    ${cameras.length > 0 && html`<ul id="cameras">${cameras.map((camera) => html`<${Camera} key=${camera.source} camera=${camera} show=${show} />`)}</ul>`}
     ${cameras.length > 1 && html`<p><button type="button" id="next" class="main" disabled=${off} onClick=${() => turnTo("network")}>Next: the network</button></p>`}
     ${running() && html`<p class="notice">The site is running and has its cameras: stop it under Go live to change them.</p>`}
     <form class="typed" onSubmit=${submit}><label>Address or film <input id="typed" value=${typed} maxlength="500" placeholder="rtsp://10.0.0.7/stream" disabled=${off} onInput=${(event) => type(event.target.value)} /></label><button type="submit" disabled=${off || !typed.trim()}>Add</button></form>
+    <form class="typed" onSubmit=${addPhone}><label>Phone, a name for it <input id="phone" value=${phone} maxlength="64" autocomplete="off" disabled=${off} onInput=${(event) => call(event.target.value)} /></label><button type="submit" id="add-phone" disabled=${off || !phone.trim()}>Add a phone</button></form>
+    <p class="soft">Shows a code for it to scan. From then on this machine listens in your network for that phone, whenever its pictures are wanted.</p>
     ${!cameras.length && html`<p class="row"><button type="button" id="simulate" disabled=${off} onClick=${() => order("simulate")}>Try it without cameras</button> <span class="soft">makes four films of a simulated person who walks, and adds them</span></p>`}
     ${found && html`<${Found} found=${found} add=${add} off=${off} />`}`;
 }
