@@ -13,7 +13,7 @@ OVERLAP_DEPTHS_M = np.arange(1.0, 9.0, 0.5)
 PERSON_M = 2.0  # up to which height people are seen
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=64)
 def overlap(rig: Rig) -> Floats:
     """Return `(num_cameras, num_cameras)`: how much of what one camera (row) sees another sees too.
 

@@ -31,7 +31,7 @@ def viewing_angles(rig: Rig) -> Floats:
     return np.asarray(np.arccos(np.clip(towards @ towards.T, -1, 1)))
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=64)
 def spread_order(rig: Rig) -> tuple[int, ...]:
     """Order the cameras so that each is far in viewing angle from the few before it.
 

@@ -184,7 +184,7 @@ def foresee(
     )
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=64)
 def _terms(memory: ErrorMemory) -> MemoryTerms:
     """Return the filter's constants for errors that last so long."""
     return memory_terms(memory)

@@ -18,7 +18,7 @@ HEIGHTS_M = (0.1, 0.5, 0.9, 1.3, 1.7)  # definition: of somebody who stands in a
 SEEN_SHARE = 0.6
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=64)
 def seen_floor(rig: Rig) -> tuple[Floats, Floats]:
     """Return the cells of the floor in which two cameras see somebody who stands there.
 

@@ -85,7 +85,7 @@ def expected_entrants(
     return Entrants(shares, others, weights)
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=64)
 def reach(rig: Rig) -> Floats:
     """Return `overlap`, with 1 on the diagonal: a camera sees all that it sees."""
     return np.maximum(overlap(rig), np.eye(len(rig)))

@@ -118,6 +118,6 @@ def expected_views(rig: Rig, joints_m: Floats) -> tuple[Floats, Floats]:
     return occlusion, shares
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=64)
 def _optics(rig: Rig) -> Held[Optics]:
     return hold(make_optics(rig))

@@ -63,7 +63,7 @@ def make_constants(model: Model) -> Constants:
     )
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=64)
 def held_constants(model: Model) -> Held[Constants]:
     """Return the constants of a model as kernels take them."""
     return hold(make_constants(model))

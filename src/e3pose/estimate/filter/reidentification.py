@@ -265,7 +265,7 @@ def _lengths(belief: Belief, tracks: Integers, model: Model) -> tuple[Floats, Fl
     return lengths, taught
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=64)
 def _kinds(model: Model) -> list[list[int]]:
     """Return the bones of each kind, left and right as one; one empty kind where there are none."""
     kinds = [np.flatnonzero(model.proportions.kinds == kind).tolist() for kind in range(len(KINDS))]

@@ -102,7 +102,7 @@ def foreseen(
     return joints_m, shares
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=64)
 def _left_open(model: Model, interval_s: float) -> Floats:
     """Return `(num_joints,)` m2 along an axis that the motion leaves open in the second slot."""
     drift, lasts_s = model.alone
