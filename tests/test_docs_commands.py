@@ -126,6 +126,7 @@ ELSEWHERE = {
         ),
         "tests/lab/test_each.py",
     ),
+    "edge house/lab house/hall": "tests/live/test_many_edges.py",
     "hub forgotten house": "tests/hub/test_forgotten.py",
     "hub view house": "tests/live/test_hub_page.py",
     "hub accesses house --site lab": "tests/hub/test_questions.py",

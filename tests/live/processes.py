@@ -44,9 +44,9 @@ def make_recording(folder: Path) -> Path:
     return folder
 
 
-def make_keys(folder: Path, hosts: Sequence[str] = ()) -> Path:
+def make_keys(folder: Path, hosts: Sequence[str] = (), site: str = "lab") -> Path:
     now = datetime.datetime.now(datetime.timezone.utc)
-    init_keys(folder, "lab", list(hosts), now)
+    init_keys(folder, site, list(hosts), now)
     for camera_id in CAMERAS:
         add_keys(folder, camera_id, now)
     add_keys(folder, "wall", now, kind="viewer")
@@ -67,6 +67,7 @@ class LiveSite:
         tables: lines of further tables.
         inside: command that runs cameras elsewhere, such as in another network namespace.
         camera_options: of all cameras.
+        name: of the site.
         statuses: everything that the edge said of itself, and when it came.
         poses: what it published.
     """
@@ -79,6 +80,7 @@ class LiveSite:
     tables: Sequence[str] = ()
     inside: Sequence[str] = ()
     camera_options: Sequence[str] = ()
+    name: str = "lab"
     programs: dict[str, subprocess.Popen[bytes]] = field(default_factory=dict)
     statuses: list[tuple[float, Status]] = field(default_factory=list)
     poses: list[Poses] = field(default_factory=list)
@@ -99,7 +101,7 @@ class LiveSite:
     def write(self) -> None:
         """Write the site file."""
         lines = [
-            'format = "e3pose-site"', "version = 1", 'name = "lab"', f"fps = {FPS}",
+            'format = "e3pose-site"', "version = 1", f'name = "{self.name}"', f"fps = {FPS}",
             'calibration = "recording/calibration.toml"', *self.more,
             "[link]", f'endpoint = "tls/{self.host}:{self.port}"', 'keys = "keys"',
             "[loop]", 'policy = "round-robin"', "cameras = 2", 'predictor = "zero-velocity"',
@@ -126,7 +128,7 @@ class LiveSite:
         keys = self.folder / "keys" / "cameras" / camera_id
         self.start(
             camera_id, *self.inside, *e3pose(
-                "camera", "--site", "lab", "--name", camera_id, "--endpoint", self.endpoint,
+                "camera", "--site", self.name, "--name", camera_id, "--endpoint", self.endpoint,
                 "--keys", str(keys), "--source", f"recorded:{self.folder / 'recording'}",
                 "--meter", "model", *self.camera_options, *options,
             ),
@@ -148,7 +150,7 @@ class LiveSite:
 
     def watch(self) -> None:
         """Follow what the edge says."""
-        follower = Follower("lab")
+        follower = Follower(self.name)
         self._viewer = open_network(viewer_link(load_site(self.path), None))
         follower.listen(self._viewer, self.poses.append, self._take)
 
@@ -275,7 +277,7 @@ class LiveSite:
         Args:
             hosts: other names of the edge, for its certificate.
         """
-        make_keys(self.folder / "keys", hosts)
+        make_keys(self.folder / "keys", hosts, self.name)
         self.write()
         self.start_edge()
         for camera_id in CAMERAS:

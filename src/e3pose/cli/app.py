@@ -142,6 +142,7 @@ VERBS: dict[str, Callable[..., Any]] = {
 USAGE = {
     "detect": "[OPTIONS] VIDEO... DEST",
     "each": "[OPTIONS] DEST RECORDING...",
+    "edge": "[OPTIONS] SITE...",
     "evaluate-predictor": "[OPTIONS] RECORDING...",
     "init": "[OPTIONS] FOLDER [SOURCE...]",
     "stream": "[OPTIONS] SITE TARGET...",

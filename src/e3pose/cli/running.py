@@ -30,7 +30,7 @@ Child = Annotated[bool, Parameter(negative="", show=False)]
 
 
 def edge(
-    site: Path,
+    site: Annotated[list[Path], Parameter(negative="")],
     /,
     *,
     delay: str | None = None,
@@ -42,14 +42,20 @@ def edge(
 
     Example: `e3pose edge site.toml`
 
+    Example: `e3pose edge house/lab house/hall`, several sites in one process
+
     The edge waits for cameras, closes a slot when all views have arrived or its deadline has
     passed, and publishes the poses of each slot. Ctrl-C stops it with a summary; a restart resumes
     from the saved state. Watch it with `e3pose top site.toml`.
 
+    Several sites share processor time and nothing else: each has its name, port, keys, state and
+    folders. One that fails is started again by itself, after 2 s and then less and less often;
+    one that is too slow loses slots of its own.
+
     Parameters
     ----------
     site
-        Site file, or the folder that contains site.toml.
+        Site file, or the folder that contains site.toml; several for several sites.
     delay
         Publish poses a second time, smoothed, this much later, such as 200ms. Default:
         `smooth_delay_ms` of the site file.
@@ -69,7 +75,18 @@ def edge(
     from e3pose.site.logs import open_log
     from e3pose.site.summary import edge_summary
 
-    resolved = resolve(_delayed(load_site(site), delay))
+    if len(site) > 1:
+        from e3pose.site.many_edges import run_edges
+
+        lines = run_edges(
+            site,
+            lambda path: resolve(_delayed(load_site(path), delay)),
+            lambda path: open_log("edge", json_logs, site=str(path)),
+            for_s,
+        )
+        print("\n".join(lines))
+        return
+    resolved = resolve(_delayed(load_site(site[0]), delay))
     log = open_log("edge", json_logs, site=resolved.name)
     with start_edge(resolved, log, WallClock()) as opened:
         opened.run(for_s)
