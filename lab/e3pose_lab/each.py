@@ -19,7 +19,13 @@ from e3pose.base.atomic import atomic_file
 from e3pose.base.errors import InputError
 from e3pose_lab.workers import Workers
 
-VERBS = (("evaluate",), ("replay",), ("calibrate", "check"))
+VERBS = (("evaluate",), ("replay",), ("calibrate", "check"), ("detect",))
+FILMS = (".mp4", ".mkv", ".mov", ".avi", ".webm", ".m4v")
+CALIBRATION = "calibration.toml"  # beside films
+FOUND = "_recordings"  # folder of what detect makes; readers of tables leave out such names
+CHILD = (
+    "from e3pose.site.run import end_with_parent as end; end()\nfrom e3pose.cli import main; main()"
+)
 SECONDS = b"e3pose-seconds"  # what it took, in the metadata of a file
 PROBLEM_LETTERS = 500
 
@@ -61,6 +67,11 @@ def check_words(words: Sequence[str]) -> tuple[str, ...]:
     known = ", ".join(" ".join(verb) for verb in VERBS)
     if not any(tuple(words[: len(verb)]) == verb for verb in VERBS):
         raise InputError("--verb", repr(" ".join(words)[:80]), f"one of {known}, with its options")
+    if words[0] == "detect" and any(
+        w.partition("=")[0] in ("--overwrite", "--calibration") for w in words
+    ):
+        wanted = f"neither: each folder has its {CALIBRATION}, or none"
+        raise InputError("--verb", "--overwrite or --calibration", wanted)
     if any(word.partition("=")[0] in ("--json", "--plot", "--report") for word in words):
         raise InputError("--verb", "--json, --plot or --report", "none: results go to DEST")
     return tuple(words)
@@ -112,7 +123,10 @@ def run_each(
         InputError: when the cluster goes away; what was written stays, and the rest goes on later.
     """
     dest.mkdir(parents=True, exist_ok=True)
-    tasks = [str(recording.resolve()) for recording in recordings]
+    tasks = [
+        (str(one.resolve()), str((dest / FOUND / result_of(dest, one, words).stem).resolve()))
+        for one in recordings
+    ]
     try:
         for place, outcome in workers.as_ready(run_one, tuple(words), tasks):
             recording = recordings[place]
@@ -129,23 +143,55 @@ def run_each(
         ) from None
 
 
-def run_one(words: tuple[str, ...], recording: str) -> Outcome:
-    """Run a verb on a recording in a process of its own, which may end as it likes."""
+def run_one(words: tuple[str, ...], task: tuple[str, str]) -> Outcome:
+    """Run a verb on a recording in a process of its own, which may end as it likes.
+
+    Args:
+        words: the verb and its options.
+        task: the folder of the recording, or of its films; and where detect is to write one.
+    """
     verb = next(verb for verb in VERBS if words[: len(verb)] == verb)
-    with tempfile.TemporaryDirectory(prefix="e3pose-each-") as folder:
-        path = Path(folder) / "result.json"
-        more = ["--jobs", "1"] if verb == ("evaluate",) and "--jobs" not in words else []
-        rest = [*words[len(verb) :], *more, "--json", str(path)]
-        begun_s = time.monotonic()
-        ended = subprocess.run(
-            [sys.executable, "-m", "e3pose", *verb, recording, *rest],
-            capture_output=True, text=True, check=False, stdin=subprocess.DEVNULL,
-        )  # fmt: skip
+    folder, made = task
+    rest, begun_s = list(words[len(verb) :]), time.monotonic()
+    with tempfile.TemporaryDirectory(prefix="e3pose-each-") as name:
+        path = Path(name) / "result.json"
+        shown = ["--json", str(path)]
+        if verb == ("detect",):
+            said = _detect(Path(folder), Path(made), rest) or _run("info", made, *shown)
+        else:
+            more = ["--jobs", "1"] if verb == ("evaluate",) and "--jobs" not in words else []
+            said = _run(*verb, folder, *rest, *more, *shown)
         took_s = time.monotonic() - begun_s
         if not path.is_file():
-            said = ended.stderr.strip().splitlines() or [f"ended with code {ended.returncode}"]
-            return Outcome(b"", took_s, said[-1][:PROBLEM_LETTERS])
+            return Outcome(b"", took_s, said or "no result")
         return Outcome(path.read_bytes(), took_s)
+
+
+def _detect(folder: Path, made: Path, options: Sequence[str]) -> str:
+    """Make a recording of the films of a folder, unless it is made; return what went wrong."""
+    if made.is_dir():
+        return ""
+    films = sorted(str(path) for path in folder.iterdir() if path.suffix.lower() in FILMS)
+    if not films:
+        return f"found no films ({', '.join(FILMS)}), expected one for each camera"
+    rig = folder / CALIBRATION
+    calibration = ["--calibration", str(rig)] if rig.is_file() else []
+    made.parent.mkdir(parents=True, exist_ok=True)
+    return _run("detect", *films, str(made), *calibration, *options)
+
+
+def _run(*words: str) -> str:
+    """Run a verb, which ends when this process does, however that comes; return its last error."""
+    with subprocess.Popen(
+        [sys.executable, "-c", CHILD, *words],
+        stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
+    ) as process:  # fmt: skip
+        assert process.stderr is not None
+        said = process.stderr.read().strip().splitlines()
+        code = process.wait()
+    if code == 0:
+        return ""
+    return (said or [f"ended with code {code}"])[-1][:PROBLEM_LETTERS]
 
 
 def rows_of(document: Any, recording: str) -> list[dict[str, Any]]:

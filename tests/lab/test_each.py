@@ -11,8 +11,11 @@ import pytest
 from tests.cli.commands import run as run_verb
 
 from e3pose.base.errors import InputError
-from e3pose.recording import save_recording
+from e3pose.output.report.overlay.movie import write_movie
+from e3pose.recording import load_recording, save_recording
+from e3pose.recording.calibration import save_rig
 from e3pose.simulate import DetectorSettings, SceneSettings, simulate
+from e3pose.simulate.films import frames
 from e3pose_lab.each import check_words, make_plan, result_of, rows_of, run_each, write_rows
 from e3pose_lab.workers import Workers
 
@@ -84,6 +87,35 @@ def test_cluster_has_the_same_results(recordings: list[Path], tmp_path: Path) ->
         assert timeless[0] == timeless[1]
 
 
+def test_films_become_recordings_with_a_row_each(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    import pandas
+
+    recording = simulate(SceneSettings(people=1, seconds=0.5, fps=10, cameras=2), 1)
+    folders = [tmp_path / "monday", tmp_path / "tuesday"]
+    for folder in folders:
+        folder.mkdir()
+        for index, camera_id in enumerate(recording.rig.camera_ids):
+            write_movie(folder / f"{camera_id}.mp4", frames(recording, index), recording.fps)
+    save_rig(recording.rig, folders[0] / "calibration.toml")
+    (tmp_path / "empty").mkdir()
+    dest, verb = tmp_path / "results", "detect --model e3pose.detectors.drawn:Drawn"
+    words = ("each", dest, *folders, tmp_path / "empty", "--verb", verb, "--jobs", "1")
+    assert run_verb(*words) == 1
+    assert "empty: found no films" in capsys.readouterr().err
+    table = pandas.read_parquet(dest)
+    assert sorted(table.folder) == [str(one) for one in folders]
+    made = sorted((dest / "_recordings").iterdir())
+    assert [load_recording(one).num_slots for one in made] == [5, 5]
+    assert load_recording(made[0]).rig.placed and not load_recording(made[1]).rig.placed
+    # As if it had been killed between recording and row: that is not detected again.
+    written_ns = made[0].stat().st_mtime_ns
+    (dest / f"{made[0].name}.parquet").unlink()
+    assert run_verb(*words[:3], *words[5:]) == 0
+    assert made[0].stat().st_mtime_ns == written_ns and len(pandas.read_parquet(dest)) == 2
+
+
 def test_another_recording_option_or_content_is_another_result(
     recordings: list[Path], tmp_path: Path
 ) -> None:
@@ -97,7 +129,9 @@ def test_another_recording_option_or_content_is_another_result(
     assert result_of(tmp_path, recordings[2], WORDS) != before
 
 
-@pytest.mark.parametrize("words", [["query"], ["calibrate"], [], ["replay", "--json=x"]])
+@pytest.mark.parametrize(
+    "words", [["query"], ["calibrate"], [], ["replay", "--json=x"], ["detect", "--overwrite"]]
+)
 def test_what_it_does_not_do_is_told(words: list[str]) -> None:
     with pytest.raises(InputError, match="--verb"):
         check_words(words)

@@ -22,11 +22,13 @@ def each(
     cluster: str | None = None,
     plan: Flag = False,
 ) -> None:
-    """Run evaluate, replay or calibrate check over many recordings; results as Parquet.
+    """Run evaluate, replay, calibrate check or detect over many recordings; results as Parquet.
 
     Example: `e3pose each results recordings/* --verb "evaluate --policies all,information"`
 
     Example: `e3pose each results recordings/* --verb "calibrate check" --cluster tcp://head:8786`
+
+    Example: `e3pose each results films/* --verb "detect --model movenet-multipose"`
 
     DEST gets a file per recording, which pandas.read_parquet("results") reads as one table. A
     command that was killed goes on the next time: what has a result is left out, unless recording,
@@ -37,9 +39,11 @@ def each(
     dest
         Folder of the results.
     recording
-        Recording folders, at the same place on all machines of a cluster.
+        Recording folders, at the same place on all machines of a cluster; for detect folders with
+        a film for each camera, and their calibration.toml if there is one. It writes recordings
+        below DEST/_recordings, which is then at the same place, too.
     verb
-        evaluate, replay or calibrate check with its options, in quotes.
+        evaluate, replay, calibrate check or detect with its options, in quotes.
     jobs
         Parallel processes on this machine. Default: one per processor core.
     cluster
