@@ -87,6 +87,16 @@ def test_counts_by_cause_kind_and_camera(record: Records) -> None:
     assert json.loads(found["charge"]) == {"north": 0.25}
 
 
+def test_charge_tells_what_an_hour_drains_of_a_battery_for_a_month(record: Records) -> None:
+    charges = []
+    for share in (0.5, 0.5 - 1 / (30 * 24)):
+        summed = minutes()
+        reading = EnergyReading(MINUTE + 1, "north", 2.0, 1.0, "measured: VDD_IN", share)
+        summed.take([*of_slots(record, 0, 1), energy_row(reading)])
+        charges.append(json.loads(closed(summed, MINUTE + 65 * NS)[-1]["charge"])["north"])
+    assert charges[1] / (charges[0] - charges[1]) == pytest.approx(0.5 * 30 * 24 - 1, rel=0.01)
+
+
 def test_time_in_zones_is_that_of_everybody_in_them_and_ends_with_what_is_known(
     record: Records,
 ) -> None:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import ssl
 import time
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
 from importlib import resources
+from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -16,6 +18,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from sqlalchemy import Engine
 
 from e3pose.base.errors import InputError
+from e3pose.base.version import Version, version_of
 from e3pose.hub.accesses import log_accesses
 from e3pose.hub.database import open_hub
 from e3pose.hub.overview import overview
@@ -49,6 +52,42 @@ class Opening(BaseModel):
 
 
 @dataclass(slots=True, eq=False)
+class Renewal:
+    """Gives new connections the certificate that stands in the files now.
+
+    Attributes:
+        secure: of the page.
+        files: its certificate and key.
+        report: called once with why other files cannot be used; those before stay in use.
+    """
+
+    secure: ssl.SSLContext
+    files: tuple[Path, Path]
+    report: Callable[[str], object]
+    _seen: Version | None = None
+    _refused: str = ""
+
+    def __post_init__(self) -> None:
+        self._seen = version_of(self.files)
+
+    def update(self) -> None:
+        """Load the files if they changed."""
+        seen = version_of(self.files)
+        if seen is None or seen == self._seen:  # None: being replaced
+            return
+        try:  # on another one first: a key that does not fit would make this one useless
+            ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(*self.files)
+            self.secure.load_cert_chain(*self.files)
+        except OSError as error:
+            if str(error) != self._refused:
+                self.report(f"certificate of the page: cannot be used, the one before is: {error}")
+            self._refused = str(error)
+            return
+        self._seen, self._refused = seen, ""
+        self.report("certificate of the page renewed")
+
+
+@dataclass(slots=True, eq=False)
 class HubPage:
     """A server at work, until it is closed. Use it as a context manager.
 
@@ -61,6 +100,7 @@ class HubPage:
     rules: Rules[Users]
     _serving: Serving
     _stack: ExitStack
+    _renewal: Renewal | None = None
 
     def __enter__(self) -> HubPage:
         return self
@@ -69,16 +109,21 @@ class HubPage:
         self._stack.close()
 
     def running(self) -> bool:
-        """Return whether it serves."""
+        """Return whether it serves; also takes a renewed certificate, so call it often."""
+        if self._renewal is not None:
+            self._renewal.update()
         return self._serving.running()
 
 
-def open_page(hub: Hub, listen: str | None = None) -> HubPage:
+def open_page(
+    hub: Hub, listen: str | None = None, report: Callable[[str], object] = print
+) -> HubPage:
     """Serve the page over sites until it is closed.
 
     Args:
         hub: its file.
         listen: in place of the file's `HOST:PORT`.
+        report: called with messages for operators.
 
     Raises:
         InputError: for a port that is taken, an address beyond this machine without a certificate,
@@ -86,12 +131,13 @@ def open_page(hub: Hub, listen: str | None = None) -> HubPage:
     """
     table, words = hub.view, listen or hub.view.listen
     _, host, port = split_endpoint(f"tcp/{words}")
-    secure = None
+    secure, renewal = None, None
     if table.certificate:
         secure = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
-        folder = hub.path.parent
+        files = hub.path.parent / table.certificate, hub.path.parent / table.key
+        renewal = Renewal(secure, files, report)
         try:
-            secure.load_cert_chain(folder / table.certificate, folder / table.key)
+            secure.load_cert_chain(*files)
         except OSError as error:
             raise InputError("view.certificate", table.certificate, f"one ({error})") from None
     elif not is_loopback(host) and not table.insecure:
@@ -113,7 +159,7 @@ def open_page(hub: Hub, listen: str | None = None) -> HubPage:
         serving = Serving(app, listening, bounds, secure)
         stack.callback(serving.close)
         scheme, at = "http" if secure is None else "https", listening.getsockname()[1]
-        return HubPage(f"{scheme}://{host}:{at}/", rules, serving, stack.pop_all())
+        return HubPage(f"{scheme}://{host}:{at}/", rules, serving, stack.pop_all(), renewal)
 
 
 def make_app(hub: Hub, engine: Engine, users: Users) -> FastAPI:

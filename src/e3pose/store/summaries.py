@@ -21,6 +21,7 @@ VERSION = 1  # of the record: one more when a column changes its meaning
 MINUTE_NS = 60 * NS
 GRACE_NS = 5 * NS  # rows of a minute may come so late
 LONGEST_STEP_S = 1.0  # between two looks at what people do; nobody knows what they did in a longer
+CHARGE_DIGITS = 6  # what an hour drains is to be told to a percent, of a battery for a year
 MOST_NAMES = 200  # of zones, states, kinds and cameras in one summary
 # Events that begin a fault, and what ends it.
 FAULTS = {
@@ -232,7 +233,7 @@ def summary(tally: Tally, end_ns: int, software: str) -> dict[str, Any]:
         "states": _json(_minutes(tally.state_s)),
         "events": _json(tally.events),
         "joules": _json({camera: _rounded(spent) for camera, spent in tally.joules.items()}),
-        "charge": _json(_rounded(tally.charge)),
+        "charge": _json(_rounded(tally.charge, CHARGE_DIGITS)),
         "faults": json.dumps(sorted(tally.faults)[:MOST_NAMES], separators=(",", ":")),
     }
 
@@ -241,8 +242,8 @@ def _minutes(person_s: Mapping[str, float]) -> dict[str, float]:
     return {name: round(s / 60, 4) for name, s in person_s.items() if s > 0}
 
 
-def _rounded(found: Mapping[str, float]) -> dict[str, float]:
-    return {name: round(value, 3) for name, value in found.items()}
+def _rounded(found: Mapping[str, float], digits: int = 3) -> dict[str, float]:
+    return {name: round(value, digits) for name, value in found.items()}
 
 
 def _json(found: Mapping[str, Any]) -> str:
