@@ -15,6 +15,7 @@ from e3pose.base.errors import InputError
 from e3pose.hub.database import cursor_of, open_hub, read_forgotten
 from e3pose.hub.pull import pull
 from e3pose.hub.question import answer
+from e3pose.site.outbox_answers import OutboxAnswers
 from e3pose.store.forgetting import DAY_NS, Forgotten, day_of, forget, of_day
 from e3pose.store.outbox import read_outbox
 from e3pose.store.summaries import MINUTE_NS
@@ -68,6 +69,39 @@ def test_deleted_day_and_person_reach_a_hub_of_either_kind(
     assert run_verb("hub", "forgotten", tmp_path) == 0
     shown = capsys.readouterr().out
     assert f"day {DAY}" in shown and "person 7 of the run that began" in shown
+
+
+def test_site_shows_which_hubs_have_heard_of_a_deletion(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    store, boxes = tmp_path / "lab.db", dict[str, OutboxAnswers]()
+    fill(store, "lab", FIRST - 150, 300)
+    engines = {hub: open_hub(str(tmp_path / f"{hub}.db")) for hub in ("house", "city")}
+
+    def fetched(hub: str) -> None:
+        box = boxes.setdefault(hub, answers(store))  # as one edge that runs on
+        topic = f"e3pose/lab/outbox/{hub}"
+        pull(engines[hub], "lab", lambda q: box.answer(topic, q), lambda: None, 1)
+
+    def told(code: int) -> str:
+        assert run_verb("archive", "deleted", store) == code
+        return capsys.readouterr().out
+
+    forget(store, of_day("lab", DAY))
+    assert told(0) == f"day {DAY}: no hub has asked this site\n"
+    for hub in engines:
+        fetched(hub)
+        fetched(hub)
+    assert told(0) == f"day {DAY}: city heard, house heard\n"
+    forget(store, Forgotten("lab", MINUTE, MINUTE, MINUTE, 7))
+    assert "person 7 of the run that began" in told(1)
+    fetched("house")
+    fetched("house")  # a minute later it confirms what it was told
+    assert told(1).splitlines()[1].endswith(": house heard, city not yet")
+    boxes.clear()  # the edge is started again
+    fetched("city")
+    fetched("city")
+    assert told(0).splitlines()[1].endswith(": city heard, house heard")
 
 
 def test_hub_that_comes_later_hears_of_it_too_and_misses_nothing(tmp_path: Path) -> None:

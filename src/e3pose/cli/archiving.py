@@ -153,6 +153,49 @@ def delete(
         sys.exit(1)
 
 
+@archive_app.command
+def deleted(store: StorePlace, /, *, site: str | None = None) -> None:
+    """List what was deleted of a site, and which hubs have heard of it; code 1 if one has not.
+
+    Example: `e3pose archive deleted site.toml`
+
+    A hub hears of a deletion with the next summaries that it fetches, deletes what it has, and
+    confirms it with its next question. Listed are hubs that have asked this site since.
+
+    Parameters
+    ----------
+    site
+        Of which site of the store. Default: the only one.
+    """
+    from e3pose.cli.querying import store_of
+    from e3pose.store.hearing import hearings
+    from e3pose.store.times import iso_text
+
+    with as_typed(OPTIONS):
+        named, of_site = store_of(store, site)
+        found = hearings(named, _only_site(named, of_site))
+    for one in found:
+        what = one.what
+        person = (
+            f"person {what.track_id} of the run that began {iso_text(what.run_started_ns or 0)}"
+        )
+        print(f"day {what.day}" if what.track_id is None else person, end=": ")
+        said = [f"{hub} heard" for hub in one.heard] + [f"{hub} not yet" for hub in one.others]
+        print(", ".join(said) or "no hub has asked this site")
+    if any(one.others for one in found):
+        sys.exit(1)
+
+
+def _only_site(store: str, site: str | None) -> str:
+    """Return the named site, or the only one of a store."""
+    from e3pose.store import Store
+
+    sites = sorted({one.run.site for one in Store(store).runs()})
+    if site is None and len(sites) != 1:
+        raise InputError(f"--site: not found, expected one of {', '.join(sites)[:200]}")
+    return site or sites[0]
+
+
 def _what(
     store: str, site: str | None, day: str | None, person: int | None, run: int | None
 ) -> Forgotten:
@@ -169,10 +212,7 @@ def _what(
             raise InputError("--run", run, f"one of {', '.join(map(str, runs))[:200]}")
         one = runs[run]
         return Forgotten(one.site, one.started_ns, one.started_ns, one.started_ns, person)
-    sites = sorted({one.site for one in runs.values()})
-    if site is None and len(sites) != 1:
-        raise InputError(f"--site: not found, expected one of {', '.join(sites)[:200]}")
-    what = of_day(site or sites[0], day or "")
+    what = of_day(_only_site(store, site), day or "")
     if what.end_ns > time.time_ns():
         raise InputError("--day", day, "a day that is over (UTC)")
     return what

@@ -10,6 +10,7 @@ from pathlib import Path
 import msgspec
 
 from e3pose.base.errors import InputError
+from e3pose.store.hearing import Hubs
 from e3pose.store.outbox import Outbox, read_outbox
 from e3pose.wire.codec import decode, encode
 from e3pose.wire.site_messages import OutboxPart, OutboxQuestion, Tombstone
@@ -34,7 +35,7 @@ class OutboxAnswers:
             now_s: a clock.
         """
         self._store, self._site, self._now_s = store, site, now_s
-        self._lock = threading.Lock()
+        self._hubs, self._lock = Hubs(store, site), threading.Lock()
         self._free_s: dict[str, float] = {}  # when each may ask again; their names are granted
 
     def answer(self, topic: str, payload: bytes) -> bytes | None:
@@ -51,7 +52,10 @@ class OutboxAnswers:
             found = read_outbox(self._store, self._site, asked.after, MOST_ROWS)
         except InputError:  # its text has places that are none of a hub's business
             return encode(OutboxPart(problem="the summaries of the site cannot be read"))
-        return encode(part_of(found))
+        part = part_of(found)
+        if asked.after <= found.newest:  # else it is a number of another outbox
+            self._hubs.asked(hub, asked.after, bool(part.forgotten), time.time_ns())
+        return encode(part)
 
 
 def part_of(found: Outbox) -> OutboxPart:

@@ -83,6 +83,14 @@ CLIPS_11 = """CREATE TABLE clips (
     PRIMARY KEY (number)
 )"""
 
+HUBS_12 = """CREATE TABLE hubs (
+    site TEXT NOT NULL,
+    hub TEXT NOT NULL,
+    taken BIGINT NOT NULL,
+    asked_ns BIGINT NOT NULL,
+    PRIMARY KEY (site, hub)
+)"""
+
 
 def prepare(connection: Connection, where: str) -> int:
     """Make the tables of an empty database, or bring those of a store up to the present version.
@@ -199,7 +207,12 @@ def _to_11(connection: Connection) -> None:
     connection.exec_driver_sql(CLIPS_11.format(number=number))
 
 
+def _to_12(connection: Connection) -> None:
+    """Make the table of what hubs have."""
+    connection.exec_driver_sql(HUBS_12)
+
+
 STEPS = {
     2: _to_2, 3: _to_3, 4: _to_4, 5: _to_5, 6: _to_6, 7: _to_7, 8: _to_8, 9: _to_9, 10: _to_10,
-    11: _to_11,
+    11: _to_11, 12: _to_12,
 }  # fmt: skip

@@ -26,9 +26,9 @@ from sqlalchemy import (
 
 from e3pose.base.errors import InputError
 
-VERSION = 11  # one more with every change, and a step to it in `store.migrations`
+VERSION = 12  # one more with every change, and a step to it in `store.migrations`
 # Columns keep name and meaning; earlier versions have fewer.
-READABLE = (1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11)
+READABLE = (1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12)
 
 metadata = MetaData()
 
@@ -220,6 +220,16 @@ archives = Table(
     Column("site", Text, primary_key=True),
     Column("place", Text, primary_key=True),
     Column("forgotten", BigInteger, nullable=False),
+)
+
+# Up to which number each hub has the outbox, deletions included: `store.hearing`.
+hubs = Table(
+    "hubs",
+    metadata,
+    Column("site", Text, primary_key=True),
+    Column("hub", Text, primary_key=True),
+    Column("taken", BigInteger, nullable=False),
+    Column("asked_ns", BigInteger, nullable=False),
 )
 
 ROWS = {table.name: table for table in (slots, poses, tracks, energy, events, zones, summaries)}

@@ -1,0 +1,88 @@
+"""Which hubs have heard what was deleted at a site."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from sqlalchemy import delete, insert, select
+
+from e3pose.base.errors import InputError
+from e3pose.store import schema
+from e3pose.store.forgetting import Forgotten, changing, requests
+
+MOST_HUBS = 100  # of a site that are remembered; those that asked last
+
+
+@dataclass(frozen=True, slots=True)
+class Hearing:
+    """A deletion, and which hubs have heard of it.
+
+    Attributes:
+        what: was deleted.
+        heard: hubs that have fetched the outbox up to it.
+        others: hubs that have not since; they hear of it when they ask next.
+    """
+
+    what: Forgotten
+    heard: tuple[str, ...]
+    others: tuple[str, ...]
+
+
+def note_taken(store: str | Path, site: str, hub: str, taken: int, now_ns: int) -> None:
+    """Note up to which number a hub has the outbox of a site.
+
+    Raises:
+        InputError: when the store cannot be written.
+    """
+    table = schema.hubs
+    with changing(store) as engine, engine.begin() as connection:
+        mine = table.c.site == site
+        connection.execute(delete(table).where(mine, table.c.hub == hub))
+        new = {"site": site, "hub": hub, "taken": taken, "asked_ns": now_ns}
+        connection.execute(insert(table), new)
+        asked = select(table.c.hub).where(mine).order_by(table.c.asked_ns.desc())
+        gone = connection.execute(asked.offset(MOST_HUBS)).scalars().all()
+        connection.execute(delete(table).where(mine, table.c.hub.in_(gone)))
+
+
+def hearings(store: str | Path, site: str) -> list[Hearing]:
+    """Return what was deleted of a site, oldest first, and which hubs have heard of it.
+
+    Raises:
+        InputError: when there is no store, or one that cannot be used.
+    """
+    table, found = schema.hubs, list[Hearing]()
+    with changing(store) as engine, engine.connect() as connection:
+        hubs = connection.execute(select(table).where(table.c.site == site)).all()
+        for what in requests(connection, site):
+            number = what.outbox_number
+            heard = [row.hub for row in hubs if number <= row.taken]
+            others = [row.hub for row in hubs if number > row.taken]
+            found.append(Hearing(what, tuple(sorted(heard)), tuple(sorted(others))))
+    return found
+
+
+class Hubs:
+    """Notes what hubs have, where that tells something new; on threads of the transport."""
+
+    def __init__(self, store: str | Path, site: str) -> None:
+        """Know of no hub yet."""
+        self._store, self._site = store, site
+        self._due = dict[str, bool]()  # whether the next question of a hub says something new
+
+    def asked(self, hub: str, after: int, told: bool, now_ns: int) -> None:
+        """Take a question.
+
+        Args:
+            hub: who asks.
+            after: the number up to which it has the outbox.
+            told: whether the answer tells of deletions, which its next question confirms.
+            now_ns: the time.
+        """
+        if self._due.get(hub, True):
+            try:
+                note_taken(self._store, self._site, hub, after, now_ns)
+            except InputError:  # of a full disk, say: noted with a later question
+                return
+        self._due[hub] = told
