@@ -11,7 +11,8 @@ import pytest
 from tests.manual_clock import ManualClock
 from tests.memory_transport import Hub
 from tests.rigs import looking
-from tests.site.tables import write_site
+from tests.site.left_by_demo import nobody
+from tests.site.tables import HEAD, write_site
 
 from e3pose.base.errors import InputError
 from e3pose.edge.consumers import Consumers
@@ -23,6 +24,8 @@ from e3pose.select.policies.information import Information
 from e3pose.settings.resolved import resolve
 from e3pose.site.control import BURST, COUNT_S, TOO_MANY, SiteControls
 from e3pose.site.edge_program import make_edge
+from e3pose.site.event_sink import EventSink
+from e3pose.store import Retention
 from e3pose.wire.codec import decode, encode
 from e3pose.wire.site_messages import Control, Controlled
 
@@ -183,3 +186,32 @@ def test_status_tells_what_the_policy_is_to_do(tmp_path: Path) -> None:
         status = made.status()
         assert (status.num_selected, status.target_error_mm) == (2, None)
         assert status.quality_weight == 10 and status.cameras[0].budget == pytest.approx(0.7)
+
+
+ZONE = '[[zone]]\nname = "door"\ncorners = [[0, 0], [1, 0], [1, 1]]\n'
+STORE = '[store]\npath = "lab.db"\n'
+
+
+def test_a_running_edge_takes_zones_budgets_and_storage_of_its_file(tmp_path: Path) -> None:
+    with edge(tmp_path, STORE) as (made, hub):
+        taking, sink = controls(made), made.consumers.sink
+        assert isinstance(sink, EventSink)
+        assert taking.take(Control(reread=True)) == "nothing new from the site file"
+        write_site(tmp_path, f'budget = "60%"\n{STORE}keep = "30d"\nmax_size = "1GB"\n{ZONE}')
+        question = encode(Control(reread=True))
+        said = hub.join().ask("e3pose/lab/control/desk", question, 1.0)
+        assert said is not None
+        assert decode(said, Controlled, "edge").said == "zones, storage, budget from the site file"
+        assert sink.writer.settings.retention == Retention(30 * 86_400.0, 10**9)
+        sink.append(nobody(1, 0.05, 4), time_ns=10**18)
+        assert [zone.name for zone in sink.zones.tables] == ["door"]
+        with pytest.raises(InputError, match="one of them at a time"):
+            taking.take(Control(reread=True, cameras=2.0))
+
+
+def test_a_file_that_is_wrong_changes_nothing(tmp_path: Path) -> None:
+    with edge(tmp_path, STORE) as (made, _):
+        (tmp_path / "site.toml").write_text(f'{HEAD}budget = "often"\n{STORE}{ZONE}')
+        with pytest.raises(InputError, match="budget"):
+            controls(made).take(Control(reread=True))
+        assert controls(made)._site.zone == ()

@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
 from datetime import datetime
+from typing import TYPE_CHECKING
 
 from e3pose.base.errors import InputError
 from e3pose.base.quantities import plural
@@ -20,9 +21,12 @@ from e3pose.edge.energy_ledger import EnergyLedger
 from e3pose.energy.budgets import Budget, parse_budget
 from e3pose.settings.loop import LoopSettings
 from e3pose.settings.parts import make_policy, shares
-from e3pose.settings.resolved import ResolvedSite
+from e3pose.settings.resolved import ResolvedSite, resolve_site
 from e3pose.wire.codec import decode, encode, one_line
 from e3pose.wire.site_messages import Control, Controlled
+
+if TYPE_CHECKING:
+    from e3pose.site.event_sink import EventSink
 
 PER_S, BURST = 2.0, 20.0  # requests of an operator
 ALL_PER_S, ALL_BURST = 10.0, 60.0  # of all of them
@@ -38,6 +42,7 @@ class SiteControls:
         site: ResolvedSite,
         ledger: EnergyLedger,
         now_s: Callable[[], float] = time.monotonic,
+        sink: EventSink | None = None,
     ) -> None:
         """Start with the settings of the site file.
 
@@ -45,8 +50,9 @@ class SiteControls:
             site: what its file says.
             ledger: takes other budgets.
             now_s: a clock, for the rates of requests.
+            sink: takes other zones and bounds of the store; None without a store.
         """
-        self._site, self._ledger, self._loop = site, ledger, site.loop
+        self._site, self._ledger, self._loop, self._sink = site, ledger, site.loop, sink
         self._own: dict[str, Budget] = {}  # camera to the budget that an operator gave it
         self._paused: frozenset[str] = frozenset()
         self._chosen: Chosen | None = None  # to be used from the next slot on
@@ -79,7 +85,10 @@ class SiteControls:
             InputError: naming what cannot be had.
         """
         with self._lock:
-            said = self._of_camera(control) if control.camera_id else self._of_loop(control)
+            if control.reread:
+                said = self._of_file(control)
+            else:
+                said = self._of_camera(control) if control.camera_id else self._of_loop(control)
             if not said:
                 raise InputError("control", "nothing to change", "one setting at least")
             self._reported.append(said)
@@ -110,6 +119,28 @@ class SiteControls:
         (most, _), *_ = self._refused.most_common(1)
         count, self._refused = self._refused.total(), Counter()
         return [f"{plural(count, 'request')} refused, most of operator {most}: too many per second"]
+
+    def _of_file(self, control: Control) -> str:
+        """Take from the site file what a running edge can take of it."""
+        if control != Control(reread=True):
+            raise InputError("reread", "with another setting", "one of them at a time")
+        new, old = resolve_site(self._site.path), self._site
+        new.budgets([1.0] * len(old.rig), datetime.now().astimezone())  # its error first
+        store = old.store
+        if store is not None and new.store is not None and self._sink is not None:
+            store = replace(store, keep_s=new.store.keep_s, max_bytes=new.store.max_bytes)
+            if store != old.store:
+                self._sink.writer.keep(store.keep_s, store.max_bytes)
+        words = ["storage"] if store != old.store else []
+        if new.zone != old.zone:
+            words.insert(0, "zones")
+            if self._sink is not None:
+                self._sink.rezone(new)
+        self._site = replace(old, zone=new.zone, store=store, budget=new.budget)
+        if new.budget != old.budget:
+            words.append("budget")
+            self._budget(dict(self._own), self._loop)
+        return f"{', '.join(words) or 'nothing new'} from the site file"
 
     def _of_loop(self, control: Control) -> str:
         if control.paused is not None or control.budget:

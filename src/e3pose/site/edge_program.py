@@ -246,9 +246,9 @@ def make_edge(
         smooth_delay_s=site.smooth_delay_ms / 1e3,
         wakes_s=[camera.wake_s for camera in site.cameras.values()],
     )
-    controls = SiteControls(site, ledger)
-    recorder = open_recorder(site, event_log, stack)
     kept = None if sink is None else event_sink(site, sink)
+    controls = SiteControls(site, ledger, sink=kept)
+    recorder = open_recorder(site, event_log, stack)
     watch = KnockWatch(site.rig)
     outbox = None
     if site.store is not None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -37,6 +37,11 @@ class EventSink:
     writer: StoreWriter
     zones: Zones
     watch: Watch | None = None
+    _wanted: ResolvedSite | None = None
+
+    def rezone(self, site: ResolvedSite) -> None:
+        """Use the zones of a site from the next slot on; may be called on any thread."""
+        self._wanted = site
 
     def append(
         self,
@@ -48,7 +53,12 @@ class EventSink:
     ) -> bool:
         """Keep a slot and what happened in it."""
         taken = self.writer.append(record, time_ns=time_ns, energy_j=energy_j, wait=wait)
-        if time_ns is not None:
+        if self._wanted is not None:
+            site, self._wanted = self._wanted, None
+            self.zones = Zones(site.zone)
+            if self.watch is not None:
+                self.watch = replace(self.watch, zones=site.zone)
+        if time_ns is not None and (self.zones.tables or self.watch is not None):
             seen = seen_in(record, time_ns)
             self.zones, events = advance(self.zones, seen)
             for event in events:
@@ -91,10 +101,8 @@ def presence(watch: Watch) -> Presence:
     return Presence(watch.time_ns, dict(zip(STATES, counts, strict=False)))
 
 
-def event_sink(site: ResolvedSite, writer: StoreWriter) -> StoreWriter | EventSink:
-    """Return what keeps the slots of a site: with what happens in them, where that is asked for."""
-    if not site.zone and site.events is None:
-        return writer
+def event_sink(site: ResolvedSite, writer: StoreWriter) -> EventSink:
+    """Return what keeps the slots of a site, with what happens in them where that is asked for."""
     return EventSink(writer, Zones(site.zone), site_watch(site))
 
 

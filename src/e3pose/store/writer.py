@@ -11,7 +11,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from e3pose.base.arrays import Floats
@@ -159,6 +159,16 @@ class StoreWriter:
             self._minutes = Minutes(run.software, run.cameras, wall_ns())
         self._thread = threading.Thread(target=self._work, name="store", daemon=True)
         self._thread.start()
+
+    def keep(self, max_age_s: float | None, max_bytes: int | None) -> None:
+        """Keep to other bounds from now on, see `Retention`; may be called on any thread.
+
+        Raises:
+            InputError: for a size, of a database server.
+        """
+        if max_bytes is not None and database_path(self._url) is None:
+            raise InputError(SIZE_OF_SERVER)
+        self.settings = replace(self.settings, retention=Retention(max_age_s, max_bytes))
 
     def append(
         self,

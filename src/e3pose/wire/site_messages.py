@@ -151,6 +151,7 @@ class Control(msgspec.Struct, array_like=True, frozen=True, tag="control"):
         camera_id: of the camera that the rest is about.
         paused: whether that camera is left out.
         budget: what it may spend, as people write it: `60%`, `4W`, `until 18:00`.
+        reread: take zones, the usual budget and what is kept from the site file as it is now.
     """
 
     cameras: Figure | None = None
@@ -159,6 +160,7 @@ class Control(msgspec.Struct, array_like=True, frozen=True, tag="control"):
     camera_id: str = ""
     paused: bool | None = None
     budget: str = ""
+    reread: bool = False
 
 
 class Controlled(msgspec.Struct, array_like=True, frozen=True, tag="controlled"):

@@ -133,8 +133,26 @@ def test_a_running_site_takes_at_once_what_it_can(
     assert asked == [Control(1.0, None)] and not found["restart"]
     assert "At once: 1 camera per slot." in found["said"]
     found = change_settings(desk, live, Wanted(target_error="40mm", keep="3d"))
-    assert asked[-1].target_error_mm == pytest.approx(40.0) and found["restart"]
-    assert "takes storage at its next start" in found["said"]
+    assert asked[-2].target_error_mm == pytest.approx(40.0) and not found["restart"]
+    assert asked[-1] == Control(reread=True)
+    batteries, door = {"c0": 50.0}, Zone("door", [(0, 0), (1, 0), (1, 1)])
+    found = change_settings(desk, live, Wanted(batteries=batteries, zones=[door], budget="60%"))
+    assert asked[-1] == Control(reread=True) and len(asked) == 4
+    assert "The running site takes batteries at its next start" in found["said"]
+    assert found["restart"], "one click"
+
+
+def test_what_a_running_edge_refuses_waits_for_its_restart(
+    desk: Desk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    live = LiveSite(state="running")
+
+    def ask(control: Control) -> str:
+        raise InputError("the edge does not answer")
+
+    monkeypatch.setattr(live, "ask", ask)
+    found = change_settings(desk, live, Wanted(keep="3d"))
+    assert found["restart"] and "takes storage at its next start" in found["said"]
 
 
 def test_a_site_that_another_program_runs_is_asked_too(

@@ -1,7 +1,8 @@
 """Settings of a site that exists: goals, zones, batteries, storage.
 
-They are validated and written into the site file. What a running edge can take at once it is asked
-to; the rest waits for a restart, and the page says so.
+They are validated and written into the site file. A running edge is asked to take goals, zones,
+the usual budget and the bounds of its store at once; batteries wait for a restart, and the page
+says so.
 """
 
 from __future__ import annotations
@@ -132,15 +133,11 @@ def _check(wanted: Wanted) -> None:
 
 
 def _at_once(ask: Callable[[Control], str], wanted: Wanted) -> tuple[list[str], str]:
-    """Ask a running edge to take what it can; return what it said, and what waits."""
-    waits = [
-        words
-        for words, value in (
-            ("zones", wanted.zones), ("batteries", wanted.batteries), ("budgets", wanted.budget),
-            ("storage", wanted.keep if wanted.max_size is None else wanted.max_size),
-        )
-        if value is not None
-    ]  # fmt: skip
+    """Ask a running edge to take what it can; return what it said, and what waits.
+
+    Batteries wait: the program of each camera follows the charge of its own.
+    """
+    waits = [] if wanted.batteries is None else ["batteries"]
     said = []
     if wanted.cameras is not None or wanted.target_error:
         error_mm = None if not wanted.target_error else 1000 * length_m(wanted.target_error)
@@ -149,6 +146,20 @@ def _at_once(ask: Callable[[Control], str], wanted: Wanted) -> tuple[list[str], 
         except InputError as error:
             said.append(str(error))
             waits.insert(0, "the goal")
+    file = [
+        words
+        for words, value in (
+            ("zones", wanted.zones), ("budgets", wanted.budget),
+            ("storage", wanted.keep if wanted.max_size is None else wanted.max_size),
+        )
+        if value is not None
+    ]  # fmt: skip
+    if file:
+        try:
+            said.append(f"At once: {ask(Control(reread=True))}.")
+        except InputError as error:
+            said.append(str(error))
+            waits += file
     return said, " and ".join(waits)
 
 

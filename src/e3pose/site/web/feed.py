@@ -16,6 +16,7 @@ from e3pose.events.people import Seen
 from e3pose.events.watch import Watch
 from e3pose.model.person_event import PersonEvent
 from e3pose.model.zone_event import ZoneEvent
+from e3pose.settings.site_file import ZoneTable
 from e3pose.site.connect import LiveSlot, live_slot
 from e3pose.site.follow import Follower
 from e3pose.site.web.names import Names
@@ -86,6 +87,8 @@ class Feed:
     heard_ns: int | None = None
     now_s: Callable[[], float] = time.monotonic
     quiet_s: float = QUIET_S
+    _wanted: tuple[ZoneTable, ...] | None = None
+    _wanted_delayed: tuple[ZoneTable, ...] | None = None
     _heard_s: float = 0.0
     _slot_s: float = 0.0
     _there: bool = False  # what followers were told
@@ -98,6 +101,10 @@ class Feed:
         Follower(self.site).listen(
             transport, self._take_poses, self._take_status, self._take_delayed
         )
+
+    def rezone(self, zones: tuple[ZoneTable, ...]) -> None:
+        """Use other zones from the next slot on; may be called on any thread."""
+        self._wanted = self._wanted_delayed = zones
 
     def attach(self, loop: asyncio.AbstractEventLoop | None) -> None:
         """Serve followers on this event loop from now on; None stops."""
@@ -196,6 +203,8 @@ class Feed:
         self.recent[self.slot.slot] = self.slot
         while len(self.recent) > MAX_RECENT:
             self.recent.pop(next(iter(self.recent)), None)
+        if self._wanted is not None:
+            self.zones, self._wanted = Zones(self._wanted), None
         self.zones, events = advance(self.zones, self.slot)
         self._follow_people(self.slot)
         self._tell(self.slot, self.zones, events, delayed=False)
@@ -232,6 +241,8 @@ class Feed:
         if then is not None:  # smoothed poses say nothing of cameras
             late = replace(late, selected=then.selected, arrived=then.arrived, blind=then.blind)
         self.delayed = late
+        if self._wanted_delayed is not None:
+            self.delayed_zones, self._wanted_delayed = Zones(self._wanted_delayed), None
         self.delayed_zones, events = advance(self.delayed_zones, late)
         self._tell(late, self.delayed_zones, events, delayed=True)
 

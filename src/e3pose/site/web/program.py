@@ -9,11 +9,12 @@ from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from e3pose.base.errors import InputError
 from e3pose.base.version import Version, version_of
 from e3pose.settings.resolved import ResolvedSite
-from e3pose.settings.site_file import SiteTable
+from e3pose.settings.site_file import SiteTable, load_site
 from e3pose.site.follow import ANY_HOST, LOCAL_OPERATOR, operator_of, viewer_link
 from e3pose.site.keep.jobs import Jobs
 from e3pose.site.listener import Bounds, open_socket
@@ -134,6 +135,8 @@ class PageServer:
         self._stack = ExitStack()
         self._secure: ssl.SSLContext | None = None
         self._seen: Version | None = None  # version of the certificate that is shown
+        self.site: ResolvedSite | None = None  # whose file is looked at for other zones
+        self._site_seen: Version | None = None
 
     def __enter__(self) -> PageServer:
         return self
@@ -142,8 +145,9 @@ class PageServer:
         self.close()
 
     def running(self) -> bool:
-        """Return whether it serves; also takes a renewed certificate, so call it often."""
+        """Return whether it serves; takes renewed certificates and other zones: call it often."""
         self._renew()
+        self._rezone()
         return self._serving.running()
 
     def _renew(self) -> None:
@@ -155,10 +159,28 @@ class PageServer:
             self._secure.load_cert_chain(str(self.address.certificate), str(self.address.key))
             self._seen = seen
 
+    def _rezone(self) -> None:
+        """Take the zones of a site file that was changed."""
+        if self.site is None or (seen := version_of((self.site.path,))) == self._site_seen:
+            return
+        first, self._site_seen = self._site_seen is None, seen
+        if first:
+            return
+        with suppress(InputError):  # half written, or wrong: the edge says so
+            zones = load_site(self.site.path).zone
+            if zones != self.site.zone:
+                self.site = replace(self.site, zone=zones)
+                self.feed.rezone(zones)
+
     def serve(self, serving: Serving, secure: ssl.SSLContext | None) -> None:
         """Go on until `serving` ends, which is closed first; `secure` is its https."""
         self._serving, self._secure, self._seen = serving, secure, _version(self.address)
         self._stack.callback(serving.close)
+
+    def body(self) -> dict[str, Any]:
+        """Return the site for the page."""
+        assert self.site is not None
+        return describe(self.site)
 
     def close(self) -> None:
         """End."""
@@ -198,6 +220,7 @@ def open_view(
         names=Names(None if site.store is None else site.store.place, site.name),
     )
     view = PageServer(address, rules, feed)
+    view.site = site
     with ExitStack() as stack:
         stack.callback(listening.close)
         operator: str | None = LOCAL_OPERATOR
@@ -206,7 +229,6 @@ def open_view(
             operator, transport = operator_of(link), open_network(link)
         stack.callback(transport.close)
         feed.listen(transport)
-        body = describe(site)
         store = None if site.store is None else Store(site.store.place)
 
         def asking(topic: str, seconds: float) -> Ask:
@@ -219,7 +241,7 @@ def open_view(
             asks = {i: asking(name, PICTURE_S) for i, name in names.items()}
             pictures = make_pictures(site.rig, feed, asks, site.interval_s / site.pace, shown.per_s)
         keep = keeping(site, report, stack)
-        made = PageContent(feed, store, lambda: body, ask, pictures, shown, report, keep)
+        made = PageContent(feed, store, view.body, ask, pictures, shown, report, keep)
         view._stack.push(stack.pop_all())
     bounds = Bounds(CONNECTIONS, PER_ADDRESS, proxies=rules.proxies)
     secure = _https(address)
