@@ -54,7 +54,7 @@ def test_a_camera_that_answers_is_found_with_its_name() -> None:
     with responder(answers) as place:
         (camera,) = look_around(0.5, place)
     assert camera.host == "127.0.0.1" and camera.name == "Front door IPC-1"
-    assert camera.suggested == "rtsp://127.0.0.1:554/"
+    assert camera.service == "http://127.0.0.1/onvif/device_service"
 
 
 def test_nobody_answers() -> None:

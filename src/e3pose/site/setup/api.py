@@ -62,6 +62,14 @@ class Phone(Asked):
     name: Name
 
 
+class NetworkLogin(Asked):
+    """A camera of the network, and who asks for its streams."""
+
+    host: Name
+    user: Annotated[str, Field(max_length=64)] = ""
+    password: Annotated[str, Field(max_length=128)] = ""
+
+
 class Height(Asked):
     """Of the person who walked; 0 where nobody knows it."""
 
@@ -123,6 +131,12 @@ class Table:
         if self.live.on:
             raise InputError("the site is running and has its cameras: stop it first")
 
+    def start_live(self) -> None:
+        """Start the site; the pictures of its walk have served."""
+        self.live.start(self.desk)
+        self.snapshots.pictures.clear()
+        walking.forget_pictures(self.desk.folder)
+
     def state(self) -> dict[str, Any]:
         """Return where the set-up stands, which is the answer to all that changes it."""
         return state_of(self.desk, self.live)
@@ -178,6 +192,7 @@ def _sites(table: Table) -> APIRouter:
         else:
             desk.choose(asked.name, asked.kind == "new")
         table.covered = None
+        table.snapshots.pictures.clear()
         return table.state()
 
     @api.post("/site/leave")
@@ -214,7 +229,7 @@ def _sites(table: Table) -> APIRouter:
     @api.post("/live")
     def live(asked: LiveOrder) -> dict[str, Any]:
         orders: dict[str, Callable[[], None]] = {
-            "start": lambda: table.live.start(desk),
+            "start": table.start_live,
             "stop": table.live.stop,
             "restart": lambda: table.live.restart(desk),
         }
@@ -266,6 +281,10 @@ def _cameras(table: Table) -> APIRouter:
         cameras.start_looking(desk)
         return table.state()
 
+    @api.post("/streams")
+    def streams(asked: NetworkLogin) -> dict[str, Any]:
+        return cameras.ask_streams(desk, asked.host, asked.user, asked.password)
+
     @api.post("/simulate")
     def simulate() -> dict[str, Any]:
         cameras.start_simulating(desk)
@@ -312,6 +331,8 @@ def _steps(table: Table) -> APIRouter:
 
     @api.get("/overlays")
     def overlays() -> dict[str, Any]:
+        if not table.snapshots.pictures:  # `e3pose setup` was started again after the walk
+            table.snapshots.load(desk.folder)
         return solving.overlays(desk, table.snapshots)
 
     @api.post("/world")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -16,11 +17,13 @@ from e3pose.site.setup.desk import Desk
 from e3pose.site.setup.discovery import look_around
 from e3pose.site.setup.finding import check_typed, find_films, free_name
 from e3pose.site.setup.jobs import Job
+from e3pose.site.setup.onvif import Login, streams_of
 from e3pose.site.setup.plan import ChosenCamera, Plan
 
 SIMULATED = "films"  # folder of the stand-in for cameras, after the site's name
 SIMULATED_S, SIMULATED_FPS, SIMULATED_SIZE = 30.0, 12.5, (640, 480)
 SIMULATED_SEED = 727  # somebody who walks about
+MOST_ASKED = 16  # cameras at a time
 TURNS: tuple[Rotation, ...] = (0, 90, 180, 270)
 
 
@@ -123,14 +126,25 @@ def change_camera(
 
 
 def start_looking(desk: Desk) -> None:
-    """Ask the local network for cameras, in the background."""
+    """Ask the local network for cameras, and each for its streams, in the background."""
 
     def look(job: Job) -> None:
         job.progress("asking the local network", 0, 0)
         cameras = look_around()
         desk.found = [
-            {"host": each.host, "name": each.name, "suggested": each.suggested} for each in cameras
+            {
+                "host": each.host,
+                "name": each.name,
+                "service": each.service,
+                "streams": [],
+                "why": "",
+            }
+            for each in cameras
         ]
+        with ThreadPoolExecutor(MOST_ASKED) as pool:
+            asked = [pool.submit(_ask_streams, one, Login()) for one in desk.found]
+            for done, _ in enumerate(as_completed(asked), 1):
+                job.progress("asking each for its streams", done, len(asked))
         if not cameras:
             job.say(
                 "No camera answered. ONVIF may be off in the camera, or it is in another network: "
@@ -138,6 +152,31 @@ def start_looking(desk: Desk) -> None:
             )
 
     desk.start(Job("network-look", "Looking for cameras in the network"), look)
+
+
+def ask_streams(desk: Desk, host: str, user: str, password: str) -> dict[str, Any]:
+    """Ask a camera that was found for its streams, with user and password; return them.
+
+    Raises:
+        InputError: for a host that was not found, or where the camera refuses.
+    """
+    for one in desk.found:
+        if one["host"] == host:
+            if error := _ask_streams(one, Login(user, password)):
+                raise error
+            return one
+    raise InputError("camera", repr(host[:64]), "one that was found: look in the network first")
+
+
+def _ask_streams(one: dict[str, Any], login: Login) -> InputError | None:
+    """Note the streams of a camera that was found, or why there are none."""
+    try:
+        found = streams_of(one["service"], login)
+    except InputError as error:
+        one.update(streams=[], why=str(error))
+        return error
+    one.update(streams=[{"name": each.name, "source": each.url} for each in found], why="")
+    return None
 
 
 def simulated_folder(desk: Desk) -> Path:

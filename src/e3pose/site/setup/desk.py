@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shlex
+import shutil
 import threading
 from collections.abc import Callable
 from contextlib import suppress
@@ -16,15 +17,17 @@ from e3pose.base.bounded import read_bytes
 from e3pose.base.errors import InputError
 from e3pose.base.private import make_folder
 from e3pose.recording.calibration import load_rig
+from e3pose.recording.writer import PARTIAL
 from e3pose.settings.site_file import SITE_FILE, SiteTable, load_site
 from e3pose.site.new_site import RIG_FILE
-from e3pose.site.setup.jobs import Job, Jobs
+from e3pose.site.setup.jobs import Job, Jobs, interrupted
 from e3pose.site.setup.peeks import Peeks
 from e3pose.site.setup.plan import Plan, load_plan, save_plan
 from e3pose.wire.topics import check_site
 
 RESULTS_FILE = "setup-results.json"  # what the steps found, beside the plan
 MAX_RESULTS_BYTES = 2**22
+AT_WORK = "at_work"  # of the results: the job that runs, so that a restart knows of it
 MOST_SITES = 200
 BEFORE = ".before"  # after the name of a file that was replaced
 
@@ -47,7 +50,7 @@ class Desk:
     name: str = ""
     jobs: Jobs = field(default_factory=Jobs)
     peeks: Peeks = field(default_factory=Peeks)
-    found: list[dict[str, str]] = field(default_factory=list)
+    found: list[dict[str, Any]] = field(default_factory=list)
     times: dict[tuple[str, int], str] = field(default_factory=dict)
     lock: threading.RLock = field(default_factory=threading.RLock)
 
@@ -124,6 +127,12 @@ class Desk:
         if new:
             self.change(lambda plan: plan)
         self.plan()  # an error of it is said here
+        if isinstance(cut_off := self.results().get(AT_WORK), dict):
+            kind = str(cut_off.get("kind"))
+            self.jobs.newest = interrupted(kind, str(cut_off.get("title")))
+            for begun in folder.glob(f"{kind}*{PARTIAL}") if kind in ("walk", "second") else ():
+                shutil.rmtree(begun, ignore_errors=True)  # a walk that nobody finished
+            self.keep_result(AT_WORK, None)
 
     def sites(self) -> list[dict[str, Any]]:
         """Return the sites in the root: name, and whether there is a site file yet."""
@@ -147,7 +156,15 @@ class Desk:
 
     def start(self, job: Job, work: Callable[[Job], object]) -> None:
         """Begin work in the background; see `Jobs.start`."""
-        self.jobs.start(job, work)
+
+        def noted(running: Job) -> None:
+            self.keep_result(AT_WORK, {"kind": job.kind, "title": job.title})
+            try:
+                work(running)
+            finally:
+                self.keep_result(AT_WORK, None)
+
+        self.jobs.start(job, noted if self.name else work)
 
     def results(self) -> dict[str, Any]:
         """Return what the steps found, by step; nothing where that cannot be read."""
@@ -167,7 +184,8 @@ class Desk:
     def free_folder(self, stem: str) -> str:
         """Return a name in the site's folder that nothing has yet."""
         names = (stem, *(f"{stem}-{number}" for number in range(2, 1000)))
-        return next(name for name in names if not (self.folder / name).exists())
+        ends = ("", PARTIAL)
+        return next(n for n in names if not any((self.folder / (n + end)).exists() for end in ends))
 
 
 def keep_before(path: Path) -> None:

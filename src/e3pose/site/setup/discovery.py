@@ -1,8 +1,7 @@
 """Find ONVIF cameras in the local network by WS-Discovery, when somebody asks to look.
 
 One question goes to the multicast address of WS-Discovery 1.0; cameras answer with their name and
-the address of their service. They do not tell the address of their stream without a password, so a
-person adds it.
+the address of their service, which `onvif.streams_of` asks for their streams.
 """
 
 from __future__ import annotations
@@ -15,6 +14,8 @@ import xml.etree.ElementTree as ElementTree
 from collections.abc import Sequence
 from dataclasses import dataclass
 from urllib.parse import unquote, urlsplit
+
+from e3pose.site.setup.onvif import parse
 
 GROUP = ("239.255.255.250", 3702)
 WAIT_S = 3.0
@@ -38,12 +39,12 @@ class NetworkCamera:
     Attributes:
         host: its address.
         name: that it states, of its make and model; empty if it states none.
-        suggested: an RTSP address to begin with.
+        service: address of its device service; empty where it tells none that is usable.
     """
 
     host: str
     name: str
-    suggested: str
+    service: str = ""
 
 
 def look_around(wait_s: float = WAIT_S, to: tuple[str, int] = GROUP) -> list[NetworkCamera]:
@@ -81,20 +82,17 @@ def read_answer(answer: bytes, asked: str, sender: str) -> NetworkCamera | None:
         asked: identifier of our question.
         sender: the address that it came from, the only one that is believed.
     """
-    try:
-        text = answer.decode("utf-8")
-        if "<!DOCTYPE" in text or "<!ENTITY" in text:  # no camera sends entities
-            return None
-        root = ElementTree.fromstring(text)
-    except (UnicodeDecodeError, ElementTree.ParseError, ValueError):
+    root = parse(answer)
+    if root is None:
         return None
     words = {name: _texts(root, name) for name in ("RelatesTo", "Scopes", "XAddrs")}
     if not any(asked in word for word in words["RelatesTo"]) or not words["XAddrs"]:
         return None
-    if sender not in {_host(url) for text in words["XAddrs"] for url in text.split()[:8]}:
+    urls = [url for text in words["XAddrs"] for url in text.split()[:8] if _host(url) == sender]
+    if not urls:
         return None
     name = _name(" ".join(words["Scopes"]).split())
-    return NetworkCamera(sender, name, f"rtsp://{sender}:554/")
+    return NetworkCamera(sender, name, next((u for u in urls if u.startswith("http://")), urls[0]))
 
 
 def _host(url: str) -> str | None:

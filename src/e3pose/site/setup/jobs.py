@@ -73,6 +73,14 @@ class Job:
         }  # fmt: skip
 
 
+def interrupted(kind: str, title: str) -> Job:
+    """Return the job that was at work when `e3pose setup` ended."""
+    job = Job(kind, title, state="failed", problem="interrupted: e3pose setup ended meanwhile; "
+              "start it again")  # fmt: skip
+    job.ended_s = job.begun_s
+    return job
+
+
 class Jobs:
     """The work of a page: one job at a time, as each takes the cameras or the whole machine."""
 

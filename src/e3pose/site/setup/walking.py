@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 import base64
+import re
+import shutil
 import threading
 from collections import deque
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any, Literal
 
+from e3pose.base.atomic import atomic_file
+from e3pose.base.bounded import read_bytes
 from e3pose.base.errors import InputError
 from e3pose.base.jpeg import jpeg_size
+from e3pose.base.private import make_folder
 from e3pose.edge.gather import Arrival
 from e3pose.edge.record_server import RecordServer
 from e3pose.settings.resolved import ASSUMED_SIZE, ResolvedSite, resolve
@@ -20,6 +26,7 @@ from e3pose.site.record_program import record_site, waiting_words
 from e3pose.site.setup.coverage import CELL_M, Coverage, hints
 from e3pose.site.setup.desk import Desk
 from e3pose.site.setup.jobs import Job
+from e3pose.site.setup.plan import MAX_CAMERAS
 from e3pose.wire.codec import decode, encode
 from e3pose.wire.network import open_network
 from e3pose.wire.site_messages import Picture, PictureQuestion
@@ -28,12 +35,15 @@ from e3pose.wire.topics import of_camera
 Which = Literal["walk", "second"]
 MOST_S = 600.0  # that nobody ends
 PICTURE_S, PICTURE_EVERY_S = 1.0, 1.0
-MOST_PICTURES = 60  # of each camera, held in memory until set-up ends
+MOST_PICTURES = 60  # of each camera
+PICTURES = "walk-pictures"  # folder in the site's: those of the newest walk, until it goes live
+NAMED = re.compile(r"(.+)-(\d{1,12})-(\d{1,5})x(\d{1,5})\.jpg")
+MAX_PICTURE_BYTES = 2**20
 
 
 @dataclass(eq=False)
 class Snapshots:
-    """Small pictures that the cameras of a walk sent, by camera; held in memory alone.
+    """Small pictures that the cameras of a walk sent, by camera.
 
     Attributes:
         pictures: the newest last.
@@ -62,10 +72,41 @@ class Snapshots:
                 jpeg_size(picture.jpeg)
                 self.pictures.setdefault(name, deque(maxlen=MOST_PICTURES)).append(picture)
 
+    def save(self, folder: Path) -> None:
+        """Keep them in the folder of a site, for its owner alone, in place of those before."""
+        forget_pictures(folder)
+        make_folder(folder / PICTURES)
+        for name, taken in self.pictures.items():
+            for picture in taken:
+                width, height = picture.image_size
+                path = folder / PICTURES / f"{name}-{picture.slot}-{width}x{height}.jpg"
+                with atomic_file(path, private=True) as temporary:
+                    temporary.write_bytes(picture.jpeg)
+
+    def load(self, folder: Path) -> None:
+        """Take those that were kept in the folder of a site; what is no picture is left out."""
+        self.pictures.clear()
+        found = [
+            (match[1], int(match[2]), (int(match[3]), int(match[4])), path)
+            for path in (folder / PICTURES).glob("*.jpg")
+            if (match := NAMED.fullmatch(path.name))
+        ]
+        for name, slot, size, path in sorted(found)[: MOST_PICTURES * MAX_CAMERAS]:
+            with suppress(InputError):
+                jpeg = read_bytes(path, MAX_PICTURE_BYTES)
+                jpeg_size(jpeg)
+                kept = self.pictures.setdefault(name, deque(maxlen=MOST_PICTURES))
+                kept.append(Picture(name, slot, size, jpeg))
+
     def newest(self, name: str) -> Picture | None:
         """Return the newest picture of a camera; None where it sent none."""
         taken = self.pictures.get(name)
         return taken[-1] if taken else None
+
+
+def forget_pictures(folder: Path) -> None:
+    """Remove the pictures of a walk that are kept in the folder of a site."""
+    shutil.rmtree(folder / PICTURES, ignore_errors=True)
 
 
 def record_command(desk: Desk, which: Which) -> str:
@@ -129,6 +170,7 @@ def start_walk(desk: Desk, which: Which, snapshots: Snapshots) -> Coverage:
             stop.set()
             taking.join(PICTURE_S * (len(ids) + 1))
         if which == "walk":
+            snapshots.save(desk.folder)
             desk.change(lambda plan: replace(plan, walk=name))
         else:
             desk.change(lambda plan: replace(plan, second=name))

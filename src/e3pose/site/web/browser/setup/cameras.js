@@ -53,7 +53,20 @@ function Camera({ camera, show }) {
     <button type="button" disabled=${off} aria-label=${`Remove ${id}`} onClick=${() => order(path, { remove: true })}>Remove</button></p></li>`;
 }
 
-function Found({ found, add, off }) {
+// A camera that answered: its streams, or who may ask for them.
+function InNetwork({ one, add, off, again }) {
+  const [user, typeUser] = useState(""), [password, typePassword] = useState("");
+  const submit = async (event) => {
+    event.preventDefault();
+    if (await order("streams", { host: one.host, user, password })) again();
+  };
+  return html`<li><b>${one.name || "a camera"}</b> <span class="soft">at ${one.host}</span>
+    ${one.streams.map((stream) => html`<span class="row"><button type="button" disabled=${off} onClick=${() => add([stream.source])}>Add</button> ${stream.name}</span>`)}
+    ${!one.streams.length && html`<form class="row" onSubmit=${submit}><span class="soft">${one.why}</span><label>User <input value=${user} maxlength="64" autocomplete="off" onInput=${(event) => typeUser(event.target.value)} /></label>
+      <label>Password <input type="password" value=${password} maxlength="128" autocomplete="off" onInput=${(event) => typePassword(event.target.value)} /></label><button type="submit">Ask for its streams</button></form>`}</li>`;
+}
+
+function Found({ found, add, off, again }) {
   const row = (source, title, detail) => html`<li key=${source}><button type="button" disabled=${off} onClick=${() => add([source])}>Add</button> <span>${title}</span> <span class="soft">${detail}</span></li>`;
   const { devices, films, network } = found, folders = new Map();
   for (const film of films) {
@@ -64,7 +77,7 @@ function Found({ found, add, off }) {
     ${devices.length ? html`<ul class="found">${devices.map((one) => row(one.source, one.title, one.source))}</ul>` : html`<p class="soft">None found. Plug one in; your user must be in the group <code>video</code>.</p>`}
     <h3>Network cameras</h3>
     <p class="row"><button type="button" id="look" disabled=${busy()} onClick=${() => order("look")}>Look in the local network</button> <span class="soft">asks for ONVIF cameras, once</span></p>
-    ${network.length > 0 && html`<ul class="found" id="network">${network.map((one) => html`<li key=${one.host}><b>${one.name || "a camera"}</b> <span class="soft">at ${one.host}: paste the address of its stream, such as ${one.suggested} with its path, below</span></li>`)}</ul>`}
+    ${network.length > 0 && html`<ul class="found" id="network">${network.map((one) => html`<${InNetwork} key=${one.host} one=${one} add=${add} off=${off} again=${again} />`)}</ul>`}
     ${films.length > 0 && html`<h3>Films</h3><ul class="found" id="films">${[...folders].map(([folder, some]) => html`<li key=${folder}><details open=${folders.size < 3}><summary>${folder || "this folder"} <span class="soft">${some.length} films</span></summary>
       ${some.length > 1 && some.length <= 16 && html`<p><button type="button" disabled=${off} onClick=${() => add(some)}>Add all ${some.length}</button> <span class="soft">as cameras of one scene, filmed at the same time</span></p>`}
       <ul class="found">${some.map((film) => row(film, film.slice(film.lastIndexOf("/") + 1), ""))}</ul></details></li>`)}</ul>`}`;
@@ -72,9 +85,8 @@ function Found({ found, add, off }) {
 
 export function Cameras() {
   const { cameras } = setup.state, off = busy() || running(), [typed, type] = useState(""), [found, find] = useState(null), [code, show] = useState(null), [phone, call] = useState("phone");
-  useEffect(() => {
-    if (!busy()) question("found").then(find, () => {});
-  }, [busy(), cameras.length]);
+  const look = () => void (busy() || question("found").then(find, () => {}));
+  useEffect(look, [busy(), cameras.length]);
   const add = (sources) => order("cameras", { sources });
   const submit = async (event) => {
     event.preventDefault();
@@ -94,5 +106,5 @@ export function Cameras() {
     <form class="typed" onSubmit=${addPhone}><label>Phone, a name for it <input id="phone" value=${phone} maxlength="64" autocomplete="off" disabled=${off} onInput=${(event) => call(event.target.value)} /></label><button type="submit" id="add-phone" disabled=${off || !phone.trim()}>Add a phone</button></form>
     <p class="soft">Shows a code for it to scan. From then on this machine listens in your network for that phone, whenever its pictures are wanted.</p>
     ${!cameras.length && html`<p class="row"><button type="button" id="simulate" disabled=${off} onClick=${() => order("simulate")}>Try it without cameras</button> <span class="soft">makes four films of a simulated person who walks, and adds them</span></p>`}
-    ${found && html`<${Found} found=${found} add=${add} off=${off} />`}`;
+    ${found && html`<${Found} found=${found} add=${add} off=${off} again=${look} />`}`;
 }

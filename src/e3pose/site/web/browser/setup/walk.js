@@ -67,7 +67,7 @@ export function Record({ which, words, again }) {
 
 export function Walk() {
   const { walk } = setup.state;
-  return html`<p>Let one person walk through all of the room, upright, for half a minute or more: along the walls, across the middle, past every camera. Keypoints are recorded; pictures are not kept on disk.</p>
+  return html`<p>Let one person walk through all of the room, upright, for half a minute or more: along the walls, across the middle, past every camera. Keypoints are recorded. A small picture of each camera a second is kept in the site's folder, to draw people over, until you go live.</p>
     ${walk && !busy() && html`<p><button type="button" id="next" class="main" onClick=${() => turnTo("solve")}>Next: solve</button></p>`}
     <${Record} which="walk" words="Start recording" again=${Boolean(walk)} />
     <${Covered} kind="walk" kept=${walk} />`;

@@ -1,0 +1,111 @@
+"""What a set-up finds when it is started again: pictures, work cut off; and newer cameras."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from tests.site.setup.conftest import Asking
+
+from e3pose.base.errors import InputError
+from e3pose.site.setup import cameras
+from e3pose.site.setup.desk import AT_WORK, Desk
+from e3pose.site.setup.discovery import NetworkCamera
+from e3pose.site.setup.finding import check_typed
+from e3pose.site.setup.jobs import Job
+from e3pose.site.setup.onvif import Denied, Login, Stream
+from e3pose.site.setup.walking import PICTURES, Snapshots, forget_pictures
+from e3pose.wire.codec import encode
+from e3pose.wire.site_messages import Picture
+
+JPEG = bytes(cv2.imencode(".jpg", np.full((48, 64, 3), 90, np.uint8))[1].tobytes())
+
+
+def picture(name: str, slot: int) -> Picture:
+    return Picture(name, slot, (640, 480), JPEG, captured_edge_ns=1)
+
+
+def test_pictures_of_a_walk_are_there_again_and_for_their_owner_alone(tmp_path: Path) -> None:
+    taken = Snapshots()
+    for slot in (30, 4):
+        taken._keep("hall-2", encoded(picture("hall-2", slot)))
+    taken._keep("door", encoded(picture("door", 7)))
+    taken.save(tmp_path)
+    for path in (tmp_path / PICTURES).iterdir():
+        assert path.stat().st_mode & 0o077 == 0
+    (tmp_path / PICTURES / "door-9-1x1.jpg").write_bytes(b"no picture")
+    (tmp_path / PICTURES / "notes.jpg").write_bytes(JPEG)
+    found = Snapshots()
+    found.load(tmp_path)
+    assert {name: [p.slot for p in some] for name, some in found.pictures.items()} == {
+        "hall-2": [4, 30], "door": [7],
+    }  # fmt: skip
+    assert found.pictures["door"][0].image_size == (640, 480)
+    found.save(tmp_path)
+    assert len(list((tmp_path / PICTURES).iterdir())) == 3, "those of before are gone"
+    forget_pictures(tmp_path)
+    assert not (tmp_path / PICTURES).exists()
+
+
+def encoded(made: Picture) -> bytes:
+
+    return encode(made)
+
+
+def test_work_that_was_cut_off_is_said(tmp_path: Path) -> None:
+    desk = Desk(tmp_path)
+    desk.choose("room", new=True)
+    desk.start(Job("solve", "Finding the cameras"), lambda job: None)
+    desk.jobs.wait(10)
+    assert desk.results()[AT_WORK] is None
+    desk.keep_result(AT_WORK, {"kind": "solve", "title": "Finding the cameras"})  # and it is killed
+    again = Desk(tmp_path)
+    again.choose("room")
+    job = again.jobs.newest
+    assert job is not None and (job.kind, job.state) == ("solve", "failed")
+    assert "interrupted" in job.problem and "start it again" in job.problem
+    once_more = Desk(tmp_path)
+    once_more.choose("room")
+    assert once_more.jobs.newest is None
+
+
+def test_cameras_of_the_network_are_asked_for_their_streams(
+    asking: Asking, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def streams(service: str, login: Login) -> list[Stream]:
+        if login.password != "right":
+            raise Denied("10.0.0.7: wants a user and password, those of the camera")
+        return [Stream("Main", "rtsp://admin:right@10.0.0.7/main")]
+
+    monkeypatch.setattr(cameras, "look_around", lambda: [NetworkCamera("10.0.0.7", "IPC", "http:")])
+    monkeypatch.setattr(cameras, "streams_of", streams)
+    asking.post("site", name="room", kind="new")
+    asking.post("look")
+    asking.server.table.desk.jobs.wait(20)
+    (found,) = asking.get("found").json()["network"]
+    assert found["streams"] == [] and "wants a user" in found["why"]
+    refused = asking.post("streams", host="10.0.0.7", user="admin", password="wrong")
+    assert refused.status_code == 409 and "wants a user" in refused.json()["detail"]
+    other = asking.post("streams", host="192.0.2.9", user="a", password="right")
+    assert "one that was found" in other.json()["detail"]
+    told = asking.post("streams", host="10.0.0.7", user="admin", password="right").json()
+    assert told["streams"] == [{"name": "Main", "source": "rtsp://admin:right@10.0.0.7/main"}]
+    assert asking.get("found").json()["network"][0]["why"] == ""
+
+
+def test_a_phone_is_added_and_shown_a_code(asking: Asking) -> None:
+    asking.post("site", name="room", kind="new")
+    shown = asking.post("phones", name="anna").json()
+    assert shown["picture"].startswith("data:image/svg+xml") and shown["url"].startswith("https://")
+    assert shown["command"] == "e3pose phone room-phones/anna.toml"
+    (camera,) = asking.get("state").json()["cameras"]
+    assert (camera["id"], camera["source"]) == ("anna", "phone:room-phones/anna.toml")
+    assert shown["url"].partition("#")[2] not in asking.get("state").text
+    assert "it already" in asking.post("phones", name="anna").json()["detail"]
+    assert asking.post("phones", name="../x").status_code == 409
+    again = asking.post("phones/anna").json()
+    assert again["url"] != shown["url"] and again["port"] == shown["port"]
+    with pytest.raises(InputError, match="Add a phone"):
+        check_typed("phone:x.toml", asking.root)
