@@ -244,6 +244,38 @@ def change_while_it_runs(page: Page, served: SetupServer) -> None:
     again(page, "Go live")
 
 
+STEPS = {
+    "cameras": "Cameras", "network": "Network", "walk": "Walk", "solve": "Solve", "check": "Check",
+    "live": "Go live", "change": "Change",
+}  # fmt: skip
+
+
+def test_a_slow_network_only_takes_longer(
+    page: Page, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Every step opens, is loaded again where it was, and takes orders, with the keyboard alone."""
+    monkeypatch.chdir(tmp_path)
+    with open_setup(None, "127.0.0.1:0") as server:
+        page.messages.clear()
+        page.slow()
+        try:
+            page.open(server.url, *SIZES["phone"])
+            type_into(page, "#name", "try")
+            push(page, "#example")
+            assert page.shows("site", "try")
+            for step, title in STEPS.items():
+                push(page, f"#to-{step}")
+                again(page, title)
+                assert eventually(partial(fits, page, SIZES["phone"][0])), step
+            type_into(page, "#cameras-count", "3")
+            push(page, "#save")
+            assert page.shows("said", "Wrote try/site.toml"), page.text("page")
+            assert load_site(tmp_path / "try").loop.num_selected == 3
+            assert page.messages == []
+        finally:
+            page.slow(False)
+
+
 def test_the_keyboard_reaches_everything(page: Page, served: SetupServer) -> None:
     page.open(served.url, *SIZES["wide"])
     assert page.shows("site", "room")

@@ -174,6 +174,24 @@ def test_files_are_made_of_chosen_people_and_outlive_a_reload(
     assert page.messages == []
 
 
+def test_a_slow_network_only_takes_longer(page: Page, watched: Watched) -> None:
+    kept(watched)
+    page.slow()
+    try:
+        opened(page, watched, watched.view.tokens.write, "phone")
+        press(page, "Download … of Fall")
+        press(page, "Make the file")
+        assert page.shows("files", "Fall · ")
+        page.call("Page.reload")
+        assert page.shows("site", "lab")
+        assert eventually(lambda: page.run("Boolean(document.querySelector('#files .get'))"), 60)
+        press(page, "Play Fall")
+        assert page.shows("state", "past") and page.shows("people", "Ada")
+        assert page.messages == []
+    finally:
+        page.slow(False)
+
+
 def test_what_cannot_be_made_says_why_and_can_be_tried_again(page: Page, watched: Watched) -> None:
     with watched.client(watched.view.tokens.write) as client:
         body: dict[str, Any] = {"form": "csv", "name": "Empty", "start_ns": 1, "end_ns": 2}

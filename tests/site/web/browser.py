@@ -96,6 +96,14 @@ class Page:
         scheme = {"name": "prefers-color-scheme", "value": "dark" if on else "light"}
         self.call("Emulation.setEmulatedMedia", features=[scheme])
 
+    def slow(self, on: bool = True) -> None:
+        """Let the network be slow: 0.4 s to an answer, 50 kB a second; or as fast as it is."""
+        self.call("Network.enable")
+        self.call(
+            "Network.emulateNetworkConditions", offline=False, latency=400 if on else 0,
+            downloadThroughput=50_000 if on else -1, uploadThroughput=50_000 if on else -1,
+        )  # fmt: skip
+
     def serious(self, what: str = "document") -> list[Any]:
         """Return what axe finds of what is serious: rule, and each element with what is wrong.
 
