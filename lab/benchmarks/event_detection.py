@@ -45,9 +45,9 @@ from e3pose.settings.site_file import ZoneTable
 from e3pose.simulate.episode_kinds import BED_M, FALLS, SOFA_M
 from e3pose.simulate.homes import BED, SOFA
 from e3pose.simulate.settings import DetectorSettings, Guessing, SceneSettings
-from e3pose.simulate.simulation import episodes_of, simulate
+from e3pose.simulate.simulation import lives_of, simulate
 from e3pose.site.event_sink import seen_in
-from event_truth import LATE_S, Due, due_of
+from event_truth import LATE_S, Due, due_of, waves_of
 from predictor_in_the_loop import captured, seen
 
 SOON_S = 3.0  # the aim: falls are told so soon after lying
@@ -135,7 +135,9 @@ def told_in(
 
 def home(made: SceneSettings, seed: int, settings: ReplaySettings, tally: Tally) -> None:
     """Count what is told of a simulated home, and false alarms."""
-    lived = [episode for person in episodes_of(made, seed) for episode in person]
+    lives = lives_of(made, seed)
+    lived = [episode for life in lives for episode in life.episodes]
+    waves = waves_of([gesture for life in lives for gesture in life.gestures], made.seconds)
     recording = simulate(made, seed)
     told = told_in(recording, placed(settings, recording), ZONES, tally)
     name = f"{made.scene} {seed}"
@@ -143,7 +145,7 @@ def home(made: SceneSettings, seed: int, settings: ReplaySettings, tally: Tally)
     def doing(at_s: float) -> str:
         return ", ".join(e.kind for e in lived if e.start_s <= at_s <= e.stop_s + 1)
 
-    tally.count(due_of(lived, EventsTable(), made.seconds), told, name, doing)
+    tally.count([*due_of(lived, EventsTable(), made.seconds), *waves], told, name, doing)
     tally.other.update(episode.kind for episode in lived if episode.kind not in FALLS)
 
 

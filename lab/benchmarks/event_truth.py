@@ -11,11 +11,13 @@ from e3pose.model.person_event import PersonEvent
 from e3pose.settings.events_table import EventsTable
 from e3pose.simulate.episode_kinds import FALLS
 from e3pose.simulate.episodes import LOW, Episode
+from e3pose.simulate.gestures import RAMP_S, Gesturing
 
 SOON_S = 1.0  # something may be told so long before a body has got there
 LATE_S = 6.0  # what is due so near to the end of a recording does not count
 SLIDE = "slide-down"
 LIES_DEG = 45.0  # trunk from the vertical: who is on the floor and more upright sits
+WAVES_S = 2.5  # who waves for so long has to be told
 ENDS_S = 8.0  # getting up, or off a bed, is told so long after at most
 
 
@@ -50,6 +52,18 @@ def due_of(lived: Sequence[Episode], table: EventsTable, seconds: float) -> list
         for episode in lived
         for due in _due(episode, table)
     ]
+
+
+def waves_of(gestures: Sequence[Gesturing], seconds: float) -> list[Due]:
+    """Return the waves that are due in a recording of so many seconds."""
+    return [
+        Due(
+            "waved", "wave", one.start_s + RAMP_S, one.stop_s,
+            one.stop_s - one.start_s > WAVES_S + 2 * RAMP_S and one.stop_s < seconds - LATE_S,
+        )
+        for one in gestures
+        if one.name == "wave"
+    ]  # fmt: skip
 
 
 def _due(episode: Episode, table: EventsTable) -> Iterator[Due]:

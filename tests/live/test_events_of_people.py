@@ -21,7 +21,7 @@ from tests.waiting import eventually
 
 from e3pose.recording import save_recording
 from e3pose.simulate import SceneSettings, simulate
-from e3pose.simulate.simulation import episodes_of
+from e3pose.simulate.simulation import lives_of
 from e3pose.store import Store
 
 HOME = SceneSettings("home-fall", seconds=30.0, fps=FPS, cameras=len(CAMERAS))
@@ -52,8 +52,8 @@ def receiver(tmp_path: Path) -> Iterator[Receiver]:
 def test_a_fall_reaches_home_assistant_a_webhook_and_the_store(
     tmp_path: Path, port: int, receiver: Receiver, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    (person,) = episodes_of(HOME, SEED)
-    assert person[0].kind.startswith("fall")
+    (life,) = lives_of(HOME, SEED)
+    assert life.episodes[0].kind.startswith("fall")
     save_recording(simulate(HOME, SEED), tmp_path / "recording")
     tables = ("[store]", 'path = "poses.db"', "[events]", "lies_s = 8.0")
     site = LiveSite(tmp_path, tables=tables)

@@ -9,7 +9,7 @@ from tests.events.bodies import FPS, doing
 from e3pose.base.errors import InputError
 from e3pose.simulate.episode_kinds import EPISODES, FALLS, plan_episode
 from e3pose.simulate.settings import SceneSettings
-from e3pose.simulate.simulation import episodes_of, simulate
+from e3pose.simulate.simulation import lives_of, simulate
 
 
 def test_falls_are_as_fast_as_filmed_ones() -> None:
@@ -33,13 +33,14 @@ def test_a_body_stays_whole_and_over_the_floor(kind: str) -> None:
 
 def test_what_happens_in_a_home_is_known() -> None:
     made = SceneSettings(scene="home-fall", seconds=40, fps=5.0)
-    (person,) = episodes_of(made, 1)
-    assert person and person[0].kind in FALLS
+    (life,) = lives_of(made, 1)
+    first = life.episodes[0]
+    assert first.kind in FALLS
     recording = simulate(made, 1)
     assert recording.truth is not None
     hips_m = recording.truth.joints_m[:, 0, 11:13, 2].mean(axis=1)
-    at = int((person[0].down_s + 1.5) * 5)
-    assert hips_m[at] < 0.35 < hips_m[int(person[0].start_s * 5) - 1]
+    at = int((first.down_s + 1.5) * 5)
+    assert hips_m[at] < 0.35 < hips_m[int(first.start_s * 5) - 1]
 
 
 def test_unknown_episode_names_those_that_are_known() -> None:

@@ -13,11 +13,17 @@ from e3pose.simulate.place import Habits, Room, Scene
 from e3pose.simulate.settings import DetectorSettings, Guessing
 
 CORNER_M = 2.3  # cameras hang so high
+NARROW_DEG = 50.0  # in place of 85
 BED, SOFA = (-1.85, 1.0), (1.9, -1.1)  # middles, metres
 DAILY = (
     "lie-on-bed", "lie-on-sofa", "lie-on-floor", "sit-hard", "sit-on-floor", "kneel", "tie-shoes",
     "pick-up", "squat",
 )  # fmt: skip
+# What somebody does on a day, and how often: by reasoning, of no study.
+ORDINARY = {
+    "pick-up": 18, "sit-hard": 6, "kneel": 6, "squat": 6, "tie-shoes": 4, "lie-on-bed": 2,
+    "lie-on-sofa": 2, "sit-on-floor": 2, "lie-on-floor": 1,
+}  # fmt: skip
 
 HOME = Scene(
     summary="one person lives in a room: walks, sits, bends, lies on a bed",
@@ -62,5 +68,31 @@ HOMES: dict[str, Scene] = {
             HOME.habits, sit=0.05, do=0.7, speed_mps=(0.8, 1.6),
             does=("play", "crawl", "jump", "sit-on-floor", "squat"), lies_s=(0.0, 2.0),
         ),
+    ),
+    "home-day": replace(
+        HOME,
+        summary="the same room; what three people do on days, without the hours in between",
+        people=3,
+        habits=replace(
+            HOME.habits, leave=0.05,
+            does=tuple(kind for kind, times in ORDINARY.items() for _ in range(times)),
+        ),
+    ),
+    "home-night": replace(
+        HOME,
+        summary="the same room; two people lie in bed, and get up now and then",
+        people=2,
+        habits=replace(HOME.habits, do=0.9, does=("lie-on-bed",), lies_s=(300.0, 900.0)),
+    ),
+    "home-crowd": replace(
+        HOME,
+        summary="the same room; four people, often one before the other, fall and do all else",
+        people=4, habits=replace(HOME.habits, do=0.7, does=(*FALLS, *DAILY)),
+    ),
+    "home-edge": replace(
+        HOME,
+        summary="the same room; its cameras see a part, and cut people off; falls and all else",
+        habits=replace(HOME.habits, do=0.7, does=(*FALLS, *DAILY)),
+        spots=tuple(replace(spot, view_deg=NARROW_DEG) for spot in HOME.spots),
     ),
 }  # fmt: skip

@@ -14,10 +14,9 @@ from e3pose.model.camera import Rig
 from e3pose.model.rigs import ring_rig, spot_rig, watched_area
 from e3pose.model.skeleton import COCO17
 from e3pose.recording import Recording, Truth
-from e3pose.simulate.activities import Play
+from e3pose.simulate.activities import Life, Play
 from e3pose.simulate.body import draw_body
 from e3pose.simulate.detections import detect_people, until
-from e3pose.simulate.episodes import Episode
 from e3pose.simulate.guesses import DECLARED, OUTPUTS
 from e3pose.simulate.motion import move
 from e3pose.simulate.place import Condition, Scene
@@ -104,13 +103,13 @@ def simulate(
     )
 
 
-def episodes_of(settings: SceneSettings, seed: int = 0) -> tuple[tuple[Episode, ...], ...]:
-    """Return what each of the people of `simulate(settings, seed)` does besides walking about."""
+def lives_of(settings: SceneSettings, seed: int = 0) -> tuple[Life, ...]:
+    """Return what each of the people of `simulate(settings, seed)` does."""
     scene, number, (rig_seed, life_seed, *_) = _drawn(settings, seed)
     stage = _place(settings, scene, np.random.default_rng(rig_seed))
     play = Play(stage.scene, number, np.random.default_rng(life_seed))
     _, lives = play.run(settings.seconds + AFTER_S, lambda share: None)
-    return tuple(tuple(life.episodes) for life in lives)
+    return tuple(lives)
 
 
 def _drawn(settings: SceneSettings, seed: int) -> tuple[Scene, int, list[np.random.SeedSequence]]:
