@@ -21,8 +21,8 @@ from e3pose.base.arrays import Flags, Integers
 from e3pose.energy.queues import Queue
 from e3pose.model.pose import Poses2D
 from e3pose.pipeline import initial_state, step
-from e3pose.select.awake import RestMemory
 from e3pose.select.policies import POLICIES, Policy, PolicySettings, Selection, Situation
+from e3pose.select.rest_plan import RestMemory
 
 
 def test_a_policy_cannot_see_an_unselected_view() -> None:

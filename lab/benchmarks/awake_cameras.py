@@ -12,8 +12,8 @@ C per slot, as in the product, and all others sleep. A row of the table is a rul
 
 `set+cover` also wakes a camera at once where somebody waits whom the awake ones cannot start.
 Cameras take `--wake` seconds to wake, and those that they relieve stay awake as long. The policy is
-wrapped from outside: these rules came before the product's own plan (`select/awake.py`, measured by
-`day.py`). Watts are the shipped profile's; `ASLEEP_W` is a
+wrapped from outside: these rules came before the product's own plan (`select/rest_plan.py`,
+measured by `day.py`). Watts are the shipped profile's; `ASLEEP_W` is a
 suspended board of that kind.
 """
 

@@ -26,7 +26,7 @@ from e3pose.model.pose import Poses2D
 from e3pose.model.slot_record import Reasons as Reasons
 from e3pose.model.slot_record import SlotRecord as SlotRecord
 from e3pose.predict.base import Prediction, Predictor
-from e3pose.select.awake import RestMemory, RestPlanner
+from e3pose.select.awake import RestPlanner
 from e3pose.select.expected_information import Foresight, foresee
 from e3pose.select.failure_detector import Silence, listen
 from e3pose.select.feedback import Feedback, expected_people, focused_after
@@ -42,6 +42,7 @@ from e3pose.select.policies.base import (
     turns_of,
 )
 from e3pose.select.rest_check import RestCheck
+from e3pose.select.rest_plan import RestMemory
 from e3pose.select.stated_error import StatedError, stated_error_m
 
 

@@ -14,7 +14,10 @@ from tests.select.test_expected_information import outlook, person
 from e3pose.base.arrays import Flags, Floats
 from e3pose.energy.modes import Rest
 from e3pose.energy.rest_costs import RestCosts, rest_costs
-from e3pose.select.awake import (
+from e3pose.select.awake import RestPlanner
+from e3pose.select.expected_information import Foresight, foresee
+from e3pose.select.policies.base import Situation
+from e3pose.select.rest_plan import (
     FEWEST_AWAKE,
     FEWEST_WITH_PEOPLE,
     FIRST_REST_S,
@@ -22,15 +25,12 @@ from e3pose.select.awake import (
     Needs,
     RestGoal,
     RestMemory,
-    RestPlanner,
     next_rest_s,
     planned,
     rested,
     risen,
     shrinking,
 )
-from e3pose.select.expected_information import Foresight, foresee
-from e3pose.select.policies.base import Situation
 from e3pose.select.stated_error import StatedError
 
 N = 5

@@ -11,8 +11,8 @@ from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.evaluate.waking import asleep_in
 from e3pose.recording import Recording
 from e3pose.select import rest_check, rounds
-from e3pose.select.awake import RestMemory, rested
 from e3pose.select.rest_check import RestCheck
+from e3pose.select.rest_plan import RestMemory, rested
 from e3pose.select.rounds import LEAST_ROUNDS, STRETCH_S, STRETCHES
 from e3pose.simulate import SceneSettings, simulate
 

@@ -3,7 +3,7 @@
 In the last stretch of a round everybody is awake, and the error that the estimator states is
 compared with that of the stretch before. Where rests raise it by more than a tenth, nobody rests,
 but in that last stretch, until they do not. What the estimator does not know it cannot state: a
-plan of rests counts what views repeat by itself (`awake.risen`).
+plan of rests counts what views repeat by itself (`rest_plan.risen`).
 """
 
 from __future__ import annotations

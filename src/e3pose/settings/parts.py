@@ -25,7 +25,7 @@ from e3pose.model.noises import DEFAULT, detector_of, load_noise
 from e3pose.model.skeleton import Skeleton
 from e3pose.pipeline import Pipeline
 from e3pose.predict import Predictor, make_predictor, make_predictors
-from e3pose.select.awake import RestGoal, RestPlanner
+from e3pose.select.awake import RestPlanner
 from e3pose.select.camera_order import spread_order
 from e3pose.select.feedback import Feedback
 from e3pose.select.policies import (
@@ -40,6 +40,7 @@ from e3pose.select.policies import (
     policy_row,
 )
 from e3pose.select.policies.base import check_policy
+from e3pose.select.rest_plan import RestGoal
 from e3pose.settings.energy import AWAKE, EnergySettings
 from e3pose.settings.loop import LoopSettings, pipeline_row
 
