@@ -178,7 +178,7 @@ def set_lines(recording: Recording, settings: ReplaySettings, sets: Sequence[Fla
 
     def found(awake_set: Flags) -> tuple[Any, Any, float]:
         def planned(
-            planner: awake.RestPlanner, memory: Any, situation: Any, until: Any, later: Any
+            planner: awake.RestPlanner, memory: Any, situation: Any, until: Any, later: Any, _: Any
         ) -> Any:
             ahead = [later(seconds) for seconds in awake.LATER_S]
             if awake_set.all():

@@ -3,10 +3,10 @@
     python lab/benchmarks/event_days.py DAYS --hours home-day=12,home-night=2,home-play=2
     python lab/benchmarks/event_days.py DAYS
 
-The first makes what is missing of so many hours, a file of JSON in the folder DAYS for each piece of
-ten minutes, and goes on where it was ended; both print what was found. People of `home-day` do in a
-quarter of an hour what others do in a day: what can be taken for a fall is counted by what was done,
-so that a week has as many pieces as it takes until everything was done as often as in a week.
+The first makes what is missing of so many hours, a file of JSON in the folder DAYS for each ten
+minutes, and goes on where it was ended; both print what was found. People of `home-day` do in a
+quarter of an hour what others do in a day: what can be taken for a fall is counted by what was
+done, so that a week is over when everything was done as often as `ORDINARY` has it in a week.
 `empty` is `home` without anybody.
 """
 
@@ -16,6 +16,7 @@ import argparse
 import json
 from collections import Counter, defaultdict
 from pathlib import Path
+from typing import Any
 
 from e3pose.evaluate.replay import ReplaySettings
 from e3pose.simulate.homes import ORDINARY
@@ -28,7 +29,7 @@ LEAD_S = 0.32  # from a decision to its slot, as 4 slots of 12.5 a second
 DAYS = 7
 
 
-def piece(scene: str, seed: int, fps: float, cameras: float) -> dict[str, object]:
+def piece(scene: str, seed: int, fps: float, cameras: float) -> dict[str, Any]:
     """Return what was done and told in ten minutes."""
     made = SceneSettings(
         scene="home" if scene == "empty" else scene, seconds=PIECE_S, fps=fps,
@@ -67,7 +68,7 @@ def main() -> None:
 
 def report(folder: Path) -> None:
     """Print a paragraph for each scene."""
-    pieces = defaultdict[str, list[dict[str, object]]](list)
+    pieces = defaultdict[str, list[dict[str, Any]]](list)
     for path in sorted(folder.glob("*.json")):
         made = json.loads(path.read_text())
         pieces[f"{made['scene']}, {made['cameras']:g} cameras, {made['fps']:g} per second"].append(
@@ -79,12 +80,11 @@ def report(folder: Path) -> None:
         cost_ms = 1e3 * sum(one["took_s"] for one in made) / sum(one["slots"] for one in made)
         print(f"{name}: {hours:.1f} h, {done.total()} episodes, {cost_ms:.2f} ms of CPU a slot")
         print(f"    done: {dict(done.most_common())}")
-        found = defaultdict[str, list[int]](lambda: [0, 0])
-        for kind, what, hits, tried in (row for one in made for row in one["found"]):
-            found[what if kind == "fall" else kind] = [
-                a + b for a, b in zip(found[what if kind == "fall" else kind], (hits, tried))
-            ]
-        print(f"    found: {', '.join(f'{k} {a} of {b}' for k, (a, b) in sorted(found.items()))}")
+        found, tried = Counter[str](), Counter[str]()
+        for kind, what, hits, times in (row for one in made for row in one["found"]):
+            found[what if kind == "fall" else kind] += hits
+            tried[what if kind == "fall" else kind] += times
+        print(f"    found: {', '.join(f'{one} {found[one]} of {n}' for one, n in tried.items())}")
         weeks = {kind: done[kind] / (DAYS * times) for kind, times in ORDINARY.items()}
         least = min(weeks, key=lambda kind: weeks[kind])
         whole = name.startswith("home-day")

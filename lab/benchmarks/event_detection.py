@@ -32,10 +32,13 @@ from rich.progress import track
 from scipy.stats import chi2
 
 from choice_of_cameras import made as made_of
+from e3pose.base.arrays import Flags
 from e3pose.evaluate.faults import downsampled
 from e3pose.evaluate.replay import ReplaySettings, replay
+from e3pose.events.looks import looks_of
 from e3pose.events.people import Seen
 from e3pose.events.watch import advance, begin_watch
+from e3pose.model.look_request import LookRequest
 from e3pose.model.person_event import ONCE, PersonEvent
 from e3pose.model.skeleton import COCO17
 from e3pose.recording import Recording, load_recording
@@ -79,6 +82,7 @@ class Tally:
         hours: of recordings.
         missed: what was due and not told.
         took_s, slots: what following the people cost.
+        joules: drawn by cameras that may sleep.
     """
 
     tried: Counter[tuple[str, str]] = field(default_factory=Counter)
@@ -90,6 +94,7 @@ class Tally:
     missed: list[str] = field(default_factory=list)
     took_s: float = 0.0
     slots: int = 0
+    joules: float = 0.0
 
     def count(
         self,
@@ -122,14 +127,25 @@ def told_in(
     """Replay a recording and return what is told."""
     table, told = EventsTable(), list[PersonEvent]()
     watch = begin_watch(table, recording.skeleton.joints, zones)
-    for record in replay(recording, settings):
+    asleep, selected = list[Flags](), list[Flags]()
+
+    def asks() -> LookRequest:
+        return looks_of(watch)
+
+    for record in replay(recording, settings, asks=asks):
         shown = seen_in(record, round(record.time_s * 1e9))
         began = time.thread_time()
         watch, events = advance(watch, shown)
         tally.took_s += time.thread_time() - began
         tally.slots += 1
+        asleep.append(record.asleep_until > record.slot)
+        selected.append(record.selected)
         told += [event for event in events if event.is_news or event.kind in ONCE]
     tally.hours += recording.num_slots / recording.fps / 3600
+    if settings.rest_costs is not None:
+        deep = settings.rest_costs.deep(np.array(asleep), recording.interval_s)
+        drawn_w = settings.rest_costs.drawn_w(np.array(selected), deep)
+        tally.joules += float(drawn_w.sum()) * recording.interval_s
     return told
 
 
@@ -244,7 +260,8 @@ def main() -> None:
 def print_lines(name: str, tally: Tally, show: bool) -> None:
     """Print what was found: a line for each kind of event, and what it is of."""
     milliseconds = 1e3 * tally.took_s / max(tally.slots, 1)
-    print(f"{name}: {tally.hours:.2f} h, {milliseconds:.2f} ms of CPU a slot")
+    drawn = f", {tally.joules / (3600 * tally.hours):.1f} W drawn" if tally.joules else ""
+    print(f"{name}: {tally.hours:.2f} h, {milliseconds:.2f} ms of CPU a slot{drawn}")
     for (kind, what), tried in sorted(tally.tried.items()):
         found = tally.found[kind, what]
         low, high = interval(found, tried)

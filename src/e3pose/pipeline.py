@@ -22,6 +22,7 @@ from e3pose.energy.queues import Queue
 from e3pose.estimate.base import STEER_SLOTS, Estimator, People
 from e3pose.model.camera import Rig
 from e3pose.model.expected import ExpectedView
+from e3pose.model.look_request import NO_REQUEST, LookRequest
 from e3pose.model.pose import Poses2D
 from e3pose.model.slot_record import Reasons as Reasons
 from e3pose.model.slot_record import SlotRecord as SlotRecord
@@ -41,6 +42,7 @@ from e3pose.select.policies.base import (
     selected_by,
     turns_of,
 )
+from e3pose.select.requested import with_requested
 from e3pose.select.rest_check import RestCheck
 from e3pose.select.rest_plan import RestMemory
 from e3pose.select.stated_error import StatedError, stated_error_m
@@ -62,11 +64,11 @@ class Pipeline:
         lead_slots: the paper's tau, at least 1.
         warmup_slots: the paper's M, the slots at the start in which every camera detects.
         needs: what the policy needs, and what else is to be computed for who looks on.
-        steering: the predictor that steers the estimator, as far as it states its errors; None
-            leaves the estimator alone.
+        steering: the predictor that steers the estimator, where it states its errors, or None.
         feedback: tells cameras whom to expect; None tells them nothing.
         waking: makes the policy for another number of cameras per slot; None where it has none.
         rests: says who sleeps; None keeps every camera awake.
+        request: looks that consumers of records ask for.
     """
 
     rig: Rig
@@ -84,6 +86,7 @@ class Pipeline:
     feedback: Feedback | None = None
     waking: Callable[[float], Policy] | None = None
     rests: RestPlanner | None = None
+    request: LookRequest = NO_REQUEST
 
     @property
     def ahead_s(self) -> float:
@@ -158,11 +161,10 @@ def step(
 
     Args:
         pipeline: the parts.
-        state: what the slot before handed over.
+        state: of the slot before.
         views: camera index to its view in `state.slot`; views without an order are ignored.
         online: `(num_cameras,)` cameras that can be reached.
-        publish: called with the people of this slot as soon as they are estimated, before cameras
-            are selected for a later one.
+        publish: called with the people of this slot before cameras are selected for a later one.
 
     Returns:
         The next state and the record of this slot, with the selection for `slot + lead_slots`.
@@ -341,11 +343,14 @@ def _decide(
     if rests is not None:
         error_m, asleep = stated_error_m(people.covariance_m2), until > state.slot
         rest = rests.checked(rest, state.slot, situation.interval_s, asleep, error_m)
-        rest, until = rests.planned(rest, situation, until, partial(_later, pipeline, state))
+        later = partial(_later, pipeline, state)
+        rest, until = rests.planned(rest, situation, until, later, pipeline.request)
         situation = replace(situation, online=situation.online & (until <= situation.slot))
         policy = pipeline.policy if pipeline.waking is None else pipeline.waking(rest.num_selected)
     decision = selected_by(decides(policy, state.check, *where), situation)
-    if rests is not None:
+    if rests is None:
+        decision = with_requested(decision, situation, pipeline.request)
+    else:
         rest = rests.charged(rest, decision, until > situation.slot, situation.interval_s)
     deficit = pipeline.queue.after(state.deficit, decision)
     return replace(state, deficit=deficit, asleep_until=until, rest=rest), decision

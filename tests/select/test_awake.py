@@ -14,6 +14,7 @@ from tests.select.test_expected_information import outlook, person
 from e3pose.base.arrays import Flags, Floats
 from e3pose.energy.modes import Rest
 from e3pose.energy.rest_costs import RestCosts, rest_costs
+from e3pose.model.look_request import LookRequest
 from e3pose.select.awake import RestPlanner
 from e3pose.select.expected_information import Foresight, foresee
 from e3pose.select.policies.base import Situation
@@ -21,7 +22,9 @@ from e3pose.select.rest_plan import (
     FEWEST_AWAKE,
     FEWEST_WITH_PEOPLE,
     FIRST_REST_S,
+    LENT,
     LONGEST_REST_S,
+    REPAY_S,
     Needs,
     RestGoal,
     RestMemory,
@@ -242,3 +245,27 @@ def test_who_woke_rests_again_only_after_a_look() -> None:
         waiting = replace(now, unseen_slots=np.full(N, unseen))
         _, until = planner.planned(NONE, waiting, woke, lambda seconds: nobody)
         assert bool((until > now.slot).any()) is rests
+
+
+def test_looks_that_are_asked_for_are_lent_for_seconds_and_paid_back() -> None:
+    goal = RestGoal(watts=26.0)
+    request = LookRequest(cameras=2.0)
+    before = planned(costs(), goal, NONE, needs(GAINS), ALL, 0.08)
+    asked = planned(costs(), goal, NONE, needs(GAINS), ALL, 0.08, request)
+    assert asked.num_selected > before.num_selected
+    assert before.watts <= 26.0 < asked.watts <= 26.0 * (1 + LENT) + 1e-9
+    owes = replace(NONE, owed_j=26.0 * REPAY_S)
+    assert planned(costs(), goal, owes, needs(GAINS), ALL, 0.08, request).watts < 26.0
+
+
+def test_enough_looks_are_not_exceeded() -> None:
+    goal = RestGoal(num_selected=2.0)
+    plan = planned(costs(), goal, NONE, needs(GAINS), ALL, 0.08, LookRequest(enough_per_s=4.0))
+    assert plan.num_selected == pytest.approx(0.32)
+
+
+def test_who_is_awake_while_nobody_is_there_has_watts_left_to_look() -> None:
+    goal = RestGoal(watts=N * 6.25 + 0.5)  # all awake, and hardly a look
+    nobody = needs(GAINS, people=0)
+    plan = planned(costs(), goal, NONE, nobody, ALL, 0.08)
+    assert plan.num_selected >= plan.awake.sum() * 2 * 0.08 - 1e-9

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.edge.energy_ledger import EnergyLedger
+from e3pose.model.look_request import NO_REQUEST, LookRequest
 from e3pose.pipeline import SlotRecord
 from e3pose.predict.base import Predictor
 from e3pose.select.policies.base import Policy
@@ -92,6 +93,7 @@ class Consumers:
         watch: detects that a camera was knocked.
         outbox: answers hubs that fetch summaries, on a thread of the transport.
         on_beat: called with every heartbeat, on a thread of the transport.
+        asks: returns after each slot the looks that are asked for.
     """
 
     sink: Sink | None = None
@@ -102,6 +104,7 @@ class Consumers:
     watch: KnockWatch | None = None
     outbox: Answer | None = None
     on_beat: Callable[[Heartbeat], None] = lambda beat: None
+    asks: Callable[[], LookRequest] = lambda: NO_REQUEST
 
     def paused(self) -> frozenset[str]:
         """Return the cameras that operators paused."""

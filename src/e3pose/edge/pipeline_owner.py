@@ -43,8 +43,9 @@ class PipelineOwner:
         return f"lead {changed} from {before} to {plural(lead.slots, 'slot')}"
 
     def after_slot(self, consumers: Consumers, record: SlotRecord) -> list[Happened]:
-        """Apply what operators, the energy ledger and the learner ask for; return the events."""
+        """Apply what operators, the ledger, the learner and consumers ask for; return events."""
         events: list[Happened] = []
+        self.pipeline = replace(self.pipeline, request=consumers.asks())
         if consumers.controls is not None:
             chosen, lines = consumers.controls.applied()
             self._select_by(chosen)

@@ -16,6 +16,7 @@ from e3pose.estimate.base import Estimator, People
 from e3pose.evaluate.faults import arriving, capacity_j, deaths_s
 from e3pose.evaluate.waking import awake_again
 from e3pose.model.expected import ExpectedView
+from e3pose.model.look_request import NO_REQUEST, LookRequest
 from e3pose.model.pose import Poses2D
 from e3pose.pipeline import Pipeline, SlotRecord, initial_state, step
 from e3pose.predict.base import Predictor
@@ -56,6 +57,7 @@ def replay(
     predictor: str | Predictor | None = None,
     estimator: Estimator[Any] | None = None,
     read_view: ReadView | None = None,
+    asks: Callable[[], LookRequest] = lambda: NO_REQUEST,
 ) -> Iterator[SlotRecord]:
     """Run the recording through `pipeline.step` and yield one record per slot.
 
@@ -73,6 +75,7 @@ def replay(
         read_view: returns what a camera detects in a slot, such as those of
             `evaluate.detect_again.PixelViews`; by default the views of the recording. Required with
             feedback.
+        asks: returns the looks that are asked for, once the record of a slot was taken.
 
     Raises:
         InputError: naming the setting that cannot be had for this recording.
@@ -90,9 +93,8 @@ def replay(
     day = settings.faults
     gone_s = deaths_s(recording, day.kills, settings.phase)
     arriving(len(recording.rig), day.loss, settings.seed, 0)
-    if read_view is None:
-        return _run(recording, _recorded(recording), pipeline, day, gone_s, settings.seed, publish)
-    return _run(recording, read_view, pipeline, day, gone_s, settings.seed, publish)
+    views = read_view or _recorded(recording)
+    return _run(recording, views, pipeline, day, gone_s, settings.seed, publish, asks)
 
 
 def _recorded(recording: Recording) -> ReadView:
@@ -107,6 +109,7 @@ def _run(
     gone_s: NDArray[np.float64],
     seed: int,
     publish: Callable[[People], None],
+    asks: Callable[[], LookRequest],
 ) -> Iterator[SlotRecord]:
     state = initial_state(pipeline)
     left_j = capacity_j(recording)
@@ -131,3 +134,4 @@ def _run(
         if day.watts is not None:
             left_j = left_j - np.where(record.selected, *day.watts) * recording.interval_s
         yield record
+        pipeline = replace(pipeline, request=asks())

@@ -10,9 +10,11 @@ import numpy as np
 from e3pose.base.arrays import Flags, Floats, Integers
 from e3pose.energy.rest_costs import RestCosts
 from e3pose.model.camera import Rig
+from e3pose.model.look_request import NO_REQUEST, LookRequest
 from e3pose.select.expected_information import Foresight
 from e3pose.select.floor import seen_floor, watches
 from e3pose.select.policies.base import Selection, Situation
+from e3pose.select.requested import asked_for
 from e3pose.select.rest_plan import (
     CREDIT_S,
     Needs,
@@ -66,6 +68,7 @@ class RestPlanner:
         situation: Situation,
         asleep_until: Integers,
         later: Callable[[float], Foresight],
+        request: LookRequest = NO_REQUEST,
     ) -> tuple[RestMemory, Integers]:
         """Return the memory and `asleep_until` by the plan for a slot.
 
@@ -77,14 +80,15 @@ class RestPlanner:
             asleep_until: `(num_cameras,)` slot from which each is awake.
             later: what cameras would add if people were where they are expected so many seconds
                 after the slot.
+            request: looks that somebody asks for.
         """
         slot, interval_s = situation.slot, situation.interval_s
         if slot < memory.next_slot and not (asleep_until == slot).any():
             return memory, asleep_until
         usable = situation.online & (asleep_until <= slot)
-        ahead = [later(seconds) for seconds in LATER_S]
+        ahead = [asked_for(later(seconds), request) for seconds in LATER_S]
         needs = self.needs(situation, ahead, asleep_until > slot)
-        plan = planned(self.costs, self.goal, memory, needs, usable, interval_s)
+        plan = planned(self.costs, self.goal, memory, needs, usable, interval_s, request)
         most_s = memory.check.left_s(slot, interval_s) if self.checks(needs.people) else np.inf
         # Who woke looks before it rests again: somebody may be where the others are blind.
         looked = situation.unseen_slots < np.maximum(slot - asleep_until, 1)

@@ -35,7 +35,7 @@ from e3pose.settings.resolved import ResolvedSite, resolve
 from e3pose.settings.site_file import load_site
 from e3pose.site.admission import Admission, edge_link, join_as_edge
 from e3pose.site.control import SiteControls
-from e3pose.site.event_sink import event_sink
+from e3pose.site.event_sink import EventSink, event_sink
 from e3pose.site.expiry import ExpiryWatch
 from e3pose.site.interpreter import reduce_pauses
 from e3pose.site.program_log import NO_LOG, Log
@@ -256,6 +256,8 @@ def make_edge(
 
         outbox = OutboxAnswers(site.store.place, site.name).answer
     consumers = Consumers(kept, learner, ledger, controls, recorder, watch, outbox)
+    if isinstance(kept, EventSink):
+        consumers = replace(consumers, asks=kept.request)
     return EdgeServer(pipeline, transport, settings, clock, state_file, event_log, consumers)
 
 

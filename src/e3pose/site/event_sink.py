@@ -10,9 +10,11 @@ from numpy.typing import NDArray
 
 from e3pose.base.errors import InputError
 from e3pose.events import watch as watching
+from e3pose.events.looks import looks_of
 from e3pose.events.people import Seen
 from e3pose.events.states import STATES
 from e3pose.events.watch import Watch, begin_watch
+from e3pose.model.look_request import NO_REQUEST, LookRequest
 from e3pose.model.person_event import PersonEvent, sentence
 from e3pose.model.uncertainty import axis_sigma_m
 from e3pose.pipeline import SlotRecord
@@ -70,6 +72,10 @@ class EventSink:
                 if self.watch.slot == record.slot:
                     self.writer.present(presence(self.watch))
         return taken
+
+    def request(self) -> LookRequest:
+        """Return the looks that what happens is worth."""
+        return NO_REQUEST if self.watch is None else looks_of(self.watch)
 
     def event(self, event: Event) -> bool:
         """Keep an event."""

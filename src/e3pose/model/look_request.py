@@ -1,0 +1,25 @@
+"""Looks that a consumer of slot records asks the planner for."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class LookRequest:
+    """What a consumer of records asks for, until it asks for something else.
+
+    Attributes:
+        cameras: that look in a slot at least; energy is borrowed for it for some seconds. 0 asks
+            for none.
+        track_ids: people whom they are to show.
+        enough_per_s: looks a second of all cameras that are enough, where cameras may rest.
+    """
+
+    cameras: float = 0.0
+    track_ids: tuple[int, ...] = ()
+    enough_per_s: float = math.inf
+
+
+NO_REQUEST = LookRequest()

@@ -1,0 +1,37 @@
+"""Looks that consumers of records ask for: whom they are worth more at, and one camera more."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from e3pose.model.look_request import LookRequest
+from e3pose.select.expected_information import Foresight
+from e3pose.select.policies.base import Selection, Situation
+
+
+def asked_for(foresight: Foresight, request: LookRequest) -> Foresight:
+    """Return the foresight of those who are asked for alone, where one of them is there."""
+    asked = np.isin(foresight.track_ids, request.track_ids)
+    weights = np.where(asked, foresight.weights, 0.0) if asked.any() else foresight.weights
+    return replace(foresight, weights=weights)
+
+
+def with_requested(decision: Selection, situation: Situation, request: LookRequest) -> Selection:
+    """Return a selection with so many cameras as are asked for, those that show most.
+
+    Args:
+        decision: `(num_cameras,)` by the policy.
+        situation: of the slot; without a foresight the policy alone decides.
+        request: what is asked for.
+    """
+    foresight = situation.foresight
+    free = situation.online & ~decision
+    if foresight is None or decision.sum() >= request.cameras or not free.any():
+        return decision
+    decision, asked = decision.copy(), asked_for(foresight, request)
+    while decision.sum() < request.cameras and free.any():
+        camera = int(np.argmax(np.where(free, asked.gains_nats(decision), -np.inf)))
+        decision[camera], free[camera] = True, False
+    return decision
