@@ -30,8 +30,9 @@ def report(
     Example: `e3pose report site.toml morning.html --from 09:00 --to 09:30`
 
     The page is that of `e3pose replay --report`, of what the edge stored. It works while the site
-    runs. Of several runs in that time, the newest is shown. With `--smooth`, poses also use later
-    slots; what was selected is shown as it was.
+    runs. Of several runs in that time, the newest is shown. Videos that the site kept of it, by
+    `record = "video"` or `"both"`, are shown beside the player. With `--smooth`, poses also use
+    later slots; what was selected is shown as it was.
 
     Parameters
     ----------

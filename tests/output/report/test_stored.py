@@ -2,20 +2,32 @@
 
 from __future__ import annotations
 
+import base64
 import json
+import os
 import re
+import shutil
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
+import cv2
+import numpy as np
 import pytest
 from tests.cli.commands import run
 
+from e3pose.camera.provenance import save_provenance
+from e3pose.camera.session_videos import BEGAN, PACE
 from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.model.camera import Rig
+from e3pose.output.report.overlay import write_movie
+from e3pose.output.report.site_films import videos_of
 from e3pose.recording import Recording
-from e3pose.recording.calibration import save_rig
+from e3pose.recording.calibration import load_rig, save_rig
+from e3pose.recording.folder import HEADER
+from e3pose.recording.videos import VIDEOS, video_name
 from e3pose.simulate import SceneSettings, simulate
 from e3pose.store import StoreWriter
 from e3pose.store.rows import Run
@@ -152,3 +164,43 @@ def test_store_of_other_cameras_is_refused(
     assert "found slots of cameras cam0, cam1, cam2, expected those of x0, x1, x2" in (
         capsys.readouterr().err
     )
+
+
+def test_videos_that_the_site_kept_are_shown_beside_the_player(site: Path, tmp_path: Path) -> None:
+    """One in a recording of that time, one that belongs to none yet; none of another time."""
+    folder, began_ns = site / "recordings", BEGIN_NS - 10**9
+    one, other, *_ = (camera.camera_id for camera in load_rig(site / "rig.toml").cameras)
+    width, height = load_rig(site / "rig.toml").cameras[0].image_size
+    images = [np.full((height, width, 3), grey, np.uint8) for grey in range(60, 180, 2)]
+    loose = folder / VIDEOS / one / video_name(one, began_ns)
+    loose.parent.mkdir(parents=True)
+    write_movie(loose, images, FPS)
+    os.utime(loose, ns=(BEGIN_NS + 5 * 10**9, BEGIN_NS + 5 * 10**9))
+    kept = folder / "20270115T075959Z"
+    (kept / VIDEOS).mkdir(parents=True)
+    (kept / HEADER).write_text(f'fps = 10.0\nnum_slots = 60\n[videos]\n{other} = "b.mkv"\n')
+    write_movie(kept / VIDEOS / "b.mkv", images, FPS)
+    save_provenance(kept, {BEGAN: str(began_ns), PACE: "1"}, {other: 0.0})
+    try:
+        found = videos_of(folder, (one, other), BEGIN_NS, BEGIN_NS + 4 * 10**9)
+        assert found == {one: (began_ns, loose), other: (began_ns, kept / VIDEOS / "b.mkv")}
+        later_ns = BEGIN_NS + 3600 * 10**9
+        assert videos_of(folder, (one, other), later_ns, later_ns + 10**9) == {}
+        assert run("report", site, tmp_path / "page.html") == 0
+        text = (tmp_path / "page.html").read_text()
+        told = re.search(r'id="film-data">(.*?)</script>', text, re.S)
+        assert told is not None
+        film = json.loads(told[1])
+        assert set(film["cameras"]) == {one, other} and loose.exists()
+        # Slot 0 is a second into the videos, their eleventh image.
+        assert film["at"][:3] == [0, 1, 2]
+        shades = [shade(one) for one in film["jpeg"][film["cameras"].index(one)][:8]]
+        assert shades == pytest.approx([80 + 2 * slot for slot in range(8)], abs=3)
+    finally:
+        shutil.rmtree(folder)
+
+
+def shade(coded: str) -> float:
+    """Return the brightness of most of a picture, 0 to 255."""
+    image: Any = cv2.imdecode(np.frombuffer(base64.b64decode(coded), np.uint8), cv2.IMREAD_COLOR)
+    return float(np.median(image))

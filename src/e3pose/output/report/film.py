@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from e3pose.base.errors import InputError
+from e3pose.camera.provenance import load_video_starts
 from e3pose.model.blind_slot import duty
 from e3pose.pipeline import SlotRecord
 from e3pose.recording import Recording
@@ -56,8 +57,10 @@ def _pictures(
 
     from e3pose.output.report.overlay.panels import overlay_images
 
-    made = []
-    for image in overlay_images(recording, slots, folder, HEIGHT_PX, cameras=[name]):
+    made, starts_s = [], {} if folder is None else load_video_starts(folder)
+    for image in overlay_images(
+        recording, slots, folder, HEIGHT_PX, video_starts_s=starts_s, cameras=[name]
+    ):
         _, jpeg = cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
         made.append(base64.b64encode(jpeg.tobytes()).decode())
     return made

@@ -16,6 +16,7 @@ from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import skeleton_by_name
 from e3pose.model.slot_record import SlotRecord
 from e3pose.output.report.page import write_report
+from e3pose.output.report.site_films import filmed
 from e3pose.recording import Recording, ViewSeries
 from e3pose.settings.loop import ReplaySettings
 from e3pose.settings.resolved import ResolvedSite
@@ -38,7 +39,8 @@ def write_stretch(
 ) -> int:
     """Write the page of what a site stored between two times; return how many slots it shows.
 
-    Of several runs in that time, the newest is shown.
+    Of several runs in that time, the newest is shown. Videos that the site kept of it are shown
+    beside the player.
 
     Args:
         site: the site, whose cameras are drawn where its calibration has them now.
@@ -94,7 +96,9 @@ def write_stretch(
         records = smooth_poses(records, skeleton, run.run.interval_s, smoothing)
         summary = replace(summary, smooth=smoothing.method)
     lead = ADAPTIVE if site.lead == "adaptive" else None
-    write_report(recording, records, summary, path, lead)
+    began_ns, ended_ns = rows[0]["time_ns"], rows[-1]["time_ns"]
+    with filmed(recording, site.record.path, began_ns, ended_ns, site.pace) as (shown, folder):
+        write_report(shown, records, summary, path, lead, folder=folder)
     return len(records)
 
 
