@@ -41,7 +41,8 @@ from e3pose.evaluate.waking import drawn_w
 from e3pose.model.noises import detector_of, load_noise
 from e3pose.recording import Recording, load_recording
 from e3pose.recording.record import Truth
-from e3pose.select import awake
+from e3pose.select import awake, rest_plan
+from e3pose.select.rest_needs import needs_of
 from e3pose.select.stated_error import stated_error_m
 from e3pose.simulate import SCENES, SceneSettings, simulate
 from e3pose.simulate.activities import Play, _Task
@@ -160,12 +161,19 @@ def run(recording: Recording, way: Way) -> list[Any]:
     """Replay; the oracle plans in every slot, with every camera within reach."""
     if not way.oracle:
         return list(replay(recording, way.settings))
-    slot_s = recording.interval_s
+    slot_s, planned = recording.interval_s, awake.RestPlanner.planned
+
+    def at_once(planner: Any, memory: Any, situation: Any, *others: Any) -> Any:
+        """Plan without waiting for the look of a camera that woke."""
+        looked = replace(situation, unseen_slots=np.zeros_like(situation.unseen_slots))
+        return planned(planner, memory, looked, *others)
+
     with (
-        patch.object(awake, "FIRST_REST_S", slot_s),
-        patch.object(awake, "LONGEST_REST_S", slot_s),
-        patch.object(awake, "EMPTY_REST_S", slot_s),
-        patch.object(awake, "STAGGER", 0.0),
+        patch.object(awake.RestPlanner, "planned", at_once),
+        patch.object(rest_plan, "FIRST_REST_S", slot_s),
+        patch.object(rest_plan, "LONGEST_REST_S", slot_s),
+        patch.object(rest_plan, "EMPTY_REST_S", slot_s),
+        patch.object(rest_plan, "STAGGER", 0.0),
         patch.object(awake, "PLAN_S", slot_s),
     ):
         return list(replay(recording, way.settings))
@@ -182,7 +190,7 @@ def set_lines(recording: Recording, settings: ReplaySettings, sets: Sequence[Fla
         ) -> Any:
             ahead = [later(seconds) for seconds in awake.LATER_S]
             if awake_set.all():
-                rises.append(planner.needs(situation, ahead, ~everybody).rise(tried))
+                rises.append(needs_of(planner.rig, situation, ahead, ~everybody).rise(tried))
             return replace(memory, num_selected=2.0), np.where(awake_set, 0, 10**6)
 
         with patch.object(awake.RestPlanner, "planned", planned):

@@ -43,7 +43,6 @@ from e3pose.select.policies.base import (
     turns_of,
 )
 from e3pose.select.requested import with_requested
-from e3pose.select.rest_check import RestCheck
 from e3pose.select.rest_plan import RestMemory
 from e3pose.select.stated_error import StatedError, stated_error_m
 
@@ -213,7 +212,7 @@ def step(
         next_selection=decision,
         covariance_m2=shown.covariance_m2,
         measured=shown.measured,
-        reasons=_reasons(situation, decision, (state.check, state.rest.check)),
+        reasons=_reasons(situation, decision, (state.check.words(), state.rest.words())),
         stage_s={**people.stage_s, **_spent_s(times)},
         noise_factors=people.noise_factors,
         shifts_px=people.shifts_px,
@@ -382,15 +381,13 @@ def _feedback(
     return focused_after(state.focused, decision, expected), expected
 
 
-def _reasons(
-    situation: Situation, decision: Selection, checks: tuple[OwnCheck, RestCheck]
-) -> Reasons | None:
+def _reasons(situation: Situation, decision: Selection, said: tuple[str, str]) -> Reasons | None:
     foresight = situation.foresight
     if foresight is None:
         return None
     gains_nats = foresight.gains_nats(decision)
     error_m = float(foresight.expected_error_m(decision[None])[0])
-    words = "; ".join(filter(None, (check.words() for check in checks)))
+    words = "; ".join(filter(None, said))
     return Reasons(situation.slot, gains_nats, situation.price, error_m, words)
 
 

@@ -98,6 +98,9 @@ def test_recording_holds_the_poses_of_every_frame_at_its_time(tmp_path: Path) ->
     assert (report.cameras["cam1"].frames, report.cameras["cam2"].frames) == (20, 18)
     assert report.cameras["cam1"].people == 19
     assert not partial_folder(dest).exists()
+    took = recording.processor
+    assert {name: each.looks for name, each in took.items()} == {"cam1": 20, "cam2": 18}
+    assert all(each.look_s > 0 and each.frame_s > 0 for each in took.values())
 
 
 def test_settings_choose_the_frames(tmp_path: Path) -> None:

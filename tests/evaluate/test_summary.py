@@ -13,13 +13,14 @@ import pytest
 from e3pose.base.arrays import Floats
 from e3pose.energy.queues import load_profile
 from e3pose.evaluate.figures import as_json
+from e3pose.evaluate.processor_figures import processor_words
 from e3pose.evaluate.replay import ReplaySettings
 from e3pose.evaluate.summary import summarise
 from e3pose.model.camera import Camera, Rig
 from e3pose.model.pose import Poses3D
 from e3pose.model.skeleton import COCO17, PANOPTIC19, SHELF14, Skeleton
 from e3pose.pipeline import SlotRecord
-from e3pose.recording import Recording, Truth, ViewSeries
+from e3pose.recording import ProcessorTime, Recording, Truth, ViewSeries
 from e3pose.select.policies import Selection, Situation
 
 BODY = np.random.default_rng(1).normal(size=(17, 3))  # COCO-17, metres, every joint somewhere else
@@ -237,3 +238,39 @@ def test_parts_of_ones_own_are_named() -> None:
     settings = ReplaySettings(policy=Mine())
     figures = summarise(recording(None), settings, [], load_profile("tx2"))
     assert figures.policy == as_json(figures)["settings"]["policy"] == "Mine"
+
+
+def played() -> list[SlotRecord]:
+    return [record(slot, []) for slot in range(4)]
+
+
+def measured(**cameras: ProcessorTime) -> Recording:
+    return replace(recording(None), processor=cameras)
+
+
+def test_processor_time_is_of_the_looks_and_frames_that_were_measured() -> None:
+    told = measured(left=ProcessorTime(0.2, 0.01, 30), right=ProcessorTime(0.1, 0.02, 30))
+    found = summarise(told, ReplaySettings(), played(), load_profile("xavier-nx")).processor
+    assert found is not None
+    assert found.spent_s == pytest.approx(3 * 0.2 + 2 * 0.1 + 4 * 0.03)
+    assert found.every_slot_s == pytest.approx(4 * 0.33)
+    assert found.saved_percent == pytest.approx(100 * (1 - 0.92 / 1.32))
+    assert "0.9 s, 30 % less than the 1.3 s" in processor_words(found)
+    none_captured = summarise(
+        told,
+        ReplaySettings(),
+        played(),
+        load_profile("xavier-nx"),
+        idle_mode="aggressive-power-saving",
+    ).processor
+    assert none_captured is not None
+    assert none_captured.spent_s == pytest.approx(3 * 0.21 + 2 * 0.12)
+
+
+@pytest.mark.parametrize("cameras", [{}, {"left": ProcessorTime(0.2, 0.01, 30)}])
+def test_processor_time_that_was_not_measured_of_all_is_said_to_be_so(
+    cameras: dict[str, ProcessorTime],
+) -> None:
+    found = summarise(measured(**cameras), ReplaySettings(), played(), load_profile("xavier-nx"))
+    assert found.processor is None and "not measured" in processor_words(found.processor)
+    assert as_json(found)["processor"] == {}

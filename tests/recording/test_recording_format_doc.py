@@ -28,7 +28,7 @@ def test_the_python_example_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 def test_the_header_example_is_one(tmp_path: Path) -> None:
     import msgspec
 
-    (example,) = re.findall(r"```toml\n(.*?)```", TEXT, re.DOTALL)
+    example = re.findall(r"```toml\n(.*?)```", TEXT, re.DOTALL)[0]
     header = msgspec.toml.decode(example.encode(), type=Header)
     for field in Header.__struct_fields__:
         assert f"`{field}`" in TEXT or f"`[{field}]`" in TEXT, field

@@ -18,6 +18,7 @@ from e3pose.model.look_request import LookRequest
 from e3pose.select.awake import RestPlanner
 from e3pose.select.expected_information import Foresight, foresee
 from e3pose.select.policies.base import Situation
+from e3pose.select.rest_needs import needs_of
 from e3pose.select.rest_plan import (
     FEWEST_AWAKE,
     FEWEST_WITH_PEOPLE,
@@ -46,8 +47,21 @@ def costs(rests: Sequence[Rest | None] = (SUSPENDED,) * N) -> RestCosts:
     return rest_costs([12.5] * N, [6.25] * N, rests)
 
 
-def needs(gains: Sequence[float], people: int = 1, newcomers: bool = False, kept: int = 0) -> Needs:
-    """Cameras add up, so that each is worth what it says; errors double without those `kept`."""
+def none(sets: Flags) -> Floats:
+    return np.zeros(len(sets))
+
+
+def needs(
+    gains: Sequence[float],
+    people: int = 1,
+    newcomers: bool = False,
+    kept: int = 0,
+    watching: int = 0,
+) -> Needs:
+    """Cameras add up, so that each is worth what it says; errors double without those `kept`.
+
+    Nobody is followed or found anywhere without those `watching`.
+    """
 
     def worth(sets: Flags) -> Floats:
         return np.asarray(sets @ np.array(gains))
@@ -58,7 +72,10 @@ def needs(gains: Sequence[float], people: int = 1, newcomers: bool = False, kept
     def rise(sets: Flags) -> Floats:
         return np.where(sets[:, :kept].all(axis=1), 1.0, 2.0)
 
-    return Needs(people, worth, error_m, rise, newcomers)
+    def blind(sets: Flags) -> Floats:
+        return np.where(sets[:, :watching].all(axis=1), 0.0, 1.0)
+
+    return Needs(people, worth, error_m, rise, blind if people else none, blind, newcomers)
 
 
 GAINS = (1.0, 0.1, 0.8, 0.2, 0.01)
@@ -172,6 +189,19 @@ def test_nobody_rests_whose_rest_raises_the_error() -> None:
     assert awake(dear, needs(GAINS, kept=5)).all()
 
 
+def test_nobody_rests_without_whom_people_who_move_are_lost() -> None:
+    dear = RestGoal(price=10.0, num_selected=2.0)
+    assert awake(dear, needs(GAINS, watching=4)).tolist() == [True, True, True, True, False]
+
+
+@pytest.mark.parametrize("find_s, kept", [(1.0, 4), (4.0, 4), (8.0, 2), (60.0, 2)])
+def test_with_nobody_there_those_who_find_newcomers_in_time_stay_awake(
+    find_s: float, kept: int
+) -> None:
+    dear = RestGoal(price=10.0, num_selected=2.0, find_within_s=find_s)
+    assert awake(dear, needs(GAINS, people=0, watching=4)).sum() == kept
+
+
 def test_watts_go_before_errors() -> None:
     goal = RestGoal(price=0.0, watts=30.0)
     assert (awake(goal, needs(GAINS, kept=5)) == awake(goal, needs(GAINS))).all()
@@ -210,10 +240,9 @@ def rises(bias_share: float, stated: StatedError, last_seen_s: float = np.inf) -
     seen = outlook(np.stack([person(0, 0), person(1, -1)]), RIG)
     often = np.full(seen.last_seen_s.shape, last_seen_s)
     people = foresee(RIG, replace(seen, bias_share=bias_share, last_seen_s=often), 0.04)
-    planner = RestPlanner(RIG, costs(), PRICED)
-    needs = planner.needs(situation(people, stated), [people], ~ALL)
+    found = needs_of(RIG, situation(people, stated), [people], ~ALL)
     sets = np.array([[1, 1, 1, 1, 1], [1, 1, 1, 0, 0], [1, 0, 0, 0, 0]], dtype=bool)
-    return needs.rise(sets)
+    return found.rise(sets)
 
 
 KNOWN = StatedError(0.03, 1.0)
@@ -269,3 +298,12 @@ def test_who_is_awake_while_nobody_is_there_has_watts_left_to_look() -> None:
     nobody = needs(GAINS, people=0)
     plan = planned(costs(), goal, NONE, nobody, ALL, 0.08)
     assert plan.num_selected >= plan.awake.sum() * 2 * 0.08 - 1e-9
+
+
+def test_operators_are_told_where_nobody_can_rest() -> None:
+    planner, memory = RestPlanner(RIG, costs(), PRICED), NONE
+    for slot in range(60):
+        assert memory.words() == ""
+        memory = planner.checked(memory, slot, 1.0, ~ALL, 0.03)
+    assert "no camera rests" in memory.words()
+    assert planner.checked(memory, 61, 1.0, np.arange(N) == 2, 0.03).words() == ""

@@ -13,6 +13,7 @@ from e3pose.base.atomic import atomic_folder, check_free
 from e3pose.base.errors import InputError
 from e3pose.base.lock import hold
 from e3pose.camera.image_folder import ImageFolder, Source, open_sources
+from e3pose.camera.look_times import LookTimes
 from e3pose.camera.pairing import name_videos, pair_videos
 from e3pose.camera.provenance import save_provenance
 from e3pose.camera.slots import SlotGrid, frames_in_slots
@@ -22,8 +23,14 @@ from e3pose.camera.unfinished import Unfinished
 from e3pose.detectors import Detector
 from e3pose.detectors.focus import check_feedback
 from e3pose.model.camera import Rig
-from e3pose.model.skeleton import Skeleton
-from e3pose.recording import Recording, ViewSeries, encode_view, read_series, save_recording
+from e3pose.recording import (
+    ProcessorTime,
+    Recording,
+    ViewSeries,
+    encode_view,
+    read_series,
+    save_recording,
+)
 from e3pose.recording.calibration.world import assumed_rig
 from e3pose.recording.videos import begin_of
 from e3pose.settings.camera import MAX_SLOTS
@@ -141,9 +148,7 @@ def detect_videos(
             if run.done == 0:
                 work.remove()  # there is nothing to continue
             raise
-        recording = _recording(
-            dest, work, grid, seen_rig, sources, detector.skeleton, detector_name, damages
-        )
+        recording = _recording(dest, run, seen_rig, damages)
         _finish(recording, dest, sources, settings, identity)
         work.remove()
     reports = {
@@ -188,6 +193,7 @@ class _Run:
         self.whole_every, self.detector_name = settings.whole_every, detector_name
         self.expected = dict(zip(sources, _expected(settings, sources, grid), strict=True))
         self.before = self.done = self.resumed = 0
+        self.processor: dict[str, ProcessorTime] = {}
 
     def detect_each(self) -> dict[str, str]:
         """Detect in one video after the other; return the damage found in each."""
@@ -228,11 +234,15 @@ class _Run:
             return damage
         begin_s = max(0.0, self.grid.video_time_s(first, offset_s))
         frames = frames_in_slots(source.frames(begin_s), self.grid, offset_s, first)
+        times = LookTimes()
         with self.work.path(camera_id).open("ab", buffering=0) as file:
             for slot, time_s, frame in frames:
-                poses = self.detectors[camera_id].detect(frame.image)
+                with times.look():
+                    poses = self.detectors[camera_id].detect(frame.image)
                 file.write(encode_view(slot, time_s, poses))
                 self._report(camera_id, slot + 1)
+        if (took := times.found()) is not None:
+            self.processor[camera_id] = took
         self.work.mark_done(camera_id, source.damage)
         self._pass(camera_id)
         return source.damage
@@ -329,20 +339,12 @@ def _identity(
     return identity
 
 
-def _recording(
-    dest: Path,
-    work: Unfinished,
-    grid: SlotGrid,
-    rig: Rig,
-    sources: Mapping[str, Source],
-    skeleton: Skeleton,
-    detector_name: str,
-    damages: Mapping[str, str],
-) -> Recording:
-    views = [_series(work.path(camera_id), len(skeleton)) for camera_id in sources]
+def _recording(dest: Path, run: _Run, rig: Rig, damages: Mapping[str, str]) -> Recording:
+    sources, skeleton = run.sources, run.detector.skeleton
+    views = [_series(run.work.path(camera_id), len(skeleton)) for camera_id in sources]
     num_slots = max((int(series.slots[-1]) + 1 for series in views if len(series.slots)), default=0)
     files_seen = ", ".join(video.path.name for video in sources.values())
-    source = f"Detected by {detector_name or 'a detector'} in {files_seen}."
+    source = f"Detected by {run.detector_name or 'a detector'} in {files_seen}."
     for camera_id, damage in damages.items():
         source += f" {sources[camera_id].path.name}: {damage}." if damage else ""
     files = {
@@ -353,13 +355,14 @@ def _recording(
     return Recording(
         dest.name,
         rig,
-        grid.fps,
+        run.grid.fps,
         num_slots,
         skeleton,
         tuple(views),
         videos=files,
         source=source,
-        detector=detector_name.partition(" ")[0],
+        detector=run.detector_name.partition(" ")[0],
+        processor=run.processor,
     )
 
 

@@ -138,6 +138,8 @@ class Outlook:
             about the person, relative to a view with every joint visible.
         shows: `(num_tracks, num_cameras)` in [0, 1]: probability that the camera detects a person
             at the predicted place, relative to a place without obstacles.
+        detection_map: `(num_cameras, num_cells, num_cells, 2)` looks at people by place, and those
+            that showed them (`filter.blindness`); None without a memory.
         last_seen_s: `(num_tracks, num_cameras)` seconds since each camera detected the person; inf
             if never.
         needed: `(num_tracks, num_cameras)` cameras of which one must detect the person by then, or
@@ -161,6 +163,7 @@ class Outlook:
     has_memory: bool
     delivered: NDArray[np.float64]
     shows: NDArray[np.float64]
+    detection_map: NDArray[np.float64] | None
     last_seen_s: NDArray[np.float64]
     needed: NDArray[np.bool_]
     sigma_px: NDArray[np.float64]

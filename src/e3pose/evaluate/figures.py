@@ -144,6 +144,21 @@ class Energy:
 
 
 @dataclass(frozen=True, slots=True)
+class Processor:
+    """Processor time of all cameras, from the measured times of their looks and frames.
+
+    Attributes:
+        spent_s: in the slots of the replay.
+        every_slot_s: if all cameras looked in all of them.
+        saved_percent: what the first is less than the second.
+    """
+
+    spent_s: float
+    every_slot_s: float
+    saved_percent: float
+
+
+@dataclass(frozen=True, slots=True)
 class Duration:
     """How long a stage takes, milliseconds."""
 
@@ -185,6 +200,7 @@ class Summary:
         noise: of the keypoints; None of an estimator that does not learn it.
         smooth: how the poses were smoothed after the replay; None if they were not.
         notes: what a page should say beside, sentence by sentence.
+        processor: of the cameras; None where it was not measured.
     """
 
     recording: str
@@ -201,6 +217,7 @@ class Summary:
     noise: NoiseFound | None
     smooth: str | None = None
     notes: tuple[str, ...] = ()
+    processor: Processor | None = None
 
 
 def as_json(summary: Summary, **more: Any) -> dict[str, Any]:

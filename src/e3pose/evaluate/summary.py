@@ -24,6 +24,7 @@ from e3pose.evaluate.figures import (
     Summary,
 )
 from e3pose.evaluate.pcp import count_parts, group_percent, pcp_percent
+from e3pose.evaluate.processor_figures import processor_figures
 from e3pose.evaluate.waking import asleep_in
 from e3pose.model.blind_slot import count_blind, duty
 from e3pose.model.noises import detector_of
@@ -60,6 +61,8 @@ def summarise(
         idle_mode: what a camera does in slots for which it is not selected.
         battery_wh: capacity of the cameras' batteries, one for all or one for each.
     """
+    rests = bool(records) and settings.rest_costs is not None
+    asleep = asleep_in(records, settings.lead_slots) if rests else None
     return Summary(
         recording=recording.name,
         slots=len(records),
@@ -81,6 +84,7 @@ def summarise(
         ),
         stage_ms=_stage_ms(records),
         noise=_noise(recording, settings, records),
+        processor=processor_figures(recording, records, asleep, idle_mode),
     )
 
 

@@ -9,11 +9,13 @@ from typing import TYPE_CHECKING, Any
 from e3pose.base.quantities import plural
 from e3pose.evaluate.energy_figures import PAPER_SAVINGS
 from e3pose.evaluate.figures import Summary, as_json
+from e3pose.evaluate.processor_figures import NOT_MEASURED, processor_words
 
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
+CPU_SAVED = "CPU saved %"
 # Heading, path inside a row, digits. Columns that no row has are left out.
 COLUMNS: tuple[tuple[str, tuple[str, ...], int], ...] = (
     ("cameras", ("selection", "mean_cameras"), 2),
@@ -36,6 +38,7 @@ COLUMNS: tuple[tuple[str, tuple[str, ...], int], ...] = (
     ("in 90 %", ("expected", "coverage_90"), 1),
     ("saving %", ("energy", "saving_percent"), 1),
     ("spread W", ("energy", "watts_spread"), 2),
+    (CPU_SAVED, ("processor", "saved_percent"), 1),
     ("ms/slot", ("stage_ms", "slot", "median"), 2),
 )
 ENERGY_TITLE = (
@@ -62,6 +65,7 @@ FIGURE_NAMES = {
     "expected mm": "expected joint error, mm",
     "in 90 %": "joints inside the 90 % confidence radius, %",
     "saving %": "energy saved (CPU, GPU, WiFi, memory), %",
+    CPU_SAVED: "processor time of the cameras saved, from measured looks and frames, %",
     "spread W": "spread of mean power over the cameras (standard deviation), W",
     "ms/slot": "edge computing time per slot, median ms",
 }
@@ -95,6 +99,8 @@ def print_comparison(rows: Sequence[Mapping[str, Any]], console: Console | None 
         console.print()
     meanings = [f"{name}: {FIGURE_NAMES[name]}" for name in columns if name in FIGURE_NAMES]
     console.print(f"{'; '.join(meanings)}\n", style="dim", highlight=False)
+    if CPU_SAVED not in columns:
+        console.print(NOT_MEASURED, highlight=False)
     console.print(f"{ENERGY_TITLE}:", style="italic", highlight=False)
     for table in fitted_tables(keys, _devices(rows), console.width):
         console.print(table)
@@ -141,7 +147,8 @@ def print_summary(summary: Summary, console: Console | None = None) -> None:
         if value is not None:
             figures.add_row(FIGURE_NAMES.get(heading, heading), f"{value:.{digits}f}")
     _print(figures, console)
-    for line in (*warmup_lines(summary), *noise_lines(summary)):
+    said = processor_words(summary.processor)
+    for line in (said, *warmup_lines(summary), *noise_lines(summary)):
         _print(line, console)
     selection, energy = summary.selection, summary.energy
     if selection is None or energy is None:

@@ -22,6 +22,7 @@ from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import Skeleton, skeleton_by_name
 from e3pose.recording.calibration import load_rig, save_rig
 from e3pose.recording.json_lines import decode_truth, decode_view, encode_truth, encode_view
+from e3pose.recording.processor import load_processor, save_processor
 from e3pose.recording.record import MAX_PEOPLE, Recording, Truth, ViewSeries
 
 FORMAT = "e3pose-recording"
@@ -95,6 +96,7 @@ def load_recording(path: Path | str) -> Recording:
         truth = _read_truth(folder / TRUTH, header.truth, header.num_slots)
     elif (folder / TRUTH).exists():
         raise InputError(f"{folder / HEADER}: truth: missing, expected a table for {TRUTH}")
+    processor = load_processor(folder, rig.camera_ids)
     try:
         return Recording(
             name=header.name,
@@ -111,6 +113,7 @@ def load_recording(path: Path | str) -> Recording:
             battery_wh=header.battery_wh,
             dies_at_s=header.dies_at_s,
             detector=header.detector,
+            processor=processor,
         )
     except InputError as error:
         raise InputError(f"{folder / HEADER}: {error}") from None
@@ -157,6 +160,7 @@ def save_recording(recording: Recording, path: Path | str, overwrite: bool = Fal
             with (folder / TRUTH).open("wb") as file:
                 for slot, joints_m in enumerate(recording.truth.joints_m):
                     file.write(encode_truth(slot, recording.truth.person_ids, joints_m))
+        save_processor(folder, recording.processor)
         (folder / HEADER).write_bytes(tomli_w.dumps(_header(recording)).encode())
 
 

@@ -15,6 +15,7 @@ from e3pose.base.quantities import plural
 from e3pose.model.camera import Rig
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import Skeleton
+from e3pose.recording.processor import ProcessorTime
 
 MIN_FPS = 0.001  # slower is nothing that people do, and its times overflow
 MAX_FPS = 1000.0
@@ -113,6 +114,7 @@ class Recording:
         source: where it comes from and under what terms, for people.
         detector: what found the keypoints, by the name of a noise file (`model.noises`); empty
             where nobody said.
+        processor: camera id to the processor time that was measured of it, if any.
         battery_wh: camera id to the energy in its battery at the start; others have a supply, or
             the battery that an evaluation assumes.
         dies_at_s: camera id to when it went for good and could no longer be reached.
@@ -135,6 +137,7 @@ class Recording:
     battery_wh: Mapping[str, float] = field(default_factory=dict)
     dies_at_s: Mapping[str, float] = field(default_factory=dict)
     detector: str = ""
+    processor: Mapping[str, ProcessorTime] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         truth = "no truth" if self.truth is None else f"truth of {len(self.truth.person_ids)}"

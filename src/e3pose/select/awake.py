@@ -2,44 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from e3pose.base.arrays import Flags, Floats, Integers
+from e3pose.base.arrays import Flags, Integers
 from e3pose.energy.rest_costs import RestCosts
 from e3pose.model.camera import Rig
 from e3pose.model.look_request import NO_REQUEST, LookRequest
 from e3pose.select.expected_information import Foresight
-from e3pose.select.floor import seen_floor, watches
 from e3pose.select.policies.base import Selection, Situation
 from e3pose.select.requested import asked_for
-from e3pose.select.rest_plan import (
-    CREDIT_S,
-    Needs,
-    RestGoal,
-    RestMemory,
-    planned,
-    rested,
-    risen,
-)
+from e3pose.select.rest_needs import needs_of
+from e3pose.select.rest_plan import CREDIT_S, RestGoal, RestMemory, planned, rested
 
 # tuned: s | first guess, a tenth of the shortest rest | not measured
 PLAN_S = 0.4
-# Until how long errors last is learned, nobody rests while people are there.
-# tuned: share | simulated and the first half of pizza: a first rest after a third of a second costs
-#   7 % on pizza | not measured
-LEAST_FILLED = 0.3  # of the memory of the stated error: 3 s
 # tuned: s | simulated, `two-rooms`, seed 11: with none, somebody who walks through the door is lost
 #   for 2 s | not measured
 LATER_S = (1.5, 3.0)
-# tuned: nats | simulated `ring`, seeds 702 and 703: 1 finds newcomers so late that recall is 3
-#   points less, 3 loses none | not measured
-FLOOR_NATS = 3.0  # of all of the floor watched by two cameras
-# tuned: people | first guess: not started yet, cameras look as if somebody were there | not
-#   measured
-NEWCOMERS = 0.3
 # tuned: s | first guess: who stays awake so long after a rest was needed | not measured
 KEPT_S = 1.0
 
@@ -87,7 +69,7 @@ class RestPlanner:
             return memory, asleep_until
         usable = situation.online & (asleep_until <= slot)
         ahead = [asked_for(later(seconds), request) for seconds in LATER_S]
-        needs = self.needs(situation, ahead, asleep_until > slot)
+        needs = needs_of(self.rig, situation, ahead, asleep_until > slot)
         plan = planned(self.costs, self.goal, memory, needs, usable, interval_s, request)
         most_s = memory.check.left_s(slot, interval_s) if self.checks(needs.people) else np.inf
         # Who woke looks before it rests again: somebody may be where the others are blind.
@@ -120,47 +102,11 @@ class RestPlanner:
             asleep: `(num_cameras,)` who slept.
             error_m: the mean error stated; NaN where nobody is known.
         """
+        memory = replace(memory, awake_s=0.0 if asleep.any() else memory.awake_s + interval_s)
         if not self.checks(1):
             return memory
         check = memory.check.after(slot, interval_s, bool(asleep.any()), error_m)
         return replace(memory, check=check)
-
-    def needs(self, situation: Situation, later: Sequence[Foresight], asleep: Flags) -> Needs:
-        """Return what a plan is to be good for, now and `later`.
-
-        Args:
-            situation: of the slot that is decided.
-            later: what cameras would add in some seconds.
-            asleep: `(num_cameras,)` who is, and could be awake.
-
-        Raises:
-            ValueError: of a situation without a foresight.
-        """
-        foresight = situation.foresight
-        if foresight is None:
-            raise ValueError("a plan of rests needs a foresight")
-        ahead = [foresight, *later]
-        everybody = situation.online | asleep
-        settled = [each.over_seconds() for each in ahead]
-        people, (cells_m, _) = len(foresight.track_ids), seen_floor(self.rig)
-        likely = np.full(len(cells_m), 1 / max(len(cells_m), 1))
-
-        def worth(sets: Flags) -> Floats:
-            nats = np.mean([each.information(sets) for each in settled], axis=0)
-            nats += foresight.hidden.shows(sets)
-            floor = FLOOR_NATS * watches(self.rig, sets, likely)
-            return np.asarray(nats + foresight.entrants.starts(sets) + floor)
-
-        def rise(sets: Flags) -> Floats:
-            if situation.stated.filled < LEAST_FILLED and foresight.confirmed.any():
-                return np.full(len(sets), np.inf)
-            pairs = np.concatenate([everybody[None], sets])
-            errors_m = np.stack([each.expected_error_m(pairs) for each in settled])
-            stated_m = situation.stated.mean_m
-            return np.asarray(risen(errors_m[:, 1:], errors_m[:, :1], stated_m).max(axis=0))
-
-        newcomers = bool(foresight.entrants.weights.sum() > NEWCOMERS)
-        return Needs(people, worth, foresight.expected_error_m, rise, newcomers)
 
     def charged(
         self, memory: RestMemory, selected: Selection, asleep: Flags, interval_s: float

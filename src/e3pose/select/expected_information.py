@@ -11,7 +11,7 @@ known, each at its own time. Method: `docs/explanation/camera-selection.md`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
@@ -53,6 +53,8 @@ class Foresight:
         hidden: people who are followed and hidden unless one more camera shows them.
         repeats: variance of what all looks of a camera repeat, over that of a keypoint.
         free_m: standard deviation of a joint along an axis on which no camera tells anything.
+        places_m: `(num_tracks, 2)` on the floor, where people will be.
+        detection_map: as in `Outlook`.
     """
 
     track_ids: NDArray[np.int64]
@@ -66,6 +68,8 @@ class Foresight:
     hidden: HiddenPeople
     repeats: float = 1.0
     free_m: float = MOST_LASTING_M
+    places_m: Floats = field(default_factory=lambda: np.zeros((0, 2)))
+    detection_map: Floats | None = None
 
     def information(self, subsets: Flags) -> Floats:
         """Return `(num_subsets,)` nats a joint that sets of cameras are expected to add.
@@ -171,6 +175,8 @@ def foresee(
         new=foreseen.new,
         repeats=min(STAYS * terms.most + outlook.bias_share, 1.0),
         free_m=MOST_M + (MOST_LASTING_M - MOST_M) * excess_of(outlook.bias_share) / MOST,
+        places_m=outlook.joints_m[..., :2].mean(axis=1),
+        detection_map=outlook.detection_map,
         weights=foreseen.weights,
         hidden=HiddenPeople(foreseen.hidden, foreseen.shown),
         entrants=expected_entrants(

@@ -1,12 +1,15 @@
-"""The floor that cameras see, where newcomers can appear."""
+"""The floor that cameras see, where people can be, and who of the cameras would show them there."""
 
 from __future__ import annotations
 
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from e3pose.base.arrays import Flags, Floats
+from e3pose.estimate.filter import blindness
 from e3pose.model.camera import Rig
 
 # tuned: m | first guess: people's own size; floor around the cameras; how far cameras show people |
@@ -16,6 +19,7 @@ MOST_CELLS = 4000  # capacity: of a site; a larger one has larger cells
 HEIGHTS_M = (0.1, 0.5, 0.9, 1.3, 1.7)  # definition: of somebody who stands in a cell
 # tuned: share of these heights | first guess: a camera sees the person | not measured
 SEEN_SHARE = 0.6
+MOST_SURE = 0.999  # numerics
 
 
 @lru_cache(maxsize=64)
@@ -43,19 +47,60 @@ def seen_floor(rig: Rig) -> tuple[Floats, Floats]:
     return cells_m[two], np.asarray(seen[:, two])
 
 
-def watched(looks: Floats, weights: Floats) -> Floats:
-    """Return `(num_sets,)` share of the floor that sets of cameras watch.
+class _Corners(NamedTuple):
+    """The cells of a detection map around each cell of the floor, and what is thought of them."""
 
-    A cell that one camera sees counts half: somebody is noticed there, and estimated where two do.
+    columns: NDArray[np.int64]  # (4, num_cells)
+    rows: NDArray[np.int64]  # (4, num_cells)
+    weights: Floats  # (4, num_cells)
+    free: Floats  # (num_cameras, num_cells) that nothing stands in the way
+
+
+@lru_cache(maxsize=8)
+def _corners(rig: Rig) -> _Corners:
+    cells_m, _ = seen_floor(rig)
+    at = (cells_m - blindness.corner_m(rig)) / blindness.CELL_M - 0.5
+    at = np.clip(at, 0.0, blindness.LAST)
+    low = np.floor(at).astype(np.int64)
+    right, up = (at - low).T
+    far_m = np.linalg.norm(cells_m - rig.centers_m[:, None, :2], axis=-1)
+    return _Corners(
+        columns=low[:, 0] + np.array([[0], [0], [1], [1]]),
+        rows=low[:, 1] + np.array([[0], [1], [0], [1]]),
+        weights=np.stack([(1 - right) * (1 - up), (1 - right) * up, right * (1 - up), right * up]),
+        free=np.exp(-far_m / FAR_M),  # a wall is likelier on a longer way
+    )
+
+
+def sights(rig: Rig, detection_map: Floats | None) -> Floats:
+    """Return `(num_cameras, num_cells)` how likely each camera shows who is in a cell of the floor.
+
+    Where people were, looks tell. Elsewhere the farther a cell the likelier something hides it.
 
     Args:
-        looks: `(num_sets, num_cells)` how many cameras of a set see each cell.
-        weights: `(num_cells,)` how likely newcomers appear there; adds up to 1, or is empty.
+        rig: the cameras.
+        detection_map: as in `Outlook`; None where nothing is known.
     """
-    return np.asarray(0.5 * ((looks >= 1) @ weights + (looks >= 2) @ weights))
-
-
-def watches(rig: Rig, subsets: Flags, weights: Floats) -> Floats:
-    """Return `watched` for `(num_sets, num_cameras)` sets of cameras."""
     _, seen = seen_floor(rig)
-    return watched(subsets.astype(np.float64) @ seen, weights)
+    corners = _corners(rig)
+    if detection_map is None:
+        return np.asarray(seen * corners.free * MOST_SURE)
+    there = detection_map[:, corners.columns, corners.rows]
+    looks, shown = np.einsum("kn,cknv->vcn", corners.weights, there)
+    known = blindness.PRIOR_VIEWS * blindness.PLAIN * corners.free + shown
+    rate = known / (looks + blindness.PRIOR_VIEWS) / blindness.PLAIN
+    return np.asarray(seen * np.clip(rate, 0.0, 1.0) * MOST_SURE)
+
+
+def showing(sight: Floats, sets: Flags) -> tuple[Floats, Floats]:
+    """Return how likely at least one, and at least two, of sets of cameras show who is in a cell.
+
+    Args:
+        sight: `(num_cameras, num_cells)` of `sights`.
+        sets: `(num_sets, num_cameras)`.
+
+    Returns:
+        Twice `(num_sets, num_cells)`.
+    """
+    none = np.exp(sets @ np.log1p(-sight))
+    return np.asarray(1 - none), np.asarray(1 - none * (1 + sets @ (sight / (1 - sight))))

@@ -40,9 +40,17 @@ LOOK_NATS = 1.1  # definition: nats of e times as many looks
 # tuned: s | first guess: twice what falling asleep and waking take; with nobody there a simulated
 #   day of `one-sided`, docs/experiments/2026-11-26-what-rests-cost.md | not measured
 FIRST_REST_S, LONGEST_REST_S, EMPTY_REST_S = 4.0, 8.0, 16.0
+# Who goes where two of those awake do not show the person is lost until another camera wakes.
+# tuned: 1/s | simulated, `two-rooms`, seeds 702, 704, 719, 720, 722: with 0.03 those who walk
+#   through the door are lost and the error is 11 % more, with 0.06 it draws 2 % more | not measured
+STRAY_HZ = 0.05  # of the error, if nothing around people is seen
+# tuned: share | simulated days of `two-rooms`, `ring` and `one-sided`, seeds 711 to 714,
+#   docs/experiments/2026-11-26-what-rests-cost.md | not measured
+MOST_LATE = 0.75  # of `find_within_s`, that rests may find a newcomer later, on average
 # tuned: times | first guess: a rest that ends with nothing to do is followed by a longer one | not
 #   measured
 LONGER = 2.0
+TOLD_S = 60.0  # layout: of rests that save nothing, until operators are told
 FEWEST_AWAKE = 2  # definition: cameras that a person takes
 # Without a limit of watts: somebody walks out of the view of one.
 # tuned: cameras | simulated, `two-rooms`, seed 702: with two, a quarter of the people are lost |
@@ -95,6 +103,7 @@ class RestMemory:
         owed_j: drawn beyond the watts allowed; negative where less was.
         num_selected: cameras per slot, by the last plan.
         check: what rests were found to cost.
+        awake_s: seconds since somebody slept, or since the first slot.
     """
 
     rest_s: Floats
@@ -102,6 +111,15 @@ class RestMemory:
     owed_j: float = 0.0
     num_selected: float = 0.0
     check: RestCheck = field(default_factory=RestCheck)
+    awake_s: float = 0.0
+
+    def words(self) -> str:
+        """Return what was found, for operators; empty where there is nothing to say."""
+        found = self.check.words()
+        if self.awake_s < TOLD_S or self.check.idle:
+            return found
+        why = "no camera rests: each is needed to follow or find people"
+        return f"{why}; {found}" if found else why
 
     @classmethod
     def none(cls, num_cameras: int) -> RestMemory:
@@ -118,6 +136,8 @@ class Needs:
         worth: nats of sets of cameras, without those of looks.
         error_m: expected error of sets of cameras that all look; NaN where nobody is known.
         rise: error of sets that stay awake for seconds over that of all cameras; NaN likewise.
+        strays: share of the floor around people that sets cannot follow them to, and all can.
+        misses: share of all of the floor on which sets do not find a newcomer, and all do.
         newcomers: whether somebody is seen who is not tracked yet.
     """
 
@@ -125,6 +145,8 @@ class Needs:
     worth: Worth
     error_m: Worth
     rise: Worth
+    strays: Worth
+    misses: Worth
     newcomers: bool = False
 
 
@@ -214,10 +236,21 @@ def planned(
         reach = np.isnan(error_m) | (error_m <= np.maximum(goal.target_m, error_m[0] * NO_WORSE))
         value = np.where(reach, value, -np.inf)
     elif goal.watts is None:
-        value = np.where(needs.rise(sets) > MOST_RISE, -np.inf, value)
+        value = np.where(_costs_too_much(goal, needs, sets), -np.inf, value)
     keeps = watts <= allowed_w + 1e-9
     best = int(np.argmax(np.where(keeps, value, -np.inf)) if keeps.any() else np.argmin(watts))
     return Plan(sets[best], float(counts[best]), float(watts[best]))
+
+
+def _costs_too_much(goal: RestGoal, needs: Needs, sets: Flags) -> Flags:
+    """Return `(num_sets,)` whether people err too much, or are lost or found late too often."""
+    rest_s = LONGEST_REST_S if needs.people else EMPTY_REST_S
+    late_s = needs.misses(sets) * max(rest_s - goal.find_within_s, 0.0) / 2
+    too_late = np.asarray(late_s > MOST_LATE * goal.find_within_s)
+    if not needs.people:
+        return too_late
+    rise = needs.rise(sets) + STRAY_HZ * rest_s * needs.strays(sets)
+    return np.asarray((rise > MOST_RISE) | too_late)
 
 
 def next_rest_s(memory: RestMemory, people: int) -> Floats:

@@ -37,6 +37,7 @@ def outlook(seed: int, people: int = 3) -> Outlook:
         has_memory=bool(seed % 2),
         delivered=rng.uniform(0, 1, shape),
         shows=rng.uniform(0, 1, shape),
+        detection_map=None,
         last_seen_s=np.where(rng.random(shape) < 0.2, np.inf, rng.uniform(0, 3, shape)),
         needed=rng.random(shape) < 0.5,
         sigma_px=rng.uniform(2, 8, len(RIG)),

@@ -83,6 +83,7 @@ def outlook(
         has_memory=True,
         delivered=belief.delivered,
         shows=expected.shows,
+        detection_map=belief.detection_map,
         last_seen_s=belief.last_seen_s,
         needed=expected.needed,
         sigma_px=expected.sigma_px,

@@ -108,6 +108,7 @@ class PerSlot:
             has_memory=False,
             delivered=np.ones(shape),
             shows=np.ones(shape),
+            detection_map=None,
             last_seen_s=np.full(shape, np.inf),
             needed=np.zeros(shape, dtype=bool),
             sigma_px=self.noise.sigma_px.min() * sizes / self.noise.image_px,

@@ -17,6 +17,7 @@ from typing import Any
 
 from e3pose.base.atomic import atomic_file
 from e3pose.evaluate.figures import Summary, settings_json
+from e3pose.evaluate.processor_figures import processor_words
 from e3pose.model.blind_slot import duty
 from e3pose.output.report import figures
 from e3pose.output.report.film import film
@@ -154,13 +155,15 @@ def _energy_words(summary: Summary) -> str:
     energy = summary.energy
     if energy is None:
         return "Share of slots in which each camera was active, blind slots left out."
+    said = processor_words(summary.processor)
     hours = [camera.battery_hours for camera in energy.cameras.values()]
     return (
         f"Bars: energy of each camera in this run; behind them: the same camera always active. "
         f"Modelled with the power profile {energy.profile}, not measured; cameras that are "
         f"not selected are in {energy.idle_mode} mode. "
         f"A {energy.battery_wh:g} Wh battery lasts {min(hours):.1f} to {max(hours):.1f} h "
-        f"instead of {energy.battery_hours_always_active:.1f} h."
+        f"instead of {energy.battery_hours_always_active:.1f} h. "
+        f"{said[0].upper()}{said[1:]}."
     )
 
 
