@@ -127,7 +127,18 @@ ELSEWHERE = {
         ),
         "tests/lab/test_each.py",
     ),
-    "edge house/lab house/hall": "tests/live/test_many_edges.py",
+    **dict.fromkeys(
+        (
+            "edge house/lab house/hall",
+            "camera --site lab --name cam0 --source recorded:house/lab/recording "
+            "--endpoint tcp/127.0.0.1:7447",
+        ),
+        "tests/live/test_many_edges.py",
+    ),
+    **dict.fromkeys(
+        ("up house/lab --example --for 20", "up house/hall --example --for 20"),
+        "tests/live/test_programs.py",
+    ),
     "archive deleted site.toml": "tests/hub/test_forgotten.py",
     "hub forgotten house": "tests/hub/test_forgotten.py",
     "hub view house": "tests/live/test_hub_page.py",

@@ -3,6 +3,7 @@
     python lab/benchmarks/bench_hub.py                       # some minutes; a few hundred MB
     python lab/benchmarks/bench_hub.py --live 8 --days 3     # smaller
     python lab/benchmarks/bench_hub.py --database postgresql://USER@HOST/NAME
+    python lab/benchmarks/bench_hub.py --only-live --live 1000   # 18 GB of memory
 
 Sites are made up (`simulated_sites.py`); their stores, their answers over Zenoh, the hub that asks
 and its database are the real ones, all on this machine. Keeping and asking are measured with
@@ -14,8 +15,10 @@ over the network.
 from __future__ import annotations
 
 import argparse
+import os
 import random
 import socket
+import sqlite3
 import subprocess
 import sys
 import tempfile
@@ -46,6 +49,9 @@ from simulated_sites import BEGIN_NS, CAMERAS, records_of, summaries_of
 
 PART = 100  # summaries of an answer
 OUTBOX_DAYS = 60
+SERVED = 125  # sites of one process
+TIMED = 24  # sites that are asked one after the other
+UNTIL_S = 600.0
 DELAY_S, LOSS, RESEND_S, PACKET = 0.15, 0.01, 0.2, 1400  # of a bad link, each way
 QUESTIONS = {
     "person-hours of each site, by day": "SELECT site, time_ns / 86400000000000 AS day, "
@@ -133,15 +139,15 @@ def bench_questions(engine: Engine, hub: Hub, sites: int, whole: int, days: int)
     print(f"  {time.monotonic() - begun_s:6.2f} s  page over {sites} sites")
 
 
-def serve(folder: str, ports: list[int]) -> None:
+def serve(folder: str, first: int, ports: list[int]) -> None:
     """Answer for some sites until killed; print when each is asked."""
     kept = []
-    for at, port in enumerate(ports):
+    for at, port in enumerate(ports, start=first):
         path = Path(folder) / f"live{at}.db"
         box, site = OutboxAnswers(path, f"live{at}"), f"live{at}"
 
         def told(topic: str, asked: bytes, box: OutboxAnswers = box) -> bytes | None:
-            print(f"{time.time():.3f}", flush=True)
+            os.write(1, f"{time.time():.3f}\n".encode())  # whole, from many threads
             return box.answer(topic, asked)
 
         kept.append(open_network(Link("edge", site, f"tcp/127.0.0.1:{port}")))
@@ -158,54 +164,89 @@ def free_ports(count: int) -> list[int]:
         return [one.getsockname()[1] for one in found]
 
 
-def bench_live(folder: Path, count: int, single_s: float) -> None:
+def stores_of(folder: Path, sites: range, first: int, minutes: int) -> None:
+    """Store minutes of sites: those of three of them, copied under the names of the others."""
+    for at in sites:
+        place, model = folder / f"live{at}.db", folder / f"live{at % 3}.db"
+        if at < 3:
+            store_with(place, f"live{at}", at, first, minutes)
+            continue
+        place.unlink(missing_ok=True)
+        with sqlite3.connect(model) as source, sqlite3.connect(place) as dest:
+            source.backup(dest)
+            dest.execute("UPDATE runs SET site = ?", (f"live{at}",))
+            dest.execute("UPDATE outboxes SET site = ?", (f"live{at}",))
+
+
+def start_sites(
+    stack: ExitStack, folder: Path, ports: list[int], asked: list[float]
+) -> list[psutil.Process]:
+    """Start processes that answer for sites; add the time of each question to a list."""
+    started = []
+    for first in range(0, len(ports), SERVED):
+        words = [sys.executable, __file__, "--serve", str(folder), str(first)]
+        words += map(str, ports[first : first + SERVED])
+        process = subprocess.Popen(words, stdout=subprocess.PIPE, text=True)
+        stack.callback(process.wait)
+        stack.callback(process.kill)
+        started.append(process)
+    for process in started:
+        assert process.stdout is not None
+        while (line := process.stdout.readline()).strip() != "serving":
+            if not line:
+                raise SystemExit("a process of sites ended")
+        told = process.stdout
+        threading.Thread(target=lambda t=told: asked.extend(map(float, t)), daemon=True).start()
+    return [psutil.Process(process.pid) for process in started]
+
+
+def bench_live(folder: Path, count: int, single_s: float, database: str) -> None:
     """Let a hub ask real sites; kill it for an hour; print what it takes and what ends first."""
-    ports = free_ports(count)
-    for at in range(count):
-        store_with(folder / f"live{at}.db", f"live{at}", at, 0, 60)
-    hub = load_hub(
-        write_hub(folder / "live.toml", {f"live{a}": p for a, p in enumerate(ports)}, 60)
-    )
-    command = [sys.executable, __file__, "--serve", str(folder), *map(str, ports)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
-        try:
-            assert process.stdout is not None
-            while process.stdout.readline().strip() != "serving":
-                pass
-            asked = list[float]()
-            lines = process.stdout
-            reader = threading.Thread(target=lambda: asked.extend(map(float, lines)), daemon=True)
-            reader.start()
-            engine, program = open_hub(hub.database), psutil.Process()
-            before_s, rss = sum(program.cpu_times()[:2]), program.memory_info().rss
-            took_s = until_complete(hub, engine, count * 60)
-            spent_s = sum(program.cpu_times()[:2]) - before_s
-            grown_mb = (program.memory_info().rss - rss) / 1e6
-            print(f"live: {count} sites, an hour of each there {took_s:.0f} s after the hub began")
-            most = max(Counter(int(at_s) for at_s in asked).values(), default=0)
-            print(
-                f"live: most asked in one second {most} of {count}; {1e3 * spent_s / count:.0f} ms "
-                f"of CPU and {grown_mb / count:.1f} MB of memory a site, joining it included"
-            )
-            pull_s = wall_of_pull(hub, engine)
-            for at in range(count):  # an hour passes without the hub
-                store_with(folder / f"live{at}.db", f"live{at}", at, 60, 60)
-            took_s = until_complete(hub, engine, count * 120)
-            print(f"live: killed for an hour, complete {took_s:.0f} s after it began again")
-            per_site_s = spent_s / count + single_s
-            print(
-                f"once a minute: CPU of a core is enough for {60 / per_site_s:.0f} sites, "
-                f"{1e3 * per_site_s:.0f} ms each; {AT_ONCE} asked at once for "
-                f"{AT_ONCE * 60 / pull_s:.0f}, {pull_s:.2f} s each, no more connections"
-            )
-        finally:
-            process.kill()
+    ports, asked = free_ports(count), list[float]()
+    stores_of(folder, range(count), 0, 60)
+    named = {f"live{at}": port for at, port in enumerate(ports)}
+    hub = load_hub(write_hub(folder / "live.toml", named, 60, database))
+    with ExitStack() as stack:
+        served = start_sites(stack, folder, ports, asked)
+        engine, program = open_hub(hub.database), psutil.Process()
+        before_s, rss = sum(program.cpu_times()[:2]), program.memory_info().rss
+        others_s = sum(sum(one.cpu_times()[:2]) for one in served)
+        took_s = until_complete(hub, engine, count * 60)
+        spent_s = sum(program.cpu_times()[:2]) - before_s
+        others_s = sum(sum(one.cpu_times()[:2]) for one in served) - others_s
+        grown_mb = (program.memory_info().rss - rss) / 1e6
+        sites_mb = sum(one.memory_info().rss for one in served) / 1e6 / count
+        most = max(Counter(int(at_s) for at_s in asked).values(), default=0)
+        print(
+            f"live: {count} sites in {len(served)} processes, an hour of each there {took_s:.0f} s "
+            f"after the hub began; most asked in a second {most}; hub {1e3 * spent_s / count:.0f} "
+            f"ms of CPU a site, joining it included, {spent_s / took_s:.0%} of a core, "
+            f"{grown_mb:.0f} MB more; sites {1e3 * others_s / count:.0f} ms and {sites_mb:.1f} MB "
+            f"each; connections open at once {AT_ONCE}; load {os.getloadavg()[0]:.1f}",
+            flush=True,
+        )
+        pull_s = wall_of_pull(hub, engine)
+        stores_of(folder, range(count), 60, 60)  # an hour passes without the hub
+        asked.clear()
+        took_s = until_complete(hub, engine, count * 120)
+        most = max(Counter(int(at_s) for at_s in asked).values(), default=0)
+        print(
+            f"live: killed for an hour, complete {took_s:.0f} s after it began again, most asked "
+            f"in one second {most}; load {os.getloadavg()[0]:.1f}"
+        )
+        per_site_s = spent_s / count + single_s
+        print(
+            f"once a minute: CPU of a core is enough for {60 / per_site_s:.0f} sites, "
+            f"{1e3 * per_site_s:.0f} ms each; {AT_ONCE} asked at once for "
+            f"{AT_ONCE * 60 / pull_s:.0f}, {pull_s:.2f} s each, no more connections"
+        )
 
 
 def wall_of_pull(hub: Hub, engine: Engine) -> float:
     """Return what joining a site, asking and leaving take, seconds."""
     begun_s = time.monotonic()
-    for site in hub.sites:
+    sites = list(hub.sites)[:TIMED]
+    for site in sites:
         transport, topic = open_network(hub.link(site)), of_outbox(site, "hub")
         while not transport.connected():
             time.sleep(0.05)
@@ -214,7 +255,7 @@ def wall_of_pull(hub: Hub, engine: Engine) -> float:
             lambda: time.sleep(PAUSE_S), 1,
         )  # fmt: skip
         transport.close()
-    return (time.monotonic() - begun_s) / len(hub.sites)
+    return (time.monotonic() - begun_s) / len(sites)
 
 
 def until_complete(hub: Hub, engine: Engine, wanted: int) -> float:
@@ -224,7 +265,7 @@ def until_complete(hub: Hub, engine: Engine, wanted: int) -> float:
         while True:
             with engine.connect() as connection:
                 found = connection.scalar(select(func.count()).select_from(summaries))
-            if (found or 0) >= wanted or time.monotonic() - begun_s > 300:
+            if (found or 0) >= wanted or time.monotonic() - begun_s > UNTIL_S:
                 return time.monotonic() - begun_s
             time.sleep(0.2)
 
@@ -233,7 +274,7 @@ def bench_bad_link(folder: Path) -> None:
     """Fetch a day over a link with delay and loss."""
     near, far = free_ports(2)
     store_with(folder / "live0.db", "live0", 0, 0, 1440)
-    command = [sys.executable, __file__, "--serve", str(folder), str(far)]
+    command = [sys.executable, __file__, "--serve", str(folder), "0", str(far)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         try:
             assert process.stdout is not None
@@ -301,12 +342,17 @@ def main() -> None:
     parser.add_argument("--whole", type=int, default=7, help="with minutes")
     parser.add_argument("--live", type=int, default=24, help="that run for real")
     parser.add_argument("--database", default="", help="of the hub; SQLite in a folder by default")
+    parser.add_argument("--live-database", default="", help="of the hub that asks real sites")
+    parser.add_argument("--only-live", action="store_true", help="measure nothing else")
     parser.add_argument("--serve", nargs="+", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.serve:
-        return serve(options.serve[0], [int(port) for port in options.serve[1:]])
+        folder, first, *ports = options.serve
+        return serve(folder, int(first), [int(port) for port in ports])
     with tempfile.TemporaryDirectory(prefix="e3pose-hub-") as name:
         folder = Path(name)
+        if options.only_live:
+            return bench_live(folder, options.live, 0.0, options.live_database)
         bench_outbox(folder)
         hub = load_hub(write_hub(folder / "hub.toml", {"real0": 7447}, 60, options.database))
         engine = open_hub(hub.database)
@@ -315,7 +361,7 @@ def main() -> None:
             rows = 3 * 1440 * options.days
             print(f"keeping: {1e6 * size_mb(folder / 'hub.db') / rows:.0f} bytes a summary on disk")
         bench_questions(engine, hub, options.sites, options.whole, options.days)
-        bench_live(folder, options.live, single_s)
+        bench_live(folder, options.live, single_s, options.live_database)
         bench_bad_link(folder)
 
 
