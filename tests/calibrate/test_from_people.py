@@ -20,8 +20,8 @@ from e3pose.calibrate import uncertainty
 from e3pose.calibrate.fit import CameraFit, disagreeing
 from e3pose.calibrate.from_people import _finish, _rounds, _Scene, solve_people
 from e3pose.calibrate.judge import judge
-from e3pose.calibrate.matched_people import observe_people
-from e3pose.calibrate.people_places import _check_far, from_people
+from e3pose.calibrate.matched_people import Joints, observe_people
+from e3pose.calibrate.people_places import _check_far, _too_wild, from_people
 from e3pose.calibrate.places import KnownLength
 from e3pose.calibrate.synchronise import synchronise, with_offsets
 from e3pose.model.camera import Rig
@@ -59,6 +59,26 @@ def test_rough_start_is_refined_and_keeps_its_world(two: Recording) -> None:
     degrees, millimetres, _ = distances(found.rig, two.rig)
     assert degrees < 0.3 and millimetres < 30
     assert np.linalg.norm(found.rig.centers_m - two.rig.centers_m, axis=1).max() < 0.3
+
+
+def test_a_rig_that_only_wild_keypoints_fit_is_refused_unless_forced(two: Recording) -> None:
+    found = solve_people(two, NOISE, two.rig)
+    assert 0.005 < found.error < 0.03 and found.explains and not _too_wild(found, force=False)
+    wild = replace(found, error=0.09)
+    assert not wild.explains
+    with pytest.raises(InputError, match=r"off by 9 % of people's size .* at most 5 %"):
+        _too_wild(wild, force=False)
+    assert "may be far off" in _too_wild(wild, force=True)[0]
+
+
+def test_size_of_errors_is_told_by_the_longer_side_of_a_person() -> None:
+    pixels = np.full((2, 6, 2), np.nan)
+    pixels[0, :3] = [[10, 10], [30, 10], [20, 110]]  # 100 px tall
+    pixels[1, 3:] = [[0, 0], [200, 50], [100, 50]]  # 200 px wide
+    none = np.zeros(6, dtype=np.int64)
+    joints = Joints(pixels, np.full((2, 6), 4.0), none, none, none)
+    assert joints.share_of_size(3) == pytest.approx(0.03)  # of 4 % and 2 %
+    assert np.isnan(Joints(pixels * np.nan, joints.sigma_px, none, none, none).share_of_size(3))
 
 
 def test_known_distance_sets_the_scale(two: Recording) -> None:

@@ -40,6 +40,25 @@ class Joints:
     slot: NDArray[np.int64]
     joint: NDArray[np.int64]
 
+    def share_of_size(self, num_joints: int) -> float:
+        """Return the median deviation of a keypoint, over the longer side of its person's box.
+
+        Args:
+            num_joints: points that one person has at one time.
+
+        Returns:
+            NaN where nothing was seen.
+        """
+        pixels = self.keypoints_px.reshape(len(self.keypoints_px), -1, num_joints, 2)
+        seen = np.isfinite(pixels)
+        high = np.where(seen, pixels, -np.inf).max(axis=2, initial=-np.inf)
+        low = np.where(seen, pixels, np.inf).min(axis=2, initial=np.inf)
+        size = (high - low).max(axis=-1)
+        sigma = self.sigma_px.reshape(pixels.shape[:3])
+        good = seen[..., 0] & (size > 0)[..., None]
+        shares = (sigma / np.where(size > 0, size, 1.0)[..., None])[good]
+        return float(np.median(shares)) if len(shares) else float("nan")
+
 
 def observe_people(recording: Recording, noise: Noise) -> Seen:
     """Follow people in each view and take the lenses off their joints."""

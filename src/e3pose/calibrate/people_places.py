@@ -7,7 +7,7 @@ import numpy as np
 from e3pose.base.errors import InputError
 from e3pose.calibrate.align import Floor, Move, floor_from_people, guess
 from e3pose.calibrate.fit import disagreeing
-from e3pose.calibrate.from_people import solve_people
+from e3pose.calibrate.from_people import MOST_ERROR, PeopleRig, solve_people
 from e3pose.calibrate.matched_people import match_people
 from e3pose.calibrate.people_3d import People3D, place_people
 from e3pose.calibrate.places import KnownLength, Places, agreement
@@ -57,7 +57,7 @@ def from_people(
             "uses all of them"
         )
     rig = found.solved.adjusted.rig
-    notes = disagreeing(rig, found.fit, force)
+    notes = disagreeing(rig, found.fit, force) + _too_wild(found, force)
     if not found.explains:
         notes.append(
             f"only {100 * found.inliers:.0f} % of keypoints agree: are the films synchronised "
@@ -94,6 +94,23 @@ def from_people(
         placed, "people", *agreement(adjusted.residuals, adjusted.weights, sigma), scale, world,
         notes, errors,
     )  # fmt: skip
+
+
+def _too_wild(found: PeopleRig, force: bool) -> list[str]:
+    """Return a warning where only wild keypoints would agree with a rig, or refuse it."""
+    if not found.wild:
+        return []
+    words = (
+        f"keypoints would be off by {100 * found.error:.0f} % of people's size in the images, "
+        f"expected at most {100 * MOST_ERROR:.0f} %"
+    )
+    if not force:
+        raise InputError(
+            f"cameras: {words}. They are off, or the films are not in step (e3pose sync): record "
+            "one or two people who walk through all of the room, or write the calibration "
+            "nevertheless with --force and let another recording judge it (e3pose calibrate check)"
+        )
+    return [f"{words}: all cameras may be far off"]
 
 
 def floor_of(recording: Recording, stature_m: float) -> Floor:
