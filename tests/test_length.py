@@ -42,3 +42,19 @@ def test_files_are_short() -> None:
     found = {name: len(text.splitlines()) for name, text in FILES}
     long = {name: n for name, n in found.items() if n > MOST_LINES}
     assert long == {}
+
+
+MOST_LINES_OF_PAGES = 4000  # script, styles and markup of our own, all pages together
+
+
+def test_pages_stay_plain() -> None:
+    root = Path(e3pose.__path__[0])
+    files = [
+        path
+        for kind in ("js", "css", "html")
+        for path in root.rglob(f"*.{kind}")
+        if "vendor" not in path.parts
+    ]
+    assert len(files) > 40
+    lines = sum(len(path.read_text(encoding="utf-8").splitlines()) for path in files)
+    assert lines <= MOST_LINES_OF_PAGES, lines

@@ -221,7 +221,7 @@ def origin_by_a_click(page: Page, served: SetupServer) -> None:
 
 
 def change_while_it_runs(page: Page, served: SetupServer) -> None:
-    """Another goal is taken at once; a zone waits for a restart, with one click."""
+    """Another goal and a zone are taken at once; a battery waits for a restart, with one click."""
     folder = served.table.desk.folder
     push(page, "#to-change")
     judged(page, served)
@@ -235,8 +235,11 @@ def change_while_it_runs(page: Page, served: SetupServer) -> None:
     type_into(page, "#zone-name", "door")
     push(page, "#keep-zone")
     push(page, "#save")
-    assert page.shows("said", "takes zones at its next start")
+    assert page.shows("said", "At once: zones from the site file"), page.text("page")
     assert [zone.name for zone in load_site(folder).zone] == ["door"]
+    type_into(page, "#settings fieldset:nth-of-type(2) input", "50")
+    push(page, "#save")
+    assert page.shows("said", "takes batteries at its next start"), page.text("page")
     push(page, "#restart")
     assert eventually(lambda: served.table.live.body()["live"], LIVE_S)
     push(page, "#to-live")

@@ -42,12 +42,13 @@ export function Change() {
     if (byError && (typed.goal || typed.target_error !== undefined)) wanted.target_error = value("target_error");
     if (!byError && (typed.goal || typed.cameras !== undefined)) wanted.cameras = Number(value("cameras")) || 1;
     const found = await order("settings", wanted);
+    if (found) await load(); // before it is said: what is typed from then on stays
     say(found);
-    if (found) load();
   };
   const back = async () => {
-    say(await order("settings/before"));
-    load();
+    const found = await order("settings/before");
+    await load();
+    say(found);
   };
   const restart = async () => {
     await order("live", { order: "restart" });
