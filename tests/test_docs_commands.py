@@ -111,6 +111,16 @@ ELSEWHERE = {
     ),
     **dict.fromkeys(
         (
+            "simulate films --scene home-fall --seconds 60 --fps 12.5 --resolution 640x480 --seed 1"
+            " --videos",
+            "init room films/videos/cam0.mp4 films/videos/cam1.mp4 films/videos/cam2.mp4"
+            " films/videos/cam3.mp4 --detector drawn --calibration films/calibration.toml",
+            "stream room homeassistant://127.0.0.1:1883",
+        ),
+        "tests/live/test_told_page.py",
+    ),
+    **dict.fromkeys(
+        (
             "hub grant house ada --operator --group clinics",
             "hub grant house bob --viewer --group clinics",
             "hub users house",

@@ -167,10 +167,11 @@ def simulate(
     check_free(dest, overwrite)
     if videos:
         from e3pose.simulate.films import check_people
+        from e3pose.simulate.scenes import scene_by_name
 
         if skeleton != "coco17":
             raise InputError("--skeleton", f"{skeleton} with --videos", "coco17, which films show")
-        check_people(people)
+        check_people(scene_by_name(scene).people if people is None else people)
     settings = SceneSettings(
         scene=scene,
         people=people,

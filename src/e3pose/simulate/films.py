@@ -21,11 +21,10 @@ STEP_M = 0.25
 LIKE_SHARE = 0.35  # of a height: how far a detection may be from the person it shows
 
 
-def check_people(people: int | None) -> None:
+def check_people(people: int) -> None:
     """Raise `InputError` for more people than differ in their shade."""
-    if people is None or not 0 <= people <= len(LEVELS):
-        found = "the scene's own number" if people is None else str(people)
-        raise InputError("films", f"{found} of people", f"at most {len(LEVELS)}: --people 2")
+    if not 0 <= people <= len(LEVELS):
+        raise InputError("films", f"{people} people", f"at most {len(LEVELS)}: --people 2")
 
 
 def check_filmable(recording: Recording) -> Truth:
