@@ -166,12 +166,7 @@ def simulate(
 
     check_free(dest, overwrite)
     if videos:
-        from e3pose.simulate.films import check_people
-        from e3pose.simulate.scenes import scene_by_name
-
-        if skeleton != "coco17":
-            raise InputError("--skeleton", f"{skeleton} with --videos", "coco17, which films show")
-        check_people(scene_by_name(scene).people if people is None else people)
+        _check_films(scene, people, skeleton)
     settings = SceneSettings(
         scene=scene,
         people=people,
@@ -190,6 +185,15 @@ def simulate(
     if videos:
         _write_films(recording, dest)
     _print(recording, dest)
+
+
+def _check_films(scene: str, people: int | None, skeleton: str) -> None:
+    from e3pose.simulate.films import check_people
+    from e3pose.simulate.scenes import scene_by_name
+
+    if skeleton != "coco17":
+        raise InputError("--skeleton", f"{skeleton} with --videos", "coco17, which films show")
+    check_people(scene_by_name(scene).people if people is None else people)
 
 
 def _print(recording: Recording, dest: Path) -> None:
