@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import os
 import runpy
+import subprocess
+import sys
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
+from tests.site.streams.test_webhook import Receiver
 from tests.site.web.browser import Page, browser, browser_path
 from tests.waiting import eventually
 
@@ -30,6 +34,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Edge, PageS
     folder = tmp_path_factory.mktemp("site")
     recording = simulate(SceneSettings(people=2, seconds=4, fps=12.5, cameras=3), seed=1)
     site_file = write_recorded(folder / "site", recording)
+    site_file.write_text(site_file.read_text() + "\n[events]\n")
     with ExitStack() as stack:
         edge: Edge = runpy.run_path(str(LIVE))["run"](site_file, stack)
         view = stack.enter_context(open_view(resolve_site(site_file), "127.0.0.1:0"))
@@ -97,6 +102,39 @@ def test_form_sets_target_error_and_weight_and_a_field_the_budget(
     assert eventually(lambda: edge.status().num_selected == 2)
     assert edge.status().target_error_mm is None
     assert page.messages == []
+
+
+def test_a_button_tests_the_webhook_of_another_program(
+    site: tuple[Edge, PageServer, Page], tmp_path: Path
+) -> None:
+    _, view, page = site
+    page.open(f"{view.url}#token={view.tokens.write}")
+    assert page.shows("state", "live")
+    press = "document.getElementById('test-notice').click()"
+    page.run(press)
+    assert page.shows("said", "no webhook is at work")
+    receiver, secret = Receiver(tmp_path), tmp_path / "secret"
+    secret.touch(0o600)
+    secret.write_text("correct horse battery staple")
+    receiver.start("takes")
+    words = ["stream", str(view.site.path), f"webhook:http://127.0.0.1:{receiver.port}/hook"]
+    program = subprocess.Popen(
+        [sys.executable, "-m", "e3pose", *words],
+        env={**os.environ, "E3POSE_WEBHOOK_SECRET_FILE": str(secret)},
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+    )
+    with program:
+        try:
+            assert program.stdout is not None and b"Streaming" in program.stdout.readline()
+            page.run(press)
+            assert page.shows("said", "test notice delivered")
+            assert '"kind": "test"' in receiver.got()[-1]["body"]
+        finally:
+            program.terminate()
+            assert program.wait(60) == 0
+            receiver.end()
+    assert all("409" in one for one in page.messages), "it was refused once, and no more"
 
 
 def test_who_may_only_read_sees_no_controls(site: tuple[Edge, PageServer, Page]) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -69,6 +69,7 @@ def stream(
     from e3pose.site.run import run_until_stopped
     from e3pose.site.streams import naming, open_stream
     from e3pose.site.streams.send import Sender
+    from e3pose.site.trial_notices import Answerer
     from e3pose.site.troubles import TroubleFile
     from e3pose.site.zones import Zones
     from e3pose.wire.network import open_network
@@ -88,14 +89,15 @@ def stream(
             Connection(resolved.name, open_network(link), delayed=delayed)
         )
         sender = stack.enter_context(Sender(connection, streams, Zones(resolved.zone), warn, watch))
+        troubles = stack.enter_context(closing(TroubleFile(resolved.path)))
+        answerer = stack.enter_context(closing(Answerer(resolved.path, streams)))
         what = "smoothed poses of site" if delayed else "site"
         print(f"Streaming {what} {resolved.name} to {', '.join(target)}", flush=True)
         begun_s = time.monotonic()
-        troubles = TroubleFile(resolved.path)
-        stack.callback(troubles.close)
 
         def runs() -> bool:
             troubles.update(streams)
+            answerer.update()
             return sender.running() and not _over(sender, begun_s, for_s)
 
         run_until_stopped(runs)

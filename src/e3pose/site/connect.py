@@ -249,6 +249,11 @@ class Connection:
             raise InputError(f"site {self.site}", "a closed connection", "an open one")
         return slot
 
+    @property
+    def newest_status(self) -> Status | None:
+        """How the site is, as of the last message; None before the first."""
+        return self._follower.status
+
     def status(self) -> Status:
         """Return how the site is, as `e3pose top` shows it; waits for the first status.
 

@@ -17,8 +17,9 @@ from e3pose.events.watch import advance, begin_watch
 from e3pose.model.skeleton import COCO17
 from e3pose.settings.events_table import EventsTable
 from e3pose.site.streams import Source
-from e3pose.site.streams.base import TellsPeople
+from e3pose.site.streams.base import TellsCameras, TellsPeople
 from e3pose.site.streams.homeassistant import HURRY_S, HomeAssistantStream, discovery
+from e3pose.wire.site_messages import CameraStatus, Status
 
 SOURCE = Source("lab", COCO17, 12.5, cameras=("c0", "hall 2"), zones=("door",), kinds=tuple(RULES))
 # https://www.home-assistant.io/integrations/mqtt/, sensor.mqtt/, binary_sensor.mqtt/ and
@@ -31,16 +32,19 @@ REQUIRED = {
 OPTIONAL = {
     "sensor": {
         "name", "value_template", "state_class", "unit_of_measurement", "icon",
-        "json_attributes_topic",
+        "json_attributes_topic", "device_class", "options", "entity_category",
     },
     "binary_sensor": {"name", "value_template", "device_class", "entity_category"},
     "device_automation": {"payload", "qos", "value_template"},
 }  # fmt: skip
-CLASSES = {"occupancy", "running", "safety", "problem"}
+CLASSES = {
+    "binary_sensor": {"occupancy", "running", "safety", "problem"},
+    "sensor": {"battery", "enum"},
+}
 
 
 def test_every_component_is_as_documented() -> None:
-    topic, message = discovery(SOURCE)
+    topic, message = discovery(SOURCE, frozenset({"c0"}))
     assert topic == "homeassistant/device/e3pose_lab/config"
     assert set(message) == {"device", "origin", "availability_topic", "components"}
     assert message["device"]["identifiers"] and message["origin"]["name"]
@@ -49,7 +53,7 @@ def test_every_component_is_as_documented() -> None:
     for component in message["components"].values():
         kind = component["platform"]
         assert REQUIRED[kind] <= set(component) <= REQUIRED[kind] | OPTIONAL[kind]
-        assert component.get("device_class", "running") in CLASSES
+        assert component.get("device_class") in {None, *CLASSES.get(kind, ())}
     assert {"zone_door", "occupied_door", "camera_hall_2"} <= set(message["components"])
 
 
@@ -94,6 +98,28 @@ def test_counts_of_zones_and_cameras_are_told(client: MagicMock) -> None:
     stream.people(watch, [])
     state = json.loads(retained(client)["e3pose/lab/home/state"])
     assert state["zones"] == [EVENT.count] and state["cameras"] == [True, False]
+
+
+def test_cameras_sleep_and_a_battery_is_announced_once_it_is_known(client: MagicMock) -> None:
+    stream = HomeAssistantStream(client, SOURCE)
+    assert isinstance(stream, TellsCameras)
+    config = "homeassistant/device/e3pose_lab/config"
+
+    def told(*cameras: CameraStatus) -> list[dict[str, Any]]:
+        stream.cameras(Status("lab", 1, 12.5, 1, 1, cameras))
+        return list(json.loads(retained(client)["e3pose/lab/home/cameras"]))
+
+    away = {"does": "away", "battery": None}
+    assert told(CameraStatus("c0", True)) == [{"does": "awake", "battery": None}, away]
+    assert "battery_c0" not in json.loads(retained(client)[config])["components"]
+    asleep = CameraStatus("c0", False, asleep_s=3.0, battery=0.414)
+    assert told(asleep, CameraStatus("hall 2", True, paused=True)) == [
+        {"does": "asleep", "battery": 41},
+        {"does": "paused", "battery": None},
+    ]
+    parts = json.loads(retained(client)[config])["components"]
+    assert parts["battery_c0"]["unit_of_measurement"] == "%" and "battery_hall_2" not in parts
+    assert set(parts["does_c0"]["options"]) >= {"awake", "asleep", "paused", "away"}
 
 
 def test_it_says_again_what_there_is_when_home_assistant_starts(client: MagicMock) -> None:

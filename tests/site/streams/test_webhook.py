@@ -6,6 +6,7 @@ import json
 import re
 import subprocess
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -24,6 +25,7 @@ from e3pose.site.connect import Names, nobody
 from e3pose.site.streams import Source, open_stream
 from e3pose.site.streams.as_json import event_words
 from e3pose.site.streams.webhook import MAX_WAITING, Patience, WebhookStream, address
+from e3pose.site.trial_notices import Answerer, send_test
 
 HERE = Path(__file__).parent
 PAGE = HERE.parents[2] / "docs" / "how-to" / "events.md"
@@ -106,6 +108,52 @@ def test_notice_is_delivered_once_and_checked_as_the_page_says(receiver: Receive
     assert not genuine(sent, "t=1,v1=" + one["signature"].partition("v1=")[2], SECRET)
     assert not genuine(sent, "nonsense", SECRET)
     assert said[-1].endswith("1 notice delivered")
+
+
+@pytest.mark.parametrize("habit", ["takes", "refuses"])
+def test_the_page_tests_webhooks_and_is_told_how_they_fared(
+    receiver: Receiver, tmp_path: Path, habit: str
+) -> None:
+    site = tmp_path / "site.toml"
+    with pytest.raises(InputError, match="no webhook is at work"):
+        send_test(site, 0.3)
+    receiver.start(habit)
+    quiet = EventsTable(quiet="00:00-23:59")
+    with sending(receiver, told=quiet) as (stream, _):
+        answerer, ended = Answerer(site, [stream, object()]), threading.Event()
+
+        def answer() -> None:
+            while not ended.wait(0.05):
+                answerer.update()
+
+        thread = threading.Thread(target=answer)
+        thread.start()
+        try:
+            assert eventually(lambda: "refused" not in stream.test())  # it has started
+            before = len(receiver.got())
+            (said,) = send_test(site)
+        finally:
+            ended.set()
+            thread.join()
+            answerer.close()
+        assert stream.delivered == 0 and not stream.trouble, "no event is counted"
+    how = "delivered" if habit == "takes" else "not delivered (status 404)"
+    assert said == f"webhook 127.0.0.1:{receiver.port}: test notice {how}"
+    (one,) = receiver.got()[before:]
+    body = json.loads(one["body"])
+    assert body["kind"] == "test" and "nothing happened" in body["sentence"]
+    assert checker()(one["body"].encode(), one["signature"], SECRET)
+    assert not list((tmp_path / "troubles").glob("*.answer"))
+
+
+def test_an_old_question_is_not_answered(receiver: Receiver, tmp_path: Path) -> None:
+    site = tmp_path / "site.toml"
+    with pytest.raises(InputError, match="no webhook is at work"):
+        send_test(site, 0.3)
+    with sending(receiver) as (stream, _):
+        answerer = Answerer(site, [stream])
+        answerer.update()
+        assert answerer._thread is None
 
 
 def test_a_notice_that_waits_has_the_name_of_the_moment_it_is_delivered(

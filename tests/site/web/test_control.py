@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable
 
+import httpx
 import pytest
 from tests.site.web.watched import Watched
 
+from e3pose.base.errors import InputError
+from e3pose.site.web.app import PageContent, inner_app
+from e3pose.site.web.feed import Feed
 from e3pose.wire.codec import decode, encode
 from e3pose.wire.site_messages import Control, Controlled
 
@@ -88,3 +93,35 @@ def test_edge_that_is_silent_is_reported(watched: Watched, post: Post) -> None:
     watched.edge.answers.clear()
     status, said = post("loop", {"cameras": 1})
     assert status == 504 and "does not answer" in said
+
+
+def test_a_test_notice_is_sent_and_its_fate_told() -> None:
+    fates: list[list[str] | InputError] = [["webhook a: test notice delivered"], InputError("none")]
+    said: list[str] = []
+
+    def test() -> list[str]:
+        fate = fates.pop(0)
+        if isinstance(fate, InputError):
+            raise fate
+        return fate
+
+    content = PageContent(Feed("lab"), None, dict, log=said.append, test=test)
+    transport = httpx.ASGITransport(app=inner_app(content))
+
+    async def send() -> tuple[int, dict[str, str]]:
+        async with httpx.AsyncClient(transport=transport, base_url="http://localhost") as made:
+            answer = await made.post("/api/control/test-notice")
+        return answer.status_code, answer.json()
+
+    assert asyncio.run(send()) == (200, {"said": "webhook a: test notice delivered"})
+    assert asyncio.run(send()) == (409, {"detail": "none"})
+    assert said == ["test notice: webhook a: test notice delivered"]
+    assert (
+        content.body("write")["tests"]
+        and not PageContent(Feed("x"), None, dict).body("write")["tests"]
+    )
+
+
+def test_only_operators_of_a_site_with_events_test_notices(watched: Watched, post: Post) -> None:
+    assert post("test-notice", {}, watched.view.tokens.read)[0] == 403
+    assert post("test-notice", {})[0] in (404, 405)

@@ -14,6 +14,7 @@ from e3pose.model.zone_event import ZoneEvent
 from e3pose.settings.events_table import EventsTable
 from e3pose.site.connect import LiveSlot, Names, nobody
 from e3pose.wire.access import split_endpoint
+from e3pose.wire.site_messages import Status
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +50,15 @@ class TellsPeople(Protocol):
 
     def people(self, watch: Watch, events: Sequence[PersonEvent]) -> None:
         """Take who does what after a slot, and the events of it."""
+        ...
+
+
+@runtime_checkable
+class TellsCameras(Protocol):
+    """A stream that is also told how cameras are."""
+
+    def cameras(self, status: Status) -> None:
+        """Take a new status of the site."""
         ...
 
 

@@ -3,6 +3,7 @@
 homeassistant/device/e3pose_SITE/config  what there is, retained: one device with its components
 e3pose/SITE/home/online                  `online` or `offline`, retained; the broker says the latter
 e3pose/SITE/home/state                   people, people by state and by zone, cameras: retained
+e3pose/SITE/home/cameras                 what each camera does, and its battery, retained
 e3pose/SITE/home/alarm                   `on` for each kind of event that goes on, retained
 e3pose/SITE/home/told                    the last event: its sentence, kind, zone, score; retained
                                          unless names are told, which no broker is to keep
@@ -34,6 +35,7 @@ from e3pose.site.connect import LiveSlot, nobody
 from e3pose.site.streams.as_json import event_words
 from e3pose.site.streams.base import Source
 from e3pose.site.streams.mqtt import PORT, broker_trouble, connected_client
+from e3pose.wire.site_messages import CameraStatus, Status
 
 EVERY_S = 1.0  # states are sent at most so often
 SILENT_S = 30.0  # a camera that sends nothing for longer rests
@@ -45,6 +47,7 @@ ALARMS = {
     "fall": ("Fall", "safety"), "on-floor": ("On the floor", "safety"),
     "nobody": ("Nobody seen", None), "too-many": ("Too many people", "problem"),
 }  # fmt: skip
+DOES = ("awake", "asleep", "paused", "away")  # of a camera; away: it is not heard
 FALL_ENDS = "got-up"  # a fall is told once; its alarm goes off with this
 
 
@@ -72,8 +75,29 @@ def identifier(text: str) -> str:
     return re.sub(r"[^a-zA-Z0-9_-]", "_", text)
 
 
-def discovery(source: Source) -> tuple[str, dict[str, Any]]:
-    """Return topic and message by which Home Assistant learns what a site has."""
+def does(camera: CameraStatus) -> str:
+    """Return what a camera does, of `DOES`."""
+    if camera.paused:
+        return "paused"
+    if camera.asleep_s is not None:
+        return "asleep"
+    return "awake" if camera.online else "away"
+
+
+def percent(battery: float | None) -> int | None:
+    """Return a state of charge as Home Assistant shows it."""
+    return None if battery is None else round(100 * battery)
+
+
+def discovery(
+    source: Source, batteries: frozenset[str] = frozenset()
+) -> tuple[str, dict[str, Any]]:
+    """Return topic and message by which Home Assistant learns what a site has.
+
+    Args:
+        source: the site.
+        batteries: cameras that have told how full their battery is.
+    """
     node, base = f"e3pose_{identifier(source.site)}", prefix(source.site)
     parts: dict[str, dict[str, Any]] = {}
 
@@ -101,6 +125,18 @@ def discovery(source: Source) -> tuple[str, dict[str, Any]]:
             f"camera_{identifier(camera)}", "binary_sensor", f"Camera {camera}", value,
             device_class="running", entity_category="diagnostic",
         )  # fmt: skip
+        add(
+            f"does_{identifier(camera)}", "sensor", f"Camera {camera} does",
+            f"value_json[{index}].does", device_class="enum", options=list(DOES),
+            entity_category="diagnostic", state_topic=f"{base}/cameras",
+        )  # fmt: skip
+        if camera in batteries:
+            add(
+                f"battery_{identifier(camera)}", "sensor", f"Battery of {camera}",
+                f"value_json[{index}].battery", device_class="battery", unit_of_measurement="%",
+                state_class="measurement", entity_category="diagnostic",
+                state_topic=f"{base}/cameras",
+            )  # fmt: skip
     for kind in source.kinds:
         key = identifier(kind)
         if kind in ALARMS:
@@ -127,7 +163,7 @@ def discovery(source: Source) -> tuple[str, dict[str, Any]]:
 
 
 class HomeAssistantStream:
-    """See `Stream` and `TellsPeople`."""
+    """See `Stream`, `TellsPeople` and `TellsCameras`."""
 
     def __init__(self, client: mqtt.Client, source: Source) -> None:
         """Announce a site through a client that is connected."""
@@ -139,6 +175,7 @@ class HomeAssistantStream:
         self._zones = dict.fromkeys(source.zones, 0)
         self._arrived_ns = dict.fromkeys(source.cameras, 0)
         self._alarms = {kind: set[int]() for kind in source.kinds if kind in ALARMS}
+        self._batteries = frozenset[str]()
         self._announced_s = time.monotonic()
         client.on_message = lambda _client, _data, message: self._hear(bytes(message.payload))
         client.subscribe(BIRTH, qos=1)
@@ -153,13 +190,13 @@ class HomeAssistantStream:
 
     def _announce(self) -> None:
         """Say what there is, and that it is there; again when Home Assistant starts."""
-        topic, message = discovery(self._source)
+        topic, message = discovery(self._source, self._batteries)
         self._client.publish(topic, json.dumps(message), qos=1, retain=True)
         self._client.publish(f"{self._base}/online", "online", qos=1, retain=True)
         for topic, text in self._sent.copy().items():
             self._publish(topic, text)
 
-    def _retain(self, topic: str, value: Mapping[str, Any]) -> None:
+    def _retain(self, topic: str, value: Mapping[str, Any] | Sequence[Any]) -> None:
         """Send a state that changed."""
         topic, text = f"{self._base}/{topic}", json.dumps(value)
         if self._sent.get(topic) != text:
@@ -190,6 +227,19 @@ class HomeAssistantStream:
     def zone(self, event: ZoneEvent) -> None:
         """See `Stream.zone`."""
         self._zones[event.zone] = event.count
+
+    def cameras(self, status: Status) -> None:
+        """See `TellsCameras.cameras`; a battery that is told for the first time is announced."""
+        known = {camera.camera_id: camera for camera in status.cameras}
+        told = frozenset(name for name, one in known.items() if one.battery is not None)
+        if not told <= self._batteries:
+            self._batteries |= told
+            self._announce()
+        self._retain("cameras", [
+            {"does": does(known[name]), "battery": percent(known[name].battery)}
+            if name in known else {"does": "away", "battery": None}
+            for name in self._source.cameras
+        ])  # fmt: skip
 
     def people(self, watch: Watch, events: Sequence[PersonEvent]) -> None:
         """See `TellsPeople.people`."""

@@ -10,8 +10,9 @@ from e3pose.base.errors import InputError
 from e3pose.events import watch as watching
 from e3pose.events.watch import Watch
 from e3pose.site.connect import Connection, LiveSlot, seen_of
-from e3pose.site.streams.base import Stream, TellsPeople
+from e3pose.site.streams.base import Stream, TellsCameras, TellsPeople
 from e3pose.site.zones import Zones, advance
+from e3pose.wire.site_messages import Status
 
 END_S = 5.0
 
@@ -49,6 +50,8 @@ class Sender:
         self.failure: BaseException | None = None
         self._connection, self._streams, self._zones = connection, streams, zones
         self._telling = [stream for stream in streams if isinstance(stream, TellsPeople)]
+        self._about_cameras = [stream for stream in streams if isinstance(stream, TellsCameras)]
+        self._status: Status | None = None
         self._watch = watch if self._telling else None
         self._thread = threading.Thread(target=self._run, name="stream", daemon=True)
 
@@ -77,6 +80,14 @@ class Sender:
         for stream in self._telling:
             stream.people(self._watch, events)
 
+    def _tell_cameras(self) -> None:
+        """Tell how cameras are, when that is new."""
+        status = self._connection.newest_status
+        if status is not None and status is not self._status:
+            self._status = status
+            for stream in self._about_cameras:
+                stream.cameras(status)
+
     def _run(self) -> None:
         silent = False
         while True:
@@ -88,6 +99,7 @@ class Sender:
                         stream.slot(slot)
                         for event in events:
                             stream.zone(event)
+                    self._tell_cameras()
                     self._tell(slot)
                     self.sent += 1
                     self.first_s = self.first_s or time.monotonic()

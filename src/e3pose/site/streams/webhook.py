@@ -13,6 +13,7 @@ import http.client
 import json
 import os
 import random
+import secrets
 import socket
 import ssl
 import threading
@@ -130,7 +131,7 @@ def body_of(event: PersonEvent, source: Source) -> bytes:
 
 
 class WebhookStream:
-    """See `Stream` and `TellsPeople`. A thread delivers, the oldest notice first.
+    """See `Stream`, `TellsPeople` and `CanTest`. A thread delivers, the oldest notice first.
 
     Attributes:
         delivered, given_up, silent: notices.
@@ -179,6 +180,17 @@ class WebhookStream:
                     self._give_up(self._waiting.popleft(), f"{MAX_WAITING} newer ones wait")
                 self._waiting.append(Notice(event, time.monotonic()))
                 self._changed.notify()
+
+    def test(self) -> str:
+        """See `CanTest.test`: posted once, past those that wait, also in quiet hours."""
+        sentence = f"Test notice of {self._source.site}: nothing happened"
+        words = {
+            "id": secrets.token_hex(16), "site": self._source.site, "kind": "test",
+            "sentence": sentence,
+        }  # fmt: skip
+        problem, _ = self._post(json.dumps(words).encode())
+        how = f"test notice not delivered ({problem})" if problem else "test notice delivered"
+        return f"webhook {self._url.netloc}: {how}"
 
     def close(self) -> None:
         """See `Stream.close`: what waits is tried for some seconds more, then its loss is told."""

@@ -16,7 +16,7 @@ from starlette.types import ASGIApp
 from e3pose import __version__
 from e3pose.site.web.access import Door, Judge, Rules
 from e3pose.site.web.api import make_api
-from e3pose.site.web.control import Ask, make_control
+from e3pose.site.web.control import Ask, make_control, make_tests
 from e3pose.site.web.day import make_day
 from e3pose.site.web.feed import Feed
 from e3pose.site.web.keep import Keeping, make_keep
@@ -46,6 +46,7 @@ class PageContent:
         picture_rules: who is shown them.
         log: called with a line about what operators changed here.
         keep: clips, files and recordings; None without.
+        test: has a test notice sent and returns how it went; None where nothing is told.
     """
 
     feed: Feed
@@ -56,6 +57,7 @@ class PageContent:
     picture_rules: PictureRules = field(default_factory=PictureRules)
     log: Callable[[str], object] = lambda line: None
     keep: Keeping | None = None
+    test: Callable[[], list[str]] | None = None
 
     def body(self, scope: str) -> dict[str, Any]:
         """Return what does not change, and what a token of a scope allows."""
@@ -64,6 +66,7 @@ class PageContent:
             "scope": scope,
             "stored": self.store is not None,
             "controls": self.ask is not None,
+            "tests": self.test is not None,
             "recorded": self.keep is not None and self.keep.recordings is not None,
             "pictures": self.picture_rules.for_scope(scope),
         }
@@ -95,6 +98,8 @@ def inner_app(content: PageContent) -> FastAPI:
     app.include_router(make_live(content.feed))
     if content.ask is not None:
         app.include_router(make_control(content.ask))
+    if content.test is not None:
+        app.include_router(make_tests(content.test, content.log))
     if content.pictures is not None:
         app.include_router(content.pictures)
     app.include_router(make_day(content.store))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 from typing import Annotated, Any
 
@@ -49,7 +50,7 @@ class CameraChanges(Changes):
 
 
 class Done(Shape):
-    """What the edge does from the next slot on, in words."""
+    """What was done, or what the edge does from the next slot on, in words."""
 
     said: str
 
@@ -84,6 +85,32 @@ def make_control(ask: Ask) -> APIRouter:
         )
 
     return control
+
+
+def make_tests(test: Callable[[], list[str]], log: Callable[[str], object]) -> APIRouter:
+    """Return the route that tests notices.
+
+    Args:
+        test: has a test notice sent, and returns how that went, a line for each webhook.
+        log: called with a line about what operators did.
+    """
+    tests = APIRouter(prefix="/api/control", responses=REFUSALS)
+    running = threading.Lock()
+
+    @tests.post("/test-notice", summary="Send a test notice to the webhooks of this machine")
+    def test_notice() -> Done:
+        if not running.acquire(blocking=False):
+            raise HTTPException(409, "a test goes on: wait for its answer")
+        try:
+            said = "; ".join(test())
+        except InputError as error:
+            raise HTTPException(409, str(error)) from None
+        finally:
+            running.release()
+        log(f"test notice: {said}")
+        return Done(said=said)
+
+    return tests
 
 
 def _send(ask: Ask, control: Control) -> Done:

@@ -8,6 +8,7 @@ import ssl
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from e3pose.site.follow import ANY_HOST, LOCAL_OPERATOR, operator_of, viewer_lin
 from e3pose.site.keep.jobs import Jobs
 from e3pose.site.listener import Bounds, open_socket
 from e3pose.site.serving import CONNECTIONS, PER_ADDRESS, Serving
+from e3pose.site.trial_notices import send_test
 from e3pose.site.web.access import Rules
 from e3pose.site.web.app import PageContent, make_app
 from e3pose.site.web.control import Ask
@@ -241,7 +243,8 @@ def open_view(
             asks = {i: asking(name, PICTURE_S) for i, name in names.items()}
             pictures = make_pictures(site.rig, feed, asks, site.interval_s / site.pace, shown.per_s)
         keep = keeping(site, report, stack)
-        made = PageContent(feed, store, view.body, ask, pictures, shown, report, keep)
+        test = None if site.events is None else partial(send_test, site.path)
+        made = PageContent(feed, store, view.body, ask, pictures, shown, report, keep, test)
         view._stack.push(stack.pop_all())
     bounds = Bounds(CONNECTIONS, PER_ADDRESS, proxies=rules.proxies)
     secure = _https(address)

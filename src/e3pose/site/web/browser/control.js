@@ -30,6 +30,7 @@ export function Control() {
       <label>Accuracy before energy (V) <input id="weight" type="number" min="0" step="any" value=${value.weight} onInput=${keep("weight")} /></label>
       <button type="submit">Apply</button>
     </form>
+    ${known.room.tests && html`<p><button type="button" id="test-notice" onClick=${() => control("/api/control/test-notice", {})}>Send a test notice</button></p>`}
     <p id="said" class="soft" role="status">${known.said}</p></section>`;
 }
 

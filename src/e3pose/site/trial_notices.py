@@ -1,0 +1,126 @@
+"""A test of notices: the page asks, webhooks on the same machine send one and say how it went.
+
+A stream is a viewer of the site and hears no operator. So the question and the answers are files
+beside the site file, in the folder of `troubles`:
+
+    test.asked   a random word, new with each question
+    PID.answer   that word, then how each webhook fared, a line each
+"""
+
+from __future__ import annotations
+
+import os
+import secrets
+import threading
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Protocol, runtime_checkable
+
+from e3pose.base.atomic import atomic_file
+from e3pose.base.errors import InputError
+from e3pose.base.private import make_folder
+from e3pose.site.troubles import FOLDER, MOST_FILES, MOST_LINES, MOST_TEXT
+
+ASKED, ANSWER = "test.asked", ".answer"
+WAIT_S = 12.0  # for the first answer: a receiver may take 10 s
+MORE_S = 0.5  # for those of other programs
+LOOK_S = 0.1
+NOBODY = "no webhook is at work on this machine: e3pose stream SITE webhook:https://HOST/PATH"
+
+
+@runtime_checkable
+class CanTest(Protocol):
+    """A stream that can send a test notice."""
+
+    def test(self) -> str:
+        """Send a test notice once; return how it went, a line. It may take seconds."""
+        ...
+
+
+class Answerer:
+    """Answers questions for a test, for the streams of this program."""
+
+    def __init__(self, site: Path, streams: Sequence[object]) -> None:
+        """Answer questions that are asked from now on.
+
+        Args:
+            site: the site file beside which they are.
+            streams: those that can, of the program.
+        """
+        self._folder = site.parent / FOLDER
+        self._streams = [stream for stream in streams if isinstance(stream, CanTest)]
+        self._last = _asked(self._folder)
+        self._thread: threading.Thread | None = None
+
+    def update(self) -> None:
+        """Look for a question; to be called often. A thread answers it."""
+        busy = self._thread is not None and self._thread.is_alive()
+        if not self._streams or busy or (word := _asked(self._folder)) in ("", self._last):
+            return
+        self._last = word
+        self._thread = threading.Thread(target=self._answer, args=(word,), daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Leave no answer behind."""
+        with suppress(OSError):
+            self._path.unlink(missing_ok=True)
+
+    @property
+    def _path(self) -> Path:
+        return self._folder / f"{os.getpid()}{ANSWER}"
+
+    def _answer(self, word: str) -> None:
+        lines = [word, *(stream.test() for stream in self._streams)]
+        with suppress(OSError, InputError), atomic_file(self._path, private=True) as temporary:
+            temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def send_test(site: Path, wait_s: float = WAIT_S) -> list[str]:
+    """Have a test notice sent; return how each webhook on this machine fared, a line each.
+
+    Args:
+        site: the site file.
+        wait_s: for the first answer.
+
+    Raises:
+        InputError: when no webhook answers, or the question cannot be written.
+    """
+    folder, word = site.parent / FOLDER, secrets.token_hex(16)
+    make_folder(folder)
+    try:
+        with atomic_file(folder / ASKED, private=True) as temporary:
+            temporary.write_text(word, encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{folder}: {(error.strerror or str(error)).lower()}") from None
+    until_s = time.monotonic() + wait_s
+    found: list[str] = []
+    while time.monotonic() < until_s:
+        time.sleep(LOOK_S)
+        before, found = found, _answers(folder, word)
+        if found and not before:
+            until_s = min(until_s, time.monotonic() + MORE_S)
+    if not found:
+        raise InputError(NOBODY)
+    return found
+
+
+def _asked(folder: Path) -> str:
+    """Return the word of the newest question; empty without any."""
+    with suppress(OSError), (folder / ASKED).open(encoding="utf-8", errors="replace") as file:
+        return file.read(64)
+    return ""
+
+
+def _answers(folder: Path, word: str) -> list[str]:
+    found: list[str] = []
+    with suppress(OSError):
+        for path in sorted(folder.glob(f"*{ANSWER}"))[:MOST_FILES]:
+            with path.open(encoding="utf-8", errors="replace") as file:
+                first, *lines = file.read(MOST_LINES * MOST_TEXT).splitlines() or [""]
+            if first == word:
+                for line in lines[:MOST_LINES]:
+                    found.append("".join(c for c in line[:MOST_TEXT] if c.isprintable()))
+    return found
