@@ -117,6 +117,7 @@ def test_a_button_tests_the_webhook_of_another_program(
     secret.touch(0o600)
     secret.write_text("correct horse battery staple")
     receiver.start("takes")
+    assert view.site is not None
     words = ["stream", str(view.site.path), f"webhook:http://127.0.0.1:{receiver.port}/hook"]
     program = subprocess.Popen(
         [sys.executable, "-m", "e3pose", *words],

@@ -116,25 +116,26 @@ def test_a_drag_on_the_time_line_marks_and_a_click_goes_there(page: Page, watche
     opened(page, watched, watched.view.tokens.write)
     page.of("past", f"void m.seek({at_ns(250) / 1e9}).then(() => m.setPlaying(false))")
     assert page.shows("state", "past")
-    box = page.run(
-        "(({ left, top, width }) => [left, top + 40, width])"
-        "(document.getElementById('line').getBoundingClientRect())"
-    )
 
-    def mouse(kind: str, x: float) -> None:
-        page.call("Input.dispatchMouseEvent", type=kind, x=x, y=box[1], button="left",
-                  clickCount=1, buttons=1)  # fmt: skip
+    def mouse(kind: str, share: float) -> None:
+        # The line moves when there is more to say below it.
+        left, y, width = page.run(
+            "(({ left, top, width }) => [left, top + 40, width])"
+            "(document.getElementById('line').getBoundingClientRect())"
+        )
+        page.call("Input.dispatchMouseEvent", type=kind, x=left + share * width, y=y,
+                  button="left", clickCount=1, buttons=1)  # fmt: skip
 
-    mouse("mousePressed", box[0] + 0.4 * box[2])
+    mouse("mousePressed", 0.4)
     for share in (0.42, 0.45, 0.5):
-        mouse("mouseMoved", box[0] + share * box[2])
-    mouse("mouseReleased", box[0] + 0.5 * box[2])
+        mouse("mouseMoved", share)
+    mouse("mouseReleased", 0.5)
     marked = page.of("timeline", "m.line.marked")
     assert marked["to_s"] - marked["from_s"] == pytest.approx(60, rel=0.1)  # of ten minutes
     assert page.run("document.getElementById('from').value") != ""
     at_s = page.of("past", "m.past.at_s")
-    mouse("mousePressed", box[0] + 0.3 * box[2])
-    mouse("mouseReleased", box[0] + 0.3 * box[2])
+    mouse("mousePressed", 0.3)
+    mouse("mouseReleased", 0.3)
     assert eventually(lambda: page.of("past", "m.past.at_s") < at_s - 60)
 
 

@@ -78,7 +78,7 @@ export function Making({ stretch }) {
       ${!people.length && html`<span class="soft">Nobody was stored in this time.</span>`}</fieldset>`}
     ${others > 0 && html`<p class="soft">The edge was started anew in this time: files are of the run with most people.</p>`}
     ${can_smooth && html`<label class="tick"><input type="checkbox" class="smooth" checked=${smooth} onChange=${({ target }) => setSmooth(target.checked)} /> Smoothed with what came later</label>`}
-    <button type="submit" class="make" disabled=${about?.chooses && !chosen.length}>Make the file</button>
+    <button type="submit" class="make" disabled=${!about || (about.chooses && !chosen.length)}>Make the file</button>
   </form>`;
 }
 
