@@ -158,13 +158,18 @@ class Desk:
         """Begin work in the background; see `Jobs.start`."""
 
         def noted(running: Job) -> None:
-            self.keep_result(AT_WORK, {"kind": job.kind, "title": job.title})
             try:
                 work(running)
             finally:
                 self.keep_result(AT_WORK, None)
 
-        self.jobs.start(job, noted if self.name else work)
+        if not self.name:
+            self.jobs.start(job, work)
+            return
+        self.jobs.check_free()
+        # Before the answer: whoever was told that it runs is told if it was cut off.
+        self.keep_result(AT_WORK, {"kind": job.kind, "title": job.title})
+        self.jobs.start(job, noted)
 
     def results(self) -> dict[str, Any]:
         """Return what the steps found, by step; nothing where that cannot be read."""
