@@ -130,7 +130,7 @@ class Planner:
         self.slept: list[tuple[int, list[bool]]] = []
 
     def planned(
-        self, rest: RestMemory, situation: Situation, until: Integers, later: object
+        self, rest: RestMemory, situation: Situation, until: Integers, later: object, asked: object
     ) -> tuple[RestMemory, Integers]:
         return replace(rest, num_selected=3.0), np.array([0, 0, 12, 0, 0])
 

@@ -45,7 +45,9 @@ class PipelineOwner:
     def after_slot(self, consumers: Consumers, record: SlotRecord) -> list[Happened]:
         """Apply what operators, the ledger, the learner and consumers ask for; return events."""
         events: list[Happened] = []
-        self.pipeline = replace(self.pipeline, request=consumers.asks())
+        request = consumers.asks()
+        if request != self.pipeline.request:
+            self.pipeline = replace(self.pipeline, request=request)
         if consumers.controls is not None:
             chosen, lines = consumers.controls.applied()
             self._select_by(chosen)
