@@ -65,7 +65,7 @@ def pictures(page: Page) -> int:
 
 def click(page: Page, selector: str) -> None:
     ready = f"(e => Boolean(e && !e.disabled && !e.hidden))(document.querySelector({selector!r}))"
-    assert eventually(lambda: page.run(ready), 30), selector
+    assert eventually(lambda: page.run(ready), 120), selector
     page.run(f"document.querySelector({selector!r}).click()")
 
 
@@ -95,7 +95,7 @@ def test_a_phone_is_a_camera_in_set_up_in_the_walk_and_live(
         page = stack.enter_context(browser(tmp_path / "desk"))
         page.open(served.url, 1440, 900)
         assert page.shows("step-title", "") and eventually(
-            lambda: page.run("Boolean(document.getElementById('create'))")
+            lambda: page.run("Boolean(document.getElementById('create'))"), 240
         )
         click(page, "#create")
         assert page.shows("step-title", "Cameras")
@@ -121,12 +121,12 @@ def test_a_phone_is_a_camera_in_set_up_in_the_walk_and_live(
             click(phone, "#start")
             assert phone.shows("state", "Sending."), phone.text("state")
             phones.append(phone)
-            assert eventually(lambda: pictures(page) == len(phones), 30), page.text("page")
+            assert eventually(lambda: pictures(page) == len(phones), 120), page.text("page")
         assert page.shows("cameras", "frames a second")
         phones[0].call("Page.reload")
-        assert eventually(lambda: pictures(page) == 1, 30), "the old picture is not taken for new"
+        assert eventually(lambda: pictures(page) == 1, 120), "the old picture is not taken for new"
         click(phones[0], "#start")
-        assert eventually(lambda: pictures(page) == 2, 30), "it needs no second code"
+        assert eventually(lambda: pictures(page) == 2, 120), "it needs no second code"
         second = stack.enter_context(browser(tmp_path / "thief", "--ignore-certificate-errors"))
         second.open(url, 390, 844)
         assert second.shows("state", "This code was used already")

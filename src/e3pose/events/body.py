@@ -149,6 +149,37 @@ def figures(
     return value, spread
 
 
+class Carriage(NamedTuple):
+    """How somebody holds the body; NaN where no known joint tells.
+
+    Attributes:
+        hips_m: height of the middle of the hips over the floor, or the bed or seat.
+        trunk_deg: inclination of the trunk against the vertical.
+        arms_raised: how many wrists are higher than their shoulder.
+    """
+
+    hips_m: float
+    trunk_deg: float
+    arms_raised: float
+
+
+def carriage(joints: Joints, joints_m: Floats, surface_m: float) -> Carriage:
+    """Return how one person holds the body.
+
+    Args:
+        joints: of the skeleton.
+        joints_m: `(num_joints, 3)` metres, NaN where unknown.
+        surface_m: height of what the person is on.
+    """
+    sure = np.zeros((1, len(joints_m)))
+    value, _ = figures(joints, joints_m[None], sure, np.ones(1), np.full(1, surface_m))
+    sides = zip(joints.wrists, joints.shoulders, strict=True)
+    up_m = [joints_m[low, 2] - joints_m[top, 2] for low, top in sides if min(low, top) >= 0]
+    known = [height_m for height_m in up_m if np.isfinite(height_m)]
+    raised = float(sum(height_m > 0 for height_m in known)) if known else float("nan")
+    return Carriage(float(value[0, HIPS]), float(value[0, TRUNK]), raised)
+
+
 def middle(joints_m: Floats, sigma_m: Floats, which: tuple[int, ...]) -> tuple[Floats, Floats]:
     """Return the middle of some joints of each person and its standard deviation.
 

@@ -26,6 +26,7 @@ FLAGS = (
     "--remote-debugging-port=0",
 )  # fmt: skip
 AXE = Path(__file__).parent / "axe" / "axe.min.js"
+SHOWN_S = 90.0  # for a browser beside others, on a machine that is very busy
 
 
 def browser_path() -> str | None:
@@ -124,7 +125,7 @@ class Page:
 
     def shows(self, element: str, text: str) -> bool:
         """Wait until an element has a text in it; return whether it does in time."""
-        return eventually(lambda: text in self.text(element))
+        return eventually(lambda: text in self.text(element), SHOWN_S)
 
     def picture(self, path: Path | None = None) -> NDArray[np.uint8]:
         """Return the window as `(height, width, 3)` RGB."""
@@ -154,7 +155,7 @@ def browser(folder: Path, *flags: str) -> Iterator[Page]:
     try:
         assert eventually(lambda: port_file.is_file() and "\n" in port_file.read_text(), 60)
         port = port_file.read_text().splitlines()[0]
-        with connect_socket(_page_address(port), max_size=None) as socket:
+        with connect_socket(_page_address(port), max_size=None, ping_interval=None) as socket:
             yield Page(socket)
     finally:
         program.terminate()

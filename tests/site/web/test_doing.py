@@ -7,11 +7,12 @@ from dataclasses import replace
 import numpy as np
 from tests.site.web.watched import RIG, STARTED_NS, poses
 
+from e3pose.events.body import carriage, joints_of
 from e3pose.model.person_event import PersonEvent
 from e3pose.model.skeleton import COCO17
 from e3pose.settings.site_file import ZoneTable
 from e3pose.site.connect import LiveSlot, live_slot
-from e3pose.site.web.doing import doing, told, unsure_parts
+from e3pose.site.web.doing import doing, posture, told, unsure_parts
 from e3pose.site.zones import Zones, advance
 
 
@@ -35,6 +36,26 @@ def test_wide_or_unknown_joints_make_a_part_uncertain_and_others_not() -> None:
 def test_sigma_that_is_not_stated_is_no_doubt() -> None:
     bare = slot()
     assert unsure_parts(replace(bare, sigma_m=np.full_like(bare.sigma_m, np.nan))) == [[], []]
+
+
+def test_carriage_is_told_and_what_no_joint_tells_is_not() -> None:
+    joints = joints_of(COCO17.joints)
+    joints_m = np.full((17, 3), np.nan)
+
+    def place(name: str, x: float, z: float) -> None:
+        for side, y in (("left", 0.15), ("right", -0.15)):
+            joints_m[COCO17.index(f"{side}_{name}")] = x, y, z
+
+    place("hip", 0.0, 0.9)
+    place("shoulder", 0.3, 1.2)  # leans by 45 degrees
+    held = carriage(joints, joints_m, 0.0)
+    np.testing.assert_allclose([held.hips_m, held.trunk_deg], [0.9, 45.0])
+    assert np.isnan(held.arms_raised), "no wrist is known"
+    joints_m[COCO17.index("left_wrist")] = 0.3, 0.15, 1.5
+    np.testing.assert_allclose(carriage(joints, joints_m, 0.5)[::2], [0.4, 1.0])
+    joints_m[COCO17.index("right_wrist")] = 0.3, -0.15, 1.0
+    assert carriage(joints, joints_m, 0.0).arms_raised == 1.0
+    assert set(posture(7, None).values()) == {None}
 
 
 def test_zones_are_those_that_the_person_is_in_since_when() -> None:

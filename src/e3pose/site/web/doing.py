@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from e3pose.events.body import carriage
 from e3pose.events.states import STATES
 from e3pose.events.watch import Watch, begin_watch
 from e3pose.model.person_event import PersonEvent, sentence
@@ -18,6 +19,9 @@ from e3pose.site.event_sink import site_watch
 from e3pose.site.zones import Zones
 
 UNSURE_M = 0.06  # definition: a joint with a larger sigma is shown as uncertain
+POSTURE = (
+    "state", "probability", "speed_mps", "hips_m", "trunk_deg", "arms_raised", "since_ns"
+)  # fmt: skip
 PARTS = {
     "head": ("nose", "left_ear", "right_ear", "left_eye", "right_eye", "head"),
     **{
@@ -75,18 +79,26 @@ def told(event: PersonEvent) -> dict[str, Any]:
 
 
 def posture(track: int, watch: Watch | None) -> dict[str, Any]:
-    """Return posture and speed of a person, and since when they are followed; None if unknown."""
+    """Return posture, carriage and speed of a person, and since when; None if unknown."""
     person = None if watch is None else watch.shown.get(track)
-    if person is None:
-        return {"state": None, "probability": None, "speed_mps": None, "since_ns": None}
+    if watch is None or person is None:
+        return dict.fromkeys(POSTURE)
     state = int(person.states.argmax())
-    speed_mps = person.speed_mps
+    held = carriage(watch.joints, person.joints_m, person.surface_m)
+    raised = _known(held.arms_raised, 0)
     return {
         "state": STATES[state],
         "probability": round(float(person.states[state]), 2),
-        "speed_mps": round(speed_mps, 2) if np.isfinite(speed_mps) else None,
+        "speed_mps": _known(person.speed_mps, 2),
+        "hips_m": _known(held.hips_m, 2),
+        "trunk_deg": _known(held.trunk_deg, 0),
+        "arms_raised": None if raised is None else int(raised),
         "since_ns": person.since_ns,
     }
+
+
+def _known(value: float, digits: int) -> float | None:
+    return round(value, digits) if np.isfinite(value) else None
 
 
 def _stays(track: int, zones: Zones) -> list[Mapping[str, Any]]:

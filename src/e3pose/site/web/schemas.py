@@ -45,6 +45,9 @@ class Person(Shape):
     state: str | None = None
     probability: float | None = None
     speed_mps: float | None = None
+    hips_m: float | None = None
+    trunk_deg: float | None = None
+    arms_raised: int | None = None
     since_ns: int | None = None
     zones: list[dict[str, Any]] = []
     unsure: list[str] = []

@@ -46,7 +46,9 @@ export function posture({ state, probability }) {
   return probability < LIKELY ? `Probably ${state}` : POSTURES[state] || state;
 }
 
-export const moves = ({ speed_mps }) => (speed_mps == null ? "" : speed_mps < 0.15 ? "not moving" : `${speed_mps.toFixed(1)} m/s`);
+const RAISED = ["", "an arm up", "both arms up"];
+const speed = (speed_mps) => (speed_mps == null ? "" : speed_mps < 0.15 ? "not moving" : `${speed_mps.toFixed(1)} m/s`);
+export const moves = ({ speed_mps, arms_raised }) => [speed(speed_mps), RAISED[arms_raised]].filter(Boolean).join(", ");
 export const article = (zone) => (/^(the|a|an|my) /i.test(zone) ? zone : `the ${zone}`);
 
 // In which zones, since when; else how long in view.
