@@ -34,7 +34,8 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Edge, PageS
     folder = tmp_path_factory.mktemp("site")
     recording = simulate(SceneSettings(people=2, seconds=4, fps=12.5, cameras=3), seed=1)
     site_file = write_recorded(folder / "site", recording)
-    site_file.write_text(site_file.read_text() + "\n[events]\n")
+    # Not falls: one that is unsure would have a second camera look.
+    site_file.write_text(site_file.read_text() + '\n[events]\nkinds = ["waved"]\n')
     with ExitStack() as stack:
         edge: Edge = runpy.run_path(str(LIVE))["run"](site_file, stack)
         view = stack.enter_context(open_view(resolve_site(site_file), "127.0.0.1:0"))
