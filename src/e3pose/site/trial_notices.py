@@ -21,7 +21,7 @@ from typing import Protocol, runtime_checkable
 from e3pose.base.atomic import atomic_file
 from e3pose.base.errors import InputError
 from e3pose.base.private import make_folder
-from e3pose.site.troubles import FOLDER, MOST_FILES, MOST_LINES, MOST_TEXT
+from e3pose.site.troubles import FOLDER, MOST_FILES, MOST_LINES, lines_of
 
 ASKED, ANSWER = "test.asked", ".answer"
 WAIT_S = 12.0  # for the first answer: a receiver may take 10 s
@@ -118,9 +118,7 @@ def _answers(folder: Path, word: str) -> list[str]:
     found: list[str] = []
     with suppress(OSError):
         for path in sorted(folder.glob(f"*{ANSWER}"))[:MOST_FILES]:
-            with path.open(encoding="utf-8", errors="replace") as file:
-                first, *lines = file.read(MOST_LINES * MOST_TEXT).splitlines() or [""]
+            first, *lines = lines_of(path, 1 + MOST_LINES) or [""]
             if first == word:
-                for line in lines[:MOST_LINES]:
-                    found.append("".join(c for c in line[:MOST_TEXT] if c.isprintable()))
+                found += lines
     return found

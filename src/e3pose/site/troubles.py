@@ -68,8 +68,17 @@ def troubles_of(site: Path) -> list[str]:
         paths = sorted((site.parent / FOLDER).glob("*.txt"))[:MOST_FILES]
         for path in paths:
             if path.is_file() and time.time() - path.stat().st_mtime < FRESH_S:
-                with path.open(encoding="utf-8", errors="replace") as file:
-                    text = file.read(MOST_LINES * MOST_TEXT)
-                lines = (line[:MOST_TEXT] for line in text.splitlines()[:MOST_LINES])
-                found += ["".join(c for c in line if c.isprintable()) for line in lines]
+                found += lines_of(path, MOST_LINES)
     return found
+
+
+def lines_of(path: Path, most: int) -> list[str]:
+    """Return at most so many lines that another program left in a file, cut and printable.
+
+    Raises:
+        OSError: where the file cannot be read.
+    """
+    with path.open(encoding="utf-8", errors="replace") as file:
+        text = file.read(most * MOST_TEXT)
+    lines = (line[:MOST_TEXT] for line in text.splitlines()[:most])
+    return ["".join(c for c in line if c.isprintable()) for line in lines]
