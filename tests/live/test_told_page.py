@@ -13,6 +13,7 @@ from pathlib import Path
 import paho.mqtt.client as mqtt
 import pytest
 from paho.mqtt.enums import CallbackAPIVersion
+from tests.live.test_events_of_people import is_reached
 from tests.live.test_events_of_people import port as port
 from tests.test_docs import BY_PAGE, blocks
 from tests.waiting import eventually
@@ -49,14 +50,7 @@ def test_four_films_and_a_broker_bring_a_fall_to_home_assistant(tmp_path: Path, 
 
     home = mqtt.Client(CallbackAPIVersion.VERSION2)
     home.on_message, home.on_subscribe = note, lambda *_: ready.set()
-
-    def is_connected() -> bool:
-        try:
-            return not home.connect("127.0.0.1", port)
-        except OSError:  # mosquitto starts
-            return False
-
-    assert eventually(is_connected), "mosquitto runs"
+    assert eventually(lambda: is_reached(home, port)), "mosquitto runs"
     home.loop_start()
     running = list[subprocess.Popen[bytes]]()
     for command in page_commands():
