@@ -215,6 +215,7 @@ def test_silent_connections_make_room_for_the_phone(
         server = source._server
         assert server is not None
         assert eventually(lambda: len(server._held) <= phone_server.PER_ADDRESS)
+        assert sum(known for _, known, _ in server._held.values()) == 1  # it never was cut
     finally:
         for one in silent:
             one.close()

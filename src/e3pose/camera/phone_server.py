@@ -95,7 +95,8 @@ class PhoneServer(TCPServer):
             raise InputError(
                 f"{where}: no certificate, expected what `e3pose phone` makes"
             ) from None
-        self._held: dict[Any, tuple[socket.socket, float]] = {}  # by address and port
+        self._held: dict[Any, tuple[socket.socket, bool, float]] = {}  # by address and port:
+        # the connection, whether the phone has spoken over it, and when it last did
         self._lock = threading.Lock()
         super().__init__((listen, port), _Requests)
         self._thread = threading.Thread(target=self.serve_forever, args=(0.1,), daemon=True)
@@ -113,7 +114,7 @@ class PhoneServer(TCPServer):
         self._thread.join(2)
         with self._lock:
             held = list(self._held.values())
-        for one, _ in held:
+        for one, _, _ in held:
             _cut(one)
 
     def process_request(self, request: Any, client_address: Any) -> None:
@@ -122,16 +123,16 @@ class PhoneServer(TCPServer):
             same = [at for at in self._held if at[0] == client_address[0]]
             full = same if len(same) >= PER_ADDRESS else []
             full = full or (list(self._held) if len(self._held) >= CONNECTIONS else [])
-            if full:  # the one that has been silent for the longest makes room
-                _cut(self._held.pop(min(full, key=lambda at: self._held[at][1]))[0])
-            self._held[client_address] = request, time.monotonic()
+            if full:  # the phone's connections last, and the one longest silent first
+                _cut(self._held.pop(min(full, key=lambda at: self._held[at][1:]))[0])
+            self._held[client_address] = request, False, time.monotonic()
         threading.Thread(target=self._serve, args=(request, client_address), daemon=True).start()
 
     def heard(self, client_address: Any) -> None:
         """Note that a connection is that of the phone."""
         with self._lock:
             if client_address in self._held:
-                self._held[client_address] = self._held[client_address][0], time.monotonic()
+                self._held[client_address] = self._held[client_address][0], True, time.monotonic()
 
     def _serve(self, request: socket.socket, client_address: Any) -> None:
         secure = None
@@ -180,11 +181,11 @@ class _Requests(BaseHTTPRequestHandler):
             if body is None:
                 return None
             try:
-                return self._said(
-                    {"secret": self.server.taker.join(body.decode("ascii", "replace"))}
-                )
+                secret = self.server.taker.join(body.decode("ascii", "replace"))
             except InputError as error:
                 return self._refuse(403, str(error))
+            self.server.heard(self.client_address)
+            return self._said({"secret": secret})
         if self.path != "/frame":
             return self._refuse(404, "nothing is here")
         if not self._allowed():
