@@ -72,12 +72,12 @@ class FrameOptions:
 
     def rotations(self, calibration: Path | None) -> dict[str, int]:
         """Return the rotations of these options and of a calibration file."""
-        from e3pose.recording.calibration import load_rotations
+        from e3pose.recording.calibration import load_calibration
 
         given = camera_rotations("--rotation", self.rotation or [])
         if calibration is None:
             return given
-        known = load_rotations(calibration)
+        known = load_calibration(calibration).rotations
         if used := {name: known[name] for name in known if name not in given}:
             listed = ", ".join(f"{name} {degrees} degrees" for name, degrees in used.items())
             print(f"images are turned for the detector, as {calibration} says: {listed}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -69,14 +70,14 @@ def init(
     """
     from e3pose.base.atomic import check_free
     from e3pose.base.system import num_cores
-    from e3pose.recording.calibration import load_rotations
+    from e3pose.recording.calibration import load_calibration
     from e3pose.site.new_site import Choice, name_sources, site_name, threads_for, write_site
     from e3pose.wire.topics import check_site
 
     check_free(folder, None)
     named = name_sources(list(sources) or _asked(), folder)
     rig = None if calibration is None else _rig(calibration, named)
-    rotations = {} if calibration is None else load_rotations(calibration)
+    rotations = {} if calibration is None else load_calibration(calibration).rotations
     count = min(2 if cameras is None else cameras, len(named))
     if count < 1:
         raise InputError(f"--cameras: found {cameras}, expected 1 to {len(named)}")
@@ -213,7 +214,7 @@ def _measured(
     provider: str,
     threads: int,
     probes: dict[str, Probe],
-    rotations: dict[str, int],
+    rotations: Mapping[str, int],
 ) -> DetectionTimes:
     from rich.console import Console
 

@@ -10,7 +10,7 @@ import pytest
 
 from e3pose.base.errors import InputError
 from e3pose.model.camera import Rig
-from e3pose.recording.calibration import FORMATS, load_rig, load_rotations
+from e3pose.recording.calibration import FORMATS, load_calibration, load_rig
 
 pytestmark = pytest.mark.slow
 
@@ -229,7 +229,7 @@ def test_caliscope_rotation_that_is_no_quarter_turns_is_refused(
     path = files.write("caliscope", tmp_path, files.with_second(extra={"rotation_count": count}))
     assert "camera 1: rotation_count" in refusal(path)
     with pytest.raises(InputError, match=r"camera 1: rotation_count: found .*, expected quarter"):
-        load_rotations(path)
+        load_calibration(path)
 
 
 @pytest.mark.parametrize(

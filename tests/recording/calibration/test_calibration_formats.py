@@ -12,7 +12,7 @@ import pytest
 
 from e3pose.base.errors import InputError
 from e3pose.model.camera import Camera, Rig
-from e3pose.recording.calibration import FORMATS, find_format, load_rig, load_rotations, save_rig
+from e3pose.recording.calibration import FORMATS, load_calibration, load_rig, save_rig
 from e3pose.recording.calibration.easymocap import guess_size
 
 NAMES = ["anipose", "pose2sim", "caliscope", "qualisys", "panoptic", "easymocap", "opencv"]
@@ -51,7 +51,7 @@ def test_angle_up_to_which_a_lens_is_known_is_kept(tmp_path: Path) -> None:
 def test_recognition_does_not_need_the_file_name(tmp_path: Path, files: Any) -> None:
     for name in set(NAMES) - {"pose2sim", "easymocap"}:
         path = files.write(name, tmp_path).rename(tmp_path / "unnamed")
-        assert find_format(path) == name
+        assert load_calibration(path).format == name
 
 
 def test_easymocap_opens_from_its_folder_and_either_file(tmp_path: Path, files: Any) -> None:
@@ -146,18 +146,18 @@ def test_turned_caliscope_camera_has_the_calibration_of_its_unturned_images(
     path = files.write("caliscope", tmp_path, files.with_second(extra={"rotation_count": count}))
     rig = load_rig(path)
     np.testing.assert_allclose(rig.project(files.points_m)[1], files.pixels(files.known[1]))
-    assert load_rotations(path) == ({} if degrees is None else {"hall_2": degrees})
+    assert load_calibration(path).rotations == ({} if degrees is None else {"hall_2": degrees})
 
 
 def test_calibration_of_another_format_turns_no_camera(tmp_path: Path, files: Any) -> None:
-    assert load_rotations(files.write("anipose", tmp_path)) == {}
+    assert load_calibration(files.write("anipose", tmp_path)).rotations == {}
 
 
 def test_older_caliscope_tables_are_read(tmp_path: Path, files: Any) -> None:
     path = files.write("caliscope", tmp_path)
     text = path.read_text().replace("[cameras.", "[cam_") + "\n[charuco]\ncolumns = 4\n"
     path.write_text(text)
-    assert find_format(path) == "caliscope"
+    assert load_calibration(path).format == "caliscope"
     assert load_rig(path).camera_ids == ("hall_1", "hall_2", "03")
 
 

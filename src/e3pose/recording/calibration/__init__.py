@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+from e3pose.base.bounded import parse_toml
 from e3pose.base.errors import InputError
 from e3pose.model.camera import Rig
 from e3pose.recording.calibration import (
@@ -29,6 +31,8 @@ FORMATS: dict[str, Callable[[Path], Rig]] = {
     "panoptic": panoptic.load,
     "opencv": opencv.load,
 }
+TOML_FORMATS = (None, "anipose", "pose2sim", "caliscope")
+TOML = re.compile(r"\[|(?![<{])[^:=]+=")  # how its first line begins
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,22 +43,21 @@ class Calibration:
         rig: the cameras.
         rotations: 90, 180 or 270 for each camera that is turned: by how many degrees clockwise its
             images are turned for people in them to be upright. Only Caliscope's files say so.
+        format: the key of `FORMATS` that it is in.
     """
 
     rig: Rig
-    rotations: Mapping[str, int] = field(default_factory=dict)
-
-
-def load_calibration(path: Path) -> Calibration:
-    """Read all that a calibration says; see `load_rig`."""
-    path = Path(path)
-    format = find_format(path)
-    turned = caliscope.rotations(path) if format == "caliscope" else {}
-    return Calibration(FORMATS[format](path), turned)
+    rotations: Mapping[str, int]
+    format: str
 
 
 def load_rig(path: Path, format: str | None = None) -> Rig:
-    """Read a calibration.
+    """Read the cameras of a calibration; see `load_calibration`."""
+    return load_calibration(path, format).rig
+
+
+def load_calibration(path: Path, format: str | None = None) -> Calibration:
+    """Read all that a calibration says.
 
     Args:
         path: a file, or the folder of an EasyMocap or OpenCV calibration.
@@ -67,30 +70,20 @@ def load_rig(path: Path, format: str | None = None) -> Rig:
     Raises:
         InputError: naming the file, camera and field that is wrong.
     """
-    path = Path(path)
-    if format is None:
-        format = find_format(path)
-    if format not in FORMATS:
+    if format is not None and format not in FORMATS:
         raise InputError(
             f"calibration format {format[:40]!r} is unknown, expected one of {', '.join(FORMATS)}"
         )
-    return FORMATS[format](path)
-
-
-def load_rotations(path: Path) -> dict[str, int]:
-    """Return by how many degrees clockwise images are turned for people in them to be upright.
-
-    Args:
-        path: a calibration; only Caliscope's say so.
-
-    Returns:
-        90, 180 or 270 for each camera that is turned; the calibration is of unturned images.
-
-    Raises:
-        InputError: naming the file, camera and field that is wrong.
-    """
     path = Path(path)
-    return caliscope.rotations(path) if find_format(path) == "caliscope" else {}
+    text = "" if path.is_dir() else fields.read_text(path)
+    lines = (line.strip() for line in text.splitlines())
+    first = next((line for line in lines if line and not line.startswith("#")), "")
+    is_toml = format in TOML_FORMATS and TOML.match(first)
+    tables = parse_toml(text, str(path)) if is_toml else {}
+    if format is None:
+        format = _of_folder(path) if path.is_dir() else _of_text(path, text, first, tables)
+    turned = caliscope.rotations(path, tables) if format == "caliscope" else {}
+    return Calibration(FORMATS[format](path), turned, format)
 
 
 def save_rig(rig: Rig, path: Path) -> None:
@@ -98,30 +91,25 @@ def save_rig(rig: Rig, path: Path) -> None:
     anipose.save(rig, Path(path))
 
 
-def find_format(path: Path) -> str:
-    """Return which of `FORMATS` a file or folder has, judged by its content.
+def _of_folder(path: Path) -> str:
+    """Return the format of a folder, by the names of its files."""
+    if (path / "intri.yml").is_file() or (path / "extri.yml").is_file():
+        return "easymocap"
+    if any(file.suffix.lower() in (".yml", ".yaml") for file in path.iterdir()):
+        return "opencv"
+    raise InputError(
+        f"{path}: found a folder without YAML files, expected a calibration file, or the "
+        "folder of intri.yml and extri.yml"
+    )
 
-    Raises:
-        InputError: for a file or folder of no known format.
-    """
-    if path.is_dir():
-        if (path / "intri.yml").is_file() or (path / "extri.yml").is_file():
-            return "easymocap"
-        if any(file.suffix.lower() in (".yml", ".yaml") for file in path.iterdir()):
-            return "opencv"
-        raise InputError(
-            f"{path}: found a folder without YAML files, expected a calibration file, or the "
-            "folder of intri.yml and extri.yml"
-        )
-    text = fields.read_text(path)
-    lines = (line.strip() for line in text.splitlines())
-    first = next((line for line in lines if line and not line.startswith("#")), "")
+
+def _of_text(path: Path, text: str, first: str, tables: Mapping[str, Any]) -> str:
+    """Return the format of a file: of its text, first line, and tables if it is TOML."""
     if first.startswith("<"):
         return "qualisys"
     if first.startswith("{"):
         return "panoptic"
-    if re.match(r"\[|[^:=]+=", first):
-        tables = anipose.parse(path, text)
+    if TOML.match(first):
         return "caliscope" if caliscope.looks_like(tables) else "anipose"
     if first.startswith(("%YAML", "---")) or re.match(r"[^:]+:", first):
         named = nodes.parse(path, text)

@@ -49,8 +49,12 @@ def read(path: Path, tables: Mapping[str, Any]) -> Rig:
     return fields.make_rig(path, cameras, None if "units" in metadata else "metres")
 
 
-def rotations(path: Path) -> dict[str, int]:
+def rotations(path: Path, tables: Mapping[str, Any]) -> dict[str, int]:
     """Return by how many degrees clockwise images are turned for people to be upright.
+
+    Args:
+        path: for messages.
+        tables: of the file.
 
     Returns:
         90, 180 or 270 for each camera that is turned.
@@ -58,7 +62,6 @@ def rotations(path: Path) -> dict[str, int]:
     Raises:
         InputError: for a field that is wrong.
     """
-    tables = anipose.parse(path, fields.read_text(path))
     found = {
         name: _degrees(camera, f"{path}: camera {shown}")
         for shown, name, camera in _cameras(path, tables)
