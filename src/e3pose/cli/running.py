@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import closing, nullcontext, suppress
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -19,12 +18,12 @@ from e3pose.cli.progress import LINE_S
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from e3pose.settings.site_file import SiteTable
     from e3pose.site.follow import Follower
     from e3pose.site.up import Program
     from e3pose.wire.site_messages import Status
 
 CAMERA = CameraOptions()
+DELAY = {"smooth_delay_ms": "--delay"}
 # For programs that start others: `site.up`.
 Child = Annotated[bool, Parameter(negative="", show=False)]
 
@@ -69,24 +68,26 @@ def edge(
     _begin(end_with_parent)
     check_seconds("--for", for_s)
     from e3pose.base.clock import WallClock
-    from e3pose.settings.resolved import resolve
-    from e3pose.settings.site_file import load_site
+    from e3pose.settings.resolved import resolve_site
     from e3pose.site.edge_program import start_edge
     from e3pose.site.logs import open_log
     from e3pose.site.summary import edge_summary
 
+    delay_ms = _delay_ms(delay)
     if len(site) > 1:
         from e3pose.site.many_edges import run_edges
 
-        lines = run_edges(
-            site,
-            lambda path: resolve(_delayed(load_site(path), delay)),
-            lambda path: open_log("edge", json_logs, site=str(path)),
-            for_s,
-        )
+        with as_typed(DELAY):
+            lines = run_edges(
+                site,
+                lambda path: resolve_site(path, delay_ms),
+                lambda path: open_log("edge", json_logs, site=str(path)),
+                for_s,
+            )
         print("\n".join(lines))
         return
-    resolved = resolve(_delayed(load_site(site[0]), delay))
+    with as_typed(DELAY):
+        resolved = resolve_site(site[0], delay_ms)
     log = open_log("edge", json_logs, site=resolved.name)
     with start_edge(resolved, log, WallClock()) as opened:
         opened.run(for_s)
@@ -183,8 +184,7 @@ def up(
     from rich.console import Console
 
     from e3pose.base.private import make_folder
-    from e3pose.settings.resolved import resolve
-    from e3pose.settings.site_file import load_site
+    from e3pose.settings.resolved import resolve_site
     from e3pose.site.example import make_example
     from e3pose.site.follow import Follower, viewer_link
     from e3pose.site.ready import site_programs
@@ -193,7 +193,9 @@ def up(
 
     if example:
         make_example(site)
-    resolved = resolve(_delayed(load_site(site), delay))
+    delay_ms = _delay_ms(delay)
+    with as_typed(DELAY):
+        resolved = resolve_site(site, delay_ms)
     folder = logs or resolved.folder / "logs"
     if folder.exists() and not folder.is_dir():
         raise InputError(f"--logs: found a file, expected a folder: {folder}")
@@ -253,12 +255,12 @@ def _run_shown(
         console.print(screen(newest, 0.0))
 
 
-def _delayed(site: SiteTable, delay: str | None) -> SiteTable:
-    """Return a site that publishes poses a second time after what `--delay` says."""
+def _delay_ms(delay: str | None) -> float | None:
+    """Return what `--delay` says."""
     if delay is None:
-        return site
-    with as_typed({"": "--delay", "smooth_delay_ms": "--delay"}):
-        return replace(site, smooth_delay_ms=1e3 * duration_s(delay))
+        return None
+    with as_typed({"": "--delay"}):
+        return 1e3 * duration_s(delay)
 
 
 def _begin(end_with_parent: bool) -> None:

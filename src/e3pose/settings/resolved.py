@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, fields, replace
 from datetime import datetime
 from pathlib import Path
-from typing import TypeVar, cast
+from typing import cast
 
 from e3pose.base.errors import InputError
 from e3pose.detectors import skeleton_of
@@ -15,7 +16,7 @@ from e3pose.model.camera import Rig
 from e3pose.model.noises import DEFAULT, SHIPPED
 from e3pose.model.skeleton import Skeleton, common_skeleton, skeleton_by_name
 from e3pose.pipeline import Pipeline
-from e3pose.recording.calibration import Calibration, load_calibration
+from e3pose.recording.calibration import load_calibration
 from e3pose.recording.calibration.world import assumed_rig, world_problem
 from e3pose.recording.folder import read_detector, read_skeleton
 from e3pose.settings.energy import EnergyPlan
@@ -32,7 +33,7 @@ from e3pose.settings.sources import RECORDED, is_recorded
 
 ASSUMED_SIZE = (1280, 720)  # of images, until a camera was seen
 OF_ENERGY = ("profile", "battery_wh", "lifetime")
-Found = TypeVar("Found")
+NOTHING: tuple[str, Skeleton | None] = ("", None)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -80,10 +81,8 @@ class ResolvedSite(SiteTable):
         Raises:
             InputError: naming the file and the key that asks for what cannot be had.
         """
-        try:
+        with _in_file(self.path):
             return make_pipeline(self, self.loop)
-        except InputError as error:
-            raise _in_file(self, error) from None
 
     def world_warning(self) -> str:
         """Return what is odd about the axes or the unit of the cameras; empty if nothing."""
@@ -107,9 +106,17 @@ class ResolvedSite(SiteTable):
         return found
 
 
-def resolve_site(named: Path) -> ResolvedSite:
-    """Return a calibrated site; see `load_site` and `resolve`."""
-    return resolve(load_site(named))
+def resolve_site(named: Path, smooth_delay_ms: float | None = None) -> ResolvedSite:
+    """Return a calibrated site; see `load_site` and `resolve`.
+
+    Args:
+        named: the file, or the folder that has it as `site.toml`.
+        smooth_delay_ms: in place of what the file says.
+    """
+    site = load_site(named)
+    if smooth_delay_ms is not None:
+        site = replace(site, smooth_delay_ms=smooth_delay_ms)
+    return resolve(site)
 
 
 def resolve(site: SiteTable, placed: bool = True) -> ResolvedSite:
@@ -122,19 +129,37 @@ def resolve(site: SiteTable, placed: bool = True) -> ResolvedSite:
     Raises:
         InputError: for a rig that is not there, and settings that it cannot have.
     """
+    in_file = _in_file(site.path)
+    named = {camera.id: _with_detector(camera) for camera in site.camera}
+    outputs = {camera_id: _output(camera) for camera_id, camera in named.items()}
     known = load_calibration(site.calibration) if site.calibration.exists() else None
-    rig = _rig(site, known, placed)
-    cameras = _cameras(site, rig, {} if known is None else known.rotations)
+    rig, turned = (None, {}) if known is None else (known.rig, known.rotations)
+    if placed and (rig is None or not rig.placed):
+        found = "no " if rig is None else "lenses without places in "
+        wanted = f"one: {calibrate_advice(site)}"
+        raise InputError("calibration", f"{found}{site.calibration}", wanted, str(site.path))
+    if rig is None and not named:
+        found = f"no {site.calibration}"
+        raise InputError("calibration", found, "the file of a rig", str(site.path))
+    rig = rig or assumed_rig(dict.fromkeys(named, ASSUMED_SIZE))
+    for camera_id in named:
+        if camera_id not in rig.camera_ids:
+            listed = f"one of {', '.join(rig.camera_ids)[:300]}"
+            found = "no such camera in the calibration"
+            raise InputError(f"camera {camera_id}", found, listed, str(site.path))
+    cameras = {name: named.get(name) or CameraTable(name) for name in rig.camera_ids}
+    for name, camera in cameras.items():
+        if camera.rotation is None:
+            rotation = cast("Rotation", turned.get(name, 0))
+            cameras[name] = replace(camera, rotation=rotation)
+    skeletons = {name: made for name in cameras if (made := outputs.get(name, NOTHING)[1])}
+    detectors = {detector for detector, _ in outputs.values()}
     known_wh = {name: each.battery_wh for name, each in cameras.items() if each.battery_wh}
-    skeletons = {name: made for name, each in cameras.items() if (made := _skeleton(each))}
-    try:
-        plan = site.energy.plan(rig.camera_ids, 1 / site.fps, known_wh)
-        loop = site.loop.for_rig(len(rig), plan) if rig.placed else site.loop
+    with in_file:
         asked = site.skeleton_name
         skeleton = skeleton_by_name(asked) if asked else common_skeleton(skeletons.values())
-    except InputError as error:
-        raise _in_file(site, error) from None
-    detectors = {_detector(each) for each in cameras.values()}
+        plan = site.energy.plan(rig.camera_ids, 1 / site.fps, known_wh)
+        loop = site.loop.for_rig(len(rig), plan) if rig.placed else site.loop
     return ResolvedSite(
         **{item.name: getattr(replace(site, loop=loop), item.name) for item in fields(SiteTable)},
         rig=rig,
@@ -155,66 +180,30 @@ def calibrate_advice(site: SiteTable) -> str:
     )
 
 
-def _rig(site: SiteTable, known: Calibration | None, placed: bool) -> Rig:
-    """Return the cameras as far as they are known: placed, or lenses, or names alone."""
-    rig, found = None if known is None else known.rig, f"no {site.calibration}"
-    if placed and (rig is None or not rig.placed):
-        found = found if rig is None else f"lenses without places in {site.calibration}"
-        wanted = f"one: {calibrate_advice(site)}"
-        raise InputError("calibration", found, wanted, str(site.path))
-    if rig is None and not site.camera:
-        raise InputError("calibration", found, "the file of a rig", str(site.path))
-    return rig or assumed_rig({camera.id: ASSUMED_SIZE for camera in site.camera})
-
-
-def _cameras(site: SiteTable, rig: Rig, turned: Mapping[str, int]) -> dict[str, CameraTable]:
-    """Return what is known of every camera of the rig, in its order."""
-    named = {camera.id: camera for camera in site.camera}
-    for camera_id in named:
-        if camera_id not in rig.camera_ids:
-            known = f"one of {', '.join(rig.camera_ids)[:300]}"
-            found = "no such camera in the calibration"
-            raise InputError(f"camera {camera_id}", found, known, str(site.path))
-    return {i: _filled(named.get(i) or CameraTable(i), turned.get(i, 0)) for i in rig.camera_ids}
-
-
-def _filled(camera: CameraTable, turned: int) -> CameraTable:
-    """Return a camera with its rotation, and with the detector that runs on this machine."""
+def _with_detector(camera: CameraTable) -> CameraTable:
+    """Return a camera with the detector that runs on this machine."""
     here = camera.source is not None and not is_recorded(camera.source)
-    rotation = cast("Rotation", turned) if camera.rotation is None else camera.rotation
-    detector = camera.detector or (DEFAULT_DETECTOR if here else None)
-    return replace(camera, rotation=rotation, detector=detector)
+    return replace(camera, detector=camera.detector or (DEFAULT_DETECTOR if here else None))
 
 
-def _detector(camera: CameraTable) -> str:
-    """Return the detector of a camera, of a recorded one that of its recording."""
-    if camera.detector is None and is_recorded(camera.source):
-        return _of_recording(camera, read_detector) or ""
-    return camera.detector or ""
-
-
-def _skeleton(camera: CameraTable) -> Skeleton | None:
-    """Return what a camera's detector outputs; None where that shows only when it runs."""
+def _output(camera: CameraTable) -> tuple[str, Skeleton | None]:
+    """Return a camera's detector and what it outputs; empty and None where it shows only later."""
     if is_recorded(camera.source):
-        return _of_recording(camera, read_skeleton)
-    if camera.detector is None:
-        return None
+        folder = Path((camera.source or "").removeprefix(RECORDED))
+        with suppress(InputError):  # an error when the camera starts
+            return camera.detector or read_detector(folder), read_skeleton(folder)
+    elif camera.detector is not None:
+        with suppress(InputError, ImportError):  # an error of the camera, which runs it
+            return camera.detector, skeleton_of(camera.detector, camera.model)
+    return camera.detector or "", None
+
+
+@contextmanager
+def _in_file(path: Path) -> Iterator[None]:
+    """Let errors of the settings name a site file and the key that they have in it."""
     try:
-        return skeleton_of(camera.detector, camera.model)
-    except (InputError, ImportError):  # an error of the camera, which runs it
-        return None
-
-
-def _of_recording(camera: CameraTable, read: Callable[[Path], Found]) -> Found | None:
-    """Return what is read of the recording that a camera plays; None where that fails."""
-    try:
-        return read(Path((camera.source or "").removeprefix(RECORDED)))
-    except InputError:
-        return None  # an error when the camera starts
-
-
-def _in_file(site: SiteTable, error: InputError) -> InputError:
-    """Return an error of the settings with the key that they have in the site file."""
-    if error.thing and not error.place and error.thing != "lead":
-        error = error.under("energy" if error.thing in OF_ENERGY else "loop")
-    return error.at(site.path)
+        yield
+    except InputError as error:
+        if error.thing and not error.place and error.thing != "lead":
+            error = error.under("energy" if error.thing in OF_ENERGY else "loop")
+        raise error.at(path) from None
