@@ -36,7 +36,7 @@ API: dict[str, tuple[str, str, tuple[str, ...]]] = {
     "estimate": (
         "Estimators",
         "Views of a slot in, people out.",
-        ("estimate.base", "estimate.make_estimator", "estimate.filter.Model"),
+        ("estimate.base", "estimate.estimator_maker", "estimate.filter.Model"),
     ),
     "predict": (
         "Predictors",

@@ -14,7 +14,6 @@ from e3pose.energy.profiles import MODES, PROFILES
 from e3pose.energy.queues import (
     active_cost_j,
     advance_deficit,
-    check_budget,
     lifetime_budget,
     load_profile,
     price,
@@ -52,30 +51,6 @@ def test_queue_bounds_the_activity_beyond_the_budget(choices: list[bool], budget
         deficit = advance_deficit(deficit, np.array([budget]), np.array([chosen]))
         assert deficit[0] >= 0
     assert sum(choices) <= budget * len(choices) + deficit[0] + 1e-9
-
-
-@pytest.mark.parametrize(("budget", "count"), [([0.6] * 5, 3), ([1.0, 0.7, 0.5, 0.9], 2), ([1], 1)])
-def test_feasible_budget_passes(budget: list[float], count: int) -> None:
-    check_budget(np.array(budget), count)
-
-
-@pytest.mark.parametrize(
-    ("budget", "count", "said"),
-    [
-        ([0.59] * 5, 3, "found 0.59, expected at least 0.6 for 3 of 5 cameras"),
-        ([0.8, 0.8, 0.8, 0.8, 0.5], 3, "found 0.5, expected at least 0.6"),
-        ([1.1] * 5, 3, "found 1.1, expected a share"),
-        ([0.0] * 5, 3, "found 0, expected a share"),
-        ([np.nan] * 5, 3, "found nan"),
-        ([0.8] * 5, 0, "found 0, expected 1 to 5"),
-        ([0.8] * 5, 6, "found 6, expected 1 to 5"),
-        ([], 1, "found shape (0,)"),
-    ],
-)
-def test_infeasible_budget_is_said(budget: list[float], count: int, said: str) -> None:
-    with pytest.raises(InputError) as error:
-        check_budget(np.array(budget), count)
-    assert said in str(error.value)
 
 
 @pytest.mark.parametrize("name", sorted(PAPER_SAVINGS))

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from e3pose.base.errors import InputError
-from e3pose.estimate import ESTIMATORS, EstimatorSettings, People, make_estimator
+from e3pose.estimate import ESTIMATORS, EstimatorSettings, People, estimator_maker
 from e3pose.estimate.per_slot.fuse import FusionSettings
 from e3pose.evaluate.expected_figures import expected_figures
 from e3pose.evaluate.replay import ReplaySettings, replay
@@ -31,8 +31,7 @@ def run(
     name: str, slots: Sequence[Mapping[int, Poses2D]], recording: Recording | None = None
 ) -> list[People]:
     recording = recording or scene()
-    estimator = make_estimator(
-        name,
+    estimator = estimator_maker(name)(
         EstimatorSettings(
             recording.rig,
             recording.skeleton,
@@ -108,11 +107,8 @@ def test_a_replay_with_memory_counts_the_right_people() -> None:
 
 
 def test_unknown_estimator_is_refused() -> None:
-    settings = EstimatorSettings(
-        scene().rig, scene().skeleton, 0.04, 5, FusionSettings(), noise=SIMULATED
-    )
     with pytest.raises(InputError, match="found 'oracle', expected one of paper, memory"):
-        make_estimator("oracle", settings)
+        estimator_maker("oracle")
 
 
 @pytest.mark.parametrize("name", sorted(ESTIMATORS))
@@ -129,8 +125,7 @@ def test_every_joint_has_a_covariance_and_says_whether_it_was_measured(name: str
 
 @pytest.mark.parametrize("name", sorted(ESTIMATORS))
 def test_the_outlook_grows_less_certain_and_names_those_of_the_history(name: str) -> None:
-    estimator = make_estimator(
-        name,
+    estimator = estimator_maker(name)(
         EstimatorSettings(
             scene().rig, scene().skeleton, 0.04, 5, FusionSettings(), noise=SIMULATED
         ),
@@ -166,7 +161,7 @@ def test_ids_left_out_are_given_to_nobody(name: str) -> None:
     settings = EstimatorSettings(
         scene().rig, scene().skeleton, scene().interval_s, 5, FusionSettings(), noise=SIMULATED
     )
-    estimator = make_estimator(name, settings)
+    estimator = estimator_maker(name)(settings)
     found = []
     for count in (0, 100):
         memory = estimator.leave_out_ids(estimator.begin(), count)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from e3pose.estimate import ESTIMATORS, EstimatorSettings, make_estimator
+from e3pose.estimate import ESTIMATORS, EstimatorSettings, estimator_maker
 from e3pose.estimate.base import STEER_SLOTS
 from e3pose.estimate.filter.estimator import Filtered
 from e3pose.estimate.per_slot.fuse import FusionSettings
@@ -75,7 +75,7 @@ def test_every_estimator_can_be_steered_and_keeps_whom_it_follows(
     settings = EstimatorSettings(
         recording.rig, recording.skeleton, INTERVAL_S, 5, FusionSettings(), noise=SIMULATED
     )
-    estimator = make_estimator(name, settings)
+    estimator = estimator_maker(name)(settings)
     memory = estimator.begin()
     for slot in range(8):
         views = {c: recording.view(slot, c) for c in range(len(recording.rig))}
@@ -103,7 +103,7 @@ def test_nobody_known_is_steered_to_nobody() -> None:
     settings = EstimatorSettings(
         recording.rig, recording.skeleton, INTERVAL_S, 5, FusionSettings(), noise=SIMULATED
     )
-    estimator = make_estimator("memory", settings)
+    estimator = estimator_maker("memory")(settings)
     memory, people = estimator.estimate(estimator.begin(), {}, 0.0, lambda: 0.0)
     nothing = np.zeros((STEER_SLOTS, 0, 17, 3))
     assert people.history_m.shape[1] == 0

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from e3pose.base.arrays import Floats
-from e3pose.estimate import EstimatorSettings, make_estimator
+from e3pose.estimate import EstimatorSettings, estimator_maker
 from e3pose.estimate.per_slot.fuse import Fuser, FusionSettings
 from e3pose.estimate.per_slot.track import GATE_M
 from e3pose.model.camera import Rig
@@ -152,8 +152,7 @@ def follow(
     recording: Recording, start: int, stop: int, settings: EstimateSettings
 ) -> list[Followed]:
     """Return everybody as all cameras see them from slot `start` to before `stop`, smoothed."""
-    estimator = make_estimator(
-        "memory",
+    estimator = estimator_maker("memory")(
         EstimatorSettings(
             rig=recording.rig,
             skeleton=recording.skeleton,

@@ -11,7 +11,7 @@ import importlib.util
 import inspect
 import re
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -51,18 +51,24 @@ def member(group: str, thing: str, name: str, known: Mapping[str, T], more: str 
     raise InputError(thing, repr(name[:80]), listed)
 
 
-def made(found: Any, *arguments: object) -> Any:
-    """Return what a member makes: a class is called as it is, a function with arguments.
+def maker(
+    group: str, thing: str, name: str, known: Mapping[str, Callable[..., T]], more: str = ""
+) -> Callable[..., T]:
+    """Return what makes a member of a family; see `member`.
 
-    Args:
-        found: a class, a function, or the finished object.
-        arguments: what the family tells a function that makes a member.
+    One of one's own may be a function with the arguments of the family's makers, a class, which is
+    called without any, or the finished object.
     """
+    return making(member(group, thing, name, known, more))
+
+
+def making(found: Any) -> Callable[..., Any]:
+    """Return what makes a member, of what its name stands for; see `maker`."""
     if isinstance(found, type):
-        return found()
+        return lambda *_: found()
     if inspect.isroutine(found) or isinstance(found, partial):
-        return found(*arguments)
-    return found
+        return found
+    return lambda *_: found
 
 
 def is_own(name: str) -> bool:

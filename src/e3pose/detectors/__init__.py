@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 
 from e3pose.base.errors import InputError
-from e3pose.base.plugins import made, member
+from e3pose.base.plugins import maker
 from e3pose.detectors.base import Detector as Detector
 from e3pose.detectors.base import Image as Image
 from e3pose.model.skeleton import COCO17, COCO18, Skeleton
@@ -117,10 +117,7 @@ def make_detector(
     if name not in DETECTORS and model is None and is_network(path):
         name, model = identify(path), path
     more = ", the path of an .onnx or .pb file"
-    found: Detector = made(
-        member(GROUP, "detector", name, DETECTORS, more), model, provider, threads
-    )
-    return found
+    return maker(GROUP, "detector", name, DETECTORS, more)(model, provider, threads)
 
 
 def is_network(path: Path) -> bool:

@@ -72,34 +72,6 @@ def price(deficit: Floats, cost_j: Floats) -> Floats:
     return np.asarray(deficit * (cost_j / cost_j.mean()) ** 2)
 
 
-def check_budget(budget: ArrayLike, num_selected: float) -> None:
-    """Check that budgets leave room for the cameras to be selected: every E_n >= C / N.
-
-    Args:
-        budget: `(num_cameras,)` share of slots that each camera may be active.
-        num_selected: cameras to select in every slot, or on average.
-
-    Raises:
-        InputError: when a budget lies outside (0, 1] or below `num_selected / num_cameras`, or
-            `num_selected` is not above 0 and at most `num_cameras`.
-    """
-    shares = np.asarray(budget, dtype=np.float64)
-    if shares.ndim != 1 or len(shares) == 0:
-        raise InputError("budget", f"shape {shares.shape}", "(num_cameras,)")
-    if not 0 < num_selected <= len(shares):
-        raise InputError("cameras", f"{num_selected:g}", f"1 to {len(shares)} to select")
-    for share in shares:
-        if not 0 < share <= 1:
-            raise InputError("budget", f"{share:g}", "a share of slots in (0, 1]")
-    if shares.min() < num_selected / len(shares) - 1e-9:
-        raise InputError(
-            "budget",
-            f"{shares.min():g}",
-            f"at least {num_selected / len(shares):g} "
-            f"for {num_selected:g} of {len(shares)} cameras per slot",
-        )
-
-
 def active_cost_j(profiles: Sequence[DeviceProfile], idle_mode: Mode, interval_s: float) -> Floats:
     """Return `(num_cameras,)` joules that an active slot costs beyond an idle one."""
     watts = [profile.watts("active") - profile.watts(idle_mode) for profile in profiles]

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from e3pose.base.plugins import made, member
+from e3pose.base.plugins import maker
 from e3pose.estimate.base import Estimator as Estimator
 from e3pose.estimate.base import Outlook as Outlook
 from e3pose.estimate.base import People as People
@@ -69,7 +69,10 @@ ESTIMATORS: dict[str, Callable[[EstimatorSettings], Estimator[Any]]] = {
 }
 
 
-def make_estimator(name: str, settings: EstimatorSettings) -> Estimator[Any]:
-    """Return the estimator of the pipeline `name`; raise `InputError` listing the known ones."""
-    found: Estimator[Any] = made(member(GROUP, "pipeline", name, ESTIMATORS), settings)
-    return found
+def estimator_maker(name: str) -> Callable[[EstimatorSettings], Estimator[Any]]:
+    """Return what makes the estimator of the pipeline `name`.
+
+    Raises:
+        InputError: listing the known ones.
+    """
+    return maker(GROUP, "pipeline", name, ESTIMATORS)

@@ -6,7 +6,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from e3pose.base.errors import InputError
-from e3pose.base.plugins import made, member
+from e3pose.base.plugins import maker
 from e3pose.model.skeleton import COCO17, Skeleton
 from e3pose.predict.base import Prediction as Prediction
 from e3pose.predict.base import Predictor as Predictor
@@ -52,8 +52,7 @@ def make_predictor(name: str, skeleton: Skeleton = COCO17) -> Predictor:
 
         return AttentionLstm(skeleton, Path(name))
     more = f", a file of weights that ends in {WEIGHTS_ENDING}"
-    found: Predictor = made(member(GROUP, "predictor", name, PREDICTORS, more), skeleton)
-    return found
+    return maker(GROUP, "predictor", name, PREDICTORS, more)(skeleton)
 
 
 def make_predictor_or_fallback(name: str, skeleton: Skeleton = COCO17) -> Predictor:
@@ -66,7 +65,7 @@ def make_predictor_or_fallback(name: str, skeleton: Skeleton = COCO17) -> Predic
         return make_predictor(name, skeleton)
     except (InputError, ImportError) as error:
         _say_once(f"predictor {name} is not available, using {FALLBACK} unsteered: {error}")
-        return make_predictor(FALLBACK, skeleton)
+        return PREDICTORS[FALLBACK](skeleton)
 
 
 def make_predictors(
@@ -76,10 +75,9 @@ def make_predictors(
 
     Each has a stand-in where it cannot be had.
     """
-    own = make_predictor_or_fallback(name, skeleton)
-    if steering is None or steering == name:
-        return own, own if steering else None
-    return own, make_predictor_or_fallback(steering, skeleton)
+    names = dict.fromkeys((name, steering or name))
+    found = {each: make_predictor_or_fallback(each, skeleton) for each in names}
+    return found[name], found[steering] if steering else None
 
 
 @lru_cache(maxsize=64)

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.base.errors import InputError
-from e3pose.energy.queues import Queue, check_budget
-from e3pose.estimate import EstimatorSettings, make_estimator
+from e3pose.energy.queues import Queue
+from e3pose.estimate import EstimatorSettings, estimator_maker
 from e3pose.estimate.per_slot.fusion import (
     EPIPOLAR_PX,
     MATCHERS,
@@ -90,20 +90,21 @@ def make_pipeline(
     Raises:
         InputError: naming the setting that cannot be had for this place.
     """
-    settings = settings.for_rig(len(place.rig))
     row = row_of(settings)
+    settings = settings.for_rig(len(place.rig))
     _check(settings, row, len(place.rig))
     name = pipeline_row(settings.pipeline)[0]
-    fusion, estimator = _fusion(settings), settings.estimator
     queue = Queue(
-        budget=shares(settings, len(place.rig)),
+        budget=shares(settings, row, len(place.rig)),
         cost_j=None if settings.cost_j is None else np.array(settings.cost_j),
         as_published=name == "paper",
     )
-
+    rests = _rests(place, settings)
+    asked = _estimating(place, settings)
     policy, waking = _policy(settings, row, place.rig)
+    estimator = settings.estimator
     if estimator is None:
-        estimator = make_estimator(name, _estimating(place, settings, fusion))
+        estimator = estimator_maker(name)(asked)
     predictor, steering = _predictors(settings, row, place.skeleton)
     return Pipeline(
         rig=place.rig,
@@ -120,7 +121,7 @@ def make_pipeline(
         steering=steering,
         feedback=Feedback(settings.whole_every) if settings.feedback else None,
         waking=waking,
-        rests=_rests(place, settings),
+        rests=rests,
     )
 
 
@@ -186,7 +187,7 @@ def _policy(
     return policy, waking if COUNT in row.uses else None
 
 
-def _estimating(place: Place, settings: LoopSettings, fusion: FusionSettings) -> EstimatorSettings:
+def _estimating(place: Place, settings: LoopSettings) -> EstimatorSettings:
     """Return what the estimator of the pipeline is asked for."""
     aims = settings.target_error_m is not None
     return EstimatorSettings(
@@ -194,7 +195,7 @@ def _estimating(place: Place, settings: LoopSettings, fusion: FusionSettings) ->
         skeleton=place.skeleton,
         interval_s=place.interval_s,
         history_slots=max(settings.warmup_slots, STEERING_SLOTS * _is_steered(settings)),
-        fusion=fusion,
+        fusion=_fusion(settings),
         noise=load_noise(settings.noise or detector_of(place)),
         num_selected=1.0 if aims else float(settings.num_selected or 0),
         fills=settings.fill is not False,
@@ -302,13 +303,18 @@ def _check(settings: LoopSettings, row: PolicyRow, num_cameras: int) -> None:
         raise InputError("cost", costs, "one above 0 a camera")
 
 
-def shares(settings: LoopSettings, num_cameras: int) -> NDArray[np.float64]:
+def shares(settings: LoopSettings, row: PolicyRow, num_cameras: int) -> NDArray[np.float64]:
     """Return `(num_cameras,)` the share of slots that each camera may be active.
+
+    Args:
+        settings: of the loop.
+        row: of the policy that decides.
+        num_cameras: of the rig.
 
     Raises:
         InputError: for budgets that do not pay for the cameras that are to be selected.
     """
-    counts = Promise.COUNT in row_of(settings).promises
+    counts = Promise.COUNT in row.promises
     share = settings.share(num_cameras)
     budget = np.atleast_1d(np.asarray(1.0 if share is None else share, dtype=np.float64))
     if len(budget) == 1:
@@ -316,13 +322,13 @@ def shares(settings: LoopSettings, num_cameras: int) -> NDArray[np.float64]:
     if len(budget) != num_cameras:
         raise InputError("budget", f"{len(budget)} shares", f"{num_cameras}, one a camera")
     num_selected = settings.num_selected or 0.0
-    if settings.budget is not None and counts and settings.target_error_m is None:
-        if isinstance(settings.budget, float | int):
-            check_budget(budget, num_selected)
-        elif budget.sum() < num_selected - 1e-9:
-            raise InputError(
-                "budget",
-                f"{budget.sum():.3g} cameras per slot in all",
-                f"at least {num_selected:g}, as many as are to be selected",
-            )
+    asked = settings.budget is not None and counts and settings.target_error_m is None
+    if asked and budget.sum() < num_selected - 1e-9:
+        found = f"{budget.sum():.3g} cameras per slot in all"
+        wanted = f"at least {num_selected:g}, as many as are to be selected"
+        if not isinstance(settings.budget, tuple):
+            found = f"{budget[0]:g}"
+            each = f"{num_selected / num_cameras:g}"
+            wanted = f"at least {each} for {num_selected:g} of {num_cameras} cameras per slot"
+        raise InputError("budget", found, wanted)
     return budget

@@ -20,7 +20,7 @@ from e3pose.edge.consumers import Chosen
 from e3pose.edge.energy_ledger import EnergyLedger
 from e3pose.energy.budgets import Budget, parse_budget
 from e3pose.settings.loop import LoopSettings
-from e3pose.settings.parts import make_policy, shares
+from e3pose.settings.parts import make_policy, row_of, shares
 from e3pose.settings.resolved import ResolvedSite, resolve_site
 from e3pose.wire.codec import decode, encode, one_line
 from e3pose.wire.site_messages import Control, Controlled
@@ -186,7 +186,7 @@ class SiteControls:
 
     def _budget(self, own: dict[str, Budget], loop: LoopSettings) -> None:
         """Have the ledger go on with the budgets of a loop, but for those given to cameras."""
-        share = shares(loop, len(self._site.rig)).tolist()
+        share = shares(loop, row_of(loop), len(self._site.rig)).tolist()
         usual = self._site.budgets(share, datetime.now().astimezone())
         names = self._site.rig.camera_ids
         budgets = [own.get(name, budget) for name, budget in zip(names, usual, strict=True)]

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
-from e3pose.base.plugins import made, member
+from e3pose.base.plugins import making, member
 from e3pose.select.policies.base import Need as Need
 from e3pose.select.policies.base import Policy as Policy
 from e3pose.select.policies.base import Promise as Promise
@@ -170,4 +170,4 @@ def policy_row(name: str, queue: bool = False) -> PolicyRow:
     if isinstance(found, PolicyRow):
         may_queue = queue and QUEUE in found.uses
         return found.with_queue() if may_queue else found
-    return PolicyRow(lambda settings: made(found, settings), needs=frozenset({Need.OWN_BOXES}))
+    return PolicyRow(making(found), needs=frozenset({Need.OWN_BOXES}))
