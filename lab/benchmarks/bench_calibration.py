@@ -63,12 +63,13 @@ CASES: dict[str, tuple[SceneSettings, int]] = {
 ASIDE = 0.015  # of the longer side, by which axes are beside the middle
 
 
-def recordings(names: list[str], real: bool) -> Iterator[tuple[str, Recording]]:
+def recordings(names: list[str], real: bool, seed: int | None) -> Iterator[tuple[str, Recording]]:
     """Yield what to calibrate; the rig is the truth."""
     for name in names:
-        settings, seed = CASES[name]
-        recording = simulate(settings, seed)
-        yield name, decentred(recording, ASIDE, seed) if "axes" in name else recording
+        settings, own = CASES[name]
+        number = own if seed is None else seed
+        recording = simulate(settings, number)
+        yield name, decentred(recording, ASIDE, number) if "axes" in name else recording
     if real:
         from e3pose.recording.datasets.shelf import import_shelf
 
@@ -148,6 +149,7 @@ def main() -> None:
     parser.add_argument("--noise", default="1")
     parser.add_argument("--lenses", default="known;unknown")
     parser.add_argument("--real", action="store_true")
+    parser.add_argument("--seed", type=int, help="of simulated cases, in place of their own")
     parser.add_argument("--others", help="interpreter with caliscope and aniposelib")
     options = parser.parse_args()
     names = [name for name in options.cases.split(";") if name]
@@ -156,7 +158,7 @@ def main() -> None:
         f" {tool}: degrees, mm |" for tool in tools
     ))  # fmt: skip
     print("|---" * (8 + len(tools)) + "|")
-    for name, recording in recordings(names, options.real):
+    for name, recording in recordings(names, options.real, options.seed):
         truth, recording = recording.rig, replace(recording, truth=None)
         for lenses, word in product(options.lenses.split(";"), options.noise.split(";")):
             known = lenses == "known"

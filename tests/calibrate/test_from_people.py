@@ -103,11 +103,14 @@ def test_good_rig_is_found_good_and_a_moved_camera_is_named(two: Recording) -> N
 
 
 def test_result_does_not_depend_on_the_declared_noise(two: Recording) -> None:
-    loud = replace(NOISE, sigma_px=4 * NOISE.sigma_px)
-    solved = solve_people(two, loud, None)
-    degrees, millimetres, _ = distances(solved.solved.adjusted.rig, two.rig)
+    usual = solve_people(two, NOISE, None)
+    degrees, millimetres, _ = distances(usual.solved.adjusted.rig, two.rig)
     assert degrees < 0.3 and millimetres < 30
-    assert solved.noise < 0.5  # of four times too much
+    for times in (0.5, 4.0):
+        other = solve_people(two, replace(NOISE, sigma_px=times * NOISE.sigma_px), None)
+        apart = distances(other.solved.adjusted.rig, usual.solved.adjusted.rig)
+        assert apart[0] < 1e-3 and apart[1] < 0.1
+        assert other.noise == pytest.approx(usual.noise / times, rel=1e-3)
 
 
 def test_two_unknown_lenses_are_refused(two: Recording) -> None:
@@ -149,7 +152,7 @@ def test_camera_that_disagrees_is_refused_unless_forced(two: Recording) -> None:
 @pytest.mark.parametrize("lenses", ["known", "unknown"])
 def test_camera_that_disagrees_is_placed_again_by_the_others(two: Recording, lenses: str) -> None:
     recording = two if lenses == "known" else without_calibration(two)
-    scene = _Scene(recording, NOISE, observe_people(recording, NOISE))
+    scene = _Scene(recording, NOISE, observe_people(recording, NOISE), 1.0)
     good = solve_people(two, NOISE, two.rig).solved.adjusted.rig
     cameras = list(good.cameras)
     if lenses == "unknown":

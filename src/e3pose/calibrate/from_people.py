@@ -20,13 +20,18 @@ from e3pose.calibrate.same_people import Evidence, Seen, group, pair_by_essentia
 from e3pose.calibrate.triangulation import place_points
 from e3pose.model.camera import Rig
 from e3pose.model.noise import Noise
+from e3pose.model.rotations import angles_between, similarity
 from e3pose.recording.record import Recording
 
 ROUGH_SIGMAS = (25.0, 10.0, 5.0)  # tolerances of matching, from a rough start
 FINE_SIGMAS = (4.0, 3.0, 3.0)
 FINAL_POINTS = 8000
-NOISE_FACTORS = (1.0, 3.0, 1 / 3)  # on what is declared, in which order to begin from nothing
-NOISE_LIMITS = (0.1, 10.0)  # of what is declared
+# What scores promise tells which keypoints are better; how large errors are is measured, so what
+# is declared of that must not matter: it begins from the errors that detectors have.
+USUAL_ERROR = 0.012  # of a person's size in the image
+NOISE_FACTORS = (1.0, 2.0, 3.0, 1 / 2, 1 / 3)  # on what is usual, in which order to begin
+SAME_RAD = np.radians(1.0)  # between the cameras of two rigs: they are the same one
+NOISE_LIMITS = (0.1, 10.0)  # of what is usual
 MIN_INLIERS = 0.6  # share of keypoints that a rig must explain to be believed
 # Detectors are off by 0.9 % (Shelf), 1.8 % (pizza), 1.8 % (simulated operating room) of a person's
 # size, as rigs near the truth measure it; one that was 128 degrees off asked for 9 %.
@@ -72,11 +77,16 @@ class PeopleRig:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Scene:
-    """A recording with a current rig, its tracklets with those lenses taken off, and noise."""
+    """A recording with a current rig, its tracklets with those lenses taken off, and noise.
+
+    The noise is `factor` times what is declared, and `usual` is the factor at which it is as large
+    as that of detectors usually is.
+    """
 
     recording: Recording
     noise: Noise
     seen: Seen
+    usual: float
     factor: float = 1.0
 
     @property
@@ -85,13 +95,12 @@ class _Scene:
 
     def with_rig(self, rig: Rig, factor: float = 1.0) -> _Scene:
         """Return it with another rig, and noise so many times as large."""
-        low, high = NOISE_LIMITS
+        low, high = (self.usual * limit for limit in NOISE_LIMITS)
         total = float(np.clip(self.factor * factor, low, high))
         noise = replace(self.noise, sigma_px=self.noise.sigma_px * total / self.factor)
         recording = replace(self.recording, rig=rig)
-        return _Scene(
-            recording, noise, without_lenses(recording, noise, self.seen.tracklets), total
-        )
+        seen = without_lenses(recording, noise, self.seen.tracklets)
+        return _Scene(recording, noise, seen, self.usual, total)
 
     def rematch(self, done: Flags, tolerance: float) -> tuple[Joints, int]:
         return rematch(self.recording, self.noise, self.seen, done, tolerance)
@@ -117,8 +126,10 @@ def solve_people(
             lenses.
     """
     rig = recording.rig
-    scene = _Scene(recording, noise, observe_people(recording, noise))
-    _check(rig, scene.seen)
+    seen = observe_people(recording, noise)
+    _check(rig, seen)
+    usual = USUAL_ERROR / seen.share_of_size()
+    scene = _Scene(recording, noise, seen, usual).with_rig(rig, usual)
     best: PeopleRig | None = None
     if start is not None:
         best = _from_start(scene, start, progress)
@@ -129,8 +140,13 @@ def solve_people(
             other = _from_nothing(scene.with_rig(rig, factor), progress)
         except Diverged:
             other = None
-        if other is not None and (best is None or _better(other, best)):
+        if other is None:
+            continue
+        settled = best is not None and _same(other, best)
+        if best is None or _better(other, best):
             best = other
+        if settled:  # and so would the next one
+            break
     if best is None:
         raise InputError(
             "recording: no two cameras agree on where people are, expected people who walk about, "
@@ -165,6 +181,17 @@ def _better(one: PeopleRig, other: PeopleRig) -> bool:
         for r in (one, other)
     )
     return ours > theirs
+
+
+def _same(one: PeopleRig, other: PeopleRig) -> bool:
+    """Return whether two rigs have all cameras, turned alike."""
+    if not (one.solved.placed.all() and other.solved.placed.all()):
+        return False
+    ours, theirs = one.solved.adjusted.rig, other.solved.adjusted.rig
+    _, R, _ = similarity(ours.centers_m, theirs.centers_m)
+    turned = np.stack([camera.R @ R.T for camera in ours.cameras])
+    angles = angles_between(turned, np.stack([camera.R for camera in theirs.cameras]))
+    return bool(angles.max() < SAME_RAD)
 
 
 def _from_nothing(scene: _Scene, progress: Progress) -> PeopleRig | None:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.base.arrays import Floats
-from e3pose.calibrate.same_people import Seen, group, pair_by_rig
+from e3pose.calibrate.same_people import Seen, group, pair_by_rig, shares_of_size
 from e3pose.calibrate.tracklets import Tracklet, find_tracklets
 from e3pose.model.camera import Rig
 from e3pose.model.noise import SURE_SCORE, Noise
@@ -41,7 +41,7 @@ class Joints:
     joint: NDArray[np.int64]
 
     def share_of_size(self, num_joints: int) -> float:
-        """Return the median deviation of a keypoint, over the longer side of its person's box.
+        """Return the median deviation of a keypoint, as a share of its person's size.
 
         Args:
             num_joints: points that one person has at one time.
@@ -49,14 +49,10 @@ class Joints:
         Returns:
             NaN where nothing was seen.
         """
-        pixels = self.keypoints_px.reshape(len(self.keypoints_px), -1, num_joints, 2)
-        seen = np.isfinite(pixels)
-        high = np.where(seen, pixels, -np.inf).max(axis=2, initial=-np.inf)
-        low = np.where(seen, pixels, np.inf).min(axis=2, initial=np.inf)
-        size = (high - low).max(axis=-1)
-        sigma = self.sigma_px.reshape(pixels.shape[:3])
-        good = seen[..., 0] & (size > 0)[..., None]
-        shares = (sigma / np.where(size > 0, size, 1.0)[..., None])[good]
+        people = (len(self.keypoints_px), -1, num_joints)
+        shares = shares_of_size(
+            self.keypoints_px.reshape(*people, 2), self.sigma_px.reshape(people)
+        )
         return float(np.median(shares)) if len(shares) else float("nan")
 
 

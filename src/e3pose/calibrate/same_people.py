@@ -49,6 +49,28 @@ class Seen:
             both = both[np.linspace(0, len(both) - 1, MOST_COMMON).astype(int)]
         return p[both], q[both], sigma[both]
 
+    def share_of_size(self) -> float:
+        """Return the median deviation of a joint, as a share of its person's size; NaN of none."""
+        each = [shares_of_size(p, s) for p, s in zip(self.ideal, self.sigma, strict=True)]
+        shares = np.concatenate(each) if each else np.empty(0)
+        return float(np.median(shares)) if len(shares) else float("nan")
+
+
+def shares_of_size(points: Floats, sigma: Floats) -> Floats:
+    """Return `(n,)` the deviations of the joints that are seen, over the size of their person.
+
+    Args:
+        points: `(*batch, num_joints, 2)` of people; NaN where not seen. A person's size is the
+            longer side of the box of them.
+        sigma: `(*batch, num_joints)` standard deviations, in the same unit.
+    """
+    seen = np.isfinite(points)
+    high = np.where(seen, points, -np.inf).max(axis=-2, initial=-np.inf)
+    low = np.where(seen, points, np.inf).min(axis=-2, initial=np.inf)
+    size = (high - low).max(axis=-1)
+    good = seen[..., 0] & (size > 0)[..., None]
+    return np.asarray((sigma / np.where(size > 0, size, 1.0)[..., None])[good])
+
 
 Evidence = dict[tuple[int, int], float]
 """Pairs of tracklets that show joints together, to how far those say one person: below 0 is two.
