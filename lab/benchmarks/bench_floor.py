@@ -108,7 +108,7 @@ def open_edge(folder: Path, num_cameras: int) -> tuple[NetworkTransport, str, li
         probe.bind(("127.0.0.1", 0))
         endpoint = f"tls/127.0.0.1:{probe.getsockname()[1]}"
     link = Link("edge", SITE, endpoint, certificates_in(folder, "edge"))
-    transport, beats_s = open_network(link, read_roll(folder).cameras), []
+    transport, beats_s = open_network(link, read_roll(folder)), []
 
     def take_view(topic: str, payload: bytes) -> None:
         poses_2d(decode(payload, View, "camera"))

@@ -44,7 +44,7 @@ def main(name: str, endpoint: str, store: str, keys: str = "") -> None:
     if keys:
         roll = read_roll(Path(keys))
         link = Link("edge", name, endpoint, certificates_in(Path(keys), "edge"))
-        transport = open_network(link, roll.cameras, roll.viewers, hubs=roll.hubs)
+        transport = open_network(link, roll)
     else:
         transport = open_network(Link("edge", name, endpoint))
     Consumers(outbox=OutboxAnswers(store, name).answer).listen(transport, name)

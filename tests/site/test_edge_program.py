@@ -25,8 +25,8 @@ from e3pose.settings.site_file import SiteTable
 from e3pose.site.admission import Admission, edge_link
 from e3pose.site.edge_program import make_edge
 from e3pose.store.rows import Event
-from e3pose.wire.access import Link
-from e3pose.wire.keys.folder import Roll, add_keys, init_keys, revoke_keys
+from e3pose.wire.access import Link, Roll
+from e3pose.wire.keys.folder import add_keys, init_keys, revoke_keys
 
 NOW = datetime.datetime.now(datetime.timezone.utc)
 RIG = looking((4, 0), (0, 4))

@@ -33,9 +33,7 @@ class Site:
         link = Link(
             "edge", "lab", f"tls/127.0.0.1:{self.port}", certificates_in(self.folder, "edge")
         )
-        return self.keep(
-            open_network(link, roll.cameras, roll.viewers, operators=roll.operators, hubs=roll.hubs)
-        )
+        return self.keep(open_network(link, roll))
 
     def camera(self, name: str) -> NetworkTransport:
         files = certificates_in(self.folder / "cameras" / name, "camera")

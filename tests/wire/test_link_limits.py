@@ -48,7 +48,7 @@ from e3pose.wire.access import Link
 from e3pose.wire.network import open_network
 keys, endpoint = Path(sys.argv[1]), sys.argv[2]
 roll = read_roll(keys)
-edge = open_network(Link("edge", "lab", endpoint, certificates_in(keys, "edge")), roll.cameras)
+edge = open_network(Link("edge", "lab", endpoint, certificates_in(keys, "edge")), roll)
 edge.subscribe("e3pose/lab/camera/*/view", lambda topic, payload: print(len(payload), flush=True))
 print("ready", flush=True)
 sys.stdin.read()

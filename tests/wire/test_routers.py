@@ -43,9 +43,7 @@ class Site:
     def edge(self) -> NetworkTransport:
         roll, files = read_roll(self.folder), certificates_in(self.folder, "edge")
         link = Link("edge", self.name, f"tls/127.0.0.1:{self.port}", files)
-        return self.keep(
-            open_network(link, roll.cameras, roll.viewers, roll.routers, roll.operators)
-        )
+        return self.keep(open_network(link, roll))
 
     def router(self) -> NetworkTransport:
         place = self.folder / "routers" / "hall"  # all that is carried there
@@ -57,9 +55,7 @@ class Site:
             certificates_in(place, "router"),
             upstream,
         )
-        return self.keep(
-            open_network(link, roll.cameras, roll.viewers, roll.routers, roll.operators)
-        )
+        return self.keep(open_network(link, roll))
 
     def camera(self, name: str, port: int | None = None) -> NetworkTransport:
         files = certificates_in(self.folder / "cameras" / name, "camera")

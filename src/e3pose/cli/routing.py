@@ -53,9 +53,7 @@ def router(
         keys,
         endpoint,
         edge,
-        lambda link, roll: open_network(
-            link, roll.cameras, roll.viewers, roll.routers, roll.operators, roll.hubs
-        ),
+        open_network,
         log.info,
     )
     end_s = None if for_s is None else time.monotonic() + for_s

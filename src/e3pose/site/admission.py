@@ -11,15 +11,8 @@ from e3pose.base.errors import InputError
 from e3pose.base.version import Version, version_of
 from e3pose.edge.server import EdgeServer
 from e3pose.settings.site_file import SiteTable
-from e3pose.wire.access import Link, check_link, split_endpoint
-from e3pose.wire.keys.folder import (
-    Roll,
-    certificates_in,
-    check_certificates,
-    not_admitted,
-    read_roll,
-)
-from e3pose.wire.network import open_network
+from e3pose.wire.access import Link, Roll, check_link, split_endpoint
+from e3pose.wire.keys.folder import certificates_in, check_certificates, not_admitted, read_roll
 from e3pose.wire.transport import Transport
 
 
@@ -42,13 +35,6 @@ def edge_link(site: SiteTable) -> tuple[Link, Roll | None]:
     except InputError as error:
         raise error.under("link").at(site.path) from None
     return link, roll
-
-
-def join_as_edge(link: Link, roll: Roll | None) -> Transport:
-    """Open the network of a site for the program that routes for it."""
-    if roll is None:
-        return open_network(link)
-    return open_network(link, roll.cameras, roll.viewers, roll.routers, roll.operators, roll.hubs)
 
 
 @dataclass(slots=True, eq=False)

@@ -25,8 +25,8 @@ from e3pose.model.camera import Rig
 from e3pose.settings.resolved import ResolvedSite, calibrate_advice
 from e3pose.settings.site_file import SiteTable
 from e3pose.site.admission import edge_link
-from e3pose.wire.access import is_loopback, split_endpoint
-from e3pose.wire.keys.folder import Kind, Roll, certificates_in, check_certificates
+from e3pose.wire.access import Roll, is_loopback, split_endpoint
+from e3pose.wire.keys.folder import Kind, certificates_in, check_certificates
 from e3pose.wire.keys.renewal import SOON_DAYS
 from e3pose.wire.site_messages import CameraStatus, Status
 

@@ -33,7 +33,7 @@ from e3pose.settings.edge import EdgeSettings
 from e3pose.settings.parts import noise_warning
 from e3pose.settings.resolved import ResolvedSite, resolve
 from e3pose.settings.site_file import load_site
-from e3pose.site.admission import Admission, edge_link, join_as_edge
+from e3pose.site.admission import Admission, edge_link
 from e3pose.site.control import SiteControls
 from e3pose.site.event_sink import EventSink, event_sink
 from e3pose.site.expiry import ExpiryWatch
@@ -42,6 +42,7 @@ from e3pose.site.program_log import NO_LOG, Log
 from e3pose.site.run import run_until_stopped
 from e3pose.store.rows import Event, Run
 from e3pose.wire.keys.folder import not_admitted
+from e3pose.wire.network import open_network
 from e3pose.wire.site_messages import Status
 from e3pose.wire.transport import Transport
 
@@ -171,7 +172,7 @@ def start_edge(site: ResolvedSite, log: Log, clock: Clock) -> Edge:
         log.info(event.message, kind=event.kind, camera=event.camera_id)
 
     with ExitStack() as stack:
-        transport = join_as_edge(link, roll)
+        transport = open_network(link, roll)
         stack.callback(transport.close)
         server = make_edge(site, pipeline, transport, clock, report, stack)
         server.inbox.not_admitted = not_admitted(roll, site.rig.camera_ids)
@@ -180,7 +181,7 @@ def start_edge(site: ResolvedSite, log: Log, clock: Clock) -> Edge:
 
             stack.callback(serve_metrics(server, site.metrics_port).close)
         stack.callback(server.stop)
-        admission = Admission(site, server, join_as_edge, log.info)
+        admission = Admission(site, server, open_network, log.info)
         watchdog = server.housekeeping.watchdog
         watchdog.prepare, watchdog.folder = admission.prepare, site.folder / "logs"
         log.info("getting ready; the very first time this compiles for a minute or two")

@@ -14,10 +14,11 @@ from e3pose.base.private import make_folder
 from e3pose.edge.record_server import RecordingPlan, RecordServer, Watch, nobody
 from e3pose.settings.resolved import ResolvedSite, resolve
 from e3pose.settings.site_file import SiteTable
-from e3pose.site.admission import edge_link, join_as_edge
+from e3pose.site.admission import edge_link
 from e3pose.site.check_sources import require_sources
 from e3pose.site.detector_speed import measure_detections, with_time_for_all
 from e3pose.site.up import Program, camera_command, last_line, run_site
+from e3pose.wire.network import open_network
 
 LOOK_S = 1.0
 MOST_RESTARTS = 3  # of a camera, before the command reports why it ends
@@ -61,7 +62,7 @@ def record_site(
     folder = logs or resolved.folder / "logs"
     local = [name for name, camera in resolved.cameras.items() if camera.source]
     programs = [Program(i, camera_command(resolved, i), folder / f"{i}.log") for i in local]
-    transport = join_as_edge(*edge_link(resolved))
+    transport = open_network(*edge_link(resolved))
     make_folder(folder)
     looked_s = time.monotonic()
     plan = _plan(resolved, dest, for_s)

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from e3pose.base.errors import InputError
-from e3pose.wire.access import Link, check_link
-from e3pose.wire.keys.folder import Roll, certificates_in, check_certificates, read_roll
+from e3pose.wire.access import Link, Roll, check_link
+from e3pose.wire.keys.folder import certificates_in, check_certificates, read_roll
 from e3pose.wire.transport import Transport
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ipaddress
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
@@ -75,6 +75,31 @@ class Link:
     insecure: bool = False
 
 
+@dataclass(frozen=True, slots=True)
+class Roll:
+    """The holders of certificates.
+
+    Attributes:
+        site: name of the site.
+        cameras: camera id to the common name of its certificate.
+        viewers: viewer to the common name of its certificate.
+        operators: operator to the common name of its certificate.
+        hubs: hub to the common name of its certificate.
+        routers: router to the common name of its certificate.
+        revoked: common names that are worthless.
+        count: certificates made so far.
+    """
+
+    site: str
+    cameras: Mapping[str, str] = field(default_factory=dict)
+    viewers: Mapping[str, str] = field(default_factory=dict)
+    operators: Mapping[str, str] = field(default_factory=dict)
+    hubs: Mapping[str, str] = field(default_factory=dict)
+    routers: Mapping[str, str] = field(default_factory=dict)
+    revoked: tuple[str, ...] = ()
+    count: int = 0
+
+
 def check_link(link: Link) -> None:
     """Raise `InputError` for an endpoint that is invalid or unencrypted."""
     protocol, host, port = split_endpoint(link.endpoint)
@@ -121,25 +146,13 @@ def is_loopback(host: str) -> bool:
         return False
 
 
-def zenoh_config(
-    link: Link,
-    cameras: Mapping[str, str] | None = None,
-    viewers: Mapping[str, str] | None = None,
-    routers: Mapping[str, str] | None = None,
-    operators: Mapping[str, str] | None = None,
-    hubs: Mapping[str, str] | None = None,
-) -> dict[str, Any]:
+def zenoh_config(link: Link, roll: Roll | None = None) -> dict[str, Any]:
     """Return the configuration of a program's Zenoh session.
 
     Args:
         link: how it joins.
-        cameras: of an edge or router with tls: camera id to the common name of its certificate. Who
-            is not here may connect, but neither read nor write.
-        viewers: likewise, of programs that may read poses and status.
-        routers: likewise, of programs that pass on whatever the site says, and are trusted to let
-            each camera say and hear its own alone. A router trusts the edge of its site too.
-        operators: likewise, of viewers that may also control the edge.
-        hubs: likewise, of hubs, which may ask for summaries and hear nothing else.
+        roll: of an edge or router with tls: who may say and hear what. Who is not here may connect,
+            but neither read nor write. A router trusts the edge of its site too.
     """
     check_link(link)
     protocol, _, _ = split_endpoint(link.endpoint)
@@ -188,12 +201,7 @@ def zenoh_config(
             "verify_name_on_connect": True,
         }
         if routes(link):
-            trusted = dict(routers or {})
-            if link.role == "router":
-                trusted["#edge"] = edge_name(link.site)
-            config["access_control"] = _access(
-                link.site, cameras or {}, viewers or {}, trusted, operators or {}, hubs or {}
-            )
+            config["access_control"] = _access(link, roll or Roll(link.site))
     if routes(link):
         config["low_pass_filter"] = _limits(link.site)
     return config
@@ -224,19 +232,21 @@ def _limits(site: str) -> list[dict[str, Any]]:
     ]
 
 
-def _access(
-    site: str,
-    cameras: Mapping[str, str],
-    viewers: Mapping[str, str],
-    trusted: Mapping[str, str],
-    operators: Mapping[str, str],
-    hubs: Mapping[str, str],
-) -> dict[str, Any]:
+def _access(link: Link, roll: Roll) -> dict[str, Any]:
+    """Return who may say and hear what.
+
+    Cameras say what they see and hear their orders. Viewers hear poses and status, and operators
+    may also control the edge. Hubs ask for summaries and hear nothing else. Routers pass on
+    whatever the site says, and are trusted to let each camera say and hear its own alone.
+    """
+    site, trusted = link.site, dict(roll.routers)
+    if link.role == "router":
+        trusted["#edge"] = edge_name(site)
     rules: list[dict[str, Any]] = []
     policies: list[dict[str, Any]] = []
     subjects: list[dict[str, Any]] = []
     alive = of_site(site, "alive")
-    for camera_id, common_name in cameras.items():
+    for camera_id, common_name in roll.cameras.items():
         own, order = of_camera(site, camera_id, "**"), of_order(site, camera_id)
         _grant(rules, policies, subjects, f"camera-{camera_id}", common_name, {
             "speaks": ("ingress", SPEAK, [own]),
@@ -246,18 +256,18 @@ def _access(
             "asked": ("egress", ["query"], [of_camera(site, camera_id, "picture")]),
         })  # fmt: skip
     shown = [of_site(site, what) for what in ("poses", "poses-delayed", "status", "alive")]
-    for viewer, common_name in viewers.items():
+    for viewer, common_name in roll.viewers.items():
         _grant(rules, policies, subjects, f"viewer-{viewer}", common_name, {
             "listens": ("ingress", LISTEN, shown),
             "hears": ("egress", HEAR, shown),
         })  # fmt: skip
-    for hub, common_name in hubs.items():
+    for hub, common_name in roll.hubs.items():
         outbox = [of_outbox(site, holder_of(common_name))]
         _grant(rules, policies, subjects, f"hub-{hub}", common_name, {
             "asks": ("ingress", ["query"], outbox),
             "gets": ("egress", ["reply"], outbox),
         })  # fmt: skip
-    for operator, common_name in operators.items():
+    for operator, common_name in roll.operators.items():
         control = [of_control(site, holder_of(common_name)), of_camera(site, ANY, "picture")]
         _grant(rules, policies, subjects, f"operator-{operator}", common_name, {
             "listens": ("ingress", LISTEN, shown),

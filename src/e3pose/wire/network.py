@@ -7,7 +7,7 @@ import json
 import re
 import socket
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
@@ -15,7 +15,7 @@ import zenoh
 
 from e3pose.base.errors import InputError
 from e3pose.base.system import claim_address
-from e3pose.wire.access import Link, split_endpoint, zenoh_config
+from e3pose.wire.access import Link, Roll, split_endpoint, zenoh_config
 from e3pose.wire.transport import Answer, Presence, Receive
 
 RETRY_S = 0.2  # between two attempts of a client to join
@@ -142,29 +142,18 @@ class NetworkTransport:
             self._session.close()
 
 
-def open_network(
-    link: Link,
-    cameras: Mapping[str, str] | None = None,
-    viewers: Mapping[str, str] | None = None,
-    routers: Mapping[str, str] | None = None,
-    operators: Mapping[str, str] | None = None,
-    hubs: Mapping[str, str] | None = None,
-) -> NetworkTransport:
+def open_network(link: Link, roll: Roll | None = None) -> NetworkTransport:
     """Join the site; a camera or viewer that finds no edge keeps trying in the background.
 
     Args:
         link: how to join.
-        cameras: see `zenoh_config`.
-        viewers: see `zenoh_config`.
-        routers: see `zenoh_config`.
-        operators: see `zenoh_config`.
-        hubs: see `zenoh_config`.
+        roll: who may join, see `zenoh_config`.
 
     Raises:
         InputError: when the endpoint or a certificate cannot be used.
     """
     zenoh.init_log_from_env_or("off")
-    text = json.dumps(zenoh_config(link, cameras, viewers, routers, operators, hubs))
+    text = json.dumps(zenoh_config(link, roll))
     try:
         config = zenoh.Config.from_json5(text)
         if link.role == "viewer":

@@ -20,7 +20,7 @@ from __future__ import annotations
 import datetime
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -32,7 +32,7 @@ from e3pose.base.errors import InputError
 from e3pose.base.lock import hold
 from e3pose.base.private import make_folder
 from e3pose.model.camera_fields import check_camera_id
-from e3pose.wire.access import Certificates, edge_name, holder_of
+from e3pose.wire.access import Certificates, Roll, edge_name, holder_of
 from e3pose.wire.topics import check_site
 
 FORMAT = "e3pose-keys"
@@ -46,31 +46,6 @@ MAX_COUNT = 10**9 - 1
 GROUPS = ("cameras", "viewers", "operators", "hubs", "routers")
 KEYS = ("format", "version", "site", "count", "revoked", *GROUPS)
 Kind = Literal["camera", "viewer", "operator", "hub", "router"]
-
-
-@dataclass(frozen=True, slots=True)
-class Roll:
-    """The holders of certificates.
-
-    Attributes:
-        site: name of the site.
-        cameras: camera id to the common name of its certificate.
-        viewers: viewer to the common name of its certificate.
-        operators: operator to the common name of its certificate.
-        hubs: hub to the common name of its certificate.
-        routers: router to the common name of its certificate.
-        revoked: common names that are worthless.
-        count: certificates made so far.
-    """
-
-    site: str
-    cameras: Mapping[str, str] = field(default_factory=dict)
-    viewers: Mapping[str, str] = field(default_factory=dict)
-    operators: Mapping[str, str] = field(default_factory=dict)
-    hubs: Mapping[str, str] = field(default_factory=dict)
-    routers: Mapping[str, str] = field(default_factory=dict)
-    revoked: tuple[str, ...] = ()
-    count: int = 0
 
 
 def not_admitted(roll: Roll | None, camera_ids: Sequence[str]) -> dict[str, str]:
