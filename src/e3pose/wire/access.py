@@ -99,6 +99,17 @@ class Roll:
     revoked: tuple[str, ...] = ()
     count: int = 0
 
+    @property
+    def common_names(self) -> tuple[str, ...]:
+        """All that are given, and those that are worthless."""
+        groups = (self.cameras, self.viewers, self.operators, self.hubs, self.routers)
+        return (*(name for group in groups for name in group.values()), *self.revoked)
+
+    @property
+    def newest(self) -> int:
+        """The largest number in a common name; it is never given again, whatever the count says."""
+        return max([self.count, *(int(name.rpartition("#")[2]) for name in self.common_names)])
+
 
 def check_link(link: Link) -> None:
     """Raise `InputError` for an endpoint that is invalid or unencrypted."""

@@ -20,7 +20,7 @@ from __future__ import annotations
 import datetime
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -31,11 +31,11 @@ from e3pose.base.bounded import read_bytes, read_toml
 from e3pose.base.errors import InputError
 from e3pose.base.lock import hold
 from e3pose.base.private import make_folder
+from e3pose.base.table import entry, read_table
 from e3pose.model.camera_fields import check_camera_id
 from e3pose.wire.access import Certificates, Roll, edge_name, holder_of
 from e3pose.wire.topics import check_site
 
-FORMAT = "e3pose-keys"
 LIST = "keys.toml"
 WAIT_S = 5.0  # for another program that changes the list
 MAX_LIST_BYTES = 2**20
@@ -44,8 +44,30 @@ HOST = re.compile(r"[A-Za-z0-9.:-]{1,253}")
 COMMON_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,51}#([0-9]{1,9})")
 MAX_COUNT = 10**9 - 1
 GROUPS = ("cameras", "viewers", "operators", "hubs", "routers")
-KEYS = ("format", "version", "site", "count", "revoked", *GROUPS)
 Kind = Literal["camera", "viewer", "operator", "hub", "router"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Listed(Roll):
+    """A roll as its file has it; every common name is given once."""
+
+    format: Literal["e3pose-keys"] = entry()
+    version: Literal[1] = entry()
+
+    def __post_init__(self) -> None:
+        check_site(self.site)
+        if not 0 <= self.count <= MAX_COUNT:
+            raise InputError("count", self.count, f"0 to {MAX_COUNT}")
+        for group in GROUPS:
+            for name in getattr(self, group):
+                check_camera_id(name)
+        names = self.common_names
+        for name in names:
+            if not COMMON_NAME.fullmatch(name):
+                raise InputError("", repr(name[:80]), "a common name such as cam1#2")
+        if len(set(names)) < len(names):
+            twice = next(name for name in names if names.count(name) > 1)
+            raise InputError("", f"{twice} twice", "one name for each certificate")
 
 
 def not_admitted(roll: Roll | None, camera_ids: Sequence[str]) -> dict[str, str]:
@@ -154,9 +176,9 @@ def _add(
         )
     authority = read_bytes(folder / "authority.pem", MAX_PEM_BYTES)
     key = read_bytes(folder / "authority.key", MAX_PEM_BYTES)
-    number = roll.count + 1
+    number = roll.newest + 1
     if number > MAX_COUNT:
-        raise InputError(f"{folder}/keys.toml: count: found {roll.count}, expected fewer")
+        raise InputError(f"{folder}/keys.toml: count: found {roll.newest}, expected fewer")
     subject = f"{name[:52]}#{number}"
     names = ["localhost", name] if kind != "router" else ["localhost", "127.0.0.1", name]
     try:
@@ -224,52 +246,16 @@ def read_roll(folder: Path) -> Roll:
             f"{path}: file not found, expected the folder of e3pose keys init; --keys names another"
         )
     table = read_toml(path, MAX_LIST_BYTES)
-    if table.get("format") != FORMAT or table.get("version") != 1:
-        raise InputError(f"{path}: expected format {FORMAT!r}, version 1")
-    for key in table:
-        if key not in KEYS:
-            raise InputError(f"{path}: unknown key {key[:60]!r}, expected one of {', '.join(KEYS)}")
     try:
-        people = {group: _people(group, table.get(group, {})) for group in GROUPS}
-        revoked = table.get("revoked", [])
-        if not isinstance(revoked, list):
-            raise InputError(f"revoked: found {str(revoked)[:60]!r}, expected a list of names")
-        known = [*(name for group in GROUPS for name in people[group].values()), *revoked]
-        numbers = [_number(name) for name in known]
-        if len(set(known)) < len(known):
-            twice = next(name for name in known if known.count(name) > 1)
-            raise InputError(f"found {twice} twice, expected one name for each certificate")
-        count = table.get("count", 0)
-        if isinstance(count, bool) or not isinstance(count, int) or not 0 <= count <= MAX_COUNT:
-            raise InputError(f"count: found {str(count)[:60]!r}, expected 0 to {MAX_COUNT}")
-        site = check_site(table.get("site"))
+        return read_table(_Listed, table)
     except InputError as error:
-        raise InputError(f"{path}: {error}") from None
-    # A number is never given twice, whatever became of the count.
-    return Roll(site, **people, revoked=tuple(revoked), count=max([count, *numbers]))
+        raise error.at(path) from None
 
 
 def _check_hosts(hosts: Sequence[str]) -> None:
     for host in hosts:
         if not HOST.fullmatch(host):
             raise InputError(f"host {host[:80]!r}: expected a name or an address")
-
-
-def _people(group: str, found: object) -> dict[str, str]:
-    if not isinstance(found, dict):
-        raise InputError(f"{group}: found {str(found)[:60]!r}, expected a table of names")
-    for name, common_name in found.items():
-        check_camera_id(name)
-        _number(common_name)
-    return found
-
-
-def _number(common_name: object) -> int:
-    """Return the number in a common name, which makes it unique."""
-    match = COMMON_NAME.fullmatch(common_name) if isinstance(common_name, str) else None
-    if match is None:
-        raise InputError(f"found {str(common_name)[:80]!r}, expected a common name such as cam1#2")
-    return int(match[1])
 
 
 def certificates_in(folder: Path, role: Literal["edge"] | Kind) -> Certificates:
@@ -294,7 +280,7 @@ def check_certificates(files: Certificates, now: datetime.datetime) -> None:
 
 def _write_roll(folder: Path, roll: Roll) -> None:
     table: dict[str, Any] = {
-        "format": FORMAT,
+        "format": "e3pose-keys",
         "version": 1,
         "site": roll.site,
         "count": roll.count,
