@@ -50,7 +50,7 @@ def test_example_site_makes_a_pipeline(tmp_path: Path) -> None:
     save_rig(rig, tmp_path / "rig.toml")
     site = resolve_site(tmp_path)
     assert set(site.cameras) == {"cam1", "cam2", "cam3"}
-    pipeline = check_edge(site)
+    pipeline = check_edge(site).pipeline
     assert len(pipeline.queue.budget) == 3 and pipeline.interval_s == pytest.approx(0.04)
 
 
@@ -122,7 +122,7 @@ def test_example_is_made_in_a_new_folder_only(
     small = SceneSettings(people=1, seconds=1.0, fps=10, cameras=4)
     monkeypatch.setattr("e3pose.site.example.SCENE", small)
     path = make_example(tmp_path / "try")
-    assert len(check_edge(resolve_site(path)).rig) == 4
+    assert len(check_edge(resolve_site(path)).pipeline.rig) == 4
     (tmp_path / "try" / "mine.txt").write_text("mine")
     with pytest.raises(InputError, match=r"try: is there already, expected a new folder"):
         make_example(tmp_path / "try")

@@ -24,6 +24,7 @@ from e3pose.site.detector_speed import (
     suggested_deadline_ms,
     suggested_fps,
 )
+from e3pose.site.edge_program import check_edge
 
 NOW = datetime(2026, 11, 22, 12, 0, tzinfo=timezone.utc)
 FOUR = looking((4, 0), (0, 4), (-4, 0), (0, -4))
@@ -104,13 +105,14 @@ def test_budget_is_compared_with_what_cameras_draw(
     tmp_path: Path, budget: str, level: str, message: str
 ) -> None:
     site = live(tmp_path, f'budget = "{budget}"\n')
-    found = list(check_budgets(site, NOW))
+    found = list(check_budgets(site, check_edge(site), NOW))
     assert {finding.level for finding in found} == {level}
     assert message in f"{found[0].found} {found[0].advice}"
 
 
 def test_site_without_a_budget_has_none_to_check(tmp_path: Path) -> None:
-    assert list(check_budgets(live(tmp_path), NOW)) == []
+    site = live(tmp_path)
+    assert list(check_budgets(site, check_edge(site), NOW)) == []
 
 
 def looked(fps: float, deadline_ms: float, selected: float = 2) -> dict[str, Finding]:

@@ -23,7 +23,7 @@ from e3pose.recording.calibration import save_rig
 from e3pose.select.policies.information import Information
 from e3pose.settings.resolved import resolve
 from e3pose.site.control import BURST, COUNT_S, TOO_MANY, SiteControls
-from e3pose.site.edge_program import make_edge
+from e3pose.site.edge_program import check_edge, make_edge
 from e3pose.site.event_sink import EventSink
 from e3pose.store import Retention
 from e3pose.wire.codec import decode, encode
@@ -39,8 +39,8 @@ def edge(folder: Path, more: str = "") -> Iterator[tuple[EdgeServer, Hub]]:
     save_rig(RIG, folder / "rig.toml")
     live, hub = resolve(site), Hub()
     with ExitStack() as stack:
-        pipeline = live.pipeline()
-        made = make_edge(live, pipeline, hub.join(), ManualClock(10**18), lambda _: None, stack)
+        parts, clock = check_edge(live), ManualClock(10**18)
+        made = make_edge(live, parts, hub.join(), clock, lambda _: None, stack)
         made.consumers.listen(made.membership.transport, "lab")
         yield made, hub
 

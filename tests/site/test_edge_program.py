@@ -23,7 +23,7 @@ from e3pose.recording.record import Recording, ViewSeries
 from e3pose.settings.resolved import ResolvedSite, resolve
 from e3pose.settings.site_file import SiteTable
 from e3pose.site.admission import Admission, edge_link
-from e3pose.site.edge_program import make_edge
+from e3pose.site.edge_program import check_edge, hold_files, make_edge
 from e3pose.store.rows import Event
 from e3pose.wire.access import Link, Roll
 from e3pose.wire.keys.folder import add_keys, init_keys, revoke_keys
@@ -41,7 +41,9 @@ def live_of(site: SiteTable) -> ResolvedSite:
 def edge_of(site: SiteTable, stack: ExitStack, tell: list[Event] | None = None) -> EdgeServer:
     tell, live = [] if tell is None else tell, live_of(site)
     clock = ManualClock(10**18)
-    return make_edge(live, live.pipeline(), Hub().join(), clock, tell.append, stack)
+    parts = check_edge(live)
+    hold_files(parts, stack)
+    return make_edge(live, parts, Hub().join(), clock, tell.append, stack)
 
 
 def test_place_is_that_of_the_site_file(tmp_path: Path) -> None:

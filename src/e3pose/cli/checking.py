@@ -15,6 +15,7 @@ from e3pose.cli.options import Flag, warn
 if TYPE_CHECKING:
     from e3pose.settings.resolved import ResolvedSite
     from e3pose.site.check import Finding
+    from e3pose.site.edge_program import EdgeParts
 
 STYLES = {"ok": "green", "warning": "yellow", "problem": "bold red"}
 
@@ -70,9 +71,9 @@ def _site(site: ResolvedSite, quick: bool, running: bool) -> list[Finding]:
     if not site.rig.placed:
         found = [examine.uncalibrated(site)]
     else:
-        check_edge(site)
-        warn(site.world_warning())
-        found = [*examine.check_calibration(site.rig), *_settings(site)]
+        parts = check_edge(site)
+        warn(site.warning)
+        found = [*examine.check_calibration(site.rig), *_settings(site, parts)]
     sources = list(check_sources(site))
     found += [*examine.check_link_of(site), *examine.check_places(site), *sources]
     usable = all(finding.level != "problem" for finding in sources)
@@ -84,11 +85,11 @@ def _site(site: ResolvedSite, quick: bool, running: bool) -> list[Finding]:
     return [*found, examine.check_clock(site.link.endpoint)]
 
 
-def _settings(site: ResolvedSite) -> list[Finding]:
+def _settings(site: ResolvedSite, parts: EdgeParts) -> list[Finding]:
     from e3pose.site.check_settings import check_budgets, check_feedback, check_skeletons
 
     now = datetime.now().astimezone()
-    return [*check_skeletons(site), *check_feedback(site), *check_budgets(site, now)]
+    return [*check_skeletons(site), *check_feedback(site), *check_budgets(site, parts, now)]
 
 
 def _rates(site: ResolvedSite) -> list[Finding]:

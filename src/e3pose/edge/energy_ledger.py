@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Sequence
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 
 from e3pose.base.quantities import plural
 from e3pose.energy.budgets import Budget
-from e3pose.energy.modes import RestName
+from e3pose.energy.modes import CameraModes, RestName
 from e3pose.energy.profiles import DeviceProfile, Mode, modes_of
 from e3pose.energy.site_energy import (
     CameraEnergy,
@@ -65,16 +66,24 @@ class EnergyLedger:
                 profiles, idle_modes, capacities_j or [np.inf] * len(profiles), strict=True
             )
         ]
-        self._modes = [modes_of(profile, interval_s) for profile in profiles]
-        gates = [modes.look("gate") for modes in self._modes]
-        self._gate_j = np.array([0.0 if gate is None else gate.joules for gate in gates])
-        self._resting_w = np.full(len(profiles), np.nan)
+        self._profiles, self._resting_w = tuple(profiles), np.full(len(profiles), np.nan)
         self._budgets, self._interval_s = tuple(budgets), interval_s
         self._num_selected, self._now_ns, self._keep = num_selected, now_ns, keep
         self._lock = threading.Lock()
-        self._estimate = self._estimated()
+        self._estimate: EnergyEstimate | None = None  # before the first is asked for
         self._last: EnergyEstimate | None = None
-        self._estimated_ns: int | None = None  # before the first call
+        self._estimated_ns: int | None = None  # when it is to be made anew
+
+    @cached_property
+    def _modes(self) -> list[CameraModes]:
+        """What each camera can do and what it costs."""
+        return [modes_of(profile, self._interval_s) for profile in self._profiles]
+
+    @cached_property
+    def _gate_j(self) -> NDArray[np.float64]:
+        """`(num_cameras,)` of a look at an image that is unchanged."""
+        gates = [modes.look("gate") for modes in self._modes]
+        return np.array([0.0 if gate is None else gate.joules for gate in gates])
 
     def take(self, beat: Heartbeat) -> None:
         """Add a heartbeat; those of cameras outside the rig are ignored."""
@@ -119,8 +128,9 @@ class EnergyLedger:
         """Return budgets and costs, recomputed once a minute, and whether they are new."""
         now_ns = self._now_ns()
         with self._lock:  # `change` resets the time, on another thread
-            if self._estimated_ns is not None and now_ns - self._estimated_ns < UPDATE_S * 1e9:
-                return self._estimate, False
+            known, made_ns = self._estimate, self._estimated_ns
+            if known is not None and made_ns is not None and now_ns - made_ns < UPDATE_S * 1e9:
+                return known, False
             self._estimate, self._estimated_ns = self._estimated(), now_ns
             return self._estimate, True
 
@@ -179,9 +189,10 @@ class EnergyLedger:
             unchanged: `(num_cameras,)` whose view says that the network did not run; None: nobody.
         """
         resting_j = self._resting_w * self._interval_s
-        spent_j = self._estimate.spent_j(selected)
+        estimate = self._estimate or self._estimated()
+        spent_j = estimate.spent_j(selected)
         if unchanged is not None and unchanged.any():
-            gated_j = self._estimate.spent_j(np.zeros_like(selected)) + self._gate_j
+            gated_j = estimate.spent_j(np.zeros_like(selected)) + self._gate_j
             spent_j = np.where(selected & unchanged, np.minimum(gated_j, spent_j), spent_j)
         return np.where(selected, spent_j, np.fmin(spent_j, resting_j))  # NaN: awake
 

@@ -116,11 +116,11 @@ class EdgeServer:
         self.state: SlotState = initial_state(self.pipeline)
         self.times: SlotTimes | None = None  # until the first slot
         self.newest: SlotRecord | None = None
+        self._resume()
         self.ready = False  # whether all kernels are compiled
         self.publisher = Publisher(settings, pipeline.rig, interval_s, self.send_queue, clock)
         self.threads = ThreadGroup(self._wake)
         self.housekeeping = Housekeeping(self)
-        self._resume()
 
     def __enter__(self) -> EdgeServer:
         self.start()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, fields, replace
 from datetime import datetime
@@ -49,6 +49,7 @@ class ResolvedSite(SiteTable):
         skeleton: of the poses.
         detector: whose noise serves all cameras.
         plan: what the cameras draw and have.
+        warning: what is odd about the axes or the unit of the cameras; empty if nothing.
         source: nothing, as `detector` says it.
     """
 
@@ -58,6 +59,7 @@ class ResolvedSite(SiteTable):
     skeleton: Skeleton
     detector: str
     plan: EnergyPlan
+    warning: str
     source: str = ""
 
     @property
@@ -84,23 +86,20 @@ class ResolvedSite(SiteTable):
         with _in_file(self.path):
             return make_pipeline(self, self.loop)
 
-    def world_warning(self) -> str:
-        """Return what is odd about the axes or the unit of the cameras; empty if nothing."""
-        words = world_problem(self.rig, self.calibration, self.rotations)[1]
-        return f"{self.calibration}: {words}" if words else ""
-
-    def budgets(self, shares: Sequence[float], now: datetime) -> list[Budget]:
-        """Return what each camera may spend: its own words, the site's, or its share of the slots.
+    def budgets(self, now: datetime) -> list[Budget | None]:
+        """Return what the file lets each camera spend; None where it does not say.
 
         Args:
-            shares: `(num_cameras,)` of the slots.
             now: the present, with its time zone.
+
+        Raises:
+            InputError: for a time that has passed, and what is no budget.
         """
-        found = []
-        for (name, camera), share in zip(self.cameras.items(), shares, strict=True):
+        found: list[Budget | None] = []
+        for name, camera in self.cameras.items():
             words = camera.budget or self.budget
             try:
-                found.append(Budget("duty", share) if words is None else parse_budget(words, now))
+                found.append(None if words is None else parse_budget(words, now))
             except InputError as error:
                 raise error.at(self.path, f"camera {name}: budget") from None
         return found
@@ -152,6 +151,8 @@ def resolve(site: SiteTable, placed: bool = True) -> ResolvedSite:
         if camera.rotation is None:
             rotation = cast("Rotation", turned.get(name, 0))
             cameras[name] = replace(camera, rotation=rotation)
+    degrees = {name: camera.rotation for name, camera in cameras.items() if camera.rotation}
+    odd = world_problem(rig, site.calibration, degrees)[1]
     skeletons = {name: made for name in cameras if (made := outputs.get(name, NOTHING)[1])}
     detectors = {detector for detector, _ in outputs.values()}
     known_wh = {name: each.battery_wh for name, each in cameras.items() if each.battery_wh}
@@ -168,6 +169,7 @@ def resolve(site: SiteTable, placed: bool = True) -> ResolvedSite:
         skeleton=skeleton,
         detector=next((name for name in SHIPPED if name in detectors), DEFAULT),
         plan=plan,
+        warning=f"{site.calibration}: {odd}" if odd else "",
     )
 
 

@@ -14,6 +14,7 @@ from e3pose.model.skeleton import lacking, serves
 from e3pose.settings.resolved import ResolvedSite
 from e3pose.settings.sources import is_recorded
 from e3pose.site.check import Finding
+from e3pose.site.edge_program import EdgeParts
 
 JOULES = 3600.0  # a watt-hour
 ENOUGH = 1e-6
@@ -65,21 +66,18 @@ def _own_uses_feedback(detector: str) -> bool:
     return True
 
 
-def check_budgets(site: ResolvedSite, now: datetime) -> Iterator[Finding]:
+def check_budgets(site: ResolvedSite, parts: EdgeParts, now: datetime) -> Iterator[Finding]:
     """Check whether budgets pay for what cameras draw, by their power profiles.
 
     Args:
         site: what its file says.
+        parts: what its edge is made of.
         now: the present, with its time zone.
     """
-    if site.budget is None and not any(camera.budget for camera in site.cameras.values()):
+    if not any(parts.budgets):
         return
-    pipeline = site.pipeline()
-    try:
-        budgets = site.budgets(pipeline.queue.budget.tolist(), now)
-    except InputError as error:
-        yield Finding("problem", "budget", str(error))
-        return
+    each = zip(parts.budgets, parts.pipeline.queue.budget.tolist(), strict=True)
+    budgets = [own or Budget("duty", share) for own, share in each]
     modes = [camera.idle_mode for camera in site.cameras.values()]
     active_w = [profile.watts("active") for profile in site.plan.profiles]
     idle_w = [p.watts(mode) for p, mode in zip(site.plan.profiles, modes, strict=True)]

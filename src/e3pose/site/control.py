@@ -125,7 +125,7 @@ class SiteControls:
         if control != Control(reread=True):
             raise InputError("reread", "with another setting", "one of them at a time")
         new, old = resolve_site(self._site.path), self._site
-        new.budgets([1.0] * len(old.rig), datetime.now().astimezone())  # its error first
+        new.budgets(datetime.now().astimezone())  # its error first
         store = old.store
         if store is not None and new.store is not None and self._sink is not None:
             store = replace(store, keep_s=new.store.keep_s, max_bytes=new.store.max_bytes)
@@ -186,8 +186,11 @@ class SiteControls:
 
     def _budget(self, own: dict[str, Budget], loop: LoopSettings) -> None:
         """Have the ledger go on with the budgets of a loop, but for those given to cameras."""
-        share = shares(loop, row_of(loop), len(self._site.rig)).tolist()
-        usual = self._site.budgets(share, datetime.now().astimezone())
+        each = shares(loop, row_of(loop), len(self._site.rig)).tolist()
+        usual = self._site.budgets(datetime.now().astimezone())
         names = self._site.rig.camera_ids
-        budgets = [own.get(name, budget) for name, budget in zip(names, usual, strict=True)]
+        budgets = [
+            own.get(name, budget or Budget("duty", share))
+            for name, budget, share in zip(names, usual, each, strict=True)
+        ]
         self._ledger.change(budgets, loop.num_selected or 0.0)

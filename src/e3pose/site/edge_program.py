@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import datetime
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,7 +24,9 @@ from e3pose.edge.knock_watch import KnockWatch
 from e3pose.edge.recorder import Recorder, RecorderSettings
 from e3pose.edge.server import EdgeServer
 from e3pose.edge.state_file import StateFile
+from e3pose.energy.budgets import Budget
 from e3pose.estimate.base import Estimator
+from e3pose.events.watch import Watch
 from e3pose.pipeline import Pipeline
 from e3pose.predict.base import Predictor
 from e3pose.recording.videos import MAX_BYTES, PART_S
@@ -35,11 +37,12 @@ from e3pose.settings.resolved import ResolvedSite, resolve
 from e3pose.settings.site_file import load_site
 from e3pose.site.admission import Admission, edge_link
 from e3pose.site.control import SiteControls
-from e3pose.site.event_sink import EventSink, event_sink
+from e3pose.site.event_sink import EventSink, site_watch
 from e3pose.site.expiry import ExpiryWatch
 from e3pose.site.interpreter import reduce_pauses
 from e3pose.site.program_log import NO_LOG, Log
 from e3pose.site.run import run_until_stopped
+from e3pose.site.zones import Zones
 from e3pose.store.rows import Event, Run
 from e3pose.wire.keys.folder import not_admitted
 from e3pose.wire.network import open_network
@@ -136,35 +139,57 @@ def open_edge(
     return start_edge(resolve(replace(table, loop=loop)), log or NO_LOG, clock or WallClock())
 
 
-def check_edge(site: ResolvedSite) -> Pipeline:
-    """Return the parts of the loop of a site, after checking all that its edge needs to start.
+@dataclass(frozen=True, slots=True, eq=False)
+class EdgeParts:
+    """What an edge is made of, after a check of all that it needs to start.
+
+    Attributes:
+        pipeline: the parts of its loop.
+        budgets: `(num_cameras,)` what the site file lets each camera spend; None where it does not
+            say.
+        watch: what follows the people; None where the site does not ask for it.
+        written: the files that it alone may write, each with what of it.
+    """
+
+    pipeline: Pipeline
+    budgets: Sequence[Budget | None]
+    watch: Watch | None
+    written: Sequence[tuple[Path, str]]
+
+
+def check_edge(site: ResolvedSite) -> EdgeParts:
+    """Return the parts of the edge of a site, after checking all that it needs to start.
 
     Raises:
         InputError: for what is wrong in the file or in its places.
     """
-    from e3pose.edge.learn.versions import check_learning_folder
-
-    pipeline = site.pipeline()
-    site.budgets([1.0] * len(site.rig), datetime.datetime.now().astimezone())
+    watch, written = site_watch(site), list[tuple[Path, str]]()
     try:
+        if site.learn is not None:
+            from e3pose.edge.learn.versions import check_learning_folder
+
+            check_learning_folder(site.learn)
+        if site.store is not None:
+            from e3pose.store.database import check_place, database_path, database_url
+
+            url = database_url(site.store.place)
+            check_place(url)
+            if (file := database_path(url)) is not None:
+                written.append((file, site.name))  # other sites may share it
+        budgets = site.budgets(datetime.datetime.now().astimezone())
         if site.state is not None:
             check_file_free(site.state)
-        if site.store is not None:
-            from e3pose.store.database import check_place, database_url
-
-            check_place(database_url(site.store.place))
-        if site.learn is not None:
-            check_learning_folder(site.learn)
+            written.append((site.state, ""))
     except InputError as error:
         raise error.at(site.path) from None
-    return pipeline
+    pipeline = site.pipeline()
+    return EdgeParts(pipeline, budgets, watch, written)
 
 
 def start_edge(site: ResolvedSite, log: Log, clock: Clock) -> Edge:
     """Start the edge of a site; see `open_edge`."""
-    pipeline = check_edge(site)
-    link, roll = edge_link(site)
-    for warning in (site.world_warning(), noise_warning(site, site.loop)):
+    parts = check_edge(site)
+    for warning in (site.warning, noise_warning(site, site.loop)):
         if warning:
             log.warning(warning)
 
@@ -172,10 +197,13 @@ def start_edge(site: ResolvedSite, log: Log, clock: Clock) -> Edge:
         log.info(event.message, kind=event.kind, camera=event.camera_id)
 
     with ExitStack() as stack:
+        hold_files(parts, stack)
+        link, roll = edge_link(site)
+        refused = not_admitted(roll, site.rig.camera_ids)
         transport = open_network(link, roll)
         stack.callback(transport.close)
-        server = make_edge(site, pipeline, transport, clock, report, stack)
-        server.inbox.not_admitted = not_admitted(roll, site.rig.camera_ids)
+        server = make_edge(site, parts, transport, clock, report, stack)
+        server.inbox.not_admitted = refused
         if site.metrics_port is not None:
             from e3pose.site.metrics import serve_metrics
 
@@ -191,9 +219,17 @@ def start_edge(site: ResolvedSite, log: Log, clock: Clock) -> Edge:
     raise AssertionError("an exit stack lets no error pass")
 
 
+def hold_files(parts: EdgeParts, stack: ExitStack) -> None:
+    """Be the only program that writes the files of an edge, until the stack is closed."""
+    for path, what in parts.written:
+        with suppress(OSError):  # reported when it is written
+            make_folder(path.parent)
+        stack.enter_context(hold(path, what))
+
+
 def make_edge(
     site: ResolvedSite,
-    pipeline: Pipeline,
+    parts: EdgeParts,
     transport: Transport,
     clock: Clock,
     report: Callable[[Event], None],
@@ -203,19 +239,14 @@ def make_edge(
 
     Args:
         site: what its file says.
-        pipeline: the parts of its loop.
+        parts: what it is made of.
         transport: how to reach the cameras.
         clock: the edge's.
         report: called with messages for operators.
         stack: closes what is opened here.
     """
-    checkpoint = site.state
-    if checkpoint is not None:
-        with suppress(OSError):  # reported when the state is saved
-            make_folder(checkpoint.parent)
-        stack.enter_context(hold(checkpoint))
-    event_log = EventLog(clock, report)
-    state_file = StateFile(pipeline, checkpoint, event_log.report, clock.now_ns())
+    pipeline, event_log = parts.pipeline, EventLog(clock, report)
+    state_file = StateFile(pipeline, site.state, event_log.report, clock.now_ns())
     state_file.take_up()
     sink = open_store(site, state_file.run_ns, event_log, stack)
     learner = None
@@ -225,12 +256,12 @@ def make_edge(
         learner = OnlineTrainer(site.learn, site.skeleton, LearningSettings(site.interval_s), clock)
         stack.callback(learner.close)
     idle_modes = [camera.idle_mode for camera in site.cameras.values()]
-    now = datetime.datetime.now().astimezone()
+    budgets = zip(parts.budgets, pipeline.queue.budget.tolist(), strict=True)
     ledger = EnergyLedger(
         site.rig.camera_ids,
         site.plan.profiles,
         idle_modes,
-        site.budgets(pipeline.queue.budget.tolist(), now),
+        [own or Budget("duty", share) for own, share in budgets],
         site.interval_s,
         site.loop.num_selected or 0.0,
         clock.now_ns,
@@ -247,17 +278,17 @@ def make_edge(
         smooth_delay_s=site.smooth_delay_ms / 1e3,
         wakes_s=[camera.wake_s for camera in site.cameras.values()],
     )
-    kept = None if sink is None else event_sink(site, sink)
-    controls = SiteControls(site, ledger, sink=kept)
-    recorder = open_recorder(site, event_log, stack)
-    watch = KnockWatch(site.rig)
+    kept = None if sink is None else EventSink(sink, Zones(site.zone), parts.watch)
     outbox = None
     if site.store is not None:
         from e3pose.site.outbox_answers import OutboxAnswers
 
         outbox = OutboxAnswers(site.store.place, site.name).answer
+    controls = SiteControls(site, ledger, sink=kept)
+    recorder = open_recorder(site, event_log, stack)
+    watch = KnockWatch(site.rig)
     consumers = Consumers(kept, learner, ledger, controls, recorder, watch, outbox)
-    if isinstance(kept, EventSink):
+    if kept is not None:
         consumers = replace(consumers, asks=kept.request)
     return EdgeServer(pipeline, transport, settings, clock, state_file, event_log, consumers)
 
@@ -276,7 +307,6 @@ def open_store(
     if site.store is None:
         return None
     from e3pose.store import Retention, StoreWriter, WriterSettings
-    from e3pose.store.database import database_path, database_url
 
     run = Run(
         site=site.name,
@@ -288,8 +318,6 @@ def open_store(
         cameras=site.rig.camera_ids,
         software=f"e3pose {__version__}",
     )
-    if (file := database_path(database_url(site.store.place))) is not None:
-        stack.enter_context(hold(file, site.name))  # other sites may share it
     keeping = WriterSettings(
         retention=Retention(site.store.keep_s, site.store.max_bytes),
         spool_bytes=site.store.spool_bytes,

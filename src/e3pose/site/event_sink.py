@@ -107,11 +107,6 @@ def presence(watch: Watch) -> Presence:
     return Presence(watch.time_ns, dict(zip(STATES, counts, strict=False)))
 
 
-def event_sink(site: ResolvedSite, writer: StoreWriter) -> EventSink:
-    """Return what keeps the slots of a site, with what happens in them where that is asked for."""
-    return EventSink(writer, Zones(site.zone), site_watch(site))
-
-
 def site_watch(site: ResolvedSite) -> Watch | None:
     """Return what follows the people of a site; None where it does not ask for it.
 

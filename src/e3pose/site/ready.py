@@ -37,7 +37,7 @@ def site_programs(
     """
     check_edge(site)
     check_port(edge_link(site)[0].endpoint)
-    warn(site.world_warning())
+    warn(site.warning)
     require_sources(site)
     with measuring or nullcontext():
         times = measure_detections(site, again=False)
