@@ -15,7 +15,7 @@ from tests.site.left_by_demo import nobody
 from tests.site.tables import HEAD, write_site
 
 from e3pose.base.errors import InputError
-from e3pose.edge.consumers import Consumers
+from e3pose.edge.consumers import NOTHING_ASKED, Consumers
 from e3pose.edge.pipeline_owner import PipelineOwner
 from e3pose.edge.server import EdgeServer
 from e3pose.pipeline import Pipeline, SlotRecord
@@ -134,7 +134,7 @@ def test_what_cannot_be_had_is_refused_and_changes_nothing(
             controls(made).take(control)
         answer = hub.join().ask("e3pose/lab/control/desk", encode(control), 1.0)
         assert answer is not None and messages in decode(answer, Controlled, "edge").problem
-        assert controls(made).applied() == (None, [])
+        assert controls(made).applied() == NOTHING_ASKED
         assert not controls(made).paused
 
 
@@ -148,8 +148,7 @@ def test_policy_without_a_number_cannot_be_given_one(tmp_path: Path) -> None:
 def test_operator_who_floods_is_refused_and_counted_in_one_event(tmp_path: Path) -> None:
     with edge(tmp_path) as (made, _):
         now_s = [0.0]
-        assert made.consumers.ledger is not None
-        asked = SiteControls(controls(made)._site, made.consumers.ledger, lambda: now_s[0])
+        asked = SiteControls(controls(made)._site, None, lambda: now_s[0])
 
         def ask(operator: str) -> str:
             answer = asked.answer(operator, encode(Control(cameras=3)))
@@ -159,13 +158,13 @@ def test_operator_who_floods_is_refused_and_counted_in_one_event(tmp_path: Path)
         assert problems[: int(BURST)] == [""] * int(BURST)
         assert all("more than 2 requests per second" in one for one in problems[int(BURST) :])
         assert ask("hall") == ""  # another operator is heard
-        _, lines = asked.applied()
+        lines = asked.applied().lines
         assert len(lines) == BURST + 1
         now_s[0] = COUNT_S
-        assert asked.applied()[1] == [
+        assert asked.applied().lines == [
             "1980 requests refused, most of operator desk: too many per second"
         ]
-        assert asked.applied()[1] == [] and ask("desk") == ""
+        assert not asked.applied().lines and ask("desk") == ""
 
 
 def test_many_names_of_operators_have_a_rate_together(tmp_path: Path) -> None:

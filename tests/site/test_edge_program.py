@@ -14,6 +14,7 @@ from tests.rigs import looking
 from tests.site.tables import write_site
 
 from e3pose.base.errors import InputError
+from e3pose.base.lock import hold_all
 from e3pose.edge.server import EdgeServer
 from e3pose.model.noises import DEFAULT
 from e3pose.model.skeleton import COCO17
@@ -23,7 +24,7 @@ from e3pose.recording.record import Recording, ViewSeries
 from e3pose.settings.resolved import ResolvedSite, resolve
 from e3pose.settings.site_file import SiteTable
 from e3pose.site.admission import Admission, edge_link
-from e3pose.site.edge_program import check_edge, hold_files, make_edge
+from e3pose.site.edge_program import check_edge, make_edge
 from e3pose.store.rows import Event
 from e3pose.wire.access import Link, Roll
 from e3pose.wire.keys.folder import add_keys, init_keys, revoke_keys
@@ -42,7 +43,7 @@ def edge_of(site: SiteTable, stack: ExitStack, tell: list[Event] | None = None) 
     tell, live = [] if tell is None else tell, live_of(site)
     clock = ManualClock(10**18)
     parts = check_edge(live)
-    hold_files(parts, stack)
+    hold_all(parts.written, stack)
     return make_edge(live, parts, Hub().join(), clock, tell.append, stack)
 
 

@@ -5,12 +5,13 @@ from __future__ import annotations
 import os
 import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from e3pose.base import system
 from e3pose.base.errors import InputError
+from e3pose.base.private import make_folder
 
 TRY_S = 0.02
 MAX_OWNER_BYTES = 200
@@ -38,6 +39,19 @@ def hold(path: Path, what: str = "", wait_s: float = 0.0) -> Iterator[None]:
     finally:
         if handle is not None:
             system.remove_open(beside, handle)
+
+
+def hold_all(written: Iterable[tuple[Path, str]], stack: ExitStack) -> None:
+    """Be the only program that writes some files, until a stack is closed; see `hold`.
+
+    Args:
+        written: the files, each with what of it; their folders are made.
+        stack: of what is to be closed.
+    """
+    for path, what in written:
+        with suppress(OSError):  # reported when it is written
+            make_folder(path.parent)
+        stack.enter_context(hold(path, what))
 
 
 def lock_file(path: Path, what: str = "") -> Path:

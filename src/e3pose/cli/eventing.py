@@ -161,11 +161,10 @@ def _say(line: str) -> None:
 
 def _live(source: Path, keys: Path | None) -> tuple[str, EventsTable, Watch, Iterator[Look]]:
     """Return what is to be said first, settings, and the slots of a running site."""
-    from e3pose.events.watch import begin_watch
+    from e3pose.events.watch import begin_watch, site_watch
     from e3pose.settings.events_table import EventsTable
     from e3pose.settings.resolved import resolve_site
     from e3pose.site.connect import Connection, seen_of
-    from e3pose.site.event_sink import site_watch
     from e3pose.site.follow import viewer_link
     from e3pose.wire.network import open_network
 

@@ -62,9 +62,9 @@ def stream(
         Ctrl-C.
     """
     check_seconds("--for", for_s)
+    from e3pose.events.watch import site_watch
     from e3pose.settings.resolved import resolve_site
     from e3pose.site.connect import Connection
-    from e3pose.site.event_sink import site_watch
     from e3pose.site.follow import viewer_link
     from e3pose.site.run import run_until_stopped
     from e3pose.site.streams import naming, open_stream

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.edge.energy_ledger import EnergyLedger
+from e3pose.energy.budgets import Budget
 from e3pose.model.look_request import NO_REQUEST, LookRequest
 from e3pose.pipeline import SlotRecord
 from e3pose.predict.base import Predictor
@@ -26,6 +27,27 @@ if TYPE_CHECKING:
     from e3pose.store.writer import WriterStatus
 
 Chosen = tuple[Policy, Callable[[float], Policy] | None]  # who selects, for any number of cameras
+
+
+Spending = tuple[Sequence[Budget], float]  # what each camera may spend; cameras asked for
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Asked:
+    """What operators asked for since the slot before.
+
+    Attributes:
+        chosen: who selects from the next slot on; None if that stays.
+        spending: the budgets from the next slot on; None if they stay.
+        lines: messages for operators.
+    """
+
+    chosen: Chosen | None = None
+    spending: Spending | None = None
+    lines: Sequence[str] = ()
+
+
+NOTHING_ASKED = Asked()
 
 
 class Sink(Protocol):
@@ -75,8 +97,8 @@ class Controls(Protocol):
         """Answer a `Control` of an operator; on a thread of the transport."""
         ...
 
-    def applied(self) -> tuple[Chosen | None, list[str]]:
-        """Return who selects from the next slot on, if that changed, and messages for operators."""
+    def applied(self) -> Asked:
+        """Return what was asked for since the last call."""
         ...
 
 

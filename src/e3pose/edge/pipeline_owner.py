@@ -49,9 +49,11 @@ class PipelineOwner:
         if request != self.pipeline.request:
             self.pipeline = replace(self.pipeline, request=request)
         if consumers.controls is not None:
-            chosen, lines = consumers.controls.applied()
-            self._select_by(chosen)
-            events += [("control", line, None) for line in lines]
+            asked = consumers.controls.applied()
+            self._select_by(asked.chosen)
+            if asked.spending is not None and consumers.ledger is not None:
+                consumers.ledger.change(*asked.spending)
+            events += [("control", line, None) for line in asked.lines]
         if consumers.watch is not None:
             events += consumers.watch.events()
         if consumers.ledger is not None:

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from e3pose.base.errors import InputError
 from e3pose.events.body import Joints, joints_of
 from e3pose.events.people import People, Seen, follow, heirs_in
 from e3pose.events.rules import Moment, Rule, inherited, make_rules
 from e3pose.model.person_event import PersonEvent
 from e3pose.settings.events_table import EventsTable
 from e3pose.settings.site_file import ZoneTable
+
+if TYPE_CHECKING:
+    from e3pose.settings.resolved import ResolvedSite
 
 EVERY_S = 0.07
 
@@ -53,6 +57,20 @@ def begin_watch(
     rules = make_rules(table, joints)
     begun = {kind: rule.begin() for kind, rule in rules.items()}
     return Watch(joints, tuple(zones), rules, begun, {}, {})
+
+
+def site_watch(site: ResolvedSite) -> Watch | None:
+    """Return what follows the people of a site; None where it does not ask for it.
+
+    Raises:
+        InputError: for a kind of event that is not known.
+    """
+    if site.events is None:
+        return None
+    try:
+        return begin_watch(site.events, site.skeleton.joints, site.zone)
+    except InputError as error:
+        raise error.under("events").at(site.path) from None
 
 
 def advance(watch: Watch, seen: Seen) -> tuple[Watch, list[PersonEvent]]:

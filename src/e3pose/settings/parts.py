@@ -101,11 +101,20 @@ def make_pipeline(
     )
     rests = _rests(place, settings)
     asked = _estimating(place, settings)
+    wanted, steered = settings.predictor, _is_steered(settings)
+    # The policies of a pipeline share one estimator, whichever predictor is their own.
+    usual = PAPER_PREDICTOR if row.predictor == STEERING and not steered else row.predictor
     policy, waking = _policy(settings, row, place.rig)
     estimator = settings.estimator
     if estimator is None:
         estimator = estimator_maker(name)(asked)
-    predictor, steering = _predictors(settings, row, place.skeleton)
+    steering: Predictor | None
+    if wanted is None:  # one by default has a stand-in
+        steers = STEERING if steered else None
+        predictor, steering = make_predictors(usual, steers, place.skeleton)
+    else:
+        predictor = make_predictor(wanted, place.skeleton) if isinstance(wanted, str) else wanted
+        steering = predictor if steered else None
     return Pipeline(
         rig=place.rig,
         num_joints=len(place.skeleton),
@@ -205,24 +214,6 @@ def _estimating(place: Place, settings: LoopSettings) -> EstimatorSettings:
 def _is_steered(settings: LoopSettings) -> bool:
     """Return whether a predictor steers the estimator: one that has a memory."""
     return settings.estimator is not None or pipeline_row(settings.pipeline)[0] != "paper"
-
-
-def _predictors(
-    settings: LoopSettings, row: PolicyRow, skeleton: Skeleton
-) -> tuple[Predictor, Predictor | None]:
-    """Return who foresees the people for the policy and who steers the estimator.
-
-    A predictor that was asked for must be had; one by default has a stand-in, which steers nobody.
-    The policies of a pipeline share one estimator, whichever predictor is their own. The pipeline
-    `paper` has the paper's own network.
-    """
-    asked, steered = settings.predictor, _is_steered(settings)
-    if asked is None:
-        published = row.predictor == STEERING and not steered
-        own = PAPER_PREDICTOR if published else row.predictor
-        return make_predictors(own, STEERING if steered else None, skeleton)
-    predictor = make_predictor(asked, skeleton) if isinstance(asked, str) else asked
-    return predictor, predictor if steered else None
 
 
 def _fusion(settings: LoopSettings) -> FusionSettings:

@@ -49,6 +49,8 @@ class ResolvedSite(SiteTable):
         skeleton: of the poses.
         detector: whose noise serves all cameras.
         plan: what the cameras draw and have.
+        stated: `(num_cameras,)` what the file lets each spend, from now on: None where it does not
+            say, and an error in place of what cannot be, for whoever asks; see `budgets`.
         warning: what is odd about the axes or the unit of the cameras; empty if nothing.
         source: nothing, as `detector` says it.
     """
@@ -59,6 +61,7 @@ class ResolvedSite(SiteTable):
     skeleton: Skeleton
     detector: str
     plan: EnergyPlan
+    stated: tuple[Budget | InputError | None, ...]
     warning: str
     source: str = ""
 
@@ -86,23 +89,16 @@ class ResolvedSite(SiteTable):
         with _in_file(self.path):
             return make_pipeline(self, self.loop)
 
-    def budgets(self, now: datetime) -> list[Budget | None]:
+    def budgets(self) -> list[Budget | None]:
         """Return what the file lets each camera spend; None where it does not say.
-
-        Args:
-            now: the present, with its time zone.
 
         Raises:
             InputError: for a time that has passed, and what is no budget.
         """
-        found: list[Budget | None] = []
-        for name, camera in self.cameras.items():
-            words = camera.budget or self.budget
-            try:
-                found.append(None if words is None else parse_budget(words, now))
-            except InputError as error:
-                raise error.at(self.path, f"camera {name}: budget") from None
-        return found
+        for stated in self.stated:
+            if isinstance(stated, InputError):
+                raise stated
+        return [stated for stated in self.stated if not isinstance(stated, InputError)]
 
 
 def resolve_site(named: Path, smooth_delay_ms: float | None = None) -> ResolvedSite:
@@ -161,6 +157,13 @@ def resolve(site: SiteTable, placed: bool = True) -> ResolvedSite:
         skeleton = skeleton_by_name(asked) if asked else common_skeleton(skeletons.values())
         plan = site.energy.plan(rig.camera_ids, 1 / site.fps, known_wh)
         loop = site.loop.for_rig(len(rig), plan) if rig.placed else site.loop
+    now, stated = datetime.now().astimezone(), list[Budget | InputError | None]()
+    for name, camera in cameras.items():
+        words = camera.budget or site.budget
+        try:
+            stated.append(None if words is None else parse_budget(words, now))
+        except InputError as error:
+            stated.append(error.at(site.path, f"camera {name}: budget"))
     return ResolvedSite(
         **{item.name: getattr(replace(site, loop=loop), item.name) for item in fields(SiteTable)},
         rig=rig,
@@ -169,6 +172,7 @@ def resolve(site: SiteTable, placed: bool = True) -> ResolvedSite:
         skeleton=skeleton,
         detector=next((name for name in SHIPPED if name in detectors), DEFAULT),
         plan=plan,
+        stated=tuple(stated),
         warning=f"{site.calibration}: {odd}" if odd else "",
     )
 

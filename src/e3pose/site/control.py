@@ -16,8 +16,7 @@ from typing import TYPE_CHECKING
 from e3pose.base.errors import InputError
 from e3pose.base.quantities import plural
 from e3pose.base.rate_limit import Rate
-from e3pose.edge.consumers import Chosen
-from e3pose.edge.energy_ledger import EnergyLedger
+from e3pose.edge.consumers import NOTHING_ASKED, Asked, Chosen, Spending
 from e3pose.energy.budgets import Budget, parse_budget
 from e3pose.settings.loop import LoopSettings
 from e3pose.settings.parts import make_policy, row_of, shares
@@ -40,22 +39,22 @@ class SiteControls:
     def __init__(
         self,
         site: ResolvedSite,
-        ledger: EnergyLedger,
-        now_s: Callable[[], float] = time.monotonic,
         sink: EventSink | None = None,
+        now_s: Callable[[], float] = time.monotonic,
     ) -> None:
         """Start with the settings of the site file.
 
         Args:
             site: what its file says.
-            ledger: takes other budgets.
-            now_s: a clock, for the rates of requests.
             sink: takes other zones and bounds of the store; None without a store.
+            now_s: a clock, for the rates of requests.
         """
-        self._site, self._ledger, self._loop, self._sink = site, ledger, site.loop, sink
+        self._site, self._loop, self._sink = site, site.loop, sink
         self._own: dict[str, Budget] = {}  # camera to the budget that an operator gave it
         self._paused: frozenset[str] = frozenset()
-        self._chosen: Chosen | None = None  # to be used from the next slot on
+        # To be used from the next slot on.
+        self._chosen: Chosen | None = None
+        self._spending: Spending | None = None
         self._reported: list[str] = []
         self._now_s = now_s
         self._rate, self._rate_of_all = Rate(PER_S, BURST, now_s), Rate(ALL_PER_S, ALL_BURST, now_s)
@@ -94,14 +93,15 @@ class SiteControls:
             self._reported.append(said)
         return said
 
-    def applied(self) -> tuple[Chosen | None, list[str]]:
+    def applied(self) -> Asked:
         """See `edge.consumers.Controls`."""
         if not self._reported and not self._refused:  # nearly always
-            return None, []
+            return NOTHING_ASKED
         with self._lock:
             lines, self._reported = [*self._reported, *self._refusals()], []
             chosen, self._chosen = self._chosen, None
-        return chosen, lines
+            spending, self._spending = self._spending, None
+        return Asked(chosen, spending, lines)
 
     def _too_many(self, operator: str) -> bool:
         """Return whether an operator asks too often, and count that."""
@@ -125,7 +125,7 @@ class SiteControls:
         if control != Control(reread=True):
             raise InputError("reread", "with another setting", "one of them at a time")
         new, old = resolve_site(self._site.path), self._site
-        new.budgets(datetime.now().astimezone())  # its error first
+        new.budgets()  # its error first
         store = old.store
         if store is not None and new.store is not None and self._sink is not None:
             store = replace(store, keep_s=new.store.keep_s, max_bytes=new.store.max_bytes)
@@ -136,7 +136,7 @@ class SiteControls:
             words.insert(0, "zones")
             if self._sink is not None:
                 self._sink.rezone(new)
-        self._site = replace(old, zone=new.zone, store=store, budget=new.budget)
+        self._site = replace(old, zone=new.zone, store=store, budget=new.budget, stated=new.stated)
         if new.budget != old.budget:
             words.append("budget")
             self._budget(dict(self._own), self._loop)
@@ -185,12 +185,12 @@ class SiteControls:
         return f"{name}: {', '.join(words)}" if words else ""
 
     def _budget(self, own: dict[str, Budget], loop: LoopSettings) -> None:
-        """Have the ledger go on with the budgets of a loop, but for those given to cameras."""
+        """Ask for the budgets of a loop, but for those given to cameras."""
         each = shares(loop, row_of(loop), len(self._site.rig)).tolist()
-        usual = self._site.budgets(datetime.now().astimezone())
+        usual = self._site.budgets()
         names = self._site.rig.camera_ids
         budgets = [
             own.get(name, budget or Budget("duty", share))
             for name, budget, share in zip(names, usual, each, strict=True)
         ]
-        self._ledger.change(budgets, loop.num_selected or 0.0)
+        self._spending = budgets, loop.num_selected or 0.0

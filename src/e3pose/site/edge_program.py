@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import datetime
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,8 +14,7 @@ from e3pose import __version__
 from e3pose.base.atomic import check_file_free
 from e3pose.base.clock import Clock, WallClock
 from e3pose.base.errors import InputError
-from e3pose.base.lock import hold
-from e3pose.base.private import make_folder
+from e3pose.base.lock import hold_all
 from e3pose.edge.consumers import Consumers
 from e3pose.edge.energy_ledger import EnergyLedger
 from e3pose.edge.events import EventLog
@@ -26,7 +24,7 @@ from e3pose.edge.server import EdgeServer
 from e3pose.edge.state_file import StateFile
 from e3pose.energy.budgets import Budget
 from e3pose.estimate.base import Estimator
-from e3pose.events.watch import Watch
+from e3pose.events.watch import Watch, site_watch
 from e3pose.pipeline import Pipeline
 from e3pose.predict.base import Predictor
 from e3pose.recording.videos import MAX_BYTES, PART_S
@@ -37,7 +35,7 @@ from e3pose.settings.resolved import ResolvedSite, resolve
 from e3pose.settings.site_file import load_site
 from e3pose.site.admission import Admission, edge_link
 from e3pose.site.control import SiteControls
-from e3pose.site.event_sink import EventSink, site_watch
+from e3pose.site.event_sink import EventSink
 from e3pose.site.expiry import ExpiryWatch
 from e3pose.site.interpreter import reduce_pauses
 from e3pose.site.program_log import NO_LOG, Log
@@ -163,12 +161,13 @@ def check_edge(site: ResolvedSite) -> EdgeParts:
     Raises:
         InputError: for what is wrong in the file or in its places.
     """
-    watch, written = site_watch(site), list[tuple[Path, str]]()
+    written = list[tuple[Path, str]]()
     try:
         if site.learn is not None:
             from e3pose.edge.learn.versions import check_learning_folder
 
             check_learning_folder(site.learn)
+        watch = site_watch(site)
         if site.store is not None:
             from e3pose.store.database import check_place, database_path, database_url
 
@@ -176,13 +175,12 @@ def check_edge(site: ResolvedSite) -> EdgeParts:
             check_place(url)
             if (file := database_path(url)) is not None:
                 written.append((file, site.name))  # other sites may share it
-        budgets = site.budgets(datetime.datetime.now().astimezone())
+        budgets, pipeline = site.budgets(), site.pipeline()
         if site.state is not None:
             check_file_free(site.state)
             written.append((site.state, ""))
     except InputError as error:
         raise error.at(site.path) from None
-    pipeline = site.pipeline()
     return EdgeParts(pipeline, budgets, watch, written)
 
 
@@ -197,7 +195,7 @@ def start_edge(site: ResolvedSite, log: Log, clock: Clock) -> Edge:
         log.info(event.message, kind=event.kind, camera=event.camera_id)
 
     with ExitStack() as stack:
-        hold_files(parts, stack)
+        hold_all(parts.written, stack)
         link, roll = edge_link(site)
         refused = not_admitted(roll, site.rig.camera_ids)
         transport = open_network(link, roll)
@@ -219,14 +217,6 @@ def start_edge(site: ResolvedSite, log: Log, clock: Clock) -> Edge:
     raise AssertionError("an exit stack lets no error pass")
 
 
-def hold_files(parts: EdgeParts, stack: ExitStack) -> None:
-    """Be the only program that writes the files of an edge, until the stack is closed."""
-    for path, what in parts.written:
-        with suppress(OSError):  # reported when it is written
-            make_folder(path.parent)
-        stack.enter_context(hold(path, what))
-
-
 def make_edge(
     site: ResolvedSite,
     parts: EdgeParts,
@@ -245,10 +235,18 @@ def make_edge(
         report: called with messages for operators.
         stack: closes what is opened here.
     """
+    outbox = None
+    if site.store is not None:
+        from e3pose.site.outbox_answers import OutboxAnswers
+
+        outbox = OutboxAnswers(site.store.place, site.name).answer
     pipeline, event_log = parts.pipeline, EventLog(clock, report)
     state_file = StateFile(pipeline, site.state, event_log.report, clock.now_ns())
     state_file.take_up()
     sink = open_store(site, state_file.run_ns, event_log, stack)
+    kept = None if sink is None else EventSink(sink, Zones(site.zone), parts.watch)
+    controls = SiteControls(site, kept)
+    recorder = open_recorder(site, event_log, stack)
     learner = None
     if site.learn is not None:
         from e3pose.edge.learn import LearningSettings, OnlineTrainer
@@ -278,14 +276,6 @@ def make_edge(
         smooth_delay_s=site.smooth_delay_ms / 1e3,
         wakes_s=[camera.wake_s for camera in site.cameras.values()],
     )
-    kept = None if sink is None else EventSink(sink, Zones(site.zone), parts.watch)
-    outbox = None
-    if site.store is not None:
-        from e3pose.site.outbox_answers import OutboxAnswers
-
-        outbox = OutboxAnswers(site.store.place, site.name).answer
-    controls = SiteControls(site, ledger, sink=kept)
-    recorder = open_recorder(site, event_log, stack)
     watch = KnockWatch(site.rig)
     consumers = Consumers(kept, learner, ledger, controls, recorder, watch, outbox)
     if kept is not None:

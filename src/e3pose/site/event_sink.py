@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.base.errors import InputError
 from e3pose.events import watch as watching
 from e3pose.events.looks import looks_of
 from e3pose.events.people import Seen
 from e3pose.events.states import STATES
-from e3pose.events.watch import Watch, begin_watch
+from e3pose.events.watch import Watch
 from e3pose.model.look_request import NO_REQUEST, LookRequest
 from e3pose.model.person_event import PersonEvent, sentence
 from e3pose.model.uncertainty import axis_sigma_m
@@ -105,17 +104,3 @@ def presence(watch: Watch) -> Presence:
     people = [person.states for person in watch.shown.values()]
     counts = np.sum(people, axis=0).tolist() if people else ()
     return Presence(watch.time_ns, dict(zip(STATES, counts, strict=False)))
-
-
-def site_watch(site: ResolvedSite) -> Watch | None:
-    """Return what follows the people of a site; None where it does not ask for it.
-
-    Raises:
-        InputError: for a kind of event that is not known.
-    """
-    if site.events is None:
-        return None
-    try:
-        return begin_watch(site.events, site.skeleton.joints, site.zone)
-    except InputError as error:
-        raise error.under("events").at(site.path) from None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from sqlalchemy import delete, insert, select
@@ -63,13 +63,19 @@ def hearings(store: str | Path, site: str) -> list[Hearing]:
     return found
 
 
+@dataclass(slots=True, eq=False)
 class Hubs:
-    """Notes what hubs have, where that tells something new; on threads of the transport."""
+    """Notes what hubs have, where that tells something new; on threads of the transport.
 
-    def __init__(self, store: str | Path, site: str) -> None:
-        """Know of no hub yet."""
-        self._store, self._site = store, site
-        self._due = dict[str, bool]()  # whether the next question of a hub says something new
+    Attributes:
+        store: path or URL.
+        site: whose outbox they have.
+    """
+
+    store: str | Path
+    site: str
+    # Whether the next question of a hub says something new.
+    _due: dict[str, bool] = field(default_factory=dict)
 
     def asked(self, hub: str, after: int, told: bool, now_ns: int) -> None:
         """Take a question.
@@ -82,7 +88,7 @@ class Hubs:
         """
         if self._due.get(hub, True):
             try:
-                note_taken(self._store, self._site, hub, after, now_ns)
+                note_taken(self.store, self.site, hub, after, now_ns)
             except InputError:  # of a full disk, say: noted with a later question
                 return
         self._due[hub] = told

@@ -27,6 +27,7 @@ MAX_SESSIONS = 128  # programs of a site that may be connected: 1 GB of unfinish
 CLIENT_MS = 2000  # of one attempt of a client to join, which nothing can end before
 JOIN_MS = 5000  # who has shown a certificate and says nothing more is given up after it
 WORD_BYTES = 2**15  # hello and heartbeat: some hundred bytes, and the names of many joints
+SIZES = {"view": VIEW_BYTES, "hello": WORD_BYTES, "heartbeat": WORD_BYTES, "clock": WORD_BYTES}
 SPEAK = ["put", "delete", "liveliness_token", "query", "reply"]
 LISTEN = [
     "declare_subscriber",
@@ -36,6 +37,7 @@ LISTEN = [
 ]
 PASS = [*SPEAK, *LISTEN]
 HEAR = ["put", "delete", "query", "reply", "declare_subscriber", "liveliness_token"]
+Rights = dict[str, tuple[str, list[str], list[str]]]  # by name: direction, messages, topics
 
 
 @dataclass(frozen=True, slots=True)
@@ -214,7 +216,16 @@ def zenoh_config(link: Link, roll: Roll | None = None) -> dict[str, Any]:
         if routes(link):
             config["access_control"] = _access(link, roll or Roll(link.site))
     if routes(link):
-        config["low_pass_filter"] = _limits(link.site)
+        config["low_pass_filter"] = [  # Zenoh drops larger messages of cameras
+            {
+                "id": f"size-{what}",
+                "flows": ["ingress"],
+                "messages": ["put", "query"],
+                "key_exprs": [of_camera(link.site, ANY, what)],
+                "size_limit": size,
+            }
+            for what, size in SIZES.items()
+        ]
     return config
 
 
@@ -228,21 +239,6 @@ def holder_of(common_name: str) -> str:
     return common_name.rpartition("#")[0]
 
 
-def _limits(site: str) -> list[dict[str, Any]]:
-    """Return the size limits of camera messages; Zenoh drops larger ones."""
-    sizes = {"view": VIEW_BYTES, "hello": WORD_BYTES, "heartbeat": WORD_BYTES, "clock": WORD_BYTES}
-    return [
-        {
-            "id": f"size-{what}",
-            "flows": ["ingress"],
-            "messages": ["put", "query"],
-            "key_exprs": [of_camera(site, ANY, what)],
-            "size_limit": size,
-        }
-        for what, size in sizes.items()
-    ]
-
-
 def _access(link: Link, roll: Roll) -> dict[str, Any]:
     """Return who may say and hear what.
 
@@ -253,68 +249,56 @@ def _access(link: Link, roll: Roll) -> dict[str, Any]:
     site, trusted = link.site, dict(roll.routers)
     if link.role == "router":
         trusted["#edge"] = edge_name(site)
-    rules: list[dict[str, Any]] = []
-    policies: list[dict[str, Any]] = []
-    subjects: list[dict[str, Any]] = []
+    rights: dict[tuple[str, str], Rights] = {}  # by subject and common name
     alive = of_site(site, "alive")
-    for camera_id, common_name in roll.cameras.items():
+    for camera_id, name in roll.cameras.items():
         own, order = of_camera(site, camera_id, "**"), of_order(site, camera_id)
-        _grant(rules, policies, subjects, f"camera-{camera_id}", common_name, {
+        rights[f"camera-{camera_id}", name] = {
             "speaks": ("ingress", SPEAK, [own]),
             "listens": ("ingress", LISTEN, [order, alive, of_camera(site, camera_id, "picture")]),
             "hears": ("egress", HEAR, [order, alive]),
             "asks": ("egress", ["reply"], [own]),
             "asked": ("egress", ["query"], [of_camera(site, camera_id, "picture")]),
-        })  # fmt: skip
+        }
     shown = [of_site(site, what) for what in ("poses", "poses-delayed", "status", "alive")]
-    for viewer, common_name in roll.viewers.items():
-        _grant(rules, policies, subjects, f"viewer-{viewer}", common_name, {
-            "listens": ("ingress", LISTEN, shown),
-            "hears": ("egress", HEAR, shown),
-        })  # fmt: skip
-    for hub, common_name in roll.hubs.items():
-        outbox = [of_outbox(site, holder_of(common_name))]
-        _grant(rules, policies, subjects, f"hub-{hub}", common_name, {
+    looks: Rights = {"listens": ("ingress", LISTEN, shown), "hears": ("egress", HEAR, shown)}
+    for viewer, name in roll.viewers.items():
+        rights[f"viewer-{viewer}", name] = looks
+    for hub, name in roll.hubs.items():
+        outbox = [of_outbox(site, holder_of(name))]
+        rights[f"hub-{hub}", name] = {
             "asks": ("ingress", ["query"], outbox),
             "gets": ("egress", ["reply"], outbox),
-        })  # fmt: skip
-    for operator, common_name in roll.operators.items():
-        control = [of_control(site, holder_of(common_name)), of_camera(site, ANY, "picture")]
-        _grant(rules, policies, subjects, f"operator-{operator}", common_name, {
-            "listens": ("ingress", LISTEN, shown),
-            "hears": ("egress", HEAR, shown),
+        }
+    for operator, name in roll.operators.items():
+        control = [of_control(site, holder_of(name)), of_camera(site, ANY, "picture")]
+        rights[f"operator-{operator}", name] = {
+            **looks,
             "asks": ("ingress", ["query"], control),
             "gets": ("egress", ["reply"], control),
-        })  # fmt: skip
-    for name, common_name in trusted.items():
-        _grant(rules, policies, subjects, f"router-{name}", common_name, {
+        }
+    for router, name in trusted.items():
+        rights[f"router-{router}", name] = {
             "takes": ("ingress", PASS, [of_site(site, "**")]),
             "gives": ("egress", PASS, [of_site(site, "**")]),
-        })  # fmt: skip
+        }
     return {
         "enabled": True,
         "default_permission": "deny",
-        "rules": rules,
-        "policies": policies,
-        "subjects": subjects,
+        "rules": [
+            {
+                "id": f"{subject}-{what}",
+                "permission": "allow",
+                "flows": [flow],
+                "messages": messages,
+                "key_exprs": topics,
+            }
+            for (subject, _), each in rights.items()
+            for what, (flow, messages, topics) in each.items()
+        ],
+        "policies": [
+            {"rules": [f"{subject}-{what}" for what in each], "subjects": [subject]}
+            for (subject, _), each in rights.items()
+        ],
+        "subjects": [{"id": subject, "cert_common_names": [name]} for subject, name in rights],
     }
-
-
-def _grant(
-    rules: list[dict[str, Any]],
-    policies: list[dict[str, Any]],
-    subjects: list[dict[str, Any]],
-    name: str,
-    common_name: str,
-    rights: Mapping[str, tuple[str, list[str], list[str]]],
-) -> None:
-    for what, (flow, messages, topics) in rights.items():
-        rules.append({
-            "id": f"{name}-{what}",
-            "permission": "allow",
-            "flows": [flow],
-            "messages": messages,
-            "key_exprs": topics,
-        })  # fmt: skip
-    subjects.append({"id": name, "cert_common_names": [common_name]})
-    policies.append({"rules": [f"{name}-{what}" for what in rights], "subjects": [name]})

@@ -10,12 +10,11 @@ import numpy as np
 
 from e3pose.events.body import carriage
 from e3pose.events.states import STATES
-from e3pose.events.watch import Watch, begin_watch
+from e3pose.events.watch import Watch, begin_watch, site_watch
 from e3pose.model.person_event import PersonEvent, sentence
 from e3pose.settings.events_table import EventsTable
 from e3pose.settings.resolved import ResolvedSite
 from e3pose.site.connect import LiveSlot
-from e3pose.site.event_sink import site_watch
 from e3pose.site.zones import Zones
 
 UNSURE_M = 0.06  # definition: a joint with a larger sigma is shown as uncertain
