@@ -18,13 +18,13 @@ from pydantic import BaseModel, ConfigDict, Field
 from sqlalchemy import Engine
 
 from e3pose.base.errors import InputError
+from e3pose.base.listener import Bounds
 from e3pose.base.version import Version, version_of
 from e3pose.hub.accesses import log_accesses
 from e3pose.hub.database import open_hub
 from e3pose.hub.overview import overview
 from e3pose.hub.settings import Hub
 from e3pose.hub.users import User, Users, read_users, users_of
-from e3pose.site.listener import Bounds
 from e3pose.site.serving import CONNECTIONS, PER_ADDRESS, Serving
 from e3pose.site.web.access import Door, Rules, token_of
 from e3pose.site.web.page import FILES as FILES_OF_SITE

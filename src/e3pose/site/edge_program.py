@@ -203,7 +203,7 @@ def start_edge(site: ResolvedSite, log: Log, clock: Clock) -> Edge:
         server = make_edge(site, parts, transport, clock, report, stack)
         server.inbox.not_admitted = refused
         if site.metrics_port is not None:
-            from e3pose.site.metrics import serve_metrics
+            from e3pose.edge.metrics import serve_metrics
 
             stack.callback(serve_metrics(server, site.metrics_port).close)
         stack.callback(server.stop)

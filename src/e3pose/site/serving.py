@@ -13,7 +13,7 @@ import h11
 import uvicorn
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
-from e3pose.site.listener import Bounds, Listener
+from e3pose.base.listener import Bounds, Listener
 
 END_S = 5.0
 PING_S = 60.0  # for a browser on a busy machine to answer a ping
@@ -49,7 +49,7 @@ class Http(H11Protocol):
 
     @property
     def waiting_since_s(self) -> float | None:
-        """See `e3pose.site.listener.Listener.make`."""
+        """See `e3pose.base.listener.Listener.make`."""
         if self._deaf_since_s is not None:
             return self._deaf_since_s
         unread = self.conn.their_state in (h11.IDLE, h11.SEND_BODY)

@@ -20,7 +20,7 @@ from websockets.sync.client import connect as connect_socket
 from websockets.typing import Origin, Subprotocol
 
 from e3pose.base.errors import InputError
-from e3pose.site.listener import Bounds, open_socket
+from e3pose.base.listener import Bounds, open_socket
 from e3pose.site.serving import Serving
 from e3pose.site.streams import Source, open_stream
 from e3pose.site.streams.base import Stream

@@ -16,7 +16,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect as connect_socket
 
 import e3pose.site.web.guesses as limits
-from e3pose.site.listener import Bounds
+from e3pose.base.listener import Bounds
 from e3pose.site.serving import Serving
 from e3pose.site.web.feed import MAX_OF_ADDRESS
 from e3pose.site.web.guesses import FREE, Guesses

@@ -7,8 +7,8 @@ from contextlib import suppress
 from pathlib import Path
 
 from e3pose.base.errors import InputError
+from e3pose.base.listener import Bounds, open_socket
 from e3pose.settings.site_file import SITE_FILE
-from e3pose.site.listener import Bounds, open_socket
 from e3pose.site.serving import CONNECTIONS, PER_ADDRESS, Serving
 from e3pose.site.setup.api import Table, setup_app
 from e3pose.site.setup.desk import Desk

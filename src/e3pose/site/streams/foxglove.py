@@ -24,12 +24,12 @@ from foxglove.messages import (
 from numpy.typing import NDArray
 
 from e3pose.base.errors import InputError
+from e3pose.base.listener import Bounds, open_socket
 from e3pose.events.watch import Watch
 from e3pose.model.person_event import PersonEvent
 from e3pose.model.zone_event import ZoneEvent
 from e3pose.output.report.scene import NUM_COLOURS
 from e3pose.site.connect import LiveSlot
-from e3pose.site.listener import Bounds, open_socket
 from e3pose.site.serving import Serving
 from e3pose.site.streams.as_json import event_words, slot_words, zone_words
 from e3pose.site.streams.base import Source, host_port

@@ -20,8 +20,8 @@ from starlette.responses import JSONResponse
 from starlette.types import ASGIApp, Message, Receive, Send
 from starlette.types import Scope as Connection
 
+from e3pose.base.listener import network_of
 from e3pose.base.rate_limit import Rate
-from e3pose.site.listener import network_of
 from e3pose.site.web.guesses import Guesses
 from e3pose.site.web.page import FILES
 from e3pose.site.web.tokens import Scope

@@ -13,12 +13,12 @@ from pathlib import Path
 from typing import Any
 
 from e3pose.base.errors import InputError
+from e3pose.base.listener import Bounds, open_socket
 from e3pose.base.version import Version, version_of
 from e3pose.settings.resolved import ResolvedSite
 from e3pose.settings.site_file import SiteTable, load_site
 from e3pose.site.follow import ANY_HOST, LOCAL_OPERATOR, operator_of, viewer_link
 from e3pose.site.keep.jobs import Jobs
-from e3pose.site.listener import Bounds, open_socket
 from e3pose.site.serving import CONNECTIONS, PER_ADDRESS, Serving
 from e3pose.site.trial_notices import send_test
 from e3pose.site.web.access import Rules

@@ -11,9 +11,9 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 from e3pose.base.errors import InputError
+from e3pose.base.listener import Bounds, Listener, open_socket
 from e3pose.edge.server import EdgeServer
 from e3pose.model.blind_slot import CAUSES
-from e3pose.site.listener import Bounds, Listener, open_socket
 from e3pose.wire.site_messages import CameraStatus
 
 CONNECTIONS = 16

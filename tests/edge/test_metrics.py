@@ -15,11 +15,11 @@ from tests.ports import free_port
 from tests.waiting import eventually
 
 from e3pose.base.errors import InputError
+from e3pose.base.listener import open_socket
 from e3pose.edge.consumers import Consumers
+from e3pose.edge.metrics import MetricsServer, http_answer, serve_metrics
 from e3pose.model.blind_slot import CAUSES
 from e3pose.pipeline import SlotRecord
-from e3pose.site.listener import open_socket
-from e3pose.site.metrics import MetricsServer, http_answer, serve_metrics
 from e3pose.store import Event, WriterStatus
 
 pytest.importorskip("prometheus_client")

@@ -12,7 +12,7 @@ from contextlib import ExitStack, contextmanager
 import pytest
 from tests.waiting import eventually
 
-from e3pose.site.listener import Bounds, Listener, network_of, open_socket
+from e3pose.base.listener import Bounds, Listener, network_of, open_socket
 
 
 class Echo(asyncio.Protocol):
