@@ -32,7 +32,7 @@ from e3pose.select.policies.base import Policy
 from e3pose.settings.edge import EdgeSettings
 from e3pose.settings.parts import noise_warning
 from e3pose.settings.resolved import ResolvedSite, resolve
-from e3pose.settings.site_file import load_site
+from e3pose.settings.site_file import SiteTable, load_site
 from e3pose.site.admission import Admission, edge_link
 from e3pose.site.control import SiteControls
 from e3pose.site.event_sink import EventSink
@@ -53,19 +53,26 @@ if TYPE_CHECKING:
 WH_J = 3600.0
 
 
+@dataclass(slots=True, eq=False)
 class Edge:
     """An edge at work, until it is closed. Use it as a context manager.
 
     Attributes:
-        site: its file.
         server: what computes the slots.
+        admission: who may join.
+        expiry: tells when certificates end.
+        stack: of what is closed after the server.
     """
 
-    def __init__(self, server: EdgeServer, admission: Admission, stack: ExitStack) -> None:
-        """Own a started server, and the resources to close after it."""
-        self.site, self.server = admission.site, server
-        self._admission, self._stack = admission, stack
-        self._expiry = ExpiryWatch(self.site.link.keys, self.server.event_log.report)
+    server: EdgeServer
+    admission: Admission
+    expiry: ExpiryWatch
+    stack: ExitStack
+
+    @property
+    def site(self) -> SiteTable:
+        """What its file says."""
+        return self.admission.site
 
     def __enter__(self) -> Edge:
         """Return itself."""
@@ -81,8 +88,8 @@ class Edge:
 
     def running(self) -> bool:
         """Return whether it is running; also applies new certificates, so call it often."""
-        self._admission.update()
-        self._expiry.update()
+        self.admission.update()
+        self.expiry.update()
         return self.server.running()
 
     def run(self, for_s: float | None = None) -> None:
@@ -100,7 +107,7 @@ class Edge:
 
     def close(self) -> None:
         """Finish the current slot, save the state, leave the site."""
-        self._stack.close()
+        self.stack.close()
 
 
 def open_edge(
@@ -178,7 +185,7 @@ def check_edge(site: ResolvedSite) -> EdgeParts:
         budgets, pipeline = site.budgets(), site.pipeline()
         if site.state is not None:
             check_file_free(site.state)
-            written.append((site.state, ""))
+            written.insert(0, (site.state, ""))
     except InputError as error:
         raise error.at(site.path) from None
     return EdgeParts(pipeline, budgets, watch, written)
@@ -213,7 +220,8 @@ def start_edge(site: ResolvedSite, log: Log, clock: Clock) -> Edge:
         log.info("getting ready; the very first time this compiles for a minute or two")
         server.start()
         log.info("waiting for cameras", endpoint=link.endpoint, cameras=len(site.rig))
-        return Edge(server, admission, stack.pop_all())
+        expiry = ExpiryWatch(site.link.keys, server.event_log.report)
+        return Edge(server, admission, expiry, stack.pop_all())
     raise AssertionError("an exit stack lets no error pass")
 
 
