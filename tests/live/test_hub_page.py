@@ -13,7 +13,7 @@ import httpx
 import msgspec
 import numpy as np
 import pytest
-from tests.site.web.browser import Page, browser, browser_path
+from tests.site.web.browser import Page, in_browser
 from tests.waiting import eventually
 
 from e3pose.hub.accesses import read_accesses
@@ -25,10 +25,7 @@ from e3pose.site.web.tokens import open_tokens
 from e3pose.store.summaries import MINUTE_NS
 from simulated_sites import records_of
 
-pytestmark = [
-    pytest.mark.live,
-    pytest.mark.skipif(browser_path() is None, reason="found no chromium, .ci/run installs one"),
-]
+pytestmark = [pytest.mark.live, in_browser]
 SITES = {"lab": "clinics", "hall": "clinics", "gym": "sports", "pool": "sports", "vault": "other"}
 OPEN_AT = 12 * 60  # a minute of the made-up day at which people are there
 
@@ -87,12 +84,6 @@ def house(tmp_path_factory: pytest.TempPathFactory) -> Iterator[House]:
     bob = grant(hub, "bob", "viewer", ("clinics",))
     with open_page(hub, "127.0.0.1:0") as view:
         yield House(folder, view, ada, bob)
-
-
-@pytest.fixture(scope="module")
-def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
-    with browser(tmp_path_factory.mktemp("browser")) as made:
-        yield made
 
 
 def see(page: Page, house: House, token: str, *size: int) -> None:

@@ -12,7 +12,7 @@ import av
 import cv2
 import pytest
 from tests.ports import free_port
-from tests.site.web.browser import Page, browser, browser_path
+from tests.site.web.browser import Page, browser, in_browser
 from tests.waiting import eventually
 
 from e3pose.model.camera import Rig
@@ -22,10 +22,7 @@ from e3pose.simulate import SceneSettings, simulate
 from e3pose.site.setup.program import SetupServer, open_setup
 from e3pose.site.simulated_films import FOLDER, write_films
 
-pytestmark = [
-    pytest.mark.live,
-    pytest.mark.skipif(browser_path() is None, reason="found no chromium, .ci/run installs one"),
-]
+pytestmark = [pytest.mark.live, in_browser]
 WORK_S, LIVE_S = 300.0, 600.0
 NAMES = ("anna", "ben")
 SCENE = SceneSettings(people=1, cameras=2, seconds=12.0, fps=10.0, image_size=(320, 240))

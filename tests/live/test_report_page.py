@@ -2,24 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import pytest
 from tests.cli.commands import run as verb
 from tests.live.test_view_people import SIZES
-from tests.site.web.browser import Page, browser, browser_path
+from tests.site.web.browser import Page, in_browser
 from tests.waiting import eventually
 
-pytestmark = [
-    pytest.mark.live,
-    pytest.mark.skipif(browser_path() is None, reason="found no chromium, .ci/run installs one"),
-]
-
-
-@pytest.fixture(scope="module")
-def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
-    with browser(tmp_path_factory.mktemp("browser")) as made:
-        yield made
+pytestmark = [pytest.mark.live, in_browser]
 
 
 @pytest.fixture(scope="module")

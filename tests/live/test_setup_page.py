@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests.ports import free_port
-from tests.site.web.browser import Page, browser, browser_path
+from tests.site.web.browser import Page, in_browser
 from tests.waiting import eventually
 
 from e3pose.model.rotations import similarity
@@ -19,10 +19,7 @@ from e3pose.recording.calibration import load_rig
 from e3pose.settings.site_file import load_site
 from e3pose.site.setup.program import SetupServer, open_setup
 
-pytestmark = [
-    pytest.mark.live,
-    pytest.mark.skipif(browser_path() is None, reason="found no chromium, .ci/run installs one"),
-]
+pytestmark = [pytest.mark.live, in_browser]
 SIZES = {"wide": (1440, 900), "tablet": (1024, 768), "phone": (390, 844)}
 WORK_S, LIVE_S = 600.0, 600.0  # on a machine that does much else, and compiles first
 WALK_S, SECOND_S = 30.0, 12.0
@@ -35,12 +32,6 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SetupServer]:
         patch.chdir(tmp_path_factory.mktemp("home"))
         with open_setup(None, "127.0.0.1:0") as server:
             yield server
-
-
-@pytest.fixture(scope="module")
-def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
-    with browser(tmp_path_factory.mktemp("browser")) as made:
-        yield made
 
 
 def there(page: Page, selector: str, timeout_s: float = 30.0) -> bool:

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 from tests.site.streams.test_webhook import Receiver
-from tests.site.web.browser import Page, browser, browser_path
+from tests.site.web.browser import Page, browser, in_browser
 from tests.waiting import eventually
 
 from e3pose.settings.resolved import resolve_site
@@ -21,10 +21,7 @@ from e3pose.site.edge_program import Edge
 from e3pose.site.example import write_recorded
 from e3pose.site.web.program import PageServer, open_view
 
-pytestmark = [
-    pytest.mark.live,
-    pytest.mark.skipif(browser_path() is None, reason="found no chromium, .ci/run installs one"),
-]
+pytestmark = [pytest.mark.live, in_browser]
 LIVE = Path(__file__).parents[2] / "examples" / "06_live.py"
 
 

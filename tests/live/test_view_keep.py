@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 from tests.live.test_view_people import SIZES
-from tests.site.web.browser import Page, browser, browser_path
+from tests.site.web.browser import Page, in_browser
 from tests.site.web.test_keep import RECORDING
 from tests.site.web.test_past import ZONE, at_ns, store_fall
 from tests.site.web.watched import Watched, watched_site
@@ -18,17 +18,8 @@ from tests.waiting import eventually
 from e3pose.store.clips import Clip, clips_of, keep_clip
 from e3pose.store.people import set_name
 
-pytestmark = [
-    pytest.mark.live,
-    pytest.mark.skipif(browser_path() is None, reason="found no chromium, .ci/run installs one"),
-]
+pytestmark = [pytest.mark.live, in_browser]
 PART = "20261118T110640Z"
-
-
-@pytest.fixture(scope="module")
-def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
-    with browser(tmp_path_factory.mktemp("browser")) as made:
-        yield made
 
 
 @pytest.fixture

@@ -7,23 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.site.web.browser import Page, browser, browser_path
+from tests.site.web.browser import Page, in_browser
 from tests.site.web.watched import Watched, watched_site
 from tests.waiting import eventually
 
 from e3pose.store.people import people_of, set_name
 
-pytestmark = [
-    pytest.mark.live,
-    pytest.mark.skipif(browser_path() is None, reason="found no chromium, .ci/run installs one"),
-]
+pytestmark = [pytest.mark.live, in_browser]
 GOLD = (0xB3, 0x86, 0x00)  # of the palette in output/report/scene.js
-
-
-@pytest.fixture(scope="module")
-def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
-    with browser(tmp_path_factory.mktemp("browser")) as made:
-        yield made
 
 
 @pytest.fixture

@@ -10,14 +10,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from tests.site.web.browser import Page, browser, browser_path
+from tests.site.web.browser import Page, in_browser
 from tests.site.web.watched import SLOTS, STARTED_NS, Watched, record, watched_site
 from tests.waiting import eventually
 
-pytestmark = [
-    pytest.mark.live,
-    pytest.mark.skipif(browser_path() is None, reason="found no chromium, .ci/run installs one"),
-]
+pytestmark = [pytest.mark.live, in_browser]
 TRACK_10 = (0x00, 0x9E, 0x73)  # its colour in output/report/scene.js
 TRACK_11 = (0xCC, 0x79, 0xA7)
 
@@ -25,12 +22,6 @@ TRACK_11 = (0xCC, 0x79, 0xA7)
 @pytest.fixture(scope="module")
 def watched(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Watched]:
     with watched_site(tmp_path_factory.mktemp("site")) as made:
-        yield made
-
-
-@pytest.fixture(scope="module")
-def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
-    with browser(tmp_path_factory.mktemp("browser")) as made:
         yield made
 
 

@@ -6,23 +6,14 @@ from collections.abc import Iterator
 from urllib.parse import parse_qs, urlsplit
 
 import pytest
-from tests.site.web.browser import Page, browser, browser_path
+from tests.site.web.browser import Page, in_browser
 from tests.site.web.test_past import FPS, ZONE, at_ns, store_fall
 from tests.site.web.watched import Watched, watched_site
 from tests.waiting import eventually
 
 from e3pose.store import Event, Run, StoreWriter
 
-pytestmark = [
-    pytest.mark.live,
-    pytest.mark.skipif(browser_path() is None, reason="found no chromium, .ci/run installs one"),
-]
-
-
-@pytest.fixture(scope="module")
-def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
-    with browser(tmp_path_factory.mktemp("browser")) as made:
-        yield made
+pytestmark = [pytest.mark.live, in_browser]
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.site.web.browser import Page, browser, browser_path
+from tests.site.web.browser import Page, in_browser
 from tests.site.web.watched import RIG, Watched, watched_site
 from tests.waiting import eventually
 
@@ -19,10 +19,7 @@ from e3pose.wire.arrays import pack
 from e3pose.wire.codec import encode
 from e3pose.wire.site_messages import CameraStatus, Poses, Status
 
-pytestmark = [
-    pytest.mark.live,
-    pytest.mark.skipif(browser_path() is None, reason="found no chromium, .ci/run installs one"),
-]
+pytestmark = [pytest.mark.live, in_browser]
 FPS = 12.5
 HOME = SceneSettings("home-fall", seconds=30.0, fps=FPS, cameras=3)
 TABLES = """[events]
@@ -77,12 +74,6 @@ class Home:
 def home(tmp_path: Path) -> Iterator[Home]:
     with watched_site(tmp_path, TABLES) as made:
         yield Home(made)
-
-
-@pytest.fixture(scope="module")
-def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
-    with browser(tmp_path_factory.mktemp("browser")) as made:
-        yield made
 
 
 def opened(page: Page, home: Home, size: str = "screen") -> None:

@@ -14,14 +14,13 @@ import httpx
 import numpy as np
 import pytest
 from tests.live.processes import CAMERAS, LiveSite
-from tests.site.web.browser import Page, browser, browser_path
+from tests.site.web.browser import Page, in_browser
 from tests.waiting import eventually
 
 from e3pose.settings.resolved import resolve_site
 from e3pose.site.web.program import open_view
 
 pytestmark = pytest.mark.live
-in_browser = pytest.mark.skipif(browser_path() is None, reason="found no chromium")
 REQUESTS = 40
 GONE_S = 20.0  # three seconds of silence, on a machine that does other things
 
@@ -38,12 +37,6 @@ def site(tmp_path_factory: pytest.TempPathFactory, recording: Path) -> Iterator[
 @pytest.fixture(scope="module")
 def url(site: LiveSite) -> str:
     return site.start_view()
-
-
-@pytest.fixture(scope="module")
-def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
-    with browser(tmp_path_factory.mktemp("browser")) as made:
-        yield made
 
 
 def figures(found: dict[str, Any]) -> np.ndarray:

@@ -13,6 +13,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 from tests.waiting import eventually
 from websockets.sync.client import ClientConnection
@@ -32,6 +33,11 @@ SHOWN_S = 90.0  # for a browser beside others, on a machine that is very busy
 def browser_path() -> str | None:
     """Return where a browser is; None if there is none."""
     return next((path for name in NAMES if (path := shutil.which(name))), None)
+
+
+in_browser = pytest.mark.skipif(
+    browser_path() is None, reason="found no chromium, .ci/run installs one"
+)
 
 
 class Page:
