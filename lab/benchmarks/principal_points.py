@@ -89,7 +89,7 @@ def main() -> None:
     shares = " | ".join(f"{100 * middle:g} %: degrees, rays, mm" for middle in MIDDLES)
     print(f"| case | {shares} | points found | points known | repeated |")
     print("|---" * (4 + len(MIDDLES)) + "|")
-    for name, recording in recordings(names, options.real):
+    for name, recording in recordings(names, options.real, None):
         blind = without_calibration(replace(recording, truth=None))
         found = solve_people(blind, declared("1", recording), None)
         print(f"| {name} | {row(recording.rig, found)} |", flush=True)
