@@ -50,17 +50,20 @@ def check(
     """
     check_seconds("--timeout", timeout)
     from e3pose.settings.camera_file import is_camera_file, load_node
-    from e3pose.site.check_camera import check_camera
-
-    if is_camera_file(site):
-        _show(list(check_camera(load_node(site), timeout)))
-        return
     from e3pose.settings.resolved import resolve
     from e3pose.settings.site_file import load_site
 
-    resolved = resolve(load_site(site), placed=False)
-    edge, running = _edge(resolved, keys, timeout)
-    _show([*_site(resolved, quick, running), *edge])
+    if is_camera_file(site):
+        from e3pose.site.check_camera import check_camera
+
+        node = load_node(site)
+        found = list(check_camera(node, timeout))
+    else:
+        table = load_site(site)
+        resolved = resolve(table, placed=False)
+        edge, running = _edge(resolved, keys, timeout)
+        found = [*_site(resolved, quick, running), *edge]
+    _show(found)
 
 
 def _site(site: ResolvedSite, quick: bool, running: bool) -> list[Finding]:

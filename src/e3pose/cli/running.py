@@ -207,9 +207,11 @@ def up(
         from e3pose.site.web.program import address_of, page_links
 
         programs.append(Program("view", view_command(resolved.path), folder / "view.log"))
-        print("\n".join(page_links(resolved, address_of(resolved))), flush=True)
+        address = address_of(resolved)
+        print("\n".join(page_links(resolved, address)), flush=True)
     make_folder(folder)
-    with closing(open_network(viewer_link(resolved, None))) as transport:
+    link = viewer_link(resolved, None)
+    with closing(open_network(link)) as transport:
         follower = Follower(resolved.name)
         follower.listen(transport)
         _run_shown(programs, follower, console, for_s, show=console.is_terminal and not quiet)

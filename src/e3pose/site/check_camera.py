@@ -21,9 +21,8 @@ from e3pose.settings.sources import is_recorded, shown_source
 from e3pose.site.camera_program import camera_link
 from e3pose.site.check import CLOCK_MS, Finding, Level, check_clock
 from e3pose.wire import topics
-from e3pose.wire.access import split_endpoint
+from e3pose.wire.access import Certificates, Link, split_endpoint
 from e3pose.wire.codec import decode, encode
-from e3pose.wire.keys.folder import certificates_in
 from e3pose.wire.keys.renewal import SOON_DAYS
 from e3pose.wire.messages import ClockAnswer, ClockQuestion
 from e3pose.wire.network import open_network
@@ -50,14 +49,14 @@ def check_camera(node: NodeTable, timeout_s: float) -> Iterator[Finding]:
         yield check_suspend(node, STATES)
     yield check_clock(node.endpoint)
     try:
-        camera_link(node)
+        link = camera_link(node)
     except InputError as error:
         advice = f"e3pose keys add {node.camera} on the edge, then copy its folder here"
         yield Finding("problem", "certificate", str(error), advice)
         return
-    if node.keys is not None:
-        yield _certificate(node)
-    yield from _route(node, timeout_s)
+    if link.certificates is not None:
+        yield _certificate(node, link.certificates)
+    yield from _route(node, link, timeout_s)
 
 
 def check_suspend(node: NodeTable, states: Path) -> Finding:
@@ -120,11 +119,10 @@ def _network(node: NodeTable, size: tuple[int, int] | None) -> Iterator[Finding]
     yield Finding("ok", "network", f"{found}; the site's fps and deadline_ms must allow for it")
 
 
-def _certificate(node: NodeTable) -> Finding:
+def _certificate(node: NodeTable, files: Certificates) -> Finding:
     from e3pose.wire.keys.authority import expires
 
-    assert node.keys is not None
-    until = expires(certificates_in(node.keys, "camera").certificate.read_bytes())
+    until = expires(files.certificate.read_bytes())
     soon = until - datetime.datetime.now(datetime.timezone.utc) < datetime.timedelta(days=SOON_DAYS)
     again = f"e3pose keys add {node.camera} --again on the edge, then copy its folder here"
     if soon:
@@ -132,7 +130,7 @@ def _certificate(node: NodeTable) -> Finding:
     return Finding("ok", "certificate", f"valid until {until:%Y-%m-%d}")
 
 
-def _route(node: NodeTable, timeout_s: float) -> Iterator[Finding]:
+def _route(node: NodeTable, link: Link, timeout_s: float) -> Iterator[Finding]:
     """Look for the edge: its name, its port, whether it lets the camera in, and its clock."""
     _, host, port = split_endpoint(node.endpoint)
     place = f"{host}:{port}"
@@ -149,7 +147,7 @@ def _route(node: NodeTable, timeout_s: float) -> Iterator[Finding]:
         advice = "the network, and whether a firewall lets the port through"
         yield Finding("problem", "edge", f"no route to {place} ({error.strerror or error})", advice)
         return
-    exchange = _ask_time(node, timeout_s)
+    exchange = _ask_time(node, link, timeout_s)
     if exchange is None:
         found = f"{place} listens, but the edge of site {node.site} does not answer this camera"
         advice = f"is {node.camera} in its calibration, is the site's name {node.site}, and are "
@@ -163,9 +161,9 @@ def _route(node: NodeTable, timeout_s: float) -> Iterator[Finding]:
         yield Finding("warning", "clock", found, "corrected; for fast motion use chrony or PTP")
 
 
-def _ask_time(node: NodeTable, timeout_s: float) -> Exchange | None:
+def _ask_time(node: NodeTable, link: Link, timeout_s: float) -> Exchange | None:
     """Exchange times with the edge, as a camera does; None if it does not answer."""
-    transport, clock = open_network(camera_link(node)), WallClock()
+    transport, clock = open_network(link), WallClock()
     topic = topics.of_camera(node.site, node.camera, "clock")
     end_s, pause = time.monotonic() + timeout_s, threading.Event()
     try:

@@ -35,10 +35,11 @@ def site_programs(
     Raises:
         InputError: for what keeps the site from running, so that it stands in no log alone.
     """
-    check_edge(site)
-    check_port(edge_link(site)[0].endpoint)
-    warn(site.warning)
     require_sources(site)
+    check_edge(site)
+    link, _ = edge_link(site)
+    check_port(link.endpoint)
+    warn(site.warning)
     with measuring or nullcontext():
         times = measure_detections(site, again=False)
     if times is not None:

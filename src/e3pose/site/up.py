@@ -44,6 +44,8 @@ def camera_command(site: ResolvedSite, camera_id: str) -> list[str]:
     if camera.source is None:
         wanted = "what it sees, such as a video or recorded:RECORDING"
         raise InputError(f"camera {camera_id}: source", "none", wanted, str(site.path))
+    shown = _allow_pictures(site)
+    videos = _video_options(site, camera_id) if camera.record in ("video", "both") else []
     protocol, host, port = split_endpoint(site.link.endpoint)
     host = "localhost" if host in ANY_HOST or protocol == "tls" else host
     command = [
@@ -53,7 +55,7 @@ def camera_command(site: ResolvedSite, camera_id: str) -> list[str]:
         # On one machine every camera would measure the same watts, those of all together.
         "--provider", camera.provider, "--meter", camera.meter or "model", CHILD,
     ]  # fmt: skip
-    if _allow_pictures(site):
+    if shown:
         command += ["--pictures"]
     if camera.gate:
         command += ["--gate"]
@@ -70,8 +72,7 @@ def camera_command(site: ResolvedSite, camera_id: str) -> list[str]:
     ):
         if value is not None:
             command += [option, str(value)]
-    if camera.record in ("video", "both"):
-        command += _video_options(site, camera_id)
+    command += videos
     if camera.battery_wh is not None:
         command += ["--state", str(site.folder / BATTERIES / f"{camera_id}.json")]
     if site.link.insecure:
