@@ -58,7 +58,7 @@ def way(server: SetupServer, client: httpx.Client) -> list[tuple[str, float, boo
     def until(ready: Callable[[], bool]) -> None:
         end_s = time.monotonic() + MOST_S
         while not ready():
-            job = desk.jobs.newest
+            job = desk.tasks.newest
             if time.monotonic() > end_s or (job is not None and job.problem):
                 raise SystemExit(f"stuck: {job and (job.problem or job.stage)}")
             time.sleep(LOOK_S)
@@ -70,7 +70,7 @@ def way(server: SetupServer, client: httpx.Client) -> list[tuple[str, float, boo
 
     def job(path: str, **body: object) -> None:
         ask(path, **body)
-        until(lambda: not desk.jobs.busy)
+        until(lambda: not desk.tasks.busy)
 
     def walk(which: str, enough: Callable[[], bool]) -> None:
         ask(f"record/{which}")

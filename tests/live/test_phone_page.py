@@ -135,9 +135,9 @@ def test_a_phone_is_a_camera_in_set_up_in_the_walk_and_live(
             ".then((found) => Boolean(found))"
         )
         assert answer, page.text("page")
-        assert eventually(lambda: not desk.jobs.busy, WORK_S)
-        job = desk.jobs.newest
-        assert job is not None and job.state == "done", job.problem if job else ""
+        assert eventually(lambda: not desk.tasks.busy, WORK_S)
+        task = desk.tasks.newest
+        assert task is not None and task.state == "done", task.problem if task else ""
         site_file = desk.folder / "site.toml"
         text = site_file.read_text()
         assert "phone:" in text
@@ -148,7 +148,7 @@ def test_a_phone_is_a_camera_in_set_up_in_the_walk_and_live(
         click(page, "#record-walk")
         assert eventually(lambda: seconds_of(served) > 8, WORK_S), page.text("page")
         click(page, "#enough-stop")
-        assert eventually(lambda: not desk.jobs.busy, WORK_S)
+        assert eventually(lambda: not desk.tasks.busy, WORK_S)
         walk = load_recording(desk.folder / "walk")
         for index, name in enumerate(NAMES):
             views = [v for slot in range(walk.num_slots) if (v := walk.view(slot, index))]
@@ -168,9 +168,9 @@ def test_a_phone_is_a_camera_in_set_up_in_the_walk_and_live(
 
 
 def seconds_of(served: SetupServer) -> float:
-    job = served.table.desk.jobs.newest
-    assert job is not None and not job.problem, job and job.problem
-    return float(job.shown.get("seconds", 0))
+    task = served.table.desk.tasks.newest
+    assert task is not None and not task.problem, task and task.problem
+    return float(task.shown.get("seconds", 0))
 
 
 def arriving(follower: object) -> bool:

@@ -80,15 +80,15 @@ def judged(page: Page, served: SetupServer) -> None:
 
 
 def done(served: SetupServer, kind: str) -> bool:
-    job = served.table.desk.jobs.newest
-    assert job is None or not job.problem, job.problem
-    return job is not None and job.kind == kind and job.state == "done"
+    task = served.table.desk.tasks.newest
+    assert task is None or not task.problem, task.problem
+    return task is not None and task.kind == kind and task.state == "done"
 
 
 def recorded(served: SetupServer, kind: str, seconds: float) -> bool:
-    job = served.table.desk.jobs.newest
-    assert job is None or not job.problem, job.problem
-    return job is not None and job.kind == kind and job.shown.get("seconds", 0) >= seconds
+    task = served.table.desk.tasks.newest
+    assert task is None or not task.problem, task.problem
+    return task is not None and task.kind == kind and task.shown.get("seconds", 0) >= seconds
 
 
 def test_without_the_token_there_is_nothing(page: Page, served: SetupServer) -> None:
@@ -141,7 +141,7 @@ def test_first_click_to_live_people(page: Page, served: SetupServer) -> None:
     push(page, "#next")
     type_into(page, "#height", "171")
     push(page, "#solve")
-    assert eventually(lambda: desk.jobs.busy or desk.placed())
+    assert eventually(lambda: desk.tasks.busy or desk.placed())
     again(page, "Solve")
     assert eventually(lambda: done(served, "solve"), WORK_S)
     drawn = "document.querySelectorAll('.overlay canvas').length"

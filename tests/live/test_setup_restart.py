@@ -38,21 +38,21 @@ class Setup:
         assert answer.status_code == 200, answer.text
         return answer.json()
 
-    def job(self) -> dict[str, Any]:
-        return dict(self.get("state")["job"])
+    def task(self) -> dict[str, Any]:
+        return dict(self.get("state")["task"])
 
     def done(self) -> None:
         """Wait for the work at hand, which must succeed."""
-        assert eventually(lambda: self.job()["state"] != "running", WORK_S)
-        assert self.job()["state"] == "done", self.job()
+        assert eventually(lambda: self.task()["state"] != "running", WORK_S)
+        assert self.task()["state"] == "done", self.task()
 
     def steps(self) -> dict[str, dict[str, Any]]:
         return {step["id"]: step for step in self.get("state")["steps"]}
 
     def recorded(self, seconds: float) -> bool:
-        job = self.job()
-        assert not job["problem"], job
-        return float(job["shown"].get("seconds", 0)) >= seconds
+        task = self.task()
+        assert not task["problem"], task
+        return float(task["shown"].get("seconds", 0)) >= seconds
 
     def kill(self) -> None:
         self.program.send_signal(signal.SIGKILL)
@@ -92,8 +92,10 @@ def test_work_that_is_killed_is_said_and_done_again_with_its_pictures(tmp_path: 
         first.kill()
 
     with setup(tmp_path) as second:
-        job = second.job()
-        assert (job["kind"], job["state"]) == ("walk", "failed") and "interrupted" in job["problem"]
+        task = second.task()
+        assert (task["kind"], task["state"]) == ("walk", "failed") and "interrupted" in task[
+            "problem"
+        ]
         assert second.steps()["walk"]["open"] and not second.steps()["walk"]["done"]
         second.post("record/walk")
         assert eventually(lambda: second.recorded(30), WORK_S)
@@ -103,8 +105,8 @@ def test_work_that_is_killed_is_said_and_done_again_with_its_pictures(tmp_path: 
         second.kill()
 
     with setup(tmp_path) as third:
-        job = third.job()
-        assert (job["kind"], job["state"]) == ("solve", "failed") and "interrupted" in job[
+        task = third.task()
+        assert (task["kind"], task["state"]) == ("solve", "failed") and "interrupted" in task[
             "problem"
         ]
         assert third.steps()["walk"]["done"] and not third.steps()["solve"]["done"]
@@ -119,6 +121,6 @@ def test_work_that_is_killed_is_said_and_done_again_with_its_pictures(tmp_path: 
         third.kill()
 
     with setup(tmp_path) as fourth:
-        assert fourth.job()["kind"] == "second" and "interrupted" in fourth.job()["problem"]
+        assert fourth.task()["kind"] == "second" and "interrupted" in fourth.task()["problem"]
         assert fourth.steps()["solve"]["done"] and fourth.steps()["check"]["open"]
         assert all(camera["jpeg"] for camera in fourth.get("overlays")["cameras"])

@@ -96,23 +96,23 @@ def test_a_download_tells_how_far_it_is(tmp_path: Path, monkeypatch: pytest.Monk
     def pull(name: str, progress: object) -> None:
         assert callable(progress)
         progress(1000, None)
-        told.append((job.stage, job.done, job.total))
+        told.append((task.stage, task.done, task.total))
         progress(2000, 4000)
-        told.append((job.stage, job.done, job.total))
+        told.append((task.stage, task.done, task.total))
 
     desk = Desk(tmp_path)
     monkeypatch.setattr(networks, "pull_weights", pull)
     start = desk.start
-    monkeypatch.setattr(desk, "start", lambda made, work: start(made, lambda _: work(job)))
-    from e3pose.site.setup.jobs import Job
+    monkeypatch.setattr(desk, "start", lambda made, work: start(made, lambda _: work(task)))
+    from e3pose.site.setup.tasks import Task
 
-    job = Job("pull", "")
+    task = Task("pull", "")
     networks.start_pulling(desk, "openpose-thin")
-    desk.jobs.wait(WAIT_S)
+    desk.tasks.wait(WAIT_S)
     words = "downloading openpose-thin"
     assert told == [(words, 1000, 0), (words, 2000, 4000)]
-    assert desk.jobs.newest is not None
-    assert desk.jobs.newest.command == "e3pose models pull openpose-thin"
+    assert desk.tasks.newest is not None
+    assert desk.tasks.newest.command == "e3pose models pull openpose-thin"
     with pytest.raises(InputError, match="one that can be downloaded"):
         networks.start_pulling(desk, "../../etc")
 

@@ -143,7 +143,7 @@ class Table:
 
     def close(self) -> None:
         """End all work, all programs, and all sources."""
-        self.desk.jobs.close()
+        self.desk.tasks.close()
         self.live.close()
         self.desk.peeks.close()
 
@@ -198,14 +198,14 @@ def _sites(table: Table) -> APIRouter:
     @api.post("/site/leave")
     def leave() -> dict[str, Any]:
         table.free()
-        desk.jobs.check_free()
+        desk.tasks.check_free()
         desk.peeks.close()
         desk.name = ""
         return table.state()
 
     @api.post("/stop")
     def stop() -> dict[str, Any]:
-        desk.jobs.stop()
+        desk.tasks.stop()
         return table.state()
 
     @api.get("/settings")
@@ -269,10 +269,10 @@ def _cameras(table: Table) -> APIRouter:
 
     @api.get("/cameras/{camera_id}/picture")
     def picture(camera_id: str) -> dict[str, Any]:
-        job = desk.jobs.newest
-        if desk.jobs.busy and job is not None and job.kind in ("walk", "second"):
+        task = desk.tasks.newest
+        if desk.tasks.busy and task is not None and task.kind in ("walk", "second"):
             return walking.newest_view(table.covered, table.snapshots, camera_id)
-        if desk.jobs.busy or table.live.on:
+        if desk.tasks.busy or table.live.on:
             raise HTTPException(409, "other work has the cameras at present")
         return cameras.peek_of(desk, camera_id)
 

@@ -16,9 +16,9 @@ from e3pose.settings.sources import is_recorded, place_of
 from e3pose.site.setup.desk import Desk
 from e3pose.site.setup.discovery import look_around
 from e3pose.site.setup.finding import check_typed, find_films, free_name
-from e3pose.site.setup.jobs import Job
 from e3pose.site.setup.onvif import Login, streams_of
 from e3pose.site.setup.plan import ChosenCamera, Plan
+from e3pose.site.setup.tasks import Task
 
 SIMULATED = "films"  # folder of the stand-in for cameras, after the site's name
 SIMULATED_S, SIMULATED_FPS, SIMULATED_SIZE = 30.0, 12.5, (640, 480)
@@ -53,16 +53,16 @@ def start_adding(desk: Desk, sources: Sequence[str]) -> None:
     if not checked or len(set(checked)) < len(checked):
         raise InputError("source", "none, or one twice", "sources")
     title = "Looking at " + ("a source" if len(checked) == 1 else f"{len(checked)} sources")
-    desk.start(Job("cameras", title), lambda job: _add(desk, checked, job))
+    desk.start(Task("cameras", title), lambda task: _add(desk, checked, task))
 
 
-def _add(desk: Desk, sources: Sequence[str], job: Job) -> None:
+def _add(desk: Desk, sources: Sequence[str], task: Task) -> None:
     if len(sources) == 1:
         desk.peeks.close(sources[0])
     stage = "reading a frame of each, and counting those of live cameras for three seconds"
     tried = probe_all(
         {source: partial(probe, source) for source in sources},
-        lambda done, total: job.progress(stage, done, total),
+        lambda done, total: task.progress(stage, done, total),
     )
     problems = []
     for source, seen in tried.items():
@@ -71,9 +71,9 @@ def _add(desk: Desk, sources: Sequence[str], job: Job) -> None:
             continue
         desk.change(partial(_with, seen))
         if seen.dark:
-            job.say(f"{source}: its picture is dark; is the lens covered?")
+            task.say(f"{source}: its picture is dark; is the lens covered?")
         if seen.nominal_fps is not None and seen.fps < seen.nominal_fps:
-            job.say(
+            task.say(
                 f"{source}: announces {seen.nominal_fps:.3g} frames per second and brings "
                 f"{seen.fps:.3g}: the site gets no more slots per second"
             )
@@ -106,7 +106,7 @@ def change_camera(
     Raises:
         InputError: for another camera, a name that is none or taken, or another turn.
     """
-    desk.jobs.check_free()
+    desk.tasks.check_free()
     if rotation is not None and rotation not in TURNS:
         raise InputError("rotation", f"{rotation}", "0, 90, 180 or 270 degrees")
 
@@ -128,8 +128,8 @@ def change_camera(
 def start_looking(desk: Desk) -> None:
     """Ask the local network for cameras, and each for its streams, in the background."""
 
-    def look(job: Job) -> None:
-        job.progress("asking the local network", 0, 0)
+    def look(task: Task) -> None:
+        task.progress("asking the local network", 0, 0)
         cameras = look_around()
         desk.found = [
             {
@@ -144,14 +144,14 @@ def start_looking(desk: Desk) -> None:
         with ThreadPoolExecutor(MOST_ASKED) as pool:
             asked = [pool.submit(_ask_streams, one, Login()) for one in desk.found]
             for done, _ in enumerate(as_completed(asked), 1):
-                job.progress("asking each for its streams", done, len(asked))
+                task.progress("asking each for its streams", done, len(asked))
         if not cameras:
-            job.say(
+            task.say(
                 "No camera answered. ONVIF may be off in the camera, or it is in another network: "
                 "paste its address instead."
             )
 
-    desk.start(Job("network-look", "Looking for cameras in the network"), look)
+    desk.start(Task("network-look", "Looking for cameras in the network"), look)
 
 
 def ask_streams(desk: Desk, host: str, user: str, password: str) -> dict[str, Any]:
@@ -200,7 +200,7 @@ def start_simulating(desk: Desk) -> None:
     if desk.chosen_plan().cameras:
         raise InputError("cameras", "some already", "a site without cameras, for simulated films")
 
-    def simulate(job: Job) -> None:
+    def simulate(task: Task) -> None:
         from e3pose.simulate import SceneSettings
         from e3pose.simulate import simulate as run
         from e3pose.site.simulated_films import FOLDER, write_films
@@ -213,14 +213,14 @@ def start_simulating(desk: Desk) -> None:
             )  # fmt: skip
             scene = "simulating a person who walks"
             recording = run(
-                settings, SIMULATED_SEED, lambda p: job.progress(scene, round(100 * p), 100)
+                settings, SIMULATED_SEED, lambda p: task.progress(scene, round(100 * p), 100)
             )
             words = "drawing four films"
-            write_films(recording, dest, lambda p: job.progress(words, round(100 * p), 100))
-        _add(desk, [str(path) for path in sorted(films.glob("*.mp4"))], job)
+            write_films(recording, dest, lambda p: task.progress(words, round(100 * p), 100))
+        _add(desk, [str(path) for path in sorted(films.glob("*.mp4"))], task)
         desk.change(lambda plan: replace(plan, detector=plan.detector or "drawn"))
 
-    desk.start(Job("cameras", "Making simulated films", simulate_command(desk)), simulate)
+    desk.start(Task("cameras", "Making simulated films", simulate_command(desk)), simulate)
 
 
 def make_example_site(desk: Desk, name: str) -> None:
@@ -228,7 +228,7 @@ def make_example_site(desk: Desk, name: str) -> None:
     from e3pose.site.example import make_example
     from e3pose.wire.topics import check_site
 
-    desk.jobs.check_free()
+    desk.tasks.check_free()
     make_example(desk.root / check_site(name))
     desk.choose(name)
 

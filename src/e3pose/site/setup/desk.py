@@ -20,14 +20,14 @@ from e3pose.recording.calibration import load_rig
 from e3pose.recording.writer import PARTIAL
 from e3pose.settings.site_file import SITE_FILE, SiteTable, load_site
 from e3pose.site.new_site import RIG_FILE
-from e3pose.site.setup.jobs import Job, Jobs, interrupted
 from e3pose.site.setup.peeks import Peeks
 from e3pose.site.setup.plan import Plan, load_plan, save_plan
+from e3pose.site.setup.tasks import Task, Tasks, interrupted
 from e3pose.wire.topics import check_site
 
 RESULTS_FILE = "setup-results.json"  # what the steps found, beside the plan
 MAX_RESULTS_BYTES = 2**22
-AT_WORK = "at_work"  # of the results: the job that runs, so that a restart knows of it
+AT_WORK = "at_work"  # of the results: the task that runs, so that a restart knows of it
 MOST_SITES = 200
 BEFORE = ".before"  # after the name of a file that was replaced
 
@@ -39,7 +39,7 @@ class Desk:
     Attributes:
         root: folder in which sites lie and films are looked for.
         name: of the site's folder in it; empty while none was chosen.
-        jobs: the work in the background.
+        tasks: the work in the background.
         peeks: thumbnails of cameras.
         found: cameras that the network told of, the last time somebody asked to look.
         times: by network and number of cameras, its speed here in words.
@@ -48,7 +48,7 @@ class Desk:
 
     root: Path
     name: str = ""
-    jobs: Jobs = field(default_factory=Jobs)
+    tasks: Tasks = field(default_factory=Tasks)
     peeks: Peeks = field(default_factory=Peeks)
     found: list[dict[str, Any]] = field(default_factory=list)
     times: dict[tuple[str, int], str] = field(default_factory=dict)
@@ -115,7 +115,7 @@ class Desk:
             InputError: for a name that is none, a folder that is none, or work that goes on.
         """
         check_site(name)
-        self.jobs.check_free()
+        self.tasks.check_free()
         folder = self.root / name
         known = (folder / SITE_FILE).exists()
         if new and folder.exists() and any(folder.iterdir()):
@@ -129,7 +129,7 @@ class Desk:
         self.plan()  # an error of it is said here
         if isinstance(cut_off := self.results().get(AT_WORK), dict):
             kind = str(cut_off.get("kind"))
-            self.jobs.newest = interrupted(kind, str(cut_off.get("title")))
+            self.tasks.newest = interrupted(kind, str(cut_off.get("title")))
             for begun in folder.glob(f"{kind}*{PARTIAL}") if kind in ("walk", "second") else ():
                 shutil.rmtree(begun, ignore_errors=True)  # a walk that nobody finished
             self.keep_result(AT_WORK, None)
@@ -154,22 +154,22 @@ class Desk:
             return shlex.quote(path.relative_to(self.root).as_posix())
         return shlex.quote(str(path))
 
-    def start(self, job: Job, work: Callable[[Job], object]) -> None:
-        """Begin work in the background; see `Jobs.start`."""
+    def start(self, task: Task, work: Callable[[Task], object]) -> None:
+        """Begin work in the background; see `Tasks.start`."""
 
-        def noted(running: Job) -> None:
+        def noted(running: Task) -> None:
             try:
                 work(running)
             finally:
                 self.keep_result(AT_WORK, None)
 
         if not self.name:
-            self.jobs.start(job, work)
+            self.tasks.start(task, work)
             return
-        self.jobs.check_free()
+        self.tasks.check_free()
         # Before the answer: whoever was told that it runs is told if it was cut off.
-        self.keep_result(AT_WORK, {"kind": job.kind, "title": job.title})
-        self.jobs.start(job, noted)
+        self.keep_result(AT_WORK, {"kind": task.kind, "title": task.title})
+        self.tasks.start(task, noted)
 
     def results(self) -> dict[str, Any]:
         """Return what the steps found, by step; nothing where that cannot be read."""

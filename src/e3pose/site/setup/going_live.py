@@ -61,7 +61,7 @@ class LiveSite:
         """
         if self.on:
             raise InputError("the site is running: stop it first")
-        desk.jobs.check_free()
+        desk.tasks.check_free()
         site = resolve_site(desk.folder)
         desk.peeks.close()
         self.state, self.problem, self.lines, self._stop = "starting", "", [], threading.Event()

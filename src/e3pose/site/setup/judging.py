@@ -15,8 +15,8 @@ from e3pose.model.noises import detector_of, load_noise
 from e3pose.recording import load_recording
 from e3pose.recording.calibration import load_rig
 from e3pose.site.setup.desk import Desk
-from e3pose.site.setup.jobs import Job
 from e3pose.site.setup.solving import GOOD_MM, POOR_MM, SECONDS, grade
+from e3pose.site.setup.tasks import Task
 
 
 def check_command(desk: Desk) -> str:
@@ -38,16 +38,16 @@ def start_checking(desk: Desk) -> None:
     if not plan.second:
         raise InputError("second walk", "none", "one that the calibration was not made from")
 
-    def check(job: Job) -> None:
-        job.progress("reading the second walk", 0, 0)
+    def check(task: Task) -> None:
+        task.progress("reading the second walk", 0, 0)
         recording = first_seconds(load_recording(desk.folder / plan.second), SECONDS)
         rig = load_rig(desk.calibration)
         rig = rig.subset([rig.index(name) for name in recording.rig.camera_ids])
         noise = load_noise(detector_of(recording))
-        found = judge(replace(recording, rig=rig), noise, job.progress)
+        found = judge(replace(recording, rig=rig), noise, task.progress)
         desk.keep_result("check", result(rig, found))
 
-    desk.start(Job("check", "Checking the calibration", check_command(desk)), check)
+    desk.start(Task("check", "Checking the calibration", check_command(desk)), check)
 
 
 def result(rig: Rig, found: Judgement) -> dict[str, Any]:

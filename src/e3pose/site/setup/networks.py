@@ -28,8 +28,8 @@ from e3pose.site.new_site import (
 from e3pose.site.setup.cameras import looked_again
 from e3pose.site.setup.desk import Desk
 from e3pose.site.setup.editing import apply_cameras
-from e3pose.site.setup.jobs import Job
 from e3pose.site.setup.plan import ChosenCamera, Plan
+from e3pose.site.setup.tasks import Task
 
 NUM_SELECTED = 2  # active cameras per slot, as `e3pose init` has it
 DRAWN = "drawn"
@@ -66,11 +66,11 @@ def start_pulling(desk: Desk, name: str) -> None:
     if name not in MODELS or MODELS[name].source is None:
         raise InputError("network", repr(name[:60]), "one that can be downloaded")
 
-    def pull(job: Job) -> None:
+    def pull(task: Task) -> None:
         words = f"downloading {name}"
-        pull_weights(name, lambda done, total: job.progress(words, done, total))
+        pull_weights(name, lambda done, total: task.progress(words, done, total))
 
-    desk.start(Job("pull", f"Downloading {name}", f"e3pose models pull {name}"), pull)
+    desk.start(Task("pull", f"Downloading {name}", f"e3pose models pull {name}"), pull)
 
 
 def start_timing(desk: Desk, name: str) -> None:
@@ -78,20 +78,20 @@ def start_timing(desk: Desk, name: str) -> None:
     check_network(name)
     cameras = _local(desk.plan())
 
-    def measure(job: Job) -> None:
+    def measure(task: Task) -> None:
         desk.peeks.close()
-        job.progress(f"measuring {name} with all cameras at work", 0, 0)
+        task.progress(f"measuring {name} with all cameras at work", 0, 0)
         _timed(desk, name, cameras)
 
-    desk.start(Job("timing", f"Measuring {name}", f"e3pose models bench {name}"), measure)
+    desk.start(Task("timing", f"Measuring {name}", f"e3pose models bench {name}"), measure)
 
 
 def start_using(desk: Desk, name: str) -> None:
     """Choose a network: measure it, and write the site file, all in the background."""
     check_network(name)
     _local(desk.plan())
-    job = Job("site", "Writing the site", init_command(desk, name))
-    desk.start(job, lambda running: _use(desk, name, running))
+    task = Task("site", "Writing the site", init_command(desk, name))
+    desk.start(task, lambda running: _use(desk, name, running))
 
 
 def check_network(name: str) -> None:
@@ -102,18 +102,18 @@ def check_network(name: str) -> None:
         raise InputError(f"network {name} is not installed: e3pose models pull {name}")
 
 
-def _use(desk: Desk, name: str, job: Job) -> None:
+def _use(desk: Desk, name: str, task: Task) -> None:
     desk.peeks.close()
     plan = desk.plan()
     cameras = list(plan.cameras)
     for index, camera in enumerate(cameras):
         if camera.source and not is_recorded(camera.source) and not camera.width:
-            job.progress("looking at the cameras", index, len(cameras))
+            task.progress("looking at the cameras", index, len(cameras))
             cameras[index] = looked_again(camera)
     plan = desk.change(lambda now: replace(now, cameras=tuple(cameras), detector=name))
-    job.progress(f"measuring {name} with all cameras at work", 0, 0)
+    task.progress(f"measuring {name} with all cameras at work", 0, 0)
     choice = _choice(desk, plan, name)
-    job.progress("writing the site file", 0, 0)
+    task.progress("writing the site file", 0, 0)
     if desk.has_site:
         apply_cameras(desk, choice)
     else:
@@ -121,7 +121,7 @@ def _use(desk: Desk, name: str, job: Job) -> None:
     desk.change(lambda now: replace(now, cameras=tuple(replace(c, was=c.id) for c in now.cameras)))
     fps, pace = rates(choice)
     slow = "" if pace == 1 else f", films played at {pace:g} of their speed"
-    job.say(f"{plural(fps, 'slot')} per second{slow}, {NUM_SELECTED} of {len(cameras)} cameras "
+    task.say(f"{plural(fps, 'slot')} per second{slow}, {NUM_SELECTED} of {len(cameras)} cameras "
             "active in each")  # fmt: skip
 
 

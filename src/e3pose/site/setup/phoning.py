@@ -22,7 +22,7 @@ def add_phone(desk: Desk, name: str, listen: str | None = None) -> dict[str, Any
     Raises:
         InputError: for a name that is none or taken, or while other work has the cameras.
     """
-    desk.jobs.check_free()
+    desk.tasks.check_free()
     desk.chosen_plan()
     name = check_camera_id(name.strip())
     path = desk.root / f"{desk.name}-{FOLDER}" / f"{name}.toml"

@@ -105,7 +105,7 @@ def change_settings(desk: Desk, live: LiveSite, wanted: Wanted) -> dict[str, Any
     Raises:
         InputError: for what is wrong; the file stays as it is then.
     """
-    desk.jobs.check_free()
+    desk.tasks.check_free()
     _check(wanted)
     desk.site()  # an error where there is none
     before = desk.site_file.read_bytes()
@@ -220,6 +220,6 @@ def _zones(document: Any, zones: Sequence[Zone]) -> None:
 
 def take_before(desk: Desk, live: LiveSite) -> dict[str, Any]:
     """Exchange the site file with the one of before the last change."""
-    desk.jobs.check_free()
+    desk.tasks.check_free()
     restore_before(desk.site_file)
     return {"said": "The site file of before is back.", "restart": live.on}

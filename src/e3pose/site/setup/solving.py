@@ -19,7 +19,7 @@ from e3pose.model.noises import detector_of, load_noise
 from e3pose.recording import Recording, load_recording
 from e3pose.recording.calibration import load_rig, save_rig
 from e3pose.site.setup.desk import Desk, keep_before
-from e3pose.site.setup.jobs import Job
+from e3pose.site.setup.tasks import Task
 from e3pose.site.setup.walking import Snapshots
 
 SECONDS = 120.0  # of a walk that are used, as `calibrate extrinsics` has it
@@ -56,14 +56,14 @@ def start_solving(desk: Desk, height_cm: float) -> None:
     command = solve_command(desk, height_cm)
     desk.change(lambda now: replace(now, height_cm=height_cm))
 
-    def solve(job: Job) -> None:
+    def solve(task: Task) -> None:
         path = desk.folder / plan.walk
-        job.progress("reading the walk", 0, 0)
+        task.progress("reading the walk", 0, 0)
         recording = first_seconds(load_recording(path), SECONDS)
         noise = load_noise(detector_of(recording))
         known = KnownLength(height_cm / 100 if height_cm else None)
-        places = from_people(recording, noise, None, known, job.progress)
-        job.progress("finding the floor", 0, 0)
+        places = from_people(recording, noise, None, known, task.progress)
+        task.progress("finding the floor", 0, 0)
         rig, notes = _levelled(recording, known_lenses(places.rig), height_cm, places.notes)
         keep_before(desk.calibration)
         save_rig(rig, desk.calibration)
@@ -72,7 +72,7 @@ def start_solving(desk: Desk, height_cm: float) -> None:
         desk.keep_result("check", None)
         desk.keep_result("solve", _result(replace(places, rig=rig, notes=notes)))
 
-    desk.start(Job("solve", "Finding the cameras", command), solve)
+    desk.start(Task("solve", "Finding the cameras", command), solve)
 
 
 def _levelled(
@@ -142,7 +142,7 @@ def move_world(desk: Desk, camera_id: str, x: float, y: float, what: str) -> str
     Raises:
         InputError: where the click meets no floor, or nothing is calibrated.
     """
-    desk.jobs.check_free()
+    desk.tasks.check_free()
     rig = load_rig(desk.calibration)
     place = floor_at(rig, camera_id, (x, y))
     words = f"{place[0]:.3f},{place[1]:.3f}"

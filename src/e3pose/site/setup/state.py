@@ -17,12 +17,12 @@ from e3pose.site.setup.walking import record_command
 
 def state_of(desk: Desk, live: LiveSite) -> dict[str, Any]:
     """Return all that the page shows but pictures, lists of networks, and settings."""
-    job = desk.jobs.newest
+    task = desk.tasks.newest
     body: dict[str, Any] = {
         "root": str(desk.root),
         "sites": desk.sites(),
         "site": desk.name,
-        "job": None if job is None else job.body(),
+        "task": None if task is None else task.body(),
         "live": live.body(),
     }
     if not desk.name:

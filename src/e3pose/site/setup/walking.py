@@ -25,8 +25,8 @@ from e3pose.site.follow import viewer_link
 from e3pose.site.record_program import record_site, waiting_words
 from e3pose.site.setup.coverage import CELL_M, Coverage, hints
 from e3pose.site.setup.desk import Desk
-from e3pose.site.setup.jobs import Job
 from e3pose.site.setup.plan import MAX_CAMERAS
+from e3pose.site.setup.tasks import Task
 from e3pose.wire.codec import decode, encode
 from e3pose.wire.network import open_network
 from e3pose.wire.site_messages import Picture, PictureQuestion
@@ -147,23 +147,23 @@ def start_walk(desk: Desk, which: Which, snapshots: Snapshots) -> Coverage:
         }
         covered.add(views, sizes)
 
-    def record(job: Job) -> None:
+    def record(task: Task) -> None:
         desk.peeks.close()
         stop = threading.Event()
         taking = threading.Thread(target=snapshots.take, args=(site, stop), daemon=True)
-        job.stage = "starting the cameras"
+        task.stage = "starting the cameras"
         taking.start()
 
         def look(server: RecordServer) -> None:
             missing = waiting_words(server)
-            job.stage = f"waiting for {missing}" if missing else "recording"
-            job.shown = {"seconds": round(server.slots / server.plan.fps, 1)}
-            if job.stopping.is_set():
+            task.stage = f"waiting for {missing}" if missing else "recording"
+            task.shown = {"seconds": round(server.slots / server.plan.fps, 1)}
+            if task.stopping.is_set():
                 raise KeyboardInterrupt  # as Ctrl-C ends it: in order
 
         try:
             record_site(
-                desk.site(), desk.folder / name, for_s=MOST_S, report=job.say, look=look,
+                desk.site(), desk.folder / name, for_s=MOST_S, report=task.say, look=look,
                 watch=watch,
             )  # fmt: skip
         finally:
@@ -177,7 +177,7 @@ def start_walk(desk: Desk, which: Which, snapshots: Snapshots) -> Coverage:
         desk.keep_result(which, body(covered))
 
     title = "Recording the walk" if which == "walk" else "Recording the second walk"
-    desk.start(Job(which, title, record_command(desk, which)), record)
+    desk.start(Task(which, title, record_command(desk, which)), record)
     return covered
 
 

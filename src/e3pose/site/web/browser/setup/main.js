@@ -31,17 +31,17 @@ function Steps() {
 
 // The work in the background; it goes on when this page is closed.
 function Work() {
-  const { job } = setup.state;
-  if (!job || (job.state !== "running" && OF[job.kind] !== setup.step)) return null;
-  const running = job.state === "running", since = job.since_s < 90 ? `${Math.round(job.since_s)} s` : `${Math.round(job.since_s / 60)} min`;
-  const words = running ? `${job.title}: ${job.stopping ? "stopping …" : job.stage || "…"}` : { done: `${job.title}: done after ${since}.`, stopped: `${job.title}: stopped.`, failed: `${job.title} failed.` }[job.state];
-  return html`<section id="work" class=${job.state} aria-label="Work in the background">
+  const { task } = setup.state;
+  if (!task || (task.state !== "running" && OF[task.kind] !== setup.step)) return null;
+  const running = task.state === "running", since = task.since_s < 90 ? `${Math.round(task.since_s)} s` : `${Math.round(task.since_s / 60)} min`;
+  const words = running ? `${task.title}: ${task.stopping ? "stopping …" : task.stage || "…"}` : { done: `${task.title}: done after ${since}.`, stopped: `${task.title}: stopped.`, failed: `${task.title} failed.` }[task.state];
+  return html`<section id="work" class=${task.state} aria-label="Work in the background">
     <p id="work-words" role="status">${words}</p>
     ${running && html`<span class="soft">${since}</span>`}
-    ${running && html`<progress aria-label=${job.title} max=${job.total || 1} value=${job.total ? job.done : null}></progress>
-      ${!["walk", "second"].includes(job.kind) && html`<button type="button" id="stop" disabled=${job.stopping} onClick=${() => order("stop")}>Stop</button>`}`}
-    ${job.problem && html`<p id="problem" class="bad" role="alert">${job.problem}</p>`}
-    ${job.lines.map((line) => html`<p class="soft">${line}</p>`)}
+    ${running && html`<progress aria-label=${task.title} max=${task.total || 1} value=${task.total ? task.done : null}></progress>
+      ${!["walk", "second"].includes(task.kind) && html`<button type="button" id="stop" disabled=${task.stopping} onClick=${() => order("stop")}>Stop</button>`}`}
+    ${task.problem && html`<p id="problem" class="bad" role="alert">${task.problem}</p>`}
+    ${task.lines.map((line) => html`<p class="soft">${line}</p>`)}
   </section>`;
 }
 

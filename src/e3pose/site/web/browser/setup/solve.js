@@ -1,7 +1,7 @@
 // Solve: where the cameras stand, with the people drawn over each picture; clicks set the axes.
 import { html, useEffect, useRef, useState } from "../vendor/preact.js";
 import { inks } from "../palette.js";
-import { busy, jobOf, order, question, running, setup, shown, stepOf, turnTo } from "./state.js";
+import { busy, taskOf, order, question, running, setup, shown, stepOf, turnTo } from "./state.js";
 
 const WIDE = 640, SOLVED = "#0a9396";
 const AXES = [["x", 1], ["y", 2]];
@@ -78,7 +78,7 @@ function Pictures({ solve }) {
 
 export function Solve() {
   const { solve, height_cm, walk } = setup.state, [typed, type] = useState(height_cm ? String(height_cm) : ""), done = stepOf("solve").done;
-  const job = jobOf("solve"), off = busy() || running() || !walk;
+  const task = taskOf("solve"), off = busy() || running() || !walk;
   const submit = (event) => {
     event.preventDefault();
     order("solve", { height_cm: Number(typed) || 0 });
@@ -89,5 +89,5 @@ export function Solve() {
     ${!walk && done && html`<p class="soft">The site was calibrated before. Record a walk to solve it again.</p>`}
     ${solve?.scale && html`<p>${solve.scale}</p>`}
     ${solve?.notes.map((note) => html`<p class="unsure">${note}</p>`)}
-    ${done && walk && job?.state !== "running" && html`<${Pictures} solve=${solve} />`}`;
+    ${done && walk && task?.state !== "running" && html`<${Pictures} solve=${solve} />`}`;
 }

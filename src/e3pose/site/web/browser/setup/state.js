@@ -8,8 +8,8 @@ const listeners = [];
 export const whenKnown = (listener) => listeners.push(listener);
 export const shown = () => listeners.forEach((listener) => listener());
 
-export const busy = () => setup.state?.job?.state === "running";
-export const jobOf = (...kinds) => (kinds.includes(setup.state?.job?.kind) ? setup.state.job : null);
+export const busy = () => setup.state?.task?.state === "running";
+export const taskOf = (...kinds) => (kinds.includes(setup.state?.task?.kind) ? setup.state.task : null);
 export const stepOf = (id) => setup.state?.steps?.find((one) => one.id === id);
 export const running = () => ["starting", "running", "ending"].includes(setup.state?.live.state);
 

@@ -3,13 +3,13 @@ import { html, useEffect, useState } from "../vendor/preact.js";
 import { inks } from "../palette.js";
 import { usePicture } from "./cameras.js";
 import { boundsOf, Floor } from "./floor.js";
-import { busy, jobOf, order, question, running, setup, turnTo } from "./state.js";
+import { busy, taskOf, order, question, running, setup, turnTo } from "./state.js";
 
 const COVER_MS = 1000;
 
 // What the walk covers so far, of the recorder while it runs, else what was kept of it.
 function useCovered(kind, kept) {
-  const [found, see] = useState(null), at = jobOf(kind)?.state === "running";
+  const [found, see] = useState(null), at = taskOf(kind)?.state === "running";
   useEffect(() => {
     if (!at) return undefined;
     const look = () => question("covered").then(see, () => {});
@@ -46,7 +46,7 @@ function Map({ covered }) {
 }
 
 export function Covered({ kind, kept }) {
-  const covered = useCovered(kind, kept), live = jobOf(kind)?.state === "running";
+  const covered = useCovered(kind, kept), live = taskOf(kind)?.state === "running";
   if (!covered) return live ? html`<p class="soft">Waiting for the first moments …</p>` : null;
   const { hints, enough, seconds, length, centers } = covered;
   return html`<div id="covered"><p id="enough" class=${enough ? "good verdict" : "verdict"} role="status">${enough ? "Enough: stop whenever you like." : hints[0]}</p>
@@ -58,9 +58,9 @@ export function Covered({ kind, kept }) {
 }
 
 export function Record({ which, words, again }) {
-  const job = jobOf(which), live = job?.state === "running";
+  const task = taskOf(which), live = task?.state === "running";
   return html`<p class="row">${live
-    ? html`<button type="button" id="enough-stop" class="main" disabled=${job.stopping} onClick=${() => order("stop")}>${job.stopping ? "Stopping …" : "Stop and keep the walk"}</button>`
+    ? html`<button type="button" id="enough-stop" class="main" disabled=${task.stopping} onClick=${() => order("stop")}>${task.stopping ? "Stopping …" : "Stop and keep the walk"}</button>`
     : html`<button type="button" id=${`record-${which}`} class=${again ? "" : "main"} disabled=${busy() || running()} onClick=${() => order(`record/${which}`)}>${again ? "Record again" : words}</button>`}</p>
     ${running() && html`<p class="notice">The site is running and has its cameras: stop it under Go live first.</p>`}`;
 }

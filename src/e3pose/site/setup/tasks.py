@@ -11,16 +11,16 @@ from typing import Any, Literal
 from e3pose.base.errors import InputError
 
 State = Literal["running", "done", "failed", "stopped"]
-END_S = 20.0  # for a job to notice that it is to stop
+END_S = 20.0  # for a task to notice that it is to stop
 MAX_LINES = 40
 
 
 class Stopped(Exception):
-    """Ends a job that somebody stopped."""
+    """Ends a task that somebody stopped."""
 
 
 @dataclass(eq=False)
-class Job:
+class Task:
     """One piece of work, by its page and on its own thread; its methods may be called on both.
 
     Attributes:
@@ -73,85 +73,85 @@ class Job:
         }  # fmt: skip
 
 
-def interrupted(kind: str, title: str) -> Job:
-    """Return the job that was at work when `e3pose setup` ended."""
-    job = Job(kind, title, state="failed", problem="interrupted: e3pose setup ended meanwhile; "
+def interrupted(kind: str, title: str) -> Task:
+    """Return the task that was at work when `e3pose setup` ended."""
+    task = Task(kind, title, state="failed", problem="interrupted: e3pose setup ended meanwhile; "
               "start it again")  # fmt: skip
-    job.ended_s = job.begun_s
-    return job
+    task.ended_s = task.begun_s
+    return task
 
 
-class Jobs:
-    """The work of a page: one job at a time, as each takes the cameras or the whole machine."""
+class Tasks:
+    """The work of a page: one task at a time, as each takes the cameras or the whole machine."""
 
     def __init__(self) -> None:
         """Begin with nothing to do."""
-        self.newest: Job | None = None
+        self.newest: Task | None = None
         self._thread: threading.Thread | None = None
         self._lock = threading.Lock()
 
     @property
     def busy(self) -> bool:
-        """Whether a job is at work."""
+        """Whether a task is at work."""
         return self.newest is not None and self.newest.state == "running"
 
-    def start(self, job: Job, work: Callable[[Job], object]) -> Job:
-        """Begin a job on a thread of its own.
+    def start(self, task: Task, work: Callable[[Task], object]) -> Task:
+        """Begin a task on a thread of its own.
 
         Args:
-            job: which.
-            work: does it; an error of it is the job's.
+            task: which.
+            work: does it; an error of it is the task's.
 
         Raises:
             InputError: while another is at work.
         """
         with self._lock:
             self.check_free()
-            self.newest = job
+            self.newest = task
             self._thread = threading.Thread(
-                target=self._run, args=(job, work), name=f"setup-{job.kind}", daemon=True
+                target=self._run, args=(task, work), name=f"setup-{task.kind}", daemon=True
             )
             self._thread.start()
-        return job
+        return task
 
     def check_free(self) -> None:
-        """Raise `InputError` while a job is at work."""
+        """Raise `InputError` while a task is at work."""
         if self.busy:
             assert self.newest is not None
             raise InputError(f"{self.newest.title} is at work: wait until it is done, or stop it")
 
     def stop(self) -> None:
-        """Ask the job at work to end."""
+        """Ask the task at work to end."""
         if self.newest is not None:
             self.newest.stopping.set()
 
     def close(self) -> None:
-        """Stop the job at work, and wait for it."""
+        """Stop the task at work, and wait for it."""
         self.stop()
         if self._thread is not None:
             self._thread.join(END_S)
 
     def wait(self, timeout_s: float) -> None:
-        """Wait until the job at work has ended."""
+        """Wait until the task at work has ended."""
         if self._thread is not None:
             self._thread.join(timeout_s)
 
-    def _run(self, job: Job, work: Callable[[Job], object]) -> None:
+    def _run(self, task: Task, work: Callable[[Task], object]) -> None:
         end: State = "failed"
         try:
-            work(job)
+            work(task)
             end = "done"
         except Stopped:
             end = "stopped"
         except (InputError, OSError) as error:
-            job.problem = str(error)
+            task.problem = str(error)
         except MemoryError:
-            job.problem = "out of memory, expected a smaller or shorter input"
+            task.problem = "out of memory, expected a smaller or shorter input"
         except ModuleNotFoundError as error:
-            job.problem = f"{error.name} is not installed: pip install 'e3pose[all]'"
+            task.problem = f"{error.name} is not installed: pip install 'e3pose[all]'"
         except Exception as error:  # a fault of ours: the page says so instead of waiting for ever
-            job.problem = f"internal error: {type(error).__name__}: {error}"
+            task.problem = f"internal error: {type(error).__name__}: {error}"
             raise
         finally:
-            job.ended_s = time.monotonic()
-            job.state = end
+            task.ended_s = time.monotonic()
+            task.state = end
