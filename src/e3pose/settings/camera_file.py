@@ -188,17 +188,13 @@ def load_node(path: Path | None, options: Mapping[str, Any] | None = None) -> No
         table = read_toml(path, MAX_BYTES)
     folder = Path() if path is None else path.parent
     try:
-        node = placed(read_table(NodeTable, {**table, **asked}), folder)
-        return replace(
-            node,
-            path=path,
-            source=located(node.source, partial(near, folder)),
-            detector=beside(folder, node.detector),
-            state=_usual_state(path) if node.state is None else node.state,
-        )
+        written = read_table(NodeTable, {**table, **asked})
+        node = placed(written, folder)
+        state = node.state
+        if state is None and path is not None:
+            state = path.with_name(f"{path.stem}.battery.json")
+        source = located(node.source, partial(near, folder))
+        detector = beside(folder, node.detector)
+        return replace(node, path=path, source=source, detector=detector, state=state)
     except InputError as error:
         raise error if error.thing in asked or path is None else error.at(path) from None
-
-
-def _usual_state(path: Path | None) -> Path | None:
-    return None if path is None else path.with_name(f"{path.stem}.battery.json")

@@ -48,15 +48,17 @@ def check_feedback(site: ResolvedSite) -> Iterator[Finding]:
     for name, camera in site.cameras.items():
         if is_recorded(camera.source):
             why = "its source has keypoints, no images"
-        elif is_own(detector := camera.detector or "") and not _own_uses_feedback(detector):
+        elif not _uses_feedback(detector := camera.detector or ""):
             why = f"{detector} has neither detect_part nor detect_in_boxes"
         else:
             continue
         yield Finding("warning", f"camera {name}", f"ignores feedback: {why}")
 
 
-def _own_uses_feedback(detector: str) -> bool:
-    """Return whether a user-defined detector uses feedback; True if that is unknown."""
+def _uses_feedback(detector: str) -> bool:
+    """Return whether a detector uses feedback; one's own may not, and True if it is unknown."""
+    if not is_own(detector):
+        return True
     try:
         found = member(GROUP, "detector", detector, DETECTORS)
     except InputError:
@@ -94,9 +96,9 @@ def check_budgets(site: ResolvedSite, parts: EdgeParts, now: datetime) -> Iterat
         for index, budget in enumerate(budgets)
         if budget.kind != "duty" and allowed_j[index] <= idle_j[index] * (1 + ENOUGH)
     ]
+    shares = slot_shares(allowed_j, active_j, idle_j)
     for index in starved:
         yield _starved(site, index, budgets[index], active_w[index], idle_w[index])
-    shares = slot_shares(allowed_j, active_j, idle_j)
     if not starved and shares.sum() < selected - ENOUGH and site.loop.target_error_m is None:
         yield Finding(
             "warning",
