@@ -21,14 +21,8 @@ from e3pose.model.skeleton import COCO17
 from e3pose.predict import PREDICTORS, make_predictor
 from e3pose.predict.attention_lstm import AttentionLstm
 from e3pose.predict.kernels.network import run_network
-from e3pose.predict.normalise import (
-    NUM_COMMON,
-    NUM_CONTEXT,
-    NUM_FEATURES,
-    Normalised,
-    normalise,
-    to_common,
-)
+from e3pose.predict.normalise import NUM_COMMON, NUM_CONTEXT, NUM_FEATURES
+from e3pose_lab.prediction.normalise import Normalised, normalise, to_common
 from reference import attention_network as runtime
 
 Lines = dict[str, list[tuple[int, float | None]]]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.predict.attention_lstm import SHIPPED
-from e3pose.predict.normalise import Normalised
+from e3pose_lab.prediction.normalise import Normalised
 
 Floats32 = NDArray[np.float32]
 

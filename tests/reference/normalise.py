@@ -14,13 +14,14 @@ from e3pose.predict.kernels.history import (
     SPEED_CEILING_M,
     SPEED_FLOOR_M,
 )
-from e3pose.predict.normalise import LEFT_RIGHT, NUM_COMMON, NUM_FEATURES, Normalised, last_slots
+from e3pose.predict.normalise import LEFT_RIGHT, NUM_COMMON, NUM_FEATURES
+from e3pose_lab.prediction.normalise import Normalised, last_slots
 
 
 def fill_gaps(history_m: Floats) -> tuple[Floats, NDArray[np.bool_]]:
     """Close gaps as if a missing joint moved with the person and evenly between its neighbours.
 
-    See `e3pose.predict.normalise.fill_gaps`.
+    See `e3pose_lab.prediction.normalise.fill_gaps`.
     """
     with np.errstate(invalid="ignore"):
         measured = np.asarray((np.abs(history_m) < FAR_M).all(axis=-1))
@@ -52,7 +53,7 @@ def fill_gaps(history_m: Floats) -> tuple[Floats, NDArray[np.bool_]]:
 def normalise(history_m: Floats, interval_s: float | Floats, num_slots: int) -> Normalised:
     """Express histories as the network takes them.
 
-    See `e3pose.predict.normalise.normalise`.
+    See `e3pose_lab.prediction.normalise.normalise`.
     """
     history_m = last_slots(history_m, num_slots)
     num_tracks = history_m.shape[1]

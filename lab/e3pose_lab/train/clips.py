@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.base.errors import InputError
-from e3pose.predict.normalise import common_columns, to_common
+from e3pose.predict.normalise import common_columns
 from e3pose.recording import Recording
+from e3pose_lab.prediction.normalise import to_common
 from e3pose_lab.train.windows import Clip
 
 LONG_S = 60.0  # stretches this long spare their end for validation

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from e3pose.base.arrays import Floats
 from e3pose.edge.learn.ring_buffer import Chunk
 from e3pose.model.skeleton import Skeleton
-from e3pose.predict.normalise import common_columns, to_common
+from e3pose.predict.normalise import common_columns
+from e3pose_lab.prediction.normalise import to_common
 from e3pose_lab.train.smooth import smooth
 from e3pose_lab.train.windows import Clip
 

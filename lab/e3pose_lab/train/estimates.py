@@ -26,9 +26,10 @@ from e3pose.model.camera import Rig
 from e3pose.model.noises import detector_of, load_noise
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import Skeleton
-from e3pose.predict.normalise import common_columns, to_common
+from e3pose.predict.normalise import common_columns
 from e3pose.recording import Recording
 from e3pose.select.occlusion import occlusion, person_boxes
+from e3pose_lab.prediction.normalise import to_common
 from e3pose_lab.train.smooth import smooth
 from e3pose_lab.train.windows import Clip
 from e3pose_lab.workers import Workers

@@ -7,7 +7,7 @@ import torch
 from numpy.typing import NDArray
 
 from e3pose.base.arrays import Floats
-from e3pose.predict.normalise import normalise, to_person
+from e3pose_lab.prediction.normalise import normalise, to_person
 from e3pose_lab.train.network import NUM_AXES, AttentionLstm, evidence
 from e3pose_lab.train.windows import Corruption, Sampler, usual_error
 

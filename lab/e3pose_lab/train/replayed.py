@@ -22,9 +22,10 @@ from e3pose.base.errors import InputError
 from e3pose.estimate.base import People
 from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.model.camera import Rig
-from e3pose.predict.normalise import NUM_COMMON, common_columns, to_common
+from e3pose.predict.normalise import NUM_COMMON, common_columns
 from e3pose.recording import Recording, ViewSeries
 from e3pose.simulate import DetectorSettings
+from e3pose_lab.prediction.normalise import to_common
 from e3pose_lab.train.estimates import joined
 from e3pose_lab.train.watched import watched
 from e3pose_lab.train.windows import Clip, between_frames

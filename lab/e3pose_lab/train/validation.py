@@ -12,7 +12,7 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import isotonic_regression
 
 from e3pose.base.arrays import Floats
-from e3pose.predict.normalise import fill_gaps, normalise, to_person
+from e3pose_lab.prediction.normalise import fill_gaps, normalise, to_person
 from e3pose_lab.train.network import AttentionLstm
 from e3pose_lab.train.windows import DAMPING, Clip, Estimates, Windows, estimation_noise
 

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from e3pose.base.arrays import Floats
 from e3pose.model.noise import ErrorMemory
-from e3pose.predict.normalise import NUM_COMMON, Normalised, fill_gaps, normalise, to_person
+from e3pose.predict.normalise import NUM_COMMON
+from e3pose_lab.prediction.normalise import Normalised, fill_gaps, normalise, to_person
 from e3pose_lab.train.bodies import mirrored, other_bodies, swapped_arms, uneven_time
 
 Real = TypeVar("Real", np.float32, np.float64)

@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
 from e3pose.model.pose import Poses2D
-from e3pose.predict.normalise import NUM_COMMON, common_columns, to_common
+from e3pose.predict.normalise import NUM_COMMON, common_columns
 from e3pose.recording import Recording, ViewSeries
 from e3pose.simulate import DetectorSettings, SceneSettings, simulate
+from e3pose_lab.prediction.normalise import to_common
 from e3pose_lab.train.clips import gather, hold_out_ends
 from e3pose_lab.train.estimates import (
     EstimateSettings,

@@ -7,7 +7,8 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="torch is not installed: pip install e3pose[train]")
 
-from e3pose.predict.normalise import NUM_COMMON, normalise, to_person  # noqa: E402
+from e3pose.predict.normalise import NUM_COMMON  # noqa: E402
+from e3pose_lab.prediction.normalise import normalise, to_person  # noqa: E402
 from e3pose_lab.train.experts import FPS, NOISE_M, start_experts  # noqa: E402
 from e3pose_lab.train.network import AttentionLstm, NetworkSettings  # noqa: E402
 from e3pose_lab.train.windows import Clip, Corruption, Sampler  # noqa: E402

@@ -7,7 +7,8 @@ import pytest
 from tests.reference import normalise as plain
 
 from e3pose.base.arrays import Floats
-from e3pose.predict.normalise import NUM_COMMON, Normalised, fill_gaps, normalise
+from e3pose.predict.normalise import NUM_COMMON
+from e3pose_lab.prediction.normalise import Normalised, fill_gaps, normalise
 
 
 def histories(seed: int, num_slots: int = 10) -> Floats:

@@ -16,7 +16,8 @@ from e3pose.predict.kernels.half import in_half
 from e3pose.predict.kernels.layers import linear, sigmoid, soften, tanh
 from e3pose.predict.kernels.network import run_network
 from e3pose.predict.kernels.tracks import calibrated
-from e3pose.predict.normalise import NUM_COMMON, normalise
+from e3pose.predict.normalise import NUM_COMMON
+from e3pose_lab.prediction.normalise import normalise
 
 pytest.importorskip(
     "onnxruntime", reason="onnxruntime is not installed: pip install e3pose[camera]"
