@@ -1,6 +1,7 @@
-"""Run a verb of e3pose with clocks that can be moved while it runs.
+"""Run a verb of e3pose, or a script that runs one, with clocks that can be moved while it runs.
 
     python lab/benchmarks/moved_clock.py OFFSETS edge site.toml
+    python lab/benchmarks/moved_clock.py OFFSETS script.py site.toml
 
 OFFSETS is a file with two numbers, seconds: what is added to the steady clock of the program (the
 project's `WallClock`), and to the system's clock as Python reads it (`time.time`, `time.time_ns`).
@@ -8,6 +9,7 @@ project's `WallClock`), and to the system's clock as Python reads it (`time.time
 
 from __future__ import annotations
 
+import runpy
 import sys
 import time
 from pathlib import Path
@@ -39,4 +41,8 @@ def move(path: Path) -> None:
 
 if __name__ == "__main__":
     move(Path(sys.argv.pop(1)))
-    main(sys.argv[1:])
+    if sys.argv[1].endswith(".py"):
+        sys.argv.pop(0)
+        runpy.run_path(sys.argv[0], run_name="__main__")
+    else:
+        main(sys.argv[1:])

@@ -133,6 +133,37 @@ def test_sleep_that_never_began_is_forgotten_once_it_is_over() -> None:
     assert rests.words(1, state("active", DUE_NS + S), DUE_NS + 60 * S) == ""  # silent, not asleep
 
 
+def test_camera_that_was_away_for_other_reasons_is_told_and_no_slow_one() -> None:
+    rests = told()
+    rests.heard(1, "cam1", beat("asleep"), 2 * S)
+    rests.heard(1, "cam1", beat("power-saving"), DUE_NS + 600 * S)
+    assert len(rests.said()) == 1 and rests.wakes[1].wakes == 0
+
+
+def test_edge_that_was_away_itself_learns_nothing_of_a_wake() -> None:
+    rests = told()
+    rests.heard(1, "cam1", beat("asleep"), 2 * S)
+    rests.excuse()
+    asleep = state("asleep", 2 * S)
+    assert rests.words(1, asleep, 4 * S).startswith("asleep")  # it may still sleep
+    rests.heard(1, "cam1", beat("power-saving"), DUE_NS + 30 * S)
+    assert rests.said() == [] and rests.wakes[1].wakes == 0
+    assert rests.words(1, state("power-saving", DUE_NS + 30 * S), DUE_NS + 30 * S) == ""
+
+
+def test_camera_that_once_woke_late_sleeps_again_some_time() -> None:
+    """Woken so early that it never sleeps, it cannot show that it wakes sooner."""
+    rests = told()
+    rests.heard(1, "cam1", beat("asleep"), 2 * S)
+    rests.heard(1, "cam1", beat("power-saving"), DUE_NS + 40 * S)
+    assert rests.early_s(1) > 30.0
+    for sleep in range(5):
+        slot, until = 600 + 100 * sleep, 680 + 100 * sleep  # of eight seconds
+        rests.order(TIMES, np.array([0, until]), slot, LEAD, CAN)
+        rests.heard(1, "cam1", beat("active"), TIMES.begin_ns(until) + S)
+    assert rests.early_s(1) < 8.0 and rests.wakes[1].mean_s > 0.5
+
+
 @pytest.mark.parametrize(
     ("online", "asleep_s", "paused", "sleeps"),
     [

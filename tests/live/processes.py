@@ -125,14 +125,18 @@ class LiveSite:
         self.start("edge", *e3pose("edge", str(self.path), "--json-logs"))
 
     def start_camera(self, camera_id: str, *options: str) -> None:
+        self.start(camera_id, *self.camera_command(camera_id, *options))
+
+    def camera_command(self, camera_id: str, *options: str) -> list[str]:
+        """Return the command that runs a camera."""
         keys = self.folder / "keys" / "cameras" / camera_id
-        self.start(
-            camera_id, *self.inside, *e3pose(
+        return [
+            *self.inside, *e3pose(
                 "camera", "--site", self.name, "--name", camera_id, "--endpoint", self.endpoint,
                 "--keys", str(keys), "--source", f"recorded:{self.folder / 'recording'}",
                 "--meter", "model", *self.camera_options, *options,
             ),
-        )  # fmt: skip
+        ]  # fmt: skip
 
     def start_view(self) -> str:
         """Start the page with an operator's certificate; return its address."""

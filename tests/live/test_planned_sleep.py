@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from pathlib import Path
 
 import pytest
@@ -40,3 +41,40 @@ def test_cameras_sleep_by_the_plan_of_the_edge_and_come_back(
         site.flows(20)
         assert not site.events("camera-lost"), site.diagnostics()
         assert set(CAMERAS) >= asleep()
+
+
+def test_plan_goes_on_when_edge_or_sleeper_is_killed(tmp_path: Path, recording: Path) -> None:
+    (tmp_path / "recording").symlink_to(recording)
+    site = PlannedSite(tmp_path, more=('state = "state.npz"',))
+    with site.at_work():
+
+        def falls_asleep(since: int) -> str:
+            def asleep() -> set[str]:
+                return {c.camera_id for c in site.cameras_since(since) if c.mode == "asleep"}
+
+            assert eventually(asleep, 60.0), site.diagnostics()
+            return min(asleep())
+
+        def comes_back(camera_id: str, since: int) -> None:
+            def there() -> bool:
+                back = (c for c in site.cameras_since(since) if c.camera_id == camera_id)
+                return any(c.online for c in back)
+
+            assert eventually(there, 90.0), site.diagnostics()
+            site.flows(20)
+
+        one = falls_asleep(0)
+        site.send("edge", signal.SIGKILL)
+        site.wait("edge")
+        since = len(site.statuses)
+        site.start_edge()
+        comes_back(one, since)
+        one = falls_asleep(len(site.statuses))
+        site.send(one, signal.SIGKILL)
+        site.wait(one)
+        since = len(site.statuses)
+        site.start_camera(one)
+        comes_back(one, since)
+        falls_asleep(len(site.statuses))
+        said = [e["event"] for e in site.events("camera-lost")]
+        assert all("not connected" in line for line in said), said  # the one that was killed

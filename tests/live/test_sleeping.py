@@ -2,92 +2,24 @@
 
 from __future__ import annotations
 
-import datetime
-import os
 import signal
-import stat
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from tests.live.processes import CAMERAS, HERE, LiveSite, e3pose
-from tests.ports import free_port
+from tests.live.processes import CAMERAS
+from tests.live.sleepy_site import SleepySite, sleepy_site
 from tests.waiting import eventually
 
-from e3pose.wire.keys.folder import add_keys
 from e3pose.wire.site_messages import CameraStatus
 
 pytestmark = [pytest.mark.live, pytest.mark.timed]
 
-LATE_S = 3.5  # by which the machine of one camera wakes after its alarm
-# Suspends nothing, says for how long it was asked to, and wakes late.
-RTCWAKE = f"""#!{sys.executable}
-import sys, time
-seconds = int(sys.argv[sys.argv.index("-s") + 1])
-assert sys.argv[1:3] == ["-m", "mem"], sys.argv
-with open({{log!r}}, "a") as log:
-    print(seconds, file=log, flush=True)
-time.sleep(seconds + {LATE_S})
-"""
-
-
-class SleepySite(LiveSite):
-    """A site whose cameras sleep by turns, behind a router."""
-
-    def start_edge(self) -> None:
-        self.start("edge", sys.executable, str(HERE / "sleepy_edge.py"), str(self.path))
-        if "hall" not in self.programs:
-            self.start_router()
-
-    def start_router(self) -> None:
-        keys, edge = self.folder / "keys", f"tls/localhost:{self.port}"
-        if not (keys / "routers" / "hall").exists():
-            add_keys(keys, "hall", datetime.datetime.now(datetime.timezone.utc), kind="router")
-        listen = f"tls/127.0.0.1:{self.camera_port}"
-        command = ("router", str(keys / "routers" / "hall"), "--endpoint", listen, "--edge", edge)
-        self.start("hall", *e3pose(*command))
-
-    def start_camera(self, camera_id: str, *options: str) -> None:
-        if camera_id == "cam1":
-            options = ("--sleep", "suspend", *options)
-        super().start_camera(camera_id, *options)
-
-    def asleep(self, camera_id: str) -> bool:
-        camera = self.camera(camera_id)
-        return not camera.online and camera.why.startswith("asleep for")
-
-    def falls_asleep(self, camera_id: str) -> None:
-        assert eventually(lambda: self.camera(camera_id).online), self.diagnostics()
-        assert eventually(lambda: self.asleep(camera_id)), self.diagnostics()
-
-    def comes_back(self, camera_id: str) -> None:
-        """Wait until a camera is online, and until views of it are in the poses."""
-        assert eventually(lambda: self.camera(camera_id).online), self.diagnostics()
-        count = len(self.poses)
-        assert eventually(lambda: any(camera_id in p.arrived for p in self.poses[count:]))
-
-    def overslept(self, camera_id: str) -> list[str]:
-        said = [str(e["event"]) for e in self.events("camera-overslept")]
-        return [line for line in said if line.startswith(f"{camera_id} overslept by")]
-
-    def said_lost(self, camera_id: str) -> list[str]:
-        return [e["event"] for e in self.events("camera-lost") if e.get("camera") == camera_id]
-
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory, recording: Path) -> Iterator[SleepySite]:
-    folder = tmp_path_factory.mktemp("sleepy")
-    (folder / "recording").symlink_to(recording)
-    program = folder / "bin" / "rtcwake"
-    program.parent.mkdir()
-    program.write_text(RTCWAKE.format(log=str(folder / "rtcwake.txt")))
-    program.chmod(program.stat().st_mode | stat.S_IXUSR)
-    made = SleepySite(folder, more=('state = "state.npz"',), camera_port=free_port())
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("PATH", f"{program.parent}{os.pathsep}{os.environ['PATH']}")
-        with made.at_work():
-            yield made
+    with sleepy_site(tmp_path_factory.mktemp("sleepy"), recording) as made:
+        yield made
 
 
 def test_camera_asleep_is_not_lost_and_comes_back_by_itself(site: SleepySite) -> None:

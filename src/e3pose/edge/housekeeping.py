@@ -16,6 +16,7 @@ from e3pose.edge.inbox import Inbox
 from e3pose.edge.membership import Membership
 from e3pose.edge.reports import Conditions, camera_changes
 from e3pose.edge.rests import ASLEEP
+from e3pose.edge.roster import CONNECTING
 from e3pose.edge.send_queue import SendQueue
 from e3pose.edge.state_file import StateFile
 from e3pose.edge.threads import ThreadGroup
@@ -106,9 +107,9 @@ class Housekeeping:
         # No camera recovers because the edge became too slow to judge it.
         slow = edge.health.load.overloaded()
         judged = self._conditions[1:] if slow else edge.impairments()
-        # Who sleeps as told is not lost.
-        problems = ["" if why.startswith(ASLEEP) else why for why in edge.inbox.problems()]
-        before, self._conditions = self._conditions, (problems, *judged)
+        before, found = self._conditions, edge.inbox.problems()
+        problems = [lasting_problem(why, was) for why, was in zip(found, before[0], strict=True)]
+        self._conditions = problems, *judged
         events = camera_changes(edge.pipeline.rig.camera_ids, before, self._conditions)
         for event in events:
             self._report(*event)
@@ -139,3 +140,10 @@ class Housekeeping:
         made_ns, run_ns = edge.clock.now_ns(), edge.state_file.run_ns
         made = Checkpoint(state, times.origin_ns, len(state.selections), made_ns, run_ns)
         edge.state_file.keep(made)
+
+
+def lasting_problem(why: str, was: str) -> str:
+    """Return a camera's problem: one asleep as told is not lost, one that connects not yet back."""
+    if why.startswith(ASLEEP):
+        return ""
+    return was if why == CONNECTING else why

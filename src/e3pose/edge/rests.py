@@ -24,7 +24,7 @@ from e3pose.wire.site_messages import CameraStatus
 ASLEEP = "asleep"  # begins what is said of a camera that is expected back
 PRIOR_SHARE = 0.5  # tuned: share of the mean | not recorded, boards of a kind vary | not measured
 MEMORY_WAKES = 20  # tuned: wakes | not recorded, heat and networks change | not measured
-LONGEST_WAKE_S = 60.0  # what is learned of a camera that was away for other reasons
+LONGEST_WAKE_S = 60.0  # a camera that comes later was away for other reasons
 OVERSLEPT_S = 1.0  # late by so much is told
 
 
@@ -93,6 +93,7 @@ class Rests:
         Args:
             wakes_s: `(num_cameras,)` stated times to wake.
         """
+        self._stated_s = tuple(wakes_s)
         self.wakes = tuple(WakeTime.stated(wake_s) for wake_s in wakes_s)
         self._rests = (Rest(),) * len(self.wakes)
         self._said = deque[tuple[int, str]](maxlen=100)
@@ -153,17 +154,32 @@ class Rests:
                 self._woken(camera, camera_id, rest.early_s, late_s)
                 rest = Rest()
             elif late_s > 0:  # it is over, and was never begun as far as is known
+                self._forget(camera, rest.early_s)
                 rest = Rest()
             self._rests = (*self._rests[:camera], rest, *self._rests[camera + 1 :])
 
     def _woken(self, camera: int, camera_id: str, early_s: float, late_s: float) -> None:
-        if late_s > -early_s:  # before its alarm it was called, or started again
-            wake = self.wakes[camera].after(late_s + early_s)
-            self.wakes = (*self.wakes[:camera], wake, *self.wakes[camera + 1 :])
+        if -early_s < late_s < LONGEST_WAKE_S:  # before its alarm it was called, or started again
+            self._believe(camera, self.wakes[camera].after(late_s + early_s))
         if late_s > OVERSLEPT_S:
             early_s = self.wakes[camera].early_s
             line = f"{camera_id} overslept by {late_s:.1f} s, woken {early_s:.1f} s early from now"
             self._said.append((camera, line))
+
+    def _believe(self, camera: int, wake: WakeTime) -> None:
+        self.wakes = (*self.wakes[:camera], wake, *self.wakes[camera + 1 :])
+
+    def _forget(self, camera: int, early_s: float) -> None:
+        """Forget half of a long time to wake: who is woken before it sleeps shows no other."""
+        stated, wake = WakeTime.stated(self._stated_s[camera]), self.wakes[camera]
+        if early_s > stated.early_s:
+            mean_s, sd_s = (wake.mean_s + stated.mean_s) / 2, (wake.sd_s + stated.sd_s) / 2
+            self._believe(camera, replace(wake, mean_s=mean_s, sd_s=sd_s))
+
+    def excuse(self) -> None:
+        """Learn nothing of the wakes to come: the edge itself was away, or behind."""
+        with self._lock:
+            self._rests = tuple(replace(rest, began=False) for rest in self._rests)
 
     def said(self) -> list[tuple[int, str]]:
         """Return what happened since the last call: cameras, and lines for operators."""

@@ -9,6 +9,7 @@ from e3pose.base.quantities import plural
 from e3pose.model.skeleton import BODY_JOINTS, SKELETONS, lacking, serves
 from e3pose.wire.messages import RESTING, CameraMode, Heartbeat, Hello
 
+CONNECTING = "connecting"  # said of a camera that is heard, before its hello
 SILENT_S = 1.9  # a camera without messages for so long is offline; it sends two per second
 WRONG_LIMIT = 20  # invalid messages, within the time below: it is quarantined
 WRONG_S = 10.0
@@ -196,7 +197,7 @@ def problem(
     if now_ns < camera.quarantined_until_ns:
         return f"sends invalid messages ({camera.fault})"
     if camera.hello is None:  # without a frame it does not know its size; the heartbeat may say why
-        return (camera.beat.problem if camera.beat else "") or "connecting"
+        return (camera.beat.problem if camera.beat else "") or CONNECTING
     if camera.hello.joints != tuple(joints) and not serves(camera.hello.joints, joints):
         return _other_joints(camera.hello.joints, joints)
     if image_size is not None and tuple(camera.hello.image_size) != tuple(image_size):

@@ -265,6 +265,7 @@ class EdgeServer:
         skipped = plural(lost, "slot")
         self.event_log.report("slots-lost", f"skipped {skipped}: the edge was behind")
         self._skip(self.state.slot + lost)
+        self.inbox.rests.excuse()
 
     def _forgive(self) -> None:
         """Presume that all cameras answer once the edge, and no camera, was to blame."""
