@@ -60,6 +60,8 @@ def test_recording_holds_what_the_cameras_saw(shown: Recording, tmp_path: Path) 
     assert [c.image_size for c in recording.rig.cameras] == [
         c.image_size for c in shown.rig.cameras
     ]
+    assert recording.processor.keys() == set(shown.rig.camera_ids)  # by their heartbeats
+    assert all(each.frame_s > 0 and each.looks > 5 for each in recording.processor.values())
     for index, series in enumerate(recording.views):
         assert server.views[index] == len(series.slots) > 10
         assert server.people[index] == len(series.scores)

@@ -22,9 +22,10 @@ from e3pose.camera.session_videos import attach_videos
 from e3pose.edge.gather import Arrival
 from e3pose.edge.recorder import Recorder, RecorderSettings, recordings_in
 from e3pose.model.pose import Poses2D
-from e3pose.recording import load_recording, save_recording
+from e3pose.recording import ProcessorTime, load_recording, save_recording
 from e3pose.recording.videos import video_name
 from e3pose.recording.writer import PARTIAL, ROOM
+from e3pose.wire.messages import Heartbeat
 
 RIG = looking((4, 0), (0, 4), (-4, 0))
 BEGIN_NS = 1_800_000_000 * 10**9
@@ -56,6 +57,22 @@ def test_views_of_the_cameras_asked_for_are_a_recording(tmp_path: Path) -> None:
     assert [series.slots.tolist() for series in recording.views] == [[0, 1, 3], [0, 1, 3], []]
     assert recording.views[0].times_s == pytest.approx([0.001, 0.051, 0.151])
     assert "site lab from 2027-01-15 08:00:05 UTC" in recording.source
+
+
+def test_parts_have_the_processor_time_of_their_cameras(tmp_path: Path) -> None:
+    recorder = Recorder(settings(tmp_path / "recordings"), RIG, lambda kind, line: None)
+    poses = Poses2D(np.full((1, 17, 2), 5.0), np.full((1, 17), 0.5))
+    for second in range(3):
+        beat = Heartbeat(
+            "c0", 1, 0, "active", detected=10 * second, active_s=second, cpu_s=1.5 * second,
+            look_cpu_s=second,
+        )  # fmt: skip
+        recorder.processor.take(beat)
+        recorder.keep(second, BEGIN_NS + second * 10**9, {0: Arrival(poses, BEGIN_NS, 0)})
+    recorder.close()
+    (part,) = recordings_in(tmp_path / "recordings")
+    found = load_recording(part).processor
+    assert found == {"c0": ProcessorTime(0.1, 0.5 / FPS, 20)}
 
 
 def test_parts_follow_each_other(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +22,7 @@ from e3pose.evaluate.summary import accuracy
 from e3pose.model.expected import ExpectedView
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17
-from e3pose.recording import Recording, load_recording
+from e3pose.recording import ProcessorTime, Recording, load_recording
 from e3pose.simulate import SceneSettings, simulate
 
 pytestmark = pytest.mark.slow
@@ -78,6 +79,28 @@ def test_feedback_looks_at_fewer_pixels_and_finds_the_same_people(
     assert usual[1] and focused[1] and focused[1] < usual[1] + 3.0
 
 
+def test_processor_time_is_that_of_the_looks_that_were_made_again(
+    films: Path, recording: Recording
+) -> None:
+    before = {name: ProcessorTime(100.0, 0.25, 9) for name in recording.rig.camera_ids}
+    read_view = PixelViews(replace(recording, processor=before), make_detector("drawn"), films)
+    list(replay(recording, ALL, read_view=read_view))
+    for time in read_view.processor().values():
+        assert 0 < time.look_s < 1.0 and time.frame_s == 0.25
+        assert time.looks == recording.num_slots
+    assert not PixelViews(recording, make_detector("drawn"), films).processor()
+
+
+def test_detection_with_feedback_measures_processor_time(films: Path, tmp_path: Path) -> None:
+    recording, dest = load_recording(films), tmp_path / "again"
+    videos = [f"{name}={films / 'videos' / file}" for name, file in recording.videos.items()]
+    settings = DetectSettings(feedback=True, max_slots=12)
+    detect_videos(videos, recording.rig, make_detector("drawn"), dest, settings, "drawn")
+    found = load_recording(dest).processor
+    assert found.keys() == set(recording.rig.camera_ids)
+    assert all(time.look_s > 0 and time.frame_s > 0 and time.looks == 12 for time in found.values())
+
+
 def test_look_at_a_stored_recording_repeats_exactly(films: Path, recording: Recording) -> None:
     runs = [list(replay_stored(recording, ALL, films, "drawn")) for _ in range(2)]
     for first, second in zip(*runs, strict=True):
@@ -91,8 +114,6 @@ def test_feedback_without_pixels_is_refused(films: Path, recording: Recording) -
     with pytest.raises(InputError, match="no video of cam0, cam1"):
         open_pixels(blind, films, "drawn")
     with pytest.raises(InputError, match="found one of coco17, expected one of coco18"):
-        from dataclasses import replace
-
         from e3pose.model.skeleton import COCO18
         from e3pose.recording import ViewSeries
 

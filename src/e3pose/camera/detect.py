@@ -13,7 +13,7 @@ from e3pose.base.atomic import atomic_folder, check_free
 from e3pose.base.errors import InputError
 from e3pose.base.lock import hold
 from e3pose.camera.image_folder import ImageFolder, Source, open_sources
-from e3pose.camera.look_times import LookTimes
+from e3pose.camera.look_times import LookTimes, taken
 from e3pose.camera.pairing import name_videos, pair_videos
 from e3pose.camera.provenance import save_provenance
 from e3pose.camera.slots import SlotGrid, frames_in_slots
@@ -24,7 +24,6 @@ from e3pose.detectors import Detector
 from e3pose.detectors.focus import check_feedback
 from e3pose.model.camera import Rig
 from e3pose.recording import (
-    ProcessorTime,
     Recording,
     ViewSeries,
     encode_view,
@@ -193,7 +192,7 @@ class _Run:
         self.whole_every, self.detector_name = settings.whole_every, detector_name
         self.expected = dict(zip(sources, _expected(settings, sources, grid), strict=True))
         self.before = self.done = self.resumed = 0
-        self.processor: dict[str, ProcessorTime] = {}
+        self.times = {camera_id: LookTimes() for camera_id in sources}
 
     def detect_each(self) -> dict[str, str]:
         """Detect in one video after the other; return the damage found in each."""
@@ -216,6 +215,7 @@ class _Run:
             self.offsets_s,
             room,
             self.detectors,
+            self.times,
             self.whole_every,
             lambda camera_id: _series(self.work.path(camera_id), len(skeleton)),
             report,
@@ -234,15 +234,13 @@ class _Run:
             return damage
         begin_s = max(0.0, self.grid.video_time_s(first, offset_s))
         frames = frames_in_slots(source.frames(begin_s), self.grid, offset_s, first)
-        times = LookTimes()
-        with self.work.path(camera_id).open("ab", buffering=0) as file:
+        times = self.times[camera_id]
+        with times.awake(), self.work.path(camera_id).open("ab", buffering=0) as file:
             for slot, time_s, frame in frames:
                 with times.look():
                     poses = self.detectors[camera_id].detect(frame.image)
                 file.write(encode_view(slot, time_s, poses))
                 self._report(camera_id, slot + 1)
-        if (took := times.found()) is not None:
-            self.processor[camera_id] = took
         self.work.mark_done(camera_id, source.damage)
         self._pass(camera_id)
         return source.damage
@@ -362,7 +360,7 @@ def _recording(dest: Path, run: _Run, rig: Rig, damages: Mapping[str, str]) -> R
         videos=files,
         source=source,
         detector=run.detector_name.partition(" ")[0],
-        processor=run.processor,
+        processor=taken(run.times),
     )
 
 

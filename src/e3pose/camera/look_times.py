@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 
 from e3pose.energy.processor_time import LEAST
@@ -11,11 +11,19 @@ from e3pose.recording import ProcessorTime
 
 
 class LookTimes:
-    """Adds up what the program takes, all its threads together, from when this is made."""
+    """Adds up what the program takes for one camera, all its threads together."""
 
     def __init__(self) -> None:
         """Begin."""
-        self._began_s, self._look_s, self._looks = time.process_time(), 0.0, 0
+        self._awake_s = self._look_s = 0.0
+        self._looks = 0
+
+    @contextmanager
+    def awake(self) -> Iterator[None]:
+        """Count the body, with the looks in it, as work for the camera."""
+        before_s = time.process_time()
+        yield
+        self._awake_s += time.process_time() - before_s
 
     @contextmanager
     def look(self) -> Iterator[None]:
@@ -29,5 +37,11 @@ class LookTimes:
         """Return the times so far; None after too few looks."""
         if self._looks < LEAST:
             return None
-        rest_s = max(time.process_time() - self._began_s - self._look_s, 0.0)
+        rest_s = max(self._awake_s - self._look_s, 0.0)
         return ProcessorTime(self._look_s / self._looks, rest_s / self._looks, self._looks)
+
+
+def taken(times: Mapping[str, LookTimes]) -> dict[str, ProcessorTime]:
+    """Return what cameras took, of those that looked enough."""
+    found = {camera_id: each.found() for camera_id, each in times.items()}
+    return {camera_id: took for camera_id, took in found.items() if took is not None}

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from e3pose.camera.image_folder import Source
+from e3pose.camera.look_times import LookTimes
 from e3pose.camera.slots import Picture, SlotGrid, frames_in_slots
 from e3pose.camera.unfinished import Unfinished
 from e3pose.detectors import Detector
@@ -85,6 +86,7 @@ def detect_together(
     offsets_s: Mapping[str, float],
     room: Room,
     detectors: Mapping[str, Detector],
+    times: Mapping[str, LookTimes],
     whole_every: int,
     earlier: Callable[[str], ViewSeries],
     report: Callable[[str, int], None],
@@ -98,6 +100,7 @@ def detect_together(
         offsets_s: camera id to when its video's first frame was taken.
         room: where the loop runs.
         detectors: camera id to what finds the people.
+        times: camera id to what takes the processor time of its looks.
         whole_every: one of so many detections uses the full frame.
         earlier: camera id to the lines that `work` has.
         report: called with a camera and the number of its slots that are done.
@@ -114,18 +117,27 @@ def detect_together(
         )
         for name, source in sources.items()
     ]  # fmt: skip
+
+    def look(name: str, film: _Film, people: ExpectedView | None) -> Poses2D | None:
+        """Return who is in a camera's frame of the slot; None without a frame."""
+        if (here := film.frame(state.slot)) is None:
+            return None
+        with times[name].look():
+            found = detect_expected(detectors[name], here[1].image, people)
+        with work.path(name).open("ab", buffering=0) as file:
+            file.write(encode_view(state.slot, here[0], found))
+        report(name, state.slot + 1)
+        return found
+
     state, online = initial_state(pipeline), np.ones(len(films), dtype=bool)
     expected: tuple[ExpectedView, ...] | None = None
     while any(film.next is not None or film.last >= state.slot for film in films):
         slot, views = state.slot, {}
         for index, (name, film) in enumerate(zip(sources, films, strict=True)):
             found = film.earlier(slot)
-            if found is None and (here := film.frame(slot)) is not None:
-                people = None if expected is None else expected[index]
-                found = detect_expected(detectors[name], here[1].image, people)
-                with work.path(name).open("ab", buffering=0) as file:
-                    file.write(encode_view(slot, here[0], found))
-                report(name, slot + 1)
+            if found is None:
+                with times[name].awake():
+                    found = look(name, film, None if expected is None else expected[index])
             if found is not None:
                 views[index] = found
         state, record = step(pipeline, state, views, online)

@@ -176,7 +176,7 @@ def replay(
     records = smoother.smoothed(list(track_progress(slots, source.num_slots, "replay")))
     warn(noise_warning(source, settings))  # beside the figures; an error before them is one line
     figures = summarise(
-        source,
+        source if read_view is None else replace(source, processor=read_view.processor()),
         settings,
         records,
         plan.profiles,

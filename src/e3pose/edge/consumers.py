@@ -147,6 +147,8 @@ class Consumers:
         """Pass on a heartbeat; on a thread of the transport."""
         if self.ledger is not None:
             self.ledger.take(beat)
+        if self.recorder is not None:
+            self.recorder.processor.take(beat)
         self.on_beat(beat)
 
     def observe(self, record: SlotRecord, time_ns: int, arrivals: Mapping[int, Arrival]) -> None:

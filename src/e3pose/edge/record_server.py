@@ -20,6 +20,7 @@ from e3pose.base.quantities import plural
 from e3pose.edge.gather import Arrival, Gather
 from e3pose.edge.inbox import Inbox
 from e3pose.edge.orders import Orders
+from e3pose.edge.processor_times import ProcessorTimes
 from e3pose.edge.send_queue import SendQueue
 from e3pose.edge.threads import ThreadGroup
 from e3pose.model.camera import Rig
@@ -82,9 +83,10 @@ class RecordServer:
         self.plan, self.transport, self.clock, self._watch = plan, transport, clock, watch
         self.interval_ns = round(1e9 / plan.fps / plan.pace)
         self.gather = Gather(len(plan.rig))
+        self.processor = ProcessorTimes(plan.fps * plan.pace)
         self.inbox = Inbox(
             plan.site, plan.rig, plan.skeleton.joints, self.interval_ns / 1e9, self.gather, clock,
-            lambda camera, delay_s: None, lambda beat: None,
+            lambda camera, delay_s: None, self.processor.take,
         )  # fmt: skip
         self.send_queue = SendQueue()
         self.orders = Orders(
@@ -141,6 +143,7 @@ class RecordServer:
             last = max(1, round(self.plan.for_s * self.plan.fps))
         ordered = 0
         with self._reporting(), self._writer() as writer:
+            self.processor.found()  # what was before the first slot is not of the recording
             while last is None or self.slots < last:
                 stopping = self.threads.stopping.is_set()
                 now = times.slot_at(self.clock.now_ns())
@@ -155,6 +158,7 @@ class RecordServer:
                     break
                 writer.flush()
                 self.clock.wait(self.threads.stopping, times.middle_ns(now + 1))
+            writer.processor = self.processor.found()
         self.written = writer.dest if any(writer.counts.values()) else None
         self.done.set()
 

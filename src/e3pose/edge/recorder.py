@@ -16,6 +16,7 @@ from e3pose.base.private import make_folder
 from e3pose.base.quantities import plural
 from e3pose.camera.session_videos import attach_videos, note_session
 from e3pose.edge.gather import Arrival
+from e3pose.edge.processor_times import ProcessorTimes
 from e3pose.model.camera import Rig
 from e3pose.recording.videos import MAX_BYTES, PART_S, VIDEOS, part_of
 from e3pose.recording.writer import PARTIAL, RecordingWriter, finish_interrupted
@@ -84,7 +85,7 @@ class Recorder:
                 self._attach(part)
         except OSError as error:
             raise InputError(f"record: {settings.folder}: {error.strerror}") from None
-        self.dropped = 0
+        self.dropped, self.processor = 0, ProcessorTimes(settings.fps * settings.pace)
         self._slots: deque[tuple[int, int, Mapping[int, Arrival]]] = deque()
         self._unflushed: deque[tuple[int, int, Mapping[int, Arrival]]] = deque()
         self._stop = threading.Event()
@@ -190,6 +191,9 @@ class Recorder:
     def _finish(self) -> None:
         """Finish the current recording, if there is one."""
         writer, self._writer = self._writer, None
+        took = self.processor.found()
+        if writer is not None:
+            writer.processor = took
         part = None if writer is None else writer.finish()
         self._unflushed.clear()
         if part is not None:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from statistics import median
 from typing import Any
 
 from e3pose.base.errors import InputError
+from e3pose.camera.look_times import LookTimes, taken
 from e3pose.camera.provenance import load_provenance
 from e3pose.camera.slot_reader import SlotReader, video_path
 from e3pose.camera.turned import turned
@@ -18,7 +20,7 @@ from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.model.expected import ExpectedView
 from e3pose.model.pose import Poses2D
 from e3pose.pipeline import SlotRecord
-from e3pose.recording import Recording
+from e3pose.recording import ProcessorTime, Recording
 
 
 class PixelViews:
@@ -70,6 +72,8 @@ class PixelViews:
             for name in recording.rig.camera_ids
         ]
         self.detections_s: list[tuple[int, int, bool, float]] = []
+        self._recording = recording
+        self._times = {name: LookTimes() for name in recording.rig.camera_ids}
 
     def __call__(self, slot: int, camera: int, expected: ExpectedView | None) -> Poses2D | None:
         """Return what a camera sees in a slot; None where its video has no frame."""
@@ -77,9 +81,19 @@ class PixelViews:
         if image is None:
             return None
         begun_s = self._clock()
-        poses = detect_expected(self._detectors[camera], image, expected)
+        with self._times[self._recording.rig.camera_ids[camera]].look():
+            poses = detect_expected(self._detectors[camera], image, expected)
         self.detections_s.append((slot, camera, expected is not None, self._clock() - begun_s))
         return poses
+
+    def processor(self) -> dict[str, ProcessorTime]:
+        """Return what looks took now, beside the frames of the recording, by camera."""
+        before, now = self._recording.processor, taken(self._times)
+        return {
+            c: replace(before[c], look_s=t.look_s, looks=t.looks)
+            for c, t in now.items()
+            if c in before
+        }
 
     def words(self) -> str:
         """Return how many detections were in parts of images, and how long detections took."""

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -26,6 +26,7 @@ from e3pose.model.pose import Poses2D
 from e3pose.recording.calibration import load_rig, save_rig
 from e3pose.recording.folder import FORMAT, HEADER, MAX_HEADER_BYTES, MAX_LINES_BYTES, RIG, VERSIONS
 from e3pose.recording.json_lines import encode_view
+from e3pose.recording.processor import ProcessorTime, save_processor
 
 PARTIAL = ".partial"
 TAIL_BYTES = 2**16
@@ -47,6 +48,7 @@ class RecordingWriter:
         num_slots: up to the newest view.
         num_bytes: written so far.
         counts: views by camera.
+        processor: what cameras took, of those that were measured; set before the end.
 
     Raises:
         InputError: when unfinished work stands in its place.
@@ -61,6 +63,7 @@ class RecordingWriter:
     num_slots: int = 0
     num_bytes: int = 0
     counts: dict[str, int] = field(default_factory=dict)
+    processor: Mapping[str, ProcessorTime] = field(default_factory=dict)
     _files: dict[str, IO[bytes]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -135,6 +138,8 @@ class RecordingWriter:
         if not any(self.counts.values()):
             shutil.rmtree(self.folder)
             return None
+        with suppress(OSError):  # a full disk: the views are what matters
+            save_processor(self.folder, self.processor)
         self._write_header(self.counts)
         os.replace(self.folder, self.dest)
         return self.dest

@@ -27,6 +27,7 @@ from e3pose.output.report.site_films import videos_of
 from e3pose.recording import Recording
 from e3pose.recording.calibration import load_rig, save_rig
 from e3pose.recording.folder import HEADER
+from e3pose.recording.processor import ProcessorTime, save_processor
 from e3pose.recording.videos import VIDEOS, video_name
 from e3pose.simulate import SceneSettings, simulate
 from e3pose.store import StoreWriter
@@ -186,8 +187,11 @@ def test_videos_that_the_site_kept_are_shown_beside_the_player(site: Path, tmp_p
         assert found == {one: (began_ns, loose), other: (began_ns, kept / VIDEOS / "b.mkv")}
         later_ns = BEGIN_NS + 3600 * 10**9
         assert videos_of(folder, (one, other), later_ns, later_ns + 10**9) == {}
+        everybody = load_rig(site / "rig.toml").camera_ids
+        save_processor(kept, dict.fromkeys(everybody, ProcessorTime(0.1, 0.02, 9)))
         assert run("report", site, tmp_path / "page.html") == 0
         text = (tmp_path / "page.html").read_text()
+        assert "rocessor time of the cameras, from measured looks and frames" in text
         told = re.search(r'id="film-data">(.*?)</script>', text, re.S)
         assert told is not None
         film = json.loads(told[1])

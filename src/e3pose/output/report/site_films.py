@@ -1,19 +1,21 @@
-"""The videos that a live site kept of a stretch of time, for the page of its store."""
+"""What a live site kept of a stretch of time, for the page of its store: videos, times."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 from e3pose.base.bounded import read_toml
 from e3pose.base.errors import InputError
 from e3pose.camera.provenance import load_provenance, save_provenance
 from e3pose.camera.session_videos import BEGAN, PACE
-from e3pose.recording import Recording
+from e3pose.recording import ProcessorTime, Recording
 from e3pose.recording.folder import HEADER, MAX_HEADER_BYTES
+from e3pose.recording.processor import load_processor
 from e3pose.recording.videos import VIDEOS, begin_of, choose_video, videos_in
 
 MOST = 1000  # recordings that are looked through, the newest
@@ -51,19 +53,41 @@ def videos_of(
     Of several, the one that is in a recording, else the one that shows most of the stretch.
     """
     found: dict[str, tuple[int, Path]] = {}
-    for path in sorted(folder.glob(f"*/{HEADER}"), reverse=True)[:MOST]:
-        with suppress(InputError, KeyError, ValueError, TypeError, ZeroDivisionError):
-            noted, header = load_provenance(path.parent), read_toml(path, MAX_HEADER_BYTES)
-            zero_ns, pace = int(noted.settings[BEGAN]), float(noted.settings[PACE])
-            end_ns = zero_ns + round(header["num_slots"] / header["fps"] / pace * 1e9)
-            if zero_ns > began_ns or end_ns < began_ns:
-                continue
+    for part, zero_ns, header in _kept(folder, began_ns):
+        with suppress(InputError, KeyError, ValueError, TypeError):
+            starts_s, pace = load_provenance(part).video_starts_s, _pace(part)
             for name, file in header.get(VIDEOS, {}).items():
                 if name in camera_ids:
-                    begin_ns = zero_ns - round(noted.video_starts_s[name] / pace * 1e9)
-                    found.setdefault(name, (begin_ns, path.parent / VIDEOS / file))
+                    begin_ns = zero_ns - round(starts_s[name] / pace * 1e9)
+                    found.setdefault(name, (begin_ns, part / VIDEOS / file))
     for name in camera_ids:
         video = choose_video(videos_in(folder / VIDEOS / name), began_ns, ended_ns)
         if name not in found and video is not None:
             found[name] = begin_of(video) or 0, video
     return found
+
+
+def processor_of(
+    folder: Path, camera_ids: tuple[str, ...], began_ns: int
+) -> Mapping[str, ProcessorTime]:
+    """Return what cameras took, by the newest recording of a time that says so; empty without."""
+    for part, _, _ in _kept(folder, began_ns):
+        with suppress(InputError):
+            if found := load_processor(part, camera_ids):
+                return found
+    return {}
+
+
+def _kept(folder: Path, time_ns: int) -> Iterator[tuple[Path, int, dict[str, Any]]]:
+    """Yield the recordings of a time, newest first, with when they begin and their headers."""
+    for path in sorted(folder.glob(f"*/{HEADER}"), reverse=True)[:MOST]:
+        with suppress(InputError, KeyError, ValueError, TypeError, ZeroDivisionError):
+            header = read_toml(path, MAX_HEADER_BYTES)
+            zero_ns = int(load_provenance(path.parent).settings[BEGAN])
+            end_ns = zero_ns + round(header["num_slots"] / header["fps"] / _pace(path.parent) * 1e9)
+            if zero_ns <= time_ns <= end_ns:
+                yield path.parent, zero_ns, header
+
+
+def _pace(part: Path) -> float:
+    return float(load_provenance(part).settings[PACE])

@@ -16,7 +16,7 @@ from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import skeleton_by_name
 from e3pose.model.slot_record import SlotRecord
 from e3pose.output.report.page import write_report
-from e3pose.output.report.site_films import filmed
+from e3pose.output.report.site_films import filmed, processor_of
 from e3pose.recording import Recording, ViewSeries
 from e3pose.settings.loop import ReplaySettings
 from e3pose.settings.resolved import ResolvedSite
@@ -82,6 +82,7 @@ def write_stretch(
         skeleton=skeleton,
         views=tuple(_arrived(records, index, len(skeleton)) for index in range(len(ids))),
         source=f"Stored live by the site {site.name}, run {run.run_id}.",
+        processor=processor_of(site.record.path, ids, rows[0]["time_ns"]),
     )
     loop = {item.name: getattr(site.loop, item.name) for item in fields(site.loop)}
     summary = summarise(
