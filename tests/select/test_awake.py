@@ -268,7 +268,7 @@ def test_who_woke_rests_again_only_after_a_look() -> None:
     seen = outlook(np.stack([person(0, 0)]), RIG)
     nobody = foresee(RIG, replace(seen, confirmed=np.zeros(1, dtype=bool)), 0.04)
     now = situation(nobody, KNOWN)
-    planner = RestPlanner(RIG, costs(), RestGoal(price=10.0, num_selected=2.0))
+    planner = RestPlanner(RIG, costs(), RestGoal(price=10.0, num_selected=2.0, find_within_s=2.0))
     woke = np.full(N, now.slot - 10)
     for unseen, rests in ((300, False), (10, False), (9, True)):
         waiting = replace(now, unseen_slots=np.full(N, unseen))

@@ -89,7 +89,9 @@ def test_a_replay_wakes_everybody_in_the_last_stretch_of_a_round(
             monkeypatch.setattr(module, name, value)
     rest = Rest("suspended", 0.5, 0.5, 1.0, 0.2)
     costs = rest_costs([12.5] * 6, [6.25] * 6, [rest] * 6)
-    settings = ReplaySettings(num_selected=2.0, rest="suspended", rest_costs=costs, lead_slots=2)
+    settings = ReplaySettings(
+        num_selected=2.0, rest="suspended", rest_costs=costs, lead_slots=2, find_within_s=2.0
+    )
     asleep = np.asarray(asleep_in(list(replay(recording, settings)), 2).any(axis=1))
     stretch = (np.arange(len(asleep)) * SLOT_S // 5.0).astype(int) % 3
     assert asleep[stretch < 2].mean() > 0.5

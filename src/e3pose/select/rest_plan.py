@@ -44,9 +44,9 @@ FIRST_REST_S, LONGEST_REST_S, EMPTY_REST_S = 4.0, 8.0, 16.0
 # tuned: 1/s | simulated, `two-rooms`, seeds 702, 704, 719, 720, 722: with 0.03 those who walk
 #   through the door are lost and the error is 11 % more, with 0.06 it draws 2 % more | not measured
 STRAY_HZ = 0.05  # of the error, if nothing around people is seen
-# tuned: share | simulated days of `two-rooms`, `ring` and `one-sided`, seeds 711 to 714,
-#   docs/experiments/2026-11-26-what-rests-cost.md | not measured
-MOST_LATE = 0.75  # of `find_within_s`, that rests may find a newcomer later, on average
+# tuned: share | simulated days of `two-rooms`, `ring` and `one-sided`, seeds 711 to 714: 3/4 loses
+#   up to 3.9 points of recall, docs/experiments/2026-11-26-what-rests-cost.md | not measured
+MOST_LATE = 0.5  # of `find_within_s`, that rests may find a newcomer later, on average
 # tuned: times | first guess: a rest that ends with nothing to do is followed by a longer one | not
 #   measured
 LONGER = 2.0
