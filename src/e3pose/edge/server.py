@@ -262,8 +262,7 @@ class EdgeServer:
             return
         lost = behind_ns // self.interval_ns
         self.counts.skip(lost)
-        skipped = plural(lost, "slot")
-        self.event_log.report("slots-lost", f"skipped {skipped}: the edge was behind")
+        self.event_log.report("slots-lost", f"skipped {plural(lost, 'slot')}: the edge was behind")
         self._skip(self.state.slot + lost)
         self.inbox.rests.excuse()
 
