@@ -53,15 +53,17 @@ def main() -> None:
     parser.add_argument("--hours", default="", help="SCENE=HOURS, comma-separated")
     parser.add_argument("--fps", type=float, default=6.0)
     parser.add_argument("--cameras", type=float, default=2.0, help="per slot")
+    parser.add_argument("--first-seed", type=int, default=FIRST_SEED, help="900 and up are kept")
     options = parser.parse_args()
     options.folder.mkdir(parents=True, exist_ok=True)
     for asked in filter(None, options.hours.split(",")):
         scene, _, hours = asked.partition("=")
         for number in range(round(float(hours) * 3600 / PIECE_S)):
-            name = f"{scene}-{options.cameras:g}-{options.fps:g}-{FIRST_SEED + number}.json"
+            seed = options.first_seed + number
+            name = f"{scene}-{options.cameras:g}-{options.fps:g}-{seed}.json"
             path = options.folder / name
             if not path.exists():
-                made = piece(scene, FIRST_SEED + number, options.fps, options.cameras)
+                made = piece(scene, seed, options.fps, options.cameras)
                 path.write_text(json.dumps(made))
     report(options.folder)
 
