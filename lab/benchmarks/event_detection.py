@@ -38,11 +38,11 @@ from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.events.looks import looks_of
 from e3pose.events.people import Seen
 from e3pose.events.watch import advance, begin_watch
-from e3pose.model.look_request import LookRequest
+from e3pose.model.look_request import NO_REQUEST, LookRequest
 from e3pose.model.person_event import ONCE, PersonEvent
 from e3pose.model.skeleton import COCO17
 from e3pose.recording import Recording, load_recording
-from e3pose.settings.energy import EnergySettings
+from e3pose.settings.energy import AWAKE, EnergySettings, RestChoice
 from e3pose.settings.events_table import EventsTable
 from e3pose.settings.site_file import ZoneTable
 from e3pose.simulate.episode_kinds import BED_M, FALLS, SOFA_M
@@ -83,6 +83,7 @@ class Tally:
         missed: what was due and not told.
         took_s, slots: what following the people cost.
         joules: drawn by cameras that may sleep.
+        asks: whether events ask for looks.
     """
 
     tried: Counter[tuple[str, str]] = field(default_factory=Counter)
@@ -95,6 +96,7 @@ class Tally:
     took_s: float = 0.0
     slots: int = 0
     joules: float = 0.0
+    asks: bool = True
 
     def count(
         self,
@@ -124,13 +126,13 @@ class Tally:
 def told_in(
     recording: Recording, settings: ReplaySettings, zones: Sequence[ZoneTable], tally: Tally
 ) -> list[PersonEvent]:
-    """Replay a recording and return what is told."""
+    """Replay a recording and return what is told; events ask for looks where the tally says so."""
     table, told = EventsTable(), list[PersonEvent]()
     watch = begin_watch(table, recording.skeleton.joints, zones)
     asleep, selected = list[Flags](), list[Flags]()
 
     def asks() -> LookRequest:
-        return looks_of(watch)
+        return looks_of(watch) if tally.asks else NO_REQUEST
 
     for record in replay(recording, settings, asks=asks):
         shown = seen_in(record, round(record.time_s * 1e9))
@@ -166,8 +168,8 @@ def home(made: SceneSettings, seed: int, settings: ReplaySettings, tally: Tally)
 
 
 def placed(settings: ReplaySettings, recording: Recording) -> ReplaySettings:
-    """Return settings for the cameras of a recording: within watts, they sleep."""
-    if settings.watts is None:
+    """Return settings for the cameras of a recording, which may sleep."""
+    if settings.rest == AWAKE:
         return settings
     ids = recording.rig.camera_ids
     plan = EnergySettings().plan(ids, 1 / recording.fps, recording.battery_wh)
@@ -222,7 +224,9 @@ def main() -> None:
     parser.add_argument("--fps", type=float, default=12.5)
     parser.add_argument("--lead", type=int, default=4)
     parser.add_argument("--cameras", default="1,2,4")
-    parser.add_argument("--watts", type=float, help="cameras sleep; in place of --cameras")
+    parser.add_argument("--watts", help="cameras sleep; in place of --cameras")
+    parser.add_argument("--rest", action="store_true", help="cameras sleep with --cameras, too")
+    parser.add_argument("--unasked", action="store_true", help="events ask for no looks")
     parser.add_argument("--show", action="store_true", help="list what was missed and false")
     options = parser.parse_args()
     first, _, last = options.seeds.partition("-")
@@ -230,31 +234,41 @@ def main() -> None:
         tally = Tally()
         tally.false["fall"] = list(captured_people(tally))
         print_lines("motion capture", tally, options.show)
-    goals = [f"{options.watts:g} W"] if options.watts else options.cameras.split(",")
-    for goal in goals:
-        settings = ReplaySettings(lead_slots=options.lead, rest="asleep", watts=options.watts)
-        cameras = goal if options.watts else f"{goal} cameras"
-        if not options.watts:
-            settings = replace(settings, rest="none", num_selected=float(goal))
+    for goal, settings in goals(options):
         for name in filter(None, options.recordings.split(",")):
-            tally = Tally()
+            tally = Tally(asks=not options.unasked)
             recording = made_of(name, options.fps, 60.0, 0)
             told = told_in(recording, placed(settings, recording), (), tally)
             for event in told:
                 tally.false[event.kind].append(f"{event.kind} at {event.time_ns / 1e9:.1f} s")
-            print_lines(f"{name}, {cameras}", tally, options.show)
+            print_lines(f"{name}, {goal}", tally, options.show)
         if options.motions:
-            tally = Tally()
+            tally = Tally(asks=not options.unasked)
             motions(options.motions, options.fps, settings, tally)
-            print_lines(f"{options.motions}, {cameras}", tally, options.show)
+            print_lines(f"{options.motions}, {goal}", tally, options.show)
         for scene in filter(None, options.scenes.split(",")):
-            tally = Tally()
+            tally = Tally(asks=not options.unasked)
             made = SceneSettings(
                 scene=scene, seconds=options.seconds, fps=options.fps, people=options.people
             )
             for seed in track(range(int(first), int(last or first) + 1), transient=True):
                 home(made, seed, settings, tally)
-            print_lines(f"{scene}, {cameras}", tally, options.show)
+            print_lines(f"{scene}, {goal}", tally, options.show)
+
+
+def goals(options: argparse.Namespace) -> Iterator[tuple[str, ReplaySettings]]:
+    """Yield what is asked for in words, and its settings: watts, or cameras."""
+    asked = ", unasked" if options.unasked else ""
+    usual = ReplaySettings(lead_slots=options.lead)
+    if options.watts:
+        for watts in map(float, options.watts.split(",")):
+            yield f"{watts:g} W{asked}", replace(usual, rest="asleep", watts=watts)
+        return
+    rest: RestChoice = "asleep" if options.rest else AWAKE
+    rests = ", asleep" if options.rest else ""
+    for cameras in map(float, options.cameras.split(",")):
+        settings = replace(usual, rest=rest, num_selected=cameras)
+        yield f"{cameras:g} cameras{rests}{asked}", settings
 
 
 def print_lines(name: str, tally: Tally, show: bool) -> None:
