@@ -8,12 +8,13 @@ import socket
 import threading
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import replace
 from typing import Any
 
 import foxglove
 import pytest
 from tests.ports import free_port
-from tests.site.streams.test_streams import EVENT, SOURCE, TIME_NS, slot
+from tests.site.streams.test_streams import EVENT, FELL, SOURCE, TIME_NS, slot, tell
 from websockets.exceptions import InvalidStatus, WebSocketException
 from websockets.sync.client import ClientConnection
 from websockets.sync.client import connect as connect_socket
@@ -23,6 +24,7 @@ from e3pose.base.errors import InputError
 from e3pose.base.listener import Bounds, open_socket
 from e3pose.site.serving import Serving
 from e3pose.site.streams import Source, open_stream
+from e3pose.site.streams.as_json import event_words
 from e3pose.site.streams.base import Stream
 from e3pose.site.streams.foxglove import CHANNELS
 from e3pose.site.streams.foxglove_server import (
@@ -110,6 +112,22 @@ def test_subscribers_alone_get_messages_until_they_leave() -> None:
         stream.zone(EVENT)
         with pytest.raises(TimeoutError):
             client.recv(0.3)
+
+
+def test_a_fall_is_told_with_every_field_of_its_record() -> None:
+    named = replace(SOURCE, names=lambda track: "Ada")
+    with served(source=named) as (stream, url), joined(url) as client:
+        (events,) = (c["id"] for c in _channels(client) if c["topic"] == "/events")
+        asked = [{"id": 1, "channelId": events}]
+        client.send(json.dumps({"op": "subscribe", "subscriptions": asked}))
+        found: str | bytes = b""
+        while not found:  # until the server knows of the subscription
+            tell(stream)
+            with suppress(TimeoutError):
+                found = client.recv(0.2)
+    assert isinstance(found, bytes) and found[0] == 1
+    assert int.from_bytes(found[5:13], "little") == FELL.time_ns
+    assert json.loads(found[13:]) == event_words(FELL, lambda track: "Ada")
 
 
 def _channels(client: ClientConnection) -> list[dict[str, Any]]:
