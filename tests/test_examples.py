@@ -40,6 +40,7 @@ def test_triangulate_example_finds_the_people(capsys: pytest.CaptureFixture[str]
         ("03_own_predictor.py", r"[12]\.\d people shown a slot, chosen for 3 slots ahead\n"),
         ("04_own_detector.py", r"right_wrist: 31\.5, 41\.5\nleft_wrist: 121\.5, 61\.5\n"),
         ("05_own_estimator.py", r"[12]\.\d people shown a slot, each as the mean of 3 slots\n"),
+        ("10_own_event.py", r"(\d+\.\d s: person \d+ crouches, (begun|ended)\n){2}"),
         ("06_live.py", r"slot \d+: 3 cameras online, [012] people\n"),
     ],
 )

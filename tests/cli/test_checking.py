@@ -58,6 +58,15 @@ def test_good_site_has_no_problem(site: Path, capsys: pytest.CaptureFixture[str]
     assert "warning edge not running at tls/localhost:" in out
 
 
+def test_an_event_that_nobody_knows_is_reported(
+    site: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = site / "site.toml"
+    file.write_text(file.read_text() + '[events]\nkinds = ["flying"]\n')
+    code, _, err = checked(site, capsys)
+    assert code == 2 and "events.kinds: found 'flying', expected one of fall" in err
+
+
 def test_certificates_are_reported_with_the_command_that_mends_them(
     site: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

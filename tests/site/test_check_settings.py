@@ -16,7 +16,7 @@ from e3pose.detectors.timing import DetectionTimes
 from e3pose.settings.resolved import ResolvedSite
 from e3pose.settings.site_file import SiteTable
 from e3pose.site.check import Finding
-from e3pose.site.check_settings import check_budgets, check_feedback, check_skeletons
+from e3pose.site.check_settings import check_budgets, check_events, check_feedback, check_skeletons
 from e3pose.site.detector_speed import (
     SPARE,
     check_speed,
@@ -49,6 +49,18 @@ class Whole:
 class Parts(Whole):
     def detect_part(self, image, part, expected=None): ...
 """
+
+
+def test_events_that_nobody_keeps_are_named(tmp_path: Path) -> None:
+    site = live(tmp_path, "[events]\n")
+    (found,) = check_events(site)
+    assert (found.level, found.what, found.advice) == (
+        "warning",
+        "events",
+        '[store] path = "poses.db"',
+    )
+    assert not list(check_events(live(tmp_path, '[events]\n[store]\npath = "poses.db"\n')))
+    assert not list(check_events(live(tmp_path)))
 
 
 def test_cameras_that_ignore_feedback_are_named(tmp_path: Path) -> None:

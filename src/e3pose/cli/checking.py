@@ -89,10 +89,13 @@ def _site(site: ResolvedSite, quick: bool, running: bool) -> list[Finding]:
 
 
 def _settings(site: ResolvedSite, parts: EdgeParts) -> list[Finding]:
-    from e3pose.site.check_settings import check_budgets, check_feedback, check_skeletons
+    from e3pose.site import check_settings as examine
 
     now = datetime.now().astimezone()
-    return [*check_skeletons(site), *check_feedback(site), *check_budgets(site, parts, now)]
+    return [
+        *examine.check_skeletons(site), *examine.check_feedback(site), *examine.check_events(site),
+        *examine.check_budgets(site, parts, now),
+    ]  # fmt: skip
 
 
 def _rates(site: ResolvedSite) -> list[Finding]:

@@ -21,7 +21,7 @@ class EventsTable:
     """`[events]`: what people do that the site tells.
 
     Attributes:
-        kinds: names in `events.rules.RULES`; none stand for all.
+        kinds: names in `events.rules.RULES`, or of one's own rules; none stand for all of `RULES`.
         fall_s: somebody who went down fast has fallen after lying so long without getting up.
         lies_s: somebody who lies or sits on the floor for so long is told, however they got there.
         settled_s: so long on a bed or a seat before `left` is told.

@@ -357,7 +357,11 @@ def read_site(table: Mapping[str, object], path: Path) -> SiteTable:
     )
     profile = site.energy.profile.map(lambda name: beside(folder, name))
     energy = replace(site.energy, profile=profile)
-    return replace(site, path=path, camera=cameras, loop=loop, energy=energy)
+    events = site.events
+    if events is not None:
+        kinds = tuple(own_beside(kind, folder) for kind in events.kinds)
+        events = replace(events, kinds=kinds)
+    return replace(site, path=path, camera=cameras, loop=loop, energy=energy, events=events)
 
 
 def _placed_camera(camera: CameraTable, folder: Path) -> CameraTable:

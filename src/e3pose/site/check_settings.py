@@ -68,6 +68,17 @@ def _uses_feedback(detector: str) -> bool:
     return True
 
 
+def check_events(site: ResolvedSite) -> Iterator[Finding]:
+    """Check that somebody hears of the events of people that the site asks for."""
+    if site.events is not None and site.store is None:
+        yield Finding(
+            "warning",
+            "events",
+            "streams and the page tell them; without a store none is kept, and none brings a look",
+            '[store] path = "poses.db"',
+        )
+
+
 def check_budgets(site: ResolvedSite, parts: EdgeParts, now: datetime) -> Iterator[Finding]:
     """Check whether budgets pay for what cameras draw, by their power profiles.
 
