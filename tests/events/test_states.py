@@ -72,6 +72,35 @@ def test_few_or_uncertain_joints_make_a_state_unknown_not_wrong() -> None:
     assert (told.argmax(axis=1) == UNKNOWN).mean() > 0.9
 
 
+PARTS = {
+    "hips": ("hip",),
+    "legs": ("knee", "ankle"),
+    "all below the shoulders": ("hip", "knee", "ankle", "elbow", "wrist"),
+    "all above the hips": ("nose", "eye", "ear", "shoulder", "elbow", "wrist"),
+    "hips and shoulders": ("hip", "shoulder"),
+    "the left": ("left",),
+}
+SURE = 0.8
+
+
+@pytest.mark.parametrize("hidden", PARTS)
+def test_missing_joints_make_a_state_uncertain_never_wrong(hidden: str) -> None:
+    rows = [row for row, name in enumerate(COCO17.joints) if any(p in name for p in PARTS[hidden])]
+    for kind in ("pick-up", "squat", "sit-hard", "fall-backward"):
+        joints_m = doing(kind, 0, seconds=14.0)
+        whole = states(joints_m)
+        joints_m[:, rows] = np.nan
+        part = states(joints_m)
+        same = whole.argmax(axis=1)
+        lasts = np.array(
+            [(same[max(n - 12, 0) : n + 13] == same[n]).all() for n in range(len(same))]
+        )
+        lasts &= whole.max(axis=1) > SURE
+        told = part.argmax(axis=1)
+        wrong = lasts & (part.max(axis=1) > SURE) & (told != same) & (told != UNKNOWN)
+        assert lasts.sum() > 60 and not wrong.any(), (kind, STATES[int(told[wrong][0])])
+
+
 def test_children_and_giants_stand() -> None:
     joints_m = doing("kneel", 2)
     for factor in (0.6, 1.15):

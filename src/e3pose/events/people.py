@@ -10,7 +10,15 @@ from numpy.typing import NDArray
 
 from e3pose.base.arrays import Floats
 from e3pose.events.body import SHANKS, SPEED, USUAL, Joints, Stature, figures, middle, stature_after
-from e3pose.events.states import LYING, NOT_KNOWN, advance, low_of, states_of
+from e3pose.events.states import (
+    LYING,
+    NOT_KNOWN,
+    STATES,
+    UNKNOWN,
+    advance,
+    low_of,
+    states_of,
+)
 from e3pose.model.proportions import STATURE_M
 from e3pose.model.region import distance_m, in_polygon, middles_m
 from e3pose.settings.site_file import ZoneTable
@@ -77,7 +85,7 @@ class Person:
     share: Floats
     place_m: Floats
     stature_m: float = STATURE_M
-    states: Floats = field(default_factory=lambda: states_of(NOT_KNOWN[None])[0])
+    states: Floats = field(default_factory=lambda: np.eye(len(STATES))[UNKNOWN])
     on_floor: float = 0.0
     surface_m: float = 0.0
     near: str = ""
@@ -231,7 +239,7 @@ def _followed(
     value[:, SPEED] = np.where(settled, speed, np.nan)
     spread[:, SPEED] = np.where(settled, SPEED_SPREAD, np.nan)
     share = advance(np.array([person.share for person in before]), value, spread, passed_s)
-    states, low = states_of(share), np.where(surface_m > 0, 0.0, low_of(share))
+    states, low = states_of(share, value), np.where(surface_m > 0, 0.0, low_of(share))
     statures = stature.m
     for row, person in enumerate(before):
         yield Person(

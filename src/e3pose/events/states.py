@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from e3pose.base.arrays import Floats
+from e3pose.events.body import FIGURES, SPEED
 
 STATES = (
     "unknown", "standing", "walking", "sitting", "bending", "crouching", "crawling", "lying",
@@ -56,6 +57,10 @@ _VARIANCE = np.array([p.spread for p in PROTOTYPES], dtype=np.float64) ** 2
 _OF_STATE = np.eye(len(STATES))[_STATE]
 # What a figure may be at all: the density of `unknown`.
 _ALL_LOG = -np.log([1.1, 1.1, 1.1, 120, 120, 120, 2.0])
+# How far the postures of two states are apart by each figure; those of one state not at all.
+_APART = (_MEAN[:, None] - _MEAN) ** 2 / (_VARIANCE[:, None] + _VARIANCE)
+_OTHERS = _STATE[:-1, None] != _STATE[:-1]
+_DOUBT = np.exp(-0.5 * np.nansum(_APART, axis=2))  # that is left where all figures are known
 STAYS_S = 1.0  # a state lasts about so long, by reasoning
 LASTS_S = 0.4  # errors of a pose last so long: slots within it are one look
 LEAST_FIGURES = 3  # with fewer a pose says nothing about the state
@@ -89,9 +94,25 @@ def advance(share: Floats, value: Floats, spread: Floats, passed_s: Floats) -> F
     return np.asarray(told / told.sum(axis=1, keepdims=True))
 
 
-def states_of(share: Floats) -> Floats:
-    """Return `(num_persons, num_states)` probabilities of the states."""
-    return np.asarray(share @ _OF_STATE)
+def states_of(share: Floats, value: Floats) -> Floats:
+    """Return the probabilities of the states.
+
+    A figure that is not known may be the one that would tell a posture from that of another state:
+    then it is not known which it is. Of the speed alone, which nobody has at first, that is not so.
+
+    Args:
+        share: `(num_persons, num_prototypes + 1)`.
+        value: `(num_persons, 7)` figures, NaN where unknown.
+
+    Returns:
+        `(num_persons, num_states)`.
+    """
+    known = (np.isfinite(value) | (np.arange(len(FIGURES)) == SPEED))[:, None, None]
+    apart = np.where(known, _APART, 0.0).sum(axis=3)
+    doubt = ((np.exp(-0.5 * apart) - _DOUBT) * _OTHERS).max(axis=2)
+    sure = share[:, :-1] * (1 - doubt)
+    rest = 1 - sure.sum(axis=1, keepdims=True)
+    return np.asarray(np.concatenate([sure, rest], axis=1) @ _OF_STATE)
 
 
 def low_of(share: Floats) -> Floats:
