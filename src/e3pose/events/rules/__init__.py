@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from e3pose.base.errors import InputError
-from e3pose.base.plugins import made, member
+from e3pose.base.plugins import maker
 from e3pose.events.body import Joints
 from e3pose.events.rules.base import Moment as Moment
 from e3pose.events.rules.base import Rule as Rule
@@ -44,7 +44,7 @@ def make_rules(table: EventsTable, joints: Joints) -> dict[str, Rule]:
         kind = kind_of(name)
         if kind in rules:
             raise InputError("kinds", repr(name[:80]), f"one rule for {kind}")
-        rules[kind] = made(member(GROUP, "kinds", name, RULES), table, joints)
+        rules[kind] = maker(GROUP, "kinds", name, RULES)(table, joints)
     for kind in table.urgent:
         if kind not in {**RULES, **rules}:
             listed = ", ".join({**RULES, **rules})
