@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import random
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
 
@@ -19,6 +19,9 @@ from e3pose.edge.consumers import Consumers
 from e3pose.edge.energy_ledger import EnergyLedger
 from e3pose.energy.budgets import parse_budget
 from e3pose.energy.profiles import load_profile
+from e3pose.pipeline import SlotRecord
+from e3pose.store.rows import Event
+from e3pose.store.writer import WriterStatus
 from e3pose.wire import topics
 from e3pose.wire.arrays import unpack
 from e3pose.wire.codec import decode
@@ -288,3 +291,49 @@ def test_budgets_in_different_words_reach_the_queues(site: Site) -> None:
     assert eventually(lambda: edge.counts.slots > slots + 10)
     spent_j = ledger.spent_j(np.array([True, False, True]))
     np.testing.assert_allclose(spent_j, np.array([active_w, idle_w, active_w]) * 0.05)
+
+
+@dataclass(eq=False)
+class WaitingSink:
+    """Waits in each slot until its poses and its order have come to others.
+
+    Attributes:
+        site: whose.
+        orders: slots for which a camera was given orders.
+        came: whether they did.
+    """
+
+    site: Site
+    orders: list[int] = field(default_factory=list)
+    came: list[bool] = field(default_factory=list)
+
+    def append(self, record: SlotRecord, **_: object) -> bool:
+        assert self.site.edge is not None
+        lead = self.site.edge.pipeline.lead_slots
+
+        def there() -> bool:
+            poses = any(one.slot == record.slot for one in self.site.poses[-3:])
+            return poses and max(self.orders, default=0) >= record.slot + lead
+
+        self.came.append(eventually(there, 2.0))
+        return True
+
+    def event(self, event: Event) -> bool:
+        return True
+
+    def status(self) -> WriterStatus:
+        return WriterStatus(-1, 0, 0, 0, None)
+
+
+def test_what_follows_people_runs_after_the_orders_and_poses_of_a_slot_have_gone(
+    site: Site,
+) -> None:
+    sink, edge = WaitingSink(site), site.edge
+    assert edge is not None
+    site.hub.join().subscribe(
+        topics.of_order("lab", "cam0"),
+        lambda topic, payload: sink.orders.append(decode(payload, Order, "edge").slot),
+    )
+    edge.consumers = Consumers(sink=sink)
+    assert eventually(lambda: len(sink.came) > 20)
+    assert all(sink.came[1:])
