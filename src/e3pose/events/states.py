@@ -107,12 +107,15 @@ def states_of(share: Floats, value: Floats) -> Floats:
     Returns:
         `(num_persons, num_states)`.
     """
-    known = (np.isfinite(value) | (np.arange(len(FIGURES)) == SPEED))[:, None, None]
-    apart = np.where(known, _APART, 0.0).sum(axis=3)
-    doubt = ((np.exp(-0.5 * apart) - _DOUBT) * _OTHERS).max(axis=2)
-    sure = share[:, :-1] * (1 - doubt)
-    rest = 1 - sure.sum(axis=1, keepdims=True)
-    return np.asarray(np.concatenate([sure, rest], axis=1) @ _OF_STATE)
+    known = np.isfinite(value) | (np.arange(len(FIGURES)) == SPEED)
+    part = ~known.all(axis=1)
+    if part.any():
+        apart = np.where(known[part, None, None], _APART, 0.0).sum(axis=3)
+        doubt = ((np.exp(-0.5 * apart) - _DOUBT) * _OTHERS).max(axis=2)
+        share = share.copy()
+        share[part, :-1] *= 1 - doubt
+        share[part, -1] = 1 - share[part, :-1].sum(axis=1)
+    return np.asarray(share @ _OF_STATE)
 
 
 def low_of(share: Floats) -> Floats:
