@@ -26,6 +26,7 @@ UPRIGHT_DEG = 35.0  # shanks on the way down: slides 14 to 21, kneeling first 57
 SLID, SLUMPED = 0.25, 0.15  # in place of FAST and LYING where they stay upright
 DROPPED = 0.7  # pace above which nobody slides: children drop to the floor at 0.95 and more
 WINDOW_S = 4.0
+LOW_S = 0.35  # how low somebody is, is a median of so long: at 12.5 slots a second of five
 UNSEEN_S = 0.3  # a gap counts as so long
 
 
@@ -67,7 +68,7 @@ def descent_of(person: Person) -> Descent:
     times = times / 1e9
     recent = times >= times[-1] - WINDOW_S
     times, heights, shanks_deg = times[recent], heights[recent], shanks_deg[recent]
-    low = float(np.median(heights[-5:]))
+    low = float(np.median(heights[times >= times[-1] - LOW_S]))
     top = float(np.max(heights))
     drop = top - low
     if drop <= 0:
