@@ -19,14 +19,13 @@ from e3pose.base.errors import InputError
 from e3pose.events.body import joints_of
 from e3pose.events.people import People, Seen, follow
 from e3pose.events.rules import RULES, Moment, inherited, kind_of
-from e3pose.events.watch import advance, begin_watch
+from e3pose.events.watch import advance, begin_watch, site_watch
 from e3pose.model.person_event import ONCE, PersonEvent
 from e3pose.model.skeleton import COCO17, SKELETONS
 from e3pose.recording.calibration import save_rig
 from e3pose.settings.events_table import EventsTable
 from e3pose.settings.resolved import resolve_site
 from e3pose.settings.site_file import ZoneTable
-from e3pose.site.event_sink import site_watch
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "10_own_event.py"
 OWN = f"{EXAMPLE}:crouches"

@@ -22,7 +22,7 @@ from tests.waiting import eventually
 from websockets.sync.client import connect as connect_socket
 
 from e3pose.events import watch as watching
-from e3pose.events.watch import begin_watch
+from e3pose.events.watch import begin_watch, site_watch
 from e3pose.model.person_event import PersonEvent, sentence
 from e3pose.model.pose import Poses3D
 from e3pose.model.skeleton import COCO17
@@ -30,8 +30,9 @@ from e3pose.pipeline import SlotRecord
 from e3pose.settings.events_table import EventsTable
 from e3pose.settings.resolved import resolve_site
 from e3pose.settings.site_file import ZoneTable
-from e3pose.site.event_sink import event_sink, seen_in
+from e3pose.site.event_sink import EventSink, seen_in
 from e3pose.site.streams.as_json import event_words
+from e3pose.site.zones import Zones
 from e3pose.store import Run, Store, StoreWriter
 from e3pose.wire.arrays import pack
 from e3pose.wire.codec import encode
@@ -92,7 +93,8 @@ def watched(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Watched]:
     with watched_site(folder, EVENTS) as made:
         run_of = Run("lab", "lab", BEGIN_NS, 0.08, "coco17", COCO17.joints, ("c0", "c1", "c2"))
         with StoreWriter(folder / "lab.db", run_of) as writer:
-            sink = event_sink(resolve_site(folder / "site.toml"), writer)
+            site = resolve_site(folder / "site.toml")
+            sink = EventSink(writer, Zones(site.zone), site_watch(site))
             for slot, time_ns in fallen():
                 sink.append(slot, time_ns=time_ns, wait=True)
         yield made
