@@ -95,7 +95,8 @@ def report(folder: Path) -> None:
         for kind in sorted({kind for one in made for kind in one["false"]} | {"fall"}):
             alarms = [line for one in made for line in one["false"].get(kind, ())]
             bound = rate_bound(len(alarms))
-            week = f", {bound / weeks[least]:.2f} a week of one person" if whole else ""
+            counts = whole and weeks[least] > 0
+            week = f", {bound / weeks[least]:.2f} a week of one person" if counts else ""
             print(
                 f"    false {kind}: {len(alarms)}; at most {bound / hours:.2f} an hour{week} (95 %)"
             )
