@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import pytest
 from tests.ports import free_port
@@ -11,7 +13,7 @@ from tests.waiting import eventually
 from tests.wire.certified_site import Site
 
 from e3pose.base.errors import InputError
-from e3pose.wire.access import Link, check_link
+from e3pose.wire.access import Certificates, Link, check_link, zenoh_config
 from e3pose.wire.network import NetworkTransport, open_network
 
 pytestmark = pytest.mark.slow
@@ -176,6 +178,20 @@ def test_two_sites_share_one_router() -> None:
     assert set(got["lab"]) == {b"lab"} and set(got["hall"]) == {b"hall"}
     for program in [*programs, router]:
         program.close()
+
+
+@pytest.mark.parametrize("kind", ["hubs", "viewers"])
+def test_few_fixed_keys_are_let_upstream(kind: str) -> None:
+    files = Certificates(Path("authority.pem"), Path("edge.pem"), Path("edge.key"))
+    link, granted = Link("edge", "lab", "tls/127.0.0.1:7447", files), {kind: {"house": "house#1"}}
+    access: Any = zenoh_config(link, **granted)["access_control"]
+    assert access["enabled"] and access["default_permission"] == "deny"
+    keys = {key for rule in access["rules"] for key in rule["key_exprs"]}
+    assert 0 < len(keys) <= 4 and not any("*" in key for key in keys)
+    if kind == "hubs":
+        assert keys == {"e3pose/lab/outbox/house"}
+        said = {message for rule in access["rules"] for message in rule["messages"]}
+        assert said == {"query", "reply"}  # it declares nothing, and is told of nobody
 
 
 @pytest.mark.parametrize(
