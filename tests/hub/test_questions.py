@@ -157,6 +157,7 @@ def _engine(house: Path) -> object:
 
 def test_log_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(log, "MOST", 5)
+    monkeypatch.setattr(log, "SPARE", 1)
     engine = open_hub(str(tmp_path / "hub.db"))
     for number in range(9):
         log_accesses(engine, f"user{number}", ["lab"], "x" * 1000)

@@ -129,6 +129,7 @@ def query(
     json_file
         Write the rows here as a JSON list; - is standard output.
     """
+    from e3pose.base.system import stand_back
     from e3pose.hub.accesses import local_user
     from e3pose.hub.archives import answer_of_archives
     from e3pose.hub.question import answer
@@ -137,6 +138,7 @@ def query(
     found = load_hub(hub)
     if group and not archives:
         raise InputError("--group: found without --archives, expected both")
+    stand_back()
     if archives:
         names, rows = answer_of_archives(found, sql, local_user(), group)
     else:

@@ -8,13 +8,14 @@ from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass
 
-from sqlalchemy import Engine, delete, func, insert, select
+from sqlalchemy import ColumnElement, Connection, Engine, delete, func, insert, select, true
 
 from e3pose.base.errors import InputError
 from e3pose.hub.database import accesses, open_hub
 from e3pose.store.database import REFUSALS, reason_of
 
-MOST = 100_000  # accesses; the oldest make room
+MOST = 100_000  # accesses; the oldest of those who have most make room
+SPARE = 1000  # beyond them, so that room is not made each time
 MOST_LETTERS = 500  # of what was done
 
 
@@ -51,9 +52,40 @@ def log_accesses(engine: Engine, who: str, sites: Sequence[str], what: str) -> N
             if rows:
                 connection.execute(insert(table), rows)
                 newest = connection.scalar(select(func.max(table.c.number))) or 0
-                connection.execute(delete(table).where(table.c.number <= newest - MOST))
+                if newest % SPARE < len(rows):
+                    _make_room(connection)
     except REFUSALS as error:
         raise InputError(f"access cannot be logged ({reason_of(error)})") from None
+
+
+def _make_room(connection: Connection) -> None:
+    """Remove the oldest accesses of those who have most: nobody pushes out what others did."""
+    c = accesses.c
+    found = connection.execute(select(c.who, func.count()).group_by(c.who))
+    counts = {who: count for who, count in found}
+    most = share_of([*counts.values()], MOST)
+    for who in [who for who, count in counts.items() if count > most]:
+        _keep_newest(connection, most, c.who == who)
+    _keep_newest(connection, MOST, true())  # where there are more people than that
+
+
+def _keep_newest(connection: Connection, count: int, which: ColumnElement[bool]) -> None:
+    number = accesses.c.number
+    newest = select(number).where(which).order_by(number.desc())
+    kept = connection.scalar(newest.offset(count - 1).limit(1))
+    if kept is not None:
+        connection.execute(delete(accesses).where(which, number < kept))
+
+
+def share_of(counts: Sequence[int], most: int) -> int:
+    """Return how many each may keep at most so that all keep `most`, and at least one each."""
+    left = most
+    for at, count in enumerate(sorted(counts)):
+        share = left // (len(counts) - at)
+        if count > share:
+            return max(share, 1)
+        left -= count
+    return most
 
 
 def read_accesses(

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from e3pose.base.system import bound_memory
+from e3pose.base.system import bound_memory, stand_back
 
 THREADS = 2
 # What there is where an archive holds nobody.
@@ -79,6 +79,7 @@ def main() -> None:
     """Answer the question that comes in; its answer or what is wrong with it goes out."""
     import duckdb
 
+    stand_back()
     question = pickle.load(sys.stdin.buffer)  # of our own program
     problem, names, rows = "", list[str](), list[Any]()
     try:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import threading
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import msgspec
-from sqlalchemy import Connection, Row, select
+from sqlalchemy import Connection, Engine, Row, select
 
 from e3pose.hub.database import hours, sites, summaries
 from e3pose.hub.settings import Hub
@@ -16,6 +17,7 @@ from e3pose.store.forgetting import DAY_NS
 from e3pose.store.rows import NS
 from e3pose.store.summaries import MINUTE_NS
 
+FRESH_NS = 5 * NS  # so long all who ask see the same: a minute of a site is not newer
 NEW_NS = 10 * MINUTE_NS  # a site whose newest minute is older is silent
 BEFORE_NS = 60 * MINUTE_NS  # between two charges that hours left are told by
 BLIND = 0.1  # share of the newest minute's slots from which on it is trouble
@@ -65,6 +67,48 @@ class SiteNow:
     events: dict[str, int] | None = None
     most_people: int = 0
     page: bool = False
+
+
+class Overviews:
+    """How all sites are, found once for whoever asks within some seconds."""
+
+    def __init__(self, engine: Engine, hub: Hub) -> None:
+        """Ask nothing yet.
+
+        Args:
+            engine: of the hub's database.
+            hub: its file.
+        """
+        self._engine, self._hub = engine, hub
+        self._lock = threading.Lock()
+        self._at_ns, self._found = 0, dict[str, SiteNow]()
+        self._coded = dict[tuple[str, ...], msgspec.Raw]()
+
+    def of(self, names: Sequence[str], now_ns: int) -> tuple[int, msgspec.Raw]:
+        """Return when it was found, and how some sites were, as JSON.
+
+        Where it is too old, one thread finds it anew; others have what was found before, if any.
+
+        Args:
+            names: of the sites.
+            now_ns: the time.
+        """
+        if self._old(now_ns) and self._lock.acquire(blocking=not self._at_ns):
+            try:
+                if self._old(now_ns):
+                    with self._engine.connect() as connection:
+                        found = overview(connection, self._hub, [*self._hub.sites], now_ns)
+                    self._found, self._coded = {one.site: one for one in found}, {}
+                    self._at_ns = now_ns
+            finally:
+                self._lock.release()
+        coded, key = self._coded, tuple(names)
+        if key not in coded:
+            coded[key] = msgspec.Raw(msgspec.json.encode([self._found[name] for name in names]))
+        return self._at_ns, coded[key]
+
+    def _old(self, now_ns: int) -> bool:
+        return not 0 <= now_ns - self._at_ns < FRESH_NS
 
 
 def overview(connection: Connection, hub: Hub, names: Sequence[str], now_ns: int) -> list[SiteNow]:

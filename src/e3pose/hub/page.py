@@ -19,10 +19,11 @@ from sqlalchemy import Engine
 
 from e3pose.base.errors import InputError
 from e3pose.base.listener import Bounds
+from e3pose.base.rate_limit import Rate
 from e3pose.base.version import Version, version_of
 from e3pose.hub.accesses import log_accesses
 from e3pose.hub.database import open_hub
-from e3pose.hub.overview import overview
+from e3pose.hub.overview import Overviews
 from e3pose.hub.settings import Hub
 from e3pose.hub.users import User, Users, read_users, users_of
 from e3pose.site.serving import CONNECTIONS, PER_ADDRESS, Serving
@@ -31,6 +32,7 @@ from e3pose.site.web.page import FILES as FILES_OF_SITE
 from e3pose.site.web.page import KINDS
 from e3pose.site.web.program import listening_at
 from e3pose.site.web.tokens import open_tokens
+from e3pose.store.database import REFUSALS, reason_of
 from e3pose.wire.access import is_loopback, split_endpoint
 
 BROWSER = resources.files("e3pose.hub").joinpath("browser")
@@ -41,6 +43,7 @@ FILES = {
     "/sites.js": BROWSER.joinpath("sites.js").read_bytes(),
     "/sites.css": BROWSER.joinpath("sites.css").read_bytes(),
 }
+OPENS_PER_S, OPEN_BURST = 0.5, 20.0  # sites that somebody opens: each is logged
 OPEN_PATHS = frozenset(FILES) | {"/favicon.ico"}  # they hold nothing of any site
 
 
@@ -147,7 +150,13 @@ def open_page(
     read_users(users.path)  # what is wrong in it is told at once
     hosts = frozenset({"localhost", host.lower(), *(name.lower() for name in table.hosts)})
     rules = Rules(
-        users, hosts, False, secure is not None, frozenset(table.proxies), open_paths=OPEN_PATHS
+        users,
+        hosts,
+        False,
+        secure is not None,
+        frozenset(table.proxies),
+        open_paths=OPEN_PATHS,
+        personal=True,
     )
     engine = open_hub(hub.database)
     with ExitStack() as stack:
@@ -165,6 +174,7 @@ def open_page(
 def make_app(hub: Hub, engine: Engine, users: Users) -> FastAPI:
     """Return the application, without its door."""
     app = FastAPI(title="e3pose hub", docs_url=None, redoc_url=None, openapi_url=None)
+    overviews, opens = Overviews(engine, hub), Rate(OPENS_PER_S, OPEN_BURST, time.monotonic)
 
     def user_of(request: Request) -> tuple[User, list[str]]:
         user = users.of_token(token_of(request.headers))
@@ -175,9 +185,10 @@ def make_app(hub: Hub, engine: Engine, users: Users) -> FastAPI:
     @app.get("/api/sites")
     def sites(request: Request) -> Response:
         user, names = user_of(request)
-        now_ns = time.time_ns()
-        with engine.connect() as connection:
-            found = overview(connection, hub, names, now_ns)
+        try:
+            now_ns, found = overviews.of(names, time.time_ns())
+        except REFUSALS as error:
+            raise HTTPException(503, f"the hub's database: {reason_of(error)}") from None
         body = {"user": user.name, "role": user.role, "now_ns": now_ns, "sites": found}
         return Response(msgspec.json.encode(body), media_type="application/json")
 
@@ -186,6 +197,8 @@ def make_app(hub: Hub, engine: Engine, users: Users) -> FastAPI:
         user, names = user_of(request)
         if asked.site not in names:  # the same for those of others and those that are none
             raise HTTPException(404, "no site of that name in your groups")
+        if wait_s := opens.wait_s(user.name):
+            raise HTTPException(429, "too many sites opened", {"Retry-After": f"{wait_s:.0f}"})
         try:
             url, how = _page_of(hub, asked.site, user)
             log_accesses(engine, user.name, [asked.site], how)

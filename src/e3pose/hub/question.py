@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import sqlite3
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import closing
+from itertools import islice
 from typing import Any
 
 from sqlalchemy.engine import make_url
@@ -17,6 +18,8 @@ from e3pose.store.postgres import engine_settings
 MOST_ROWS = 10_000
 LIMIT_S = 30.0
 MAX_VALUE_BYTES = 10_000_000  # of one value that SQLite makes
+MOST_BYTES = 1_000_000_000  # of memory that SQLite takes; it writes no temporary file
+MOST_ANSWER_BYTES = 100_000_000
 LIMIT_LENGTH = 0  # SQLite's number for it
 ALLOWED = (
     sqlite3.SQLITE_SELECT, sqlite3.SQLITE_READ, sqlite3.SQLITE_FUNCTION, sqlite3.SQLITE_RECURSIVE,
@@ -57,17 +60,33 @@ def _of_file(
     with closing(sqlite3.connect(uri, uri=True)) as connection:
         if (limit := getattr(connection, "setlimit", None)) is not None:  # Python 3.11 and later
             limit(LIMIT_LENGTH, MAX_VALUE_BYTES)
+        connection.execute("PRAGMA temp_store = MEMORY")
+        connection.execute(f"PRAGMA hard_heap_limit = {MOST_BYTES}")
         connection.set_authorizer(_allowed)
         connection.set_progress_handler(lambda: int(time.monotonic() > end_s), 10_000)
         try:
             found = connection.execute(sql)
             if found.description is None:
                 raise InputError("query: found no question, expected SELECT ...")
-            return [each[0] for each in found.description], found.fetchmany(most_rows + 1)
+            return [each[0] for each in found.description], _bounded(found, most_rows)
+        except MemoryError:
+            raise InputError(f"query: needs more than {MOST_BYTES} bytes of memory") from None
         except (sqlite3.Error, sqlite3.Warning, ValueError) as error:
             late = time.monotonic() > end_s
             reason = f"took more than {limit_s:g} s" if late else str(error)
             raise InputError(f"query: {reason}, expected one statement that reads") from None
+
+
+def _bounded(rows: Iterable[Sequence[Any]], most_rows: int) -> list[Sequence[Any]]:
+    """Return rows, one more than may be at most; raise `InputError` where they are too large."""
+    found, size = list[Sequence[Any]](), 0
+    for row in islice(rows, most_rows + 1):
+        found.append(row)
+        size += sum(len(value) for value in row if isinstance(value, (str, bytes)))
+        if size > MOST_ANSWER_BYTES:
+            reason = f"found more than {MOST_ANSWER_BYTES} bytes, expected fewer"
+            raise InputError(f"query: {reason}")
+    return found
 
 
 def _allowed(action: int, table: str | None, *_: str | None) -> int:
@@ -88,12 +107,13 @@ def _of_server(
         with psycopg.connect(plain, autocommit=True, **settings) as connection:
             connection.execute("SET default_transaction_read_only = on")
             connection.execute(f"SET statement_timeout = '{round(limit_s * 1000)}ms'")
-            # Prepared, it can be one statement alone: none ends the transaction that only reads.
+            # It can be one statement alone: none ends the transaction that only reads.
             with connection.cursor() as cursor:
-                cursor.execute(sql.encode(), prepare=True)
+                # Streamed: an answer that is too large is not here before that is seen.
+                rows = _bounded(cursor.stream(sql.encode()), most_rows)
                 if cursor.description is None:
                     raise InputError("query: found no question, expected SELECT ...")
-                return [each.name for each in cursor.description], cursor.fetchmany(most_rows + 1)
+                return [each.name for each in cursor.description], rows
     except psycopg.Error as error:
         reason = " ".join(str(error).split())[:300]
         raise InputError(f"{shown(url)}: query: {reason}") from None

@@ -17,6 +17,7 @@ from e3pose.base.atomic import atomic_file
 from e3pose.base.bounded import read_toml
 from e3pose.base.errors import InputError
 from e3pose.base.lock import hold
+from e3pose.base.version import Version, version_of
 from e3pose.hub.settings import Hub
 from e3pose.model.camera_fields import check_camera_id
 
@@ -58,21 +59,24 @@ class UsersFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     user: tuple[User, ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True, eq=False)
 class Users:
     """The users of a hub; asked by the door of its page.
 
     Attributes:
-        path: their file.
+        path: their file, which is read again when it is another one.
     """
 
     path: Path
+    _read: tuple[Version | None, tuple[User, ...]] = (None, ())
 
     def of_token(self, token: str) -> User | None:
         """Return whose token it is; every user is compared, so the time it takes tells nothing."""
         given = hashlib.sha256(token.encode(errors="replace")).hexdigest()
-        found = None
-        for user in read_users(self.path):
+        found, version = None, version_of([self.path])
+        if version is None or version != self._read[0]:
+            self._read = version, read_users(self.path)
+        for user in self._read[1]:
             if hmac.compare_digest(user.token_sha256, given):
                 found = user
         return found

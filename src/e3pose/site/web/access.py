@@ -108,6 +108,7 @@ class Rules(Generic[J]):
         writes: how often each may change something.
         guesses: slows down clients with wrong tokens.
         open_paths: that hold nothing which needs a token.
+        personal: whether each token is one person's, who then has one rate wherever they are.
     """
 
     tokens: J
@@ -121,6 +122,7 @@ class Rules(Generic[J]):
     writes: Rate = field(default_factory=lambda: Rate(WRITES_PER_S, WRITE_BURST, time.monotonic))
     guesses: Guesses = field(default_factory=lambda: Guesses(time.monotonic))
     open_paths: frozenset[str] = OPEN_PATHS
+    personal: bool = False
 
     def client_of(self, address: str, headers: Mapping[str, str]) -> Client:
         """Return who sends a request.
@@ -168,7 +170,7 @@ class Rules(Generic[J]):
                 return None, Refusal(401, "wrong token", BEARER)
             self.guesses.right(client.address, token)
             # Others at the same address do not use up the rate of who has a token.
-            who, scope = f"{found} {client.address}", found
+            who, scope = token if self.personal else f"{found} {client.address}", found
         if scope is None:
             return None, Refusal(401, f"a token is needed: `{self.printed_by}` prints it", BEARER)
         writes = path.startswith(WRITE_PREFIX)
