@@ -64,10 +64,10 @@ def program(*words: str) -> Iterator[subprocess.Popen[str]]:
 
 
 def serve(
-    name: str, port: int, store: Path, keys: str = ""
+    name: str, port: int, store: Path, keys: str = "", host: str = "127.0.0.1"
 ) -> AbstractContextManager[subprocess.Popen[str]]:
     kind = "tls" if keys else "tcp"
-    words = [sys.executable, str(SITE), name, f"{kind}/127.0.0.1:{port}", str(store)]
+    words = [sys.executable, str(SITE), name, f"{kind}/{host}:{port}", str(store)]
     return program(*words, *([keys] if keys else []))
 
 
@@ -139,6 +139,8 @@ def test_full_disk_at_the_hub_is_told_and_nothing_is_lost(tmp_path: Path) -> Non
             fill_disk(disk / "filler")
             line = running.stdout.readline()
             assert "lab: database:" in line and "full" in line
+            asked = "SELECT count(*) FROM summaries"  # whoever asks meanwhile is answered
+            assert answer(str(disk / "hub.db"), asked)[1][0][0] >= 100
             (disk / "filler").unlink()
             assert running.stdout.readline() == "lab: answers again\n"
             assert eventually(lambda: numbers(disk / "hub.db", "lab") == [*range(1500)], 60)

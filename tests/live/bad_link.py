@@ -15,6 +15,7 @@ NAMESPACE, HERE, THERE = "e3pose-test", "e3pose-a", "e3pose-b"
 EDGE, AWAY = "10.213.77.1", "10.213.77.2"
 INSIDE = ("ip", "netns", "exec", NAMESPACE)
 DELAY_S, JITTER_S, LOSS = 0.05, 0.1, 0.05
+FAR_S, FAR_LOSS = 0.15, 0.01  # each way, of a link to a site that is far away
 RESEND_S = 0.2  # what TCP waits, at least, before it sends again what was lost
 
 
@@ -39,6 +40,10 @@ class BadLink(Protocol):
         """Lose 5 % and delay by 50 to 150 ms from now on."""
         ...
 
+    def far(self) -> None:
+        """Lose 1 % and delay by 300 ms there and back from now on."""
+        ...
+
     def cut(self) -> None:
         """Let nothing through."""
         ...
@@ -60,6 +65,9 @@ class Netem:
         half = (f"{DELAY_S + JITTER_S / 2:.3f}s", f"{JITTER_S / 2:.3f}s")
         self._behave("delay", *half, "loss", f"{LOSS:.0%}")
 
+    def far(self) -> None:
+        self._behave("delay", f"{FAR_S}s", "loss", f"{FAR_LOSS:.0%}")
+
     def cut(self) -> None:
         self._behave("loss", "100%")
 
@@ -79,7 +87,7 @@ class Relay:
 
     def __init__(self, host: str, inside: Sequence[str]) -> None:
         self.host, self.inside = host, inside
-        self._bad = False
+        self._delay_s, self._jitter_s, self._loss = 0.0, 0.0, 0.0
         self._open = threading.Event()
         self._open.set()
         self._rng = random.Random(1)
@@ -90,7 +98,10 @@ class Relay:
         return int(self._listener.getsockname()[1])
 
     def jitter(self) -> None:
-        self._bad = True
+        self._delay_s, self._jitter_s, self._loss = DELAY_S, JITTER_S, LOSS
+
+    def far(self) -> None:
+        self._delay_s, self._jitter_s, self._loss = FAR_S, 0.0, FAR_LOSS
 
     def cut(self) -> None:
         if self.inside:
@@ -99,7 +110,7 @@ class Relay:
             self._open.clear()
 
     def heal(self) -> None:
-        self._bad = False
+        self._delay_s, self._jitter_s, self._loss = 0.0, 0.0, 0.0
         if self.inside:
             _everything_to("somebody")
         self._open.set()
@@ -156,10 +167,8 @@ class Relay:
                 change.notify()
 
     def _late_s(self) -> float:
-        if not self._bad:
-            return 0.0
-        lost = self._rng.random() < LOSS
-        return DELAY_S + JITTER_S * self._rng.random() + RESEND_S * lost
+        lost = self._rng.random() < self._loss
+        return self._delay_s + self._jitter_s * self._rng.random() + RESEND_S * lost
 
 
 @contextlib.contextmanager

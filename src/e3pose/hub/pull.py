@@ -7,11 +7,13 @@ import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
+from enum import Enum, auto
 
 from sqlalchemy import Engine
 
 from e3pose.base.errors import InputError
+from e3pose.base.rate_limit import Rate
 from e3pose.hub.database import Cursor, cursor_of, keep, note_problem
 from e3pose.hub.records import summaries_in, tombstones_in
 from e3pose.hub.settings import Hub, holder_at
@@ -22,16 +24,76 @@ from e3pose.wire.site_messages import OutboxPart, OutboxQuestion
 from e3pose.wire.topics import of_outbox
 
 Ask = Callable[[bytes], bytes | None]
-MOST_PARTS = 1000  # of one pull: a month and more; the rest comes with the next
 ANSWER_S = 10.0
 JOIN_S = 5.0
 PAUSE_S = 0.25  # between two parts: a site answers four a second
 TRIES = 3  # of a part that gets lost
 SLOWEST = 16  # of a site that does not answer: the usual time between two questions times this
 AT_ONCE = 16  # sites that are asked at a time
+TURN_S = 10.0  # of a site; then it is the turn of others that wait
+SLOW_S = 2.0  # for a part: who takes longer is asked less often, as who does not answer
+# Of each site: 60 days of many names at once, then some hundred times what a minute takes. Without
+# such a bound one site could fill the disk of all.
+MOST_BYTES, BYTES_PER_S = 200_000_000, 2000
 
 
-def pull(engine: Engine, site: str, ask: Ask, pause: Callable[[], object], now_ns: int) -> int:
+class Outcome(Enum):
+    """What became of the turn of a site."""
+
+    WHOLE = auto()
+    MORE = auto()  # is there
+    SLOW = auto()
+    FAILED = auto()
+
+
+@dataclass(slots=True, eq=False)
+class Turn:
+    """The turn of a site: so long, and so many bytes.
+
+    Attributes:
+        site: whose.
+        sizes: of what each site may bring.
+        now_s: a clock.
+        parts: that came.
+        whole: whether it has brought all.
+    """
+
+    site: str
+    sizes: Rate
+    now_s: Callable[[], float] = time.monotonic
+    parts: int = 0
+    whole: bool = False
+    _begun_s: float = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._begun_s = self.now_s()
+
+    def over(self) -> bool:
+        """Return whether it is the turn of others."""
+        return self.now_s() - self._begun_s > TURN_S
+
+    def take(self, size: int) -> None:
+        """Count a part; raise `InputError` where the site brings too much."""
+        self.parts += 1
+        if wait_s := self.sizes.wait_s(self.site, size):
+            found = f"found more than {MOST_BYTES / 1e6:.0f} MB and what a site may add to it"
+            raise InputError(f"{self.site}: summaries: {found}, expected more in {wait_s:.0f} s")
+
+    def outcome(self) -> Outcome:
+        """Return what became of it."""
+        if self.now_s() - self._begun_s > SLOW_S * (self.parts + 1):
+            return Outcome.SLOW
+        return Outcome.WHOLE if self.whole else Outcome.MORE
+
+
+def pull(
+    engine: Engine,
+    site: str,
+    ask: Ask,
+    pause: Callable[[], object],
+    now_ns: int,
+    turn: Turn | None = None,
+) -> int:
     """Fetch what a site has and the hub has not; return how many summaries.
 
     Args:
@@ -40,6 +102,7 @@ def pull(engine: Engine, site: str, ask: Ask, pause: Callable[[], object], now_n
         ask: sends a question to it and returns the answer, None where none came.
         pause: waits between two questions.
         now_ns: the time.
+        turn: bounds it; None for no bounds.
 
     Raises:
         InputError: when the site does not answer, or sends what no edge sends.
@@ -47,8 +110,8 @@ def pull(engine: Engine, site: str, ask: Ask, pause: Callable[[], object], now_n
     with engine.connect() as connection:
         cursor = cursor_of(connection, site)
     count = 0
-    for _ in range(MOST_PARTS):
-        part = _asked(site, ask, pause, cursor.taken)
+    while turn is None or not turn.over():
+        part = _asked(site, ask, pause, cursor.taken, turn)
         if part.problem:
             raise InputError(f"{site}: {part.problem}")
         if part.begun_ns != cursor.begun_ns:  # another outbox: from its beginning
@@ -65,16 +128,24 @@ def pull(engine: Engine, site: str, ask: Ask, pause: Callable[[], object], now_n
         keep(engine, site, rows, cursor, now_ns, told)
         count += len(rows)
         if cursor.taken >= part.newest:
-            return count
+            if turn is not None:
+                turn.whole = True
+            break
         pause()
     return count
 
 
-def _asked(site: str, ask: Ask, pause: Callable[[], object], after: int) -> OutboxPart:
+def _asked(
+    site: str, ask: Ask, pause: Callable[[], object], after: int, turn: Turn | None
+) -> OutboxPart:
     for _ in range(TRIES):
         answer = ask(encode(OutboxQuestion(after)))
         if answer is not None:
+            if turn is not None:
+                turn.take(len(answer))
             return decode(answer, OutboxPart, site)
+        if turn is not None and turn.over():
+            break
         pause()
     raise InputError(f"{site}: no answer")
 
@@ -105,6 +176,7 @@ class Pulling:
         self._stop = threading.Event()
         self._pool = ThreadPoolExecutor(AT_ONCE, "pull")
         self._problems: dict[str, str] = {}
+        self._sizes = Rate(BYTES_PER_S, MOST_BYTES, time.monotonic)
         self._thread = threading.Thread(target=self._run, name="hub")
         self._thread.start()
 
@@ -121,20 +193,23 @@ class Pulling:
         # Not all at once when the hub starts: within the first ten seconds.
         due = {site: now_s + random.random() * min(every_s, 10.0) for site in self._hub.sites}
         failures = dict.fromkeys(due, 0)
-        running = dict[str, Future[bool]]()
+        running = dict[str, Future[Outcome]]()
         while not self._stop.is_set():
             now_s = time.monotonic()
             for site in [site for site, future in running.items() if future.done()]:
-                failures[site] = 0 if running.pop(site).result() else failures[site] + 1
-                due[site] = now_s + wait_s(every_s, failures[site], random.random())
+                found = running.pop(site).result()
+                went_well = found in (Outcome.WHOLE, Outcome.MORE)
+                failures[site] = 0 if went_well else failures[site] + 1
+                wait = wait_s(every_s, failures[site], random.random())
+                due[site] = now_s + (0.0 if found is Outcome.MORE else wait)
             for site, at_s in due.items():
                 if at_s <= now_s and site not in running:
                     running[site] = self._pool.submit(self._pull, site)
             self._stop.wait(0.05)
 
-    def _pull(self, site: str) -> bool:
-        """Ask a site; return whether it answered."""
-        problem = ""
+    def _pull(self, site: str) -> Outcome:
+        """Ask a site; return what became of it."""
+        problem, turn = "", Turn(site, self._sizes)
         try:
             link = self._hub.link(site)
             transport = open_network(link)
@@ -142,11 +217,11 @@ class Pulling:
                 until_s = time.monotonic() + JOIN_S
                 while not transport.connected() and time.monotonic() < until_s:
                     if self._stop.wait(0.05):
-                        return True
+                        return Outcome.FAILED
                 topic = of_outbox(site, holder_at(link))
                 pull(
                     self._engine, site, lambda q: transport.ask(topic, q, ANSWER_S),
-                    lambda: self._stop.wait(PAUSE_S), time.time_ns(),
+                    lambda: self._stop.wait(PAUSE_S), time.time_ns(), turn,
                 )  # fmt: skip
             finally:
                 transport.close()
@@ -157,7 +232,7 @@ class Pulling:
         except Exception as error:  # one site must not end the others
             problem = f"{type(error).__name__}: {error}"
         self._tell(site, problem)
-        return not problem
+        return Outcome.FAILED if problem else turn.outcome()
 
     def _tell(self, site: str, problem: str) -> None:
         if problem:

@@ -42,7 +42,7 @@ class Summary(msgspec.Struct, frozen=True):
     faults: Annotated[list[Name], Meta(max_length=200)]
 
 
-MOST_TOLD = 1000  # deletions in a part
+MOST_ROWS, MOST_TOLD = 100, 1000  # summaries and deletions in a part, as an edge sends them
 _decoder = msgspec.json.Decoder(list[Summary])
 
 
@@ -52,6 +52,8 @@ def summaries_in(part: OutboxPart, after: int, where: str) -> list[Summary]:
         found = _decoder.decode(part.rows)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise InputError(f"{where}: summaries: {' '.join(str(error).split())[:200]}") from None
+    if len(found) > MOST_ROWS:
+        raise InputError(f"{where}: summaries: found {len(found)}, expected {MOST_ROWS} at most")
     before = after
     for one in found:
         if not before < one.number <= part.newest:
