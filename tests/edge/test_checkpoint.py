@@ -17,7 +17,14 @@ from numpy.lib import format as npy
 
 from e3pose.base.clock import SlotTimes
 from e3pose.base.errors import InputError
-from e3pose.edge.checkpoint import Checkpoint, flatten, load_checkpoint, save_checkpoint
+from e3pose.edge.checkpoint import (
+    Checkpoint,
+    flatten,
+    load_checkpoint,
+    read_arrays,
+    save_checkpoint,
+    write_arrays,
+)
 from e3pose.edge.lead_change import skip_to, still_true, with_lead
 from e3pose.edge.state_file import StateFile
 from e3pose.pipeline import Pipeline, SlotRecord, SlotState, initial_state, step
@@ -120,8 +127,7 @@ def test_wrong_array_is_named(change: str, recording: Recording, tmp_path: Path)
     pipeline, path = made(recording, "memory"), tmp_path / "state.npz"
     state, _ = run(recording, pipeline, initial_state(pipeline), 20)
     save_checkpoint(path, Checkpoint(state, 1, 3, 2), pipeline)
-    with np.load(path, allow_pickle=False) as archive:
-        arrays = {name: archive[name] for name in archive.files}
+    about, arrays = read_arrays(path)
     name = "state.memory.belief.existence"
     if change == "missing":
         del arrays[name]
@@ -131,8 +137,9 @@ def test_wrong_array_is_named(change: str, recording: Recording, tmp_path: Path)
         arrays[name] = arrays[name].astype("U4")
     else:
         arrays[name] = arrays[name][:-1]
-    np.savez(path, **arrays)
-    with pytest.raises(InputError, match=r"state\.memory\.belief"):
+    write_arrays(path, about, arrays)
+    wrong = "no checkpoint .*belief" if change == "kind" else r"state\.memory\.belief"
+    with pytest.raises(InputError, match=wrong):
         load_checkpoint(path, pipeline)
 
 
@@ -205,24 +212,25 @@ def test_forgotten_people_leave_what_was_learned_of_the_site(
     assert not set(record.track_ids.tolist()) & set(records[-1].track_ids.tolist())
 
 
-def change_file(path: Path, change: Callable[[dict[str, Any]], None]) -> None:
-    """Rewrite the arrays of a checkpoint."""
-    with np.load(path, allow_pickle=False) as archive:
-        arrays = {name: archive[name] for name in archive.files}
-    change(arrays)
-    np.savez(path, **arrays)
+Change = Callable[[dict[str, Any], dict[str, Any]], None]
 
 
-def header(**values: int) -> Callable[[dict[str, Any]], None]:
-    def change(arrays: dict[str, Any]) -> None:
-        about = json.loads(arrays["about"].tobytes()) | values
-        arrays["about"] = np.frombuffer(json.dumps(about).encode(), dtype=np.uint8)
+def change_file(path: Path, change: Change) -> None:
+    """Rewrite what a checkpoint says of itself, and its arrays."""
+    about, arrays = read_arrays(path)
+    change(about, arrays)
+    write_arrays(path, about, arrays)
+
+
+def header(**values: int) -> Change:
+    def change(about: dict[str, Any], _: dict[str, Any]) -> None:
+        about.update(values)
 
     return change
 
 
-def every_integer(value: int) -> Callable[[dict[str, Any]], None]:
-    def change(arrays: dict[str, Any]) -> None:
+def every_integer(value: int) -> Change:
+    def change(_: dict[str, Any], arrays: dict[str, Any]) -> None:
         for name, array in arrays.items():
             if array.dtype.kind == "i":
                 arrays[name] = np.full_like(array, value)
@@ -230,8 +238,8 @@ def every_integer(value: int) -> Callable[[dict[str, Any]], None]:
     return change
 
 
-def value(part: str, to: float) -> Callable[[dict[str, Any]], None]:
-    def change(arrays: dict[str, Any]) -> None:
+def value(part: str, to: float) -> Change:
+    def change(_: dict[str, Any], arrays: dict[str, Any]) -> None:
         name = f"state.{part}"
         arrays[name] = np.full_like(arrays[name], to)
 
@@ -305,6 +313,25 @@ def test_state_that_the_loop_fails_on_begins_afresh(
         is None
     )
     assert "the loop fails on" in reported[0] and "one of many" in reported[0]
+
+
+@pytest.mark.parametrize(
+    "layout",
+    [
+        [["state.slot", "<i8", [2**40]]], [["state.slot", "<i8", [-1]]], [["a", "|O", [1]]],
+        [["a", "<i8", [1]], ["a", "<i8", [1]]], [["a", "V99999999999", [1]]], [["a"]], 7, "abc",
+        [["a", "<f8,<f8", []]], [["a", "|u1", []]],
+    ],
+    ids=str,
+)  # fmt: skip
+def test_layout_that_does_not_fit_is_refused(
+    layout: Any, recording: Recording, tmp_path: Path
+) -> None:
+    pipeline, path = made(recording, "memory"), tmp_path / "state.npz"
+    said = np.frombuffer(json.dumps({"version": 18, "layout": layout}).encode(), np.uint8)
+    np.savez(path, about=said, values=np.zeros(16, np.uint8))
+    with pytest.raises(InputError, match=r"state\.npz: found no checkpoint"):
+        load_checkpoint(path, pipeline)
 
 
 def test_zip_bomb_is_refused_before_it_is_unpacked(recording: Recording, tmp_path: Path) -> None:

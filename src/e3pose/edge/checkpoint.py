@@ -7,6 +7,7 @@ and rebuilt along the structure of an initial state; nothing is pickled.
 from __future__ import annotations
 
 import json
+import math
 import struct
 import zipfile
 from collections.abc import Mapping
@@ -26,8 +27,8 @@ from e3pose.select.failure_detector import RETRY_LIMIT_S
 
 # 1 lacks the run, 2 what links lose, 3 exits and noise, 4 shifts, 5 sides; 6 had another unit of V,
 # 7 other names, 8 lacks innovations, 9 has those of the site, 11 lacks failed pairs, 12 agility,
-# 13 has exits, 14 lacks the check, 15 who sleeps, 16 what that costs.
-VERSION = 17
+# 13 has exits, 14 lacks the check, 15 who sleeps, 16 what that costs, 17 a file for each array.
+VERSION = 18
 MAX_BYTES = 64 * 2**20  # 28 cameras and 20 people take about one
 MAX_ARRAYS = 10_000
 MAX_S = 100 * 365.25 * 86400  # of slots
@@ -35,7 +36,8 @@ MAX_NS = 2**62  # the year 2116: what is added to it still fits 64 bits
 MAX_ID = 2**53
 LONGEST_SLEEP_S = 86400.0  # a camera that is told to sleep longer is lost
 MAX_VALUE = 1e15  # in whatever unit
-ABOUT = "about"
+ABOUT, VALUES = "about", "values"  # arrays of bytes in the file
+KINDS = "biuf"  # of numbers that a state has
 FORGOTTEN = {"shown", "focused"}  # of earlier slots, which are over when the edge resumes
 DAMAGE = (*BROKEN, struct.error)  # what damaged or foreign archives raise
 Arrays = dict[str, NDArray[Any]]
@@ -70,10 +72,37 @@ def save_checkpoint(path: Path, checkpoint: Checkpoint, pipeline: Pipeline) -> N
         "made_ns": checkpoint.made_ns,
         "run_ns": checkpoint.run_ns,
     }
-    arrays = flatten(checkpoint.state)
-    arrays[ABOUT] = np.frombuffer(json.dumps(about).encode(), dtype=np.uint8)
-    with atomic_file(path, private=True) as temporary, temporary.open("wb") as file:
-        np.savez(file, **arrays)  # type: ignore[arg-type]
+    with atomic_file(path, private=True) as temporary:
+        write_arrays(temporary, about, flatten(checkpoint.state))
+
+
+def write_arrays(path: Path, about: Mapping[str, Any], arrays: Arrays) -> None:
+    """Write arrays as one: each of a hundred in an .npz costs as much as all of their numbers."""
+    layout = [(name, array.dtype.str, array.shape) for name, array in arrays.items()]
+    said = json.dumps({**about, "layout": layout}).encode()
+    values = b"".join([array.tobytes() for array in arrays.values()])
+    parts = {ABOUT: np.frombuffer(said, np.uint8), VALUES: np.frombuffer(values, np.uint8)}
+    with path.open("wb") as file:
+        np.savez(file, **parts)  # type: ignore[arg-type]
+
+
+def read_arrays(path: Path) -> tuple[dict[str, Any], Arrays]:
+    """Return what `write_arrays` wrote; raise one of `DAMAGE` for anything else."""
+    with open_regular(path, MAX_BYTES) as file:
+        parts = _unpacked(file, path.stat().st_size)
+    about = json.loads(parts[ABOUT].tobytes())
+    values, arrays, at = parts[VALUES].tobytes(), dict[str, NDArray[Any]](), 0
+    for name, kind, shape in about.get("layout", ()):
+        dtype, lengths = np.dtype(str(kind)), [int(length) for length in shape]
+        if dtype.kind not in KINDS or min(lengths, default=0) < 0 or str(name) in arrays:
+            raise ValueError(f"found {str(name)[:40]} as {str(kind)[:40]} {str(shape)[:40]}")
+        count = math.prod(lengths)
+        array = np.frombuffer(values, dtype, count, at) if count else np.empty(0, dtype)
+        arrays[str(name)] = array.reshape(lengths).copy()
+        at += count * dtype.itemsize
+    if at != len(values):
+        raise ValueError(f"found {len(values)} bytes of numbers, expected {at}")
+    return about, arrays
 
 
 def load_checkpoint(path: Path, pipeline: Pipeline) -> Checkpoint:
@@ -83,9 +112,7 @@ def load_checkpoint(path: Path, pipeline: Pipeline) -> Checkpoint:
         InputError: when it is damaged, of another version, or of other cameras or joints.
     """
     try:
-        with open_regular(path, MAX_BYTES) as file:
-            arrays = _unpacked(file, path.stat().st_size)
-        about = json.loads(arrays.pop(ABOUT).tobytes())
+        about, arrays = read_arrays(path)
         lead, origin, made, run = (
             int(about[key]) for key in ("lead_slots", "origin_ns", "made_ns", "run_ns")
         )
