@@ -1,22 +1,24 @@
-"""What a hub takes: keeping, asking, catching up, a bad link; and what of it ends first.
+"""What a hub takes: keeping, asking, catching up; and what of it ends first.
 
     python lab/benchmarks/bench_hub.py                       # some minutes; a few hundred MB
     python lab/benchmarks/bench_hub.py --live 8 --days 3     # smaller
     python lab/benchmarks/bench_hub.py --database postgresql://USER@HOST/NAME
-    python lab/benchmarks/bench_hub.py --only-live --live 1000   # 18 GB of memory
+    python lab/benchmarks/bench_hub.py --only-live --live 1000 --tls --archive-days 2
 
 Sites are made up (`simulated_sites.py`); their stores, their answers over Zenoh, the hub that asks
 and its database are the real ones, all on this machine. Keeping and asking are measured with
 `--days` of three sites through the hub's own code; for questions these are copied under other
 names, `--sites` of them for sums by the hour and `--whole` for minutes. `--live` sites are asked
-over the network.
+over the network, with certificates of their own where `--tls` says so; `--archive-days` of poses of
+each are archived and asked about.
 """
 
 from __future__ import annotations
 
 import argparse
+import datetime
 import os
-import random
+import resource
 import socket
 import sqlite3
 import subprocess
@@ -32,33 +34,41 @@ import msgspec
 import psutil
 from sqlalchemy import Engine, func, select, text
 
+from e3pose.archive.places import Folder
+from e3pose.base.errors import InputError
 from e3pose.edge.consumers import Consumers
+from e3pose.hub.archives import answer_of_archives
 from e3pose.hub.database import Cursor, hours, keep, open_hub, summaries
 from e3pose.hub.overview import overview
 from e3pose.hub.pull import ANSWER_S, AT_ONCE, PAUSE_S, Pulling, pull
 from e3pose.hub.question import answer
-from e3pose.hub.settings import Hub, load_hub
+from e3pose.hub.settings import Hub, holder_at, load_hub
 from e3pose.site.outbox_answers import OutboxAnswers
 from e3pose.store.database import writing_engine
 from e3pose.store.delivery import Delivery
 from e3pose.store.rows import NS, Run
 from e3pose.wire.access import Link
+from e3pose.wire.keys.folder import add_keys, certificates_in, init_keys, read_roll
 from e3pose.wire.network import open_network
 from e3pose.wire.topics import of_outbox
-from simulated_sites import BEGIN_NS, CAMERAS, records_of, summaries_of
+from simulated_sites import BEGIN_NS, CAMERAS, archive_days, records_of, summaries_of
 
 PART = 100  # summaries of an answer
 OUTBOX_DAYS = 60
 SERVED = 125  # sites of one process
 TIMED = 24  # sites that are asked one after the other
 UNTIL_S = 600.0
-DELAY_S, LOSS, RESEND_S, PACKET = 0.15, 0.01, 0.2, 1400  # of a bad link, each way
 QUESTIONS = {
     "person-hours of each site, by day": "SELECT site, time_ns / 86400000000000 AS day, "
     "sum(person_h) FROM hours GROUP BY site, day ORDER BY 3 DESC LIMIT 100",
     "watts of each site": "SELECT site, sum(joules) / sum(span_s) FROM hours GROUP BY site",
     "hour of the day with most people": "SELECT time_ns / 3600000000000 % 24, max(most_people) "
     "FROM hours GROUP BY 1",
+}
+ARCHIVE_QUESTIONS = {
+    "files of each site": "SELECT site, count(*), sum(rows) FROM files GROUP BY site",
+    "people of each site and day": "SELECT site, day, count(DISTINCT (started_ns, track)) "
+    "FROM poses GROUP BY site, day",
 }
 
 
@@ -139,18 +149,25 @@ def bench_questions(engine: Engine, hub: Hub, sites: int, whole: int, days: int)
     print(f"  {time.monotonic() - begun_s:6.2f} s  page over {sites} sites")
 
 
-def serve(folder: str, first: int, ports: list[int]) -> None:
-    """Answer for some sites until killed; print when each is asked."""
+def serve(folder: Path, first: int, ports: list[int]) -> None:
+    """Answer for some sites until killed, with certificates where they have some.
+
+    It prints when each is asked.
+    """
     kept = []
     for at, port in enumerate(ports, start=first):
-        path = Path(folder) / f"live{at}.db"
-        box, site = OutboxAnswers(path, f"live{at}"), f"live{at}"
+        site = f"live{at}"
+        box, keys = OutboxAnswers(folder / f"{site}.db", site), folder / "keys" / site
 
         def told(topic: str, asked: bytes, box: OutboxAnswers = box) -> bytes | None:
             os.write(1, f"{time.time():.3f}\n".encode())  # whole, from many threads
             return box.answer(topic, asked)
 
-        kept.append(open_network(Link("edge", site, f"tcp/127.0.0.1:{port}")))
+        link, hubs = Link("edge", site, f"tcp/127.0.0.1:{port}"), None
+        if keys.is_dir():
+            files, hubs = certificates_in(keys, "edge"), read_roll(keys).hubs
+            link = Link("edge", site, f"tls/127.0.0.1:{port}", files)
+        kept.append(open_network(link, hubs=hubs))
         Consumers(outbox=told).listen(kept[-1], site)
     print("serving", flush=True)
     threading.Event().wait()
@@ -178,6 +195,14 @@ def stores_of(folder: Path, sites: range, first: int, minutes: int) -> None:
             dest.execute("UPDATE outboxes SET site = ?", (f"live{at}",))
 
 
+def keys_of(folder: Path, sites: range) -> None:
+    """Make an authority, and certificates of the edge and of the hub, for each site."""
+    now = datetime.datetime.now(datetime.timezone.utc)
+    for at in sites:
+        init_keys(folder / "keys" / f"live{at}", f"live{at}", [], now)
+        add_keys(folder / "keys" / f"live{at}", "house", now, kind="hub")
+
+
 def start_sites(
     stack: ExitStack, folder: Path, ports: list[int], asked: list[float]
 ) -> list[psutil.Process]:
@@ -200,15 +225,22 @@ def start_sites(
     return [psutil.Process(process.pid) for process in started]
 
 
-def bench_live(folder: Path, count: int, single_s: float, database: str) -> None:
+def bench_live(
+    folder: Path, count: int, single_s: float, database: str, tls: bool, days: int
+) -> None:
     """Let a hub ask real sites; kill it for an hour; print what it takes and what ends first."""
     ports, asked = free_ports(count), list[float]()
     stores_of(folder, range(count), 0, 60)
+    if tls:
+        keys_of(folder, range(count))
     named = {f"live{at}": port for at, port in enumerate(ports)}
-    hub = load_hub(write_hub(folder / "live.toml", named, 60, database))
+    hub = load_hub(write_hub(folder / "live.toml", named, 60, database, tls))
+    if days:
+        bench_archives(folder, hub, days)
     with ExitStack() as stack:
         served = start_sites(stack, folder, ports, asked)
-        engine, program = open_hub(hub.database), psutil.Process()
+        engine, program = open_hub(hub.database, AT_ONCE), psutil.Process()
+        stack.callback(engine.dispose)
         before_s, rss = sum(program.cpu_times()[:2]), program.memory_info().rss
         others_s = sum(sum(one.cpu_times()[:2]) for one in served)
         took_s = until_complete(hub, engine, count * 60)
@@ -218,11 +250,12 @@ def bench_live(folder: Path, count: int, single_s: float, database: str) -> None
         sites_mb = sum(one.memory_info().rss for one in served) / 1e6 / count
         most = max(Counter(int(at_s) for at_s in asked).values(), default=0)
         print(
-            f"live: {count} sites in {len(served)} processes, an hour of each there {took_s:.0f} s "
-            f"after the hub began; most asked in a second {most}; hub {1e3 * spent_s / count:.0f} "
-            f"ms of CPU a site, joining it included, {spent_s / took_s:.0%} of a core, "
-            f"{grown_mb:.0f} MB more; sites {1e3 * others_s / count:.0f} ms and {sites_mb:.1f} MB "
-            f"each; connections open at once {AT_ONCE}; load {os.getloadavg()[0]:.1f}",
+            f"live: {count} sites{' over TLS' * tls} in {len(served)} processes, an hour of each "
+            f"there {took_s:.0f} s after the hub began; most asked in a second {most}; hub "
+            f"{1e3 * spent_s / count:.0f} ms of CPU a site, joining it included, "
+            f"{spent_s / took_s:.0%} of a core, {grown_mb:.0f} MB more; sites "
+            f"{1e3 * others_s / count:.0f} ms and {sites_mb:.1f} MB each; connections "
+            f"open at once {AT_ONCE}; load {os.getloadavg()[0]:.1f}",
             flush=True,
         )
         pull_s = wall_of_pull(hub, engine)
@@ -247,7 +280,8 @@ def wall_of_pull(hub: Hub, engine: Engine) -> float:
     begun_s = time.monotonic()
     sites = list(hub.sites)[:TIMED]
     for site in sites:
-        transport, topic = open_network(hub.link(site)), of_outbox(site, "hub")
+        link = hub.link(site)
+        transport, topic = open_network(link), of_outbox(site, holder_at(link))
         while not transport.connected():
             time.sleep(0.05)
         pull(
@@ -256,6 +290,32 @@ def wall_of_pull(hub: Hub, engine: Engine) -> float:
         )  # fmt: skip
         transport.close()
     return (time.monotonic() - begun_s) / len(sites)
+
+
+def bench_archives(folder: Path, hub: Hub, days: int) -> None:
+    """Archive days of all sites, and ask about them."""
+    place = Folder(folder / "archive")
+    begun_s = time.monotonic()
+    rows = sum(archive_days(place, name, at, days) for at, name in enumerate(hub.sites))
+    took_s = time.monotonic() - begun_s
+    size = sum(p.stat().st_size for p in (folder / "archive").rglob("*") if p.is_file())
+    print(f"archives: {days} days of {len(hub.sites)} sites, {rows} rows, {size / 1e6:.0f} MB, "
+          f"written in {took_s:.0f} s")  # fmt: skip
+    for about, sql in ARCHIVE_QUESTIONS.items():
+        before, begun_s = children_s(), time.monotonic()
+        try:
+            found = f"{len(answer_of_archives(hub, sql, 'bench')[1])} rows"
+        except InputError as error:
+            found = str(error)
+        took_s, spent_s = time.monotonic() - begun_s, children_s() - before
+        most_mb = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1e3
+        print(f"  {took_s:6.2f} s  {about} ({found}); {spent_s:.1f} s of CPU, {most_mb:.0f} MB at "
+              f"most; load {os.getloadavg()[0]:.1f}", flush=True)  # fmt: skip
+
+
+def children_s() -> float:
+    """Return the CPU time of the programs that this one ran, with its own."""
+    return sum(os.times()[:4])
 
 
 def until_complete(hub: Hub, engine: Engine, wanted: int) -> float:
@@ -270,67 +330,16 @@ def until_complete(hub: Hub, engine: Engine, wanted: int) -> float:
             time.sleep(0.2)
 
 
-def bench_bad_link(folder: Path) -> None:
-    """Fetch a day over a link with delay and loss."""
-    near, far = free_ports(2)
-    store_with(folder / "live0.db", "live0", 0, 0, 1440)
-    command = [sys.executable, __file__, "--serve", str(folder), "0", str(far)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
-        try:
-            assert process.stdout is not None
-            while process.stdout.readline().strip() != "serving":
-                pass
-            threading.Thread(target=link, args=(near, far), daemon=True).start()
-            engine = open_hub(str(folder / "bad.db"))
-            transport = open_network(Link("viewer", "live0", f"tcp/127.0.0.1:{near}"))
-            while not transport.connected():
-                time.sleep(0.05)
-            begun_s, topic = time.monotonic(), of_outbox("live0", "hub")
-            count = pull(
-                engine, "live0", lambda q: transport.ask(topic, q, ANSWER_S),
-                lambda: time.sleep(PAUSE_S), 1,
-            )  # fmt: skip
-            took_s = time.monotonic() - begun_s
-            transport.close()
-            print(f"bad link: {2e3 * DELAY_S:.0f} ms there and back, {100 * LOSS:.0f} % of packets "
-                  f"sent again: {count} of 1440 summaries in {took_s:.0f} s")  # fmt: skip
-        finally:
-            process.kill()
-
-
-def link(near: int, far: int) -> None:
-    """Pass bytes on late, some packets later still, in order: what TCP makes of loss."""
-    with socket.create_server(("127.0.0.1", near)) as listening:
-        while True:
-            here, _ = listening.accept()
-            there = socket.create_connection(("127.0.0.1", far))
-            for source, sink in ((here, there), (there, here)):
-                threading.Thread(target=_pass_on, args=(source, sink), daemon=True).start()
-
-
-def _pass_on(source: socket.socket, sink: socket.socket) -> None:
-    draw, waiting, free_s = random.Random(1), list[tuple[float, bytes]](), 0.0
-    source.settimeout(0.005)
-    while True:
-        try:
-            if not (content := source.recv(PACKET)):
-                return sink.close()
-            late_s = RESEND_S if draw.random() < LOSS else 0.0
-            free_s = max(free_s, time.monotonic() + DELAY_S) + late_s
-            waiting.append((free_s, content))
-        except TimeoutError:
-            pass
-        except OSError:
-            return sink.close()
-        while waiting and waiting[0][0] <= time.monotonic():
-            sink.sendall(waiting.pop(0)[1])
-
-
-def write_hub(path: Path, ports: dict[str, int], every_s: float, database: str = "") -> Path:
+def write_hub(
+    path: Path, ports: dict[str, int], every_s: float, database: str = "", tls: bool = False
+) -> Path:
     lines = ['format = "e3pose-hub"', "version = 1", f"every_s = {every_s}"]
     lines.append(f'database = "{database or path.with_suffix(".db").name}"')
+    lines.append('archives = ["archive"]')
+    where = "tls/localhost" if tls else "tcp/127.0.0.1"
     for name, port in ports.items():
-        lines += ["[[site]]", f'name = "{name}"', f'endpoint = "tcp/127.0.0.1:{port}"']
+        lines += ["[[site]]", f'name = "{name}"', f'endpoint = "{where}:{port}"']
+        lines.append(f'keys = "keys/{name}/hubs/house"')
     path.write_text("\n".join(lines))
     return path
 
@@ -343,16 +352,23 @@ def main() -> None:
     parser.add_argument("--live", type=int, default=24, help="that run for real")
     parser.add_argument("--database", default="", help="of the hub; SQLite in a folder by default")
     parser.add_argument("--live-database", default="", help="of the hub that asks real sites")
+    parser.add_argument("--tls", action="store_true", help="with certificates for each site")
+    parser.add_argument("--archive-days", type=int, default=0, help="of each site that runs")
     parser.add_argument("--only-live", action="store_true", help="measure nothing else")
     parser.add_argument("--serve", nargs="+", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.serve:
         folder, first, *ports = options.serve
-        return serve(folder, int(first), [int(port) for port in ports])
+        return serve(Path(folder), int(first), [int(port) for port in ports])
+
+    def live(folder: Path, single_s: float) -> None:
+        database, days = options.live_database, options.archive_days
+        bench_live(folder, options.live, single_s, database, options.tls, days)
+
     with tempfile.TemporaryDirectory(prefix="e3pose-hub-") as name:
         folder = Path(name)
         if options.only_live:
-            return bench_live(folder, options.live, 0.0, options.live_database)
+            return live(folder, 0.0)
         bench_outbox(folder)
         hub = load_hub(write_hub(folder / "hub.toml", {"real0": 7447}, 60, options.database))
         engine = open_hub(hub.database)
@@ -361,8 +377,7 @@ def main() -> None:
             rows = 3 * 1440 * options.days
             print(f"keeping: {1e6 * size_mb(folder / 'hub.db') / rows:.0f} bytes a summary on disk")
         bench_questions(engine, hub, options.sites, options.whole, options.days)
-        bench_live(folder, options.live, single_s, options.live_database)
-        bench_bad_link(folder)
+        live(folder, single_s)
 
 
 if __name__ == "__main__":

@@ -48,15 +48,17 @@ START_S, SETTLE_S = 400.0, 8.0
 KINDS = ("processes", "one")
 
 
-def make_sites(folder: Path, sites: int, cameras: int, people: int) -> list[Path]:
-    """Make the folders of sites; return them."""
+def make_sites(
+    folder: Path, sites: int, cameras: int, people: int, alike: bool = False
+) -> list[Path]:
+    """Make the folders of sites, whose scenes are the same where they are alike; return them."""
     made, now = list[Path](), datetime.datetime.now(datetime.timezone.utc)
     ports = free_ports(2 * sites)
     for at in range(sites):
         place, name = folder / f"site{at}", f"site{at}"
         place.mkdir()
         scene = SceneSettings("ring", people=people, seconds=SECONDS, fps=FPS, cameras=cameras)
-        recording = simulate(scene, seed=701 + at)
+        recording = simulate(scene, seed=701 if alike else 701 + at)
         save_recording(recording, place / "recording")
         init_keys(place / "keys", name, [], now)
         for camera_id in recording.rig.camera_ids:

@@ -137,7 +137,11 @@ def _cpu_by_part(pid: int) -> dict[str, float]:
     tick_s = 1 / os.sysconf("SC_CLK_TCK")
     spent_s = dict.fromkeys((*PARTS.values(), RECEIVING, MAIN, TRANSPORT), 0.0)
     for task in Path(f"/proc/{pid}/task").iterdir():
-        name, after = (task / "stat").read_text().split("(", 1)[1].rsplit(")", 1)
+        try:
+            said = (task / "stat").read_text()
+        except OSError:  # a thread that has just ended
+            continue
+        name, after = said.split("(", 1)[1].rsplit(")", 1)
         python = name.startswith("python") or name.startswith("e3pose")
         other = (MAIN if int(task.name) == pid else RECEIVING) if python else TRANSPORT
         user, system = after.split()[11:13]

@@ -34,7 +34,7 @@ def run(hub: Path, /) -> None:
         File of the hub, or the folder that has it as hub.toml.
     """
     from e3pose.hub.database import open_hub
-    from e3pose.hub.pull import Pulling
+    from e3pose.hub.pull import AT_ONCE, Pulling
     from e3pose.hub.settings import load_hub
     from e3pose.site.run import run_until_stopped
 
@@ -47,9 +47,13 @@ def run(hub: Path, /) -> None:
     def said(site: str, problem: str) -> None:
         print(f"{site}: {problem}" if problem else f"{site}: answers again", flush=True)
 
-    with Pulling(found, open_hub(found.database), said):
-        print(f"asking {len(found.sites)} sites into {found.database}", flush=True)
-        run_until_stopped(lambda: True)
+    engine = open_hub(found.database, AT_ONCE)
+    try:
+        with Pulling(found, engine, said):
+            print(f"asking {len(found.sites)} sites into {found.database}", flush=True)
+            run_until_stopped(lambda: True)
+    finally:
+        engine.dispose()
 
 
 @hub_app.command

@@ -29,7 +29,7 @@ from e3pose.wire.site_messages import Status
 
 KEEPING_S = 1.0  # status, checkpoint
 MOST_CHANGES, CHANGES_S = 10, 60.0  # of one camera that are reported in so much time
-LOOK_S = 0.1  # interval of checks for connected cameras
+LOOK_S = 0.2  # interval of checks for connected cameras; each costs what a tenth of a slot does
 
 
 class RunningEdge(Protocol):

@@ -27,7 +27,7 @@ class Trials:
             num_cameras: of the rig.
             interval_s: seconds per slot.
         """
-        self._interval_s = interval_s
+        self._interval_s, self._first_s = interval_s, TURN_S * np.arange(num_cameras)
         self._pause = np.ones(num_cameras, dtype=np.int64)  # turns from one trial to the next
         self._turn = np.zeros(num_cameras, dtype=np.int64)  # whose orders are counted
         self._asked, self._answered = self._turn, self._turn
@@ -35,7 +35,7 @@ class Trials:
 
     def _since_s(self, slot: int) -> NDArray[np.float64]:
         """Return `(num_cameras,)`: seconds since some first turn of each camera."""
-        return np.asarray(slot * self._interval_s + TURN_S * np.arange(len(self._pause)))
+        return np.asarray(slot * self._interval_s + self._first_s)
 
     def _turns(self, slot: int) -> Integers:
         return np.asarray((self._since_s(slot) // EVERY_S).astype(np.int64))

@@ -123,15 +123,19 @@ class Cursor:
     lost: int = 0
 
 
-def open_hub(database: str) -> Engine:
+def open_hub(database: str, kept: int = 0) -> Engine:
     """Return the database of a hub, with its tables.
+
+    Args:
+        database: path or URL.
+        kept: connections to a server that stay open between two uses; then dispose of it.
 
     Raises:
         InputError: when something else is there.
     """
     url = database_url(database)
     check_place(url)
-    engine = writing_engine(url)
+    engine = writing_engine(url, kept)
     with engine.begin() as connection:
         there = set(inspect(connection).get_table_names())
         if (there and not {"summaries", "sites"} <= there) or "slots" in there:

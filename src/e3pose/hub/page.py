@@ -43,6 +43,7 @@ FILES = {
     "/sites.js": BROWSER.joinpath("sites.js").read_bytes(),
     "/sites.css": BROWSER.joinpath("sites.css").read_bytes(),
 }
+KEPT = 4  # connections to a server's database
 OPENS_PER_S, OPEN_BURST = 0.5, 20.0  # sites that somebody opens: each is logged
 OPEN_PATHS = frozenset(FILES) | {"/favicon.ico"}  # they hold nothing of any site
 
@@ -158,7 +159,7 @@ def open_page(
         open_paths=OPEN_PATHS,
         personal=True,
     )
-    engine = open_hub(hub.database)
+    engine = open_hub(hub.database, KEPT)
     with ExitStack() as stack:
         stack.callback(engine.dispose)
         listening = listening_at(host, port)

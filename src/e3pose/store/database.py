@@ -73,9 +73,15 @@ def shown(url: str) -> str:
     return str(database_path(url) or shown_url(make_url(url)))
 
 
-def writing_engine(url: str) -> Engine:
-    """Return an engine whose connections are set for writing; connects when it is used."""
-    engine = _engine(url, read_only=False)
+def writing_engine(url: str, kept: int = 0) -> Engine:
+    """Return an engine whose connections are set for writing; connects when it is used.
+
+    Args:
+        url: of the database.
+        kept: connections to a server that stay open between two uses: one costs the server as much
+            as a hundred rows do.
+    """
+    engine = _engine(url, read_only=False, kept=kept)
     path = database_path(url)
     if path is not None:
 
@@ -232,12 +238,14 @@ def is_of_rows(error: DBAPIError) -> bool:
     return isinstance(error, (DataError, IntegrityError))
 
 
-def _engine(url: str, read_only: bool) -> Engine:
+def _engine(url: str, read_only: bool, kept: int = 0) -> Engine:
     try:
         made = with_driver(make_url(url))
         postgres = made.get_backend_name() == "postgresql"
         settings = engine_settings(made, read_only) if postgres else {}
-        engine = create_engine(made, poolclass=NullPool, **settings)
+        pooled = {"pool_size": kept, "pool_pre_ping": True, "pool_use_lifo": True}
+        pool: dict[str, Any] = pooled if postgres and kept else {"poolclass": NullPool}
+        engine = create_engine(made, **pool, **settings)
         if postgres:
             set_deadlines(engine, made, OF_READERS if read_only else SESSION)
         return engine

@@ -182,6 +182,8 @@ def zenoh_config(link: Link, roll: Roll | None = None) -> dict[str, Any]:
                 "max_links": 1,
                 "accept_timeout": JOIN_MS,
             },
+            # A pool of 17 MB for each session that ever sends some kilobytes to its own machine.
+            "shared_memory": {"enabled": False},
             "link": {
                 "rx": {"max_message_size": EDGE_BYTES if link.role == "edge" else MESSAGE_BYTES},
                 "tx": {
