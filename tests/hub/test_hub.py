@@ -6,6 +6,7 @@ import datetime
 import json
 import os
 import random
+import re
 import signal
 import sqlite3
 import subprocess
@@ -121,6 +122,23 @@ def test_hub_s_certificate_fetches_and_others_do_not(tmp_path: Path) -> None:
         (tmp_path / "lab").symlink_to(tmp_path / "keys" / "hubs" / "house")
         with program(*E3POSE, "hub", "run", str(hub)):
             assert eventually(lambda: numbers(database, "lab") == [0, 1, 2], 60)
+
+
+def test_site_whose_certificate_is_missing_keeps_no_other_from_being_asked(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    port = free_port()
+    fill(tmp_path / "lab.db", "lab", 0, 3)
+    lost = '[[site]]\nname = "hall"\nendpoint = "tls/localhost:9"\n'
+    hub = hub_file(tmp_path, {"lab": port})
+    hub.write_text(f"{hub.read_text()}\n{lost}")
+    with serve("lab", port, tmp_path / "lab.db"), program(*E3POSE, "hub", "run", str(hub)) as run:
+        assert eventually(lambda: numbers(tmp_path / "hub.db", "lab") == [0, 1, 2], 30)
+        assert run.stdout is not None
+        assert re.match("hall: .*authority.pem: file not found", run.stdout.readline())
+    hub.write_text(f'format = "e3pose-hub"\nversion = 1\n{lost}')
+    assert run_verb("hub", "run", hub) == 2  # nobody is left
+    assert "authority.pem: file not found" in capsys.readouterr().err
 
 
 def test_full_disk_at_the_hub_is_told_and_nothing_is_lost(tmp_path: Path) -> None:

@@ -35,17 +35,17 @@ def run(hub: Path, /) -> None:
     """
     from e3pose.hub.database import open_hub
     from e3pose.hub.pull import AT_ONCE, Pulling
-    from e3pose.hub.settings import load_hub
+    from e3pose.hub.settings import check_links, load_hub
     from e3pose.site.run import run_until_stopped
 
     found = load_hub(hub)
     if not found.sites:
         raise InputError(f"{found.path}: found no site, expected [[site]] tables")
-    for name in found.sites:
-        found.link(name)  # certificates that cannot be used are told at once
+    check_links(found)
 
     def said(site: str, problem: str) -> None:
-        print(f"{site}: {problem}" if problem else f"{site}: answers again", flush=True)
+        why = problem.removeprefix(f"{site}: ")
+        print(f"{site}: {why or 'answers again'}", flush=True)
 
     engine = open_hub(found.database, AT_ONCE)
     try:

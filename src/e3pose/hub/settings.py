@@ -129,6 +129,18 @@ class Hub:
         return link
 
 
+def check_links(hub: Hub) -> None:
+    """Raise `InputError` if no site can be asked; one that cannot keeps no other from it."""
+    problems = list[InputError]()
+    for name in hub.sites:
+        try:
+            hub.link(name)
+        except InputError as error:
+            problems.append(error)
+    if problems and len(problems) == len(hub.sites):
+        raise problems[0]
+
+
 def holder_at(link: Link) -> str:
     """Return the hub whose link it is; `hub` where a site has no certificates."""
     return "hub" if link.certificates is None else holder(link.certificates)

@@ -8,7 +8,7 @@ import sys
 from contextlib import suppress
 
 SWITCH_S = 5e-4  # a thread that a message woke waits this long for one that computes, not 5 ms
-# Of several sites in a process somebody always waits: threads that change so often cost a sixth more.
+# Of several sites in a process somebody always waits: threads that change so often cost more.
 SWITCH_OF_MANY_S = 5e-3
 HEAPS = 2
 _M_ARENA_MAX = -8  # in malloc.h of the GNU C library
