@@ -29,6 +29,7 @@ JOIN_S = 5.0
 PAUSE_S = 0.25  # between two parts: a site answers four a second
 TRIES = 3  # of a part that gets lost
 SLOWEST = 16  # of a site that does not answer: the usual time between two questions times this
+SOON = 0.25  # of it, after the first failure
 AT_ONCE = 16  # sites that are asked at a time
 TURN_S = 10.0  # of a site; then it is the turn of others that wait
 SLOW_S = 2.0  # for a part: who takes longer is asked less often, as who does not answer
@@ -151,14 +152,18 @@ def _asked(
 
 
 def wait_s(every_s: float, failures: int, share: float) -> float:
-    """Return seconds until a site is asked again: longer after failures, never all at once.
+    """Return seconds until a site is asked again, never all at once.
+
+    That is soon after one failure, as a busy machine makes now and then, and longer after each
+    further one.
 
     Args:
         every_s: the usual time.
         failures: in a row.
         share: random, [0, 1).
     """
-    return min(2.0**failures, SLOWEST) * every_s * (0.5 + share)
+    times = min(2.0 ** (failures - 1) * SOON, SLOWEST) if failures else 1.0
+    return times * every_s * (0.5 + share)
 
 
 class Pulling:
