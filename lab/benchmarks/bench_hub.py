@@ -163,11 +163,11 @@ def serve(folder: Path, first: int, ports: list[int]) -> None:
             os.write(1, f"{time.time():.3f}\n".encode())  # whole, from many threads
             return box.answer(topic, asked)
 
-        link, hubs = Link("edge", site, f"tcp/127.0.0.1:{port}"), None
+        link, roll = Link("edge", site, f"tcp/127.0.0.1:{port}"), None
         if keys.is_dir():
-            files, hubs = certificates_in(keys, "edge"), read_roll(keys).hubs
+            files, roll = certificates_in(keys, "edge"), read_roll(keys)
             link = Link("edge", site, f"tls/127.0.0.1:{port}", files)
-        kept.append(open_network(link, hubs=hubs))
+        kept.append(open_network(link, roll))
         Consumers(outbox=told).listen(kept[-1], site)
     print("serving", flush=True)
     threading.Event().wait()

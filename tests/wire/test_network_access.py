@@ -13,7 +13,7 @@ from tests.waiting import eventually
 from tests.wire.certified_site import Site
 
 from e3pose.base.errors import InputError
-from e3pose.wire.access import Certificates, Link, check_link, zenoh_config
+from e3pose.wire.access import Certificates, Link, Roll, check_link, zenoh_config
 from e3pose.wire.network import NetworkTransport, open_network
 
 pytestmark = pytest.mark.slow
@@ -183,8 +183,9 @@ def test_two_sites_share_one_router() -> None:
 @pytest.mark.parametrize("kind", ["hubs", "viewers"])
 def test_few_fixed_keys_are_let_upstream(kind: str) -> None:
     files = Certificates(Path("authority.pem"), Path("edge.pem"), Path("edge.key"))
-    link, granted = Link("edge", "lab", "tls/127.0.0.1:7447", files), {kind: {"house": "house#1"}}
-    access: Any = zenoh_config(link, **granted)["access_control"]
+    link, holders = Link("edge", "lab", "tls/127.0.0.1:7447", files), {"house": "house#1"}
+    roll = Roll("lab", hubs=holders) if kind == "hubs" else Roll("lab", viewers=holders)
+    access: Any = zenoh_config(link, roll)["access_control"]
     assert access["enabled"] and access["default_permission"] == "deny"
     keys = {key for rule in access["rules"] for key in rule["key_exprs"]}
     assert 0 < len(keys) <= 4 and not any("*" in key for key in keys)
