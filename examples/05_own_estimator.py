@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from e3pose import Poses2D, Poses3D, ReplaySettings, replay
-from e3pose.estimate import Estimator, EstimatorSettings, Outlook, People, make_estimator
+from e3pose.estimate import Estimator, EstimatorSettings, Outlook, People, estimator_maker
 from e3pose.predict import Prediction
 from e3pose.simulate import SceneSettings, simulate
 
@@ -67,7 +67,7 @@ class Smoothed:
 
 def smoothed(settings: EstimatorSettings) -> Smoothed:
     """Make the estimator for a rig, as a name on the command line or in a site file does."""
-    return Smoothed(make_estimator("paper", settings))
+    return Smoothed(estimator_maker("paper")(settings))
 
 
 def main() -> None:
