@@ -191,13 +191,14 @@ def test_a_bad_site_gets_one_line(
 CAMERA = "camera --site example --name cam0 --source"
 # What is wrong with another file -> the command that must say so, and what.
 FILES: list[tuple[str, Break, str]] = [
-    ("keys list", whole(LIST, ""), "keys.toml: expected format 'e3pose-keys', version 1"),
-    ("keys add cam1", new(LIST, "version = 1", "version = 2"), "version 1"),
+    ("keys list", whole(LIST, ""), "keys.toml: missing: site = "),
+    ("keys list", whole(LIST, 'format = "x"'), "format: found 'x', expected 'e3pose-keys'"),
+    ("keys add cam1", new(LIST, "version = 1", "version = 2"), "version: found 2, expected 1"),
     ("keys list", sparse(LIST), "found 10737418240 bytes"),
     ("keys list", new(LIST, "cam0 =", '"../x" ='), r"keys.toml: camera id: found '\.\./x'"),
     ("keys list", new(LIST, '"cam0#1"', '"\\u001b[2J"'), "found '.*', expected a common name"),
     ("keys add cam1", new(LIST, "revoked = []", 'revoked = ["cam0#1"]'), "cam0#1 twice"),
-    ("keys add cam1", new(LIST, "count = 1", "count = -5"), "count: found '-5'"),
+    ("keys add cam1", new(LIST, "count = 1", "count = -5"), "count: found -5, expected 0 to"),
     ("keys list", ahead(LIST, "zzz = 1"), "unknown key 'zzz'"),
     ("keys add cam1", whole("keys/authority.key", "x"), "authority.key: found no certificate"),
     (f"{CAMERA} recorded:rec --endpoint tls/localhost:1 --keys keys/cameras/cam0",

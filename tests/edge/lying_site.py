@@ -20,6 +20,7 @@ from e3pose.base.clock import SlotTimes
 from e3pose.edge.consumers import Consumers
 from e3pose.edge.energy_ledger import EnergyLedger
 from e3pose.edge.gather import Arrival, Gather
+from e3pose.edge.processor_times import ProcessorTimes
 from e3pose.edge.server import EdgeServer
 from e3pose.energy.budgets import Budget
 from e3pose.energy.profiles import load_profile
@@ -213,6 +214,7 @@ def _error_m(recording: Recording, poses: Poses) -> float:
 class _Recorder:
     kept: Kept
     camera_ids: Sequence[str]
+    processor: ProcessorTimes = field(default_factory=lambda: ProcessorTimes(FPS))
 
     def keep(self, slot: int, time_ns: int, arrivals: Mapping[int, Arrival]) -> None:
         for arrival in arrivals.values():
