@@ -5,12 +5,12 @@ from __future__ import annotations
 import signal
 import time
 
-import numpy as np
 import pytest
 from tests.cli import commands
 from tests.live.processes import CAMERAS, LiveSite
 from tests.waiting import eventually
 
+from e3pose.edge.checkpoint import read_arrays
 from e3pose.edge.server import IDS_LEFT_OUT
 from e3pose.store import Store
 from e3pose.wire.arrays import unpack
@@ -30,8 +30,7 @@ def test_killed_edge_goes_on_where_it_was(site: LiveSite) -> None:
     site.wait("edge")
     last = site.poses[-1]
     given = {one for poses in site.poses for one in unpack(poses.track_ids).tolist()}
-    with np.load(state) as archive:  # what the newest checkpoint holds
-        kept = {name: archive[name] for name in archive.files}
+    _, kept = read_arrays(state)  # what the newest checkpoint holds
     statuses, count = len(site.statuses), len(site.poses)
     site.start_edge()
     assert eventually(lambda: site.events("resumed")), site.diagnostics()

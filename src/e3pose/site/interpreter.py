@@ -8,8 +8,6 @@ import sys
 from contextlib import suppress
 
 SWITCH_S = 5e-4  # a thread that a message woke waits this long for one that computes, not 5 ms
-# Of several sites in a process somebody always waits: threads that change so often cost more.
-SWITCH_OF_MANY_S = 5e-3
 HEAPS = 2
 _M_ARENA_MAX = -8  # in malloc.h of the GNU C library
 
@@ -24,15 +22,12 @@ def bound_heaps() -> None:
         ctypes.CDLL(None).mallopt(_M_ARENA_MAX, HEAPS)
 
 
-def reduce_pauses(switch_s: float = SWITCH_S) -> None:
+def reduce_pauses() -> None:
     """Let waking threads have their turn sooner, and collect no garbage among what stays.
 
     To be called once everything is loaded. What is there then, some hundred thousand objects of
     compilers and libraries, takes half a second to look through, and none of it will ever go.
-
-    Args:
-        switch_s: seconds that a thread may compute while others wait.
     """
-    sys.setswitchinterval(switch_s)
+    sys.setswitchinterval(SWITCH_S)
     gc.collect()
     gc.freeze()

@@ -14,7 +14,7 @@ from e3pose.base.errors import InputError
 from e3pose.base.thread_name import show_thread_name
 from e3pose.settings.resolved import ResolvedSite
 from e3pose.site.edge_program import Edge, start_edge
-from e3pose.site.interpreter import SWITCH_OF_MANY_S, SWITCH_S, reduce_pauses
+from e3pose.site.interpreter import reduce_pauses
 from e3pose.site.program_log import Log
 from e3pose.site.run import run_until_stopped
 from e3pose.site.summary import edge_summary
@@ -210,7 +210,7 @@ def run_edges(
         nonlocal settled
         if not settled and all(keeper.tried.is_set() for keeper in keepers):
             settled = True
-            reduce_pauses(SWITCH_OF_MANY_S if len(paths) > 1 else SWITCH_S)
+            reduce_pauses()
         return for_s is None or time.monotonic() - begun_s < for_s
 
     run_until_stopped(running)
