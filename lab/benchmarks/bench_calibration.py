@@ -32,7 +32,8 @@ import numpy as np
 
 from e3pose.base.errors import InputError
 from e3pose.calibrate.from_people import PeopleRig, solve_people
-from e3pose.calibrate.uncertainty import camera_errors, distances, likely_rigs, rays_apart
+from e3pose.calibrate.moved_cameras import distances
+from e3pose.calibrate.uncertainty import camera_errors, likely_rigs, rays_apart
 from e3pose.model.camera import Rig
 from e3pose.model.noise import Noise
 from e3pose.model.noises import detector_of, load_noise

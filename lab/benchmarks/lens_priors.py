@@ -34,11 +34,12 @@ from e3pose.calibrate.align import floor_from_people
 from e3pose.calibrate.from_points import OUTLIER_SIGMAS, adjust_all
 from e3pose.calibrate.lenses import final_lenses
 from e3pose.calibrate.matched_people import Joints, match_people
+from e3pose.calibrate.moved_cameras import distances
 from e3pose.calibrate.people_3d import People3D, place_people
 from e3pose.calibrate.people_places import scale_of
 from e3pose.calibrate.places import KnownLength
 from e3pose.calibrate.recordings import first_seconds
-from e3pose.calibrate.uncertainty import distances, rays_apart
+from e3pose.calibrate.uncertainty import rays_apart
 from e3pose.model.camera import Rig
 from e3pose.model.noises import detector_of, load_noise
 from e3pose.recording import load_recording

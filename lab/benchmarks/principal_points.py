@@ -25,8 +25,8 @@ from e3pose.calibrate.from_people import FINAL_POINTS, PeopleRig, solve_people
 from e3pose.calibrate.from_points import OUTLIER_SIGMAS, adjust_all
 from e3pose.calibrate.least_squares import weights_of
 from e3pose.calibrate.lenses import MIDDLE_SIGMA, REPEATED
-from e3pose.calibrate.moved_cameras import LENS, NUM_PARAMETERS
-from e3pose.calibrate.uncertainty import distances, normal_equations, rays_apart
+from e3pose.calibrate.moved_cameras import LENS, NUM_PARAMETERS, distances
+from e3pose.calibrate.uncertainty import normal_equations, rays_apart
 from e3pose.model.camera import Rig
 from e3pose.recording.calibration.world import ASSUMED_FOCAL
 

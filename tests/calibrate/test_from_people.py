@@ -16,7 +16,7 @@ from tests.calibrate.people_scenes import (
 )
 
 from e3pose.base.errors import InputError
-from e3pose.calibrate import uncertainty
+from e3pose.calibrate import moved_cameras
 from e3pose.calibrate.fit import CameraFit, disagreeing
 from e3pose.calibrate.from_people import _finish, _rounds, _Scene, solve_people
 from e3pose.calibrate.judge import judge
@@ -126,7 +126,7 @@ def test_somebody_who_stands_in_place_is_warned_of(lenses: str) -> None:
     found = from_people(recording, load_noise(detector_of(still)), None, KnownLength(1.72), quiet)
     assert any("the result may be far off" in words for words in found.notes)
     assert found.expected is not None
-    degrees, millimetres = uncertainty.distances(found.rig, still.rig)
+    degrees, millimetres = moved_cameras.distances(found.rig, still.rig)
     assert (degrees < 2 * found.expected.expected_deg).all()
     assert (millimetres < 2 * found.expected.expected_mm).all()
 

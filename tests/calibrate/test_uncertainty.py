@@ -9,7 +9,8 @@ import pytest
 from tests.calibrate.people_scenes import decentred, without_calibration
 
 from e3pose.calibrate.from_people import solve_people
-from e3pose.calibrate.uncertainty import camera_errors, distances, likely_rigs
+from e3pose.calibrate.moved_cameras import distances
+from e3pose.calibrate.uncertainty import camera_errors, likely_rigs
 from e3pose.model.noises import detector_of, load_noise
 from e3pose.simulate import SceneSettings, simulate
 from e3pose.simulate.gatherings import GUESSES

@@ -13,14 +13,13 @@ from e3pose.calibrate.fit import CameraFit, fit_of
 from e3pose.calibrate.from_points import PointRig, adjust_all, pair_poses, solve_points
 from e3pose.calibrate.lenses import expected_lenses, final_lenses, kinds_of
 from e3pose.calibrate.matched_people import Joints, gather, observe_people, rematch, without_lenses
-from e3pose.calibrate.moved_cameras import Diverged, first_lenses, placed
+from e3pose.calibrate.moved_cameras import Diverged, distances, first_lenses, placed
 from e3pose.calibrate.progress import Progress, silent
 from e3pose.calibrate.resection import PlacedPerson, resect
 from e3pose.calibrate.same_people import Evidence, Seen, group, pair_by_essential
 from e3pose.calibrate.triangulation import place_points
 from e3pose.model.camera import Rig
 from e3pose.model.noise import Noise
-from e3pose.model.rotations import angles_between, similarity
 from e3pose.recording.record import Recording
 
 ROUGH_SIGMAS = (25.0, 10.0, 5.0)  # tolerances of matching, from a rough start
@@ -30,7 +29,7 @@ FINAL_POINTS = 8000
 # is declared of that must not matter: it begins from the errors that detectors have.
 USUAL_ERROR = 0.012  # of a person's size in the image
 NOISE_FACTORS = (1.0, 2.0, 3.0, 1 / 2, 1 / 3)  # on what is usual, in which order to begin
-SAME_RAD = np.radians(1.0)  # between the cameras of two rigs: they are the same one
+SAME_DEG = 1.0  # between the cameras of two rigs: they are the same one
 NOISE_LIMITS = (0.1, 10.0)  # of what is usual
 MIN_INLIERS = 0.6  # share of keypoints that a rig must explain to be believed
 # Detectors are off by 0.9 % (Shelf), 1.8 % (pizza), 1.8 % (simulated operating room) of a person's
@@ -187,11 +186,8 @@ def _same(one: PeopleRig, other: PeopleRig) -> bool:
     """Return whether two rigs have all cameras, turned alike."""
     if not (one.solved.placed.all() and other.solved.placed.all()):
         return False
-    ours, theirs = one.solved.adjusted.rig, other.solved.adjusted.rig
-    _, R, _ = similarity(ours.centers_m, theirs.centers_m)
-    turned = np.stack([camera.R @ R.T for camera in ours.cameras])
-    angles = angles_between(turned, np.stack([camera.R for camera in theirs.cameras]))
-    return bool(angles.max() < SAME_RAD)
+    degrees, _ = distances(one.solved.adjusted.rig, other.solved.adjusted.rig)
+    return bool(degrees.max() < SAME_DEG)
 
 
 def _from_nothing(scene: _Scene, progress: Progress) -> PeopleRig | None:

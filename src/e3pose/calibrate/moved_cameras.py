@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
 from e3pose.model.camera import Camera, Rig
+from e3pose.model.rotations import angles_between, similarity
 from e3pose.recording.calibration.world import ASSUMED_FOCAL, assumed_rig
 
 POSE, LENS = slice(0, 6), slice(6, 10)
@@ -108,6 +109,20 @@ def placed(camera: Camera, R: Floats, t: Floats, lens: Floats | None = None) -> 
         return replace(camera, K=K, T_world_camera=T_world_camera, distortion=distortion)
     except InputError as error:
         raise Diverged(*error.args) from None
+
+
+def distances(found: Rig, truth: Rig) -> tuple[Floats, Floats]:
+    """Return `(num_cameras,)` degrees and millimetres between the cameras of two rigs.
+
+    Args:
+        found: in any world and unit; it is brought to the other by the similarity transform.
+        truth: in metres.
+    """
+    scale, R, t = similarity(found.centers_m, truth.centers_m)
+    turned = np.stack([camera.R @ R.T for camera in found.cameras])
+    angles = angles_between(turned, np.stack([camera.R for camera in truth.cameras]))
+    shifts = np.linalg.norm(scale * found.centers_m @ R.T + t - truth.centers_m, axis=1)
+    return np.degrees(angles), 1000 * shifts
 
 
 def _lens(camera: Camera, first: Camera) -> Floats:

@@ -9,11 +9,12 @@ from e3pose.calibrate.align import Floor, Move, floor_from_people, guess
 from e3pose.calibrate.fit import disagreeing
 from e3pose.calibrate.from_people import MOST_ERROR, PeopleRig, solve_people
 from e3pose.calibrate.matched_people import match_people
+from e3pose.calibrate.moved_cameras import distances
 from e3pose.calibrate.people_3d import People3D, place_people
 from e3pose.calibrate.places import KnownLength, Places, agreement
 from e3pose.calibrate.progress import Progress
 from e3pose.calibrate.scale import Scale, from_distance, from_limb, from_stature
-from e3pose.calibrate.uncertainty import FAR_DEG, camera_errors, distances, likely_rigs
+from e3pose.calibrate.uncertainty import FAR_DEG, camera_errors, likely_rigs
 from e3pose.model.camera import Rig
 from e3pose.model.camera_fields import MAX_DISTANCE_M
 from e3pose.model.noise import Noise

@@ -20,9 +20,16 @@ from e3pose.calibrate.from_people import PeopleRig
 from e3pose.calibrate.from_points import OUTLIER_SIGMAS
 from e3pose.calibrate.least_squares import Linearised, curvature_share, reduced_normal
 from e3pose.calibrate.lenses import REPEATED
-from e3pose.calibrate.moved_cameras import LENS, NUM_PARAMETERS, POSE, Cameras, first_lenses
+from e3pose.calibrate.moved_cameras import (
+    LENS,
+    NUM_PARAMETERS,
+    POSE,
+    Cameras,
+    distances,
+    first_lenses,
+)
 from e3pose.model.camera import Rig
-from e3pose.model.rotations import angles_between, similarity
+from e3pose.model.rotations import similarity
 
 GROUP_S = 5.0  # of one person's walk, where few people are there
 MIN_PEOPLE = 3  # to leave out one after the other
@@ -134,20 +141,6 @@ def likely_rigs(found: PeopleRig, fps: float) -> list[Rig]:
     steps = rng.standard_normal((SAMPLES, len(values))) @ spread.T
     first, cameras = first_lenses(rig), Cameras.of(rig)
     return [cameras.moved(step.reshape(len(rig), -1)).rig(first) for step in steps]
-
-
-def distances(found: Rig, truth: Rig) -> tuple[Floats, Floats]:
-    """Return `(num_cameras,)` degrees and millimetres between the cameras of two rigs.
-
-    Args:
-        found: in any world and unit; it is brought to the other by the similarity transform.
-        truth: in metres.
-    """
-    scale, R, t = similarity(found.centers_m, truth.centers_m)
-    turned = np.stack([camera.R @ R.T for camera in found.cameras])
-    angles = angles_between(turned, np.stack([camera.R for camera in truth.cameras]))
-    shifts = np.linalg.norm(scale * found.centers_m @ R.T + t - truth.centers_m, axis=1)
-    return np.degrees(angles), 1000 * shifts
 
 
 def rays_apart(found: Rig, truth: Rig) -> Floats:
