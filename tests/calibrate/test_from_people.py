@@ -113,6 +113,14 @@ def test_result_does_not_depend_on_the_declared_noise(two: Recording) -> None:
         assert other.noise == pytest.approx(usual.noise / times, rel=1e-3)
 
 
+def test_people_of_whom_one_joint_is_sure_have_no_size_and_place_nobody() -> None:
+    short = walk(9, seconds=4.0)
+    hip = np.arange(len(short.skeleton)) == short.skeleton.index("left_hip")
+    views = tuple(replace(v, scores=np.where(hip, v.scores, 0.01)) for v in short.views)
+    with pytest.raises(InputError, match="no two cameras agree"):
+        solve_people(replace(short, views=views), NOISE, None)
+
+
 def test_two_unknown_lenses_are_refused(two: Recording) -> None:
     pair = replace(two, rig=two.rig.subset([0, 1]), views=two.views[:2])
     with pytest.raises(InputError, match="found two with unknown lenses"):

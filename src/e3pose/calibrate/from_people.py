@@ -127,7 +127,8 @@ def solve_people(
     rig = recording.rig
     seen = observe_people(recording, noise)
     _check(rig, seen)
-    usual = USUAL_ERROR / seen.share_of_size()
+    share = seen.share_of_size()
+    usual = USUAL_ERROR / share if share > 0 else 1.0  # of nobody with a size, it does not matter
     scene = _Scene(recording, noise, seen, usual).with_rig(rig, usual)
     best: PeopleRig | None = None
     if start is not None:
