@@ -3,16 +3,24 @@
 from __future__ import annotations
 
 import asyncio
+import datetime
 import socket
+import ssl
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from pathlib import Path
 
 import pytest
 from tests.waiting import eventually
 
 from e3pose.base.listener import Bounds, Listener, network_of, open_socket
+from e3pose.wire.keys.authority import make_authority, make_certificate
+
+FLOOD = Path(__file__).parents[1] / "flood.py"
 
 
 class Echo(asyncio.Protocol):
@@ -30,15 +38,24 @@ class Echo(asyncio.Protocol):
         self.transport.write(data)
 
 
+class Idle(Echo):
+    """Says back what it hears, and waits again at once."""
+
+    def data_received(self, data: bytes) -> None:
+        self.transport.write(data)
+
+
 @contextmanager
-def echo(bounds: Bounds) -> Iterator[int]:
+def echo(
+    bounds: Bounds, make: type[Echo] = Echo, secure: ssl.SSLContext | None = None
+) -> Iterator[int]:
     """Serve on a thread and yield the port."""
     listening = open_socket("127.0.0.1", 0)
     loop = asyncio.new_event_loop()
     ended = threading.Event()
 
     async def serve() -> None:
-        accepting = asyncio.ensure_future(Listener(listening, Echo, bounds).run())
+        accepting = asyncio.ensure_future(Listener(listening, make, bounds, secure).run())
         while not ended.is_set():
             await asyncio.sleep(0.01)
         accepting.cancel()
@@ -115,6 +132,30 @@ def test_flood_of_silent_connections_leaves_no_files_open() -> None:
         silent = [stack.enter_context(connected(port)) for _ in range(100)]
         assert eventually(lambda: answers(stack.enter_context(connected(port))))
         assert all(ended(one) for one in silent[:90])
+
+
+@pytest.mark.slow
+def test_flood_of_handshakes_leaves_those_of_others_alone(tmp_path: Path) -> None:
+    now = datetime.datetime.now(datetime.timezone.utc)
+    authority = make_authority("house", now)
+    for name, part in zip(
+        ("pem", "key"), make_certificate(*authority, "hub", ["localhost"], now), strict=True
+    ):
+        (tmp_path / f"hub.{name}").write_bytes(part)
+    secure = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    secure.load_cert_chain(tmp_path / "hub.pem", tmp_path / "hub.key")
+    trusting = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+    trusting.check_hostname, trusting.verify_mode = False, ssl.CERT_NONE
+    with echo(Bounds(64, 8, request_s=5.0), Idle, secure) as port:
+        words = [sys.executable, str(FLOOD), f"127.0.0.1:{port}", "", ""]
+        with subprocess.Popen(words, stdout=subprocess.PIPE) as flooding:
+            try:
+                assert flooding.stdout is not None and flooding.stdout.readline()
+                for _ in range(600):
+                    with connected(port) as raw, trusting.wrap_socket(raw) as one:
+                        assert answers(one)
+            finally:
+                flooding.kill()
 
 
 @pytest.mark.parametrize(

@@ -36,7 +36,7 @@ from simulated_sites import records_of
 
 pytestmark = pytest.mark.slow
 
-FLOOD = Path(__file__).parent / "flood.py"
+FLOOD = Path(__file__).parents[1] / "flood.py"
 MANY = 500  # sites that a page has to show, which answer nobody
 FLOOD_S = 12.0
 PATIENCE_S = 15.0  # for the page, on a machine that is busy: a browser asks so often

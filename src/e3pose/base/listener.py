@@ -76,9 +76,10 @@ class _Held:
     since_s: float
     opening: asyncio.Task[None] | None = None
     transport: Any = None
+    owned: bool = False  # by asyncio, which closes it: the next would be deaf if we did
 
     def opened(self) -> None:
-        if self.transport is None:  # it failed, or was closed before
+        if not self.owned:
             self.accepted.close()
 
     def gone(self) -> bool:
@@ -92,10 +93,13 @@ class _Held:
         return since_s
 
     def close(self) -> None:
-        if self.opening is not None:
-            self.opening.cancel()
         if self.transport is not None:
             self.transport.abort()
+            return
+        if self.opening is not None:
+            self.opening.cancel()
+        with suppress(OSError):  # the client is gone
+            self.accepted.shutdown(socket.SHUT_RDWR)  # a handshake that has just ended ends too
 
 
 @dataclass(eq=False)
@@ -124,6 +128,7 @@ class Listener:
         sweeping = loop.create_task(self._sweep())
         try:
             while True:
+                await asyncio.sleep(0)  # clients that connect without end leave others a turn
                 try:
                     accepted, address = await loop.sock_accept(self.listening)
                 except OSError:  # no file left, or the client is gone already
@@ -163,7 +168,7 @@ class Listener:
         return True
 
     async def _open(self, one: _Held) -> None:
-        loop = asyncio.get_running_loop()
+        loop, one.owned = asyncio.get_running_loop(), True
         handshake_s = None if self.secure is None else self.bounds.request_s
         with suppress(OSError):  # ssl.SSLError is one, and so is a timeout
             one.transport, _ = await loop.connect_accepted_socket(

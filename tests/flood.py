@@ -1,4 +1,4 @@
-"""A hostile viewer of a hub's page, in a process of its own.
+"""A hostile client of a page over TLS, in a process of its own.
 
 `python flood.py HOST:PORT TOKEN SITE` asks and holds connections in all ways at once until it is
 killed: as often as it can, to open a site, half, without reading answers, and too much.
