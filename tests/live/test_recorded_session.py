@@ -39,7 +39,7 @@ path = "live.db"
 part = "5s"
 [loop]
 policy = "round-robin"
-cameras = 2
+cameras = 3
 predictor = "zero-velocity"
 """
 CAMERA = """
@@ -112,7 +112,7 @@ def test_session_is_a_recording_with_its_videos(session: Path, verb: Callable[..
     assert min(views[:3]) > 0 and views[3] == 0
     assert set(recording.videos) == {"cam0", "cam1"}
     frames = list(open_video(part / "videos" / recording.videos["cam0"]).frames())
-    assert len(frames) > 1.5 * views[0]  # also of slots in which it was not selected
+    assert len(frames) > 1.2 * views[0]  # also of slots in which it was not selected
     verb("replay", part)
     assert "missing-video" not in verb("info", part)
 
