@@ -74,11 +74,20 @@ def smooth_points(motion: Motion, skeleton: Skeleton, interval_s: float) -> Moti
         here = known[slot]
         joints_m[slot, here] = mean[here, 0]
         stated = here & np.isfinite(motion.sigma_m[slot])
-        # What is stated may be wider than what the filter knew, by a factor that smoothing keeps.
-        factor = motion.sigma_m[slot] / np.sqrt(covariances[slot][:, 0, 0])
-        smaller = factor * np.sqrt(np.maximum(covariance[:, 0, 0], 0.0))
-        sigma_m[slot, stated] = smaller[stated]
+        sigma_m[slot, stated] = _stated_m(
+            motion.sigma_m[slot, stated], covariances[slot][stated, 0, 0], covariance[stated, 0, 0]
+        )
     return Motion(motion.track_id, motion.first, joints_m, sigma_m, motion.scores, motion.origin)
+
+
+def _stated_m(before_m: Floats, filtered_m2: Floats, smoothed_m2: Floats) -> Floats:
+    """Return what to state after smoothing, `(num,)`.
+
+    What was stated beyond what the filter knew are errors that views repeat, which no number of
+    slots averages out (`smooth.stated`): they stay. What was stated below it is a factor.
+    """
+    factor = np.minimum(before_m**2 / filtered_m2, 1.0)
+    return np.sqrt(before_m**2 - factor * (filtered_m2 - np.maximum(smoothed_m2, 0.0)))
 
 
 def _forward(
