@@ -28,10 +28,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from bench_calibration import cost
 from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
 from e3pose.calibrate.align import floor_from_people
-from e3pose.calibrate.from_points import OUTLIER_SIGMAS, adjust_all
+from e3pose.calibrate.from_points import adjust_all
 from e3pose.calibrate.lenses import final_lenses
 from e3pose.calibrate.matched_people import Joints, match_people
 from e3pose.calibrate.moved_cameras import distances
@@ -134,9 +135,7 @@ def adjusted(joints: Joints, rig: Rig, lenses: Floats) -> tuple[Rig, float]:
         rig, joints.keypoints_px, joints.sigma_px, everyone, lenses, most_points=POINTS
     )
     assert solved is not None
-    residuals = solved.adjusted.residuals
-    square = (residuals[np.isfinite(residuals[..., 0])] ** 2).sum(axis=-1) / OUTLIER_SIGMAS**2
-    return solved.adjusted.rig, float(OUTLIER_SIGMAS**2 * np.mean(np.log1p(square)))
+    return solved.adjusted.rig, cost(solved.adjusted, None)
 
 
 def main() -> None:
