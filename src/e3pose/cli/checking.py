@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,7 +16,6 @@ from e3pose.cli.options import Flag, warn
 if TYPE_CHECKING:
     from e3pose.settings.resolved import ResolvedSite
     from e3pose.site.check import Finding
-    from e3pose.site.edge_program import EdgeParts
 
 STYLES = {"ok": "green", "warning": "yellow", "problem": "bold red"}
 
@@ -67,8 +67,10 @@ def check(
 
 
 def _site(site: ResolvedSite, quick: bool, running: bool) -> list[Finding]:
+    from e3pose.cli.progress import stage_progress
     from e3pose.site import check as examine
-    from e3pose.site.check_sources import check_sources
+    from e3pose.site import check_settings
+    from e3pose.site.check_sources import check_rates, check_sources
     from e3pose.site.edge_program import check_edge
 
     if not site.rig.placed:
@@ -76,36 +78,24 @@ def _site(site: ResolvedSite, quick: bool, running: bool) -> list[Finding]:
     else:
         parts = check_edge(site)
         warn(site.warning)
-        found = [*examine.check_calibration(site.rig), *_settings(site, parts)]
+        now = datetime.now().astimezone()
+        found = [
+            *examine.check_calibration(site.rig),
+            *check_settings.check_skeletons(site),
+            *check_settings.check_feedback(site),
+            *check_settings.check_events(site),
+            *check_settings.check_budgets(site, parts, now),
+        ]
     sources = list(check_sources(site))
     found += [*examine.check_link_of(site), *examine.check_places(site), *sources]
     usable = all(finding.level != "problem" for finding in sources)
     selected = min(site.loop.num_selected or len(site.rig), len(site.rig))
     if usable and not quick:
-        # A running site has the devices, and counts their frames itself.
-        found += [] if running else _rates(site)
+        if not running:  # a running site has the devices, and counts their frames itself
+            with stage_progress() as (_, advance):
+                found += check_rates(site, partial(advance, "counting frames"))
         found += _looks(site, selected)
     return [*found, examine.check_clock(site.link.endpoint)]
-
-
-def _settings(site: ResolvedSite, parts: EdgeParts) -> list[Finding]:
-    from e3pose.site import check_settings as examine
-
-    now = datetime.now().astimezone()
-    return [
-        *examine.check_skeletons(site), *examine.check_feedback(site), *examine.check_events(site),
-        *examine.check_budgets(site, parts, now),
-    ]  # fmt: skip
-
-
-def _rates(site: ResolvedSite) -> list[Finding]:
-    from functools import partial
-
-    from e3pose.cli.progress import stage_progress
-    from e3pose.site.check_sources import check_rates
-
-    with stage_progress() as (_, advance):
-        return list(check_rates(site, partial(advance, "counting frames")))
 
 
 def _looks(site: ResolvedSite, selected: float) -> list[Finding]:
