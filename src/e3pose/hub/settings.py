@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import datetime
 from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +13,7 @@ from msgspec import Meta
 from e3pose.base.bounded import read_toml
 from e3pose.base.errors import InputError
 from e3pose.wire.access import Link, check_link, split_endpoint
-from e3pose.wire.keys.folder import certificates_in, check_certificates, holder
+from e3pose.wire.keys.folder import holder, valid_certificates
 from e3pose.wire.topics import check_site
 
 FORMAT, VERSION = "e3pose-hub", 1
@@ -122,8 +121,7 @@ class Hub:
         """
         site, certificates = self.sites[name], None
         if split_endpoint(site.endpoint)[0] == "tls":
-            certificates = certificates_in(self.path.parent / (site.keys or name), "hub")
-            check_certificates(certificates, datetime.datetime.now(datetime.timezone.utc))
+            certificates = valid_certificates(self.path.parent / (site.keys or name), "hub")
         link = Link("viewer", name, site.endpoint, certificates)
         check_link(link)
         return link

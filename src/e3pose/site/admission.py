@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import datetime
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -12,7 +11,7 @@ from e3pose.base.version import Version, version_of
 from e3pose.edge.server import EdgeServer
 from e3pose.settings.site_file import SiteTable
 from e3pose.wire.access import Link, Roll, check_link, split_endpoint
-from e3pose.wire.keys.folder import certificates_in, check_certificates, not_admitted, read_roll
+from e3pose.wire.keys.folder import not_admitted, read_roll, valid_certificates
 from e3pose.wire.transport import Transport
 
 
@@ -25,8 +24,7 @@ def edge_link(site: SiteTable) -> tuple[Link, Roll | None]:
     table, roll, certificates = site.link, None, None
     if split_endpoint(table.endpoint)[0] == "tls" and table.keys is not None:
         roll = read_roll(table.keys)
-        certificates = certificates_in(table.keys, "edge")
-        check_certificates(certificates, datetime.datetime.now(datetime.timezone.utc))
+        certificates = valid_certificates(table.keys, "edge")
     link = Link(
         "edge", site.name, table.endpoint, certificates, table.upstream, insecure=table.insecure
     )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import datetime
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -29,7 +28,7 @@ from e3pose.settings.sources import is_recorded
 from e3pose.site.program_log import NO_LOG, Log
 from e3pose.site.run import run_until_stopped
 from e3pose.wire.access import Link, check_link, split_endpoint
-from e3pose.wire.keys.folder import certificates_in, check_certificates
+from e3pose.wire.keys.folder import valid_certificates
 from e3pose.wire.network import open_network
 from e3pose.wire.transport import Transport
 
@@ -49,8 +48,7 @@ def camera_link(node: NodeTable) -> Link:
     """
     certificates = None
     if split_endpoint(node.endpoint)[0] == "tls" and node.keys is not None:
-        certificates = certificates_in(node.keys, "camera")
-        check_certificates(certificates, datetime.datetime.now(datetime.timezone.utc))
+        certificates = valid_certificates(node.keys, "camera")
     link = Link("camera", node.site, node.endpoint, certificates, insecure=node.insecure)
     check_link(link)
     return link

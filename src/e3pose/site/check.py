@@ -26,7 +26,7 @@ from e3pose.settings.resolved import ResolvedSite, calibrate_advice
 from e3pose.settings.site_file import SiteTable
 from e3pose.site.admission import edge_link
 from e3pose.wire.access import Roll, is_loopback, split_endpoint
-from e3pose.wire.keys.folder import Kind, certificates_in, check_certificates
+from e3pose.wire.keys.folder import Kind, valid_certificates
 from e3pose.wire.keys.renewal import SOON_DAYS
 from e3pose.wire.site_messages import CameraStatus, Status
 
@@ -209,8 +209,7 @@ def _certificate(
         f"e3pose keys add {name}{option} --again --keys {folder.parent.parent}, then copy {folder}"
     )
     try:
-        files = certificates_in(folder, kind)
-        check_certificates(files, now)
+        files = valid_certificates(folder, kind)
     except InputError as error:
         return Finding("problem", what, str(error), again)
     until = expires(files.certificate.read_bytes())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import datetime
 import queue
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -23,7 +22,7 @@ from e3pose.settings.site_file import SiteTable, ZoneTable, load_site
 from e3pose.site.follow import Follower, viewer_link
 from e3pose.wire.access import Link, split_endpoint
 from e3pose.wire.arrays import unpack
-from e3pose.wire.keys.folder import certificates_in, check_certificates
+from e3pose.wire.keys.folder import valid_certificates
 from e3pose.wire.site_messages import Poses, Status
 from e3pose.wire.transport import Transport
 
@@ -334,8 +333,7 @@ def connect(
         if folder is None:
             wanted = 'keys="NAME", the folder of `e3pose keys add NAME --viewer`'
             raise InputError("keys", MISSING, wanted)
-        certificates = certificates_in(folder, "viewer")
-        check_certificates(certificates, datetime.datetime.now(datetime.timezone.utc))
+        certificates = valid_certificates(folder, "viewer")
         site = site or certified_site(certificates.authority)
     if site is None:
         raise InputError("site", MISSING, 'site="NAME", as `name` in the site file')

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import datetime
 import threading
 from collections.abc import Callable
 from contextlib import suppress
@@ -16,9 +15,8 @@ from e3pose.wire.access import Link, split_endpoint
 from e3pose.wire.codec import decode
 from e3pose.wire.keys.folder import (
     Kind,
-    certificates_in,
-    check_certificates,
     holder,
+    valid_certificates,
 )
 from e3pose.wire.site_messages import Poses, Status
 from e3pose.wire.transport import Transport
@@ -136,8 +134,7 @@ def viewer_link(site: SiteTable, viewer: Path | None, operates: bool = False) ->
                 )
             viewer = found[0].parent
         kind: Kind = "operator" if (viewer / "operator.pem").exists() else "viewer"
-        certificates = certificates_in(viewer, kind)
-        check_certificates(certificates, datetime.datetime.now(datetime.timezone.utc))
+        certificates = valid_certificates(viewer, kind)
         if host == "127.0.0.1":
             endpoint = f"tls/localhost:{port}"
     return Link("viewer", site.name, endpoint, certificates, insecure=site.link.insecure)

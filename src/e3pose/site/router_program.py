@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import datetime
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 from e3pose.base.errors import InputError
 from e3pose.wire.access import Link, Roll, check_link
-from e3pose.wire.keys.folder import certificates_in, check_certificates, read_roll
+from e3pose.wire.keys.folder import read_roll, valid_certificates
 from e3pose.wire.transport import Transport
 
 
@@ -28,8 +27,7 @@ def router_link(folder: Path, endpoint: str, edge: str) -> tuple[Link, Roll]:
         if not place.startswith("tls/"):
             raise InputError(f"endpoint {place[:100]}: found no tls, expected tls/HOST:PORT")
     roll = read_roll(folder)
-    files = certificates_in(folder, "router")
-    check_certificates(files, datetime.datetime.now(datetime.timezone.utc))
+    files = valid_certificates(folder, "router")
     link = Link("router", roll.site, endpoint, files, (edge,))
     check_link(link)
     return link, roll

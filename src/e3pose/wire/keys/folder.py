@@ -266,6 +266,13 @@ def certificates_in(folder: Path, role: Literal["edge"] | Kind) -> Certificates:
     return files
 
 
+def valid_certificates(folder: Path, role: Literal["edge"] | Kind) -> Certificates:
+    """Return the files of a folder for a program; raise `InputError` unless they serve it now."""
+    files = certificates_in(folder, role)
+    check_certificates(files, datetime.datetime.now(datetime.timezone.utc))
+    return files
+
+
 def check_certificates(files: Certificates, now: datetime.datetime) -> None:
     """Raise `InputError` for invalid certificates, before the network error hides the reason."""
     from e3pose.wire.keys.authority import problem_with
