@@ -25,7 +25,6 @@ from e3pose.site.streams import Source
 from e3pose.store import Store
 
 SENTENCE = re.compile(r"(?:Person \d+ )?(.+?)(?: \(.*\))? at \d\d:\d\d")
-Timed = tuple[int, int, Any]  # nanoseconds since 1970, what comes first at one time, what it is
 
 
 def write_mcap(
