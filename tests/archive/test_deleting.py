@@ -143,7 +143,8 @@ def test_deletion_that_was_killed_goes_on(
 
 def test_what_cannot_be_deleted_is_refused(store: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for words, message in (
-        ([], "--day, --person, --run"),
+        ([], "found nothing to delete, expected --day DAY, or --person"),
+        (["--person", "10", "--day", FIRST_DAY], "found --day, --person, expected"),
         (["--person", "10"], "--person TRACK with --run RUN"),
         (["--day", "2026-13-01"], "--day: found '2026-13-01'"),
         (["--day", "2096-01-01"], "a day that is over"),

@@ -203,9 +203,11 @@ def _what(
     from e3pose.store import Store
     from e3pose.store.forgetting import Forgotten, of_day
 
-    if (day is None) == (person is None) or (person is None) != (run is None):
-        wanted = "--day DAY, or --person TRACK with --run RUN"
-        raise InputError(f"--day, --person, --run: found other ones together, expected {wanted}")
+    given = [name for name, value in (("day", day), ("person", person), ("run", run))
+             if value is not None]  # fmt: skip
+    if given not in (["day"], ["person", "run"]):
+        found = ", ".join(f"--{name}" for name in given) or "nothing to delete"
+        raise InputError(f"found {found}, expected --day DAY, or --person TRACK with --run RUN")
     runs = {one.run_id: one.run for one in Store(store).runs()}
     if person is not None and run is not None:
         if run not in runs:
