@@ -116,7 +116,7 @@ def test_hub_s_certificate_fetches_and_others_do_not(tmp_path: Path) -> None:
     with serve("lab", port, tmp_path / "lab.db", str(tmp_path / "keys")):
         (tmp_path / "lab").symlink_to(tmp_path / "other" / "hubs" / "house")
         with program(*E3POSE, "hub", "run", str(hub)) as running:
-            assert running.stdout is not None and "lab: no answer" in running.stdout.readline()
+            assert running.stdout is not None and "no connection to" in running.stdout.readline()
         assert numbers(database, "lab") == []
         (tmp_path / "lab").unlink()
         (tmp_path / "lab").symlink_to(tmp_path / "keys" / "hubs" / "house")
@@ -273,9 +273,15 @@ def test_waits_grow_with_failures_are_bounded_and_differ() -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "missing required field `format`"),
+        ("", "^[^:]*hub.toml: missing: format"),
         ('format = "e3pose-site"\nversion = 1', "expected e3pose-hub version 1"),
-        ('format = "e3pose-hub"\nversion = 1\nsites = 1', "unknown field `sites`"),
+        ('format = "e3pose-hub"\nversion = 1\nsites = 1', "unknown key 'sites'"),
+        ('format = "e3pose-hub"\nversion = 1\nevery_s = 0', "every_s"),
+        ('format = "e3pose-hub"\nversion = 1\n[view]\nkey = "a.pem"', "view: .*expected both"),
+        (
+            'format = "e3pose-hub"\nversion = 1\n[view]\nlisten = "x"',
+            "listen: .*expected HOST:PORT",
+        ),
         ('format = "e3pose-hub"\nversion = 1\n[[site]]\nname = "a/b"\nendpoint = "x"', "site"),
         ('format = "e3pose-hub"\nversion = 1\n[[site]]\nname = "a"\nendpoint = "x"', "endpoint"),
     ],
@@ -284,6 +290,23 @@ def test_wrong_file_of_a_hub_is_told(tmp_path: Path, text: str, message: str) ->
     (tmp_path / "hub.toml").write_text(text)
     with pytest.raises(InputError, match=message):
         load_hub(tmp_path)
+
+
+def test_hub_that_is_not_there_is_told_once(tmp_path: Path) -> None:
+    with pytest.raises(
+        InputError, match=r"^[^:]*nohub: found no such file, expected the file of a"
+    ):
+        load_hub(tmp_path / "nohub")
+
+
+def test_server_that_is_away_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    hub = hub_file(tmp_path, {"lab": 7447})
+    hub.write_text(f'database = "postgresql://nobody@127.0.0.1:1/none"\n{hub.read_text()}')
+    for words in (("run", hub), ("forgotten", hub), ("accesses", hub)):
+        assert run_verb("hub", *words) == 2
+        assert "postgresql://nobody@127.0.0.1:1/none: cannot be used" in capsys.readouterr().err
+    assert run_verb("hub", "query", hub, "SELECT 1") == 2
+    assert "postgresql://nobody@127.0.0.1:1/none: query: " in capsys.readouterr().err
 
 
 def test_store_of_a_site_is_no_hub(tmp_path: Path) -> None:
@@ -300,6 +323,16 @@ def test_query_prints_and_writes(tmp_path: Path, capsys: pytest.CaptureFixture[s
     asked = "SELECT site, count(*) AS minutes FROM summaries GROUP BY site"
     assert run_verb("hub", "query", tmp_path, asked) == 0
     assert "lab" in capsys.readouterr().out
+    assert run_verb("hub", "query", tmp_path, "SELECT 1.0 / 3, 1795790750.25, NULL") == 0
+    assert capsys.readouterr().out.split()[-3:] == ["0.333333", "1795790750.25", "-"]
     assert run_verb("hub", "query", tmp_path, asked, "--csv", tmp_path / "a.csv") == 0
     assert (tmp_path / "a.csv").read_text().splitlines() == ["site,minutes", "lab,2"]
-    assert run_verb("hub", "query", tmp_path, "DROP TABLE summaries") == 2
+    capsys.readouterr()
+    for sql, found in {
+        "DROP TABLE summaries": "found what does more than read",
+        "SELECT * FROM nowhere": "no such table: nowhere",
+        "": "found no question",
+    }.items():
+        assert run_verb("hub", "query", tmp_path, sql) == 2
+        wanted = f"e3pose: query: {found}, expected one SELECT from summaries, hours, sites, "
+        assert capsys.readouterr().err.startswith(wanted)

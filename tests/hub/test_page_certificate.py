@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from e3pose.base.errors import InputError
 from e3pose.hub.page import HubPage, open_page
 from e3pose.hub.settings import load_hub
 from e3pose.wire.keys.authority import make_authority, make_certificate
@@ -27,6 +28,18 @@ def write_pair(folder: Path, make: Callable[[], tuple[bytes, bytes]], key: bool 
 
 def shown(page: HubPage) -> str:
     return ssl.get_server_certificate(("127.0.0.1", int(page.url.rpartition(":")[2].strip("/"))))
+
+
+def test_certificate_that_is_not_there_is_told_with_the_file(tmp_path: Path) -> None:
+    (tmp_path / "hub.toml").write_text(
+        'format = "e3pose-hub"\nversion = 1\n[view]\ncertificate = "hub.pem"\nkey = "hub.key"\n'
+    )
+    with pytest.raises(
+        InputError, match=r"hub\.toml: view\.certificate, view\.key: found hub\.pem"
+    ):
+        open_page(load_hub(tmp_path))
+    with pytest.raises(InputError, match=r"view\.listen: found 'x', expected HOST:PORT"):
+        open_page(load_hub(tmp_path), "x")
 
 
 def test_renewed_certificate_is_shown_and_a_wrong_pair_is_told_and_not(tmp_path: Path) -> None:

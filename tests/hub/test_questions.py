@@ -187,9 +187,16 @@ def test_log_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
 )
 def test_question_about_archives_reads_and_nothing_else(house: Path, sql: str) -> None:
     before = sorted(house.rglob("*.csv"))
-    with pytest.raises(InputError, match=r"query: .*expected one statement that reads"):
+    with pytest.raises(InputError, match=r"^query: .*, expected one SELECT from poses or files$"):
         query(house, sql.format(house=house), archives=True)
     assert sorted(house.rglob("*.csv")) == before and not (house / "all").exists()
+
+
+def test_archive_that_is_not_mounted_is_told(house: Path, tmp_path: Path) -> None:
+    text = (house / "hub.toml").read_text().replace('"archive"', f'"{tmp_path}"')
+    (house / "unmounted.toml").write_text(text)
+    with pytest.raises(InputError, match=f"^archives: {tmp_path}: found no archive, expected one"):
+        query(house / "unmounted.toml", "SELECT count(*) FROM poses", archives=True)
 
 
 def test_question_about_archives_has_limits(house: Path) -> None:

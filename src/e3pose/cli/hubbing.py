@@ -90,7 +90,9 @@ def view(
 
     check_seconds("--for", for_s)
     found = load_hub(hub)
-    with open_page(found, listen) as opened:
+    with as_typed({} if listen is None else {"view.listen": "--listen"}, str(found.path)):
+        page = open_page(found, listen)
+    with page as opened:
         print("\n".join(page_lines(opened.url, found)), flush=True)
         end_s = None if for_s is None else time.monotonic() + for_s
         run_until_stopped(lambda: opened.running() and (end_s is None or time.monotonic() < end_s))
@@ -144,7 +146,8 @@ def query(
         raise InputError("--group: found without --archives, expected both")
     stand_back()
     if archives:
-        names, rows = answer_of_archives(found, sql, local_user(), group)
+        with as_typed({"group": "--group"}):
+            names, rows = answer_of_archives(found, sql, local_user(), group)
     else:
         names, rows = answer(found.database, sql)
     _put_out(names, rows, csv, json_file)
@@ -355,6 +358,13 @@ def _plain(value: Any) -> Any:
     return float(value) if isinstance(value, Decimal) else str(value)
 
 
+def _shown(value: Any) -> str:
+    """Return a value as a table shows it: six digits are enough to look at."""
+    if isinstance(value, float) and abs(value) < 1e6:
+        return f"{value:.6g}"
+    return "-" if value is None else str(value)
+
+
 def _show(names: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
     from rich.table import Table
     from rich.text import Text
@@ -363,7 +373,7 @@ def _show(names: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
 
     table = Table(*names, box=None)
     for row in rows[:SHOWN_ROWS]:
-        table.add_row(*(Text("-" if value is None else str(value)) for value in row))
+        table.add_row(*(Text(_shown(value)) for value in row))
     console = table_console(200)
     console.print(table)
     if len(rows) > SHOWN_ROWS:

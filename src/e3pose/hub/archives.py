@@ -9,17 +9,18 @@ from collections.abc import Collection, Iterator, Sequence
 from importlib.util import find_spec
 from typing import Any
 
-from e3pose.archive.manifest import Manifest, days_of, read_manifest
+from e3pose.archive.manifest import MARK, Manifest, days_of, read_manifest
 from e3pose.archive.places import Place, place_of
 from e3pose.base.apart import kill_all, start_apart
 from e3pose.base.errors import InputError
 from e3pose.hub.accesses import log_accesses
 from e3pose.hub.database import open_hub
 from e3pose.hub.duck import File, Question
-from e3pose.hub.question import LIMIT_S, MOST_ROWS
+from e3pose.hub.question import LIMIT_S, MOST_ROWS, late
 from e3pose.hub.settings import Hub
 
 MOST_BYTES = 2_000_000_000  # of memory that a question takes
+EXPECTED = "one SELECT from poses or files"
 START_S = 10.0  # for DuckDB to be there, beside the question's own time
 GLOBS = "*?[]"  # which DuckDB would look for other files with
 
@@ -68,6 +69,8 @@ def files_of(place: Place, sites: Collection[str]) -> Iterator[File]:
     Raises:
         InputError: for an archive that is not there, or cannot be read.
     """
+    if place.read(MARK) is None:
+        raise InputError(f"archives: {place.name}", "no archive", "one that e3pose archive made")
     for site in sites:
         for _, day in days_of(place, site):
             manifest = read_manifest(place, site, day) or Manifest(site, day)
@@ -89,7 +92,7 @@ def _asked(question: Question) -> tuple[list[str], list[Sequence[Any]]]:
     try:
         output, errors = process.communicate(pickle.dumps(question), question.limit_s + START_S)
     except subprocess.TimeoutExpired:
-        raise InputError(_late(question)) from None
+        raise InputError(late(question.limit_s)) from None
     finally:
         kill_all(process)
         process.wait()
@@ -98,14 +101,10 @@ def _asked(question: Question) -> tuple[list[str], list[Sequence[Any]]]:
         reason = said[-1][:300] if said else ""
         if process.returncode < 0:
             reason = f"ended by signal {-process.returncode}, as where memory runs out"
-        raise InputError(f"query: {reason}, expected one statement that reads")
+        raise InputError(f"query: {reason}, expected {EXPECTED}")
     problem, names, rows = pickle.loads(output)  # of our own program
     if problem:
-        late = problem == "late"
-        reason = _late(question) if late else f"query: {problem}, expected one statement that reads"
-        raise InputError(reason)
+        if problem == "late":
+            raise InputError(late(question.limit_s))
+        raise InputError(f"query: {problem}, expected {EXPECTED}")
     return names, rows
-
-
-def _late(question: Question) -> str:
-    return f"query: took more than {question.limit_s:g} s, expected a shorter question"

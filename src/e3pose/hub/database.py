@@ -30,7 +30,14 @@ from sqlalchemy import (
 
 from e3pose.base.errors import InputError
 from e3pose.hub.records import Summary
-from e3pose.store.database import check_place, database_url, shown, writing_engine
+from e3pose.store.database import (
+    REFUSALS,
+    check_place,
+    database_url,
+    reason_of,
+    shown,
+    writing_engine,
+)
 from e3pose.store.delivery import new_rows
 from e3pose.store.rows import NS
 from e3pose.store.schema import SUMMARY_JSON, summary_columns
@@ -131,17 +138,20 @@ def open_hub(database: str, kept: int = 0) -> Engine:
         kept: connections to a server that stay open between two uses; then dispose of it.
 
     Raises:
-        InputError: when something else is there.
+        InputError: when something else is there, or nothing answers.
     """
     url = database_url(database)
     check_place(url)
     engine = writing_engine(url, kept)
-    with engine.begin() as connection:
-        there = set(inspect(connection).get_table_names())
-        if (there and not {"summaries", "sites"} <= there) or "slots" in there:
-            found = ", ".join(sorted(there))[:80]
-            raise InputError(f"{shown(url)}: found tables {found}, expected those of a hub")
-        metadata.create_all(connection)
+    try:
+        with engine.begin() as connection:
+            there = set(inspect(connection).get_table_names())
+            if (there and not {"summaries", "sites"} <= there) or "slots" in there:
+                found = ", ".join(sorted(there)[:5])
+                raise InputError(f"{shown(url)}: found tables {found}, expected those of a hub")
+            metadata.create_all(connection)
+    except REFUSALS as error:
+        raise InputError(f"{shown(url)}: cannot be used ({reason_of(error)})") from None
     return engine
 
 

@@ -87,7 +87,8 @@ def main() -> None:
     except duckdb.InterruptException:
         problem = "late"
     except (duckdb.Error, RuntimeError, UnicodeError) as error:
-        problem = " ".join(str(error).split())[:300] or type(error).__name__
+        said = str(error).partition("\nLINE ")[0]  # then the question again
+        problem = " ".join(said.split())[:300] or type(error).__name__
     sys.stdout.buffer.write(pickle.dumps((problem, names, rows)))
     sys.stdout.buffer.flush()
     os._exit(0)  # threads of DuckDB that call Python must not outlive the interpreter
@@ -110,8 +111,10 @@ def _answer(question: Question) -> tuple[list[str], list[Any]]:
     _tables(connection, question.files)
     bound_memory(question.most_bytes)
     statements = connection.extract_statements(question.sql)
-    if len(statements) != 1 or statements[0].type != duckdb.StatementType.SELECT:
-        raise RuntimeError(f"found {len(statements)} statements or one that does not read")
+    if len(statements) != 1:
+        raise RuntimeError(f"found {len(statements)} statements")
+    if statements[0].type != duckdb.StatementType.SELECT:
+        raise RuntimeError("found what does more than read")
     timer = threading.Timer(question.limit_s, connection.interrupt)
     timer.daemon = True
     timer.start()

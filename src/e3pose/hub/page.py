@@ -24,7 +24,7 @@ from e3pose.base.version import Version, version_of
 from e3pose.hub.accesses import log_accesses
 from e3pose.hub.database import open_hub
 from e3pose.hub.overview import Overviews
-from e3pose.hub.settings import Hub
+from e3pose.hub.settings import Hub, host_and_port
 from e3pose.hub.users import User, Users, read_users, users_of
 from e3pose.site.serving import CONNECTIONS, PER_ADDRESS, Serving
 from e3pose.site.web.access import Door, Rules, token_of
@@ -33,7 +33,7 @@ from e3pose.site.web.page import KINDS
 from e3pose.site.web.program import listening_at
 from e3pose.site.web.tokens import open_tokens
 from e3pose.store.database import REFUSALS, reason_of
-from e3pose.wire.access import is_loopback, split_endpoint
+from e3pose.wire.access import is_loopback
 
 BROWSER = resources.files("e3pose.hub").joinpath("browser")
 # Its own, and the modules and styles of a site's page.
@@ -134,7 +134,7 @@ def open_page(
             and all that is wrong in the files.
     """
     table, words = hub.view, listen or hub.view.listen
-    _, host, port = split_endpoint(f"tcp/{words}")
+    host, port = host_and_port(words)
     secure, renewal = None, None
     if table.certificate:
         secure = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
@@ -143,10 +143,12 @@ def open_page(
         try:
             secure.load_cert_chain(*files)
         except OSError as error:
-            raise InputError("view.certificate", table.certificate, f"one ({error})") from None
+            found = f"{table.certificate} and {table.key} ({error})"
+            wanted = "PEM files of a certificate and its key"
+            raise InputError("view.certificate, view.key", found, wanted, str(hub.path)) from None
     elif not is_loopback(host) and not table.insecure:
         wanted = "127.0.0.1:PORT, or certificate and key under [view] for https"
-        raise InputError("view.listen" if listen is None else "--listen", words, wanted)
+        raise InputError("view.listen", words, wanted, str(hub.path))
     users = users_of(hub)
     read_users(users.path)  # what is wrong in it is told at once
     hosts = frozenset({"localhost", host.lower(), *(name.lower() for name in table.hosts)})
@@ -238,5 +240,8 @@ def page_lines(url: str, hub: Hub) -> list[str]:
     """Return what to tell whoever started the page."""
     names: list[Any] = [user.name for user in read_users(users_of(hub).path)]
     if not names:
-        return [f"See the sites: {url}", "Nobody may yet: e3pose hub grant HUB NAME --viewer"]
+        return [
+            f"See the sites: {url}",
+            "Nobody may yet: e3pose hub grant HUB NAME --viewer --group GROUP",
+        ]
     return [f"See the sites: {url}#token=TOKEN, with the token of {', '.join(names)[:200]}"]

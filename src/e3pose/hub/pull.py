@@ -18,6 +18,7 @@ from e3pose.hub.database import Cursor, cursor_of, keep, note_problem
 from e3pose.hub.records import summaries_in, tombstones_in
 from e3pose.hub.settings import Hub, holder_at
 from e3pose.store.database import REFUSALS, reason_of
+from e3pose.wire.access import Link
 from e3pose.wire.codec import decode, encode
 from e3pose.wire.network import open_network
 from e3pose.wire.site_messages import OutboxPart, OutboxQuestion
@@ -148,7 +149,16 @@ def _asked(
         if turn is not None and turn.over():
             break
         pause()
-    raise InputError(f"{site}: no answer")
+    wanted = "an edge of that name with a [store], and a certificate of keys add --hub"
+    raise InputError(f"{site}: no answer, expected {wanted}")
+
+
+def _unreachable(link: Link) -> str:
+    """Return what to say where nothing lets the hub in."""
+    wanted = "a running edge"
+    if link.certificates is not None:
+        wanted += f" that accepts the certificate in {link.certificates.certificate.parent}"
+    return f"no connection to {link.endpoint}, expected {wanted}"
 
 
 def wait_s(every_s: float, failures: int, share: float) -> float:
@@ -223,6 +233,8 @@ class Pulling:
                 while not transport.connected() and time.monotonic() < until_s:
                     if self._stop.wait(0.05):
                         return Outcome.FAILED
+                if not transport.connected():
+                    raise InputError(f"{site}: {_unreachable(link)}")
                 topic = of_outbox(site, holder_at(link))
                 pull(
                     self._engine, site, lambda q: transport.ask(topic, q, ANSWER_S),

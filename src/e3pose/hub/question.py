@@ -21,6 +21,7 @@ MAX_VALUE_BYTES = 10_000_000  # of one value that SQLite makes
 MOST_BYTES = 1_000_000_000  # of memory that SQLite takes; it writes no temporary file
 MOST_ANSWER_BYTES = 100_000_000
 LIMIT_LENGTH = 0  # SQLite's number for it
+EXPECTED = "one SELECT from summaries, hours, sites, accesses or forgotten"
 ALLOWED = (
     sqlite3.SQLITE_SELECT, sqlite3.SQLITE_READ, sqlite3.SQLITE_FUNCTION, sqlite3.SQLITE_RECURSIVE,
 )  # fmt: skip
@@ -67,14 +68,24 @@ def _of_file(
         try:
             found = connection.execute(sql)
             if found.description is None:
-                raise InputError("query: found no question, expected SELECT ...")
+                raise InputError("query", "no question", EXPECTED)
             return [each[0] for each in found.description], _bounded(found, most_rows)
         except MemoryError:
             raise InputError(f"query: needs more than {MOST_BYTES} bytes of memory") from None
+        except InputError:
+            raise
         except (sqlite3.Error, sqlite3.Warning, ValueError) as error:
-            late = time.monotonic() > end_s
-            reason = f"took more than {limit_s:g} s" if late else str(error)
-            raise InputError(f"query: {reason}, expected one statement that reads") from None
+            if time.monotonic() > end_s:
+                raise InputError(late(limit_s)) from None
+            reason = str(error).rstrip(".")
+            if reason == "not authorized":
+                reason = "found what does more than read"
+            raise InputError(f"query: {reason}, expected {EXPECTED}") from None
+
+
+def late(limit_s: float) -> str:
+    """Return what to say of a question that takes too long."""
+    return f"query: took more than {limit_s:g} s, expected a shorter question"
 
 
 def _bounded(rows: Iterable[Sequence[Any]], most_rows: int) -> list[Sequence[Any]]:
@@ -112,8 +123,8 @@ def _of_server(
                 # Streamed: an answer that is too large is not here before that is seen.
                 rows = _bounded(cursor.stream(sql.encode()), most_rows)
                 if cursor.description is None:
-                    raise InputError("query: found no question, expected SELECT ...")
+                    raise InputError("query", "no question", EXPECTED)
                 return [each.name for each in cursor.description], rows
     except psycopg.Error as error:
         reason = " ".join(str(error).split())[:300]
-        raise InputError(f"{shown(url)}: query: {reason}") from None
+        raise InputError(f"{shown(url)}: query: {reason}, expected {EXPECTED}") from None

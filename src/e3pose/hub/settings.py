@@ -12,6 +12,7 @@ from msgspec import Meta
 
 from e3pose.base.bounded import read_toml
 from e3pose.base.errors import InputError
+from e3pose.base.table import read_table
 from e3pose.wire.access import Link, check_link, split_endpoint
 from e3pose.wire.keys.folder import holder, valid_certificates
 from e3pose.wire.topics import check_site
@@ -121,10 +122,23 @@ class Hub:
         """
         site, certificates = self.sites[name], None
         if split_endpoint(site.endpoint)[0] == "tls":
-            certificates = valid_certificates(self.path.parent / (site.keys or name), "hub")
+            try:
+                certificates = valid_certificates(self.path.parent / (site.keys or name), "hub")
+            except InputError as error:
+                wanted = "a certificate that e3pose keys add --hub made at the site"
+                raise InputError(f"{error}, expected {wanted}") from None
         link = Link("viewer", name, site.endpoint, certificates)
         check_link(link)
         return link
+
+
+def host_and_port(listen: str) -> tuple[str, int]:
+    """Return where the page listens; raise `InputError` for what is not HOST:PORT."""
+    try:
+        return split_endpoint(f"tcp/{listen}")[1:]
+    except InputError:
+        wanted = "HOST:PORT, such as 127.0.0.1:8480"
+        raise InputError("view.listen", repr(listen[:100]), wanted) from None
 
 
 def check_links(hub: Hub) -> None:
@@ -151,8 +165,11 @@ def load_hub(named: Path) -> Hub:
         InputError: naming the file, what was found and what was expected.
     """
     path = named / "hub.toml" if named.is_dir() else named
+    if not path.is_file():
+        raise InputError(str(path), "no such file", "the file of a hub, or its folder")
+    read = read_toml(path, MAX_BYTES)
     try:
-        table = msgspec.convert(read_toml(path, MAX_BYTES), HubTable)
+        table = msgspec.convert(msgspec.to_builtins(read_table(HubTable, read)), HubTable)
         if (table.format, table.version) != (FORMAT, VERSION):
             found = f"{table.format[:40]} version {table.version}"
             raise InputError("format", found, f"{FORMAT} version {VERSION}")
@@ -162,6 +179,9 @@ def load_hub(named: Path) -> Hub:
                 raise InputError(f"site {name}", "twice", "each site once")
         for site in table.site:
             split_endpoint(site.endpoint)
+        if bool(table.view.certificate) != bool(table.view.key):
+            raise InputError("view", "one of certificate and key", "both, for https")
+        host_and_port(table.view.listen)
     except msgspec.ValidationError as error:
         raise InputError(f"{path}: {error}") from None
     except InputError as error:
