@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from tests.cli.commands import run as run_verb
+from tests.postgres import Server
 
 from e3pose.archive.places import Folder, place_of
 from e3pose.base.errors import InputError
@@ -17,6 +18,7 @@ from e3pose.hub.accesses import local_user, log_accesses, read_accesses
 from e3pose.hub.archives import answer_of_archives
 from e3pose.hub.database import Cursor, keep, open_hub
 from e3pose.hub.frames import query
+from e3pose.hub.question import answer
 from e3pose.hub.settings import load_hub
 from simulated_sites import (
     BEGIN_NS,
@@ -99,11 +101,41 @@ def test_answers_about_summaries_are_those_of_what_was_made(house: Path) -> None
     low = ask(house, "Which cameras are lost often, and whose battery runs low?")
     lost = {what: found for site, what, found in low if site == "lab"}
     minutes = [f"camera-lost {CAMERAS[2]}" in json.loads(row["faults"]) for row in made["lab"]]
-    assert lost["minutes lost: camera-lost cam3"] == sum(minutes) > 0
+    assert lost["minutes lost: cam3"] == sum(minutes) > 0
     assert ask(house, "Was anybody there at night?") == []
     busiest = ask(house, "When is each site busiest?")
     assert all(8 <= hour < 18 for _, hour, _, _ in busiest)  # type: ignore[operator]
     assert busiest[0][0] == "gym"
+
+
+def in_postgresql(sql: str) -> str:
+    """Return a question as the page's table says that PostgreSQL has it."""
+    pairs = re.findall(r"^\| `([^`]*\([^`]*)` \| `([^`]*)`", PAGE.read_text(), re.M)
+    assert len(pairs) == 4
+    for old, new in pairs:
+        for name in ("zones", "faults", "charge"):
+            sql = sql.replace(old.replace("zones", name), new.replace("zones", name))
+    return sql
+
+
+def test_questions_have_the_same_answers_in_postgresql(tmp_path: Path, postgres: Server) -> None:
+    databases = str(tmp_path / "hub.db"), postgres.new_database()
+    for database in databases:
+        engine = open_hub(database)
+        for at, site in enumerate(SITES):
+            keep(engine, site, [*records_of(at, 0, 2000)], Cursor(1, 2000), 1)
+        engine.dispose()
+    for heading, sql in questions().items():
+        if "FROM poses" in sql:
+            continue
+        mine, yours = (
+            sorted(answer(database, words)[1], key=str)
+            for database, words in zip(databases, (sql, in_postgresql(sql)), strict=True)
+        )
+        assert len(mine) == len(yours), heading
+        for row, other in zip(mine, yours, strict=True):
+            assert row[0] == other[0], heading
+            assert float(row[-1]) == pytest.approx(float(other[-1])), heading
 
 
 def test_answers_about_poses_are_those_of_what_was_made(house: Path) -> None:
@@ -113,7 +145,7 @@ def test_answers_about_poses_are_those_of_what_was_made(house: Path) -> None:
         assert way_m == pytest.approx(DAYS * 2 * (SLOTS - 1) * WALK_MPS)
         assert mean_mps == pytest.approx(WALK_MPS)
     seen = ask(house, "How well are people seen?")
-    assert [(site, month) for site, month, *_ in seen] == [(s, 11) for s in sorted(SITES)]
+    assert [(site, month) for site, month, *_ in seen] == [(s, "2026-11") for s in sorted(SITES)]
     assert [share for *_, share, _ in seen] == pytest.approx([0.9] * 3, abs=0.01)
 
 
