@@ -52,6 +52,7 @@ def test_day_is_deleted_everywhere_and_shown(
     found = check_archive(Folder(tmp_path / "a"))
     assert (found.days, found.deleted, found.problems, found.strays) == (2, 1, (), ())
     assert run_verb("archive", "delete", store, "--day", FIRST_DAY) == 0, "once more is no error"
+    assert capsys.readouterr().out.splitlines()[-1].startswith("nothing of it was there")
 
 
 def test_person_is_deleted_everywhere_and_others_stay(

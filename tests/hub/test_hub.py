@@ -299,6 +299,14 @@ def test_hub_that_is_not_there_is_told_once(tmp_path: Path) -> None:
         load_hub(tmp_path / "nohub")
 
 
+def test_damaged_database_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    hub = hub_file(tmp_path, {"lab": 7447})
+    (tmp_path / "hub.db").write_bytes(b"something else" * 100)
+    for words in (("query", hub, "SELECT 1 FROM sites"), ("accesses", hub)):
+        assert run_verb("hub", *words) == 2
+        assert capsys.readouterr().err.startswith(f"e3pose: {tmp_path / 'hub.db'}: ")
+
+
 def test_server_that_is_away_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     hub = hub_file(tmp_path, {"lab": 7447})
     hub.write_text(f'database = "postgresql://nobody@127.0.0.1:1/none"\n{hub.read_text()}')

@@ -148,6 +148,8 @@ def delete(
     for one in found:
         shown = one.problem or f"{plural(one.rows, 'row')} deleted, {one.left} left"
         print(f"{one.place}: {shown}")
+    if all(one.rows == one.left == 0 for one in found):
+        print("nothing of it was there: e3pose query --what tracks lists people, --what runs runs")
     if any(one.left != 0 for one in found):
         print("not everywhere: run e3pose archive to the places that remain, then this again")
         sys.exit(1)
@@ -160,7 +162,7 @@ def deleted(store: StorePlace, /, *, site: str | None = None) -> None:
     Example: `e3pose archive deleted site.toml`
 
     A hub hears of a deletion with the next summaries that it fetches, deletes what it has, and
-    confirms it with its next question. Listed are hubs that have asked this site since.
+    confirms it with its next question. Listed are hubs that have ever asked this site.
 
     Parameters
     ----------

@@ -7,12 +7,13 @@ import time
 from collections.abc import Iterable, Sequence
 from contextlib import closing
 from itertools import islice
+from pathlib import Path
 from typing import Any
 
 from sqlalchemy.engine import make_url
 
 from e3pose.base.errors import InputError
-from e3pose.store.database import database_path, database_url, reading_uri, shown
+from e3pose.store.database import database_path, database_url, is_damage, reading_uri, shown
 from e3pose.store.postgres import engine_settings
 
 MOST_ROWS = 10_000
@@ -48,17 +49,17 @@ def answer(
     else:
         if not path.is_file():
             raise InputError(str(path), "no such file", "the database of a hub: e3pose hub run")
-        names, rows = _of_file(reading_uri(path), sql, limit_s, most_rows)
+        names, rows = _of_file(path, sql, limit_s, most_rows)
     if len(rows) > most_rows:
         raise InputError(f"query: found more than {most_rows} rows, expected fewer: add LIMIT")
     return names, rows
 
 
 def _of_file(
-    uri: str, sql: str, limit_s: float, most_rows: int
+    path: Path, sql: str, limit_s: float, most_rows: int
 ) -> tuple[list[str], list[Sequence[Any]]]:
     end_s = time.monotonic() + limit_s
-    with closing(sqlite3.connect(uri, uri=True)) as connection:
+    with closing(sqlite3.connect(reading_uri(path), uri=True)) as connection:
         if (limit := getattr(connection, "setlimit", None)) is not None:  # Python 3.11 and later
             limit(LIMIT_LENGTH, MAX_VALUE_BYTES)
         connection.execute("PRAGMA temp_store = MEMORY")
@@ -77,6 +78,9 @@ def _of_file(
         except (sqlite3.Error, sqlite3.Warning, ValueError) as error:
             if time.monotonic() > end_s:
                 raise InputError(late(limit_s)) from None
+            if is_damage(error):
+                wanted = "the database of a hub"
+                raise InputError(f"{path}: damaged ({error}), expected {wanted}") from None
             reason = str(error).rstrip(".")
             if reason == "not authorized":
                 reason = "found what does more than read"
