@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import signal
+import subprocess
+import sys
 import threading
 from pathlib import Path
 from typing import Any
@@ -129,3 +132,32 @@ def test_site_that_starts_forever_keeps_no_other_from_starting(
         assert begun.wait(30.0)
         keeper.stop()
         assert keeper.join(10.0)
+
+
+STARTING = """
+import sys, threading
+from e3pose.cli import main
+from e3pose.site import many_edges
+
+def start_edge(*_):
+    print("starting", flush=True)
+    threading.Event().wait()
+
+many_edges.start_edge = start_edge
+sys.argv[1:1] = ["edge"]
+main()
+"""
+
+
+def test_ctrl_c_ends_sites_that_start_at_once_and_says_so(tmp_path: Path) -> None:
+    """A compiling thread cannot be asked to end, and would abort a process that ends by itself."""
+    paths = [str(site.path) for site in house(tmp_path)]
+    command = [sys.executable, "-c", STARTING, *paths]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as program:
+        assert program.stdout is not None and program.stdout.readline() == "starting\n"
+        program.send_signal(signal.SIGINT)
+        said, _ = program.communicate(timeout=20.0)
+    assert program.returncode == 0
+    assert sorted(line.rpartition(": ")[2] for line in said.splitlines()) == [
+        "ended while it started", "no slots",
+    ]  # fmt: skip

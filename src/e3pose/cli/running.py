@@ -76,15 +76,18 @@ def edge(
     delay_ms = _delay_ms(delay)
     if len(site) > 1:
         from e3pose.site.many_edges import run_edges
+        from e3pose.site.run import end_now
 
         with as_typed(DELAY):
-            lines = run_edges(
+            lines, all_ended = run_edges(
                 site,
                 lambda path: resolve_site(path, delay_ms),
                 lambda path: open_log("edge", json_logs, site=str(path)),
                 for_s,
             )
         print("\n".join(lines))
+        if not all_ended:
+            end_now()
         return
     with as_typed(DELAY):
         resolved = resolve_site(site[0], delay_ms)

@@ -25,6 +25,7 @@ START_S = 180.0  # a site waits so long for another that starts: the first compi
 FIRST_WAIT_S, LONGEST_WAIT_S = 2.0, 60.0  # before a site is started again; doubled if that fails
 STEADY_S = 60.0  # an edge that ran for so long has recovered
 END_S = 30.0  # for all sites to save what they have
+END_STARTING_S = 2.0  # for one that starts, and has nothing to save
 Load = Callable[[Path], ResolvedSite]
 
 
@@ -181,7 +182,7 @@ def _own(site: ResolvedSite) -> list[tuple[str, str, object, str]]:
 
 def run_edges(
     paths: Sequence[Path], load: Load, log: Callable[[Path], Log], for_s: float | None = None
-) -> list[str]:
+) -> tuple[list[str], bool]:
     """Run the edges of several sites until Ctrl-C, a polite kill, or so many seconds.
 
     To be called on the main thread.
@@ -193,7 +194,8 @@ def run_edges(
         for_s: None for without end.
 
     Returns:
-        A summary, to be printed.
+        A summary, to be printed, and whether all have ended. What starts compiles, and cannot be
+        asked to end: it ends with the process, which then must not wait for it.
 
     Raises:
         InputError: when two sites share what is one's own, or none can be used.
@@ -202,12 +204,12 @@ def run_edges(
     load_apart(paths, load)
     starting = threading.Lock()
     keepers = [Keeper(path, load, logs[path], starting) for path in paths]
-    for keeper in keepers:
-        keeper.start()
-    begun_s, settled = time.monotonic(), False
+    idle, begun_s, settled = list(keepers), time.monotonic(), False
 
     def running() -> bool:
         nonlocal settled
+        while idle:  # not before Ctrl-C is listened to
+            idle.pop(0).start()
         if not settled and all(keeper.tried.is_set() for keeper in keepers):
             settled = True
             reduce_pauses()
@@ -216,9 +218,12 @@ def run_edges(
     run_until_stopped(running)
     for keeper in keepers:
         keeper.stop()
-    end_s, lines = time.monotonic() + END_S, list[str]()
+    stopped_s, lines, all_ended = time.monotonic(), list[str](), True
     for keeper in keepers:
+        end_s = stopped_s + (END_S if keeper.tried.is_set() else END_STARTING_S)
         ended = keeper.join(max(0.0, end_s - time.monotonic()))
-        said = keeper.summary or ["no slots" if ended else "did not end"]
+        late = "did not end" if keeper.tried.is_set() else "ended while it started"
+        said = keeper.summary or ["no slots" if ended else late]
         lines += [f"{keeper.path}: {said[0]}", *said[1:]]
-    return lines
+        all_ended = all_ended and ended
+    return lines, all_ended
