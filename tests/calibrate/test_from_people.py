@@ -16,13 +16,22 @@ from tests.calibrate.people_scenes import (
 )
 
 from e3pose.base.errors import InputError
+from e3pose.calibrate import from_people as from_people_module
 from e3pose.calibrate import moved_cameras
 from e3pose.calibrate.fit import CameraFit, disagreeing
-from e3pose.calibrate.from_people import _finish, _rounds, _Scene, solve_people
+from e3pose.calibrate.from_people import (
+    FOCALS,
+    NOISE_FACTORS,
+    _finish,
+    _rounds,
+    _Scene,
+    solve_people,
+)
 from e3pose.calibrate.judge import judge
 from e3pose.calibrate.matched_people import Joints, observe_people
 from e3pose.calibrate.people_places import _check_far, _too_wild, from_people
 from e3pose.calibrate.places import KnownLength
+from e3pose.calibrate.progress import Progress
 from e3pose.calibrate.synchronise import synchronise, with_offsets
 from e3pose.model.camera import Rig
 from e3pose.model.noises import detector_of, load_noise
@@ -119,6 +128,24 @@ def test_people_of_whom_one_joint_is_sure_have_no_size_and_place_nobody() -> Non
     views = tuple(replace(v, scores=np.where(hip, v.scores, 0.01)) for v in short.views)
     with pytest.raises(InputError, match="no two cameras agree"):
         solve_people(replace(short, views=views), NOISE, None)
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_unknown_lenses_begin_from_two_focal_lengths(
+    two: Recording, known: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begun = list[float]()
+
+    def nothing_agrees(scene: _Scene, _progress: Progress) -> None:
+        camera = scene.rig.cameras[0]
+        begun.append(camera.K[0, 0] / max(camera.image_size))
+
+    monkeypatch.setattr(from_people_module, "_from_nothing", nothing_agrees)
+    with pytest.raises(InputError, match="no two cameras agree"):
+        solve_people(two if known else without_calibration(two), NOISE, None)
+    camera = two.rig.cameras[0]
+    own = [camera.K[0, 0] / max(camera.image_size)] * len(NOISE_FACTORS)
+    np.testing.assert_allclose(begun, own if known else [*FOCALS] * len(NOISE_FACTORS))
 
 
 def test_two_unknown_lenses_are_refused(two: Recording) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import combinations, product
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from e3pose.calibrate.same_people import Evidence, Seen, group, pair_by_essentia
 from e3pose.calibrate.triangulation import place_points
 from e3pose.model.camera import Rig
 from e3pose.model.noise import Noise
+from e3pose.recording.calibration.world import ASSUMED_FOCAL
 from e3pose.recording.record import Recording
 
 ROUGH_SIGMAS = (25.0, 10.0, 5.0)  # tolerances of matching, from a rough start
@@ -29,6 +30,9 @@ FINAL_POINTS = 8000
 # is declared of that must not matter: it begins from the errors that detectors have.
 USUAL_ERROR = 0.012  # of a person's size in the image
 NOISE_FACTORS = (1.0, 2.0, 3.0, 1 / 2, 1 / 3)  # on what is usual, in which order to begin
+# Of unknown lenses, in longer sides of the image, in which order to begin: what is expected, and
+# wide webcams. Pairs of cameras are placed with them, and do not agree where a lens is far off.
+FOCALS = (ASSUMED_FOCAL, 0.65)
 SAME_DEG = 1.0  # between the cameras of two rigs: they are the same one
 NOISE_LIMITS = (0.1, 10.0)  # of what is usual
 MIN_INLIERS = 0.6  # share of keypoints that a rig must explain to be believed
@@ -133,11 +137,13 @@ def solve_people(
     best: PeopleRig | None = None
     if start is not None:
         best = _from_start(scene, start, progress)
-    for factor in NOISE_FACTORS:
+    unknown = any(camera.lens_assumed for camera in rig.cameras)
+    firsts = [first_lenses(rig, focal) for focal in FOCALS] if unknown else [rig]
+    for factor, first in product(NOISE_FACTORS, firsts):
         if best is not None and best.explains and (start is not None or not best.fit.poor.any()):
             break
         try:
-            other = _from_nothing(scene.with_rig(rig, factor), progress)
+            other = _from_nothing(scene.with_rig(first, factor), progress)
         except Diverged:
             other = None
         if other is None:

@@ -72,9 +72,15 @@ class Cameras:
         )
 
 
-def first_lenses(rig: Rig) -> Rig:
-    """Return a rig whose assumed lenses are as at first: focal length by the image size alone."""
-    guesses = assumed_rig({camera.camera_id: camera.image_size for camera in rig.cameras})
+def first_lenses(rig: Rig, focal: float = ASSUMED_FOCAL) -> Rig:
+    """Return a rig whose assumed lenses are as at first: focal length by the image size alone.
+
+    Args:
+        rig: the cameras; known lenses stay.
+        focal: length of the others, in longer sides of their images.
+    """
+    sizes = {camera.camera_id: camera.image_size for camera in rig.cameras}
+    guesses = assumed_rig(sizes, focal)
     return Rig(
         tuple(
             replace(guess, T_world_camera=camera.T_world_camera) if camera.lens_assumed else camera

@@ -20,16 +20,17 @@ FLOOR_M = -0.3  # half of the cameras below this are under the floor
 ASSUMED_FOCAL = 0.85  # of the longer side: 61 degrees, between webcams and phones
 
 
-def assumed_rig(image_sizes: Mapping[str, tuple[int, int]]) -> Rig:
+def assumed_rig(image_sizes: Mapping[str, tuple[int, int]], focal: float = ASSUMED_FOCAL) -> Rig:
     """Return cameras of which the image size alone is known: lenses assumed, places unknown.
 
     Args:
         image_sizes: `(width, height)` in pixels by camera id.
+        focal: length of all, in longer sides of the image.
     """
     cameras = []
     for camera_id, (width, height) in image_sizes.items():
-        focal = ASSUMED_FOCAL * max(width, height)
-        K = np.array([[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1]])
+        focal_px = focal * max(width, height)
+        K = np.array([[focal_px, 0, (width - 1) / 2], [0, focal_px, (height - 1) / 2], [0, 0, 1]])
         cameras.append(Camera(camera_id, (width, height), K, np.eye(4), lens_assumed=True))
     return Rig(tuple(cameras), placed=False)
 
