@@ -156,7 +156,7 @@ ELSEWHERE = {
     'hub query house "SELECT site, sum(people * span_s) / 3600 AS person_hours FROM summaries '
     'GROUP BY site"': "tests/hub/test_hub.py",
     "hub run house": "tests/hub/test_hub.py",
-    "keys add house --hub --keys room/keys": "tests/hub/test_hub.py",
+    "keys add house --hub --keys lab/keys": "tests/hub/test_hub.py",
     "setup": "tests/live/test_setup_page.py",
     "setup room": "tests/live/test_setup_page.py",
     **dict.fromkeys(
