@@ -128,7 +128,9 @@ def _of_server(
                 rows = _bounded(cursor.stream(sql.encode()), most_rows)
                 if not rows:  # a stream without rows does not say their names; this is still one
                     cursor.execute(sql.encode(), prepare=True)
-                return [each.name for each in cursor.description or ()], rows
+                if cursor.description is None:
+                    raise InputError("query", "no question", EXPECTED)
+                return [each.name for each in cursor.description], rows
     except psycopg.Error as error:
         reason = " ".join(str(error).split())[:300]
         raise InputError(f"{shown(url)}: query: {reason}, expected {EXPECTED}") from None
