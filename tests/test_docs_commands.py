@@ -97,11 +97,11 @@ RUNS = (
 )
 
 ELSEWHERE = {
-    "archive delete room --day 2026-11-25": "tests/archive/test_deleting.py",
-    "archive delete room --person 7 --run 3": "tests/archive/test_deleting.py",
-    "archive room /mnt/archive": "tests/archive/test_archive.py",
-    "archive room /mnt/archive --keep 2y": "tests/archive/test_archive.py",
-    "archive verify /mnt/archive": "tests/archive/test_archive.py",
+    "archive delete room --day 2026-11-25": "tests/output/archive/test_deleting.py",
+    "archive delete room --person 7 --run 3": "tests/output/archive/test_deleting.py",
+    "archive room /mnt/archive": "tests/output/archive/test_archive.py",
+    "archive room /mnt/archive --keep 2y": "tests/output/archive/test_archive.py",
+    "archive verify /mnt/archive": "tests/output/archive/test_archive.py",
     'hub query house "SELECT * FROM sites"': "tests/hub/test_hub.py",
     'hub query house "SELECT site, sum(person_h) FROM hours GROUP BY site" --csv hours.csv': (
         "tests/hub/test_questions.py"
@@ -218,7 +218,7 @@ DATA = "needs a data set that the project does not ship"
 TRAINS = "trains for minutes with torch; tests/lab/train trains for seconds"
 DAY = "asks for poses of one afternoon"
 HERE_NOT = {
-    "archive room s3://bucket/poses": "needs an object store; tests/archive tries one in memory",
+    "archive room s3://bucket/poses": "needs an object store; its tests have one in memory",
     "--install-completion": "writes to the start-up file of the shell",
     "calibrate align rig.toml room.toml --floor cam1=floor1.png --board charuco-5x7-54mm": BOARD,
     "calibrate extrinsics cam1.mp4 cam2.mp4 cam3.mp4 rig.toml --intrinsics lenses.toml "

@@ -39,7 +39,7 @@ LAYERS: list[str] = []
 for rooms in (
     "base model predict energy",
     "estimate select pipeline recording detectors wire settings store",
-    "simulate camera evaluate calibrate events edge output archive site hub",
+    "simulate camera evaluate calibrate events edge output site hub",
     "cli __main__",
 ):
     LAYERS += rooms.split()

@@ -34,7 +34,6 @@ import msgspec
 import psutil
 from sqlalchemy import Engine, func, select, text
 
-from e3pose.archive.places import Folder
 from e3pose.base.errors import InputError
 from e3pose.edge.consumers import Consumers
 from e3pose.hub.archives import answer_of_archives
@@ -43,6 +42,7 @@ from e3pose.hub.overview import overview
 from e3pose.hub.pull import ANSWER_S, AT_ONCE, PAUSE_S, Pulling, pull
 from e3pose.hub.question import answer
 from e3pose.hub.settings import Hub, holder_at, load_hub
+from e3pose.output.archive.places import Folder
 from e3pose.site.outbox_answers import OutboxAnswers
 from e3pose.store.database import writing_engine
 from e3pose.store.delivery import Delivery

@@ -1,8 +1,8 @@
 """Days of made-up sites, written by the code that writes those of real ones.
 
 Summaries come from `e3pose.store.summaries`, archives from `e3pose.output.exports.wide` and
-`e3pose.archive`. People come at eight and leave at six; batteries of two of four cameras empty by
-day; a person falls now and then. The same seed makes the same days.
+`e3pose.output.archive`. People come at eight and leave at six; batteries of two of four cameras
+empty by day; a person falls now and then. The same seed makes the same days.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from e3pose.archive.manifest import Entry, Manifest, digest, mark, write_manifest
-from e3pose.archive.places import Place
 from e3pose.hub.records import Summary
 from e3pose.model.skeleton import SKELETONS
 from e3pose.model.take import Take, motion_of
+from e3pose.output.archive.manifest import Entry, Manifest, digest, mark, write_manifest
+from e3pose.output.archive.places import Place
 from e3pose.output.exports.wide import write_people
 from e3pose.store.forgetting import DAY_NS, day_of
 from e3pose.store.rows import NS

@@ -11,7 +11,6 @@ import pytest
 from tests.cli.commands import run as run_verb
 from tests.postgres import Server
 
-from e3pose.archive.places import Folder, place_of
 from e3pose.base.errors import InputError
 from e3pose.hub import accesses as log
 from e3pose.hub.accesses import local_user, log_accesses, read_accesses
@@ -20,6 +19,7 @@ from e3pose.hub.database import Cursor, keep, open_hub
 from e3pose.hub.frames import query
 from e3pose.hub.question import answer
 from e3pose.hub.settings import load_hub
+from e3pose.output.archive.places import Folder, place_of
 from simulated_sites import (
     BEGIN_NS,
     CAMERAS,

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from tests.store.writers import Records, Runs
 
-from e3pose.archive.deleting import delete_everywhere
 from e3pose.base.errors import InputError
+from e3pose.output.archive.deleting import delete_everywhere
 from e3pose.store import Store, StoreWriter
 from e3pose.store.clips import Clip, change_clip, clips_of, keep_clip, remove_clip
 from e3pose.store.forgetting import Forgotten

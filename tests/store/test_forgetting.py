@@ -6,7 +6,7 @@ import shutil
 from pathlib import Path
 
 import pytest
-from tests.archive.days import BEGIN, DAY, FIRST_DAY, HOUR, PEOPLE, fill
+from tests.output.archive.days import BEGIN, DAY, FIRST_DAY, HOUR, PEOPLE, fill
 from tests.store.conftest import make_record, make_run
 from tests.store.writers import wait_for
 

@@ -53,10 +53,10 @@ def archive(
     new
         Begin anew where the archive that the store knows is gone for good.
     """
-    from e3pose.archive.places import place_of
-    from e3pose.archive.writing import archive_store
     from e3pose.base.quantities import age_s, plural
     from e3pose.cli.querying import store_of
+    from e3pose.output.archive.places import place_of
+    from e3pose.output.archive.writing import archive_store
 
     with as_typed({"": "--keep"}):
         keep_s = None if keep is None else age_s(_years(keep))
@@ -88,9 +88,9 @@ def verify(dest: str, /) -> None:
     dest
         Folder or address, as given to `e3pose archive`.
     """
-    from e3pose.archive.checking import check_archive
-    from e3pose.archive.places import place_of
     from e3pose.base.quantities import plural
+    from e3pose.output.archive.checking import check_archive
+    from e3pose.output.archive.places import place_of
 
     found = check_archive(place_of(dest))
     for line in found.problems:
@@ -138,9 +138,9 @@ def delete(
     site
         Of which site of the store. Default: the only one.
     """
-    from e3pose.archive.deleting import delete_everywhere
     from e3pose.base.quantities import plural
     from e3pose.cli.querying import store_of
+    from e3pose.output.archive.deleting import delete_everywhere
 
     with as_typed(OPTIONS):
         named, of_site = store_of(store, site)

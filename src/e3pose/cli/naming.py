@@ -146,7 +146,7 @@ def forget(
         Copies of the store, and tables of `query`, `replay --poses` and `export` (.csv, .json,
         .parquet), to forget the person in.
     """
-    from e3pose.archive.deleting import delete_everywhere
+    from e3pose.output.archive.deleting import delete_everywhere
     from e3pose.store.exported import FORMS, forget_rows
     from e3pose.store.people import people_of, requests_of, write_anew
 

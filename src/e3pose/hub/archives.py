@@ -9,8 +9,6 @@ from collections.abc import Collection, Iterator, Sequence
 from importlib.util import find_spec
 from typing import Any
 
-from e3pose.archive.manifest import MARK, Manifest, days_of, read_manifest
-from e3pose.archive.places import Place, place_of
 from e3pose.base.apart import kill_all, start_apart
 from e3pose.base.errors import InputError
 from e3pose.hub.accesses import log_accesses
@@ -18,6 +16,8 @@ from e3pose.hub.database import open_hub
 from e3pose.hub.duck import File, Question
 from e3pose.hub.question import LIMIT_S, MOST_ROWS, late
 from e3pose.hub.settings import Hub
+from e3pose.output.archive.manifest import MARK, Manifest, days_of, read_manifest
+from e3pose.output.archive.places import Place, place_of
 
 MOST_BYTES = 2_000_000_000  # of memory that a question takes
 EXPECTED = "one SELECT from poses or files"

@@ -139,7 +139,7 @@ def _add_clips(api: APIRouter, keep: Keeping, place: str | Path) -> None:
 
 
 def _delete_stored(place: str | Path, site: str, number: int) -> int:
-    from e3pose.archive.deleting import delete_everywhere
+    from e3pose.output.archive.deleting import delete_everywhere
 
     clip = next((one for one, _ in clips_of(place, site) if one.number == number), None)
     if clip is None:

@@ -6,17 +6,17 @@ import shutil
 from pathlib import Path
 
 import pytest
-from tests.archive.days import BEGIN, DAY, FIRST_DAY, HOUR, PEOPLE, SECOND_DAY, fill
 from tests.cli.commands import run as run_verb
+from tests.output.archive.days import BEGIN, DAY, FIRST_DAY, HOUR, PEOPLE, SECOND_DAY, fill
 
-from e3pose.archive import deleting, writing
-from e3pose.archive.checking import check_archive
-from e3pose.archive.deleting import Deleted, delete_everywhere, left_there
-from e3pose.archive.hours import Hour, file_of
-from e3pose.archive.manifest import Entry, Manifest, read_manifest, write_manifest
-from e3pose.archive.places import Folder, Place
-from e3pose.archive.writing import Written, archive_store
 from e3pose.base.errors import InputError
+from e3pose.output.archive import deleting, writing
+from e3pose.output.archive.checking import check_archive
+from e3pose.output.archive.deleting import Deleted, delete_everywhere, left_there
+from e3pose.output.archive.hours import Hour, file_of
+from e3pose.output.archive.manifest import Entry, Manifest, read_manifest, write_manifest
+from e3pose.output.archive.places import Folder, Place
+from e3pose.output.archive.writing import Written, archive_store
 from e3pose.store import Store
 from e3pose.store.forgetting import Forgotten, of_day
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field, replace
 
 import msgspec
 
-from e3pose.archive.places import Place
 from e3pose.base.errors import InputError
+from e3pose.output.archive.places import Place
 
 FORMAT, VERSION = "e3pose-archive", 1
 NAME = "manifest.json"

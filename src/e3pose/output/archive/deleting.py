@@ -7,7 +7,8 @@ from pathlib import Path
 
 from sqlalchemy import select
 
-from e3pose.archive.manifest import (
+from e3pose.base.errors import InputError
+from e3pose.output.archive.manifest import (
     NAME,
     Manifest,
     check_there,
@@ -16,8 +17,7 @@ from e3pose.archive.manifest import (
     read_manifest,
     write_manifest,
 )
-from e3pose.archive.places import Place, place_of
-from e3pose.base.errors import InputError
+from e3pose.output.archive.places import Place, place_of
 from e3pose.output.exports.wide import without_person
 from e3pose.store import schema
 from e3pose.store.database import database_url, shown

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 from sqlalchemy import Connection, func, select
 
-from e3pose.archive.manifest import Entry, digest
 from e3pose.model.skeleton import SKELETONS, Skeleton
 from e3pose.model.take import Motion, Take, motion_of
+from e3pose.output.archive.manifest import Entry, digest
 from e3pose.output.exports.wide import write_people
 from e3pose.store import Store, schema
 from e3pose.store.answers import StoredRun

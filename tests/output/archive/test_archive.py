@@ -12,16 +12,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 from pyarrow import parquet
-from tests.archive.days import BEGIN, DAY, FIRST_DAY, HOUR, PEOPLE, SECOND_DAY, fill
 from tests.cli.commands import run as run_verb
 from tests.live.processes import as_root
+from tests.output.archive.days import BEGIN, DAY, FIRST_DAY, HOUR, PEOPLE, SECOND_DAY, fill
 from tests.waiting import eventually
 
-from e3pose.archive.checking import Checked, check_archive
-from e3pose.archive.manifest import NAME, Manifest, days_of, read_manifest
-from e3pose.archive.places import Bucket, Folder, Place, place_of
-from e3pose.archive.writing import CLOSED_NS, Written, archive_store
 from e3pose.base.errors import InputError
+from e3pose.output.archive.checking import Checked, check_archive
+from e3pose.output.archive.manifest import NAME, Manifest, days_of, read_manifest
+from e3pose.output.archive.places import Bucket, Folder, Place, place_of
+from e3pose.output.archive.writing import CLOSED_NS, Written, archive_store
 from e3pose.output.exports.wide import read_wide
 from e3pose.store import Store
 

@@ -8,9 +8,10 @@ from pathlib import Path
 
 from sqlalchemy import Engine, insert, select, update
 
-from e3pose.archive.deleting import delete_there
-from e3pose.archive.hours import HOUR_NS, Hour, file_of, hours_between, span_of
-from e3pose.archive.manifest import (
+from e3pose.base.errors import InputError
+from e3pose.output.archive.deleting import delete_there
+from e3pose.output.archive.hours import HOUR_NS, Hour, file_of, hours_between, span_of
+from e3pose.output.archive.manifest import (
     Manifest,
     check_there,
     days_of,
@@ -18,8 +19,7 @@ from e3pose.archive.manifest import (
     read_manifest,
     write_manifest,
 )
-from e3pose.archive.places import Place
-from e3pose.base.errors import InputError
+from e3pose.output.archive.places import Place
 from e3pose.store import Store, schema
 from e3pose.store.answers import StoredRun
 from e3pose.store.database import database_url, reading, shown

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
-from e3pose.archive.manifest import NAME, Manifest, days_of, digest, read_manifest
-from e3pose.archive.places import Place
 from e3pose.base.errors import InputError
+from e3pose.output.archive.manifest import NAME, Manifest, days_of, digest, read_manifest
+from e3pose.output.archive.places import Place
 
 
 @dataclass(frozen=True, slots=True)
