@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from choice_of_cameras import distances_m, made
+from choice_of_cameras import made, matched
 from clip_error import Reference, references
 from e3pose.base.arrays import Flags, Floats
 from e3pose.evaluate.replay import ReplaySettings, make_pipeline, selected_views
@@ -99,7 +99,9 @@ def figures(
             continue
         cameras.append(record.selected.sum())
         here = true_m[slot][np.isfinite(true_m[slot]).any(axis=(1, 2))]
-        off += distances_m(record.poses.joints_m, here)
+        for mine, theirs in matched(record.poses.joints_m, here):
+            apart_m = np.linalg.norm(record.poses.joints_m[mine] - here[theirs], axis=-1)
+            off.append(apart_m[np.isfinite(apart_m)])
         stated.append(expected_distance_m(record.covariance_m2).ravel())
     missed = missed_in(true_m, shown)
     there = np.asarray(np.isfinite(true_m).any(axis=(2, 3)))

@@ -9,7 +9,9 @@ try all sets of cameras with the detections that they will give, and take the on
 error: in the slot, with two more slots of cameras in turn, or in all slots so far of the best few
 histories. They know the noise of detections that are still to come. `redrawn` does not: it takes
 the set of least mean error over draws of the noise, and is judged, like `plain` (the policy), on
-other draws. Gains over round robin, in percent of the mean error of people who are found.
+other draws. Gains over round robin, in percent of the mean error of people who are found. For a
+real recording, `--scenes FOLDER`, the truth is the smoother over all cameras, shoulders to knees,
+as in `choice_of_cameras.py`; rows with truth and redrawn ones have no meaning there.
 """
 
 from __future__ import annotations
@@ -128,8 +130,11 @@ class WithTruth:
 
 def distances_m(people_m: Floats, truth_m: Floats) -> Floats:
     """Return `(num_people, num_actors)` mean distances of joints; inf from who is not there."""
-    apart_m = np.linalg.norm(people_m[:, None] - truth_m[None], axis=-1).mean(axis=-1)
-    return np.asarray(np.where(np.isfinite(apart_m), apart_m, np.inf))
+    apart_m = np.linalg.norm(people_m[:, None] - truth_m[None], axis=-1)
+    known = np.isfinite(apart_m)
+    total_m = np.where(known, apart_m, 0.0).sum(axis=-1)
+    number = known.sum(axis=-1)
+    return np.where(number > 0, total_m / np.maximum(number, 1), np.inf)
 
 
 @lru_cache(maxsize=2)
@@ -219,7 +224,7 @@ class Run:
     def errors_m(self, record: Any) -> Floats:
         """Return how far the nearest estimate is from each person of the slot, `MISS_M` at most."""
         truth_m = self.recording.truth.joints_m[record.slot]
-        truth_m = truth_m[np.isfinite(truth_m).all(axis=(-1, -2))]
+        truth_m = truth_m[np.isfinite(truth_m).any(axis=(-1, -2))]
         apart_m = distances_m(record.poses.joints_m, truth_m)
         return np.asarray(apart_m.min(axis=0, initial=MISS_M))
 
@@ -306,11 +311,41 @@ def redrawn(runs: Sequence[Run]) -> list[Flags]:
 
 
 def recorded(scene: str, seed: int) -> Any:
+    from choice_of_cameras import recorded as is_folder
     from e3pose.simulate import SCENES as ALL
     from e3pose.simulate import SceneSettings, simulate
 
+    if is_folder(scene):
+        return smoothed(scene)
     fps = FPS if ALL[scene].fps > FPS else None
     return simulate(SceneSettings(scene=scene, seconds=SECONDS, fps=fps), seed)
+
+
+@lru_cache(maxsize=1)
+def smoothed(folder: str) -> Any:
+    """Read a recording; its truth becomes what the smoother over all cameras says of ten joints."""
+    from choice_of_cameras import JOINTS, settings_of
+    from e3pose.evaluate.replay import replay
+    from e3pose.evaluate.smoothed import smooth_records
+    from e3pose.recording import Truth, load_recording
+
+    recording = load_recording(Path(folder))
+    posteriors: list[Any] = []
+    everybody = settings_of("all", len(recording.rig), 1, 0)
+
+    def keep(people: Any) -> None:
+        posteriors.append(people.posterior)
+
+    records = list(replay(recording, everybody, publish=keep))
+    late = smooth_records(records, posteriors, recording.skeleton)
+    ids = sorted({track for record in late for track in record.track_ids.tolist()})
+    joints_m = np.full((recording.num_slots, len(ids), len(recording.skeleton), 3), np.nan)
+    columns = [recording.skeleton.index(joint) for joint in JOINTS]
+    for record in late:
+        rows = np.searchsorted(ids, record.track_ids)
+        joints_m[record.slot, rows[:, None], columns] = record.poses.joints_m[:, columns]
+    truth = Truth(recording.skeleton, tuple(map(str, ids)), joints_m)
+    return replace(recording, truth=truth, truth_complete=True)
 
 
 def figures(errors: Sequence[Floats], reference: Sequence[Floats]) -> Figures:
@@ -349,23 +384,29 @@ def measure(scene: str, seed: int, count: int, lead: int, rows: Sequence[str]) -
                 errors = in_order(run, pipeline, chosen if row == "redrawn" else None)
                 judged[row].append(figures(errors, reference))
         found.update({row: tuple(np.mean(judged[row], axis=0)) for row in asked})
-    return {"scene": scene, "seed": seed, "count": count, "lead": lead, "found": found}
+    turns_m = np.concatenate(reference)
+    return {
+        "scene": scene, "seed": seed, "count": count, "lead": lead, "found": found,
+        "turns_mm": 1000 * float(turns_m[turns_m < MISS_M].mean()),
+    }  # fmt: skip
 
 
 def report(results: Sequence[dict[str, Any]], rows: Sequence[str]) -> Iterator[str]:
     """Yield a table in Markdown for each number of cameras."""
     for count in sorted({each["count"] for each in results}):
         mine = [each for each in results if each["count"] == count]
-        yield f"\n| C = {count}, gain in % | " + " | ".join(rows) + " |"
-        yield "|---|" + "---|" * len(rows)
+        yield f"\n| C = {count}, gain in % | round robin, mm | " + " | ".join(rows) + " |"
+        yield "|---|---|" + "---|" * len(rows)
         for scene in dict.fromkeys(each["scene"] for each in mine):
-            here = [each["found"] for each in mine if each["scene"] == scene]
-            gains = [np.mean([found[row][0] for found in here]) for row in rows]
-            yield f"| {scene} | " + " | ".join(f"{gain:.1f}" for gain in gains) + " |"
+            here = [each for each in mine if each["scene"] == scene]
+            gains = [np.mean([each["found"][row][0] for each in here]) for row in rows]
+            turns_mm = np.mean([each["turns_mm"] for each in here])
+            cells = " | ".join(f"{gain:.1f}" for gain in gains)
+            yield f"| {Path(scene).name} | {turns_mm:.1f} | {cells} |"
         cut = f"mean, errors cut at {1000 * CUT_M:.0f} mm"
         for index, name in enumerate(("mean", cut, "recall, points")):
             means = [np.mean([each["found"][row][index] for each in mine]) for row in rows]
-            yield f"| {name} | " + " | ".join(f"{mean:.1f}" for mean in means) + " |"
+            yield f"| {name} | | " + " | ".join(f"{mean:.1f}" for mean in means) + " |"
 
 
 def main() -> None:
