@@ -4,10 +4,10 @@
     python lab/benchmarks/feedback.py clip FOLDER --model movenet-multipose=FILE.onnx
 
 `simulated` has no pixels: a camera with feedback sees of what was detected only the keypoints
-inside its part of the image, and a look costs the pixels of the network's input. `clip` looks at
-the demo's four real videos with both shipped networks; FOLDER keeps what was detected. With
-`--whole`, the network whose heatmaps take expected joints looks at whole images alone, as Bultmann
-and Behnke (RSS 2021) do.
+inside its part of the image, or inside one of its crops, and a look costs the pixels of the
+network's input. `clip` looks at the demo's four real videos with both shipped networks; FOLDER
+keeps what was detected. With `--whole`, the network whose heatmaps take expected joints looks at
+whole images alone, as Bultmann and Behnke (RSS 2021) do.
 Milliseconds are of this machine, one thread, with and without feedback in turn. Joules are
 modelled: the power of an active `xavier-nx` beyond that of an idle one, times those milliseconds.
 """
@@ -26,8 +26,8 @@ from clip_error import Errors, Reference, references
 from e3pose.base.arrays import Floats
 from e3pose.camera.detect import DetectSettings, detect_videos
 from e3pose.detectors import make_detector, movenet, openpose
-from e3pose.detectors.fit import letterbox_to_side
-from e3pose.detectors.focus import InputSize, Part, part_with
+from e3pose.detectors.focus import InputSize, look_at, look_pixels
+from e3pose.detectors.mosaic import Mosaic
 from e3pose.detectors.topology import OPENPOSE_THIN
 from e3pose.energy.profiles import load_profile
 from e3pose.evaluate.detect_again import PixelViews
@@ -64,6 +64,7 @@ class Sizes:
     person_px: float
     long_side: int
     multiple: int
+    free_input: bool = True
 
 
 NETWORKS: dict[str, InputSize] = {
@@ -84,16 +85,20 @@ class Cropped:
 
     def __call__(self, slot: int, camera: int, expected: ExpectedView | None) -> Poses2D | None:
         size = self.recording.rig.cameras[camera].image_size
-        part = None if expected is None else part_with(expected, size, self.network)
+        look = None if expected is None else look_at(expected, size, self.network)
         if slot >= WARMUP:
-            self.costs.append(_pixels(part, size, self.network) / _pixels(None, size, self.network))
+            whole = look_pixels(None, size, self.network)
+            self.costs.append(look_pixels(look, size, self.network) / whole)
         view = self.recording.view(slot, camera)
-        if view is None or part is None:
+        if view is None or look is None:
             return view
-        low = np.array([part.left, part.top])
+        tiles = look.tiles if isinstance(look, Mosaic) else [look]
+        boxes = np.array([tile.box for tile in tiles])[:, None, None]
+        places = view.keypoints_px
         with np.errstate(invalid="ignore"):
-            inside = (view.keypoints_px >= low) & (view.keypoints_px < low + part.size)
-        kept = inside.all(axis=-1) & (view.scores > 0)
+            inside = (places >= boxes[..., :2]) & (places < boxes[..., 2:])
+        held = inside.all(axis=-1) & (view.scores > 0)  # (num_tiles, num_persons, num_joints)
+        kept = held[held.sum(axis=-1).argmax(axis=0), np.arange(len(view))]
         self.seen.append(int((view.scores > 0).sum()))
         self.cut.append(self.seen[-1] - int(kept.sum()))
         people = kept.sum(axis=1) >= FEWEST
@@ -104,12 +109,6 @@ class Cropped:
 def _policies(names: str) -> list[tuple[str, float | None]]:
     """Return policies and their cameras per slot; those that choose wake two."""
     return [(name, None if name == "all" else 2.0) for name in names.split(",")]
-
-
-def _pixels(part: Part | None, size: tuple[int, int], network: InputSize) -> float:
-    part = part or Part(0, 0, *size, network.long_side)
-    width, height = letterbox_to_side(part.size, part.long_side, network.multiple).input_size
-    return float(width * height)
 
 
 def newcomers_found(recording: Recording, records: Sequence[SlotRecord]) -> tuple[int, int]:

@@ -61,6 +61,7 @@ class TurnedFocusing(Turned):
         super().__init__(detector, orientation)  # type: ignore[arg-type]
         self.person_px, self.long_side = detector.person_px, detector.long_side
         self.multiple = detector.multiple
+        self.free_input = getattr(detector, "free_input", False)
         self._parts = detector
 
     def detect_part(

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 from e3pose.base.errors import InputError
 from e3pose.detectors.base import Image
+from e3pose.detectors.fit import letterbox_to_side
+from e3pose.detectors.mosaic import Mosaic, mosaic_of
 from e3pose.model.expected import ExpectedView
 from e3pose.model.pose import Poses2D
 
@@ -41,6 +43,11 @@ class Part:
     def size(self) -> tuple[int, int]:
         """`(width, height)`."""
         return self.width, self.height
+
+    @property
+    def box(self) -> tuple[int, int, int, int]:
+        """Left, top, right and bottom."""
+        return self.left, self.top, self.left + self.width, self.top + self.height
 
     def cut(self, image: Image) -> Image:
         """Return the part of a `(height, width, 3)` image."""
@@ -116,7 +123,7 @@ def detect_expected(detector: Any, image: Any, expected: ExpectedView | None) ->
         image: what it detects in.
         expected: who is expected where; None detects in the whole image.
     """
-    part = None
+    look: Part | Mosaic | None = None
     if expected is not None and uses_feedback(detector):
         height, width = image.shape[:2]
         if isinstance(detector, InBoxes):
@@ -124,12 +131,57 @@ def detect_expected(detector: Any, image: Any, expected: ExpectedView | None) ->
             if len(boxes):
                 return detector.detect_in_boxes(image, boxes)
         else:
-            part = part_with(expected, (width, height), detector)
-    if part is None:
+            look = look_at(expected, (width, height), detector)
+    if look is None or expected is None:
         whole: Poses2D = detector.detect(image)
         return whole
-    found: Poses2D = detector.detect_part(image, part, expected)
+    if isinstance(look, Mosaic):
+        (width, height), shown = look.size, look.expected(expected)
+        input_ = Part(0, 0, width, height, max(look.size))
+        return look.in_image(detector.detect_part(look.draw(image), input_, shown))
+    found: Poses2D = detector.detect_part(image, look, expected)
     return found
+
+
+def look_at(
+    expected: ExpectedView, image_size: tuple[int, int], network: InputSize
+) -> Part | Mosaic | None:
+    """Return where to look for everybody who is expected: in one part, or in crops of them.
+
+    Crops are for networks whose input may have any size (`free_input`). The way with people nearer
+    to the network's best size is chosen, else that with fewer pixels of input; neither has more
+    than detection in the whole image.
+
+    Args:
+        expected: who is expected where.
+        image_size: `(width, height)` in pixels.
+        network: that detects.
+
+    Returns:
+        Where; None for the whole image.
+    """
+    part, relative_size = _part(expected, image_size, network)
+    if not getattr(network, "free_input", False):
+        return part
+    inside, seen = _boxes(expected, image_size)
+    mosaic = mosaic_of(
+        np.where(seen[:, None], inside, np.nan),
+        _sizes_px(expected),
+        network.person_px,
+        LARGEST_SCALE,
+        network.multiple,
+        _input_pixels(None, image_size, network),
+    )
+    if mosaic is None:
+        return part
+    pixels = _input_pixels(part, image_size, network)
+    better = (-mosaic.relative_size, mosaic.pixels) < (-relative_size, pixels)
+    return mosaic if better else part
+
+
+def look_pixels(look: Part | Mosaic | None, image_size: tuple[int, int], network: InputSize) -> int:
+    """Return the pixels of a network's input for a look; None is the whole image."""
+    return look.pixels if isinstance(look, Mosaic) else _input_pixels(look, image_size, network)
 
 
 def part_with(
@@ -148,19 +200,34 @@ def part_with(
     Returns:
         The part; None for the whole image, as nobody is expected or the part is no smaller.
     """
+    return _part(expected, image_size, network)[0]
+
+
+def _part(
+    expected: ExpectedView, image_size: tuple[int, int], network: InputSize
+) -> tuple[Part | None, float]:
+    """Return the same, and the size of people in it to that wanted, at most 1."""
     inside, seen = _boxes(expected, image_size)
     if not seen.any():
-        return None
+        return None, 1.0
     left, top = np.floor(inside[seen, :2].min(axis=0)).astype(int).tolist()
     right, bottom = np.ceil(inside[seen, 2:].max(axis=0)).astype(int).tolist()
     width, height = max(right - left, 1), max(bottom - top, 1)
     whole = network.long_side / max(image_size)
     most = whole * sqrt(image_size[0] * image_size[1] / (width * height))
-    scale = min(network.person_px / _mean_px(expected, seen), LARGEST_SCALE, most)
+    mean_px = float(np.exp(np.log(_sizes_px(expected)[seen]).mean()))
+    wanted = min(network.person_px / mean_px, LARGEST_SCALE)
+    scale = min(wanted, most)
     side = ceil(scale * max(width, height) / network.multiple) * network.multiple
     if (width, height) == image_size and side >= network.long_side:
-        return None
-    return Part(left, top, width, height, side)
+        return None, min(whole / wanted, 1.0)
+    return Part(left, top, width, height, side), scale / wanted
+
+
+def _input_pixels(part: Part | None, image_size: tuple[int, int], network: InputSize) -> int:
+    part = part or Part(0, 0, *image_size, network.long_side)
+    width, height = letterbox_to_side(part.size, part.long_side, network.multiple).input_size
+    return width * height
 
 
 def boxes_of(expected: ExpectedView, image_size: tuple[int, int]) -> NDArray[np.float64]:
@@ -192,11 +259,10 @@ def _boxes(
     return inside, np.asarray((inside[:, 2:] > inside[:, :2]).all(axis=1))
 
 
-def _mean_px(expected: ExpectedView, seen: NDArray[np.bool_]) -> float:
-    """Return the geometric mean of people's sizes, between the keypoints farthest apart."""
-    points = expected.keypoints_px[seen]
+def _sizes_px(expected: ExpectedView) -> NDArray[np.float64]:
+    """Return `(num_persons,)` people's sizes, between the keypoints farthest apart."""
+    points = expected.keypoints_px
     known = np.isfinite(points)
     low = np.where(known, points, np.inf).min(axis=1)
     high = np.where(known, points, -np.inf).max(axis=1)
-    sizes = np.maximum((high - low).max(axis=1), SMALLEST_PERSON_PX)
-    return float(np.exp(np.log(sizes).mean()))
+    return np.asarray(np.maximum((high - low).max(axis=1), SMALLEST_PERSON_PX))

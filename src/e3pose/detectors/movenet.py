@@ -35,6 +35,7 @@ class MoveNet:
         self.skeleton = COCO17
         self._network, self.provider = network, network.provider
         shape = network.input_shape
+        self.free_input = None in shape[1:3]
         if len(shape) != 4 or shape[3] not in (3, None) or network.input_dtype != "int32":
             raise InputError(
                 f"{network.path}: input: found {network.input_dtype} {list(shape)}, expected int32 "

@@ -39,6 +39,7 @@ class OpenPose:
         self._topology = topology
         self.person_px, self.long_side = PERSON_PX, topology.long_side
         self.multiple = topology.multiple
+        self.free_input = topology.keep_proportions and None in network.input_shape[2:]
         self._joints = [topology.parts.index(joint) for joint in self.skeleton.joints]
 
     def detect(self, image: Image) -> Poses2D:
