@@ -157,7 +157,7 @@ def test_too_many_crops_are_one_part() -> None:
 
 @given(
     st.lists(
-        st.tuples(st.floats(-300, 2000), st.floats(-300, 1200), st.floats(1, 2000)),
+        st.tuples(st.floats(-300, 2000), st.floats(-300, 1200), st.floats(20, 2000)),
         min_size=1,
         max_size=10,
     ),

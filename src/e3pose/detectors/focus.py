@@ -63,8 +63,8 @@ class InputSize(Protocol):
     """The input of a network whose scale is free.
 
     Attributes:
-        person_px: at which size in its input, between the keypoints farthest apart, it finds people
-            best.
+        person_px: how large people should be in its input, between the keypoints farthest apart;
+            larger ones cost more than they tell.
         long_side: of its input for a whole image, pixels.
         multiple: the sides of its input are multiples of this.
     """
@@ -148,9 +148,9 @@ def look_at(
 ) -> Part | Mosaic | None:
     """Return where to look for everybody who is expected: in one part, or in crops of them.
 
-    Crops are for networks whose input may have any size (`free_input`). The way with people nearer
-    to the network's best size is chosen, else that with fewer pixels of input; neither has more
-    than detection in the whole image.
+    Crops are for networks whose input may have any size (`free_input`). The way with larger people
+    is chosen, up to the size that the network needs, else that with fewer pixels of input; neither
+    has more than detection in the whole image.
 
     Args:
         expected: who is expected where.
@@ -189,7 +189,7 @@ def part_with(
 ) -> Part | None:
     """Return the part of an image with everybody who is expected.
 
-    It is enlarged or shrunk so that people have the network's best size in their geometric mean, as
+    It is enlarged or shrunk so that people have the network's size in their geometric mean, as
     far as that costs no more than detection in the whole image.
 
     Args:

@@ -66,7 +66,7 @@ class Mosaic:
         tiles: the crops; neither their boxes nor their places overlap.
         size: `(width, height)` in pixels.
         groups: of each tile, which of the people who are expected are in it.
-        relative_size: of the people in it, to that at which the network finds them best; at most 1.
+        relative_size: of the people in it, to that which they should have; at most 1.
     """
 
     tiles: tuple[Tile, ...]
@@ -130,14 +130,14 @@ def mosaic_of(
 ) -> Mosaic | None:
     """Return a mosaic of people; those whose boxes overlap share a crop.
 
-    So nobody is in two crops. The people of a crop have the network's best size in their geometric
+    So nobody is in two crops. The people of a crop have the network's size in their geometric
     mean, or all crops are smaller by the same factor to cost no more than they may.
 
     Args:
         boxes: `(num_persons, 4)` left, top, right, bottom inside the image; people with NaN are in
             no crop.
         sizes_px: `(num_persons,)` of the people, in pixels of the image.
-        person_px: the size in its input at which the network finds people best.
+        person_px: how large people should be in the network's input.
         largest_scale: at which crops are shown.
         multiple: sides of the mosaic are multiples of this.
         most_pixels: of the mosaic.

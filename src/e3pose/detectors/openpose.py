@@ -17,7 +17,9 @@ from e3pose.detectors.topology import Topology
 from e3pose.model.expected import ExpectedView
 from e3pose.model.pose import Poses2D
 
-PERSON_PX = 200.0  # OpenPose was trained with people of 0.6 x 368 pixels, head and feet included
+# tuned: px | docs/experiments/2026-11-27-crops-of-people.md: of the demo's videos and pizza, in
+#   parts and crops | 200, as in its training: a quarter more pixels, 5 % less noise
+PERSON_PX = 150.0
 PAD = 0  # both networks saw black beyond the border in training
 
 
