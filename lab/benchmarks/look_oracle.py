@@ -6,12 +6,12 @@
 
 In the slot that it decides, the oracle knows who is in which image. Each camera then
 
-* does nothing, suspended, where `information` does not choose it, or its image holds nobody: the
-  choice is not made up to the number then. It falls asleep and wakes at once and for nothing;
+* does nothing, suspended, where its image holds nobody, or `information` chooses others of those
+  whose image holds somebody. It falls asleep and wakes at once and for nothing;
 * looks at all of its image where somebody is in it whom no track explains; the two cameras that
   see this person largest look;
 * runs only its motion gate where everybody in its image is within `STILL_PX` of its last look;
-* otherwise looks at the part in which the edge expects people (semantic feedback).
+* otherwise looks at the part, or the crops, in which the edge expects people (semantic feedback).
 
 `information` chooses as many as `--counts` says per slot, by what it expects: knowing motion gains
 a choice of cameras nothing (`oracle_choice.py`). A look at a part is
@@ -27,7 +27,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
@@ -104,7 +104,7 @@ class Oracle:
         inside = self.inside[:, slot]
         two = inside.sum(axis=0) >= 2  # nobody is estimated elsewhere
         useful = situation.online & inside[:, two].any(axis=1)
-        chosen: Flags = selected_by(policy, situation) & useful
+        chosen: Flags = selected_by(policy, replace(situation, online=useful))
         self.whole = False
         for person in np.flatnonzero(two & ~self._tracked(slot)).tolist():
             self.whole = True
