@@ -34,7 +34,8 @@ from attack_inputs import GROWTH_MB, Result, fuzz, hostile_files
 from attack_lies import Seen, got, tell, viewer
 from e3pose.settings.site_file import load_site
 from e3pose.site.follow import Follower, viewer_link
-from e3pose.wire.access import Link, split_endpoint, zenoh_config
+from e3pose.wire.access import Link, zenoh_config
+from e3pose.wire.endpoint import read_endpoint
 from e3pose.wire.keys.folder import add_keys, certificates_in, revoke_keys
 from e3pose.wire.network import open_network
 from live_site import Site, live_site, wait
@@ -55,7 +56,7 @@ class Target:
     def __init__(self, site: Site) -> None:
         self.site, self.keys = site, site.folder / "keys"
         endpoint = load_site(site.folder / "site.toml").link.endpoint
-        self.port = split_endpoint(endpoint)[2]
+        self.port = endpoint.port
         add_keys(self.keys, "stray", datetime.datetime.now(datetime.timezone.utc))
         revoke_keys(self.keys, "stray")
         self.camera_id = "cam3"
@@ -64,7 +65,7 @@ class Target:
     def join(self, camera_id: str) -> Any:
         """Return a session with a camera's certificate and none of our programs' limits."""
         files = certificates_in(self.keys / "cameras" / camera_id, "camera")
-        link = Link("camera", "bench", f"tls/localhost:{self.port}", files)
+        link = Link("camera", "bench", read_endpoint(f"tls/localhost:{self.port}"), files)
         config = zenoh_config(link)
         config["transport"] = {"link": {"tls": config["transport"]["link"]["tls"]}}
         return zenoh.open(zenoh.Config.from_json5(json.dumps(config)))

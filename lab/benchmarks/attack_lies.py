@@ -27,7 +27,8 @@ from e3pose.site.web.feed import Feed
 from e3pose.site.web.pictures import CameraPictures
 from e3pose.site.web.program import PICTURE_S
 from e3pose.store import Store
-from e3pose.wire.access import Link, split_endpoint
+from e3pose.wire.access import Link
+from e3pose.wire.endpoint import read_endpoint
 from e3pose.wire.keys.folder import add_keys, certificates_in
 from e3pose.wire.messages import View
 from e3pose.wire.network import NetworkTransport, open_network
@@ -138,12 +139,12 @@ def got(seen: Seen, honest: set[str], since_s: float, until_s: float) -> Got:
 def liars(site: Site, camera_ids: list[str]) -> Iterator[list[LyingTransport]]:
     """Run cameras of a site in this process, whose words can be changed."""
     recording, clock = load_recording(site.folder / "recording"), WallClock()
-    port = split_endpoint(load_site(site.folder / "site.toml").link.endpoint)[2]
+    port = load_site(site.folder / "site.toml").link.endpoint.port
     transports, nodes = [], []
     for camera_id in camera_ids:
         files = certificates_in(site.folder / "keys" / "cameras" / camera_id, "camera")
         network: NetworkTransport = open_network(
-            Link("camera", "bench", f"tls/localhost:{port}", files)
+            Link("camera", "bench", read_endpoint(f"tls/localhost:{port}"), files)
         )
         transport = LyingTransport(network)
         settings = NodeSettings("bench", camera_id, recording.skeleton.joints)

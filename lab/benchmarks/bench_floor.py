@@ -29,6 +29,7 @@ from e3pose.wire import topics
 from e3pose.wire.access import Link
 from e3pose.wire.arrays import pack, poses_2d
 from e3pose.wire.codec import decode, encode
+from e3pose.wire.endpoint import read_endpoint
 from e3pose.wire.keys.folder import add_keys, certificates_in, init_keys, read_roll
 from e3pose.wire.messages import Heartbeat, Order, View
 from e3pose.wire.network import NetworkTransport, open_network
@@ -49,7 +50,7 @@ def be_camera(folder: Path, endpoint: str, index: int, num_cameras: int) -> None
     """Send what a camera sends, until ended."""
     camera_id = f"cam{index}"
     certificates = certificates_in(folder / "cameras" / camera_id, "camera")
-    transport = open_network(Link("camera", SITE, endpoint, certificates))
+    transport = open_network(Link("camera", SITE, read_endpoint(endpoint), certificates))
     transport.subscribe(topics.of_order(SITE, camera_id), lambda topic, payload: None)
     view, beat = (topics.of_camera(SITE, camera_id, what) for what in ("view", "heartbeat"))
     keypoints_px = pack(np.zeros((PEOPLE, JOINTS, 2), np.float32))
@@ -107,7 +108,7 @@ def open_edge(folder: Path, num_cameras: int) -> tuple[NetworkTransport, str, li
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         endpoint = f"tls/127.0.0.1:{probe.getsockname()[1]}"
-    link = Link("edge", SITE, endpoint, certificates_in(folder, "edge"))
+    link = Link("edge", SITE, read_endpoint(endpoint), certificates_in(folder, "edge"))
     transport, beats_s = open_network(link, read_roll(folder)), []
 
     def take_view(topic: str, payload: bytes) -> None:

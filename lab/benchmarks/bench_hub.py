@@ -28,9 +28,9 @@ import threading
 import time
 from collections import Counter
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 
-import msgspec
 import psutil
 from sqlalchemy import Engine, func, select, text
 
@@ -48,6 +48,7 @@ from e3pose.store.database import writing_engine
 from e3pose.store.delivery import Delivery
 from e3pose.store.rows import NS, Run
 from e3pose.wire.access import Link
+from e3pose.wire.endpoint import read_endpoint
 from e3pose.wire.keys.folder import add_keys, certificates_in, init_keys, read_roll
 from e3pose.wire.network import open_network
 from e3pose.wire.topics import of_outbox
@@ -141,7 +142,7 @@ def bench_questions(engine: Engine, hub: Hub, sites: int, whole: int, days: int)
     took_s = time.monotonic() - begun_s
     print(f"  {took_s:6.2f} s  the first by minutes, of {whole + 3} sites")
     names, now_ns = [f"site{at}" for at in range(sites)], BEGIN_NS + days * 86400 * NS
-    known = {n: msgspec.structs.replace(hub.sites["real0"], name=n) for n in names}
+    known = {n: replace(hub.sites["real0"], name=n) for n in names}
     made = Hub(hub.path, hub.database, hub.every_s, (), hub.view, known)
     begun_s = time.monotonic()
     with engine.connect() as connection:
@@ -163,10 +164,10 @@ def serve(folder: Path, first: int, ports: list[int]) -> None:
             os.write(1, f"{time.time():.3f}\n".encode())  # whole, from many threads
             return box.answer(topic, asked)
 
-        link, roll = Link("edge", site, f"tcp/127.0.0.1:{port}"), None
+        link, roll = Link("edge", site, read_endpoint(f"tcp/127.0.0.1:{port}")), None
         if keys.is_dir():
             files, roll = certificates_in(keys, "edge"), read_roll(keys)
-            link = Link("edge", site, f"tls/127.0.0.1:{port}", files)
+            link = Link("edge", site, read_endpoint(f"tls/127.0.0.1:{port}"), files)
         kept.append(open_network(link, roll))
         Consumers(outbox=told).listen(kept[-1], site)
     print("serving", flush=True)

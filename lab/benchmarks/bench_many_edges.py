@@ -36,6 +36,7 @@ from e3pose.wire import topics
 from e3pose.wire.access import Link
 from e3pose.wire.arrays import pack
 from e3pose.wire.codec import decode, encode
+from e3pose.wire.endpoint import read_endpoint
 from e3pose.wire.keys.folder import add_keys, certificates_in, init_keys
 from e3pose.wire.messages import Heartbeat, Hello, Order, View
 from e3pose.wire.network import open_network
@@ -122,7 +123,7 @@ class ThinCamera:
             self.views.append((pack(keypoints_px), pack(scores)))
         keys = certificates_in(place / "keys" / "cameras" / self.camera_id, "camera")
         endpoint = f"tls/localhost:{port_of(place, 'endpoint')}"
-        self.transport = open_network(Link("camera", self.site, endpoint, keys))
+        self.transport = open_network(Link("camera", self.site, read_endpoint(endpoint), keys))
         self.transport.be_present(self.topic("alive"))
         self.transport.subscribe(topics.of_order(self.site, self.camera_id), self.order)
 

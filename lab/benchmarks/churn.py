@@ -19,6 +19,7 @@ from e3pose.settings.site_file import load_site
 from e3pose.site.follow import Follower, viewer_link
 from e3pose.wire import topics
 from e3pose.wire.access import Link
+from e3pose.wire.endpoint import read_endpoint
 from e3pose.wire.keys.folder import certificates_in
 from e3pose.wire.network import open_network
 from live_site import Site, wait
@@ -105,8 +106,10 @@ def _appear(path: Path, camera_id: str) -> None:
     """Join with a camera's certificate, be present for a moment, leave."""
     site = load_site(path)
     files = certificates_in(site.keys / "cameras" / camera_id, "camera")
-    port = site.link.endpoint.rpartition(":")[2]
-    transport = open_network(Link("camera", site.name, f"tls/localhost:{port}", files))
+    port = site.link.endpoint.port
+    transport = open_network(
+        Link("camera", site.name, read_endpoint(f"tls/localhost:{port}"), files)
+    )
     heard = threading.Event()
     transport.subscribe(topics.of_order(site.name, camera_id), lambda *_: heard.set())
     transport.be_present(topics.of_camera(site.name, camera_id, "alive"))

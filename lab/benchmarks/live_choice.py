@@ -32,6 +32,7 @@ from e3pose.site.demo.stored_run import Film, as_recording, stored_records
 from e3pose.site.example import STORE_FILE, write_recorded
 from e3pose.site.follow import Follower, viewer_link
 from e3pose.site.up import Program, camera_command, edge_command, run_site
+from e3pose.wire.endpoint import Endpoint
 from e3pose.wire.network import open_network
 from e3pose_lab.reproduce.relay import relay
 
@@ -58,9 +59,9 @@ def run(recording: Recording, policy: str, count: float, round_trip_s: float) ->
         table["loop"] = {"policy": policy, "cameras": count}
         path.write_text(tomli_w.dumps(table))
         site = resolve_site(path)
-        port = int(site.link.endpoint.rpartition(":")[2])
+        port = site.link.endpoint.port
         with relay(port, round_trip_s) as near:
-            link = replace(site.link, endpoint=f"tcp/127.0.0.1:{near}")
+            link = replace(site.link, endpoint=Endpoint("tcp", "127.0.0.1", near))
             through = replace(site, link=link)
             heard, leads = _play(path, through, recording)
         begin_ns = heard.begin_ns

@@ -176,7 +176,7 @@ SITES: list[tuple[str, Break, str]] = [
     ("edge", new(SITE, HERE, "http/127.0.0.1"), "expected tls/HOST:PORT"),
     ("edge", new(SITE, HERE, "tcp/0.0.0.0"), "plain tcp beyond this machine"),
     ("edge", new(SITE, HERE, "tls/127.0.0.1"), "tls without certificates"),
-    ("edge", new(SITE, "[link]", '[link]\nupstream = ["x"]'), "endpoint: found 'x'"),
+    ("edge", new(SITE, "[link]", '[link]\nupstream = ["x"]'), "link.upstream: found 'x'"),
 ]
 
 

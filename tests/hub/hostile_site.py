@@ -17,6 +17,7 @@ import msgspec
 from e3pose.edge.consumers import Consumers
 from e3pose.wire.access import Link
 from e3pose.wire.codec import decode, encode
+from e3pose.wire.endpoint import read_endpoint
 from e3pose.wire.network import open_network
 from e3pose.wire.site_messages import OutboxPart, OutboxQuestion
 
@@ -50,7 +51,7 @@ def main(name: str, endpoint: str, habit: str) -> None:
         rows = [row(after + 1 + at, **more) for at in range(count)]
         return encode(OutboxPart(7, after + 10**6, 0, msgspec.json.encode(rows)))
 
-    transport = open_network(Link("edge", name, endpoint))
+    transport = open_network(Link("edge", name, read_endpoint(endpoint)))
     Consumers(outbox=answer).listen(transport, name)
     print("serving", flush=True)
     threading.Event().wait()

@@ -16,6 +16,7 @@ from e3pose.store.delivery import Delivery
 from e3pose.store.rows import Event, Run, event_row
 from e3pose.store.summaries import MINUTE_NS, Minutes
 from e3pose.wire.access import Link
+from e3pose.wire.endpoint import read_endpoint
 from e3pose.wire.keys.folder import certificates_in, read_roll
 from e3pose.wire.network import open_network
 
@@ -43,10 +44,10 @@ def main(name: str, endpoint: str, store: str, keys: str = "") -> None:
     writing_engine(f"sqlite:///{store}").dispose()
     if keys:
         roll = read_roll(Path(keys))
-        link = Link("edge", name, endpoint, certificates_in(Path(keys), "edge"))
+        link = Link("edge", name, read_endpoint(endpoint), certificates_in(Path(keys), "edge"))
         transport = open_network(link, roll)
     else:
-        transport = open_network(Link("edge", name, endpoint))
+        transport = open_network(Link("edge", name, read_endpoint(endpoint)))
     Consumers(outbox=OutboxAnswers(store, name).answer).listen(transport, name)
     print("serving", flush=True)
     while True:

@@ -274,7 +274,7 @@ def test_waits_grow_with_failures_are_bounded_and_differ() -> None:
     ("text", "message"),
     [
         ("", "^[^:]*hub.toml: missing: format"),
-        ('format = "e3pose-site"\nversion = 1', "expected e3pose-hub version 1"),
+        ('format = "e3pose-site"\nversion = 1', "format: found .*expected .e3pose-hub"),
         ('format = "e3pose-hub"\nversion = 1\nsites = 1', "unknown key 'sites'"),
         ('format = "e3pose-hub"\nversion = 1\nevery_s = 0', "every_s"),
         ('format = "e3pose-hub"\nversion = 1\n[view]\nkey = "a.pem"', "view: .*expected both"),

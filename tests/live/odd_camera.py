@@ -16,6 +16,7 @@ from e3pose.camera.live_source import RecordedDetector, RecordedSource
 from e3pose.recording import load_recording
 from e3pose.site.run import run_until_stopped
 from e3pose.wire.access import Link
+from e3pose.wire.endpoint import read_endpoint
 from e3pose.wire.keys.folder import certificates_in
 from e3pose.wire.network import NetworkTransport, open_network
 
@@ -53,7 +54,7 @@ def flood(transport: NetworkTransport, camera_id: str) -> None:
 
 def main() -> None:
     habit, camera_id, endpoint, keys, path = sys.argv[1:]
-    link = Link("camera", "lab", endpoint, certificates_in(Path(keys), "camera"))
+    link = Link("camera", "lab", read_endpoint(endpoint), certificates_in(Path(keys), "camera"))
     transport = open_network(link)
     if habit == "flood":
         flood(transport, camera_id)

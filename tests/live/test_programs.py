@@ -98,7 +98,7 @@ def test_second_edge_of_a_site_names_the_first(tmp_path: Path, recording: Path) 
 
 
 def load_port(path: Path) -> str:
-    return load_site(path).link.endpoint.rpartition(":")[2]
+    return str(load_site(path).link.endpoint.port)
 
 
 def test_top_of_a_site_that_does_not_run(

@@ -85,7 +85,7 @@ def test_site_of_cameras_slower_than_they_announce(
     assert made.fps == TRUE_FPS, "the rate that is, not the rate announced"
 
     text = (room / "site.toml").read_text().replace("fps = 12.5 ", "fps = 25 ", 1)
-    text = text.replace(made.link.endpoint, f"tcp/127.0.0.1:{free_port()}")
+    text = text.replace(str(made.link.endpoint), f"tcp/127.0.0.1:{free_port()}")
     (room / "site.toml").write_text(text)
     assert run("check", room) == 1
     said = capsys.readouterr()

@@ -18,6 +18,7 @@ from tests.waiting import eventually
 
 from e3pose.wire.access import Link, zenoh_config
 from e3pose.wire.codec import encode
+from e3pose.wire.endpoint import read_endpoint
 from e3pose.wire.keys.folder import add_keys, certificates_in
 from e3pose.wire.network import NetworkTransport, open_network
 from e3pose.wire.site_messages import OutboxQuestion
@@ -43,7 +44,7 @@ def upstream_site(site: LiveSite) -> LiveSite:
 def router(site: LiveSite, kind: Kind, name: str) -> Iterator[Any]:
     """Be a router of Zenoh's own kind, which is connected to the edge, and says what it holds."""
     files = certificates_in(site.folder / "keys" / f"{kind}s" / name, kind)
-    config = zenoh_config(Link("viewer", site.name, site.endpoint, files))
+    config = zenoh_config(Link("viewer", site.name, read_endpoint(site.endpoint), files))
     config["mode"] = "router"
     config["adminspace"] = {"enabled": True, "permissions": {"read": True, "write": False}}
     with zenoh.open(zenoh.Config.from_json5(json.dumps(config))) as session:
@@ -55,7 +56,7 @@ def router(site: LiveSite, kind: Kind, name: str) -> Iterator[Any]:
 def hub(site: LiveSite) -> Iterator[NetworkTransport]:
     """Join as a hub does, for one question."""
     files = certificates_in(site.folder / "keys" / "hubs" / "house", "hub")
-    transport = open_network(Link("viewer", site.name, site.endpoint, files))
+    transport = open_network(Link("viewer", site.name, read_endpoint(site.endpoint), files))
     try:
         yield transport
     finally:

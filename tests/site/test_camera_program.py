@@ -15,6 +15,7 @@ from e3pose.detectors.drawn import Drawn
 from e3pose.model.pose import Poses2D
 from e3pose.settings.camera_file import load_node
 from e3pose.site.camera_program import EdgeWatch, make_camera
+from e3pose.wire.endpoint import read_endpoint
 
 
 class Seeing(Drawn):
@@ -49,7 +50,7 @@ def test_camera_on_its_side_detects_in_turned_images(tmp_path: Path) -> None:
 
 def test_edge_that_does_not_come_is_reported_once() -> None:
     messages: list[str] = []
-    watch = EdgeWatch(messages.append, "tcp/127.0.0.1:7447", "cam1", alone_s=5.0)
+    watch = EdgeWatch(messages.append, read_endpoint("tcp/127.0.0.1:7447"), "cam1", alone_s=5.0)
     for now_s in (100.0, 102.0, 104.9):
         watch.update(False, False, now_s)
     assert not messages
@@ -64,7 +65,7 @@ def test_edge_that_does_not_come_is_reported_once() -> None:
 
 def test_camera_that_the_edge_does_not_admit_says_what_to_do() -> None:
     messages: list[str] = []
-    watch = EdgeWatch(messages.append, "tls/127.0.0.1:7447", "cam1", alone_s=5.0)
+    watch = EdgeWatch(messages.append, read_endpoint("tls/127.0.0.1:7447"), "cam1", alone_s=5.0)
     watch.update(True, True, 100.0)
     for now_s in (101.0, 102.0, 106.0, 107.0):
         watch.update(False, True, now_s)
@@ -75,7 +76,7 @@ def test_camera_that_the_edge_does_not_admit_says_what_to_do() -> None:
 
 def test_edge_that_is_there_at_once_is_reported() -> None:
     messages: list[str] = []
-    watch = EdgeWatch(messages.append, "tcp/127.0.0.1:7447", "cam1")
+    watch = EdgeWatch(messages.append, read_endpoint("tcp/127.0.0.1:7447"), "cam1")
     watch.update(True, True, 0.0)
     watch.update(True, True, 100.0)
     assert messages == ["edge connected"]

@@ -28,6 +28,7 @@ from e3pose.site.check import (
     check_server,
 )
 from e3pose.site.check_sources import check_sources
+from e3pose.wire.endpoint import read_endpoint
 from e3pose.wire.keys.folder import add_keys, init_keys
 from e3pose.wire.site_messages import CameraStatus, Status
 
@@ -203,7 +204,7 @@ def test_what_keeps_the_clock_right_is_asked(
 ) -> None:
     assert os.access("/bin/sh", os.X_OK)
     on_path(tmp_path, name, says, monkeypatch)
-    found = check_clock("tls/0.0.0.0:7447")
+    found = check_clock(read_endpoint("tls/0.0.0.0:7447"))
     assert (found.level, found.what) == (level, "clock") and message in found.found
     assert bool(found.advice) == (level == "warning")
 
@@ -212,11 +213,11 @@ def test_site_on_one_machine_needs_no_synchronised_clock(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     on_path(tmp_path, "timedatectl", "NTP=no\nNTPSynchronized=no", monkeypatch)
-    assert check_clock("tcp/127.0.0.1:7447").level == "ok"
+    assert check_clock(read_endpoint("tcp/127.0.0.1:7447")).level == "ok"
 
 
 def test_edge_that_does_not_answer_is_a_warning() -> None:
-    (found,) = check_running(None, f"tcp/127.0.0.1:{free_port()}")
+    (found,) = check_running(None, read_endpoint(f"tcp/127.0.0.1:{free_port()}"))
     assert (found.level, found.what) == ("warning", "edge")
     assert "not running at tcp/127.0.0.1:" in found.found and "e3pose edge" in found.advice
 
@@ -224,7 +225,7 @@ def test_edge_that_does_not_answer_is_a_warning() -> None:
 def test_port_of_another_program_is_reported() -> None:
     port = free_port()
     with socket.create_server(("127.0.0.1", port)):
-        (found,) = check_running(None, f"tcp/127.0.0.1:{port}")
+        (found,) = check_running(None, read_endpoint(f"tcp/127.0.0.1:{port}"))
     assert found.level == "warning" and "but no edge of this site answers" in found.found
     assert f"sport = :{port}" in found.advice
 
@@ -235,7 +236,9 @@ def test_cameras_of_a_running_edge_are_looked_at_one_by_one() -> None:
         CameraStatus("cam1", True, clock_offset_ms=-CLOCK_MS - 0.5),
         CameraStatus("cam2", False, why="never seen"),
     )
-    found = list(check_running(Status("lab", 417, 20.0, 3, 0, cameras), "tcp/127.0.0.1:7001"))
+    found = list(
+        check_running(Status("lab", 417, 20.0, 3, 0, cameras), read_endpoint("tcp/127.0.0.1:7001"))
+    )
     assert [finding.level for finding in found] == ["ok", "ok", "warning", "problem"]
     assert "417" in found[0].found and "+4.5 ms" in found[1].found and "-5.5 ms" in found[2].found
     assert found[3].what == "camera cam2" and found[3].found == "never seen"
@@ -247,7 +250,7 @@ def test_blind_slots_overload_and_short_cameras_of_a_running_edge_are_warnings()
         "lab", 417, 20.0, 3, 0, cameras, blind={"views-missing": 200}, blind_share=0.5,
         overload="edge overloaded, computing takes 130% of a slot",
     )  # fmt: skip
-    found = list(check_running(status, "tcp/127.0.0.1:7001"))
+    found = list(check_running(status, read_endpoint("tcp/127.0.0.1:7001")))
     assert [finding.level for finding in found] == ["ok", "warning", "warning", "warning"]
     assert "130%" in found[1].found and "fps" in found[1].advice
     assert found[2].found == "50% of the last minute's slots blind"
@@ -257,7 +260,9 @@ def test_blind_slots_overload_and_short_cameras_of_a_running_edge_are_warnings()
 
 def test_camera_that_was_knocked_is_a_warning_with_the_command_that_mends_it() -> None:
     camera = CameraStatus("cam1", True, turned_deg=2.0)
-    found = list(check_running(Status("lab", 1, 20.0, 1, 0, (camera,)), "tcp/127.0.0.1:7447"))
+    found = list(
+        check_running(Status("lab", 1, 20.0, 1, 0, (camera,)), read_endpoint("tcp/127.0.0.1:7447"))
+    )
     assert found[-1].level == "warning" and "turned by 2.0 degrees" in found[-1].found
     assert found[-1].advice == "e3pose calibrate extrinsics SITE --only cam1"
 
@@ -265,7 +270,11 @@ def test_camera_that_was_knocked_is_a_warning_with_the_command_that_mends_it() -
 def test_check_says_what_to_do_about_a_battery_that_a_model_emptied() -> None:
     for gauge, message in ((False, "battery.json"), (True, "see its log")):
         camera = CameraStatus("cam0", False, why="battery empty", battery=0.0, gauge=gauge)
-        found = list(check_running(Status("lab", 1, 20.0, 1, 0, (camera,)), "tcp/127.0.0.1:7447"))
+        found = list(
+            check_running(
+                Status("lab", 1, 20.0, 1, 0, (camera,)), read_endpoint("tcp/127.0.0.1:7447")
+            )
+        )
         assert found[-1].level == "problem" and message in found[-1].advice
 
 

@@ -23,6 +23,7 @@ from e3pose.simulate import SceneSettings, simulate
 from e3pose.site.check import Finding
 from e3pose.site.check_camera import check_camera, check_suspend
 from e3pose.wire.access import Link
+from e3pose.wire.endpoint import Endpoint, read_endpoint
 from e3pose.wire.keys.folder import add_keys, init_keys
 from e3pose.wire.network import open_network
 
@@ -34,12 +35,12 @@ def node(tmp_path: Path) -> NodeTable:
     save_recording(simulate(SceneSettings(people=1, seconds=0.3, cameras=2), 0), tmp_path / "walk")
     return NodeTable(
         "e3pose-camera", 1, site="lab", camera="cam0", source=f"recorded:{tmp_path / 'walk'}",
-        endpoint=f"tcp/127.0.0.1:{free_port()}", path=tmp_path / "camera.toml",
+        endpoint=read_endpoint(f"tcp/127.0.0.1:{free_port()}"), path=tmp_path / "camera.toml",
     )  # fmt: skip
 
 
 @contextmanager
-def edge(endpoint: str) -> Iterator[None]:
+def edge(endpoint: Endpoint) -> Iterator[None]:
     """Answer cameras c0 and c1 that ask for the time, as an edge does."""
     transport = open_network(Link("edge", "lab", endpoint))
     clock = WallClock()
@@ -80,7 +81,7 @@ def test_certificate_is_looked_at(node: NodeTable, tmp_path: Path) -> None:
     init_keys(tmp_path / "keys", "lab", [], NOW)
     add_keys(tmp_path / "keys", "cam0", NOW - datetime.timedelta(days=1000))
     tls = replace(
-        node, endpoint=node.endpoint.replace("tcp", "tls"), keys=tmp_path / "keys/cameras/cam0"
+        node, endpoint=replace(node.endpoint, protocol="tls"), keys=tmp_path / "keys/cameras/cam0"
     )
     assert "certificate expired" in found(tls)["certificate"].found
     assert found(replace(tls, keys=tmp_path / "none"))["certificate"].level == "problem"

@@ -8,6 +8,7 @@ from pathlib import Path
 from tests.ports import free_port
 
 from e3pose.wire.access import Link
+from e3pose.wire.endpoint import read_endpoint
 from e3pose.wire.keys.folder import add_keys, certificates_in, init_keys, read_roll, revoke_keys
 from e3pose.wire.network import NetworkTransport, open_network
 
@@ -31,25 +32,36 @@ class Site:
     def edge(self) -> NetworkTransport:
         roll = read_roll(self.folder)
         link = Link(
-            "edge", "lab", f"tls/127.0.0.1:{self.port}", certificates_in(self.folder, "edge")
+            "edge",
+            "lab",
+            read_endpoint(f"tls/127.0.0.1:{self.port}"),
+            certificates_in(self.folder, "edge"),
         )
         return self.keep(open_network(link, roll))
 
     def camera(self, name: str) -> NetworkTransport:
         files = certificates_in(self.folder / "cameras" / name, "camera")
-        return self.keep(open_network(Link("camera", "lab", f"tls/localhost:{self.port}", files)))
+        return self.keep(
+            open_network(Link("camera", "lab", read_endpoint(f"tls/localhost:{self.port}"), files))
+        )
 
     def viewer(self) -> NetworkTransport:
         files = certificates_in(self.folder / "viewers" / "wall", "viewer")
-        return self.keep(open_network(Link("viewer", "lab", f"tls/localhost:{self.port}", files)))
+        return self.keep(
+            open_network(Link("viewer", "lab", read_endpoint(f"tls/localhost:{self.port}"), files))
+        )
 
     def operator(self) -> NetworkTransport:
         files = certificates_in(self.folder / "operators" / "desk", "operator")
-        return self.keep(open_network(Link("viewer", "lab", f"tls/localhost:{self.port}", files)))
+        return self.keep(
+            open_network(Link("viewer", "lab", read_endpoint(f"tls/localhost:{self.port}"), files))
+        )
 
     def hub(self, name: str = "house") -> NetworkTransport:
         files = certificates_in(self.folder / "hubs" / name, "hub")
-        return self.keep(open_network(Link("viewer", "lab", f"tls/localhost:{self.port}", files)))
+        return self.keep(
+            open_network(Link("viewer", "lab", read_endpoint(f"tls/localhost:{self.port}"), files))
+        )
 
     def keep(self, transport: NetworkTransport) -> NetworkTransport:
         self.open.append(transport)

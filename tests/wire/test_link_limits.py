@@ -22,6 +22,7 @@ from tests.wire.certified_site import Site
 
 from e3pose.wire import access
 from e3pose.wire.access import Link, zenoh_config
+from e3pose.wire.endpoint import read_endpoint
 from e3pose.wire.keys.folder import certificates_in
 
 pytestmark = pytest.mark.slow
@@ -45,8 +46,9 @@ import sys
 from pathlib import Path
 from e3pose.wire.keys.folder import certificates_in, read_roll
 from e3pose.wire.access import Link
+from e3pose.wire.endpoint import read_endpoint
 from e3pose.wire.network import open_network
-keys, endpoint = Path(sys.argv[1]), sys.argv[2]
+keys, endpoint = Path(sys.argv[1]), read_endpoint(sys.argv[2])
 roll = read_roll(keys)
 edge = open_network(Link("edge", "lab", endpoint, certificates_in(keys, "edge")), roll)
 edge.subscribe("e3pose/lab/camera/*/view", lambda topic, payload: print(len(payload), flush=True))
@@ -82,7 +84,7 @@ def site(tmp_path: Path) -> Iterator[Site]:
 def attacker(site: Site, camera_id: str) -> Any:
     """Join with a camera's certificate and without the limits of our own programs."""
     files = certificates_in(site.folder / "cameras" / camera_id, "camera")
-    config = zenoh_config(Link("camera", "lab", f"tls/localhost:{site.port}", files))
+    config = zenoh_config(Link("camera", "lab", read_endpoint(f"tls/localhost:{site.port}"), files))
     config["transport"] = {"link": {"tls": config["transport"]["link"]["tls"]}}
     return zenoh.open(zenoh.Config.from_json5(json.dumps(config)))
 

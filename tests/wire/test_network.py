@@ -14,6 +14,7 @@ from tests.wire.certified_site import Site
 
 from e3pose.base.errors import InputError
 from e3pose.wire.access import Certificates, Link
+from e3pose.wire.endpoint import read_endpoint
 from e3pose.wire.network import NetworkTransport, check_port, open_network
 
 pytestmark = pytest.mark.slow
@@ -78,7 +79,7 @@ def test_port_that_is_taken_is_reported_with_what_to_do() -> None:
         taken.listen()
         port = taken.getsockname()[1]
         with pytest.raises(InputError) as orders:
-            open_network(Link("edge", "lab", f"tcp/127.0.0.1:{port}"))
+            open_network(Link("edge", "lab", read_endpoint(f"tcp/127.0.0.1:{port}")))
     assert str(orders.value) == (
         f"endpoint tcp/127.0.0.1:{port}: port {port} is in use: stop the program that has it "
         f"(`ss -ltnp 'sport = :{port}'` names it), such as another run of this site, or choose "
@@ -91,12 +92,12 @@ def test_port_is_checked_without_opening_it() -> None:
         taken.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         taken.bind(("127.0.0.1", 0))
         endpoint = f"tcp/127.0.0.1:{taken.getsockname()[1]}"
-        check_port(endpoint)  # nobody listens yet
+        check_port(read_endpoint(endpoint))  # nobody listens yet
         taken.listen()
         with pytest.raises(InputError, match="is in use: stop the program"):
-            check_port(endpoint)
-    check_port(endpoint)
-    check_port("tls/192.0.2.1:7447")  # of another machine: said when it is opened
+            check_port(read_endpoint(endpoint))
+    check_port(read_endpoint(endpoint))
+    check_port(read_endpoint("tls/192.0.2.1:7447"))  # of another machine: said when it is opened
 
 
 def test_what_is_wrong_with_an_endpoint_names_no_foreign_source(tmp_path: Path) -> None:
@@ -104,9 +105,15 @@ def test_what_is_wrong_with_an_endpoint_names_no_foreign_source(tmp_path: Path) 
         (tmp_path / name).write_text("no certificate")
     files = Certificates(tmp_path / "a", tmp_path / "b", tmp_path / "c")
     for link, reason in (
-        (Link("edge", "lab", "tcp/192.0.2.1:0", insecure=True), "192.0.2.1 is no address of this"),
-        (Link("edge", "lab", "tcp/host.invalid:7447", insecure=True), "cannot be used: "),
-        (Link("edge", "lab", "tls/127.0.0.1:0", files), "No private key found"),
+        (
+            Link("edge", "lab", read_endpoint("tcp/192.0.2.1:0"), insecure=True),
+            "192.0.2.1 is no address of this",
+        ),
+        (
+            Link("edge", "lab", read_endpoint("tcp/host.invalid:7447"), insecure=True),
+            "cannot be used: ",
+        ),
+        (Link("edge", "lab", read_endpoint("tls/127.0.0.1:0"), files), "No private key found"),
     ):
         with pytest.raises(InputError, match=reason) as orders:
             open_network(link)

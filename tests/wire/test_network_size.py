@@ -16,6 +16,7 @@ from tests.waiting import eventually
 from tests.wire.certified_site import Site
 
 from e3pose.wire.access import Link
+from e3pose.wire.endpoint import read_endpoint
 from e3pose.wire.network import open_network
 
 pytestmark = pytest.mark.slow
@@ -24,8 +25,9 @@ SILENCE_S = 0.4  # how long to wait for what must not come
 LISTENER = """
 import sys, time
 from e3pose.wire.access import Link
+from e3pose.wire.endpoint import read_endpoint
 from e3pose.wire.network import open_network
-camera = open_network(Link("camera", "lab", sys.argv[1]))
+camera = open_network(Link("camera", "lab", read_endpoint(sys.argv[1])))
 camera.subscribe("e3pose/lab/order/cam1", lambda topic, payload: print(len(payload), flush=True))
 sys.stdin.read()
 """
@@ -64,8 +66,8 @@ def test_question_or_hello_that_is_far_too_large_does_not_even_arrive(
 ) -> None:
     endpoint, hellos = f"tcp/127.0.0.1:{free_port()}", list[int]()
     with (
-        contextlib.closing(open_network(Link(role, "lab", endpoint))) as edge,
-        contextlib.closing(open_network(Link("camera", "lab", endpoint))) as camera,
+        contextlib.closing(open_network(Link(role, "lab", read_endpoint(endpoint)))) as edge,
+        contextlib.closing(open_network(Link("camera", "lab", read_endpoint(endpoint)))) as camera,
     ):
         edge.answer("e3pose/lab/camera/*/clock", lambda topic, payload: b"time")
         edge.subscribe("e3pose/lab/camera/*/hello", lambda topic, p: hellos.append(len(p)))
@@ -91,8 +93,8 @@ def test_question_or_hello_that_is_far_too_large_does_not_even_arrive(
 
 def test_what_is_said_at_once_arrives() -> None:
     port, got = free_port(), 0
-    edge = open_network(Link("edge", "lab", f"tcp/127.0.0.1:{port}"))
-    viewer = open_network(Link("viewer", "lab", f"tcp/127.0.0.1:{port}"))
+    edge = open_network(Link("edge", "lab", read_endpoint(f"tcp/127.0.0.1:{port}")))
+    viewer = open_network(Link("viewer", "lab", read_endpoint(f"tcp/127.0.0.1:{port}")))
 
     def take(topic: str, payload: bytes) -> None:
         nonlocal got
@@ -123,7 +125,7 @@ def test_what_is_said_at_once_arrives() -> None:
 def test_camera_that_stood_still_hears_again_on_the_same_link() -> None:
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     heard: list[int] = []
-    with contextlib.closing(open_network(Link("edge", "lab", endpoint))) as edge:
+    with contextlib.closing(open_network(Link("edge", "lab", read_endpoint(endpoint)))) as edge:
         camera = subprocess.Popen(
             [sys.executable, "-c", LISTENER, endpoint],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,

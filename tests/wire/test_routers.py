@@ -14,6 +14,7 @@ from tests.ports import free_port
 from tests.waiting import eventually
 
 from e3pose.wire.access import Link
+from e3pose.wire.endpoint import read_endpoint
 from e3pose.wire.keys.folder import add_keys, certificates_in, init_keys, read_roll, revoke_keys
 from e3pose.wire.network import NetworkTransport, open_network
 
@@ -42,16 +43,16 @@ class Site:
 
     def edge(self) -> NetworkTransport:
         roll, files = read_roll(self.folder), certificates_in(self.folder, "edge")
-        link = Link("edge", self.name, f"tls/127.0.0.1:{self.port}", files)
+        link = Link("edge", self.name, read_endpoint(f"tls/127.0.0.1:{self.port}"), files)
         return self.keep(open_network(link, roll))
 
     def router(self) -> NetworkTransport:
         place = self.folder / "routers" / "hall"  # all that is carried there
-        roll, upstream = read_roll(place), (f"tls/localhost:{self.port}",)
+        roll, upstream = read_roll(place), (read_endpoint(f"tls/localhost:{self.port}"),)
         link = Link(
             "router",
             self.name,
-            f"tls/127.0.0.1:{self.router_port}",
+            read_endpoint(f"tls/127.0.0.1:{self.router_port}"),
             certificates_in(place, "router"),
             upstream,
         )
@@ -60,16 +61,18 @@ class Site:
     def camera(self, name: str, port: int | None = None) -> NetworkTransport:
         files = certificates_in(self.folder / "cameras" / name, "camera")
         endpoint = f"tls/localhost:{port or self.router_port}"
-        return self.keep(open_network(Link("camera", self.name, endpoint, files)))
+        return self.keep(open_network(Link("camera", self.name, read_endpoint(endpoint), files)))
 
     def operator(self, port: int) -> NetworkTransport:
         files = certificates_in(self.folder / "operators" / "desk", "operator")
-        return self.keep(open_network(Link("viewer", self.name, f"tls/localhost:{port}", files)))
+        return self.keep(
+            open_network(Link("viewer", self.name, read_endpoint(f"tls/localhost:{port}"), files))
+        )
 
     def viewer(self) -> NetworkTransport:
         files = certificates_in(self.folder / "viewers" / "wall", "viewer")
         endpoint = f"tls/localhost:{self.router_port}"
-        return self.keep(open_network(Link("viewer", self.name, endpoint, files)))
+        return self.keep(open_network(Link("viewer", self.name, read_endpoint(endpoint), files)))
 
     def keep(self, transport: NetworkTransport) -> NetworkTransport:
         self.open.append(transport)
@@ -195,7 +198,7 @@ def test_router_of_the_page_shows_the_poses_of_several_sites(
     files = certificates_in(house / "viewers" / "desk", "viewer")
     with zenoh.open(zenoh.Config.from_json5(text)):
         desk = sites["lab"].keep(
-            open_network(Link("viewer", "house", f"tls/localhost:{port}", files))
+            open_network(Link("viewer", "house", read_endpoint(f"tls/localhost:{port}"), files))
         )
         for name, payloads in got.items():
             desk.subscribe(f"e3pose/{name}/poses", lambda t, p, to=payloads: to.add(p))  # type: ignore[misc]

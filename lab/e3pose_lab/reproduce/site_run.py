@@ -17,6 +17,7 @@ from e3pose.site.demo.live import last_words
 from e3pose.site.example import Example, write_example
 from e3pose.site.follow import Follower, viewer_link
 from e3pose.site.up import Program, camera_command, edge_command, end
+from e3pose.wire.endpoint import Endpoint
 from e3pose.wire.network import open_network
 from e3pose.wire.site_messages import Poses
 from e3pose_lab.reproduce.relay import relay
@@ -99,9 +100,11 @@ def running_site(
     with ExitStack() as stack:
         through = site
         if round_trip_s:
-            port = int(site.link.endpoint.rpartition(":")[2])
+            port = site.link.endpoint.port
             near = stack.enter_context(relay(port, round_trip_s))
-            through = replace(site, link=replace(site.link, endpoint=f"tcp/127.0.0.1:{near}"))
+            through = replace(
+                site, link=replace(site.link, endpoint=Endpoint("tcp", "127.0.0.1", near))
+            )
         run.programs += [
             Program(camera_id, camera_command(through, camera_id), folder / f"{camera_id}.log")
             for camera_id in rig.camera_ids

@@ -46,13 +46,14 @@ def router(
     from e3pose.site.logs import open_log
     from e3pose.site.router_program import Router
     from e3pose.site.run import run_until_stopped
+    from e3pose.wire.endpoint import read_endpoint
     from e3pose.wire.network import open_network
 
     log = open_log("router", json_logs)
     made = Router(
         keys,
-        endpoint,
-        edge,
+        read_endpoint(endpoint, "--endpoint"),
+        read_endpoint(edge, "--edge"),
         open_network,
         log.info,
     )

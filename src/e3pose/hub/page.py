@@ -24,7 +24,7 @@ from e3pose.base.version import Version, version_of
 from e3pose.hub.accesses import log_accesses
 from e3pose.hub.database import open_hub
 from e3pose.hub.overview import Overviews
-from e3pose.hub.settings import Hub, host_and_port
+from e3pose.hub.settings import LISTEN, Hub
 from e3pose.hub.users import User, Users, read_users, users_of
 from e3pose.site.serving import CONNECTIONS, PER_ADDRESS, Serving
 from e3pose.site.web.access import Door, Rules, token_of
@@ -33,7 +33,7 @@ from e3pose.site.web.page import KINDS
 from e3pose.site.web.program import listening_at
 from e3pose.site.web.tokens import open_tokens
 from e3pose.store.database import REFUSALS, reason_of
-from e3pose.wire.access import is_loopback
+from e3pose.wire.endpoint import read_host_port
 
 BROWSER = resources.files("e3pose.hub").joinpath("browser")
 # Its own, and the modules and styles of a site's page.
@@ -133,8 +133,9 @@ def open_page(
         InputError: for a port that is taken, an address beyond this machine without a certificate,
             and all that is wrong in the files.
     """
-    table, words = hub.view, listen or hub.view.listen
-    host, port = host_and_port(words)
+    table = hub.view
+    at = table.listen if listen is None else read_host_port(listen, "view.listen", LISTEN)
+    host, port = at.host, at.port
     secure, renewal = None, None
     if table.certificate:
         secure = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
@@ -146,9 +147,9 @@ def open_page(
             found = f"{table.certificate} and {table.key} ({error})"
             wanted = "PEM files of a certificate and its key"
             raise InputError("view.certificate, view.key", found, wanted, str(hub.path)) from None
-    elif not is_loopback(host) and not table.insecure:
+    elif not at.here_alone and not table.insecure:
         wanted = "127.0.0.1:PORT, or certificate and key under [view] for https"
-        raise InputError("view.listen", words, wanted, str(hub.path))
+        raise InputError("view.listen", at.place, wanted, str(hub.path))
     users = users_of(hub)
     read_users(users.path)  # what is wrong in it is told at once
     hosts = frozenset({"localhost", host.lower(), *(name.lower() for name in table.hosts)})

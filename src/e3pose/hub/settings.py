@@ -2,26 +2,42 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
-import msgspec
 from msgspec import Meta
 
 from e3pose.base.bounded import read_toml
 from e3pose.base.errors import InputError
-from e3pose.base.table import read_table
-from e3pose.wire.access import Link, check_link, split_endpoint
+from e3pose.base.table import check_bounds, convert, entry, read_table
+from e3pose.wire.access import Link, check_link
+from e3pose.wire.endpoint import Endpoint, read_endpoint, read_host_port
 from e3pose.wire.keys.folder import holder, valid_certificates
 from e3pose.wire.topics import check_site
 
-FORMAT, VERSION = "e3pose-hub", 1
 MAX_BYTES = 2**22
+PAGE = r"https?://[^\s#]{1,300}"
+LISTEN = "127.0.0.1:8480"
 
 
-class SiteOfHub(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+def read_page(found: object) -> str:
+    """Return the address of a live page; raise `InputError` for another text."""
+    words: str = convert(str, found)
+    if words and not re.fullmatch(PAGE, words):
+        raise InputError("", repr(words[:80]), "an address such as https://edge.local:8470/")
+    return words
+
+
+def read_listen(found: object) -> Endpoint:
+    """Return where the page listens; raise `InputError` for what is not HOST:PORT."""
+    return read_host_port(found, example=LISTEN)
+
+
+@dataclass(frozen=True, slots=True)
+class SiteOfHub:
     """`[[site]]`: a site that the hub asks.
 
     Attributes:
@@ -34,14 +50,23 @@ class SiteOfHub(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """
 
     name: str
-    endpoint: str
+    endpoint: Endpoint = entry(read=read_endpoint, write='"tls/edge.local:7447"')
     keys: str = ""
-    group: Annotated[str, Meta(max_length=100)] = ""
-    page: Annotated[str, Meta(pattern=r"^(https?://[^\s#]{1,300})?$")] = ""
+    group: str = ""
+    page: str = entry("", read=read_page)
     page_tokens: str = ""
 
+    def __post_init__(self) -> None:
+        try:
+            check_site(self.name)
+        except InputError as error:
+            raise error.at(thing="name") from None
+        if len(self.group) > 100:
+            raise InputError("group", f"{len(self.group)} characters", "100 at most")
 
-class ViewOfHub(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+
+@dataclass(frozen=True, slots=True)
+class ViewOfHub:
     """`[view]`: the page over sites.
 
     Attributes:
@@ -52,7 +77,7 @@ class ViewOfHub(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         insecure: whether plain http beyond this machine is allowed.
     """
 
-    listen: str = "127.0.0.1:8480"
+    listen: Endpoint = entry(read_listen(LISTEN), read=read_listen)
     certificate: str = ""
     key: str = ""
     hosts: tuple[str, ...] = ()
@@ -60,11 +85,12 @@ class ViewOfHub(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     insecure: bool = False
 
 
-class HubTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+@dataclass(frozen=True, slots=True)
+class HubTable:
     """The file of a hub.
 
     Attributes:
-        format, version: `FORMAT` and `VERSION`.
+        format, version: of the file.
         database: a file (SQLite), or `postgresql://USER@HOST/NAME`.
         every_s: seconds between two questions to a site.
         archives: folders, or addresses that fsspec knows.
@@ -72,13 +98,22 @@ class HubTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         site: the sites.
     """
 
-    format: str
-    version: int
+    format: Literal["e3pose-hub"]
+    version: Literal[1]
     database: str = "hub.db"
     every_s: Annotated[float, Meta(ge=1, le=86400)] = 60.0
     archives: tuple[str, ...] = ()
     view: ViewOfHub = ViewOfHub()
     site: tuple[SiteOfHub, ...] = ()
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
+        if bool(self.view.certificate) != bool(self.view.key):
+            raise InputError("view", "one of certificate and key", "both, for https")
+        names = [site.name for site in self.site]
+        for name in names:
+            if names.count(name) > 1:
+                raise InputError(f"site {name}", "twice", "each site once")
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,7 +156,7 @@ class Hub:
             InputError: for certificates that cannot be used.
         """
         site, certificates = self.sites[name], None
-        if split_endpoint(site.endpoint)[0] == "tls":
+        if site.endpoint.encrypted:
             try:
                 certificates = valid_certificates(self.path.parent / (site.keys or name), "hub")
             except InputError as error:
@@ -130,15 +165,6 @@ class Hub:
         link = Link("viewer", name, site.endpoint, certificates)
         check_link(link)
         return link
-
-
-def host_and_port(listen: str) -> tuple[str, int]:
-    """Return where the page listens; raise `InputError` for what is not HOST:PORT."""
-    try:
-        return split_endpoint(f"tcp/{listen}")[1:]
-    except InputError:
-        wanted = "HOST:PORT, such as 127.0.0.1:8480"
-        raise InputError("view.listen", repr(listen[:100]), wanted) from None
 
 
 def check_links(hub: Hub) -> None:
@@ -169,21 +195,7 @@ def load_hub(named: Path) -> Hub:
         raise InputError(str(path), "no such file", "the file of a hub, or its folder")
     read = read_toml(path, MAX_BYTES)
     try:
-        table = msgspec.convert(msgspec.to_builtins(read_table(HubTable, read)), HubTable)
-        if (table.format, table.version) != (FORMAT, VERSION):
-            found = f"{table.format[:40]} version {table.version}"
-            raise InputError("format", found, f"{FORMAT} version {VERSION}")
-        names = [check_site(site.name) for site in table.site]
-        for name in names:
-            if names.count(name) > 1:
-                raise InputError(f"site {name}", "twice", "each site once")
-        for site in table.site:
-            split_endpoint(site.endpoint)
-        if bool(table.view.certificate) != bool(table.view.key):
-            raise InputError("view", "one of certificate and key", "both, for https")
-        host_and_port(table.view.listen)
-    except msgspec.ValidationError as error:
-        raise InputError(f"{path}: {error}") from None
+        table = read_table(HubTable, read)
     except InputError as error:
         raise error.at(path) from None
     url = "://" in table.database

@@ -20,7 +20,7 @@ from e3pose.settings.limits import Pace, Rotation, Sleep, check_sleep, check_sou
 from e3pose.settings.places import beside, near, placed
 from e3pose.settings.site_file import DEFAULT_DETECTOR, DEFAULT_ENDPOINT, MAX_BYTES
 from e3pose.settings.sources import located
-from e3pose.wire.access import split_endpoint
+from e3pose.wire.endpoint import Endpoint, read_endpoint
 from e3pose.wire.topics import check_site
 
 CAMERA_FORMAT = "e3pose-camera"
@@ -68,8 +68,10 @@ class NodeTable(CameraMachine):
         help="usb:0, rtsp://..., gstreamer:PIPELINE, a video, a folder of images, "
         "recorded:RECORDING.",
     )
-    endpoint: str = entry(
+    endpoint: Endpoint = entry(
         DEFAULT_ENDPOINT,
+        read=read_endpoint,
+        shown=str(DEFAULT_ENDPOINT),
         group=CONNECTION,
         help="Endpoint of the edge: tls/HOST:PORT, or tcp/HOST:PORT on the same machine.",
     )
@@ -153,7 +155,6 @@ class NodeTable(CameraMachine):
             check_camera_id(self.camera)
         except InputError as error:
             raise error.at(thing="camera") from None
-        split_endpoint(self.endpoint)
         CameraMachine.__post_init__(self)
         check_source(self.source)
         check_sleep(self.sleep, self.suspend_command)

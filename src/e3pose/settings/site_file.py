@@ -34,14 +34,14 @@ from e3pose.settings.limits import (
 from e3pose.settings.loop import LoopSettings
 from e3pose.settings.places import beside, near, placed
 from e3pose.settings.sources import located
-from e3pose.wire.access import split_endpoint
+from e3pose.wire.endpoint import Endpoint, read_endpoint, read_endpoints, read_host_port
 from e3pose.wire.topics import check_site
 
 MAX_BYTES = 2**20
 MAX_CORNERS = 100
 SITE_FILE = "site.toml"
 T = TypeVar("T")
-DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
+DEFAULT_ENDPOINT = Endpoint("tcp", "127.0.0.1", 7447)
 DEFAULT_DETECTOR = "movenet-multipose"
 
 
@@ -69,9 +69,9 @@ class LinkTable:
         insecure: whether plain tcp beyond this machine is allowed.
     """
 
-    endpoint: str = DEFAULT_ENDPOINT
+    endpoint: Endpoint = entry(DEFAULT_ENDPOINT, read=read_endpoint)
     keys: Path | None = None
-    upstream: tuple[str, ...] = ()
+    upstream: tuple[Endpoint, ...] = entry((), read=read_endpoints)
     insecure: bool = False
 
 
@@ -114,7 +114,7 @@ class ViewTable:
         pictures_per_s: the most that it asks each camera for.
     """
 
-    listen: str = "127.0.0.1:8470"
+    listen: Endpoint = entry(Endpoint("tcp", "127.0.0.1", 8470), read=read_host_port)
     hosts: tuple[str, ...] = ()
     proxies: tuple[str, ...] = ()
     tokens: Path = Path("view-tokens.toml")
@@ -124,11 +124,6 @@ class ViewTable:
 
     def __post_init__(self) -> None:
         check_bounds(self)
-        try:
-            split_endpoint(f"tcp/{self.listen}")
-        except InputError:
-            wanted = "HOST:PORT, such as 127.0.0.1:8470"
-            raise InputError("listen", repr(self.listen[:100]), wanted) from None
         for proxy in self.proxies:
             try:
                 ipaddress.ip_address(proxy)
@@ -283,10 +278,6 @@ class SiteTable:
             check_site(self.name)
         except InputError as error:
             raise error.at(thing="name") from None
-        try:
-            split_endpoint(self.link.endpoint)
-        except InputError as error:
-            raise error.under("link") from None
         names = [zone.name for zone in self.zone]
         for name in names:
             if names.count(name) > 1:

@@ -10,7 +10,7 @@ from e3pose.base.errors import InputError
 from e3pose.base.version import Version, version_of
 from e3pose.edge.server import EdgeServer
 from e3pose.settings.site_file import SiteTable
-from e3pose.wire.access import Link, Roll, check_link, split_endpoint
+from e3pose.wire.access import Link, Roll, check_link
 from e3pose.wire.keys.folder import not_admitted, read_roll, valid_certificates
 from e3pose.wire.transport import Transport
 
@@ -22,7 +22,7 @@ def edge_link(site: SiteTable) -> tuple[Link, Roll | None]:
         InputError: for an endpoint that is not safe, or certificates that cannot be used.
     """
     table, roll, certificates = site.link, None, None
-    if split_endpoint(table.endpoint)[0] == "tls" and table.keys is not None:
+    if table.endpoint.encrypted and table.keys is not None:
         roll = read_roll(table.keys)
         certificates = valid_certificates(table.keys, "edge")
     link = Link(

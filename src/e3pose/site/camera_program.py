@@ -27,7 +27,8 @@ from e3pose.settings.limits import Sleep
 from e3pose.settings.sources import is_recorded
 from e3pose.site.program_log import NO_LOG, Log
 from e3pose.site.run import run_until_stopped
-from e3pose.wire.access import Link, check_link, split_endpoint
+from e3pose.wire.access import Link, check_link
+from e3pose.wire.endpoint import Endpoint
 from e3pose.wire.keys.folder import valid_certificates
 from e3pose.wire.network import open_network
 from e3pose.wire.transport import Transport
@@ -47,7 +48,7 @@ def camera_link(node: NodeTable) -> Link:
         InputError: for an endpoint that is not safe, or certificates that cannot be used.
     """
     certificates = None
-    if split_endpoint(node.endpoint)[0] == "tls" and node.keys is not None:
+    if node.endpoint.encrypted and node.keys is not None:
         certificates = valid_certificates(node.keys, "camera")
     link = Link("camera", node.site, node.endpoint, certificates, insecure=node.insecure)
     check_link(link)
@@ -80,7 +81,7 @@ class EdgeWatch:
     """
 
     report: Callable[[str], None]
-    endpoint: str
+    endpoint: Endpoint
     camera_id: str
     alone_s: float = ALONE_S
     _there: bool = False
@@ -191,7 +192,7 @@ def open_camera(
         stack.enter_context(made)
         runs_on = getattr(made.detector, "provider", "")  # a recording has no network
         provider = {"provider": runs_on} if runs_on else {}
-        log.info("ready", source=table.source, endpoint=table.endpoint, **provider)
+        log.info("ready", source=table.source, endpoint=str(table.endpoint), **provider)
         watch = EdgeWatch(log.info, table.endpoint, table.camera)
         return Camera(made, watch, clock, stack.pop_all())
     raise AssertionError("an exit stack lets no error pass")

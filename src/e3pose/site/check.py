@@ -25,7 +25,8 @@ from e3pose.model.camera import Rig
 from e3pose.settings.resolved import ResolvedSite, calibrate_advice
 from e3pose.settings.site_file import SiteTable
 from e3pose.site.admission import edge_link
-from e3pose.wire.access import Roll, is_loopback, split_endpoint
+from e3pose.wire.access import Roll
+from e3pose.wire.endpoint import Endpoint
 from e3pose.wire.keys.folder import Kind, valid_certificates
 from e3pose.wire.keys.renewal import SOON_DAYS
 from e3pose.wire.site_messages import CameraStatus, Status
@@ -129,7 +130,7 @@ def check_link_of(site: ResolvedSite) -> Iterator[Finding]:
         _, roll = edge_link(site)
     except InputError as error:
         advice = ""
-        if split_endpoint(site.link.endpoint)[0] == "tls":
+        if site.link.endpoint.encrypted:
             folder = site.keys
             if not (folder / "keys.toml").exists():
                 advice = f"e3pose keys init {site.name} --out {folder}"
@@ -137,9 +138,8 @@ def check_link_of(site: ResolvedSite) -> Iterator[Finding]:
                 advice += f"{', and ' if advice else ''}keys = 'keys' in [link]"
         yield Finding("problem", "link", str(error), advice)
         return
-    yield Finding("ok", "link", site.link.endpoint)
-    protocol, host, _ = split_endpoint(site.link.endpoint)
-    if protocol == "tcp":
+    yield Finding("ok", "link", str(site.link.endpoint))
+    if not site.link.endpoint.encrypted:
         if site.link.insecure:
             yield Finding(
                 "warning",
@@ -148,7 +148,7 @@ def check_link_of(site: ResolvedSite) -> Iterator[Finding]:
                 f"e3pose keys init {site.name}, and endpoint = 'tls/...'",
             )
         return
-    if host in ("127.0.0.1", "localhost"):
+    if site.link.endpoint.host in ("127.0.0.1", "localhost"):
         yield Finding(
             "warning", "link", "reachable from this machine only", "endpoint = 'tls/0.0.0.0:7447'"
         )
@@ -289,13 +289,13 @@ def check_server(url: str) -> Finding:
         return Finding("problem", "store", str(error), advice)
 
 
-def check_clock(endpoint: str) -> Finding:
+def check_clock(endpoint: Endpoint) -> Finding:
     """Check whether this machine's clock is synchronised, if cameras and edge have several.
 
     Args:
         endpoint: of the edge.
     """
-    if is_loopback(split_endpoint(endpoint)[1]):
+    if endpoint.here_alone:
         return Finding("ok", "clock", "cameras and edge share this machine's clock")
     advice = "install chrony; for microseconds use PTP (linuxptp)"
     if shutil.which("chronyc"):
@@ -312,7 +312,7 @@ def check_clock(endpoint: str) -> Finding:
     return Finding("warning", "clock", found, advice)
 
 
-def check_running(status: Status | None, endpoint: str) -> Iterator[Finding]:
+def check_running(status: Status | None, endpoint: Endpoint) -> Iterator[Finding]:
     """Check the running edge and its cameras, if there is one.
 
     Args:
@@ -321,8 +321,8 @@ def check_running(status: Status | None, endpoint: str) -> Iterator[Finding]:
     """
     if status is None:
         found, advice = f"not running at {endpoint}", "e3pose edge, or e3pose up on one machine"
-        _, host, port = split_endpoint(endpoint)
-        if _listens(host.strip("[]"), port):
+        host, port = endpoint.address
+        if _listens(host, port):
             found = f"something listens at {endpoint}, but no edge of this site answers"
             advice = f"wait while it starts, or see whose port it is: ss -ltnp 'sport = :{port}'"
         yield Finding("warning", "edge", found, advice)

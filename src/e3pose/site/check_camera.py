@@ -21,7 +21,7 @@ from e3pose.settings.sources import is_recorded, shown_source
 from e3pose.site.camera_program import camera_link
 from e3pose.site.check import CLOCK_MS, Finding, Level, check_clock
 from e3pose.wire import topics
-from e3pose.wire.access import Certificates, Link, split_endpoint
+from e3pose.wire.access import Certificates, Link
 from e3pose.wire.codec import decode, encode
 from e3pose.wire.keys.renewal import SOON_DAYS
 from e3pose.wire.messages import ClockAnswer, ClockQuestion
@@ -132,10 +132,9 @@ def _certificate(node: NodeTable, files: Certificates) -> Finding:
 
 def _route(node: NodeTable, link: Link, timeout_s: float) -> Iterator[Finding]:
     """Look for the edge: its name, its port, whether it lets the camera in, and its clock."""
-    _, host, port = split_endpoint(node.endpoint)
-    place = f"{host}:{port}"
+    host, place = node.endpoint.host, node.endpoint.place
     try:
-        socket.create_connection((host.strip("[]"), port), CONNECT_S).close()
+        socket.create_connection(node.endpoint.address, CONNECT_S).close()
     except socket.gaierror:
         advice = "its name or address in endpoint, and DNS or /etc/hosts of this machine"
         yield Finding("problem", "edge", f"no address is known for {host}", advice)

@@ -20,8 +20,9 @@ from e3pose.model.take import Take, motion_of
 from e3pose.settings.events_table import EventsTable
 from e3pose.settings.site_file import SiteTable, ZoneTable, load_site
 from e3pose.site.follow import Follower, viewer_link
-from e3pose.wire.access import Link, split_endpoint
+from e3pose.wire.access import Link
 from e3pose.wire.arrays import unpack
+from e3pose.wire.endpoint import read_endpoint
 from e3pose.wire.keys.folder import valid_certificates
 from e3pose.wire.site_messages import Poses, Status
 from e3pose.wire.transport import Transport
@@ -328,8 +329,8 @@ def connect(
         link, told = viewer_link(table, folder), table.events or EVERY_KIND
         names = names_for(table, "python")
         return Connection(link.site, open_network(link), wait_s, delayed, told, table.zone, names)
-    endpoint, certificates = str(place), None
-    if split_endpoint(endpoint)[0] == "tls":
+    endpoint, certificates = read_endpoint(str(place), "endpoint"), None
+    if endpoint.encrypted:
         if folder is None:
             wanted = 'keys="NAME", the folder of `e3pose keys add NAME --viewer`'
             raise InputError("keys", MISSING, wanted)

@@ -219,7 +219,7 @@ def start_edge(site: ResolvedSite, log: Log, clock: Clock) -> Edge:
         watchdog.prepare, watchdog.folder = admission.prepare, site.folder / "logs"
         log.info("getting ready; the very first time this compiles for a minute or two")
         server.start()
-        log.info("waiting for cameras", endpoint=link.endpoint, cameras=len(site.rig))
+        log.info("waiting for cameras", endpoint=str(link.endpoint), cameras=len(site.rig))
         expiry = ExpiryWatch(site.link.keys, server.event_log.report)
         return Edge(server, admission, expiry, stack.pop_all())
     raise AssertionError("an exit stack lets no error pass")

@@ -5,13 +5,13 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from e3pose.base.errors import InputError
 from e3pose.settings.site_file import SiteTable
 from e3pose.wire import topics
-from e3pose.wire.access import Link, split_endpoint
+from e3pose.wire.access import Link
 from e3pose.wire.codec import decode
 from e3pose.wire.keys.folder import (
     Kind,
@@ -118,11 +118,9 @@ def viewer_link(site: SiteTable, viewer: Path | None, operates: bool = False) ->
     Raises:
         InputError: for certificates that cannot be used.
     """
-    protocol, host, port = split_endpoint(site.link.endpoint)
-    # Where the edge listens everywhere, it is reached here.
-    endpoint = f"{protocol}/{'localhost' if host in ANY_HOST else host}:{port}"
-    certificates = None
-    if protocol == "tls":
+    endpoint, certificates = site.link.endpoint, None
+    here = endpoint.host in ANY_HOST  # where the edge listens everywhere, it is reached here
+    if endpoint.encrypted:
         if viewer is None:
             folder = site.keys
             found = sorted((folder / "viewers").glob("*/viewer.pem"))
@@ -135,6 +133,7 @@ def viewer_link(site: SiteTable, viewer: Path | None, operates: bool = False) ->
             viewer = found[0].parent
         kind: Kind = "operator" if (viewer / "operator.pem").exists() else "viewer"
         certificates = valid_certificates(viewer, kind)
-        if host == "127.0.0.1":
-            endpoint = f"tls/localhost:{port}"
+        here |= endpoint.host == "127.0.0.1"
+    if here:
+        endpoint = replace(endpoint, host="localhost")
     return Link("viewer", site.name, endpoint, certificates, insecure=site.link.insecure)

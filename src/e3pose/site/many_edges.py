@@ -18,7 +18,6 @@ from e3pose.site.interpreter import reduce_pauses
 from e3pose.site.program_log import Log
 from e3pose.site.run import run_until_stopped
 from e3pose.site.summary import edge_summary
-from e3pose.wire.access import split_endpoint
 
 EVERY_S = 0.2  # between two looks at an edge
 START_S = 180.0  # a site waits so long for another that starts: the first compiles for all
@@ -160,7 +159,7 @@ def check_apart(sites: Sequence[ResolvedSite]) -> None:
 
 def _own(site: ResolvedSite) -> list[tuple[str, str, object, str]]:
     """Return what must be a site's alone: the key in its file, its kind, its value, as text."""
-    port = split_endpoint(site.link.endpoint)[2]
+    port = site.link.endpoint.port
     own: list[tuple[str, str, object, str]] = [
         ("name", "name", site.name, site.name),
         ("link.endpoint", "port", port, f"port {port}"),

@@ -8,11 +8,12 @@ from pathlib import Path
 
 from e3pose.base.errors import InputError
 from e3pose.wire.access import Link, Roll, check_link
+from e3pose.wire.endpoint import Endpoint
 from e3pose.wire.keys.folder import read_roll, valid_certificates
 from e3pose.wire.transport import Transport
 
 
-def router_link(folder: Path, endpoint: str, edge: str) -> tuple[Link, Roll]:
+def router_link(folder: Path, endpoint: Endpoint, edge: Endpoint) -> tuple[Link, Roll]:
     """Return the link of a router, and the programs that may join.
 
     Args:
@@ -24,8 +25,8 @@ def router_link(folder: Path, endpoint: str, edge: str) -> tuple[Link, Roll]:
         InputError: for an endpoint or a certificate that cannot be used.
     """
     for place in (endpoint, edge):
-        if not place.startswith("tls/"):
-            raise InputError(f"endpoint {place[:100]}: found no tls, expected tls/HOST:PORT")
+        if not place.encrypted:
+            raise InputError(f"endpoint {place}: found no tls, expected tls/HOST:PORT")
     roll = read_roll(folder)
     files = valid_certificates(folder, "router")
     link = Link("router", roll.site, endpoint, files, (edge,))
@@ -47,8 +48,8 @@ class Router:
     """
 
     folder: Path
-    endpoint: str
-    edge: str
+    endpoint: Endpoint
+    edge: Endpoint
     join: Callable[[Link, Roll], Transport]
     report: Callable[[str], None]
     site: str = ""

@@ -6,7 +6,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from e3pose.base.apart import ask_to_end, start_apart
@@ -17,7 +17,6 @@ from e3pose.recording.videos import MAX_BYTES, VIDEOS
 from e3pose.settings.resolved import ResolvedSite
 from e3pose.site.follow import ANY_HOST
 from e3pose.site.run import END_S
-from e3pose.wire.access import is_loopback, split_endpoint
 
 RESTART_S = 2.0
 BATTERIES = "batteries"  # folder of what is left in those of cameras on this machine
@@ -46,12 +45,13 @@ def camera_command(site: ResolvedSite, camera_id: str) -> list[str]:
         raise InputError(f"camera {camera_id}: source", "none", wanted, str(site.path))
     shown = _allow_pictures(site)
     videos = _video_options(site, camera_id) if camera.record in ("video", "both") else []
-    protocol, host, port = split_endpoint(site.link.endpoint)
-    host = "localhost" if host in ANY_HOST or protocol == "tls" else host
+    endpoint = site.link.endpoint
+    if endpoint.host in ANY_HOST or endpoint.encrypted:
+        endpoint = replace(endpoint, host="localhost")
     command = [
         sys.executable, "-m", "e3pose", "camera",
         "--site", site.name, "--name", camera_id, "--source", camera.source,
-        "--endpoint", f"{protocol}/{host}:{port}", "--wake-s", str(camera.wake_s),
+        "--endpoint", str(endpoint), "--wake-s", str(camera.wake_s),
         # On one machine every camera would measure the same watts, those of all together.
         "--provider", camera.provider, "--meter", camera.meter or "model", CHILD,
     ]  # fmt: skip
@@ -59,7 +59,7 @@ def camera_command(site: ResolvedSite, camera_id: str) -> list[str]:
         command += ["--pictures"]
     if camera.gate:
         command += ["--gate"]
-    if protocol == "tls":
+    if endpoint.encrypted:
         command += ["--keys", str(site.keys / "cameras" / camera_id)]
     for option, value in (
         ("--detector", camera.detector),
@@ -84,8 +84,7 @@ def _allow_pictures(site: ResolvedSite) -> bool:
     """Return whether cameras on this machine show pictures; unless asked, to nobody beyond it."""
     if site.view.pictures is not None:
         return site.view.pictures
-    places = (f"tcp/{site.view.listen}", site.link.endpoint)
-    here = all(is_loopback(split_endpoint(place)[1]) for place in places)
+    here = site.view.listen.here_alone and site.link.endpoint.here_alone
     return here and not site.view.proxies
 
 

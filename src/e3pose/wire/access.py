@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ipaddress
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import Any, Literal
 
 from e3pose.base.errors import InputError
 from e3pose.wire.codec import MAX_BYTES
+from e3pose.wire.endpoint import Endpoint
 from e3pose.wire.topics import ANY, of_camera, of_control, of_order, of_outbox, of_site
 
 LEASE_MS = 1500  # a frozen peer is given up after it; Zenoh's own 10 s is too long
@@ -63,7 +63,7 @@ class Link:
         role: the `edge` routes for its site, and so does a `router` before it; a `camera` or a
             `viewer` connects to one of them.
         site: the name of the site.
-        endpoint: `tls/HOST:PORT` or `tcp/HOST:PORT`; where the edge listens and others connect.
+        endpoint: where the edge listens and others connect.
         certificates: for `tls`.
         upstream: routers that an edge connects to, so that sites share them; of a router, the edge.
         insecure: whether plain `tcp` beyond this machine is allowed.
@@ -71,9 +71,9 @@ class Link:
 
     role: Literal["edge", "router", "camera", "viewer"]
     site: str
-    endpoint: str
+    endpoint: Endpoint
     certificates: Certificates | None = None
-    upstream: tuple[str, ...] = ()
+    upstream: tuple[Endpoint, ...] = ()
     insecure: bool = False
 
 
@@ -114,49 +114,26 @@ class Roll:
 
 
 def check_link(link: Link) -> None:
-    """Raise `InputError` for an endpoint that is invalid or unencrypted."""
-    protocol, host, port = split_endpoint(link.endpoint)
-    if protocol == "tcp" and not (is_loopback(host) or link.insecure):
+    """Raise `InputError` for an endpoint that is unencrypted, or no certificates for it."""
+    encrypted = link.endpoint.encrypted
+    if not (encrypted or link.endpoint.here_alone or link.insecure):
         raise InputError(
             "endpoint",
             f"{link.endpoint}, plain tcp beyond this machine",
             "tls (make certificates with `e3pose keys init`) or insecure = true, "
             "--insecure at a camera",
         )
-    if protocol == "tls" and link.certificates is None:
+    if encrypted and link.certificates is None:
         raise InputError(
             "endpoint", f"{link.endpoint}, tls without certificates", "the folder of `e3pose keys`"
         )
-    for place in link.upstream:
-        split_endpoint(place)
-    if not routes(link) and port == 0:
+    if not routes(link) and link.endpoint.port == 0:
         raise InputError("endpoint", link.endpoint, "the port of the edge")
 
 
 def routes(link: Link) -> bool:
     """Return whether others connect to the program, which then enforces access."""
     return link.role in ("edge", "router")
-
-
-def split_endpoint(endpoint: str) -> tuple[str, str, int]:
-    """Return protocol, host and port of `tls/HOST:PORT`; raise `InputError` for anything else."""
-    protocol, _, place = endpoint.partition("/")
-    host, _, port = place.rpartition(":")
-    fits = protocol in ("tcp", "tls") and host and port.isascii() and port.isdigit()
-    if not fits or int(port) > 65535 or any(c in place for c in " /?#;") or len(endpoint) > 300:
-        wanted = "tls/HOST:PORT or tcp/HOST:PORT, such as tls/edge.local:7447"
-        raise InputError("endpoint", repr(endpoint[:100]), wanted)
-    return protocol, host, int(port)
-
-
-def is_loopback(host: str) -> bool:
-    """Return whether only this machine can reach the host."""
-    if host == "localhost":
-        return True
-    try:
-        return ipaddress.ip_address(host.strip("[]")).is_loopback
-    except ValueError:
-        return False
 
 
 def zenoh_config(link: Link, roll: Roll | None = None) -> dict[str, Any]:
@@ -168,12 +145,11 @@ def zenoh_config(link: Link, roll: Roll | None = None) -> dict[str, Any]:
             but neither read nor write. A router trusts the edge of its site too.
     """
     check_link(link)
-    protocol, _, _ = split_endpoint(link.endpoint)
     config: dict[str, Any] = {
         # A router passes nothing from one peer to another. So a viewer, who asks cameras for
         # pictures, is a client; a camera is a peer, which needs no edge to open.
         "mode": "router" if routes(link) else "client" if link.role == "viewer" else "peer",
-        "listen": {"endpoints": [link.endpoint] if routes(link) else []},
+        "listen": {"endpoints": [str(link.endpoint)] if routes(link) else []},
         "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
         "timestamping": {"enabled": True},
         "transport": {
@@ -201,10 +177,10 @@ def zenoh_config(link: Link, roll: Roll | None = None) -> dict[str, Any]:
     }
     if routes(link):
         if link.upstream:
-            config["connect"] = {"endpoints": list(link.upstream), **connect}
+            config["connect"] = {"endpoints": [str(each) for each in link.upstream], **connect}
     else:
-        config["connect"] = {"endpoints": [link.endpoint], **connect}
-    if protocol == "tls" and link.certificates is not None:
+        config["connect"] = {"endpoints": [str(link.endpoint)], **connect}
+    if link.endpoint.encrypted and link.certificates is not None:
         files = link.certificates
         config["transport"]["link"]["tls"] = {
             "root_ca_certificate": str(files.authority),

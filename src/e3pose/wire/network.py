@@ -15,7 +15,8 @@ import zenoh
 
 from e3pose.base.errors import InputError
 from e3pose.base.system import claim_address
-from e3pose.wire.access import Link, Roll, split_endpoint, zenoh_config
+from e3pose.wire.access import Link, Roll, zenoh_config
+from e3pose.wire.endpoint import Endpoint
 from e3pose.wire.transport import Answer, Presence, Receive
 
 RETRY_S = 0.2  # between two attempts of a client to join
@@ -163,13 +164,11 @@ def open_network(link: Link, roll: Roll | None = None) -> NetworkTransport:
         raise InputError(f"endpoint {link.endpoint}: {_reason(link, str(error))}") from None
 
 
-def check_port(endpoint: str) -> None:
+def check_port(endpoint: Endpoint) -> None:
     """Raise `InputError` if another program listens at an endpoint of this machine."""
-    _, host, port = split_endpoint(endpoint)
+    host, port = endpoint.address
     try:
-        family, _, _, _, address = socket.getaddrinfo(
-            host.strip("[]"), port, type=socket.SOCK_STREAM
-        )[0]
+        family, _, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
     except OSError:
         return  # said when it is opened
     with socket.socket(family, socket.SOCK_STREAM) as probe:
@@ -190,7 +189,7 @@ def _in_use(port: int) -> str:
 
 def _reason(link: Link, said: str) -> str:
     """Translate an error of Zenoh into the reason and what to do."""
-    _, host, port = split_endpoint(link.endpoint)
+    host, port = link.endpoint.host, link.endpoint.port
     if "os error 98" in said:
         return _in_use(port)
     if "os error 99" in said:

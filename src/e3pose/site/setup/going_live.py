@@ -17,6 +17,7 @@ from e3pose.site.setup.desk import Desk
 from e3pose.site.up import Program, run_site, view_command
 from e3pose.site.web.program import Address, address_of, page_links
 from e3pose.wire.codec import decode, encode
+from e3pose.wire.endpoint import Endpoint
 from e3pose.wire.network import check_port, open_network
 from e3pose.wire.site_messages import Control, Controlled
 from e3pose.wire.topics import of_control
@@ -175,7 +176,7 @@ def _free_address(site: ResolvedSite) -> tuple[Address, tuple[str, ...]]:
     """Return where the live page listens: as the file says, or on a free port of loopback."""
     address = address_of(site)
     with suppress(InputError):
-        check_port(f"tcp/{address.host}:{address.port}")
+        check_port(Endpoint("tcp", address.host, address.port))
         return address, ()
     listen = f"127.0.0.1:{free_port()}"
     return address_of(site, listen), ("--listen", listen)

@@ -14,7 +14,7 @@ from e3pose.site.setup.api import Table, setup_app
 from e3pose.site.setup.desk import Desk
 from e3pose.site.web.access import Door, Rules
 from e3pose.site.web.tokens import Tokens, make_tokens
-from e3pose.wire.access import is_loopback, split_endpoint
+from e3pose.wire.endpoint import read_host_port
 
 LISTEN = "127.0.0.1:8471"
 
@@ -61,12 +61,9 @@ def open_setup(site: Path | None = None, listen: str | None = None) -> SetupServ
         InputError: for an address beyond this machine, a port that is taken, or a folder that
             cannot be a site's.
     """
-    words = listen or LISTEN
-    try:
-        _, host, port = split_endpoint(f"tcp/{words}")
-    except InputError:
-        raise InputError("--listen", repr(words[:100]), f"HOST:PORT, {LISTEN}") from None
-    if not is_loopback(host):
+    at = read_host_port(listen or LISTEN, "--listen", LISTEN)
+    host, port, words = at.host, at.port, at.place
+    if not at.here_alone:
         raise InputError("--listen", words, "an address of loopback: set-up is for this machine")
     desk = desk_of(site)
     try:

@@ -6,14 +6,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol, runtime_checkable
 
-from e3pose.base.errors import InputError
 from e3pose.events.watch import Watch
 from e3pose.model.person_event import PersonEvent
 from e3pose.model.skeleton import Skeleton
 from e3pose.model.zone_event import ZoneEvent
 from e3pose.settings.events_table import EventsTable
 from e3pose.site.connect import LiveSlot, Names, nobody
-from e3pose.wire.access import split_endpoint
+from e3pose.wire.endpoint import read_host_port
 from e3pose.wire.site_messages import Status
 
 
@@ -85,10 +84,4 @@ def host_port(place: str, usual_port: int) -> tuple[str, int]:
         InputError: for anything else.
     """
     words = place if ":" in place.rpartition("]")[2] else f"{place}:{usual_port}"
-    try:
-        _, host, port = split_endpoint(f"tcp/{words}")
-    except InputError:
-        raise InputError(
-            "target", repr(place[:80]), f"HOST:PORT, such as 127.0.0.1:{usual_port}"
-        ) from None
-    return host.strip("[]"), port
+    return read_host_port(words, "target", f"127.0.0.1:{usual_port}").address

@@ -20,7 +20,7 @@ from dataclasses import dataclass, field
 from typing import Any
 from urllib.parse import urlsplit
 
-from e3pose.wire.access import is_loopback
+from e3pose.wire.endpoint import is_loopback
 
 PROTOCOLS = ("foxglove.sdk.v1", "foxglove.websocket.v1")
 CLIENTS, CLIENTS_OF_ADDRESS = 32, 16

@@ -30,7 +30,7 @@ from e3pose.model.zone_event import ZoneEvent
 from e3pose.site.connect import LiveSlot
 from e3pose.site.streams.as_json import event_words, slot_words, zone_words
 from e3pose.site.streams.base import Source, host_port
-from e3pose.wire.access import is_loopback
+from e3pose.wire.endpoint import is_loopback
 
 PORT = 1883
 MAX_WAITING = 50

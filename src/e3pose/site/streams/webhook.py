@@ -35,7 +35,7 @@ from e3pose.model.zone_event import ZoneEvent
 from e3pose.site.connect import LiveSlot
 from e3pose.site.streams.as_json import event_words
 from e3pose.site.streams.base import Source
-from e3pose.wire.access import is_loopback
+from e3pose.wire.endpoint import is_loopback
 
 SECRET = "E3POSE_WEBHOOK_SECRET_FILE"
 LEAST_SECRET = 16  # characters

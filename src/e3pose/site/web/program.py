@@ -34,7 +34,7 @@ from e3pose.site.web.pictures import PictureRules, make_pictures
 from e3pose.site.web.tokens import Tokens, open_tokens
 from e3pose.site.zones import Zones
 from e3pose.store import Store
-from e3pose.wire.access import is_loopback, split_endpoint
+from e3pose.wire.endpoint import is_loopback, read_host_port
 from e3pose.wire.network import open_network
 from e3pose.wire.topics import of_camera, of_control
 from e3pose.wire.transport import Transport
@@ -79,13 +79,11 @@ def address_of(site: SiteTable, listen: str | None = None) -> Address:
     Raises:
         InputError: for an address beyond this machine that would be served in plain http.
     """
-    table, words = site.view, listen or site.view.listen
-    try:
-        _, host, port = split_endpoint(f"tcp/{words}")
-    except InputError:
-        raise InputError("--listen", repr(words[:100]), "HOST:PORT, 127.0.0.1:8470") from None
+    table = site.view
+    at = table.listen if listen is None else read_host_port(listen, "--listen")
+    host, port = at.host, at.port
     hosts = {"localhost", host.lower(), *(name.lower() for name in table.hosts)}
-    if is_loopback(host):
+    if at.here_alone:
         return Address(host, port, None, None, frozenset(hosts))
     hosts |= {socket.gethostname().lower(), socket.getfqdn().lower()}
     certificate = key = None
@@ -95,7 +93,7 @@ def address_of(site: SiteTable, listen: str | None = None) -> Address:
         if not table.insecure:
             raise InputError(
                 "view.listen" if listen is None else "--listen",
-                f"{words}, plain http beyond this machine",
+                f"{at.place}, plain http beyond this machine",
                 "127.0.0.1:PORT, `keys` under [link] for https, or insecure = true under [view]",
                 str(site.path),
             )
