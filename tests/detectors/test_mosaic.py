@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from e3pose.camera.turned import turned
 from e3pose.detectors.drawn import Drawn, draw
 from e3pose.detectors.focus import Part, detect_expected, look_at, look_pixels
 from e3pose.detectors.mosaic import GAP, MOST_TILES, Mosaic, Tile, apart, mosaic_of, pack
@@ -125,6 +126,8 @@ def test_two_people_apart_are_looked_at_in_crops_at_their_best_sizes() -> None:
     assert isinstance(mosaic, Mosaic) and mosaic.relative_size == 1.0
     shown = mosaic.expected(expected(far, near)).keypoints_px
     assert np.ptp(shown[..., 1], axis=1) == pytest.approx([200, 200], rel=0.02)
+    reach = mosaic.expected(expected(far, near, reach=30.0)).reach_px
+    assert reach == pytest.approx([30 * 200 / 150, 30 * 200 / 600], rel=0.02)
     alone = Network()
     alone.free_input = False
     assert mosaic.pixels < 0.6 * look_pixels(look(far, near, network=alone), SIZE, alone)
@@ -134,6 +137,33 @@ def test_network_of_one_input_size_looks_at_one_part() -> None:
     network = Network()
     network.free_input = False
     assert isinstance(look(person(200, 300, 150), person(1200, 200, 600), network=network), Part)
+
+
+def test_detector_that_says_nothing_of_its_input_looks_at_one_part() -> None:
+    class Own:
+        person_px, long_side, multiple = 200.0, 512, 32
+
+    assert isinstance(look(person(200, 300, 150), person(1200, 200, 600), network=Own()), Part)
+
+
+@pytest.mark.parametrize(
+    ("people", "kind"),
+    [
+        ([(1584, 815, 296), (1869, 921, 528)], Part),  # as large in it, for fewer pixels
+        ([(292, 738, 701), (385, 770, 42), (804, 586, 468)], Part),  # larger in it
+        ([(487, 55, 390), (24, 59, 208), (1782, 563, 551), (1276, 892, 481)], Mosaic),  # likewise
+    ],
+)
+def test_way_with_larger_people_or_else_fewer_pixels_is_chosen(
+    people: list[tuple[float, float, float]], kind: type[Any]
+) -> None:
+    assert isinstance(look(*(person(*each) for each in people)), kind)
+
+
+def test_somebody_far_away_is_enlarged_so_far_and_no_further() -> None:
+    mosaic = look(person(100, 100, 40), person(1500, 500, 400))
+    assert isinstance(mosaic, Mosaic) and mosaic.relative_size == 1.0
+    assert mosaic.tiles[0].scale == pytest.approx([2.0, 2.0], rel=0.02)
 
 
 def test_people_whose_boxes_overlap_share_a_crop() -> None:
@@ -201,6 +231,20 @@ def test_each_person_is_found_once_where_they_are_in_the_image() -> None:
     order = np.argsort(np.nanmean(found.keypoints_px[..., 0], axis=1))
     for one, truth in zip(found.keypoints_px[order], (here, beside, there), strict=True):
         np.testing.assert_allclose(one, truth, atol=1.5)
+
+
+@pytest.mark.parametrize("degrees", [90, 180, 270])
+def test_crops_of_turned_images_are_upright(degrees: int) -> None:
+    here, there = person(200, 150, 400), person(1400, 300, 600)
+    image = draw(np.full((1080, 1920, 3), 24, dtype=np.uint8), [here, there])
+    dots = Dots()
+    found = detect_expected(turned(dots, degrees), image, expected(here, there))
+    (size, _, shown), *more = dots.shown
+    assert not more and size[0] * size[1] < 0.5 * 1920 * 1080 and shown is not None
+    along = 0 if degrees in (90, 270) else 1  # of the people, who lie in the turned image
+    assert np.ptp(shown.keypoints_px[..., along], axis=1) == pytest.approx([400, 400], rel=0.02)
+    order = np.argsort(np.nanmean(found.keypoints_px[..., 0], axis=1))
+    np.testing.assert_allclose(found.keypoints_px[order], [here, there], atol=1.5)
 
 
 def test_somebody_between_crops_is_not_in_them() -> None:

@@ -125,6 +125,28 @@ def test_yolo_looks_at_a_part(tmp_path: Path, sides: tuple[int | str, ...]) -> N
     assert np.abs(found - truth).max() < 1e-3
 
 
+def test_network_whose_input_may_have_any_size_takes_crops(tmp_path: Path) -> None:
+    rows, maps = np.zeros((1, 6, 56), np.float32), np.zeros((1, 57, 8, 8), np.float32)
+    parts = [np.zeros((1, count, 8, 8), np.float32) for count in (18, 42)]
+    path = tmp_path / "n.onnx"
+
+    def takes_crops(name: str) -> bool:
+        return bool(getattr(make_detector(name, path, "cpu", 1), "free_input", False))
+
+    write_onnx(path, (1, "h", "w", 3), rows, kind=INT32)
+    assert takes_crops("movenet-multipose")
+    write_onnx(path, (1, 256, 256, 3), rows, kind=INT32)
+    assert not takes_crops("movenet-multipose")
+    write_onnx(path, (1, 3, "h", "w"), maps)
+    assert takes_crops("openpose-thin")
+    write_onnx(path, (1, 3, 368, 432), maps)
+    assert not takes_crops("openpose-thin")
+    write_onnx(path, (1, 3, "h", "w"), *parts)
+    assert not takes_crops("trt-pose")  # it stretches
+    write_onnx(path, (1, 3, "h", "w"), rows)
+    assert not takes_crops("yolo-pose")  # it pads with grey
+
+
 def test_boxes_that_are_not_numbers_are_nobody() -> None:
     boxes = np.array([[5, 5, 4, 4], [np.nan, 5, 4, 4], [50, 5, 4, 4]], dtype=np.float64)
     assert keep_people(boxes, np.array([0.5, 0.9, 0.8])).tolist() == [2, 0]
