@@ -23,7 +23,8 @@ PLACES = {
     "camera/probe.py": "finds no device",
     "detectors/weights/index.py": "finds no settings of pip",
     "settings/limits.py": "a message",
-    "site/check_camera.py": "finds no state to suspend to",
+    "camera/machine.py": "finds no state to suspend to",
+    "site/check_camera.py": "a message",
     "site/check_sources.py": "finds no device",
     "site/new_site.py": "a message",
 }

@@ -14,6 +14,7 @@ from tests.ports import free_port
 from tests.rigs import looking
 
 from e3pose.base.clock import WallClock
+from e3pose.camera.machine import examine
 from e3pose.edge.gather import Gather
 from e3pose.edge.inbox import Inbox
 from e3pose.model.skeleton import COCO17
@@ -21,7 +22,7 @@ from e3pose.recording import save_recording
 from e3pose.settings.camera_file import NodeTable
 from e3pose.simulate import SceneSettings, simulate
 from e3pose.site.check import Finding
-from e3pose.site.check_camera import check_camera, check_suspend
+from e3pose.site.check_camera import check_camera, suspended
 from e3pose.wire.access import Link
 from e3pose.wire.endpoint import Endpoint, read_endpoint
 from e3pose.wire.keys.folder import add_keys, init_keys
@@ -136,5 +137,5 @@ def test_machine_that_may_be_suspended_can_be(
     if states is not None:
         listed.write_text(states + "\n")
     asks = replace(node, sleep="suspend", suspend_command=command)
-    finding = check_suspend(asks, listed)
+    (finding,) = suspended(asks, examine(asks, listed))
     assert finding.level == level and said in finding.found, finding

@@ -10,8 +10,8 @@ from e3pose.base.errors import InputError
 from e3pose.base.version import Version, version_of
 from e3pose.edge.server import EdgeServer
 from e3pose.settings.site_file import SiteTable
-from e3pose.wire.access import Link, Roll, check_link
-from e3pose.wire.keys.folder import not_admitted, read_roll, valid_certificates
+from e3pose.wire.access import Link, Roll
+from e3pose.wire.keys.folder import link_of, not_admitted, read_roll
 from e3pose.wire.transport import Transport
 
 
@@ -21,16 +21,17 @@ def edge_link(site: SiteTable) -> tuple[Link, Roll | None]:
     Raises:
         InputError: for an endpoint that is not safe, or certificates that cannot be used.
     """
-    table, roll, certificates = site.link, None, None
+    table = site.link
+    roll = None
     if table.endpoint.encrypted and table.keys is not None:
         roll = read_roll(table.keys)
-        certificates = valid_certificates(table.keys, "edge")
-    link = Link(
-        "edge", site.name, table.endpoint, certificates, table.upstream, insecure=table.insecure
-    )
     try:
-        check_link(link)
+        link = link_of(
+            "edge", site.name, table.endpoint, table.keys, table.upstream, insecure=table.insecure
+        )
     except InputError as error:
+        if error.thing != "endpoint":
+            raise
         raise error.under("link").at(site.path) from None
     return link, roll
 

@@ -27,9 +27,8 @@ from e3pose.settings.limits import Sleep
 from e3pose.settings.sources import is_recorded
 from e3pose.site.program_log import NO_LOG, Log
 from e3pose.site.run import run_until_stopped
-from e3pose.wire.access import Link, check_link
 from e3pose.wire.endpoint import Endpoint
-from e3pose.wire.keys.folder import valid_certificates
+from e3pose.wire.keys.folder import link_of
 from e3pose.wire.network import open_network
 from e3pose.wire.transport import Transport
 
@@ -39,20 +38,6 @@ RESTS: dict[Sleep, tuple[str, ...]] = {
     "process": ("asleep",),
     "suspend": ("asleep", "suspended"),
 }
-
-
-def camera_link(node: NodeTable) -> Link:
-    """Return how a camera joins its site.
-
-    Raises:
-        InputError: for an endpoint that is not safe, or certificates that cannot be used.
-    """
-    certificates = None
-    if node.endpoint.encrypted and node.keys is not None:
-        certificates = valid_certificates(node.keys, "camera")
-    link = Link("camera", node.site, node.endpoint, certificates, insecure=node.insecure)
-    check_link(link)
-    return link
 
 
 def open_charge_file(node: NodeTable, report: Callable[[str], None]) -> ChargeFile | None:
@@ -178,7 +163,7 @@ def open_camera(
     """
     table = node if isinstance(node, NodeTable) else load_node(Path(node))
     log, clock = log or NO_LOG, clock or WallClock()
-    link = camera_link(table)
+    link = link_of("camera", table.site, table.endpoint, table.keys, insecure=table.insecure)
     charge = open_charge_file(table, log.warning)
     power = open_sampler(load_profile(table.profile), table.meter, table.battery_wh, charge)
     transport = open_network(link)

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from e3pose.base.errors import InputError
-from e3pose.wire.access import Link, Roll, check_link
+from e3pose.wire.access import Link, Roll
 from e3pose.wire.endpoint import Endpoint
-from e3pose.wire.keys.folder import read_roll, valid_certificates
+from e3pose.wire.keys.folder import link_of, read_roll
 from e3pose.wire.transport import Transport
 
 
@@ -28,10 +28,7 @@ def router_link(folder: Path, endpoint: Endpoint, edge: Endpoint) -> tuple[Link,
         if not place.encrypted:
             raise InputError(f"endpoint {place}: found no tls, expected tls/HOST:PORT")
     roll = read_roll(folder)
-    files = valid_certificates(folder, "router")
-    link = Link("router", roll.site, endpoint, files, (edge,))
-    check_link(link)
-    return link, roll
+    return link_of("router", roll.site, endpoint, folder, (edge,)), roll
 
 
 @dataclass(slots=True, eq=False)

@@ -33,7 +33,8 @@ from e3pose.base.lock import hold
 from e3pose.base.private import make_folder
 from e3pose.base.table import entry, read_table
 from e3pose.model.camera_fields import check_camera_id
-from e3pose.wire.access import Certificates, Roll, edge_name, holder_of
+from e3pose.wire.access import Certificates, Link, Roll, check_link, edge_name, holder_of
+from e3pose.wire.endpoint import Endpoint
 from e3pose.wire.topics import check_site
 
 LIST = "keys.toml"
@@ -271,6 +272,35 @@ def valid_certificates(folder: Path, role: Literal["edge"] | Kind) -> Certificat
     files = certificates_in(folder, role)
     check_certificates(files, datetime.datetime.now(datetime.timezone.utc))
     return files
+
+
+def link_of(
+    role: Literal["edge", "router", "camera"],
+    site: str,
+    endpoint: Endpoint,
+    keys: Path | None,
+    upstream: tuple[Endpoint, ...] = (),
+    insecure: bool = False,
+) -> Link:
+    """Return how a program joins its site, with the certificates of its folder.
+
+    Args:
+        role: what it is; see `Link` for this and the others.
+        site: the name of the site.
+        endpoint: where it listens or connects.
+        keys: folder of its certificates; None without.
+        upstream: routers that it connects to.
+        insecure: whether plain `tcp` beyond this machine is allowed.
+
+    Raises:
+        InputError: for an endpoint that is not safe, or certificates that do not serve now.
+    """
+    files = None
+    if endpoint.encrypted and keys is not None:
+        files = valid_certificates(keys, role)
+    link = Link(role, site, endpoint, files, upstream, insecure)
+    check_link(link)
+    return link
 
 
 def check_certificates(files: Certificates, now: datetime.datetime) -> None:

@@ -1,0 +1,89 @@
+"""Whether a camera reaches its edge: its name, its port, its certificate, and its answer."""
+
+from __future__ import annotations
+
+import datetime
+import socket
+import threading
+import time
+from dataclasses import dataclass
+from typing import Literal
+
+from e3pose.base.clock import WallClock
+from e3pose.base.errors import InputError
+from e3pose.wire import topics
+from e3pose.wire.access import Link
+from e3pose.wire.codec import decode, encode
+from e3pose.wire.messages import ClockAnswer, ClockQuestion
+from e3pose.wire.network import open_network
+from e3pose.wire.offset import Exchange
+
+CONNECT_S = 3.0
+ANSWER_S, PAUSE_S = 0.5, 0.1  # for one answer, and between two questions
+
+
+@dataclass(frozen=True, slots=True)
+class Reach:
+    """How far a camera comes.
+
+    Attributes:
+        outcome: `answered`, or what stops it: its host is `unknown`, nothing listens (`refused`),
+            there is `no-route`, or the edge does not answer this camera (`silent`).
+        reason: of `no-route`, in words of the system.
+        exchange: of times with the edge that answered.
+        expires: when its certificate does; None without one.
+    """
+
+    outcome: Literal["answered", "unknown", "refused", "no-route", "silent"]
+    reason: str = ""
+    exchange: Exchange | None = None
+    expires: datetime.datetime | None = None
+
+
+def reach_edge(link: Link, camera_id: str, timeout_s: float) -> Reach:
+    """Try to reach an edge as a camera does.
+
+    Args:
+        link: how the camera joins.
+        camera_id: of the camera.
+        timeout_s: how long to wait for an answer.
+    """
+    expires = None
+    if link.certificates is not None:
+        from e3pose.wire.keys import authority
+
+        expires = authority.expires(link.certificates.certificate.read_bytes())
+    try:
+        socket.create_connection(link.endpoint.address, CONNECT_S).close()
+    except socket.gaierror:
+        return Reach("unknown", expires=expires)
+    except ConnectionRefusedError:
+        return Reach("refused", expires=expires)
+    except OSError as error:
+        return Reach("no-route", str(error.strerror or error), expires=expires)
+    exchange = _ask_time(link, camera_id, timeout_s)
+    return Reach("silent" if exchange is None else "answered", "", exchange, expires)
+
+
+def _ask_time(link: Link, camera_id: str, timeout_s: float) -> Exchange | None:
+    """Exchange times with the edge, as a camera does; None if it does not answer."""
+    transport, clock = open_network(link), WallClock()
+    topic = topics.of_camera(link.site, camera_id, "clock")
+    end_s, pause = time.monotonic() + timeout_s, threading.Event()
+    try:
+        while True:
+            asked_ns = clock.now_ns()
+            payload = transport.ask(topic, encode(ClockQuestion(camera_id, asked_ns)), ANSWER_S)
+            answered_ns = clock.now_ns()
+            if payload is not None:
+                answer = decode(payload, ClockAnswer, "edge")
+                return Exchange.of_stamps(
+                    asked_ns, answer.received_edge_ns, answer.sent_edge_ns, answered_ns
+                )
+            if time.monotonic() >= end_s:
+                return None
+            pause.wait(PAUSE_S)
+    except InputError:
+        return None
+    finally:
+        transport.close()
