@@ -13,7 +13,7 @@ from typing import Any
 from e3pose.detectors import make_detector
 from e3pose.detectors.base import Image
 from e3pose.detectors.drawn import Drawn
-from e3pose.detectors.focus import Part
+from e3pose.detectors.focus import Part, detect_expected
 from e3pose.model.expected import ExpectedView
 from e3pose.model.pose import Poses2D
 
@@ -37,8 +37,11 @@ class DrawnByNetwork:
     def detect_part(
         self, image: Image, part: Part, expected: ExpectedView | None = None
     ) -> Poses2D:
-        """Look at a part of an image; see `Focusing.detect_part`."""
-        self._network.detect_part(image, part, expected)
+        """Look at a part of an image; see `Focusing.detect_part`.
+
+        Where the network looks at crops, dots are read in the part, as few are left of them there.
+        """
+        detect_expected(self._network, image, expected)
         return self._drawn.detect_part(image, part, expected)
 
 
