@@ -11,7 +11,7 @@ from tests.output.report.stored_week import SITE, write_week
 
 from e3pose.store import schema
 from e3pose.store.database import database_url, writing_engine
-from e3pose.store.names import KEPT_S, MOST_KNOWN, Names
+from e3pose.store.names import KEPT_S, MOST_KNOWN, StoredNames
 from e3pose.store.people import set_name
 
 ADA, NAMELESS = 10, 50
@@ -32,7 +32,7 @@ def place(tmp_path: Path) -> Path:
 
 
 def test_a_rename_and_a_removal_are_known_at_once(place: Path) -> None:
-    names = Names(place, SITE, Clock())
+    names = StoredNames(place, SITE, Clock())
     assert (names(ADA), names(NAMELESS), names(99), names(-1)) == ("Ada", "", "", "")
     set_name(place, [(1, ADA)], "Ada L.")
     set_name(place, [(1, NAMELESS)], "Bob")
@@ -51,19 +51,19 @@ def test_names_are_of_the_newest_run_of_the_site(place: Path) -> None:
     with engine.begin() as connection:
         connection.execute(insert(schema.runs), row)
     engine.dispose()
-    assert Names(place, SITE)(ADA) == "", "track 10 is somebody else now"
-    assert Names(place, "elsewhere")(ADA) == ""
+    assert StoredNames(place, SITE)(ADA) == "", "track 10 is somebody else now"
+    assert StoredNames(place, "elsewhere")(ADA) == ""
 
 
 def test_a_store_that_is_not_there_names_nobody(tmp_path: Path) -> None:
-    names = Names(tmp_path / "none.db", SITE, Clock())
+    names = StoredNames(tmp_path / "none.db", SITE, Clock())
     assert names(ADA) == ""
     write_week(tmp_path / "none.db")
     assert names(ADA) == "Ada", "once it is"
 
 
 def test_an_answer_serves_for_a_moment_and_few_are_kept(place: Path) -> None:
-    names = Names(place, SITE, lambda: 0.0)
+    names = StoredNames(place, SITE, lambda: 0.0)
     assert names(ADA) == "Ada"
     set_name(place, [(1, ADA)], "Eve")
     assert names(ADA) == "Ada", "asked just now"

@@ -376,6 +376,6 @@ def names_for(site: SiteTable, where: str) -> Names:
     """
     if site.events is None or where not in site.events.names or site.store is None:
         return nobody
-    from e3pose.store.names import Names as StoredNames
+    from e3pose.store.names import StoredNames
 
     return StoredNames(site.store.place, site.name)

@@ -19,7 +19,7 @@ KEPT_S = 0.5  # an answer serves for so long: a stream asks for everybody in eac
 MOST_KNOWN = 100
 
 
-class Names:
+class StoredNames:
     """Names by track; call it for one. What cannot be read names nobody."""
 
     def __init__(

@@ -19,8 +19,8 @@ from e3pose.model.zone_event import ZoneEvent
 from e3pose.settings.site_file import ZoneTable
 from e3pose.site.connect import LiveSlot, live_slot
 from e3pose.site.follow import Follower
-from e3pose.site.web.names import Names
 from e3pose.site.web.notices import Notice, Surroundings, notices
+from e3pose.site.web.page_names import PageNames
 from e3pose.site.web.schemas import (
     Encoded,
     event_of_edge,
@@ -83,7 +83,7 @@ class Feed:
     doing: Watch | None = None
     told: deque[PersonEvent] = field(default_factory=lambda: deque(maxlen=MAX_TOLD))
     around: Surroundings = field(default_factory=Surroundings)
-    names: Names = field(default_factory=Names)
+    names: PageNames = field(default_factory=PageNames)
     heard_ns: int | None = None
     now_s: Callable[[], float] = time.monotonic
     quiet_s: float = QUIET_S

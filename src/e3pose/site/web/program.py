@@ -28,8 +28,8 @@ from e3pose.site.web.doing import page_watch
 from e3pose.site.web.feed import Feed
 from e3pose.site.web.keep import Keeping
 from e3pose.site.web.layout import describe
-from e3pose.site.web.names import Names
 from e3pose.site.web.notices import surroundings
+from e3pose.site.web.page_names import PageNames
 from e3pose.site.web.pictures import PictureRules, make_pictures
 from e3pose.site.web.tokens import Tokens, open_tokens
 from e3pose.site.zones import Zones
@@ -217,7 +217,7 @@ def open_view(
         zones=Zones(site.zone),
         doing=page_watch(site),
         around=surroundings(site),
-        names=Names(None if site.store is None else site.store.place, site.name),
+        names=PageNames(None if site.store is None else site.store.place, site.name),
     )
     view = PageServer(address, rules, feed)
     view.site = site

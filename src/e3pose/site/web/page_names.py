@@ -17,7 +17,7 @@ LOOK_S = 5.0  # between two looks at names that others may have changed
 
 
 @dataclass(eq=False)
-class Names:
+class PageNames:
     """What people in sight are called, as of the last look at the store.
 
     Attributes:
