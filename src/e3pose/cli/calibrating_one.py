@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -82,7 +83,6 @@ def _of_recording(path: Path, seconds: float) -> tuple[Recording, Rig]:
 
 def _of_site(path: Path, camera_id: str, seconds: float) -> tuple[Recording, Rig, Path]:
     """Return the newest of what a site recorded, its calibration and the file of that."""
-    from dataclasses import replace
 
     from e3pose.recording.calibration import load_rig
     from e3pose.settings.site_file import load_site

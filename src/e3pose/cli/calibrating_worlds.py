@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -166,7 +166,6 @@ def check(
     json_output
         Write the result here as JSON; - is standard output, which then contains nothing else.
     """
-    from dataclasses import replace
 
     from e3pose.base.atomic import check_output
     from e3pose.calibrate.error_picture import draw_error

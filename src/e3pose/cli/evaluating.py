@@ -225,7 +225,6 @@ def _that_matter(loops: list[LoopOptions], row: PolicyRow) -> list[LoopOptions]:
 
 
 def _counts(option: str, text: str) -> list[int]:
-    from e3pose.base.errors import InputError
 
     try:
         return list(dict.fromkeys(int(part) for part in text.split(",")))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from datetime import datetime
+from datetime import date, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -119,7 +119,6 @@ def week(
     json_file
         Write the figures here as a JSON list; - is standard output.
     """
-    from datetime import date
 
     from e3pose.base.atomic import check_output
     from e3pose.cli.querying import check_files, store_of

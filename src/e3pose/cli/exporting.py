@@ -13,7 +13,7 @@ from cyclopts import Group, Parameter
 from e3pose.base.errors import InputError
 from e3pose.cli.options import Flag, Whole, as_typed
 from e3pose.cli.output import wrote
-from e3pose.cli.querying import PERIOD, ROWS, PeriodOptions, check_numbers
+from e3pose.cli.querying import PERIOD, ROWS, PeriodOptions, check_numbers, files_of, store_of
 from e3pose.cli.smoothing import SmoothOptions
 
 if TYPE_CHECKING:
@@ -151,7 +151,6 @@ def export(
 
 def _take(source: str, dest: Path, asked: Asked) -> Take:
     """Read what is asked for, and check that it would not be written over."""
-    from e3pose.cli.querying import files_of, store_of
     from e3pose.output.exports.source import TABLES, take_from_store, take_from_table
     from e3pose.store.database import database_path, database_url
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+import time
 from collections.abc import Sequence
 from decimal import Decimal
 from pathlib import Path
@@ -81,7 +83,6 @@ def view(
     for_s
         Stop after this many seconds.
     """
-    import time
 
     from e3pose.base.quantities import check_seconds
     from e3pose.hub.page import open_page, page_lines
@@ -308,7 +309,6 @@ def forgotten(
     json_file
         Write the rows here as a JSON list; - is standard output.
     """
-    import sys
 
     from e3pose.hub.database import read_forgotten
     from e3pose.hub.settings import load_hub

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass
+from datetime import datetime, timezone
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -179,7 +181,6 @@ def _run(
     sources: dict[str, Recording], settings: ReplaySettings, trainer: OnlineTrainer, paced: bool
 ) -> None:
     import logging
-    import time
 
     from e3pose.cli.progress import track_progress
     from e3pose.edge.learn.rehearse import rehearse
@@ -227,7 +228,6 @@ def _check_folder(folder: Path) -> None:
 
 
 def _print_versions(folder: Path) -> None:
-    from datetime import datetime, timezone
 
     from e3pose.edge.learn.versions import VersionStore
     from e3pose.evaluate.columns import fitted_tables, table_console

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime
 import sys
 import time
 from pathlib import Path
@@ -172,7 +173,6 @@ def measure(
     threads
         CPU threads of the network. Default: all cores.
     """
-    import datetime
 
     from e3pose.base.atomic import atomic_file
     from e3pose.base.clock import WallClock

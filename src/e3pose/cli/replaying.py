@@ -27,7 +27,7 @@ from e3pose.cli.options import (
 from e3pose.cli.output import JsonFile, is_stdout, write_json, wrote
 from e3pose.cli.progress import track_progress
 from e3pose.cli.smoothing import SmoothOptions
-from e3pose.cli.storing import StoreOptions
+from e3pose.cli.storing import StoreOptions, stored
 
 if TYPE_CHECKING:
     from e3pose.estimate.base import People, Posterior
@@ -147,7 +147,6 @@ def replay(
         of a live site.
     """
     from e3pose.cli.placed import load_placed
-    from e3pose.cli.storing import stored
     from e3pose.evaluate.detect_again import open_pixels
     from e3pose.evaluate.replay import replay as run_replay
     from e3pose.evaluate.summary import summarise

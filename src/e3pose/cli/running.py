@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from contextlib import closing, nullcontext, suppress
 from pathlib import Path
@@ -229,7 +230,6 @@ def _run_shown(
     show: bool,
 ) -> None:
     """Run the programs until stopped, and show the site: all the time, or once at the end."""
-    import time
 
     from rich.live import Live
 

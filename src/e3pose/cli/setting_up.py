@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 from typing import Annotated
 
@@ -40,7 +41,6 @@ def setup(
     for_s
         Stop after this many seconds.
     """
-    import time
 
     check_seconds("--for", for_s)
     from e3pose.base.system import open_browser

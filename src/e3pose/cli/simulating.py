@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -78,7 +78,6 @@ class ErrorOptions:
 
     def detector(self, scene: str) -> DetectorSettings:
         """Return how the detector errs in a scene."""
-        from dataclasses import replace
 
         from e3pose.simulate import DetectorSettings, Guessing, adjusted
         from e3pose.simulate.scenes import scene_by_name

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from e3pose.base.errors import InputError
-from e3pose.base.quantities import plural
+from e3pose.base.quantities import age_s, plural, size_bytes
 from e3pose.cli.options import OUTPUT, as_typed
 
 if TYPE_CHECKING:
@@ -42,7 +43,6 @@ class StoreOptions:
 
     def retention(self) -> Retention:
         """Return what to keep; raise `InputError` for what is no age or size."""
-        from e3pose.base.quantities import age_s, size_bytes
         from e3pose.store import Retention
 
         if self.store is None and (self.keep or self.max_size):
@@ -73,7 +73,6 @@ def stored(
     if options.store is None:
         yield from records
         return
-    import time
 
     import numpy as np
 

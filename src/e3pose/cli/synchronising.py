@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -115,7 +116,6 @@ def _by_people(
     overwrite: bool,
     json_output: Path | None,
 ) -> None:
-    from dataclasses import replace
 
     from e3pose.base.atomic import check_free
     from e3pose.calibrate.recordings import first_seconds

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 from typing import Annotated
 
@@ -41,7 +42,6 @@ def view(
     end_with_parent
         Stop when standard input closes, a pipe from the parent process.
     """
-    import time
 
     check_seconds("--for", for_s)
     from e3pose.settings.resolved import resolve_site

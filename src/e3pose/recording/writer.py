@@ -6,6 +6,7 @@ it is finished.
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 from collections.abc import Iterator, Mapping
@@ -243,7 +244,6 @@ def _chunks(file: IO[bytes]) -> Iterator[tuple[bytes, int]]:
 
 def _last_slot(path: Path) -> int:
     """Return the slot of the last line; -1 if there is none."""
-    import json
 
     with path.open("rb") as file:
         size = file.seek(0, os.SEEK_END)

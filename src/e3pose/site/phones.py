@@ -9,6 +9,7 @@ from __future__ import annotations
 import binascii
 import datetime
 import hashlib
+import io
 import socket
 import ssl
 import time
@@ -55,7 +56,6 @@ class Shown:
 
     def drawn(self) -> str:
         """Return the address as a QR code for a terminal."""
-        import io
 
         import segno
 

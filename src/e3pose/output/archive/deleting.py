@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from io import BytesIO
 from pathlib import Path
 
 from sqlalchemy import select
@@ -80,7 +81,6 @@ def delete_there(place: Place, what: Forgotten) -> int:
 
 def left_there(place: Place, what: Forgotten) -> int:
     """Return how many rows an archive has of what is forgotten, by its files."""
-    from io import BytesIO
 
     from pyarrow import parquet
 

@@ -25,7 +25,7 @@ from e3pose.site.new_site import (
     site_name,
     threads_for,
 )
-from e3pose.site.setup.cameras import looked_again
+from e3pose.site.setup.cameras import looked_again, shown_source
 from e3pose.site.setup.desk import Desk
 from e3pose.site.setup.editing import apply_cameras
 from e3pose.site.setup.plan import ChosenCamera, Plan
@@ -189,7 +189,6 @@ def _fill(desk: Desk, choice: Choice) -> None:
 
 def init_command(desk: Desk, detector: str) -> str:
     """Return the command line that writes the site file."""
-    from e3pose.site.setup.cameras import shown_source
 
     words = [f"{c.id}={shown_source(desk, c.source)}" for c in desk.plan().cameras]
     turned = [f"{c.id}: {c.rotation}" for c in desk.plan().cameras if c.rotation]
