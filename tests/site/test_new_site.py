@@ -98,7 +98,7 @@ def test_recording_with_all_cameras_takes_its_time(
 def test_sources_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     words = ["usb:0", "door=usb:2", "walk cam3.mp4", "rtsp://user:a=b@host/x", "left=a.mp4"]
-    named = name_sources(words, tmp_path / "lab")
+    named = name_sources(words)
     assert named == {
         "cam1": "usb:0",
         "door": "usb:2",
@@ -117,11 +117,9 @@ def test_sources_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
         (["/tmp/x/cam.mp4", "cam.mp4"], "two cameras cam"),
     ],
 )
-def test_sources_that_cannot_be_are_reported(
-    words: list[str], message: str, tmp_path: Path
-) -> None:
+def test_sources_that_cannot_be_are_reported(words: list[str], message: str) -> None:
     with pytest.raises(InputError, match=message):
-        name_sources(words, tmp_path)
+        name_sources(words)
 
 
 def test_site_is_named_after_its_folder(tmp_path: Path) -> None:

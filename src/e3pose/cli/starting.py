@@ -75,7 +75,7 @@ def init(
     from e3pose.wire.topics import check_site
 
     check_free(folder, None)
-    named = name_sources(list(sources) or _asked(), folder)
+    named = name_sources(list(sources) or _asked())
     rig = None if calibration is None else _rig(calibration, named)
     rotations = {} if calibration is None else load_calibration(calibration).rotations
     count = min(2 if cameras is None else cameras, len(named))

@@ -82,7 +82,7 @@ def advance(
     pace = np.where(walking, pace * np.clip(1.25 * np.cos(error), 0.0, 1.0), 0.0)
     acceleration = (direction * pace[:, None] - group.velocity) / RESPONSE_S
     others = _neighbours(group, seats_xy, occluders)
-    acceleration += np.where(walking, 1.0, 0.0)[:, None] * _give_way(group.velocity, *others)
+    acceleration += np.where(walking, 1.0, 0.0)[:, None] * _give_way(group.velocity, *others[:3])
     size = np.maximum(np.hypot(acceleration[:, 0], acceleration[:, 1]), 1e-9)
     acceleration *= np.minimum(1.0, MAX_ACCELERATION_MPS2 / size)[:, None]
     velocity = group.velocity + acceleration * interval_s
@@ -140,7 +140,6 @@ def _give_way(
     offset: Floats,
     other: Floats,
     clearance: Floats,
-    moves: NDArray[np.bool_],
 ) -> Floats:
     """Return the acceleration `(num_people, 2)` sideways that avoids passing too closely."""
     closing = velocity[:, None] - other

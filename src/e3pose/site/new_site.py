@@ -77,14 +77,13 @@ class Choice:
         return not any(is_live(probe.source) for probe in self.probes.values())
 
 
-def name_sources(words: list[str], folder: Path) -> dict[str, str]:
+def name_sources(words: list[str]) -> dict[str, str]:
     """Return sources by the ids of their cameras.
 
     `CAMERA=SOURCE` says it outright; a file is named after itself, another source by its number.
 
     Args:
         words: as typed; files relative to the current folder.
-        folder: of the site, which a file is not to be copied to.
 
     Raises:
         InputError: when two have one name, or a name is none.

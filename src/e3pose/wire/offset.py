@@ -70,13 +70,6 @@ class Offset:
         """Return the edge's time at a time of the camera."""
         return camera_ns + self.offset_ns + round((camera_ns - self.at_ns) * self.drift_ppm * 1e-6)
 
-    def camera_ns(self, edge_ns: int) -> int:
-        """Return the camera's time at a time of the edge."""
-        guess = edge_ns - self.offset_ns
-        for _ in range(2):  # the drift is small: each round takes a factor of a thousand
-            guess -= self.edge_ns(guess) - edge_ns
-        return guess
-
 
 @dataclass(frozen=True, slots=True)
 class OffsetEstimate:
