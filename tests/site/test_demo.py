@@ -360,7 +360,7 @@ def test_fullest_slot_of_each_quarter_is_pictured() -> None:
 
 def test_processor_time_is_told_where_it_was_measured() -> None:
     live = LiveFigures(
-        1.0, 0.0, 2, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0.0, (0.0, 0.0), 0.0, {}, 2.0,
+        1.0, 0.0, 2, 1, 0, 0, 0, 0, 0, 0, 0, 0, (0.0, 0.0), 0.0, {}, 2.0,
         cpu_s=120.0, look_cpu_ms=168.0, frame_cpu_ms=15.0, cpu_saved=0.25,
     )  # fmt: skip
     (line,) = processor_words(live)

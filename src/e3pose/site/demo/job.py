@@ -310,7 +310,6 @@ def _figures(
         view_bytes=sum(heard.sent_bytes.values()),
         order_bytes=heard.order_bytes,
         video_bytes=round(video_bytes),
-        detect_ms=1000 * float(np.median(heard.detect_s)) if heard.detect_s else 0.0,
         fuse_ms=(0.0, 0.0) if status is None else status.latency_ms,
         delay_ms=1000 * float(np.median(heard.delays_s)) if heard.delays_s else 0.0,
         blind=count_blind(records),

@@ -48,7 +48,6 @@ class Heard:
         sent_bytes: by camera, of its views.
         order_bytes: of the orders to all cameras.
         beats: the newest heartbeat of each camera.
-        detect_s: seconds of each detection.
         delays_s: from the middle of each slot until its poses were published.
         status: the last of the edge at work.
         slots: slots whose poses were published.
@@ -60,7 +59,6 @@ class Heard:
     sent_bytes: Counter[str] = field(default_factory=Counter)
     order_bytes: int = 0
     beats: dict[str, Heartbeat] = field(default_factory=dict)
-    detect_s: list[float] = field(default_factory=list)
     delays_s: list[float] = field(default_factory=list)
     status: Status | None = None
     slots: int = 0
@@ -83,7 +81,6 @@ class Heard:
         view = decode(payload, View, "camera")
         self.views[view.slot, view.camera_id] = HeardView(poses_2d(view), view.captured_edge_ns)
         self.sent_bytes[view.camera_id] += len(payload)
-        self.detect_s.append(view.detect_ns / 1e9)
 
     def _beat(self, _topic: str, payload: bytes) -> None:
         beat = decode(payload, Heartbeat, "camera")

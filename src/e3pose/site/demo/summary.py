@@ -41,7 +41,6 @@ class LiveFigures:
         view_bytes: of all views.
         order_bytes: of all orders.
         video_bytes: of the videos of the same time; 0 if simulated.
-        detect_ms: median time of a detection, in milliseconds.
         fuse_ms: median and 99th percentile from a slot's last view to its poses.
         delay_ms: median from the middle of a slot until its poses were published.
         blind: blind slots by cause.
@@ -64,7 +63,6 @@ class LiveFigures:
     view_bytes: int
     order_bytes: int
     video_bytes: int
-    detect_ms: float
     fuse_ms: tuple[float, float]
     delay_ms: float
     blind: Mapping[str, int]
