@@ -17,7 +17,7 @@ from e3pose.site.connect import names_for
 from e3pose.site.streams.base import Source as Source
 from e3pose.site.streams.base import Stream as Stream
 
-# Name to the module, whose `open_stream(place, source)` opens one.
+# Name to what it is; the module of the name has `open_stream(place, source)`.
 STREAMS = {
     "osc": "osc://HOST:PORT, UDP: stage, sound and game engines",
     "vmc": "vmc://HOST:PORT, UDP: avatars, by the Virtual Motion Capture protocol",
@@ -32,13 +32,13 @@ STREAMS = {
     "homeassistants": "homeassistants://HOST:PORT, the same over TLS",
     "webhook": "webhook:https://HOST/PATH, a signed notice of each event of people, no poses",
 }
+OVER_TLS = {"mqtts": "mqtt", "homeassistants": "homeassistant"}  # by `open_secure_stream` of these
 
 
 def naming(source: Source, site: SiteTable, target: str) -> Source:
     """Return a source with the names that a stream may tell; a file keeps none."""
     kind = target.partition(":")[0]
-    over_tls = {"mqtts": "mqtt", "homeassistants": "homeassistant"}
-    return replace(source, names=names_for(site, over_tls.get(kind, kind)))
+    return replace(source, names=names_for(site, OVER_TLS.get(kind, kind)))
 
 
 def open_stream(target: str, source: Source) -> Stream:
@@ -55,7 +55,8 @@ def open_stream(target: str, source: Source) -> Stream:
     if kind not in STREAMS or not colon:
         forms = "; ".join(about.partition(",")[0] for about in STREAMS.values())
         raise InputError("target", repr(target[:80]), forms)
-    opened: Callable[[str, Source], Stream] = import_module(
-        f"e3pose.site.streams.{kind}"
-    ).open_stream
+    module = import_module(f"e3pose.site.streams.{OVER_TLS.get(kind, kind)}")
+    opened: Callable[[str, Source], Stream] = (
+        module.open_secure_stream if kind in OVER_TLS else module.open_stream
+    )
     return opened(place.removeprefix("//"), source)

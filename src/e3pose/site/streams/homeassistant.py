@@ -34,7 +34,7 @@ from e3pose.model.zone_event import ZoneEvent
 from e3pose.site.connect import LiveSlot, nobody
 from e3pose.site.streams.as_json import event_words
 from e3pose.site.streams.base import Source
-from e3pose.site.streams.mqtt import PORT, broker_trouble, connected_client
+from e3pose.site.streams.mqtt import PORT, SECURE_PORT, broker_trouble, connected_client
 from e3pose.wire.site_messages import CameraStatus, Status
 
 EVERY_S = 1.0  # states are sent at most so often
@@ -53,10 +53,15 @@ FALL_ENDS = "got-up"  # a fall is told once; its alarm goes off with this
 
 def open_stream(place: str, source: Source) -> HomeAssistantStream:
     """Return a stream to the broker at `HOST:PORT` in plain text."""
-    return opened(place, source, PORT, None)
+    return _opened(place, source, PORT, None)
 
 
-def opened(
+def open_secure_stream(place: str, source: Source) -> HomeAssistantStream:
+    """Return a stream to the broker at `HOST:PORT` over TLS; see `mqtt.open_secure_stream`."""
+    return _opened(place, source, SECURE_PORT, ssl.create_default_context())
+
+
+def _opened(
     place: str, source: Source, usual_port: int, secure: ssl.SSLContext | None
 ) -> HomeAssistantStream:
     """Return a stream to a connected broker; see `mqtt.connected_client`."""

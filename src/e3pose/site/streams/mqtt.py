@@ -32,22 +32,24 @@ from e3pose.site.streams.as_json import event_words, slot_words, zone_words
 from e3pose.site.streams.base import Source, host_port
 from e3pose.wire.endpoint import is_loopback
 
-PORT = 1883
+PORT, SECURE_PORT = 1883, 8883
 MAX_WAITING = 50
 ANSWER_S = 10.0
 USER, PASSWORD = "E3POSE_MQTT_USER", "E3POSE_MQTT_PASSWORD"
 
 
 def open_stream(place: str, source: Source) -> MqttStream:
-    """Return a stream to the broker at `HOST:PORT` in plain text; see `connected`."""
-    return connected(place, source, PORT, None)
+    """Return a stream to the broker at `HOST:PORT` in plain text; see `connected_client`."""
+    return MqttStream(connected_client(place, PORT, None), source)
 
 
-def connected(
-    place: str, source: Source, usual_port: int, secure: ssl.SSLContext | None
-) -> MqttStream:
-    """Return a stream to a connected broker; see `connected_client`."""
-    return MqttStream(connected_client(place, usual_port, secure), source)
+def open_secure_stream(place: str, source: Source) -> MqttStream:
+    """Return a stream to the broker at `HOST:PORT` over TLS.
+
+    Its certificate is checked against those that the system trusts, or those of `SSL_CERT_FILE`.
+    """
+    secure = ssl.create_default_context()
+    return MqttStream(connected_client(place, SECURE_PORT, secure), source)
 
 
 def connected_client(
