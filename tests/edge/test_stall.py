@@ -9,7 +9,6 @@ from pathlib import Path
 
 import pytest
 
-from e3pose.edge.stacks import MAX_BYTES, MAX_FILES, dump_stacks
 from e3pose.edge.stall import (
     CALM_S,
     LONGEST_WAIT_S,
@@ -19,6 +18,7 @@ from e3pose.edge.stall import (
     StallWatch,
     watch_for_stall,
 )
+from e3pose.edge.watchdog import MAX_BYTES, MAX_FILES, dump_stacks
 
 LOOK_S = 0.5  # as often as heartbeats come
 WELL = CameraSigns(True, 0, True, session=7, orders=100, sent=50, views=50, due=50)

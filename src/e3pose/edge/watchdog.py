@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import faulthandler
+import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -10,12 +12,16 @@ from numpy.typing import NDArray
 
 from e3pose.base.clock import Clock
 from e3pose.base.errors import InputError
+from e3pose.base.private import file_mode, make_folder
+from e3pose.base.system import open_new
 from e3pose.edge.membership import Membership
 from e3pose.edge.roster import SILENT_S, CameraState
-from e3pose.edge.stacks import dump_stacks
 from e3pose.edge.stall import CameraSigns, StallWatch, watch_for_stall
 from e3pose.wire.messages import RESTING
 from e3pose.wire.transport import Transport
+
+MAX_FILES = 5  # of stacks; the oldest is replaced
+MAX_BYTES = 256 * 1024
 
 
 class Watchdog:
@@ -106,3 +112,26 @@ def camera_signs(
         present, fresh = camera.present and speaks, fresh and speaks
         signs.append(CameraSigns(present, heard_ns, fresh, *counted, arrived, ordered))
     return signs
+
+
+def dump_stacks(folder: Path, program: str) -> Path:
+    """Write the stacks of all threads to a file of a folder; return the file.
+
+    Args:
+        folder: where the program's logs are; made if it does not exist.
+        program: begins the file's name.
+
+    Raises:
+        OSError: when the file cannot be written.
+    """
+    make_folder(folder)
+    places = [folder / f"{program}-stacks-{number}.txt" for number in range(1, MAX_FILES + 1)]
+    path = min(places, key=lambda place: place.stat().st_mtime_ns if place.exists() else 0)
+    path.unlink(missing_ok=True)
+    handle = open_new(path, file_mode(folder))
+    try:
+        faulthandler.dump_traceback(handle, all_threads=True)
+        os.ftruncate(handle, min(os.fstat(handle).st_size, MAX_BYTES))
+    finally:
+        os.close(handle)
+    return path
