@@ -1,20 +1,23 @@
 """What each term of the filter is worth: switched off, one at a time.
 
     E3POSE_SHARED=... python lab/benchmarks/filter_terms.py --clip RECORDING --out terms.jsonl
-    python lab/benchmarks/filter_terms.py --only agility,shift
+    python lab/benchmarks/filter_terms.py --only "agility;shift"
+    python lab/benchmarks/filter_terms.py --numbers --cases Shelf,CMU,two-rooms-,lab+
 
 Every variant is a copy of the package with one rule out of force, compiled and measured in a
-process of its own; a run that was stopped goes on. Each recording is replayed with one and two
-cameras of `information` and with all, lead 4. A cell is the change of the mean error over these in
-percent (more is worse without the term), and after it what else changed: people missed (m) and
-false people (n), in percent of all people; changes of identity (c) per 100 people seconds; joints
-in the stated 90 % radius (i), in percent. Real recordings are compared with the smoother over all
-cameras of the package as it is, others with the truth.
+process of its own; a run that was stopped goes on. With `--numbers` every tuned number of the
+filter is halved and doubled in place of that (those of a name together, counts rounded). Each
+recording is replayed with one and two cameras of `information` and with all, lead 4. A cell is the
+change of the mean error over these in percent (more is worse without the term), and after it what
+else changed: people missed (m) and false people (n), in percent of all people; changes of identity
+(c) per 100 people seconds; joints in the stated 90 % radius (i), in percent. Real recordings are
+compared with the smoother over all cameras of the package as it is, others with the truth.
 """
 
 from __future__ import annotations
 
 import argparse
+import ast
 import json
 import os
 import pickle
@@ -104,6 +107,7 @@ TERMS: dict[str, tuple[tuple[str, str, str], ...]] = {
     ),
     "waiting views": (("state", "WAIT_VIEWS", "0.0"),),
 }
+FACTORS = {"half": 0.5, "twice": 2.0}
 SCENES = (("buffet+", 2001), ("lab+", 2002), ("round-table+", 2003), ("crossing-", 2004),
           ("two-rooms-", 2005), ("one-sided-", 2006))  # fmt: skip
 GOALS = (("information", 1.0), ("information", 2.0), ("all", 0.0))
@@ -233,6 +237,9 @@ def package(term: str, folder: Path) -> Path:
     source = folder / "src"
     shutil.rmtree(source, ignore_errors=True)
     shutil.copytree(ROOT / "src", source)
+    if term.split()[0] in FACTORS:
+        scale(source / "e3pose" / FILTER, term)
+        return source
     for module, old, new in TERMS[term]:
         path = source / "e3pose" / FILTER / f"{module}.py"
         text = path.read_text()
@@ -244,6 +251,39 @@ def package(term: str, folder: Path) -> Path:
             raise SystemExit(f"{term}: {path.name} has {old!r} {count} times, expected once")
         path.write_text(changed)
     return source
+
+
+def marked() -> Iterator[tuple[str, ast.Assign]]:
+    """Yield the tuned constants of the filter: the module, and what assigns them."""
+    for path in sorted((ROOT / "src/e3pose" / FILTER).glob("*.py")):
+        lines = path.read_text().splitlines()
+        for node in ast.parse("\n".join(lines)).body:
+            above = node.lineno - 2
+            while above >= 0 and lines[above].startswith("#   "):
+                above -= 1
+            if isinstance(node, ast.Assign) and lines[above].startswith("# tuned: "):
+                yield path.stem, node
+
+
+def scale(folder: Path, term: str) -> None:
+    """Multiply the numbers of a constant in a copy of the filter; counts stay whole."""
+    factor = FACTORS[term.split()[0]]
+    for module, node in marked():
+        if term.partition(" ")[2] != f"{module}.{ast.unparse(node.targets[0])}":
+            continue
+        path = folder / f"{module}.py"
+        lines = path.read_text().splitlines()
+        for number in ast.walk(node.value):
+            if isinstance(number, ast.Constant):
+                value: Any = number.value
+                if type(value) is int:
+                    number.value = max(1, round(value * factor))
+                elif type(value) is float:
+                    number.value = value * factor
+        lines[node.lineno - 1 : node.end_lineno] = [ast.unparse(node)]
+        path.write_text("\n".join(lines) + "\n")
+        return
+    raise SystemExit(f"{term}: no tuned number of the filter has that name")
 
 
 def run(term: str, made: Path, folder: Path) -> dict[str, list[dict[str, float]]]:
@@ -290,7 +330,9 @@ def main() -> None:
     parser.add_argument("--measure", nargs=2, type=Path, help=argparse.SUPPRESS)
     parser.add_argument("--shared", type=Path, default=os.environ.get("E3POSE_SHARED") or None)
     parser.add_argument("--clip", type=Path, help="a recording of the demo's films")
-    parser.add_argument("--only", help="terms, with commas")
+    parser.add_argument("--only", help="terms, with semicolons")
+    parser.add_argument("--numbers", action="store_true", help="every tuned number, half and twice")
+    parser.add_argument("--cases", help="names of columns, with commas; all if not given")
     parser.add_argument("--out", type=Path, default=Path("terms.jsonl"))
     options = parser.parse_args()
     if options.measure:
@@ -301,11 +343,16 @@ def main() -> None:
     folder.mkdir(parents=True, exist_ok=True)
     made = folder / "cases.pickle"
     if not made.exists():
-        made.write_bytes(pickle.dumps(list(cases(shared, options.clip))))
+        wanted = options.cases.split(",") if options.cases else None
+        found = [c for c in cases(shared, options.clip) if wanted is None or c.name in wanted]
+        made.write_bytes(pickle.dumps(found))
     done = options.out.read_text().splitlines() if options.out.exists() else []
     rows = [json.loads(line) for line in done]
     have = {row["term"] for row in rows}
-    terms = ["as it is", *(options.only.split(",") if options.only else TERMS)]
+    named = [f"{module}.{ast.unparse(node.targets[0])}" for module, node in marked()]
+    numbers = [f"{word} {name}" for name in named for word in FACTORS]
+    every = numbers if options.numbers else TERMS
+    terms = ["as it is", *(options.only.split(";") if options.only else every)]
     for term in dict.fromkeys(terms):
         if term not in have:
             print(f"{term} ...", file=sys.stderr, flush=True)

@@ -8,7 +8,7 @@ import numpy as np
 from tests.reference.filter_update import Sightings, pixel_variance
 
 from e3pose.base.arrays import Flags, Integers
-from e3pose.estimate.filter.agility import FURTHEST, LASTS_S, RATE, STALE_S
+from e3pose.estimate.filter.agility import FURTHEST, LASTS_S, RATE
 from e3pose.estimate.filter.outliers import OUTLIER_SIGMAS
 from e3pose.estimate.filter.projected import USED_SCORE
 from e3pose.estimate.filter.state import Belief
@@ -27,7 +27,7 @@ def learn(belief: Belief, seen: Sightings, cameras: Integers, dt: float) -> Beli
     agility = belief.agility * np.exp(-dt / LASTS_S)
     if len(belief) and len(cameras):
         newest_s = belief.last_seen_s.min(axis=1)
-        fresh = newest_s + dt <= STALE_S
+        fresh = newest_s + dt <= LASTS_S
         pixels, depth, jacobian = project(belief.state[..., :3], seen.projections)
         error = seen.keypoints_px - pixels
         moved = (jacobian @ belief.corrected_m[..., None])[..., 0]

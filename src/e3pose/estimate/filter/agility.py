@@ -26,8 +26,6 @@ RATE = 0.1  # of one keypoint that confirms, or takes back, all of the correctio
 FURTHEST = 2.0  # the logarithm of the factor, either way
 # tuned: s | not recorded | agility
 LASTS_S = 3.0  # until what was learned is down to 1/e: people who stood begin to walk
-# tuned: s | not recorded | agility
-STALE_S = 0.5  # a correction older than this is not compared
 
 
 @kernel
@@ -41,7 +39,7 @@ def learn_agility(
         newest_s = min(newest_s, tracks.last_seen_s[track, camera])
     for joint in range(len(agility)):
         agility[joint] *= math.exp(-dt / LASTS_S)
-    if newest_s + dt > STALE_S:
+    if newest_s + dt > LASTS_S:
         return
     for camera in range(len(views.counts)):
         person = matches.assigned[camera, track]

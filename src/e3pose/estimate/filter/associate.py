@@ -22,8 +22,7 @@ BIAS_PX = 14.0  # of a view's whole detection, on top of its keypoints' noise: e
 MIN_JOINTS = 3
 # tuned: standard deviations | first guess | not measured
 COST_LIMIT = 2.8  # mean distance in standard deviations beyond which it is somebody else
-# tuned: standard deviations | not recorded | not measured
-COST_USUAL = 1.0  # the mean distance of a detection that is right is below it
+COST_USUAL = 1.0  # definition: of a standard deviation; a detection that is right is nearer
 JOINT_LIMIT = 2 * COST_LIMIT  # definition: what one wild joint may say at most
 NEVER = 1e3  # numerics
 
