@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+import pytest
 from tests.five_cameras import (
     NUM_CAMERAS,
     NUM_JOINTS,
@@ -11,8 +14,10 @@ from tests.five_cameras import (
     scene,
 )
 
+from e3pose.base.arrays import Floats
 from e3pose.model.pose import Poses2D
-from e3pose.select.feedback import Feedback
+from e3pose.predict import Prediction
+from e3pose.select.feedback import Feedback, expected_people
 
 
 def test_nobody_is_reported_anybody_without_feedback() -> None:
@@ -37,6 +42,30 @@ def test_people_are_expected_where_they_are_in_the_slot_of_the_order() -> None:
             assert len(view) == len(truth) == 2
             off = np.linalg.norm(view.keypoints_px[:, None] - truth[None], axis=-1).mean(axis=-1)
             assert off.min(axis=1).max() < 5.0 and set(off.argmin(axis=1)) == {0, 1}
+
+
+class Doubting:
+    """Foresees nobody to move, and doubts a slot ahead by as many metres as it is ahead."""
+
+    def predict(self, history_m: Floats, interval_s: float, lead_slots: int) -> Prediction:
+        joints_m = np.repeat(history_m[-1:], lead_slots, axis=0)
+        ahead = np.arange(1.0, lead_slots + 1)[:, None, None]
+        return Prediction(joints_m, np.broadcast_to(ahead, joints_m.shape[:-1]))
+
+
+def test_people_are_expected_with_the_error_of_the_slot_of_the_order(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    told = list[Floats]()
+
+    def expected(rig: Any, joints_m: Floats, error_m: Floats, *more: Any) -> Any:
+        told.append(error_m)
+        return expected_people(rig, joints_m, error_m, *more)
+
+    monkeypatch.setattr("e3pose.pipeline.expected_people", expected)
+    loop = make("all", feedback=Feedback(1000), predictor=Doubting())
+    run(loop, [scene(slot) for slot in range(12)])
+    assert told and all((error_m == loop.lead_slots).all() for error_m in told)
 
 
 def test_cameras_selected_together_look_at_all_of_their_image_together() -> None:

@@ -13,7 +13,7 @@ from tests.waiting import eventually
 from tests.wire.certified_site import Site
 
 from e3pose.base.errors import InputError
-from e3pose.wire.access import Certificates, Link, Roll, check_link, zenoh_config
+from e3pose.wire.access import CLIENT_MS, Certificates, Link, Roll, check_link, zenoh_config
 from e3pose.wire.endpoint import read_endpoint
 from e3pose.wire.network import NetworkTransport, open_network
 
@@ -228,3 +228,9 @@ def test_plain_tcp_beyond_this_machine_needs_to_be_asked_for() -> None:
     with pytest.raises(InputError, match="plain tcp beyond this machine"):
         check_link(link)
     check_link(replace(link, insecure=True))
+
+
+@pytest.mark.parametrize(("role", "timeout_ms"), [("viewer", CLIENT_MS), ("camera", -1)])
+def test_viewer_gives_up_an_attempt_and_a_camera_never(role: Any, timeout_ms: int) -> None:
+    config = zenoh_config(Link(role, "lab", read_endpoint("tcp/127.0.0.1:7447")))
+    assert config["connect"]["timeout_ms"] == timeout_ms

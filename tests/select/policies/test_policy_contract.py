@@ -202,6 +202,18 @@ def test_independent_may_leave_a_slot_without_any_camera() -> None:
     ]
 
 
+def test_independent_within_its_budget_looks_while_it_is_a_slot_ahead_at_most() -> None:
+    rng = np.random.default_rng(0)
+    now = replace(
+        situation(0, rng, np.ones(3, dtype=bool)),
+        own_occlusion=np.array([0.0, 0.0, 0.06]),
+        unseen_slots=np.ones(3, dtype=int),
+        deficit=np.array([1.0, 1.01, 0.0]),
+    )
+    policy = POLICIES["independent"].make(PolicySettings(independent_queue=True))
+    assert policy.select(now).tolist() == [True, False, False]
+
+
 def test_central_2d_drops_the_slots_that_pass_while_cameras_wait() -> None:
     rng = np.random.default_rng(0)
     policy = POLICIES["central-2d"].make(PolicySettings(num_selected=2, round_trip_s=0.1))

@@ -38,6 +38,18 @@ def test_camera_folder_is_all_that_the_camera_needs(folder: Path) -> None:
     assert read_roll(folder).cameras == {"cam1": common_name((place / "camera.pem").read_bytes())}
 
 
+def test_certificates_sign_and_do_nothing_else(folder: Path) -> None:
+    from cryptography import x509
+
+    names = ("digital_signature", "content_commitment", "key_encipherment", "data_encipherment",
+             "key_agreement", "key_cert_sign", "crl_sign")  # fmt: skip
+    for file, signs in (("authority.pem", True), ("edge.pem", False)):
+        found = x509.load_pem_x509_certificate((folder / file).read_bytes())
+        usage = found.extensions.get_extension_for_class(x509.KeyUsage).value
+        allowed = {name for name in names if getattr(usage, name)}
+        assert allowed == {"digital_signature", *(["key_cert_sign", "crl_sign"] if signs else [])}
+
+
 def test_private_keys_are_private(folder: Path) -> None:
     add_keys(folder, "cam1", NOW)
     for key in folder.rglob("*.key"):

@@ -30,7 +30,7 @@ class Independent:
     capture with as many cameras awake on average as in the paper's other rows, three of five.
     """
 
-    occlusion_limit: float = 0.05
+    occlusion_limit: float
     refresh_s: float = 0.25
     queue: bool = False
 
