@@ -284,6 +284,11 @@ def test_waits_grow_with_failures_are_bounded_and_differ() -> None:
         ),
         ('format = "e3pose-hub"\nversion = 1\n[[site]]\nname = "a/b"\nendpoint = "x"', "site"),
         ('format = "e3pose-hub"\nversion = 1\n[[site]]\nname = "a"\nendpoint = "x"', "endpoint"),
+        (
+            'format = "e3pose-hub"\nversion = 1\n[[site]]\nname = "a"\n'
+            'endpoint = "tls/a:1"\npage = "ftp://x"',
+            r"site\[0\]\.page: found 'ftp://x', expected an address",
+        ),
     ],
 )
 def test_wrong_file_of_a_hub_is_told(tmp_path: Path, text: str, message: str) -> None:
