@@ -66,7 +66,7 @@ def test_four_films_and_a_broker_bring_a_fall_to_home_assistant(tmp_path: Path, 
         elif command.split()[1] in ("up", "stream"):
             running.append(start(command.replace(":1883", f":{port}"), tmp_path))
         else:
-            assert start(command, tmp_path).wait(120) == 0, command
+            assert start(command, tmp_path).wait(400) == 0, command
     try:
         fall = "e3pose/room/home/trigger/fall"
         assert eventually(lambda: fall in before, FALL_S), before

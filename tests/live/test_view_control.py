@@ -50,13 +50,17 @@ def test_slider_moves_the_edge_and_the_button_pauses_a_camera(
 ) -> None:
     edge, view, page = site
     page.open(f"{view.url}#token={view.tokens.write}")
-    assert page.shows("state", "live") and page.shows("cameras-out", "2")
-    assert edge.status().num_selected == 2
-    page.run(
-        "(() => { const slider = document.getElementById('cameras'); slider.value = 1;"
-        " slider.dispatchEvent(new Event('input', { bubbles: true }));"
-        " slider.dispatchEvent(new Event('change')); })()"
+    assert page.shows("state", "live") and page.shows("cameras-out", "")
+    move = (
+        "(() => {{ const slider = document.getElementById('cameras'); slider.value = {};"
+        " slider.dispatchEvent(new Event('input', {{ bubbles: true }}));"
+        " slider.dispatchEvent(new Event('change')); }})()"
     )
+    if edge.status().num_selected != 2:  # in a second try
+        page.run(move.format(2))
+    assert page.shows("cameras-out", "2")
+    assert eventually(lambda: edge.status().num_selected == 2)
+    page.run(move.format(1))
     assert page.shows("said", "1 camera per slot")
     assert eventually(lambda: edge.status().num_selected == 1)
     # The slots that were decided before pass first.
