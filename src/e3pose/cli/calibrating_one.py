@@ -83,7 +83,6 @@ def _of_recording(path: Path, seconds: float) -> tuple[Recording, Rig]:
 
 def _of_site(path: Path, camera_id: str, seconds: float) -> tuple[Recording, Rig, Path]:
     """Return the newest of what a site recorded, its calibration and the file of that."""
-
     from e3pose.recording.calibration import load_rig
     from e3pose.settings.site_file import load_site
 

@@ -166,7 +166,6 @@ def check(
     json_output
         Write the result here as JSON; - is standard output, which then contains nothing else.
     """
-
     from e3pose.base.atomic import check_output
     from e3pose.calibrate.error_picture import draw_error
     from e3pose.calibrate.judge import judge

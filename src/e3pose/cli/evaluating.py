@@ -225,7 +225,6 @@ def _that_matter(loops: list[LoopOptions], row: PolicyRow) -> list[LoopOptions]:
 
 
 def _counts(option: str, text: str) -> list[int]:
-
     try:
         return list(dict.fromkeys(int(part) for part in text.split(",")))
     except ValueError:

@@ -119,7 +119,6 @@ def week(
     json_file
         Write the figures here as a JSON list; - is standard output.
     """
-
     from e3pose.base.atomic import check_output
     from e3pose.cli.querying import check_files, store_of
     from e3pose.output.report.week import week_of

@@ -83,7 +83,6 @@ def view(
     for_s
         Stop after this many seconds.
     """
-
     from e3pose.base.quantities import check_seconds
     from e3pose.hub.page import open_page, page_lines
     from e3pose.hub.settings import load_hub
@@ -309,7 +308,6 @@ def forgotten(
     json_file
         Write the rows here as a JSON list; - is standard output.
     """
-
     from e3pose.hub.database import read_forgotten
     from e3pose.hub.settings import load_hub
     from e3pose.store.forgetting import day_of

@@ -228,7 +228,6 @@ def _check_folder(folder: Path) -> None:
 
 
 def _print_versions(folder: Path) -> None:
-
     from e3pose.edge.learn.versions import VersionStore
     from e3pose.evaluate.columns import fitted_tables, table_console
 

@@ -173,7 +173,6 @@ def measure(
     threads
         CPU threads of the network. Default: all cores.
     """
-
     from e3pose.base.atomic import atomic_file
     from e3pose.base.clock import WallClock
     from e3pose.camera.live_source import make_source

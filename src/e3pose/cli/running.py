@@ -230,7 +230,6 @@ def _run_shown(
     show: bool,
 ) -> None:
     """Run the programs until stopped, and show the site: all the time, or once at the end."""
-
     from rich.live import Live
 
     from e3pose.site.screen import compiling_words, screen

@@ -41,7 +41,6 @@ def setup(
     for_s
         Stop after this many seconds.
     """
-
     check_seconds("--for", for_s)
     from e3pose.base.system import open_browser
     from e3pose.site.run import run_until_stopped

@@ -78,7 +78,6 @@ class ErrorOptions:
 
     def detector(self, scene: str) -> DetectorSettings:
         """Return how the detector errs in a scene."""
-
         from e3pose.simulate import DetectorSettings, Guessing, adjusted
         from e3pose.simulate.scenes import scene_by_name
 

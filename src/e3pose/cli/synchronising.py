@@ -116,7 +116,6 @@ def _by_people(
     overwrite: bool,
     json_output: Path | None,
 ) -> None:
-
     from e3pose.base.atomic import check_free
     from e3pose.calibrate.recordings import first_seconds
     from e3pose.calibrate.synchronise import synchronise, with_offsets

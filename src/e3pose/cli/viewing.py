@@ -42,7 +42,6 @@ def view(
     end_with_parent
         Stop when standard input closes, a pipe from the parent process.
     """
-
     check_seconds("--for", for_s)
     from e3pose.settings.resolved import resolve_site
     from e3pose.site.interpreter import bound_heaps, reduce_pauses

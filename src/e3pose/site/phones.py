@@ -56,7 +56,6 @@ class Shown:
 
     def drawn(self) -> str:
         """Return the address as a QR code for a terminal."""
-
         import segno
 
         out = io.StringIO()

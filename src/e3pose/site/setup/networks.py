@@ -189,7 +189,6 @@ def _fill(desk: Desk, choice: Choice) -> None:
 
 def init_command(desk: Desk, detector: str) -> str:
     """Return the command line that writes the site file."""
-
     words = [f"{c.id}={shown_source(desk, c.source)}" for c in desk.plan().cameras]
     turned = [f"{c.id}: {c.rotation}" for c in desk.plan().cameras if c.rotation]
     more = f"  # then rotation = ... in site.toml ({', '.join(turned)})" if turned else ""
