@@ -160,13 +160,14 @@ def look_at(
     Returns:
         Where; None for the whole image.
     """
-    part, relative_size = _part(expected, image_size, network)
+    boxes, sizes_px = _boxes(expected, image_size), _sizes_px(expected)
+    part, relative_size = _part(boxes, sizes_px, image_size, network)
     if not getattr(network, "free_input", False):
         return part
-    inside, seen = _boxes(expected, image_size)
+    inside, seen = boxes
     mosaic = mosaic_of(
         np.where(seen[:, None], inside, np.nan),
-        _sizes_px(expected),
+        sizes_px,
         network.person_px,
         LARGEST_SCALE,
         network.multiple,
@@ -200,14 +201,18 @@ def part_with(
     Returns:
         The part; None for the whole image, as nobody is expected or the part is no smaller.
     """
-    return _part(expected, image_size, network)[0]
+    boxes = _boxes(expected, image_size)
+    return _part(boxes, _sizes_px(expected), image_size, network)[0]
 
 
 def _part(
-    expected: ExpectedView, image_size: tuple[int, int], network: InputSize
+    boxes: tuple[NDArray[np.float64], NDArray[np.bool_]],
+    sizes_px: NDArray[np.float64],
+    image_size: tuple[int, int],
+    network: InputSize,
 ) -> tuple[Part | None, float]:
     """Return the same, and the size of people in it to that wanted, at most 1."""
-    inside, seen = _boxes(expected, image_size)
+    inside, seen = boxes
     if not seen.any():
         return None, 1.0
     left, top = np.floor(inside[seen, :2].min(axis=0)).astype(int).tolist()
@@ -215,7 +220,7 @@ def _part(
     width, height = max(right - left, 1), max(bottom - top, 1)
     whole = network.long_side / max(image_size)
     most = whole * sqrt(image_size[0] * image_size[1] / (width * height))
-    mean_px = float(np.exp(np.log(_sizes_px(expected)[seen]).mean()))
+    mean_px = float(np.exp(np.log(sizes_px[seen]).mean()))
     wanted = min(network.person_px / mean_px, LARGEST_SCALE)
     scale = min(wanted, most)
     side = ceil(scale * max(width, height) / network.multiple) * network.multiple
