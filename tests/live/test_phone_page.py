@@ -22,7 +22,7 @@ from e3pose.simulate import SceneSettings, simulate
 from e3pose.site.setup.program import SetupServer, open_setup
 from e3pose.site.simulated_films import FOLDER, write_films
 
-pytestmark = [pytest.mark.live, in_browser]
+pytestmark = [pytest.mark.live, pytest.mark.timed, in_browser]
 WORK_S, LIVE_S = 300.0, 600.0
 NAMES = ("anna", "ben")
 SCENE = SceneSettings(people=1, cameras=2, seconds=12.0, fps=10.0, image_size=(320, 240))
@@ -43,7 +43,7 @@ def films(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     return raw
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SetupServer]:
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(tmp_path_factory.mktemp("home"))
@@ -132,6 +132,7 @@ def test_a_phone_is_a_camera_in_set_up_in_the_walk_and_live(
         second = stack.enter_context(browser(tmp_path / "thief", "--ignore-certificate-errors"))
         second.open(url, 390, 844)
         assert second.shows("state", "This code was used already")
+        second.open("about:blank", 390, 844)
 
         click(page, "#next")
         served.table.desk.change(lambda plan: plan)
@@ -169,7 +170,7 @@ def test_a_phone_is_a_camera_in_set_up_in_the_walk_and_live(
         follower = served.table.live._follower
         assert follower is not None
         assert eventually(lambda: all(phone.text("state") == "Sending." for phone in phones), 60)
-        assert eventually(lambda: arriving(follower), 120)
+        assert eventually(lambda: arriving(follower), LIVE_S), follower.status
 
 
 def seconds_of(served: SetupServer) -> float:

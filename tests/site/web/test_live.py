@@ -27,6 +27,7 @@ from e3pose.site.web.feed import (
     Feed,
     TooMany,
 )
+from e3pose.site.web.page_names import PageNames
 from e3pose.site.web.schemas import event_of_status
 from e3pose.site.zones import Zones
 from e3pose.wire.codec import encode
@@ -170,6 +171,30 @@ def test_followers_are_told_when_the_edge_goes_and_comes_back() -> None:
         True, False,
     ]  # fmt: skip
     assert told[3]["heard_ns"] == told[1]["heard_ns"] > 0
+
+
+def test_names_read_slowly_bring_no_older_status_after_a_newer(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    async def follow() -> list[int]:
+        feed, hub = Feed("lab"), Hub()
+        feed.listen(hub.join())
+        feed.attach(asyncio.get_running_loop())
+        edge = hub.join()
+        edge.publish("e3pose/lab/status", encode(status(3)))
+
+        def slow(names: PageNames, run_ns: int) -> bool:
+            edge.publish("e3pose/lab/status", encode(status(4)))
+            return True
+
+        monkeypatch.setattr(PageNames, "look", slow)
+        async with feed.follow("10.0.0.1") as queue:
+            feed.look_at_names()
+            await asyncio.sleep(0)
+            told = [queue.get_nowait() for _ in range(queue.qsize())]
+        return [event.body["slot"] for event in told if event.kind == "status"]
+
+    assert asyncio.run(follow()) == [3, 4, 4]
 
 
 def test_so_many_and_no_more_follow() -> None:

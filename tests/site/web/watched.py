@@ -143,4 +143,5 @@ def watched_site(
     ) as view:
         view.rules.writes = Rate(1e6, 1e6, time.monotonic)  # tests ask for much
         view.feed.quiet_s = 1e9  # and their edge says little
+        view.feed.names.look(STARTED_NS)  # else the first follower hears of the run by and by
         yield Watched(view, hub.join(), folder)

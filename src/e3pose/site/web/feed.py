@@ -221,9 +221,10 @@ class Feed:
 
     def look_at_names(self) -> None:
         """See how people are called now, and tell followers what changed."""
-        status = self.status
-        if status is not None and self.names.look(status.run_ns) and self._queues:
-            self._hand_on(self._status_event(status))
+        looked = self.status
+        if looked is not None and self.names.look(looked.run_ns) and self._queues:
+            newest = self.status or looked  # one that came meanwhile was told already
+            self._hand_on(self._status_event(newest))
 
     def notices(self) -> list[Notice]:
         """Return what is to be known of the site; nothing before its first status."""
