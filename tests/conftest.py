@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 from tests.postgres import WAY_OUT, Server, programs, running_server
 
 # Matrices are small: several threads for each cost twice the time of the cores. For this process,
@@ -21,7 +21,12 @@ os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 # The same examples in every run. Others are found, and worth looking for, with
 # pytest --hypothesis-profile=default
-settings.register_profile("fixed", derandomize=True)
+settings.register_profile(
+    "fixed",
+    derandomize=True,
+    deadline=None,  # a busy machine takes long
+    suppress_health_check=[HealthCheck.too_slow],
+)
 settings.load_profile("fixed")
 
 # Started in the background of a shell, a process ignores Ctrl-C, and so would all that it starts:

@@ -110,7 +110,7 @@ def test_queue_keeps_the_joules_that_were_allowed() -> None:
     np.testing.assert_allclose(spent_j / 5000, [0.22, 0.35], rtol=0.01)
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=80)
 @given(
     st.lists(
         st.tuples(st.floats(1e3, 1e6), st.floats(1.0, 5.0), st.floats(0.5, 10.0), st.floats(0, 6)),

@@ -72,7 +72,8 @@ class House:
             site, (count, lost) = self.sites[name], self.before[name]
             site.unbroken([poses.slot for poses in site.poses[count:]], lost)
             assert site.status().slots_lost == lost, self.said(name)
-            assert not site.status().overload, self.said(name)
+            # A machine that is busy meanwhile overloads an edge for some seconds.
+            assert eventually(lambda site=site: not site.status().overload, 120), self.said(name)
             assert site.online() == set(CAMERAS), self.said(name)
 
     def waits(self, name: str, seconds: float) -> None:

@@ -63,7 +63,6 @@ def extrinsics(draw: st.DrawFn) -> tuple[Floats, Floats]:
 
 
 @given(extrinsics(), vectors, lens_names)
-@settings(deadline=None)
 def test_undistorted_pixels_are_those_of_the_projection_matrix(
     pose: tuple[Floats, Floats], point: tuple[float, float, float], lens: str
 ) -> None:
@@ -74,7 +73,6 @@ def test_undistorted_pixels_are_those_of_the_projection_matrix(
 
 
 @given(extrinsics(), vectors, lens_names)
-@settings(deadline=None)
 def test_ray_of_a_projected_point_passes_through_it(
     pose: tuple[Floats, Floats], point: tuple[float, float, float], lens: str
 ) -> None:
@@ -86,7 +84,6 @@ def test_ray_of_a_projected_point_passes_through_it(
 
 
 @given(st.floats(0, SIZE[0]), st.floats(0, SIZE[1]), extrinsics(), lens_names)
-@settings(deadline=None)
 def test_point_along_a_ray_projects_back_to_its_pixel(
     u: float, v: float, pose: tuple[Floats, Floats], lens: str
 ) -> None:
@@ -97,7 +94,6 @@ def test_point_along_a_ray_projects_back_to_its_pixel(
 
 
 @given(extrinsics(), extrinsics(), vectors)
-@settings(deadline=None)
 def test_fundamental_matrix_vanishes_for_one_point_in_two_views(
     first: tuple[Floats, Floats], second: tuple[Floats, Floats], point: tuple[float, float, float]
 ) -> None:
@@ -118,7 +114,6 @@ def test_fundamental_matrix_of_a_sideways_pair_makes_rows_correspond() -> None:
 
 
 @given(extrinsics())
-@settings(deadline=None)
 def test_centre_is_where_world_to_camera_gives_zero(pose: tuple[Floats, Floats]) -> None:
     R, t = pose
     seen = camera("none", R, t)
@@ -166,7 +161,7 @@ def test_undistortion_reaches_every_pixel_of_the_image(lens: str) -> None:
     st.floats(0.0, 0.97),
     st.booleans(),
 )
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 def test_any_lens_inverts_up_to_its_fold(
     coefficients: list[float], direction: float, share: float, fisheye: bool
 ) -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from e3pose.base.arrays import Floats
@@ -140,7 +140,6 @@ def test_neck_and_mid_hip_are_middles_with_the_lower_score() -> None:
 
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from([BODY25, COCO18, PANOPTIC19]))
-@settings(deadline=None)
 def test_coco17_survives_the_way_there_and_back(seed: int, through: Skeleton) -> None:
     joints, scores = some_people(COCO17, seed=seed)
     hidden = np.random.default_rng(seed).random(scores.shape) < 0.3

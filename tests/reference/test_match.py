@@ -64,7 +64,7 @@ def test_nobody_gives_no_group() -> None:
     assert match(np.zeros((0, 17, 3)), np.zeros((0, 3)), np.zeros((0, 17)), none, 0.1, 0.3) == []
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     seed=st.integers(0, 2**32 - 1),
     num_cameras=st.integers(1, 6),
@@ -87,7 +87,7 @@ def test_groups_are_the_people_in_any_order(seed: int, num_cameras: int, num_per
     assert strength == sorted(strength, reverse=True)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_any_scene_is_grouped_alike_in_any_order_and_never_twice_in_a_view(seed: int) -> None:
     rng = np.random.default_rng(seed)

@@ -28,7 +28,7 @@ def ring(num_cameras: int, radius_m: float = 5.0, offset_m: float = 0.0) -> Rig:
     return Rig(tuple(cameras))
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(seed=st.integers(0, 2**32 - 1), num_views=st.integers(2, 8))
 def test_project_then_triangulate_is_identity(seed: int, num_views: int) -> None:
     rng = np.random.default_rng(seed)
@@ -44,7 +44,7 @@ def test_project_then_triangulate_is_identity(seed: int, num_views: int) -> None
     assert reprojection_error(refined, keypoints, scores, rig.projections).max() < 1e-4
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_permuting_views_changes_nothing(seed: int) -> None:
     rng = np.random.default_rng(seed)

@@ -65,7 +65,7 @@ def test_views_together_are_views_one_by_one() -> None:
     np.testing.assert_allclose(occlusion(boxes), [occlusion(view) for view in boxes])
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(st.integers(0, 10_000), st.integers(0, 6))
 def test_occlusion_is_a_share_and_ignores_the_order_of_people(seed: int, people: int) -> None:
     rng = np.random.default_rng(seed)

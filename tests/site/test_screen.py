@@ -174,7 +174,7 @@ def test_screen_before_the_first_slot_measures_nothing() -> None:
     assert "no slots yet" in text and "computing" not in text
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(*[NUMBERS] * 10)
 def test_screen_draws_whatever_numbers_a_status_has(
     battery: float, duty: float, seen_s: float, power_w: float, deficit: float, offset_ms: float,

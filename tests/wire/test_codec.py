@@ -182,14 +182,14 @@ def test_huge_message_is_refused_unread() -> None:
         decode(b"\x00" * (MAX_BYTES + 1), View, "cam1")
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(st.binary(max_size=300))
 def test_garbage_is_an_input_error_or_nothing(payload: bytes) -> None:
     with pytest.raises(InputError):
         decode(payload, View, "cam1")
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(st.data())
 def test_flipped_byte_never_raises_anything_else(data: st.DataObject) -> None:
     payload = bytearray(encode(view()))

@@ -146,7 +146,7 @@ def test_wrong_arrays_are_one_clear_line(change: dict[str, Floats | None], messa
         belief_from_arrays({k: v for k, v in arrays.items() if v is not None}, MODEL)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(st.randoms(use_true_random=False))
 def test_order_of_views_and_people_does_not_matter(random: object) -> None:
     seed = random.getrandbits(32)  # type: ignore[attr-defined]

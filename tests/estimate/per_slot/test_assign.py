@@ -34,7 +34,7 @@ def expected(costs: Floats) -> list[int]:
 sizes = st.integers(1, ROOM)
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(
     rows=sizes, columns=sizes, seed=st.integers(0, 2**32 - 1), gate=st.sampled_from([0.2, 0.6, 9])
 )
@@ -44,7 +44,7 @@ def test_assigns_as_scipy_does(rows: int, columns: int, seed: int, gate: float) 
     assert assigned(costs) == expected(costs)
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(rows=sizes, columns=sizes, seed=st.integers(0, 2**32 - 1))
 def test_equal_costs_still_give_the_least_total(rows: int, columns: int, seed: int) -> None:
     costs = np.random.default_rng(seed).integers(0, 3, (rows, columns)).astype(np.float64)

@@ -160,7 +160,7 @@ def test_rows_beyond_the_count_are_ignored(make: Make) -> None:
     assert fusion.members.tolist() == [[0, 0, 0]]
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(seed=st.integers(0, 2**32 - 1), make=st.sampled_from(FUSERS))
 def test_order_of_cameras_and_people_changes_nothing(seed: int, make: Make) -> None:
     rng = np.random.default_rng(seed)

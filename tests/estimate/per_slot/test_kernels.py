@@ -151,7 +151,7 @@ def test_crowds_are_not_split(num_cameras: int, num_persons: int) -> None:
     assert_agree(fast, ReferenceFuser(rig, 17).fuse_arrays(*arrays))
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(seed=st.integers(0, 2**32 - 1), smallest=st.sampled_from([0.0, 1e-9, 1e-3, 0.5, 0.95]))
 def test_null_vector_is_the_smallest_eigenvector(seed: int, smallest: float) -> None:
     rng = np.random.default_rng(seed)

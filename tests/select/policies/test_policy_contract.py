@@ -68,7 +68,7 @@ def test_never_selects_an_offline_camera(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", COUNTING)
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(data=st.data())
 def test_selects_exactly_as_many_as_promised(name: str, data: st.DataObject) -> None:
     num_cameras = data.draw(st.integers(1, 12))
