@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import ast
 import functools
+import importlib
 import json
+import re
 import subprocess
 import sys
 from collections.abc import Iterable, Iterator, Mapping
@@ -14,6 +16,7 @@ import numpy as np
 import pytest
 
 import e3pose
+from e3pose.cli.app import VERBS
 from e3pose.model.camera import Camera, Rig
 from e3pose.recording.calibration import save_rig
 
@@ -203,18 +206,95 @@ def test_a_circle_is_seen() -> None:
     assert circles({"a": ["b"], "b": ["c"]}) == []
 
 
-def test_help_loads_nothing_heavy() -> None:
-    code = (
-        "import sys\nfrom e3pose.cli import main\n"
-        "try:\n    main(['--help'])\nexcept SystemExit:\n    pass\n"
-        "print('LOADED', *sorted(m for m in sys.modules if '.' not in m))"
-    )
-    output = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+HELP = """
+import sys
+from e3pose.cli import main
+for words in ([], *([verb] for verb in sys.argv[1:])):
+    try:
+        main([*words, "--help"])
+    except SystemExit:
+        pass
+    print("\\nLOADED", words, *{name for name in sys.modules if "." not in name})
+"""
+
+
+def test_help_needs_no_extra() -> None:
+    """A camera shows the help of all verbs; what they need is imported where they do it."""
+    said = subprocess.run(
+        [sys.executable, "-c", HELP, *VERBS], capture_output=True, text=True, check=True
     ).stdout
-    loaded = set(output.rsplit("LOADED", 1)[1].split())
-    assert "cyclopts" in loaded
-    assert (HEAVY - {"asyncio"}) & loaded == set()
+    loaded = {
+        words: set(names.split())
+        for words, names in re.findall(r"^LOADED (\[.*?\]) (.*)$", said, re.M)
+    }
+    assert len(loaded) == len(VERBS) + 1 and "cyclopts" in loaded["[]"]
+    heavy = {words: (HEAVY - {"asyncio"}) & names for words, names in loaded.items()}
+    assert {words: names for words, names in heavy.items() if names} == {}
+
+
+def top_level(path: Path) -> tuple[set[str], list[set[str]]]:
+    """Return what a file imports at its top, and what each import in its functions does."""
+    top, inside = set[str](), list[set[str]]()
+
+    def look(node: ast.AST, in_function: bool) -> None:
+        for child in ast.iter_child_nodes(node):
+            if isinstance(child, ast.If) and "TYPE_CHECKING" in ast.unparse(child.test):
+                continue
+            if isinstance(child, (ast.Import, ast.ImportFrom)):
+                (inside.append if in_function else top.update)(set(named(child)))
+            look(child, in_function or isinstance(child, FUNCTIONS))
+
+    look(ast.parse(path.read_text()), False)
+    return top, inside
+
+
+def named(node: ast.Import | ast.ImportFrom) -> Iterator[str]:
+    """Yield the modules that a statement loads; names that a room defers, where they are."""
+    for name in node.names:
+        if isinstance(node, ast.Import):
+            yield name.name
+        else:
+            home = DEFERRED.get(str(node.module), {}).get(name.name, name.name)
+            inner = f"{node.module}.{home}"
+            yield inner if inner in FILES else str(node.module)
+
+
+FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda)
+FILES = {
+    ".".join(path.relative_to(SOURCE.parent).with_suffix("").parts).removesuffix(".__init__"): path
+    for path in SOURCE.rglob("*.py")
+}
+DEFERRED = {
+    name: vars(importlib.import_module(name))["_HOMES"] for name in ("e3pose", "e3pose.store")
+}
+# What every install has; `e3pose.cli` loads rich for help.
+EVERYWHERE = {"numpy", "cyclopts", "msgspec", "rich", "platformdirs", "tomli", "tomli_w"}
+
+
+def packages(module: str, top: Mapping[str, set[str]]) -> set[str]:
+    """Return the other packages that a module needs to be imported."""
+    left, seen = [module], set[str]()
+    while left:
+        name = left.pop()
+        if name not in seen:
+            seen.add(name)
+            left += top.get(name, ())
+            left += [name.rpartition(".")[0]] if name.startswith("e3pose.") else []
+    roots = {name.partition(".")[0] for name in seen}
+    return roots - EVERYWHERE - {"e3pose", ""} - sys.stdlib_module_names
+
+
+def test_functions_import_only_what_needs_an_extra() -> None:
+    looked = {name: top_level(path) for name, path in FILES.items()}
+    top = {name: found for name, (found, _) in looked.items()}
+    needless = [
+        (name, wanted)
+        for name, (_, inside) in looked.items()
+        for wanted in inside
+        if not wanted <= sys.stdlib_module_names
+        and set().union(*(packages(w, top) for w in wanted)) <= packages(name, top)
+    ]
+    assert needless == []
 
 
 SITE = """

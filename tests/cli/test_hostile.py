@@ -377,5 +377,5 @@ def test_an_interruption_says_so(
     def interrupt(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("e3pose.recording.load_recording", interrupt)
+    monkeypatch.setattr("e3pose.cli.information.load_recording", interrupt)
     assert run(capsys, ["info", str(made)]) == (130, "", "e3pose: interrupted\n")

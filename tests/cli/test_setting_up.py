@@ -54,6 +54,7 @@ def test_on_a_terminal_it_says_that_it_sets_up(
     alone(monkeypatch, terminal=True)
     called = list[object]()
     monkeypatch.setattr(app, "app", lambda tokens, **_: called.append(tokens))
+    monkeypatch.setattr(app, "make_app", lambda _: app.app)
     main()
     assert called == [["setup"]]
     assert "this is `e3pose setup`. `e3pose --help` lists the commands" in capsys.readouterr().out

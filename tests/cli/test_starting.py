@@ -24,7 +24,7 @@ def films(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Four films of a second, in a folder that is the current one."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("E3POSE_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setattr("e3pose.camera.probe.find_devices", dict)
+    monkeypatch.setattr("e3pose.cli.starting.find_devices", dict)
     (tmp_path / "napper.py").write_text(NAPPER)
     for number in range(4):
         level = 0 if number == 3 else 128
@@ -67,7 +67,7 @@ class Terminal(io.StringIO):
 def test_terminal_is_asked_for_cameras_and_other_sources(
     films: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("e3pose.camera.probe.find_devices", lambda: {"usb:0": "a webcam"})
+    monkeypatch.setattr("e3pose.cli.starting.find_devices", lambda: {"usb:0": "a webcam"})
     monkeypatch.setattr("sys.stdin", Terminal("n\nc0.mp4\nc1.mp4\n\n"))
     assert run("init", "room", "--detector", "napper.py:Napper") == 0
     said = capsys.readouterr().out

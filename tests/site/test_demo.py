@@ -206,7 +206,7 @@ def test_failure_on_the_way_leaves_nothing(tmp_path: Path, monkeypatch: pytest.M
     def broken(*args: object) -> None:
         raise OSError("disk full")
 
-    monkeypatch.setattr("e3pose.evaluate.poses_table.write_poses", broken)
+    monkeypatch.setattr("e3pose.site.demo.job.write_poses", broken)
     assert write_poses is not broken
     with pytest.raises(InputError, match="demo: cannot be written: disk full"):
         run_demo(tmp_path / "demo", offline=True, stand_in=SMALL)

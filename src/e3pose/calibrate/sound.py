@@ -13,6 +13,7 @@ from itertools import combinations
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
+from scipy.signal import butter, fftconvolve, sosfilt
 
 from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
@@ -91,8 +92,6 @@ def shifts_by_sound(sounds: Mapping[str, Floats], max_shift_s: float) -> HeardSh
 
 def onsets(sound: Floats) -> Floats:
     """Return `(num_steps, num_bands)`: how fast the log of the loudness rises, `STEPS` a second."""
-    from scipy.signal import butter, sosfilt  # slow to import
-
     step = RATE // STEPS
     rises = []
     for band in BANDS_HZ:
@@ -119,8 +118,6 @@ def shift_of(first: Floats, second: Floats, max_shift_s: float) -> tuple[float, 
         Seconds, how far their correlation stands out, in standard deviations, and how many times
         as far as that of any other shift; 0 if the films are too short, or silent.
     """
-    from scipy.signal import fftconvolve  # slow to import
-
     if not (first.any() and second.any()):
         return 0.0, 0.0, 0.0
     whole = fftconvolve(first, second[::-1], axes=0).sum(axis=-1)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.signal import fftconvolve
 
 from e3pose.base.arrays import Floats
 from e3pose.calibrate.essential import epipolar_errors
@@ -87,8 +88,6 @@ def shift_by_motion(
 
 def _correlation(first: Floats, second: Floats, most: int) -> Floats:
     """Return `(2 * most + 1,)` correlations, times the root of the energy that overlaps."""
-    from scipy.signal import fftconvolve  # slow to import
-
     products = fftconvolve(first, second[::-1], axes=0).sum(axis=1)
     energy_first = fftconvolve(first**2, (second[::-1] != 0).astype(float), axes=0).sum(axis=1)
     energy_second = fftconvolve((first != 0).astype(float), second[::-1] ** 2, axes=0).sum(axis=1)

@@ -28,7 +28,7 @@ from e3pose.camera.phone import PhoneSource
 from e3pose.camera.phone_file import load_phone
 from e3pose.camera.source import FALLBACK_RATE, Frame, open_video
 from e3pose.model.pose import Poses2D
-from e3pose.recording import Recording
+from e3pose.recording import Recording, load_recording
 
 READ_S = 1.0
 STREAMS = ("rtsp", "rtsps", "http", "https")
@@ -73,8 +73,6 @@ def make_source(
         load_phone(Path(rest))  # an error of it is said here
         return PhoneSource(Path(rest), clock)
     if kind == "recorded":
-        from e3pose.recording import load_recording
-
         return RecordedSource(load_recording(Path(rest)), camera_id, clock, pace, begin_s)
     path = Path(name)
     if path.is_dir():

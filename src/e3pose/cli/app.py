@@ -1,14 +1,16 @@
-"""The verbs of `e3pose`: modules of their own that import little until called."""
+"""The verbs of `e3pose`: functions in modules that are loaded when a verb is typed."""
 
 from __future__ import annotations
 
+import ast
 import io
 import os
 import signal
 import sys
 import threading
 from collections.abc import Callable, Sequence
-from importlib.util import find_spec
+from importlib.util import find_spec, resolve_name
+from pathlib import Path
 from typing import Any, NoReturn
 
 from cyclopts import App, CycloptsError, Group, MissingArgumentError
@@ -16,128 +18,62 @@ from cyclopts import App, CycloptsError, Group, MissingArgumentError
 from e3pose import __version__
 from e3pose.base.errors import InputError
 from e3pose.base.system import END_SIGNALS
-from e3pose.cli.archiving import archive_app
-from e3pose.cli.attaching import attach
-from e3pose.cli.calibrating import calibrate_app
-from e3pose.cli.calibrating_lenses import board, intrinsics
-from e3pose.cli.calibrating_places import extrinsics
-from e3pose.cli.calibrating_worlds import align
-from e3pose.cli.calibrating_worlds import check as check_calibration
-from e3pose.cli.checking import check
-from e3pose.cli.copying import store_app
-from e3pose.cli.demonstrating import demo
-from e3pose.cli.detecting import detect
-from e3pose.cli.evaluating import evaluate
-from e3pose.cli.eventing import events_app
-from e3pose.cli.exporting import export
-from e3pose.cli.hubbing import hub_app
-from e3pose.cli.importing import import_app
-from e3pose.cli.information import info
-from e3pose.cli.keys import keys_app
-from e3pose.cli.lab import LAB, lab_verbs
-from e3pose.cli.learning import learn_app
-from e3pose.cli.metering import power_app
-from e3pose.cli.models import models_app
-from e3pose.cli.naming import people_app
-from e3pose.cli.phoning import phone
-from e3pose.cli.querying import query
-from e3pose.cli.recording import record
-from e3pose.cli.replaying import replay
-from e3pose.cli.reporting import report
-from e3pose.cli.routing import router
-from e3pose.cli.running import camera, edge, up
-from e3pose.cli.setting_up import setup
-from e3pose.cli.simulating import simulate
-from e3pose.cli.starting import init
-from e3pose.cli.streaming import stream
-from e3pose.cli.synchronising import sync
-from e3pose.cli.viewing import view
-from e3pose.cli.watching import top
+from e3pose.cli.lab import LAB, lab_verb
 
 EXIT_INPUT = 2  # the input or the options are wrong
 EXIT_INTERRUPTED = 130
 MAX_MESSAGE = 1000
 
-app = App(
-    name="e3pose",
-    version=__version__,
-    version_flags=["--version", "-V"],
-    suppress_keyboard_interrupt=False,  # `main` says that it was interrupted
-    help="Multi-camera 3D human pose on a camera energy budget: each time slot wakes the most "
-    "informative cameras that still have energy budget.\n\n"
-    "New here? `e3pose setup` leads from your cameras, or films, to live 3D in the browser. "
-    "`e3pose demo` shows what comes of it.",
-)
-_options = Group("Options", sort_key=99)
-app.register_install_completion_command(
-    group=_options, help="Install tab completion for bash, zsh or fish."
-)
-app["--help"].group = app["--version"].group = _options
-# Verbs by group, in the order of `e3pose --help`.
-GROUPS: dict[str, tuple[str, ...]] = {
-    "Start here": ("setup", "demo", "init", "up"),
-    "Recordings": ("detect", "import", "attach", "simulate", "info", "sync", "replay", "export"),
-    "Calibrate": ("calibrate",),
-    "Live site": (
-        "keys",
-        "phone",
-        "check",
-        "record",
-        "edge",
-        "camera",
-        "router",
-        "top",
-        "view",
-        "stream",
-        "query",
-        "store",
-        "events",
-        "people",
-        "archive",
-        "hub",
-        "report",
-    ),
-    "Evaluate": ("evaluate", "each", "evaluate-predictor", "reproduce"),
-    "Learn": ("train", "learn"),
-    "Maintenance": ("models", "power"),
+# Verbs by group, in the order of `e3pose --help`. Each is the `module:name` of its function, or of
+# an app of more verbs; the module is loaded when its verb is typed.
+GROUPS: dict[str, dict[str, str | Callable[..., Any]]] = {
+    "Start here": {
+        "setup": ".setting_up:setup",
+        "demo": ".demonstrating:demo",
+        "init": ".starting:init",
+        "up": ".running_site:up",
+    },
+    "Recordings": {
+        "detect": ".detecting:detect",
+        "import": ".importing:import_app",
+        "attach": ".attaching:attach",
+        "simulate": ".simulating:simulate",
+        "info": ".information:info",
+        "sync": ".synchronising:sync",
+        "replay": ".replaying:replay",
+        "export": ".exporting:export",
+    },
+    "Calibrate": {"calibrate": ".calibrating:calibrate_app"},
+    "Live site": {
+        "keys": ".keys:keys_app",
+        "phone": ".phoning:phone",
+        "check": ".checking:check",
+        "record": ".recording:record",
+        "edge": ".running_edge:edge",
+        "camera": ".running_camera:camera",
+        "router": ".routing:router",
+        "top": ".watching:top",
+        "view": ".viewing:view",
+        "stream": ".streaming:stream",
+        "query": ".querying:query",
+        "store": ".copying:store_app",
+        "events": ".eventing:events_app",
+        "people": ".naming:people_app",
+        "archive": ".archiving:archive_app",
+        "hub": ".hubbing:hub_app",
+        "report": ".reporting:report",
+    },
+    "Evaluate": {
+        "evaluate": ".evaluating:evaluate",
+        "each": lab_verb("each"),
+        "evaluate-predictor": lab_verb("evaluate-predictor"),
+        "reproduce": lab_verb("reproduce"),
+    },
+    "Learn": {"train": lab_verb("train"), "learn": ".learning:learn_app"},
+    "Maintenance": {"models": ".models:models_app", "power": ".metering:power_app"},
 }
-VERBS: dict[str, Callable[..., Any]] = {
-    "demo": demo,
-    "init": init,
-    "setup": setup,
-    "phone": phone,
-    "detect": detect,
-    "import": import_app,
-    "attach": attach,
-    "simulate": simulate,
-    "info": info,
-    "replay": replay,
-    "query": query,
-    "store": store_app,
-    "archive": archive_app,
-    "hub": hub_app,
-    "events": events_app,
-    "people": people_app,
-    "report": report,
-    "export": export,
-    "power": power_app,
-    "evaluate": evaluate,
-    "calibrate": calibrate_app,
-    "sync": sync,
-    "models": models_app,
-    "edge": edge,
-    "router": router,
-    "up": up,
-    "camera": camera,
-    "record": record,
-    "keys": keys_app,
-    "top": top,
-    "view": view,
-    "stream": stream,
-    "check": check,
-    "learn": learn_app,
-    **lab_verbs(),
-}
+APP = "_app"  # the end of the name of what has verbs of its own
+VERBS = tuple(verb for verbs in GROUPS.values() for verb in verbs)
 # Usage of the verbs that take several paths or names, which the parser calls ARGS.
 USAGE = {
     "detect": "[OPTIONS] VIDEO... DEST",
@@ -149,33 +85,6 @@ USAGE = {
     "sync": "[OPTIONS] VIDEO... | RECORDING [DEST]",
     "train": "[OPTIONS] RECORDING...",
 }
-for _rank, (_title, _verbs) in enumerate(GROUPS.items()):
-    _group = Group(_title, sort_key=_rank)
-    for _place, _verb in enumerate(_verbs):
-        _target = VERBS[_verb]
-        if isinstance(_target, App):  # a verb with verbs of its own
-            _target.group, _target.sort_key = (_group,), _place
-            app.command(_target, name=_verb)
-        else:
-            usage = f"Usage: e3pose {_verb} {USAGE[_verb]}" if _verb in USAGE else None
-            app.command(
-                _target,
-                name=_verb,
-                group=_group,
-                sort_key=_place,
-                usage=usage,
-                version_flags="--version",  # -V is a weight in some
-            )
-CALIBRATE_VERBS: dict[str, Callable[..., Any]] = {
-    "board": board,
-    "intrinsics": intrinsics,
-    "extrinsics": extrinsics,
-    "align": align,
-    "check": check_calibration,
-}
-for _verb, _function in CALIBRATE_VERBS.items():
-    calibrate_app.command(_function, name=_verb)
-
 # Which extra brings a module that a smaller install may lack.
 EXTRAS = {
     "av": "camera",
@@ -216,6 +125,59 @@ EXTRAS = {
 }
 
 
+def make_app(summary: Callable[[str], str | None] = lambda place: None) -> App:
+    """Return the parser of all verbs; none of their modules is loaded.
+
+    Args:
+        summary: returns a line on the verb at a place, for the list of verbs.
+    """
+    made = App(
+        name="e3pose",
+        version=__version__,
+        version_flags=["--version", "-V"],
+        suppress_keyboard_interrupt=False,  # `main` says that it was interrupted
+        help="Multi-camera 3D human pose on a camera energy budget: each time slot wakes the most "
+        "informative cameras that still have energy budget.\n\n"
+        "New here? `e3pose setup` leads from your cameras, or films, to live 3D in the browser. "
+        "`e3pose demo` shows what comes of it.",
+    )
+    options = Group("Options", sort_key=99)
+    made.register_install_completion_command(
+        group=options, help="Install tab completion for bash, zsh or fish."
+    )
+    made["--help"].group = made["--version"].group = options
+    for rank, (title, verbs) in enumerate(GROUPS.items()):
+        group = Group(title, sort_key=rank)
+        for sort_key, (verb, target) in enumerate(verbs.items()):
+            own: dict[str, Any] = {"group": group, "sort_key": sort_key}
+            if verb in USAGE:
+                own["usage"] = f"Usage: e3pose {verb} {USAGE[verb]}"
+            if not str(target).endswith(APP):
+                own["version_flags"] = "--version"  # -V is a weight in some
+            if isinstance(target, str):
+                target, own["help"] = resolve_name(target, "e3pose.cli"), summary(target)
+            made.command(target, name=verb, **own)
+    return made
+
+
+def summary_of(place: str) -> str:
+    """Return the first line of help at a place, `module:name`, without loading its module."""
+    module, name = resolve_name(place, "e3pose.cli").split(":")
+    spec = find_spec(module)
+    assert spec is not None and spec.origin is not None, module
+    for node in ast.parse(Path(spec.origin).read_bytes()).body:
+        if isinstance(node, ast.Assign) and isinstance(node.value, ast.Call):
+            helps = (word.value for word in node.value.keywords if word.arg == "help")
+            if ast.unparse(node.targets[0]) == name and (text := next(helps, None)):
+                return str(ast.literal_eval(text))
+        elif isinstance(node, ast.FunctionDef) and node.name == name.removesuffix(APP):
+            return str(ast.get_docstring(node)).partition("\n")[0]
+    raise AttributeError(place)
+
+
+app = make_app()
+
+
 def main(tokens: Sequence[str] | None = None) -> None:
     """Run one verb; print a wrong input as one line on standard error and exit with code 2."""
     # A polite kill unwinds like any error, so that temporary files go away with us.
@@ -228,8 +190,11 @@ def main(tokens: Sequence[str] | None = None) -> None:
     try:
         if tokens is None and len(sys.argv) == 1:
             tokens = _without_words()
+        words = sys.argv[1:] if tokens is None else tokens
+        # Only the list of all verbs needs a line on each.
+        program = app if any(word in VERBS for word in words) else make_app(summary_of)
         try:
-            app(tokens, exit_on_error=False, print_error=False)
+            program(tokens, exit_on_error=False, print_error=False)
         finally:
             sys.stdout.flush()  # here, where a full disk or a closed pipe can still be reported
     except CycloptsError as error:

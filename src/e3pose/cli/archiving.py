@@ -12,7 +12,13 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import App, Parameter
 
 from e3pose.base.errors import InputError
+from e3pose.base.lock import hold
+from e3pose.base.quantities import age_s, plural
 from e3pose.cli.options import Flag, StorePlace, Whole, as_typed
+from e3pose.cli.querying import store_of
+from e3pose.output.archive.checking import check_archive
+from e3pose.output.archive.places import place_of
+from e3pose.store.times import iso_text
 
 if TYPE_CHECKING:
     from e3pose.store.forgetting import Forgotten
@@ -53,9 +59,6 @@ def archive(
     new
         Begin anew where the archive that the store knows is gone for good.
     """
-    from e3pose.base.quantities import age_s, plural
-    from e3pose.cli.querying import store_of
-    from e3pose.output.archive.places import place_of
     from e3pose.output.archive.writing import archive_store
 
     with as_typed({"": "--keep"}):
@@ -88,10 +91,6 @@ def verify(dest: str, /) -> None:
     dest
         Folder or address, as given to `e3pose archive`.
     """
-    from e3pose.base.quantities import plural
-    from e3pose.output.archive.checking import check_archive
-    from e3pose.output.archive.places import place_of
-
     found = check_archive(place_of(dest))
     for line in found.problems:
         print(line)
@@ -138,8 +137,6 @@ def delete(
     site
         Of which site of the store. Default: the only one.
     """
-    from e3pose.base.quantities import plural
-    from e3pose.cli.querying import store_of
     from e3pose.output.archive.deleting import delete_everywhere
 
     with as_typed(OPTIONS):
@@ -169,9 +166,7 @@ def deleted(store: StorePlace, /, *, site: str | None = None) -> None:
     site
         Of which site of the store. Default: the only one.
     """
-    from e3pose.cli.querying import store_of
     from e3pose.store.hearing import hearings
-    from e3pose.store.times import iso_text
 
     with as_typed(OPTIONS):
         named, of_site = store_of(store, site)
@@ -225,7 +220,6 @@ def _what(
 @contextmanager
 def _alone(store: str) -> Iterator[None]:
     """Be the only one that archives a store file."""
-    from e3pose.base.lock import hold
     from e3pose.store.database import database_path, database_url
 
     path = database_path(database_url(store))

@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from e3pose.base.errors import InputError
+from e3pose.camera.session_videos import attach_videos
+from e3pose.recording import load_recording
 
 
 def attach(recording: Path, folder: Path, /) -> None:
@@ -21,9 +23,6 @@ def attach(recording: Path, folder: Path, /) -> None:
     folder
         Folder with one folder of videos per camera, copied from the cameras.
     """
-    from e3pose.camera.session_videos import attach_videos
-    from e3pose.recording import load_recording
-
     loaded = load_recording(recording)
     found = attach_videos(recording, folder, loaded.rig.camera_ids)
     missing = [name for name in loaded.rig.camera_ids if name not in (*found, *loaded.videos)]

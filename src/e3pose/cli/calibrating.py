@@ -7,15 +7,26 @@ from pathlib import Path
 
 from cyclopts import App
 
+from e3pose.base.atomic import atomic_file
 from e3pose.base.errors import InputError
+from e3pose.cli.calibrating_lenses import board, intrinsics
+from e3pose.cli.calibrating_places import extrinsics
+from e3pose.cli.calibrating_worlds import align, check
 from e3pose.cli.options import Flag, check_outputs
 from e3pose.cli.output import wrote
+from e3pose.cli.placed import load_placed
 from e3pose.cli.progress import stage_progress
+from e3pose.evaluate.columns import table_console
+from e3pose.evaluate.drawing import check_svg
+from e3pose.model.noises import detector_of, encode_noise, load_noise_file
 
 calibrate_app = App(
     name="calibrate", help="Calibrate cameras, check a calibration, and measure keypoint noise."
 )
 
+VERBS = (board, intrinsics, extrinsics, align, check)
+for _verb in VERBS:
+    calibrate_app.command(_verb)
 MAX_SECONDS = 3600.0
 
 
@@ -56,13 +67,8 @@ def noise(
     detector
         Detector name in the model. Default: the recording's.
     """
-    from e3pose.base.atomic import atomic_file
-    from e3pose.cli.placed import load_placed
-    from e3pose.evaluate.columns import table_console
-    from e3pose.evaluate.drawing import check_svg
     from e3pose.evaluate.noise.calibrate import calibrate_noise
     from e3pose.evaluate.noise.report import as_file, draw_noise, print_noise
-    from e3pose.model.noises import detector_of, encode_noise, load_noise_file
 
     _check(seconds, detector)
     if plot is not None:

@@ -7,10 +7,20 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Literal
 
+from rich.console import Console
+from rich.progress import Progress
+
+from e3pose.base.atomic import atomic_file, check_output
 from e3pose.base.errors import InputError
 from e3pose.base.quantities import plural
+from e3pose.calibrate.board import Board
+from e3pose.calibrate.board_page import as_pdf, as_svg, draw_page, largest_square_mm
+from e3pose.calibrate.board_views import find_board
+from e3pose.camera.pairing import name_videos
 from e3pose.cli.options import Flag, Whole
 from e3pose.cli.output import JsonFile, is_stdout, write_json
+from e3pose.model.camera import Rig
+from e3pose.recording.calibration import save_rig
 
 DEFAULT_BOARD = "charuco-5x7-36mm"  # what `calibrate board` makes for A4
 
@@ -51,10 +61,6 @@ def board(
         Also write the mirror image, NAME-back.pdf and NAME-back.svg, for the back: cameras that
         face each other then see the same board. Glue both so that their corners meet.
     """
-    from e3pose.base.atomic import atomic_file, check_output
-    from e3pose.calibrate.board import Board
-    from e3pose.calibrate.board_page import as_pdf, as_svg, draw_page, largest_square_mm
-
     if rows is None:
         rows = 7 if kind == "charuco" else 8
     side = square if square is not None else largest_square_mm(paper, max(columns, 1), max(rows, 1))
@@ -115,9 +121,6 @@ def intrinsics(
     json_output
         Write the result here as JSON; - is standard output, which then contains nothing else.
     """
-    from e3pose.base.atomic import check_output
-    from e3pose.calibrate.board import Board
-    from e3pose.calibrate.board_views import find_board
     from e3pose.calibrate.intrinsics import MODELS, fit_intrinsics
     from e3pose.calibrate.intrinsics_report import (
         as_lines,
@@ -125,8 +128,6 @@ def intrinsics(
         draw_coverage,
         make_report,
     )
-    from e3pose.model.camera import Rig
-    from e3pose.recording.calibration import save_rig
 
     if len(paths) < 2:
         given = plural(len(paths), "path")
@@ -163,15 +164,11 @@ def intrinsics(
 
 def cameras_of(words: Sequence[str]) -> dict[str, Path]:
     """Return camera ids and paths of words such as `CAMERA=PATH` or `PATH`, named by the file."""
-    from e3pose.camera.pairing import name_videos
-
     return name_videos(words)
 
 
 def toml_path(word: str) -> Path:
     """Return the calibration file to write; raise `InputError` if it cannot be one."""
-    from e3pose.base.atomic import check_output
-
     path = Path(word)
     if path.suffix.lower() != ".toml":
         raise InputError(f"DEST: found {word[-80:]!r}, expected a calibration file to write, .toml")
@@ -188,9 +185,6 @@ def check_picture(option: str, path: Path) -> None:
 @contextmanager
 def camera_bar(label: str) -> Iterator[Callable[[str], Callable[[int, int], None]]]:
     """Yield what makes a bar for one camera, of work done and in all; silent in a pipe."""
-    from rich.console import Console
-    from rich.progress import Progress
-
     console = Console(stderr=True)
     with Progress(console=console, disable=not console.is_terminal, transient=True) as bar:
 

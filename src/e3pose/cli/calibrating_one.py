@@ -7,10 +7,17 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from e3pose.base.atomic import atomic_file
 from e3pose.base.errors import InputError
 from e3pose.base.quantities import plural
+from e3pose.calibrate.recordings import last_seconds
 from e3pose.cli.calibrating_lenses import toml_path
 from e3pose.cli.output import is_stdout, write_json
+from e3pose.model.noises import detector_of, load_noise
+from e3pose.recording import load_recording
+from e3pose.recording.calibration import load_rig, save_rig
+from e3pose.recording.writer import PARTIAL, as_far_as_written
+from e3pose.settings.site_file import load_site
 
 if TYPE_CHECKING:
     from e3pose.model.camera import Rig
@@ -33,8 +40,6 @@ def place_again(
         json_path: where to write the result as JSON; `-` is standard output.
     """
     from e3pose.calibrate.one_camera import place_one
-    from e3pose.model.noises import detector_of, load_noise
-    from e3pose.recording.calibration import save_rig
 
     if not 1 <= len(paths) <= 2:
         given = plural(len(paths), "path")
@@ -72,9 +77,6 @@ def place_again(
 
 
 def _of_recording(path: Path, seconds: float) -> tuple[Recording, Rig]:
-    from e3pose.calibrate.recordings import last_seconds
-    from e3pose.recording import load_recording
-
     recording = load_recording(path)
     if not recording.rig.placed:
         raise InputError(f"{path}: has no calibration, expected the one from before --only")
@@ -83,9 +85,6 @@ def _of_recording(path: Path, seconds: float) -> tuple[Recording, Rig]:
 
 def _of_site(path: Path, camera_id: str, seconds: float) -> tuple[Recording, Rig, Path]:
     """Return the newest of what a site recorded, its calibration and the file of that."""
-    from e3pose.recording.calibration import load_rig
-    from e3pose.settings.site_file import load_site
-
     site = load_site(path)
     own = site.calibration
     rig = load_rig(own)
@@ -113,10 +112,6 @@ def _newest(folder: Path, camera_id: str, seconds: float) -> tuple[Recording | N
 
     None where the camera was active too seldom in all of them, and for how many seconds at most.
     """
-    from e3pose.calibrate.recordings import last_seconds
-    from e3pose.recording import load_recording
-    from e3pose.recording.writer import PARTIAL, as_far_as_written
-
     longest_s = 0.0
     parts = folder.iterdir() if folder.is_dir() else ()
     for part in sorted(parts, key=lambda part: part.name.removesuffix(PARTIAL), reverse=True):
@@ -137,8 +132,6 @@ def _newest(folder: Path, camera_id: str, seconds: float) -> tuple[Recording | N
 
 def _set_aside(dest: Path) -> Path | None:
     """Keep the file that is about to be replaced beside it."""
-    from e3pose.base.atomic import atomic_file
-
     if not dest.is_file():
         return None
     kept = dest.with_name(f"{dest.stem}.before{dest.suffix}")

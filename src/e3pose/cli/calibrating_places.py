@@ -12,10 +12,19 @@ from cyclopts import Group, Parameter
 
 from e3pose.base.errors import InputError
 from e3pose.base.quantities import length_m, plural
+from e3pose.calibrate.ball import check_colours
+from e3pose.calibrate.board import Board
+from e3pose.calibrate.points_file import load_markers, load_points
+from e3pose.calibrate.recordings import first_seconds, known_lenses, with_lenses
 from e3pose.cli.calibrating_lenses import DEFAULT_BOARD, camera_bar, cameras_of, toml_path
+from e3pose.cli.calibrating_one import place_again
+from e3pose.cli.detecting import camera_seconds
 from e3pose.cli.options import Flag, as_typed
 from e3pose.cli.output import JsonFile, is_stdout, number_or_null, write_json, wrote
 from e3pose.cli.progress import stage_progress
+from e3pose.model.noises import detector_of, load_noise
+from e3pose.recording import load_recording
+from e3pose.recording.calibration import load_rig, save_rig
 
 if TYPE_CHECKING:
     from e3pose.calibrate.places import KnownLength, Places
@@ -152,12 +161,7 @@ def extrinsics(
     json_output
         Write the result here as JSON; - is standard output, which then contains nothing else.
     """
-    from e3pose.calibrate.recordings import known_lenses
-    from e3pose.recording.calibration import load_rig, save_rig
-
     if people.only is not None:
-        from e3pose.cli.calibrating_one import place_again
-
         given = replace(people, only=None, seconds=PEOPLE.seconds, noise=None)
         if intrinsics is not None or (film, scale, given) != (FILM, SCALE, PEOPLE):
             raise InputError("--only: expected with --seconds, --noise and --json at most")
@@ -215,10 +219,6 @@ def _places(
 
 def _people(path: Path, lenses: Rig | None, known: KnownLength, people: PeopleOptions) -> Places:
     from e3pose.calibrate.people_places import from_people
-    from e3pose.calibrate.recordings import first_seconds, with_lenses
-    from e3pose.model.noises import detector_of, load_noise
-    from e3pose.recording import load_recording
-    from e3pose.recording.calibration import load_rig
 
     if not 0 < people.seconds <= MOST_SECONDS:
         raise InputError(f"--seconds: found {people.seconds:g}, expected more than 0, at most 3600")
@@ -254,7 +254,6 @@ def _check_names(recording: Recording, known: KnownLength) -> None:
 
 def _points(path: Path, lenses: Rig, carried: str | Wand | None, known: KnownLength) -> Places:
     from e3pose.calibrate.places import from_points_seen, from_wand_seen
-    from e3pose.calibrate.points_file import load_markers, load_points
 
     if isinstance(carried, str):
         raise InputError("--ball: expected films; of points, pass --distance or --wand")
@@ -270,10 +269,7 @@ def _films(
     carried: str | Wand | None,
     known: KnownLength,
 ) -> Places:
-    from e3pose.calibrate.ball import check_colours
-    from e3pose.calibrate.board import Board
     from e3pose.calibrate.places import from_ball_films, from_board_films
-    from e3pose.cli.detecting import camera_seconds
 
     rate = film.rate
     if not 0.1 <= rate <= 240:

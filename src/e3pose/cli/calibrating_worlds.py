@@ -9,13 +9,23 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 from cyclopts import Group, Parameter
 
+from e3pose.base.atomic import check_output
 from e3pose.base.errors import InputError
 from e3pose.base.quantities import length_m
+from e3pose.calibrate.board import Board
+from e3pose.calibrate.board_views import find_board
+from e3pose.calibrate.recordings import first_seconds
+from e3pose.camera.provenance import load_provenance
 from e3pose.cli.calibrating_lenses import DEFAULT_BOARD, cameras_of, check_picture, toml_path
 from e3pose.cli.calibrating_places import expected_values
 from e3pose.cli.options import Flag, as_typed
 from e3pose.cli.output import JsonFile, is_stdout, number_or_null, write_json
+from e3pose.cli.placed import check_world
 from e3pose.cli.progress import stage_progress
+from e3pose.model.noises import detector_of, load_noise
+from e3pose.recording import load_recording
+from e3pose.recording.calibration import load_rig, save_rig
+from e3pose.recording.calibration.world import require_placed, world_problem
 
 if TYPE_CHECKING:
     from e3pose.calibrate.align import Move
@@ -99,8 +109,6 @@ def align(
         With a recording: also replace its calibration.
     """
     from e3pose.calibrate.align import STAY, with_origin
-    from e3pose.recording.calibration import load_rig, save_rig
-    from e3pose.recording.calibration.world import require_placed, world_problem
 
     path = toml_path(dest)
     is_recording = (source / "recording.toml").is_file()
@@ -166,15 +174,8 @@ def check(
     json_output
         Write the result here as JSON; - is standard output, which then contains nothing else.
     """
-    from e3pose.base.atomic import check_output
     from e3pose.calibrate.error_picture import draw_error
     from e3pose.calibrate.judge import judge
-    from e3pose.calibrate.recordings import first_seconds
-    from e3pose.camera.provenance import load_provenance
-    from e3pose.cli.placed import check_world
-    from e3pose.model.noises import detector_of, load_noise
-    from e3pose.recording import load_recording
-    from e3pose.recording.calibration import load_rig
 
     if not 0 < seconds <= 3600:
         raise InputError(f"--seconds: found {seconds:g}, expected more than 0, at most 3600")
@@ -199,8 +200,6 @@ def check(
 
 def _people_floor(path: Path, stature_m: float, seconds: float) -> tuple[Move, str]:
     from e3pose.calibrate.people_places import floor_of
-    from e3pose.calibrate.recordings import first_seconds
-    from e3pose.recording import load_recording
 
     floor = floor_of(first_seconds(load_recording(path), seconds), stature_m)
     words = (
@@ -215,8 +214,6 @@ def _people_floor(path: Path, stature_m: float, seconds: float) -> tuple[Move, s
 
 def _board_floor(rig: Rig, pictures: list[str], name: str) -> Move:
     from e3pose.calibrate.align import from_board
-    from e3pose.calibrate.board import Board
-    from e3pose.calibrate.board_views import find_board
     from e3pose.calibrate.from_boards import board_on_floor
     from e3pose.calibrate.places import check_size
 

@@ -9,13 +9,25 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
 from e3pose.base.errors import InputError
 from e3pose.base.quantities import check_seconds, plural
 from e3pose.cli.options import Flag, warn
+from e3pose.cli.progress import stage_progress
+from e3pose.settings.camera_file import is_camera_file, load_node
+from e3pose.settings.resolved import resolve
+from e3pose.settings.site_file import load_site
+from e3pose.site import check as examine
+from e3pose.site.check import Finding, check_running
+from e3pose.site.check_sources import check_rates, check_sources
+from e3pose.site.detector_speed import check_speed, measure_detections
+from e3pose.site.follow import Follower, viewer_link
 
 if TYPE_CHECKING:
     from e3pose.settings.resolved import ResolvedSite
-    from e3pose.site.check import Finding
 
 STYLES = {"ok": "green", "warning": "yellow", "problem": "bold red"}
 
@@ -49,9 +61,6 @@ def check(
         Do not measure how long the networks take, nor count frames.
     """
     check_seconds("--timeout", timeout)
-    from e3pose.settings.camera_file import is_camera_file, load_node
-    from e3pose.settings.resolved import resolve
-    from e3pose.settings.site_file import load_site
 
     if is_camera_file(site):
         from e3pose.site.check_camera import check_camera
@@ -67,10 +76,7 @@ def check(
 
 
 def _site(site: ResolvedSite, quick: bool, running: bool) -> list[Finding]:
-    from e3pose.cli.progress import stage_progress
-    from e3pose.site import check as examine
     from e3pose.site import check_settings
-    from e3pose.site.check_sources import check_rates, check_sources
     from e3pose.site.edge_program import check_edge
 
     if not site.rig.placed:
@@ -99,11 +105,6 @@ def _site(site: ResolvedSite, quick: bool, running: bool) -> list[Finding]:
 
 
 def _looks(site: ResolvedSite, selected: float) -> list[Finding]:
-    from rich.console import Console
-
-    from e3pose.site.check import Finding
-    from e3pose.site.detector_speed import check_speed, measure_detections
-
     try:
         with Console(stderr=True).status("measuring the networks"):
             times = measure_detections(site)
@@ -114,8 +115,6 @@ def _looks(site: ResolvedSite, selected: float) -> list[Finding]:
 
 def _edge(site: ResolvedSite, keys: Path | None, timeout_s: float) -> tuple[list[Finding], bool]:
     """Return what is found of the edge, and whether it is running."""
-    from e3pose.site.check import Finding, check_running
-    from e3pose.site.follow import Follower, viewer_link
     from e3pose.wire.network import open_network
 
     try:
@@ -133,10 +132,6 @@ def _edge(site: ResolvedSite, keys: Path | None, timeout_s: float) -> tuple[list
 
 def _show(findings: Sequence[Finding]) -> None:
     """Print what was found; exit with 1 if there is a problem."""
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
-
     shown = Table(box=None, pad_edge=False, show_header=False)
     for finding in findings:
         advice = f"\n-> {finding.advice}" if finding.advice else ""

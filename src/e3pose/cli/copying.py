@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from cyclopts import App
 
+from e3pose.base.quantities import plural
 from e3pose.cli.options import StorePlace
+from e3pose.cli.progress import stage_progress
+from e3pose.cli.querying import store_of
 
 store_app = App(name="store", help="Back up, restore and move a store.")
 
@@ -25,9 +28,6 @@ def copy(source: StorePlace, dest: str, /) -> None:
     dest
         File to create, or URL of a database without runs.
     """
-    from e3pose.base.quantities import plural
-    from e3pose.cli.progress import stage_progress
-    from e3pose.cli.querying import store_of
     from e3pose.store.copying import copy_store
     from e3pose.store.database import database_url, shown
 

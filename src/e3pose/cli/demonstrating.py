@@ -8,11 +8,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
+from rich.console import Console, Group
+from rich.live import Live
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
+from rich.text import Text
 
 from e3pose.cli.options import Flag
+from e3pose.site.demo import run_demo, words
+from e3pose.site.screen import screen
 
 if TYPE_CHECKING:
-    from e3pose.detectors.weights import Progress
+    from e3pose.detectors import weights
     from e3pose.site.demo.live import Show
     from e3pose.wire.site_messages import Status
 
@@ -43,19 +49,14 @@ def demo(
     overwrite
         Replace the output of an earlier demo.
     """
-    from e3pose.site.demo import run_demo, words
-
     report = run_demo(dest, offline=offline, overwrite=overwrite, phase=bar, watch=top)
     for line in words(report):
         print(line)
 
 
 @contextmanager
-def bar(name: str) -> Iterator[Progress]:
+def bar(name: str) -> Iterator[weights.Progress]:
     """Show one phase as a bar on standard error; a plain line where that is no terminal."""
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
-
     console = Console(stderr=True)
     if not console.is_terminal:
         console.print(f"{name} ...", highlight=False)
@@ -76,12 +77,6 @@ def bar(name: str) -> Iterator[Progress]:
 @contextmanager
 def top() -> Iterator[Show]:
     """Show the running site on standard error, as `e3pose top` does; a line if no terminal."""
-    from rich.console import Console, Group
-    from rich.live import Live
-    from rich.text import Text
-
-    from e3pose.site.screen import screen
-
     console = Console(stderr=True)
     if not console.is_terminal:
         console.print("running the edge and the cameras ...", highlight=False)

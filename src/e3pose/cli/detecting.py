@@ -10,10 +10,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal, get_args
 
 from cyclopts import Group, Parameter
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+from rich.progress import TimeRemainingColumn as TimeLeft
 
+from e3pose.base.atomic import check_free
 from e3pose.base.errors import InputError
 from e3pose.base.quantities import plural
+from e3pose.camera.detect import DetectSettings, detect_videos, partial_folder
 from e3pose.cli.options import OUTPUT, Flag, Whole, as_typed
+from e3pose.cli.placed import check_world
+from e3pose.detectors import DETECTORS, identify, is_network, make_detector
+from e3pose.detectors.weights import MODELS, find_weights
+from e3pose.detectors.weights.fetch import file_sha256
+from e3pose.recording.calibration import load_calibration, load_rig
 from e3pose.settings.limits import Rotation
 from e3pose.settings.loop import WHOLE_EVERY
 
@@ -72,8 +82,6 @@ class FrameOptions:
 
     def rotations(self, calibration: Path | None) -> dict[str, int]:
         """Return the rotations of these options and of a calibration file."""
-        from e3pose.recording.calibration import load_calibration
-
         given = camera_rotations("--rotation", self.rotation or [])
         if calibration is None:
             return given
@@ -126,11 +134,6 @@ def detect(
         `e3pose calibrate intrinsics`. Without it, cameras are named after their videos, and
         `e3pose calibrate extrinsics` finds lenses and positions from the people.
     """
-    from e3pose.base.atomic import check_free
-    from e3pose.camera.detect import DetectSettings, detect_videos
-    from e3pose.cli.placed import check_world
-    from e3pose.recording.calibration import load_rig
-
     if len(paths) < 2:
         given = plural(len(paths), "path")
         raise InputError(f"VIDEO... DEST: found {given}, expected videos, then the folder to write")
@@ -169,10 +172,6 @@ def _detector(
     model: str, family: str | None, provider: str, threads: int | None
 ) -> tuple[Detector, str]:
     """Load the detector; also say which weights it runs: others do not continue its work."""
-    from e3pose.detectors import DETECTORS, identify, is_network, make_detector
-    from e3pose.detectors.weights import MODELS, find_weights
-    from e3pose.detectors.weights.fetch import file_sha256
-
     path = Path(model)
     if model in DETECTORS:
         if family is not None:
@@ -220,8 +219,6 @@ def camera_rotations(option: str, words: Sequence[str]) -> dict[str, int]:
 @contextmanager
 def _resumable(dest: Path) -> Iterator[None]:
     """On the way out of an interrupted run, say how to go on."""
-    from e3pose.camera.detect import partial_folder
-
     try:
         yield
     except BaseException as error:
@@ -238,10 +235,6 @@ def _resumable(dest: Path) -> Iterator[None]:
 @contextmanager
 def frame_bar() -> Iterator[Callable[[int, int], None]]:
     """Show frames done, rate and time left on a terminal; yields what to tell them to."""
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
-    from rich.progress import TimeRemainingColumn as TimeLeft
-
     console = Console(stderr=True)
     bar = Progress(
         TextColumn("detecting"),

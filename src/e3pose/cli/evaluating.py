@@ -25,6 +25,18 @@ from e3pose.cli.options import (
     warn,
 )
 from e3pose.cli.output import JsonFile, is_stdout, write_json, wrote
+from e3pose.cli.placed import load_placed
+from e3pose.cli.progress import track_progress
+from e3pose.edge.precompile import warm_up
+from e3pose.evaluate.compare import compare, rows, tasks
+from e3pose.evaluate.detect_again import open_pixels, replay_stored
+from e3pose.evaluate.drawing import check_svg
+from e3pose.evaluate.lead_picture import draw_leads
+from e3pose.evaluate.tables import print_comparison
+from e3pose.select.policies import BUDGET, COUNT, WEIGHT
+from e3pose.settings.energy import AWAKE
+from e3pose.settings.loop import FEEDBACK
+from e3pose.settings.parts import make_pipeline, noise_warning, row_of
 
 if TYPE_CHECKING:
     from e3pose.select.policies import PolicyRow
@@ -60,11 +72,6 @@ class GridOptions:
 
     def settings(self, loop: LoopOptions, plan: EnergyPlan, faults: Faults) -> list[ReplaySettings]:
         """Return the settings of every run: repetitions of a row follow each other."""
-        from e3pose.evaluate.compare import tasks
-        from e3pose.select.policies import COUNT
-        from e3pose.settings.loop import FEEDBACK
-        from e3pose.settings.parts import row_of
-
         loops = _balances(loop)
         names = _names(_usual(loops[0].settings()) if self.policies is None else self.policies)
         given = self.cameras
@@ -123,15 +130,6 @@ def evaluate(
     plot
         With --leads: plot accuracy and prediction time against the lead here (.svg).
     """
-    from e3pose.cli.placed import load_placed
-    from e3pose.cli.progress import track_progress
-    from e3pose.edge.precompile import warm_up
-    from e3pose.evaluate.compare import compare, rows
-    from e3pose.evaluate.detect_again import open_pixels, replay_stored
-    from e3pose.evaluate.lead_picture import draw_leads
-    from e3pose.evaluate.tables import print_comparison
-    from e3pose.settings.parts import make_pipeline, noise_warning
-
     _check(grid, jobs, plot)
     check_outputs(recording, {"--json": json_file, "--plot": plot})
     source = faults.downsampled(load_placed(recording))
@@ -171,8 +169,6 @@ def evaluate(
 
 
 def _check(grid: GridOptions, jobs: int, plot: Path | None) -> None:
-    from e3pose.evaluate.drawing import check_svg
-
     if not 1 <= grid.seeds <= MAX_SEEDS:
         raise InputError(f"--seeds: found {grid.seeds}, expected 1 to {MAX_SEEDS}")
     if jobs != -1 and not 1 <= jobs <= MAX_JOBS:
@@ -188,8 +184,6 @@ def _names(text: str) -> list[str]:
 
 
 def _usual(loop: ReplaySettings) -> str:
-    from e3pose.settings.energy import AWAKE
-
     if loop.target_error_m is not None or loop.rest != AWAKE:
         return "information"
     if loop.pipeline == "paper":
@@ -211,8 +205,6 @@ def _balances(loop: LoopOptions) -> list[LoopOptions]:
 
 def _that_matter(loops: list[LoopOptions], row: PolicyRow) -> list[LoopOptions]:
     """Return the combinations that a policy can tell apart, without the values it does not use."""
-    from e3pose.select.policies import BUDGET, WEIGHT
-
     used = [
         replace(
             one,

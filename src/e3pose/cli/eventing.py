@@ -10,16 +10,28 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Parameter
 
+from e3pose.base.atomic import check_output
 from e3pose.base.errors import InputError
 from e3pose.base.quantities import check_seconds, plural
 from e3pose.cli.options import OUTPUT, Whole, warn
 from e3pose.cli.output import JsonFile, is_stdout, write_json
+from e3pose.cli.placed import load_placed
+from e3pose.cli.querying import check_files, store_of
+from e3pose.evaluate.replay import ReplaySettings, replay
+from e3pose.events import trial as trials
+from e3pose.events import watch as watching
+from e3pose.events.watch import begin_watch, site_watch
+from e3pose.settings.events_table import EventsTable
+from e3pose.settings.resolved import resolve_site
+from e3pose.site.connect import Connection, seen_of
+from e3pose.site.event_sink import seen_in
+from e3pose.site.follow import viewer_link
+from e3pose.store.export import row_columns, write_tables
 
 if TYPE_CHECKING:
     from e3pose.events.people import Seen
     from e3pose.events.trial import Trial
     from e3pose.events.watch import Watch
-    from e3pose.settings.events_table import EventsTable
 
 events_app = App(name="events", help="Test what is told of people, and sum up a week of it.")
 PATIENCE_S = 10.0  # without anybody, before that is said
@@ -64,7 +76,6 @@ def test(
         Write what was seen here as JSON; - is standard output.
     """
     check_seconds("--for", for_s)
-    from e3pose.events import trial as trials
 
     recorded = (source / "recording.toml").is_file()
     if cameras is not None and not recorded:
@@ -119,12 +130,9 @@ def week(
     json_file
         Write the figures here as a JSON list; - is standard output.
     """
-    from e3pose.base.atomic import check_output
-    from e3pose.cli.querying import check_files, store_of
     from e3pose.output.report.week import week_of
     from e3pose.output.report.week_page import sentences, write_week
     from e3pose.store import Store
-    from e3pose.store.export import row_columns, write_tables
 
     if dest is not None and dest.suffix.lower() not in (".html", ".htm"):
         raise InputError(f"DEST: found {str(dest)!r}, expected a name ending in .html")
@@ -159,11 +167,6 @@ def _say(line: str) -> None:
 
 def _live(source: Path, keys: Path | None) -> tuple[str, EventsTable, Watch, Iterator[Look]]:
     """Return what is to be said first, settings, and the slots of a running site."""
-    from e3pose.events.watch import begin_watch, site_watch
-    from e3pose.settings.events_table import EventsTable
-    from e3pose.settings.resolved import resolve_site
-    from e3pose.site.connect import Connection, seen_of
-    from e3pose.site.follow import viewer_link
     from e3pose.wire.network import open_network
 
     site = resolve_site(source)
@@ -186,12 +189,6 @@ def _replayed(
     source: Path, cameras: float | None
 ) -> tuple[str, EventsTable, Watch, Iterator[Look]]:
     """Return the same of a recording that is replayed."""
-    from e3pose.cli.placed import load_placed
-    from e3pose.evaluate.replay import ReplaySettings, replay
-    from e3pose.events.watch import begin_watch
-    from e3pose.settings.events_table import EventsTable
-    from e3pose.site.event_sink import seen_in
-
     recording, table = load_placed(source), EventsTable()
     settings = ReplaySettings() if cameras is None else ReplaySettings(num_selected=cameras)
     ids = recording.rig.camera_ids
@@ -209,9 +206,6 @@ def _followed(
     looks: Iterator[Look], watch: Watch, for_s: float | None
 ) -> Iterator[tuple[str, Trial]]:
     """Yield after each slot what is to be printed, and all that was seen so far."""
-    from e3pose.events import trial as trials
-    from e3pose.events import watch as watching
-
     trial, begun_s, up_ns, patient = trials.Trial(), time.monotonic(), 0, True
     for seen, cameras, told_ns in looks:
         watch, events = watching.advance(watch, seen)

@@ -11,14 +11,21 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from cyclopts import Group, Parameter
 
 from e3pose.base.errors import InputError
+from e3pose.base.quantities import duration_s
 from e3pose.cli.options import Flag, Whole, as_typed
 from e3pose.cli.output import wrote
+from e3pose.cli.progress import track_progress
 from e3pose.cli.querying import PERIOD, ROWS, PeriodOptions, check_numbers, files_of, store_of
 from e3pose.cli.smoothing import SmoothOptions
+from e3pose.estimate.smooth import SmoothSettings, smoothed
+from e3pose.model.take import FILLED, PREDICTED
+from e3pose.output.exports import ExportSettings, format_of
+from e3pose.output.exports import export as write
+from e3pose.output.exports.resample import resampled
+from e3pose.recording.calibration import load_rig
 
 if TYPE_CHECKING:
     from e3pose.model.take import Motion, Take
-    from e3pose.output.exports import ExportSettings
     from e3pose.output.exports.base import Progress
     from e3pose.output.exports.source import Asked
 
@@ -59,9 +66,6 @@ class FormatOptions:
 
     def settings(self, dest: Path, progress: Progress) -> tuple[str, ExportSettings]:
         """Return the format and its settings; raise `InputError` for options that it lacks."""
-        from e3pose.output.exports import ExportSettings, format_of
-        from e3pose.recording.calibration import load_rig
-
         form = format_of(dest, self.format_name)
         for option, value, forms in (
             ("--angles", self.angles or None, ("csv", "parquet")),
@@ -115,11 +119,6 @@ def export(
     region
         Only people whose centre is in this rectangle of the floor: x,y,x,y in metres.
     """
-    from e3pose.base.quantities import duration_s
-    from e3pose.cli.progress import track_progress
-    from e3pose.estimate.smooth import SmoothSettings, smoothed
-    from e3pose.output.exports import export as write
-    from e3pose.output.exports.resample import resampled
     from e3pose.output.exports.source import Asked
 
     def progress(items: Iterable[Any], total: int, label: str) -> Iterable[Any]:
@@ -184,8 +183,6 @@ def _corners(region: str) -> tuple[float, float, float, float]:
 
 
 def _print_filled(take: Take) -> None:
-    from e3pose.model.take import FILLED, PREDICTED
-
     known = sum(int(motion.known.sum()) for motion in take.motions)
     if not known:
         return

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from e3pose.cli.options import FAULTS
+from e3pose.evaluate.faults import arriving, deaths_s, downsampled, parse_kill
+from e3pose.settings.faults import Faults
 
 if TYPE_CHECKING:
     from e3pose.recording import Recording
-    from e3pose.settings.faults import Faults
 
 
 @Parameter(name="*", group=FAULTS)
@@ -36,9 +37,6 @@ class FaultOptions:
             recording: as `downsampled` returns it.
             watts: what each camera draws when active, and when not.
         """
-        from e3pose.evaluate.faults import arriving, deaths_s, parse_kill
-        from e3pose.settings.faults import Faults
-
         day = Faults(tuple(parse_kill(text) for text in self.kill_camera), self.loss, watts)
         deaths_s(recording, day.kills)
         arriving(len(recording.rig), day.loss, 0, 0)
@@ -46,6 +44,4 @@ class FaultOptions:
 
     def downsampled(self, recording: Recording) -> Recording:
         """Return the recording at the frame rate that is asked for."""
-        from e3pose.evaluate.faults import downsampled
-
         return recording if self.fps is None else downsampled(recording, self.fps)

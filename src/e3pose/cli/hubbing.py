@@ -10,10 +10,22 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from cyclopts import App, Parameter
+from rich.table import Table
+from rich.text import Text
 
 from e3pose.base.errors import InputError
+from e3pose.base.quantities import check_seconds
+from e3pose.base.system import stand_back
 from e3pose.cli.options import OUTPUT, Flag, Whole, as_typed
 from e3pose.cli.output import JsonFile, is_stdout, wrote
+from e3pose.evaluate.columns import table_console
+from e3pose.hub.settings import check_links, load_hub
+from e3pose.hub.users import grant as grant_user
+from e3pose.hub.users import read_users, users_of
+from e3pose.hub.users import revoke as revoke_user
+from e3pose.site.run import run_until_stopped
+from e3pose.store.export import write_tables
+from e3pose.store.times import iso_text
 
 hub_app = App(name="hub", help="Gather the summaries of many sites, and ask questions about them.")
 SHOWN_ROWS = 40
@@ -37,8 +49,6 @@ def run(hub: Path, /) -> None:
     """
     from e3pose.hub.database import open_hub
     from e3pose.hub.pull import AT_ONCE, Pulling
-    from e3pose.hub.settings import check_links, load_hub
-    from e3pose.site.run import run_until_stopped
 
     found = load_hub(hub)
     if not found.sites:
@@ -83,10 +93,7 @@ def view(
     for_s
         Stop after this many seconds.
     """
-    from e3pose.base.quantities import check_seconds
     from e3pose.hub.page import open_page, page_lines
-    from e3pose.hub.settings import load_hub
-    from e3pose.site.run import run_until_stopped
 
     check_seconds("--for", for_s)
     found = load_hub(hub)
@@ -135,11 +142,9 @@ def query(
     json_file
         Write the rows here as a JSON list; - is standard output.
     """
-    from e3pose.base.system import stand_back
     from e3pose.hub.accesses import local_user
     from e3pose.hub.archives import answer_of_archives
     from e3pose.hub.question import answer
-    from e3pose.hub.settings import load_hub
 
     found = load_hub(hub)
     if group and not archives:
@@ -182,9 +187,6 @@ def grant(
     group
         Group of sites in the hub's file; repeatable.
     """
-    from e3pose.hub.settings import load_hub
-    from e3pose.hub.users import grant as grant_user
-
     if viewer == operator:
         raise InputError("--viewer, --operator: expected one of them")
     if not group:
@@ -211,9 +213,6 @@ def revoke(hub: Path, name: str, /) -> None:
     name
         Of the user.
     """
-    from e3pose.hub.settings import load_hub
-    from e3pose.hub.users import revoke as revoke_user
-
     with as_typed({"user": "NAME"}):
         revoke_user(load_hub(hub), name)
     print(f"{name}: revoked")
@@ -230,9 +229,6 @@ def users(hub: Path, /) -> None:
     hub
         File of the hub, or its folder.
     """
-    from e3pose.hub.settings import load_hub
-    from e3pose.hub.users import read_users, users_of
-
     found = load_hub(hub)
     rows = [
         (user.name, user.role, ", ".join(user.groups), len(found.of_groups(user.groups)))
@@ -276,8 +272,6 @@ def accesses(
         Write the rows here as a JSON list; - is standard output.
     """
     from e3pose.hub.accesses import read_accesses
-    from e3pose.hub.settings import load_hub
-    from e3pose.store.times import iso_text
 
     found = read_accesses(load_hub(hub).database, site, who, limit)
     rows = [(iso_text(one.time_ns), one.who, one.site, one.what) for one in found]
@@ -309,9 +303,7 @@ def forgotten(
         Write the rows here as a JSON list; - is standard output.
     """
     from e3pose.hub.database import read_forgotten
-    from e3pose.hub.settings import load_hub
     from e3pose.store.forgetting import day_of
-    from e3pose.store.times import iso_text
 
     found = read_forgotten(load_hub(hub).database)
     rows = [
@@ -339,7 +331,6 @@ def _put_out(
     if not outputs:
         _show(names, rows)
         return
-    from e3pose.store.export import write_tables
 
     columns = {name: [_plain(row[at]) for row in rows] for at, name in enumerate(names)}
     for form, path in outputs.items():
@@ -364,11 +355,6 @@ def _shown(value: Any) -> str:
 
 
 def _show(names: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
-    from rich.table import Table
-    from rich.text import Text
-
-    from e3pose.evaluate.columns import table_console
-
     table = Table(*names, box=None)
     for row in rows[:SHOWN_ROWS]:
         table.add_row(*(Text(_shown(value)) for value in row))

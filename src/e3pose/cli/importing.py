@@ -9,9 +9,20 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import App, Parameter
 
+from e3pose.base.atomic import check_free
 from e3pose.base.errors import InputError
 from e3pose.base.quantities import plural
 from e3pose.cli.options import Flag
+from e3pose.cli.progress import track_progress
+from e3pose.recording import save_recording
+from e3pose.recording.datasets.bvh import import_bvh
+from e3pose.recording.datasets.coco import import_coco
+from e3pose.recording.datasets.human36m import import_human36m
+from e3pose.recording.datasets.motion import cmu_clips, import_cmu
+from e3pose.recording.datasets.openpose import import_openpose
+from e3pose.recording.datasets.panoptic import import_panoptic
+from e3pose.recording.datasets.published import SHELF, import_campus, import_published
+from e3pose.recording.datasets.shelf import import_shelf
 
 if TYPE_CHECKING:
     from e3pose.recording import Recording
@@ -76,9 +87,6 @@ def shelf(
     frames
         First and last frame of the published folder. Default: 300-600, which everybody scores.
     """
-    from e3pose.recording.datasets.published import SHELF, import_published
-    from e3pose.recording.datasets.shelf import import_shelf
-
     _check_free(dest, overwrite)
     if source.is_dir() or not (source.exists() or source.suffix.lower() == ".npz"):
         recording = import_published(
@@ -114,8 +122,6 @@ def campus(
     frames
         First and last frame. Default: 350-750, of which 350 to 470 and 650 to 750 are scored.
     """
-    from e3pose.recording.datasets.published import import_campus
-
     _check_free(dest, overwrite)
     recording = import_campus(
         source, _range(frames), detected.detections, detected.folders(), _progress
@@ -152,8 +158,6 @@ def human36m(
     subaction
         1 or 2.
     """
-    from e3pose.recording.datasets.human36m import import_human36m
-
     _check_free(dest, overwrite)
     recording = import_human36m(
         source, subject, action, subaction, detected.detections, detected.folders(), _progress
@@ -203,8 +207,6 @@ def panoptic(
     project_truth
         Use exact projections of the truth as detections; the recording says so.
     """
-    from e3pose.recording.datasets.panoptic import import_panoptic
-
     _check_free(dest, overwrite)
     recording = import_panoptic(
         source,
@@ -241,8 +243,6 @@ def openpose(
     source
         Folder with one folder per camera.
     """
-    from e3pose.recording.datasets.openpose import import_openpose
-
     _check_free(dest, overwrite)
     recording = import_openpose(source, calibration, fps, _parse_folders(folder), _progress)
     _save(recording, dest, overwrite)
@@ -274,8 +274,6 @@ def coco(
         Detector of the results: the name of a shipped noise model such as openpose, or any other
         name. Without it, the noise is learned from a cautious start.
     """
-    from e3pose.recording.datasets.coco import import_coco
-
     _check_free(dest, overwrite)
     _save(import_coco(source, calibration, fps, images, detector), dest, overwrite)
 
@@ -309,9 +307,6 @@ def cmu(
     overwrite
         Replace recordings at DEST.
     """
-    from e3pose.cli.progress import track_progress
-    from e3pose.recording.datasets.motion import cmu_clips, import_cmu
-
     clips = {clip: dest} if clip is not None else {name: dest / name for name in cmu_clips(source)}
     for path in clips.values():
         _check_free(path, overwrite)
@@ -346,8 +341,6 @@ def bvh(
     up
         Axis of the file that points up.
     """
-    from e3pose.recording.datasets.bvh import import_bvh
-
     _check_free(dest, overwrite)
     recording, scale_m = import_bvh(source, scale, up == "z")
     _save(recording, dest, overwrite)
@@ -362,14 +355,10 @@ def videos(recording: Path, folder: Path, /) -> None:
 
 def _check_free(dest: Path, overwrite: bool) -> None:
     """Refuse before minutes of reading, not after."""
-    from e3pose.base.atomic import check_free
-
     check_free(dest, overwrite)
 
 
 def _save(recording: Recording, dest: Path, overwrite: bool) -> None:
-    from e3pose.recording import save_recording
-
     save_recording(recording, dest, overwrite=overwrite)
     people = sum(len(series.scores) for series in recording.views)
     print(
@@ -395,6 +384,4 @@ def _parse_folders(pairs: Sequence[str] | None) -> dict[str, str]:
 
 
 def _progress(paths: Sequence[Path]) -> Iterable[Path]:
-    from e3pose.cli.progress import track_progress
-
     return track_progress(paths, len(paths), "reading")

@@ -5,12 +5,21 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import msgspec
+from rich.table import Table
+from rich.text import Text
+
 from e3pose.base.quantities import plural
+from e3pose.camera.provenance import load_provenance
 from e3pose.cli.output import JsonFile, is_stdout, write_json
+from e3pose.evaluate.columns import fitted_tables, table_console
+from e3pose.model.noises import DEFAULT, detector_of
+from e3pose.recording import load_recording
+from e3pose.recording.description import describe
+from e3pose.recording.problems import find_problems
 
 if TYPE_CHECKING:
     from rich.console import Console
-    from rich.table import Table
 
     from e3pose.recording.description import CameraDescription, Description
     from e3pose.recording.problems import Problem
@@ -35,36 +44,22 @@ def info(
     json_file
         Write the description and the problems here as JSON; - is standard output.
     """
-    from e3pose.camera.provenance import load_provenance
-    from e3pose.recording import load_recording
-    from e3pose.recording.description import describe
-    from e3pose.recording.problems import find_problems
-
     loaded = load_recording(recording)
     description = describe(loaded)
     problems = find_problems(loaded, recording, load_provenance(recording).rotations)
     if not is_stdout(json_file):
-        from e3pose.evaluate.columns import table_console
-
         _print_tables(table_console(200), description, problems)
     if json_file is not None:
-        import msgspec
-
         content = {**msgspec.to_builtins(description), "problems": msgspec.to_builtins(problems)}
         write_json(json_file, content)
 
 
 def _noise_line(description: Description) -> str:
-    from e3pose.model.noises import DEFAULT, detector_of
-
     name = detector_of(description)
     return f"{name}: 1.5 x OpenPose, then learned online" if name == DEFAULT else name
 
 
 def _print_tables(console: Console, description: Description, problems: list[Problem]) -> None:
-    from rich.table import Table
-    from rich.text import Text
-
     facts = Table.grid(padding=(0, 2))
     first, end = description.scored_slots
     scored = "all" if (first, end) == (0, description.num_slots) else f"{first} to {end - 1}"
@@ -95,8 +90,6 @@ def _print_tables(console: Console, description: Description, problems: list[Pro
 
 
 def _camera_tables(cameras: tuple[CameraDescription, ...], width: int) -> list[Table]:
-    from e3pose.evaluate.columns import fitted_tables
-
     columns: dict[str, list[str]] = {
         "image": [f"{c.image_size[0]} x {c.image_size[1]}" for c in cameras],
         "lens": [c.lens for c in cameras],

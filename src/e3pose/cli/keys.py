@@ -7,10 +7,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Parameter
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
 
+from e3pose.base.bounded import read_bytes
 from e3pose.base.errors import InputError
 from e3pose.cli.options import Flag
 from e3pose.cli.output import wrote
+from e3pose.wire.keys.folder import MAX_PEM_BYTES, add_keys, init_keys, read_roll, revoke_keys
+from e3pose.wire.keys.renewal import AUTHORITY, expiring, renew_keys
 
 if TYPE_CHECKING:
     from e3pose.wire.keys.folder import Kind
@@ -42,8 +48,6 @@ def init(
     out
         Folder to create.
     """
-    from e3pose.wire.keys.folder import init_keys
-
     init_keys(out, site, host or [], _now())
     print(f"Wrote {out}: certificates of site {site}; next: e3pose keys add CAMERA --keys {out}")
 
@@ -87,8 +91,6 @@ def add(
     again
         Replace the existing certificate and revoke the old one.
     """
-    from e3pose.wire.keys.folder import add_keys
-
     kinds: dict[Kind, bool] = {
         "viewer": viewer, "operator": operator, "hub": hub, "router": router,
     }  # fmt: skip
@@ -119,8 +121,6 @@ def renew(name: list[str] | None = None, /, *, keys: Path = DEFAULT) -> None:
     keys
         Folder from `e3pose keys init`.
     """
-    from e3pose.wire.keys.renewal import AUTHORITY, expiring, renew_keys
-
     names = name or [one for one, _ in expiring(keys, _now()) if one != AUTHORITY]
     for one in names:
         made = renew_keys(keys, one, _now())
@@ -144,8 +144,6 @@ def revoke(name: str, /, *, keys: Path = DEFAULT) -> None:
     keys
         Folder from `e3pose keys init`.
     """
-    from e3pose.wire.keys.folder import revoke_keys
-
     revoke_keys(keys, name)
     print(f"{name}: revoked")
 
@@ -161,12 +159,6 @@ def list_keys(*, keys: Path = DEFAULT) -> None:
     keys
         Folder from `e3pose keys init`.
     """
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
-
-    from e3pose.wire.keys.folder import read_roll
-
     roll = read_roll(keys)
     table = Table("name", "role", "valid until", "certificate", box=None, pad_edge=False)
     rows = [("edge", "edge", f"{roll.site}#edge", keys / "edge.pem")]
@@ -189,9 +181,7 @@ def list_keys(*, keys: Path = DEFAULT) -> None:
 
 
 def _until(path: Path) -> str:
-    from e3pose.base.bounded import read_bytes
     from e3pose.wire.keys.authority import expires
-    from e3pose.wire.keys.folder import MAX_PEM_BYTES
 
     if not path.exists():
         return "file missing"

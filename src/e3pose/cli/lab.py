@@ -5,10 +5,9 @@ The package of the lab is named here and in `e3pose.edge.learn.trainer`, and imp
 
 from __future__ import annotations
 
-import importlib
 import importlib.util
 from collections.abc import Callable
-from typing import Annotated, Any
+from typing import Annotated
 
 from cyclopts import Parameter
 
@@ -22,15 +21,12 @@ LAB_VERBS = {
 }
 
 
-def lab_verbs() -> dict[str, Callable[..., Any]]:
-    """Return the lab's verbs, or in place of each one that says what to install."""
+def lab_verb(verb: str) -> str | Callable[..., None]:
+    """Return where a verb of the lab is, or a function in its place that says what to install."""
+    place, what = LAB_VERBS[verb]
     if importlib.util.find_spec(LAB) is None:
-        return {verb: _absent(what) for verb, (_, what) in LAB_VERBS.items()}
-    found = {}
-    for verb, (place, _) in LAB_VERBS.items():
-        module, name = place.split(":")
-        found[verb] = getattr(importlib.import_module(f"{LAB}.cli.{module}"), name)
-    return found
+        return _absent(what)
+    return f"{LAB}.cli.{place}"
 
 
 def _absent(what: str) -> Callable[..., None]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from dataclasses import dataclass
 from datetime import datetime, timezone
@@ -10,16 +11,22 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Group, Parameter
 
+from e3pose.base.clock import WallClock
 from e3pose.base.errors import InputError
 from e3pose.base.quantities import plural
 from e3pose.cli.options import Flag, Whole
+from e3pose.cli.placed import load_placed
+from e3pose.cli.progress import track_progress
+from e3pose.edge.learn import LearningSettings, OnlineTrainer
+from e3pose.edge.learn.rehearse import rehearse
+from e3pose.edge.learn.versions import VersionStore, check_learning_folder
+from e3pose.evaluate.columns import fitted_tables, table_console
+from e3pose.evaluate.replay import ReplaySettings, make_pipeline
 
 if TYPE_CHECKING:
-    from e3pose.edge.learn import LearningSettings, OnlineTrainer
     from e3pose.edge.learn.rehearse import Rehearsed
     from e3pose.predict.base import Predictor
     from e3pose.recording import Recording
-    from e3pose.settings.loop import ReplaySettings
 
 learn_app = App(
     name="learn", help="Train the predictor online, on the poses that the system estimates."
@@ -46,8 +53,6 @@ class TrainingOptions:
 
     def settings(self, interval_s: float) -> LearningSettings:
         """Return the settings that these options mean."""
-        from e3pose.edge.learn import LearningSettings
-
         return LearningSettings(
             interval_s=interval_s,
             held_back_s=self.held_back,
@@ -101,12 +106,6 @@ def learn_replay(
         Replay in real time with training in parallel, as live. Default: replay at full speed and
         train between recordings.
     """
-    from e3pose.base.clock import WallClock
-    from e3pose.cli.placed import load_placed
-    from e3pose.edge.learn import OnlineTrainer
-    from e3pose.edge.learn.versions import check_learning_folder
-    from e3pose.evaluate.replay import ReplaySettings, make_pipeline
-
     places = [path.resolve() for path in recordings]
     for path, place in zip(recordings, places, strict=True):
         if places.count(place) > 1:
@@ -165,8 +164,6 @@ def rollback(folder: Path, /, *, to: Whole | None = None) -> None:
     to
         Version number; 0 is the shipped network. Default: the previous version.
     """
-    from e3pose.edge.learn.versions import VersionStore
-
     _check_folder(folder)
     store = VersionStore(folder / "versions")
     if to is None:
@@ -180,11 +177,6 @@ def rollback(folder: Path, /, *, to: Whole | None = None) -> None:
 def _run(
     sources: dict[str, Recording], settings: ReplaySettings, trainer: OnlineTrainer, paced: bool
 ) -> None:
-    import logging
-
-    from e3pose.cli.progress import track_progress
-    from e3pose.edge.learn.rehearse import rehearse
-
     logging.getLogger("e3pose.edge.learn").addHandler(logging.NullHandler())  # events are printed
     shown = 0
     predictor: Predictor | None = trainer.poll()
@@ -228,9 +220,6 @@ def _check_folder(folder: Path) -> None:
 
 
 def _print_versions(folder: Path) -> None:
-    from e3pose.edge.learn.versions import VersionStore
-    from e3pose.evaluate.columns import fitted_tables, table_console
-
     manifest = VersionStore(folder / "versions").read()
     leads = sorted({lead for version in manifest.versions for lead in version.leads})
     rows = {0: ["-", "shipped network", *["-"] * len(leads)]}

@@ -8,15 +8,30 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+import msgspec
 from cyclopts import App, Parameter
+from rich.console import Console
+from rich.live import Live
+from rich.table import Table
+from rich.text import Text
 
+from e3pose.base.atomic import atomic_file
+from e3pose.base.clock import WallClock
 from e3pose.base.errors import InputError
+from e3pose.camera.live_source import make_source
 from e3pose.cli.options import Flag, Whole
 from e3pose.cli.output import JsonFile, is_stdout, write_json
+from e3pose.detectors import make_detector
+from e3pose.energy.meters.base import MeterError
+from e3pose.energy.meters.battery import read_charge
+from e3pose.energy.meters.choose import choose_meter
+from e3pose.energy.profiles import load_profile, modes_of
+from e3pose.energy.profiles.write import profile_text
+from e3pose.evaluate.columns import fitted_tables, table_console
+from e3pose.settings.sources import is_recorded
+from e3pose.site.measure_modes import measure_modes, measured_profile
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
     from e3pose.energy.meters.base import Reading
     from e3pose.energy.meters.battery import Charge
     from e3pose.energy.modes import CameraModes
@@ -57,14 +72,6 @@ def power(
         Write the reading here as JSON; - is standard output. With --watch: - only, one line per
         reading.
     """
-    from rich.console import Console
-    from rich.live import Live
-
-    from e3pose.energy.meters.base import MeterError
-    from e3pose.energy.meters.battery import read_charge
-    from e3pose.energy.meters.choose import choose_meter
-    from e3pose.energy.profiles import load_profile
-
     if not LEAST_S <= seconds <= MOST_S:
         raise InputError(f"--seconds: found {seconds:g}, expected {LEAST_S:g} to {MOST_S:g}")
     if not root.is_dir():
@@ -84,8 +91,6 @@ def power(
     while watch and is_stdout(json_file):
         _print_json_line(*measure())
     if json_file is not None:
-        import msgspec
-
         reading, charge = measure()
         write_json(json_file, msgspec.to_builtins({"reading": reading, "charge": charge}))
         return
@@ -100,9 +105,6 @@ def power(
 
 
 def _table(reading: Reading, charge: Charge | None) -> Table:
-    from rich.table import Table
-    from rich.text import Text
-
     table = Table(box=None, pad_edge=False)
     table.add_column("supply")
     table.add_column("W", justify="right")
@@ -123,8 +125,6 @@ def _table(reading: Reading, charge: Charge | None) -> Table:
 
 
 def _print_json_line(reading: Reading, charge: Charge | None) -> None:
-    import msgspec
-
     content: dict[str, Any] = {"reading": reading, "charge": charge}
     print(msgspec.json.encode(content).decode(), flush=True)
 
@@ -173,16 +173,6 @@ def measure(
     threads
         CPU threads of the network. Default: all cores.
     """
-    from e3pose.base.atomic import atomic_file
-    from e3pose.base.clock import WallClock
-    from e3pose.camera.live_source import make_source
-    from e3pose.detectors import make_detector
-    from e3pose.energy.meters.choose import choose_meter
-    from e3pose.energy.profiles import load_profile, modes_of
-    from e3pose.energy.profiles.write import profile_text
-    from e3pose.settings.sources import is_recorded
-    from e3pose.site.measure_modes import measure_modes, measured_profile
-
     if not 1 <= seconds <= 600:
         raise InputError(f"--seconds: found {seconds:g}, expected 1 to 600")
     if not 1 <= wakes <= 100:
@@ -219,15 +209,11 @@ def modes(profile: str = "xavier-nx", /) -> None:
     profile
         xavier-nx, tx2, generic, or a TOML file such as `e3pose power measure` writes.
     """
-    from e3pose.energy.profiles import load_profile, modes_of
-
     _print_modes(modes_of(load_profile(profile)))
 
 
 def _print_modes(table: CameraModes) -> None:
     """Print the table of a camera, a row for each mode that it has."""
-    from e3pose.evaluate.columns import fitted_tables, table_console
-
     looks = [(look.name, f"{look.joules:.3g} J", look.latency_s, None) for look in table.looks]
     rests = [(rest.name, f"{rest.watts:.3g} W", rest.wake_s, rest) for rest in table.rests]
     rows = [*looks, *rests]

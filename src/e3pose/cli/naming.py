@@ -12,6 +12,10 @@ from cyclopts import App, Parameter
 from e3pose.base.errors import InputError
 from e3pose.base.quantities import plural
 from e3pose.cli.options import StorePlace, Whole, warn
+from e3pose.cli.querying import check_numbers, store_of
+from e3pose.evaluate.columns import fitted_tables, table_console
+from e3pose.store.exported import FORMS, forget_rows
+from e3pose.store.times import iso_text
 
 if TYPE_CHECKING:
     from e3pose.store.people import StoredPerson, Track
@@ -28,10 +32,7 @@ def list_people(store: StorePlace, /) -> None:
 
     Example: `e3pose people list site.toml`
     """
-    from e3pose.cli.querying import store_of
-    from e3pose.evaluate.columns import fitted_tables, table_console
     from e3pose.store.people import people_of
-    from e3pose.store.times import iso_text
 
     people = people_of(*store_of(store, None))
     if not people:
@@ -147,7 +148,6 @@ def forget(
         .parquet), to forget the person in.
     """
     from e3pose.output.archive.deleting import delete_everywhere
-    from e3pose.store.exported import FORMS, forget_rows
     from e3pose.store.people import people_of, requests_of, write_anew
 
     place, tracks = _found(store, person, run)
@@ -179,7 +179,6 @@ def _is_there(people: Sequence[StoredPerson]) -> bool:
 
 def _found(store: str, person: str, run: int | None) -> tuple[str, tuple[Track, ...]]:
     """Return the place of a store, and the tracks of a person in it."""
-    from e3pose.cli.querying import check_numbers, store_of
     from e3pose.store.people import tracks_of
 
     check_numbers({"--run": (run,), "PERSON": (int(person),) if person.isdecimal() else ()})

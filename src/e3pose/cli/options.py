@@ -12,6 +12,7 @@ from typing import Annotated
 
 from cyclopts import Group, Parameter
 
+from e3pose.base.atomic import check_output
 from e3pose.base.errors import InputError
 from e3pose.base.table import read_table
 from e3pose.cli.output import STDOUT
@@ -78,8 +79,6 @@ def check_outputs(source: Path, outputs: Mapping[str, Path | None]) -> None:
         source: the recording, whose own files must stay.
         outputs: option to the file it names.
     """
-    from e3pose.base.atomic import check_output
-
     taken: dict[Path, str] = {}
     for option, path in outputs.items():
         if path is None or path == STDOUT:

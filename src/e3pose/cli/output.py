@@ -10,6 +10,8 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
+from e3pose.base.atomic import atomic_file
+
 STDOUT = Path("-")
 JsonFile = Annotated[Path | None, Parameter(name="--json", allow_leading_hyphen=True)]
 
@@ -32,7 +34,6 @@ def write_json(path: Path | None, value: Any) -> None:
     if is_stdout(path):
         sys.stdout.write(text)
         return
-    from e3pose.base.atomic import atomic_file
 
     with atomic_file(path) as temporary:
         temporary.write_text(text, encoding="utf-8")

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from e3pose.camera.probe import probe
+from e3pose.site.phones import show_phone
+
 
 def phone(file: Path, /, *, keys: Path | None = None, listen: str | None = None) -> None:
     """Make a phone a camera: show the code that it scans, and wait for its first picture.
@@ -25,9 +28,6 @@ def phone(file: Path, /, *, keys: Path | None = None, listen: str | None = None)
     listen
         Address of this machine at which the phone reaches it. Default: all.
     """
-    from e3pose.camera.probe import probe
-    from e3pose.site.phones import show_phone
-
     shown = show_phone(file, keys, listen)
     print(
         f"{shown.drawn()}\nOpen on the phone, within {shown.minutes} minutes: {shown.url}\n"

@@ -6,8 +6,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from e3pose.camera.provenance import load_provenance
 from e3pose.cli.options import warn
 from e3pose.cli.progress import notice_compiling
+from e3pose.recording import load_recording
+from e3pose.recording.calibration.world import require_placed, world_problem
 
 if TYPE_CHECKING:
     from e3pose.model.camera import Rig
@@ -16,9 +19,6 @@ if TYPE_CHECKING:
 
 def load_placed(path: Path) -> Recording:
     """Load a recording whose cameras are placed; warn if its axes or unit look wrong."""
-    from e3pose.camera.provenance import load_provenance
-    from e3pose.recording import load_recording
-
     notice_compiling()
     recording, rotations = load_recording(path), load_provenance(path).rotations
     check_world(recording.rig, path, path / "calibration.toml", rotations)
@@ -36,8 +36,6 @@ def check_world(
         file: the calibration, for the command that mends it.
         rotations: by camera, degrees clockwise that make people in its images upright.
     """
-    from e3pose.recording.calibration.world import require_placed, world_problem
-
     require_placed(rig, where)
     words = world_problem(rig, file, rotations)[1]
     warn(f"{where}: {words}" if words else "")

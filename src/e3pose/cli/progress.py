@@ -7,10 +7,10 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
-if TYPE_CHECKING:
-    from rich.progress import Progress
+from rich.console import Console
+from rich.progress import Progress, TaskID, track
 
 T = TypeVar("T")
 LINE_S = 10.0  # between two lines on a pipe
@@ -18,9 +18,6 @@ LINE_S = 10.0  # between two lines on a pipe
 
 def track_progress(items: Iterable[T], total: int | None, label: str) -> Iterator[T]:
     """Yield `items` while a bar shows how far the work is; silent without a terminal."""
-    from rich.console import Console
-    from rich.progress import track
-
     notice_compiling()
     console = Console(stderr=True)
     yield from track(
@@ -59,9 +56,6 @@ def notice_compiling() -> None:
 @contextmanager
 def stage_progress() -> Iterator[tuple[Progress, Callable[[str, int, int], None]]]:
     """Yield bars, and what takes a stage's name, its steps done and in all; silent in a pipe."""
-    from rich.console import Console
-    from rich.progress import Progress, TaskID
-
     notice_compiling()
     console = Console(stderr=True)
     with Progress(console=console, disable=not console.is_terminal, transient=True) as bar:

@@ -9,10 +9,14 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Group, Parameter
 
+from e3pose.base.atomic import check_output
 from e3pose.base.errors import MISSING, InputError
 from e3pose.base.quantities import plural
 from e3pose.cli.options import OUTPUT, Whole, as_typed
 from e3pose.cli.output import JsonFile, is_stdout, wrote
+from e3pose.evaluate.columns import fitted_tables, table_console
+from e3pose.settings.site_file import load_site
+from e3pose.store.export import pose_columns, row_columns, write_tables
 
 if TYPE_CHECKING:
     from e3pose.store import Store
@@ -107,8 +111,6 @@ def query(
         if not outputs:
             _show(asked, what, bounds, track, joint)
             return
-        from e3pose.store.export import write_tables
-
         for form, path in outputs.items():
             place = None if is_stdout(path) else path
             count = write_tables(_chunks(asked, what, bounds, track, joint), place, form)
@@ -118,7 +120,6 @@ def query(
 
 def check_files(store: str, outputs: Mapping[str, Path]) -> None:
     """Raise `InputError` for files that cannot be written, or that belong to the store."""
-    from e3pose.base.atomic import check_output
     from e3pose.store.database import database_path, database_url
 
     database = database_path(database_url(store))
@@ -158,7 +159,6 @@ def store_of(named: str, site: str | None) -> tuple[str, str | None]:
     """Return the store that is meant, and the site whose runs are asked for."""
     if "://" in named or not (Path(named).is_dir() or named.endswith(".toml")):
         return named, site
-    from e3pose.settings.site_file import load_site
 
     table = load_site(Path(named))
     if table.store is None:
@@ -176,8 +176,6 @@ def _chunks(
     store: Store, what: str, bounds: dict[str, Any], track: int | None, joint: str | None
 ) -> Iterator[dict[str, list[Any]]]:
     """Yield parts of the table asked for; the first, of no rows, names the columns of poses."""
-    from e3pose.store.export import pose_columns, row_columns
-
     if what == "poses":
         for poses in store.read(**bounds, track=track, joint=joint):
             yield pose_columns(poses)
@@ -198,8 +196,6 @@ def _chunks(
 def _show(
     store: Store, what: str, bounds: dict[str, Any], track: int | None, joint: str | None
 ) -> None:
-    from e3pose.evaluate.columns import fitted_tables, table_console
-
     cells: dict[str, list[str]] = {}
     shown, more = 0, False
     for columns in _chunks(store, what, bounds, track, joint):

@@ -6,8 +6,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
+from rich.console import Console
 
 from e3pose.base.quantities import check_seconds, plural
+from e3pose.settings.site_file import load_site
 
 if TYPE_CHECKING:
     from e3pose.edge.record_server import RecordServer
@@ -43,9 +45,7 @@ def record(
         Folder for the logs of the cameras. Default: `logs` beside the site file.
     """
     check_seconds("--for", for_s)
-    from rich.console import Console
 
-    from e3pose.settings.site_file import load_site
     from e3pose.site.record_program import record_site
 
     console = Console()

@@ -25,9 +25,21 @@ from e3pose.cli.options import (
     warn,
 )
 from e3pose.cli.output import JsonFile, is_stdout, write_json, wrote
+from e3pose.cli.placed import load_placed
 from e3pose.cli.progress import track_progress
 from e3pose.cli.smoothing import SmoothOptions
 from e3pose.cli.storing import StoreOptions, stored
+from e3pose.estimate.smooth.delayed import lag_slots
+from e3pose.evaluate.detect_again import open_pixels
+from e3pose.evaluate.figures import as_json
+from e3pose.evaluate.poses_table import check_poses_path, write_poses
+from e3pose.evaluate.replay import replay as run_replay
+from e3pose.evaluate.smoothed import smooth_poses, smooth_records
+from e3pose.evaluate.summary import summarise
+from e3pose.evaluate.tables import print_summary
+from e3pose.output.report import write_report
+from e3pose.settings.limits import check_smooth_delay
+from e3pose.settings.parts import noise_warning
 
 if TYPE_CHECKING:
     from e3pose.estimate.base import People, Posterior
@@ -57,8 +69,6 @@ class OutputOptions:
 
         `smoothed` is the option by which poses are smoothed, if any.
         """
-        from e3pose.evaluate.poses_table import check_poses_path
-
         if self.poses is not None:
             check_poses_path(self.poses)
         if self.report is not None and self.report.suffix.lower() not in (".html", ".htm"):
@@ -84,15 +94,9 @@ class OutputOptions:
         folder: Path | None = None,
     ) -> None:
         """Write the files and print the figures, unless JSON goes to standard output."""
-        from e3pose.evaluate.figures import as_json
-        from e3pose.evaluate.poses_table import write_poses
-        from e3pose.evaluate.tables import print_summary
-
         if self.poses is not None:
             write_poses(records, source.skeleton, self.poses)
         if self.report is not None:
-            from e3pose.output.report import write_report
-
             write_report(source, records, summary, self.report, folder=folder)
         if not is_stdout(self.json_file):
             print_summary(summary)
@@ -146,12 +150,6 @@ def replay(
         Smooth the poses with the slots of this time after them, such as 200ms, as the delayed poses
         of a live site.
     """
-    from e3pose.cli.placed import load_placed
-    from e3pose.evaluate.detect_again import open_pixels
-    from e3pose.evaluate.replay import replay as run_replay
-    from e3pose.evaluate.summary import summarise
-    from e3pose.settings.parts import noise_warning
-
     smoothing = smooth.settings()
     asked = loop.settings(policy, cameras)
     delay_s = delay_of(delay, smoothing.method, asked.pipeline)
@@ -191,7 +189,6 @@ def delay_of(delay: str | None, method: str | None, pipeline: str) -> float:
     """Return the seconds of `--delay`, 0 without it; raise `InputError` for what it cannot be."""
     if delay is None:
         return 0.0
-    from e3pose.settings.limits import check_smooth_delay
 
     if method is not None:
         raise InputError("--delay: found with --smooth, expected one of them")
@@ -221,8 +218,6 @@ class Smoother:
         self._lag_slots: int | None = None
         self.words: str | None = settings.method
         if delay_s:
-            from e3pose.estimate.smooth.delayed import lag_slots
-
             self._lag_slots = lag_slots(delay_s, source.interval_s)
             self.words = f"{1e3 * self._lag_slots * source.interval_s:.0f} ms later"
 
@@ -235,7 +230,6 @@ class Smoother:
         """Return the records with smoothed poses."""
         if self.words is None:
             return records
-        from e3pose.evaluate.smoothed import smooth_poses, smooth_records
 
         skeleton, interval_s = self._source.skeleton, self._source.interval_s
         if self._posteriors:

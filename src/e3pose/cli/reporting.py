@@ -7,11 +7,14 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from e3pose.base.atomic import check_output
 from e3pose.base.errors import MISSING, InputError
 from e3pose.base.quantities import plural
 from e3pose.cli.options import as_typed
 from e3pose.cli.output import wrote
 from e3pose.cli.smoothing import SmoothOptions
+from e3pose.settings.resolved import resolve
+from e3pose.settings.site_file import load_site
 
 SMOOTH = SmoothOptions()
 
@@ -46,10 +49,7 @@ def report(
     to
         End, in the same formats. Default: now.
     """
-    from e3pose.base.atomic import check_output
     from e3pose.output.report.stored import write_stretch
-    from e3pose.settings.resolved import resolve
-    from e3pose.settings.site_file import load_site
     from e3pose.store import Store
 
     if dest.suffix.lower() not in (".html", ".htm"):

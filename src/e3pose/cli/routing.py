@@ -10,6 +10,9 @@ from cyclopts import Parameter
 
 from e3pose.base.quantities import check_seconds
 from e3pose.cli.options import Flag
+from e3pose.site.router_program import Router
+from e3pose.site.run import run_until_stopped
+from e3pose.wire.endpoint import read_endpoint
 
 
 def router(
@@ -44,9 +47,6 @@ def router(
     """
     check_seconds("--for", for_s)
     from e3pose.site.logs import open_log
-    from e3pose.site.router_program import Router
-    from e3pose.site.run import run_until_stopped
-    from e3pose.wire.endpoint import read_endpoint
     from e3pose.wire.network import open_network
 
     log = open_log("router", json_logs)

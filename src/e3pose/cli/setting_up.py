@@ -9,7 +9,9 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from e3pose.base.quantities import check_seconds
+from e3pose.base.system import open_browser
 from e3pose.cli.options import Flag
+from e3pose.site.run import run_until_stopped
 
 
 def setup(
@@ -42,8 +44,6 @@ def setup(
         Stop after this many seconds.
     """
     check_seconds("--for", for_s)
-    from e3pose.base.system import open_browser
-    from e3pose.site.run import run_until_stopped
     from e3pose.site.setup.program import open_setup
 
     with open_setup(site, listen) as opened:

@@ -10,15 +10,25 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Group, Parameter
+from rich.console import Console
+from rich.progress import Progress
 
+from e3pose.base.atomic import check_free
 from e3pose.base.errors import InputError
 from e3pose.base.quantities import plural
 from e3pose.cli.options import Flag, Whole
+from e3pose.recording import save_recording
+from e3pose.recording.calibration import load_rig
+from e3pose.simulate import DetectorSettings, Guessing, SceneSettings, adjusted
+from e3pose.simulate import simulate as run
+from e3pose.simulate.feet import with_skeleton
+from e3pose.simulate.films import check_people
+from e3pose.simulate.scenes import scene_by_name
+from e3pose.site.simulated_films import write_films
 
 if TYPE_CHECKING:
     from e3pose.model.camera import Rig
     from e3pose.recording import Recording
-    from e3pose.simulate import DetectorSettings
 
 RESOLUTION = re.compile(r"(\d{1,6})[xX](\d{1,6})")
 
@@ -43,7 +53,6 @@ class RingOptions:
         """Return the cameras of the calibration file; None without one."""
         if self.calibration is None:
             return None
-        from e3pose.recording.calibration import load_rig
 
         for name in ("cameras", "radius", "height", "resolution"):
             if (value := getattr(self, name)) is not None:
@@ -78,9 +87,6 @@ class ErrorOptions:
 
     def detector(self, scene: str) -> DetectorSettings:
         """Return how the detector errs in a scene."""
-        from e3pose.simulate import DetectorSettings, Guessing, adjusted
-        from e3pose.simulate.scenes import scene_by_name
-
         if self.exact:
             if self.errors or self.set_error:
                 raise InputError("simulate: --exact: found errors beside it, expected one of them")
@@ -156,12 +162,6 @@ def simulate(
     overwrite
         Replace DEST.
     """
-    from e3pose.base.atomic import check_free
-    from e3pose.recording import save_recording
-    from e3pose.simulate import SceneSettings
-    from e3pose.simulate import simulate as run
-    from e3pose.simulate.feet import with_skeleton
-
     check_free(dest, overwrite)
     if videos:
         _check_films(scene, people, skeleton)
@@ -186,9 +186,6 @@ def simulate(
 
 
 def _check_films(scene: str, people: int | None, skeleton: str) -> None:
-    from e3pose.simulate.films import check_people
-    from e3pose.simulate.scenes import scene_by_name
-
     if skeleton != "coco17":
         raise InputError("--skeleton", f"{skeleton} with --videos", "coco17, which films show")
     check_people(scene_by_name(scene).people if people is None else people)
@@ -204,8 +201,6 @@ def _print(recording: Recording, dest: Path) -> None:
 
 
 def _write_films(recording: Recording, dest: Path) -> None:
-    from e3pose.site.simulated_films import write_films
-
     with _bar("films") as progress:
         write_films(recording, dest, progress)
 
@@ -223,9 +218,6 @@ def size_of(thing: str, resolution: str) -> tuple[int, int]:
 @contextmanager
 def _bar(label: str) -> Iterator[Callable[[float], None]]:
     """Yield a function that moves a bar on standard error; silent without a terminal."""
-    from rich.console import Console
-    from rich.progress import Progress
-
     console = Console(stderr=True)
     with Progress(console=console, disable=not console.is_terminal, transient=True) as bar:
         task = bar.add_task(label, total=1.0)

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from cyclopts import Parameter
 
 from e3pose.base.quantities import frequency_hz
 from e3pose.cli.options import SMOOTHING, as_typed
-
-if TYPE_CHECKING:
-    from e3pose.estimate.smooth import SmoothSettings
+from e3pose.estimate.smooth import SmoothSettings, check_smoothing
 
 
 @Parameter(name="*", group=SMOOTHING)
@@ -28,8 +26,6 @@ class SmoothOptions:
 
     def settings(self) -> SmoothSettings:
         """Return what these options ask for; raise `InputError` for what contradicts itself."""
-        from e3pose.estimate.smooth import SmoothSettings, check_smoothing
-
         with as_typed({"": "--cutoff"}):
             cutoff_hz = None if self.cutoff is None else frequency_hz(self.cutoff)
         settings = SmoothSettings(self.smooth, cutoff_hz)

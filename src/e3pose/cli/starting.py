@@ -9,16 +9,41 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
+from rich.console import Console
 
+from e3pose.base.atomic import check_free
 from e3pose.base.errors import InputError
+from e3pose.base.plugins import beside
 from e3pose.base.quantities import plural, three_digits
+from e3pose.base.system import num_cores
+from e3pose.camera.orientation import Orientation
+from e3pose.camera.probe import find_devices, probe, probe_all
 from e3pose.cli.options import Whole, warn
+from e3pose.cli.progress import stage_progress
+from e3pose.detectors import DETECTORS
+from e3pose.detectors.timing import Workload, time_detections
+from e3pose.detectors.weights import MODELS, find_weights, is_installed
+from e3pose.recording.calibration import load_calibration, load_rig
+from e3pose.recording.calibration.world import require_placed
+from e3pose.settings.site_file import load_site
+from e3pose.site.check_sources import compare_rates
+from e3pose.site.detector_speed import check_speed
+from e3pose.site.new_site import (
+    NETWORKS,
+    RIG_FILE,
+    Choice,
+    name_sources,
+    rates,
+    site_name,
+    threads_for,
+    write_site,
+)
+from e3pose.wire.topics import check_site
 
 if TYPE_CHECKING:
     from e3pose.camera.probe import Probe
     from e3pose.detectors.timing import DetectionTimes
     from e3pose.model.camera import Rig
-    from e3pose.site.new_site import Choice
 
 
 def init(
@@ -68,12 +93,6 @@ def init(
     pace
         Playback speed of videos. Default: as slow as this machine needs to follow them.
     """
-    from e3pose.base.atomic import check_free
-    from e3pose.base.system import num_cores
-    from e3pose.recording.calibration import load_calibration
-    from e3pose.site.new_site import Choice, name_sources, site_name, threads_for, write_site
-    from e3pose.wire.topics import check_site
-
     check_free(folder, None)
     named = name_sources(list(sources) or _asked())
     rig = None if calibration is None else _rig(calibration, named)
@@ -105,8 +124,6 @@ def init(
 
 def _asked() -> list[str]:
     """Return the cameras of this machine; on a terminal, those that somebody wants."""
-    from e3pose.camera.probe import find_devices
-
     devices = find_devices()
     for source, title in devices.items():
         print(f"found {source}: {title}")
@@ -138,9 +155,6 @@ def _answers(devices: list[str]) -> list[str]:
 
 
 def _rig(path: Path, named: dict[str, str]) -> Rig:
-    from e3pose.recording.calibration import load_rig
-    from e3pose.recording.calibration.world import require_placed
-
     rig = load_rig(path)
     require_placed(rig, path)
     for camera_id in named:
@@ -155,11 +169,6 @@ def _rig(path: Path, named: dict[str, str]) -> Rig:
 
 def _network(asked: str | None) -> str:
     """Return the network to use; raise `InputError` with the command that installs one."""
-    from e3pose.base.plugins import beside
-    from e3pose.detectors import DETECTORS
-    from e3pose.detectors.weights import MODELS, find_weights, is_installed
-    from e3pose.site.new_site import NETWORKS
-
     if asked is None:
         installed = [known for known in NETWORKS if is_installed(known)]
         if not installed:
@@ -177,9 +186,6 @@ def _network(asked: str | None) -> str:
 
 
 def _probed(named: dict[str, str], rig: Rig | None) -> dict[str, Probe]:
-    from e3pose.camera.probe import probe, probe_all
-    from e3pose.cli.progress import stage_progress
-
     with stage_progress() as (_, advance):
         tried = probe_all(
             {camera_id: partial(probe, source) for camera_id, source in named.items()},
@@ -216,11 +222,6 @@ def _measured(
     probes: dict[str, Probe],
     rotations: Mapping[str, int],
 ) -> DetectionTimes:
-    from rich.console import Console
-
-    from e3pose.camera.orientation import Orientation
-    from e3pose.detectors.timing import Workload, time_detections
-
     orientations = {name: Orientation.from_degrees(rotations.get(name, 0)) for name in probes}
     workloads = [
         Workload(network, None, provider, threads, orientations[name].size(*seen.image_size))
@@ -238,23 +239,17 @@ def _measured(
 
 
 def _report(choice: Choice, folder: Path, path: Path) -> None:
-    from e3pose.site.new_site import RIG_FILE, rates
-
     fps, pace = rates(choice)
     slots = f"{fps:g} slots per second"
     if pace != 1:
         slots += f" of films that are played at {pace:g} of their speed"
     of = f"{choice.num_selected} of {len(choice.probes)} cameras active in each"
     print(f"Wrote {path}: {slots}, {of}")
-    from e3pose.site.check_sources import compare_rates
 
     for finding in compare_rates(choice.probes, fps):
         if finding.level != "ok":
             warn(f"{finding.what}: {finding.found}: {finding.advice}")
     if choice.fps or choice.pace:
-        from e3pose.settings.site_file import load_site
-        from e3pose.site.detector_speed import check_speed
-
         assert choice.times is not None
         for finding in check_speed(load_site(path), choice.times, choice.num_selected):
             if finding.level != "ok":

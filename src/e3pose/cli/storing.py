@@ -8,11 +8,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+import numpy as np
 from cyclopts import Parameter
 
+from e3pose import __version__
 from e3pose.base.errors import InputError
 from e3pose.base.quantities import age_s, plural, size_bytes
 from e3pose.cli.options import OUTPUT, as_typed
+from e3pose.store.rows import Run
 
 if TYPE_CHECKING:
     from e3pose.energy.profiles import DeviceProfile, Mode
@@ -73,11 +76,7 @@ def stored(
     if options.store is None:
         yield from records
         return
-
-    import numpy as np
-
-    from e3pose import __version__
-    from e3pose.store import Run, StoreWriter, WriterSettings
+    from e3pose.store import StoreWriter, WriterSettings
 
     run = Run(
         site=recording.name,

@@ -13,12 +13,21 @@ from cyclopts import Parameter
 from e3pose.base.errors import InputError
 from e3pose.base.quantities import check_seconds
 from e3pose.cli.options import Flag, warn
+from e3pose.events.watch import site_watch
+from e3pose.settings.events_table import EventsTable
+from e3pose.settings.resolved import resolve_site
+from e3pose.site.connect import Connection
+from e3pose.site.follow import viewer_link
+from e3pose.site.run import run_until_stopped
+from e3pose.site.streams import Source, naming, open_stream
+from e3pose.site.streams.send import Sender
+from e3pose.site.trial_notices import Answerer
+from e3pose.site.troubles import TroubleFile
+from e3pose.site.zones import Zones
 
 if TYPE_CHECKING:
     from e3pose.events.watch import Watch
     from e3pose.settings.resolved import ResolvedSite
-    from e3pose.site.streams import Source
-    from e3pose.site.streams.send import Sender
 
 FIRST_SLOT_S = 60.0  # to wait for what --for counts from
 RUNNING = "an edge that runs, with cameras online (`e3pose top`)"
@@ -62,16 +71,6 @@ def stream(
         Ctrl-C.
     """
     check_seconds("--for", for_s)
-    from e3pose.events.watch import site_watch
-    from e3pose.settings.resolved import resolve_site
-    from e3pose.site.connect import Connection
-    from e3pose.site.follow import viewer_link
-    from e3pose.site.run import run_until_stopped
-    from e3pose.site.streams import naming, open_stream
-    from e3pose.site.streams.send import Sender
-    from e3pose.site.trial_notices import Answerer
-    from e3pose.site.troubles import TroubleFile
-    from e3pose.site.zones import Zones
     from e3pose.wire.network import open_network
 
     if not target:
@@ -108,9 +107,6 @@ def stream(
 
 def _source(site: ResolvedSite, watch: Watch | None) -> Source:
     """Return what is streamed, without names."""
-    from e3pose.settings.events_table import EventsTable
-    from e3pose.site.streams import Source
-
     return Source(
         site.name,
         site.skeleton,

@@ -10,10 +10,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from e3pose.base.arrays import Floats
+from e3pose.base.atomic import check_free
 from e3pose.base.errors import InputError
+from e3pose.calibrate.recordings import first_seconds
+from e3pose.camera.pairing import name_videos
+from e3pose.camera.source import open_video
 from e3pose.cli.options import Flag, warn
 from e3pose.cli.output import JsonFile, is_stdout, write_json, wrote
 from e3pose.cli.progress import stage_progress
+from e3pose.model.noises import detector_of, load_noise
+from e3pose.recording import load_recording, save_recording
+from e3pose.recording.calibration import load_rig
 
 if TYPE_CHECKING:
     from e3pose.calibrate.synchronise import Synchrony
@@ -83,8 +90,6 @@ def _by_sound(
     paths: Sequence[str], max_shift: float, seconds: float, json_output: Path | None
 ) -> None:
     from e3pose.calibrate.sound import RATE, shifts_by_sound
-    from e3pose.camera.pairing import name_videos
-    from e3pose.camera.source import open_video
 
     videos = {name: open_video(path) for name, path in name_videos(paths).items()}
     if len(videos) < 2:
@@ -116,12 +121,7 @@ def _by_people(
     overwrite: bool,
     json_output: Path | None,
 ) -> None:
-    from e3pose.base.atomic import check_free
-    from e3pose.calibrate.recordings import first_seconds
     from e3pose.calibrate.synchronise import synchronise, with_offsets
-    from e3pose.model.noises import detector_of, load_noise
-    from e3pose.recording import load_recording, save_recording
-    from e3pose.recording.calibration import load_rig
 
     if len(paths) > 2:
         raise InputError(f"RECORDING DEST: found {len(paths)} paths, expected one or two")

@@ -10,6 +10,10 @@ from cyclopts import Parameter
 
 from e3pose.base.quantities import check_seconds
 from e3pose.cli.options import warn
+from e3pose.settings.resolved import resolve_site
+from e3pose.site.interpreter import bound_heaps, reduce_pauses
+from e3pose.site.run import end_with_parent as look_after_parent
+from e3pose.site.run import run_until_stopped
 
 
 def view(
@@ -43,10 +47,6 @@ def view(
         Stop when standard input closes, a pipe from the parent process.
     """
     check_seconds("--for", for_s)
-    from e3pose.settings.resolved import resolve_site
-    from e3pose.site.interpreter import bound_heaps, reduce_pauses
-    from e3pose.site.run import end_with_parent as look_after_parent
-    from e3pose.site.run import run_until_stopped
     from e3pose.site.web.program import open_view, page_links
 
     bound_heaps()

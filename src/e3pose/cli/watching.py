@@ -5,9 +5,16 @@ from __future__ import annotations
 import time
 from pathlib import Path
 
+from rich.console import Console
+from rich.live import Live
+
 from e3pose.base.errors import InputError
 from e3pose.base.quantities import check_seconds
 from e3pose.cli.options import Flag
+from e3pose.settings.site_file import load_site
+from e3pose.site.follow import Follower, viewer_link
+from e3pose.site.screen import screen
+from e3pose.site.troubles import troubles_of
 
 
 def top(
@@ -39,13 +46,7 @@ def top(
         With --once: seconds to wait for the edge.
     """
     check_seconds("--timeout", timeout)
-    from rich.console import Console
-    from rich.live import Live
 
-    from e3pose.settings.site_file import load_site
-    from e3pose.site.follow import Follower, viewer_link
-    from e3pose.site.screen import screen
-    from e3pose.site.troubles import troubles_of
     from e3pose.wire.network import open_network
 
     table = load_site(site)

@@ -10,6 +10,19 @@ from e3pose.base.errors import InputError
 from e3pose.base.plugins import maker
 from e3pose.detectors.base import Detector as Detector
 from e3pose.detectors.base import Image as Image
+from e3pose.detectors.drawn import Drawn
+from e3pose.detectors.ecpose import NAME as ECPOSE
+from e3pose.detectors.ecpose import EcPose
+from e3pose.detectors.inference import load_network
+from e3pose.detectors.movenet import NAME as MOVENET
+from e3pose.detectors.movenet import MoveNet
+from e3pose.detectors.openpose import OpenPose, check_maps
+from e3pose.detectors.rtmo import Rtmo
+from e3pose.detectors.top_down import open_top_down
+from e3pose.detectors.topology import TOPOLOGIES
+from e3pose.detectors.weights import find_weights
+from e3pose.detectors.yolo import NAME as YOLO
+from e3pose.detectors.yolo import YoloPose
 from e3pose.model.skeleton import COCO17, COCO18, Skeleton
 
 Factory = Callable[[Path | None, str, int | None], Detector]
@@ -18,50 +31,30 @@ __all__ = ["DETECTORS", "Detector", "Image", "identify", "make_detector"]
 
 
 def _movenet(model: Path | None, provider: str, threads: int | None) -> Detector:
-    from e3pose.detectors.inference import load_network
-    from e3pose.detectors.movenet import NAME, MoveNet
-
-    return MoveNet(load_network(_weights(NAME, model), provider, threads))
+    return MoveNet(load_network(_weights(MOVENET, model), provider, threads))
 
 
 def _openpose(name: str, model: Path | None, provider: str, threads: int | None) -> Detector:
-    from e3pose.detectors.inference import load_network
-    from e3pose.detectors.openpose import OpenPose
-    from e3pose.detectors.topology import TOPOLOGIES
-
     return OpenPose(load_network(_weights(name, model), provider, threads), TOPOLOGIES[name])
 
 
 def _yolo(model: Path | None, provider: str, threads: int | None) -> Detector:
-    from e3pose.detectors.inference import load_network
-    from e3pose.detectors.yolo import NAME, YoloPose
-
-    return YoloPose(load_network(_weights(NAME, model), provider, threads))
+    return YoloPose(load_network(_weights(YOLO, model), provider, threads))
 
 
 def _rtmo(name: str, model: Path | None, provider: str, threads: int | None) -> Detector:
-    from e3pose.detectors.inference import load_network
-    from e3pose.detectors.rtmo import Rtmo
-
     return Rtmo(load_network(_weights(name, model), provider, threads))
 
 
 def _ecpose(model: Path | None, provider: str, threads: int | None) -> Detector:
-    from e3pose.detectors.ecpose import NAME, EcPose
-    from e3pose.detectors.inference import load_network
-
-    return EcPose(load_network(_weights(NAME, model), provider, threads))
+    return EcPose(load_network(_weights(ECPOSE, model), provider, threads))
 
 
 def _drawn(model: Path | None, provider: str, threads: int | None) -> Detector:
-    from e3pose.detectors.drawn import Drawn
-
     return Drawn()
 
 
 def _top_down(name: str, model: Path | None, provider: str, threads: int | None) -> Detector:
-    from e3pose.detectors.top_down import open_top_down
-
     if model is None:
         raise InputError("model", "none", f"the folder with the two networks of {name}")
     return open_top_down(model, name, provider, threads)[1]
@@ -131,17 +124,7 @@ def identify(path: Path) -> str:
     Raises:
         InputError: when it is for none.
     """
-    from e3pose.detectors.ecpose import EcPose
-    from e3pose.detectors.inference import load_network
-    from e3pose.detectors.movenet import MoveNet
-    from e3pose.detectors.openpose import check_maps
-    from e3pose.detectors.rtmo import Rtmo
-    from e3pose.detectors.topology import TOPOLOGIES
-    from e3pose.detectors.yolo import YoloPose
-
     if path.is_dir():
-        from e3pose.detectors.top_down import open_top_down
-
         return open_top_down(path, provider="cpu", threads=1)[0]
     if path.suffix == ".pb":
         return "openpose-thin"  # the only one published as a TensorFlow graph
@@ -181,12 +164,9 @@ def skeleton_of(name: str, model: Path | None = None) -> Skeleton | None:
         return SKELETONS.get(name)
     if not path.is_dir():
         return SKELETONS.get(identify(path))
-    from e3pose.detectors.top_down import open_top_down
 
     return open_top_down(path, provider="cpu", threads=1)[1].skeleton
 
 
 def _weights(name: str, model: Path | None) -> Path:
-    from e3pose.detectors.weights import find_weights
-
     return find_weights(name) if model is None else model

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from e3pose.base.errors import InputError
 from e3pose.detectors.external_data import check_external_data
+from e3pose.detectors.weights import cache_folder
 
 # Best first; `auto` takes every one that this installation of ONNX Runtime has, in this order.
 PROVIDERS = {
@@ -192,8 +193,6 @@ class _Onnx:
 
 def _load_onnx(path: Path, provider: str, threads: int | None) -> Network:
     import onnxruntime
-
-    from e3pose.detectors.weights import cache_folder
 
     check_external_data(path)
     engine_cache = cache_folder() / "engines"

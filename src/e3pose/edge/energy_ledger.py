@@ -21,9 +21,9 @@ from e3pose.energy.site_energy import (
     new_camera,
     observe,
 )
+from e3pose.store.rows import RECORDING, EnergyReading
 
 if TYPE_CHECKING:
-    from e3pose.store.rows import EnergyReading
     from e3pose.wire.messages import Heartbeat
 
 UPDATE_S = 60.0
@@ -102,8 +102,6 @@ class EnergyLedger:
             return
         span_s = (beat.sent_edge_ns - before.sent_edge_ns) / 1e9
         if beat.energy_j is not None and before.energy_j is not None and span_s > 0:
-            from e3pose.store.rows import RECORDING, EnergyReading
-
             source = "measured" if beat.measured else "modelled"
             spent_j = max(beat.energy_j - before.energy_j, 0.0)
             video_j = min(max(beat.recording_j - before.recording_j, 0.0), spent_j)

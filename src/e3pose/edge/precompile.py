@@ -14,11 +14,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from e3pose.base.kernel import is_cached
 from e3pose.base.system import free_bytes, num_cores
 from e3pose.model.camera import Rig
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import SKELETONS
 from e3pose.pipeline import Pipeline, initial_state, step
+from e3pose.predict.attention_lstm import AttentionLstm
 
 HELPER_BYTES = 1.5e9  # free memory from which a second process compiles
 SLOTS = 12  # until a person is followed, selected for, and foreseen
@@ -94,16 +96,12 @@ def compiling_left_s() -> float:
 
 def compile_prediction() -> None:
     """Compile what the learned predictor needs."""
-    from e3pose.predict.attention_lstm import AttentionLstm
-
     skeleton = SKELETONS["coco17"]
     AttentionLstm(skeleton).predict(np.zeros((2, 2, len(skeleton), 3)), 0.04, 2)
 
 
 def _start_helper(pipeline: Pipeline) -> subprocess.Popen[bytes] | None:
     """Start a process that compiles for the predictor; None where that does not help."""
-    from e3pose.base.kernel import is_cached
-    from e3pose.predict.attention_lstm import AttentionLstm
     from e3pose.predict.kernels.prediction import predict_tracks
 
     predictors = (pipeline.predictor, pipeline.steering)

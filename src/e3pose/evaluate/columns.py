@@ -4,19 +4,16 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Collection, Mapping, Sequence
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from rich.console import Console
-    from rich.table import Table
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
 
 GAP = 2  # columns between two columns of a table
 
 
 def table_console(width: int = 240) -> Console:
     """Return a console for tables: the terminal's width, and `width` for a file or a pipe."""
-    from rich.console import Console
-
     return Console(highlight=False, width=None if sys.stdout.isatty() else width)
 
 
@@ -36,9 +33,6 @@ def fitted_tables(
         title: of the first table.
         left: headings of columns of text, left-aligned.
     """
-    from rich.table import Table
-    from rich.text import Text
-
     used = sum(_width(name, cells) + GAP for name, cells in keys.items())
     groups: list[list[str]] = [[]]
     room = width - used

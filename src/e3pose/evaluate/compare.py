@@ -14,6 +14,7 @@ import numpy as np
 from e3pose.energy.profiles import DeviceProfile, Mode
 from e3pose.energy.queues import DEFAULT_BATTERY_WH
 from e3pose.evaluate.figures import Summary, as_json
+from e3pose.evaluate.replay import replay
 from e3pose.evaluate.summary import summarise
 from e3pose.recording import Recording
 from e3pose.select.policies import COUNT
@@ -147,8 +148,6 @@ def _one(
     run: Replay | None,
 ) -> Summary:
     if run is None:
-        from e3pose.evaluate.replay import replay
-
         run = replay
     records = list(run(recording, settings))
     if settings.feedback:  # its looks take less than those that were measured

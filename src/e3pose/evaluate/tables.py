@@ -6,14 +6,16 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from rich.table import Table
+
 from e3pose.base.quantities import plural
+from e3pose.evaluate.columns import fitted_tables, table_console
 from e3pose.evaluate.energy_figures import PAPER_SAVINGS
 from e3pose.evaluate.figures import Summary, as_json
 from e3pose.evaluate.processor_figures import NOT_MEASURED, processor_words
 
 if TYPE_CHECKING:
     from rich.console import Console
-    from rich.table import Table
 
 CPU_SAVED = "CPU saved %"
 # Heading, path inside a row, digits. Columns that no row has are left out.
@@ -73,8 +75,6 @@ FIGURE_NAMES = {
 
 def print_comparison(rows: Sequence[Mapping[str, Any]], console: Console | None = None) -> None:
     """Print the rows of a comparison: means, with the spread over seeds where there are several."""
-    from e3pose.evaluate.columns import fitted_tables, table_console
-
     console = table_console() if console is None else console
     keys = {
         "policy": [str(row["policy"]) for row in rows],
@@ -133,8 +133,6 @@ def _asked(row: Mapping[str, Any]) -> str:
 
 def print_summary(summary: Summary, console: Console | None = None) -> None:
     """Print the figures of one replay and what every camera did."""
-    from rich.table import Table
-
     title = f"policy {summary.policy}, {plural(summary.slots, 'slot')}"
     if summary.smooth is not None:
         title += f", smoothed ({summary.smooth})"
@@ -199,8 +197,6 @@ def noise_lines(summary: Summary) -> list[str]:
 
 
 def _print(table: Table | str, console: Console | None) -> None:
-    from e3pose.evaluate.columns import table_console
-
     (table_console() if console is None else console).print(table)
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from e3pose.base.errors import InputError
 from e3pose.base.plugins import maker
 from e3pose.model.skeleton import COCO17, Skeleton
+from e3pose.predict.attention_lstm import PUBLISHED, AttentionLstm
 from e3pose.predict.base import Prediction as Prediction
 from e3pose.predict.base import Predictor as Predictor
 from e3pose.predict.constant_velocity import ConstantVelocity
@@ -20,14 +21,10 @@ WEIGHTS_ENDING = ".onnx"  # what `e3pose train` and `e3pose learn` leave behind
 
 
 def _attention_lstm(skeleton: Skeleton) -> Predictor:
-    from e3pose.predict.attention_lstm import AttentionLstm
-
     return AttentionLstm(skeleton)
 
 
 def _attention_lstm_paper(skeleton: Skeleton) -> Predictor:
-    from e3pose.predict.attention_lstm import PUBLISHED, AttentionLstm
-
     return AttentionLstm(skeleton, PUBLISHED)
 
 
@@ -48,8 +45,6 @@ def make_predictor(name: str, skeleton: Skeleton = COCO17) -> Predictor:
         InputError: listing the known names, or saying what is wrong with the file.
     """
     if name.endswith(WEIGHTS_ENDING):
-        from e3pose.predict.attention_lstm import AttentionLstm
-
         return AttentionLstm(skeleton, Path(name))
     more = f", a file of weights that ends in {WEIGHTS_ENDING}"
     return maker(GROUP, "predictor", name, PREDICTORS, more)(skeleton)

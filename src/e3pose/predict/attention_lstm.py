@@ -13,6 +13,8 @@ from e3pose.base.errors import InputError
 from e3pose.base.held import Held, hold
 from e3pose.model.skeleton import Skeleton
 from e3pose.predict.base import Prediction
+from e3pose.predict.calibration import read_curves
+from e3pose.predict.kernels.tracks import Joints
 from e3pose.predict.normalise import COMMON_JOINTS, LEFT_RIGHT, common_columns
 
 if TYPE_CHECKING:
@@ -42,7 +44,6 @@ class AttentionLstm:
 
     def __init__(self, skeleton: Skeleton, weights: Path = SHIPPED) -> None:
         from e3pose.predict.kernels.prediction import Parts, predict_tracks
-        from e3pose.predict.kernels.tracks import Joints
 
         self.weights, self.curves, self.history_slots, self.states_error = _load(weights)
         self.num_joints = len(skeleton)
@@ -154,8 +155,6 @@ def _check(path: Path, file: WeightsFile) -> None:
 
 
 def _curves(path: Path, properties: dict[str, str]) -> Curves:
-    from e3pose.predict.calibration import read_curves
-
     for key in ("error_factor", "error_curve"):
         try:
             read_curves({"error_factor": "[1.0]", key: properties.get(key, "null")})

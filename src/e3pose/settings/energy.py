@@ -9,6 +9,9 @@ from typing import TYPE_CHECKING, Generic, Literal, TypeVar
 from e3pose.base.errors import InputError
 from e3pose.base.quantities import duration_s, number
 from e3pose.base.table import entry
+from e3pose.energy.profiles import load_profile, modes_of
+from e3pose.energy.queues import DEFAULT_BATTERY_WH, active_cost_j, lifetime_budget
+from e3pose.energy.rest_costs import rest_costs
 
 if TYPE_CHECKING:
     from e3pose.energy.profiles import DeviceProfile
@@ -140,9 +143,6 @@ class EnergySettings:
             interval_s: of a slot.
             known_wh: by camera, what a recording or a site says of batteries.
         """
-        from e3pose.energy.profiles import load_profile
-        from e3pose.energy.queues import DEFAULT_BATTERY_WH, active_cost_j, lifetime_budget
-
         if self.battery_wh is None:
             known = known_wh or {}
             battery_wh = [known.get(camera_id, DEFAULT_BATTERY_WH) for camera_id in camera_ids]
@@ -197,9 +197,6 @@ class EnergyPlan:
         Raises:
             InputError: when no camera has it.
         """
-        from e3pose.energy.profiles import modes_of
-        from e3pose.energy.rest_costs import rest_costs
-
         if rest == "none":
             return None
         found = [modes_of(profile).rest(rest) for profile in self.profiles]

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from e3pose.base.clock import Clock, WallClock
 from e3pose.camera.base import LiveDetector, NodeSettings
 from e3pose.camera.live import CameraNode
@@ -16,6 +18,7 @@ from e3pose.camera.pictures import Pictures
 from e3pose.camera.sleep import open_suspend
 from e3pose.camera.turned import turned
 from e3pose.camera.video_recorder import VideoRecorder, VideoSettings
+from e3pose.detectors import make_detector
 from e3pose.detectors.base import Detector
 from e3pose.energy.meters.charge_file import ChargeFile
 from e3pose.energy.meters.sampler import open_sampler
@@ -265,9 +268,6 @@ def _detector(node: NodeTable, source: Any) -> tuple[LiveDetector, tuple[str, ..
     if is_recorded(node.source):
         recording = source.recording
         return RecordedDetector(), recording.skeleton.joints, recording.detector
-    import numpy as np
-
-    from e3pose.detectors import make_detector
 
     made = make_detector(node.detector, node.model, node.provider, node.threads)
     detector = turned(made, node.rotation)

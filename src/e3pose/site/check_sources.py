@@ -8,7 +8,11 @@ from pathlib import Path
 
 from e3pose.base.errors import InputError
 from e3pose.base.plugins import is_own
+from e3pose.camera.phone_file import load_phone
 from e3pose.camera.probe import Probe, probe, probe_all
+from e3pose.camera.source import open_video
+from e3pose.detectors import DETECTORS
+from e3pose.detectors.weights import MODELS, is_installed
 from e3pose.edge.delivery import SHORT
 from e3pose.settings.resolved import ResolvedSite
 from e3pose.settings.site_file import CameraTable
@@ -116,9 +120,6 @@ def _source(site: ResolvedSite, camera: CameraTable, source: str) -> Iterator[Fi
 
 def _network(camera: CameraTable) -> Iterator[Finding]:
     """Check whether the network that a camera detects with is installed."""
-    from e3pose.detectors import DETECTORS
-    from e3pose.detectors.weights import MODELS, is_installed
-
     what, detector = f"camera {camera.id}", camera.detector or ""
     if camera.model is not None:
         if not camera.model.exists():
@@ -133,9 +134,6 @@ def _network(camera: CameraTable) -> Iterator[Finding]:
 
 def _broken(path: Path, phone: bool) -> str:
     """Return why a video, or the file of a phone, cannot be used; empty if it can."""
-    from e3pose.camera.phone_file import load_phone
-    from e3pose.camera.source import open_video
-
     if path.is_dir():
         return ""
     try:

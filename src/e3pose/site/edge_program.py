@@ -19,6 +19,9 @@ from e3pose.edge.consumers import Consumers
 from e3pose.edge.energy_ledger import EnergyLedger
 from e3pose.edge.events import EventLog
 from e3pose.edge.knock_watch import KnockWatch
+from e3pose.edge.learn import LearningSettings, OnlineTrainer
+from e3pose.edge.learn.versions import check_learning_folder
+from e3pose.edge.metrics import serve_metrics
 from e3pose.edge.recorder import Recorder, RecorderSettings
 from e3pose.edge.server import EdgeServer
 from e3pose.edge.state_file import StateFile
@@ -48,7 +51,7 @@ from e3pose.wire.site_messages import Status
 from e3pose.wire.transport import Transport
 
 if TYPE_CHECKING:
-    from e3pose.store.writer import StoreWriter
+    from e3pose.store import StoreWriter
 
 WH_J = 3600.0
 
@@ -171,8 +174,6 @@ def check_edge(site: ResolvedSite) -> EdgeParts:
     written = list[tuple[Path, str]]()
     try:
         if site.learn is not None:
-            from e3pose.edge.learn.versions import check_learning_folder
-
             check_learning_folder(site.learn)
         watch = site_watch(site)
         if site.store is not None:
@@ -210,8 +211,6 @@ def start_edge(site: ResolvedSite, log: Log, clock: Clock) -> Edge:
         server = make_edge(site, parts, transport, clock, report, stack)
         server.inbox.not_admitted = refused
         if site.metrics_port is not None:
-            from e3pose.edge.metrics import serve_metrics
-
             stack.callback(serve_metrics(server, site.metrics_port).close)
         stack.callback(server.stop)
         admission = Admission(site, server, open_network, log.info)
@@ -257,8 +256,6 @@ def make_edge(
     recorder = open_recorder(site, event_log, stack)
     learner = None
     if site.learn is not None:
-        from e3pose.edge.learn import LearningSettings, OnlineTrainer
-
         learner = OnlineTrainer(site.learn, site.skeleton, LearningSettings(site.interval_s), clock)
         stack.callback(learner.close)
     idle_modes = [camera.idle_mode for camera in site.cameras.values()]

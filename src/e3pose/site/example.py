@@ -19,6 +19,7 @@ from e3pose.recording import Recording, save_recording
 from e3pose.recording.calibration import save_rig
 from e3pose.settings.site_file import SITE_FILE
 from e3pose.simulate.settings import SceneSettings
+from e3pose.simulate.simulation import simulate
 
 SCENE = SceneSettings(people=3, seconds=30.0, cameras=4)
 STORE_FILE = "live.db"
@@ -113,8 +114,6 @@ def make_example(folder: Path) -> Path:
     Raises:
         InputError: when the folder has something in it.
     """
-    from e3pose.simulate.simulation import simulate
-
     if folder.exists() and not (folder.is_dir() and not any(folder.iterdir())):
         raise InputError(
             f"{folder}: is there already, expected a new folder; run the site in it with "

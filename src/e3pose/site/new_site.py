@@ -10,6 +10,8 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
 
+import tomli_w
+
 from e3pose.base.atomic import atomic_folder, check_free
 from e3pose.base.errors import InputError
 from e3pose.base.quantities import plural, three_digits
@@ -20,6 +22,7 @@ from e3pose.energy.profiles import load_profile
 from e3pose.model.camera import Rig
 from e3pose.model.camera_fields import check_camera_id
 from e3pose.recording.calibration import save_rig
+from e3pose.recording.calibration.world import assumed_rig
 from e3pose.settings.resolved import resolve
 from e3pose.settings.site_file import SITE_FILE, load_site
 from e3pose.settings.sources import is_live, located, place_of
@@ -280,14 +283,10 @@ def _camera(choice: Choice, camera_id: str) -> str:
 
 
 def _quoted(text: str) -> str:
-    import tomli_w
-
     return tomli_w.dumps({"a": text}).partition("=")[2].strip()
 
 
 def _named(choice: Choice) -> Rig:
-    from e3pose.recording.calibration.world import assumed_rig
-
     return assumed_rig({name: seen.image_size for name, seen in choice.probes.items()})
 
 

@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO, Protocol
 
+import msgspec
 import numpy as np
 
 from e3pose.base.atomic import atomic_file
@@ -118,8 +119,6 @@ class _Json:
         self._file, self._begun = file, False
 
     def write(self, columns: Columns) -> None:
-        import msgspec
-
         names = list(columns)
         for values in zip(*columns.values(), strict=True):
             self._file.write(b",\n" if self._begun else b"\n")

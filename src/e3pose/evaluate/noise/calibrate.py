@@ -17,6 +17,7 @@ from e3pose.base.arrays import Floats, Integers
 from e3pose.base.errors import InputError
 from e3pose.evaluate.noise.residuals import MIN_SLOTS, Observed, assign_detections, leave_one_out
 from e3pose.evaluate.noise.statistics import Statistics, describe, falling, fit_memory
+from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.evaluate.smoother import project_all, smooth
 from e3pose.model.camera import Rig
 from e3pose.model.noise import IMAGE_PX, ErrorMemory, Noise
@@ -142,8 +143,6 @@ def all_camera_tracks(
         The slots and joints of everybody who stays; `(num_cameras,)` the noise that it learned,
         over that of the noise file; `(num_cameras, 2)` the shifts that it learned, in pixels.
     """
-    from e3pose.evaluate.replay import ReplaySettings, replay
-
     part = first_slots(recording, num_slots)
     settings = ReplaySettings(
         pipeline="memory", policy="all", num_selected=len(recording.rig), predictor="zero-velocity"

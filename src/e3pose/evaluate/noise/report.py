@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+from rich.table import Table
+from rich.text import Text
 
 from e3pose.base.quantities import plural
 from e3pose.evaluate.drawing import COLOURS, INK, PALE, legend_above, picture
@@ -20,7 +22,6 @@ from e3pose.model.noises.file import FORMAT, VERSION
 
 if TYPE_CHECKING:
     from rich.console import Console
-    from rich.table import Table
 
 MAX_SOURCE = 500
 
@@ -81,9 +82,6 @@ def print_noise(
             noise, and the length of the shift in pixels; NaN where it saw too little.
         shipped: the name of that noise.
     """
-    from rich.table import Table
-    from rich.text import Text
-
     table = Table("score", "keypoints", "sigma, px", "measured, px", "gross, %")
     for row in zip(
         file.scores, file.counts, file.sigma_px, file.measured_px, file.gross_share, strict=True
@@ -193,8 +191,6 @@ def _pair(shift_px: NDArray[np.float64]) -> tuple[float, float]:
 
 
 def _print(table: Table, title: str, console: Console) -> None:
-    from rich.text import Text
-
     for column in table.columns[1:]:
         column.justify = "right"
     console.print(Text(title, style="italic"))

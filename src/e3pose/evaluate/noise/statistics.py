@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import nnls
 
 from e3pose.base.arrays import Floats, Integers
 from e3pose.base.errors import InputError
@@ -138,8 +139,6 @@ def fit_memory(correlations: Mapping[float, float]) -> ErrorMemory:
 
     The correlation times are those of the default: few recordings are long enough to tell them.
     """
-    from scipy.optimize import nnls
-
     memory = ErrorMemory()
     if not correlations:
         return replace(memory, lasting_share=0.0, quick_share=0.0)

@@ -7,6 +7,7 @@ from typing import Any, Literal
 
 import msgspec
 import numpy as np
+import tomli_w
 
 from e3pose.base.errors import InputError
 from e3pose.base.table import read_table
@@ -86,8 +87,6 @@ class NoiseFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
 
 def encode_noise(file: NoiseFile) -> str:
     """Return the text of a noise file."""
-    import tomli_w
-
     table: dict[str, Any] = msgspec.to_builtins(file)
     empty = [key for key, value in table.items() if value in ([], {})]
     return tomli_w.dumps({key: value for key, value in table.items() if key not in empty})

@@ -12,6 +12,7 @@ import numpy as np
 from e3pose.base.errors import InputError
 from e3pose.camera.provenance import load_video_starts
 from e3pose.model.blind_slot import duty
+from e3pose.output.report.overlay.panels import overlay_images
 from e3pose.pipeline import SlotRecord
 from e3pose.recording import Recording
 
@@ -54,8 +55,6 @@ def _pictures(
     recording: Recording, slots: Sequence[SlotRecord], folder: Path | None, name: str
 ) -> list[str]:
     import cv2
-
-    from e3pose.output.report.overlay.panels import overlay_images
 
     made, starts_s = [], {} if folder is None else load_video_starts(folder)
     for image in overlay_images(

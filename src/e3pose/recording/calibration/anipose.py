@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import tomli_w
 
 from e3pose.base.arrays import Floats
 from e3pose.base.atomic import atomic_file
@@ -98,8 +99,6 @@ def _flag(table: Mapping[str, Any], key: str, default: bool, where: str) -> bool
 
 def save(rig: Rig, path: Path) -> None:
     """Write a rig; the file appears whole or not at all, and names its units."""
-    import tomli_w
-
     tables: dict[str, Any] = {}
     for index, camera in enumerate(rig.cameras):
         tables[f"cam_{index}"] = {

@@ -23,9 +23,20 @@ from numpy.typing import NDArray
 from e3pose.base.atomic import atomic_folder, check_free
 from e3pose.base.errors import InputError
 from e3pose.base.system import num_cores
+from e3pose.camera.source import open_video
+from e3pose.detectors import make_detector
 from e3pose.detectors.weights import Progress, find_weights, is_installed, pull_weights
 from e3pose.edge.reports import site_cpu_saved
+from e3pose.energy.profiles import load_profile
+from e3pose.evaluate.figures import as_json
+from e3pose.evaluate.poses_table import write_poses
+from e3pose.evaluate.summary import summarise
 from e3pose.model.blind_slot import count_blind
+from e3pose.model.skeleton import COCO18
+from e3pose.output.report import write_report
+from e3pose.recording import Recording, ViewSeries
+from e3pose.recording.calibration import load_rig
+from e3pose.settings.loop import ReplaySettings
 from e3pose.simulate import SceneSettings, simulate
 from e3pose.site.demo.clip import SOURCE, TITLE, Clip, fetch_clip, find_clip
 from e3pose.site.demo.pictures import draw
@@ -38,11 +49,11 @@ from e3pose.site.demo.summary import (
     pace_words,
     processor_words,
 )
+from e3pose.site.example import STORE_FILE, Example, write_example, write_recorded
 
 if TYPE_CHECKING:
     from e3pose.evaluate.figures import Summary
     from e3pose.pipeline import SlotRecord
-    from e3pose.recording import Recording
     from e3pose.site.demo.live import Heard, Show
     from e3pose.site.demo.stored_run import Film
 
@@ -130,7 +141,6 @@ def run_demo(
     """
     from e3pose.site.demo.live import run_live
     from e3pose.site.demo.stored_run import stored_records
-    from e3pose.site.example import STORE_FILE
 
     began = time.monotonic()
     check_free(dest, overwrite, MARKS)
@@ -206,12 +216,7 @@ def _fetched(name: str, fetch: Callable[[Progress], T], offline: bool, phase: Ph
 
 def _filmed(clip: Clip, weights: Path, folder: Path, phase: Phase) -> Scene:
     """Write a site whose cameras play the clip, as fast as this machine can detect."""
-    from e3pose.camera.source import open_video
-    from e3pose.model.skeleton import COCO18
-    from e3pose.recording import Recording, ViewSeries
-    from e3pose.recording.calibration import load_rig
     from e3pose.site.demo.stored_run import Film
-    from e3pose.site.example import Example, write_example
 
     rig = load_rig(clip.calibration)
     (folder / "videos").mkdir(parents=True)
@@ -250,9 +255,6 @@ def _filmed(clip: Clip, weights: Path, folder: Path, phase: Phase) -> Scene:
 
 def _alone_s(video: Path, weights: Path) -> float:
     """Return the seconds of a detection on one thread of this machine."""
-    from e3pose.camera.source import open_video
-    from e3pose.detectors import make_detector
-
     detector = make_detector(NETWORK, weights, "cpu", 1)
     image = next(iter(open_video(video).frames(0.0))).image
     detector.detect(image)  # the first detection is slow
@@ -278,7 +280,6 @@ def pace_for(alone_s: float, num_cameras: int, fps: float, cores: int) -> float:
 
 def _simulated(stand_in: SceneSettings | None, folder: Path, phase: Phase) -> Scene:
     from e3pose.site.demo.stored_run import Film
-    from e3pose.site.example import write_recorded
 
     scene = stand_in or STAND_IN
     with phase("simulating a scene") as progress:
@@ -352,12 +353,6 @@ def _write_results(
     progress: Progress,
 ) -> Summary:
     """Write tables, figures, the page and the pictures; return the figures."""
-    from e3pose.energy.profiles import load_profile
-    from e3pose.evaluate.figures import as_json
-    from e3pose.evaluate.poses_table import write_poses
-    from e3pose.evaluate.summary import summarise
-    from e3pose.output.report import write_report
-    from e3pose.settings.loop import ReplaySettings
     from e3pose.site.demo.stored_run import as_recording
 
     recording = as_recording(scene, heard, moments_s)

@@ -10,6 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.detectors.weights import Progress
+from e3pose.output.report.overlay import (
+    draw_poses,
+    overlay_images,
+    reproject,
+    stack_strip,
+    track_color,
+    write_image,
+    write_movie,
+)
+from e3pose.output.report.overlay.panels import BLIND_COLOR, camera_word
 from e3pose.site.demo.summary import SLOWER
 
 if TYPE_CHECKING:
@@ -43,8 +53,6 @@ def draw(
         site: whose `videos` folder has the videos.
         progress: called after every picture.
     """
-    from e3pose.output.report.overlay import stack_strip, write_image, write_movie
-
     wanted = fullest(records)
     strip: list[Image] = []
     if not recording.videos:
@@ -70,8 +78,6 @@ def _played(
     site: Path,
 ) -> Iterator[Image]:
     """Yield one image per slot; the videos begin again where the moments do."""
-    from e3pose.output.report.overlay import overlay_images
-
     again = np.flatnonzero(np.diff(moments_s) < 0) + 1
     for part in np.split(np.arange(len(records)), again):
         if not len(part):
@@ -93,9 +99,6 @@ def fullest(records: Sequence[SlotRecord]) -> set[int]:
 def _sketch(recording: Recording, record: SlotRecord) -> Image:
     """Draw what stands in for frames: 2D detections in grey, 3D skeletons over them in colour."""
     import cv2
-
-    from e3pose.output.report.overlay import draw_poses, reproject, track_color
-    from e3pose.output.report.overlay.panels import BLIND_COLOR, camera_word
 
     colors = [track_color(int(track_id)) for track_id in record.track_ids]
     panels: list[Image] = []

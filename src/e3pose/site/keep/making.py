@@ -18,7 +18,14 @@ from typing import Any
 from e3pose.base.errors import InputError
 from e3pose.base.quantities import plural
 from e3pose.base.system import stand_back
+from e3pose.estimate.smooth import SmoothSettings, smoothed
+from e3pose.output.exports import ExportSettings, export
+from e3pose.output.exports.source import Asked, take_from_store
+from e3pose.output.report.stored import write_stretch
+from e3pose.settings.resolved import resolve_site
+from e3pose.site.keep.mcap import write_mcap
 from e3pose.site.keep.wish import Wish
+from e3pose.store import Store
 
 SAY_S = 0.2  # between two lines about how far it is
 Say = Callable[[str, float | None], None]
@@ -37,11 +44,6 @@ def make(wish: Wish, site_file: Path, folder: Path, say: Say) -> tuple[list[str]
         InputError: when nothing is stored, or the form cannot hold it.
         OSError: when the disk takes no more.
     """
-    from e3pose.estimate.smooth import SmoothSettings
-    from e3pose.output.report.stored import write_stretch
-    from e3pose.settings.resolved import resolve_site
-    from e3pose.store import Store
-
     site = resolve_site(site_file)
     if site.store is None:
         raise InputError("the site stores nothing: add [store] to its site file")
@@ -53,8 +55,6 @@ def make(wish: Wish, site_file: Path, folder: Path, say: Say) -> tuple[list[str]
         slots = write_stretch(site, store, dest, wish.start_ns, wish.end_ns, smoothing)
         return [dest.name], plural(slots, "slot")
     if wish.form == "mcap":
-        from e3pose.site.keep.mcap import write_mcap
-
         return [dest.name], write_mcap(wish, site, dest, say)
     return _exported(wish, str(site.store.place), site.name, dest, smoothing, say)
 
@@ -62,9 +62,6 @@ def make(wish: Wish, site_file: Path, folder: Path, say: Say) -> tuple[list[str]
 def _exported(
     wish: Wish, place: str, site: str, dest: Path, smoothing: Any, say: Say
 ) -> tuple[list[str], str]:
-    from e3pose.estimate.smooth import smoothed
-    from e3pose.output.exports import ExportSettings, export
-    from e3pose.output.exports.source import Asked, take_from_store
 
     def progress(items: Iterable[Any], total: int, label: str) -> Iterator[Any]:
         for done, item in enumerate(items):

@@ -13,12 +13,17 @@ from e3pose.base.errors import InputError
 from e3pose.camera.probe import Probe, find_devices, probe, probe_all
 from e3pose.settings.limits import Rotation
 from e3pose.settings.sources import is_recorded, place_of
+from e3pose.simulate import SceneSettings
+from e3pose.simulate import simulate as run
+from e3pose.site.example import make_example
 from e3pose.site.setup.desk import Desk
 from e3pose.site.setup.discovery import look_around
 from e3pose.site.setup.finding import check_typed, find_films, free_name
 from e3pose.site.setup.onvif import Login, streams_of
 from e3pose.site.setup.plan import ChosenCamera, Plan
 from e3pose.site.setup.tasks import Task
+from e3pose.site.simulated_films import FOLDER, write_films
+from e3pose.wire.topics import check_site
 
 SIMULATED = "films"  # folder of the stand-in for cameras, after the site's name
 SIMULATED_S, SIMULATED_FPS, SIMULATED_SIZE = 30.0, 12.5, (640, 480)
@@ -201,10 +206,6 @@ def start_simulating(desk: Desk) -> None:
         raise InputError("cameras", "some already", "a site without cameras, for simulated films")
 
     def simulate(task: Task) -> None:
-        from e3pose.simulate import SceneSettings
-        from e3pose.simulate import simulate as run
-        from e3pose.site.simulated_films import FOLDER, write_films
-
         films = dest / FOLDER
         if not films.is_dir():
             settings = SceneSettings(
@@ -225,9 +226,6 @@ def start_simulating(desk: Desk) -> None:
 
 def make_example_site(desk: Desk, name: str) -> None:
     """Make a finished site that plays a simulated scene, and turn to it."""
-    from e3pose.site.example import make_example
-    from e3pose.wire.topics import check_site
-
     desk.tasks.check_free()
     make_example(desk.root / check_site(name))
     desk.choose(name)

@@ -14,6 +14,7 @@ from pydantic import Field
 
 from e3pose.base.errors import InputError
 from e3pose.base.quantities import plural
+from e3pose.output.archive.deleting import delete_everywhere
 from e3pose.site.keep.jobs import KEPT_S, Jobs
 from e3pose.site.keep.recordings import kept_recordings, remove_recording
 from e3pose.site.keep.wish import FORMS, MOST_TRACKS, Wish
@@ -139,8 +140,6 @@ def _add_clips(api: APIRouter, keep: Keeping, place: str | Path) -> None:
 
 
 def _delete_stored(place: str | Path, site: str, number: int) -> int:
-    from e3pose.output.archive.deleting import delete_everywhere
-
     clip = next((one for one, _ in clips_of(place, site) if one.number == number), None)
     if clip is None:
         raise InputError("clip", number, "one of the site")

@@ -1,0 +1,130 @@
+"""`e3pose up`: all programs of a site on one machine."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from contextlib import closing, nullcontext, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
+from rich.console import Console
+from rich.live import Live
+
+from e3pose.base.errors import InputError
+from e3pose.base.private import make_folder
+from e3pose.base.quantities import check_seconds
+from e3pose.cli.options import Flag, as_typed, warn
+from e3pose.cli.progress import LINE_S
+from e3pose.settings.resolved import resolve_site
+from e3pose.site.example import make_example
+from e3pose.site.follow import Follower, viewer_link
+from e3pose.site.screen import compiling_words, screen
+from e3pose.site.up import Program, run_site, view_command
+
+if TYPE_CHECKING:
+    from e3pose.wire.site_messages import Status
+
+from e3pose.cli.running import DELAY, delay_ms
+
+
+def up(
+    site: Path,
+    /,
+    *,
+    example: Flag = False,
+    view: Flag = False,
+    delay: str | None = None,
+    logs: Path | None = None,
+    for_s: Annotated[float | None, Parameter(name="--for")] = None,
+    quiet: Flag = False,
+) -> None:
+    """Run a complete site on this machine: the edge and one process per camera.
+
+    Example: `e3pose up try --example`
+
+    That creates a simulated site in the folder `try` and runs it; `e3pose up site.toml` runs an
+    existing site. Each `[[camera]]` of the site file needs a `source`. The screen is that of
+    `e3pose top`; Ctrl-C stops everything.
+
+    Parameters
+    ----------
+    site
+        Site file, or the folder that contains site.toml.
+    example
+        Create the folder first, with four cameras that play a simulated scene.
+    view
+        Also run `e3pose view`: the live page, at the printed address.
+    delay
+        Publish poses a second time, smoothed, this much later, such as 200ms. Default:
+        `smooth_delay_ms` of the site file.
+    logs
+        Folder for the logs of the programs. Default: `logs` beside the site file.
+    for_s
+        Stop after this many seconds.
+    quiet
+        Print nothing but the addresses of `--view`.
+    """
+    check_seconds("--for", for_s)
+
+    from e3pose.site.ready import site_programs
+    from e3pose.wire.network import open_network
+
+    if example:
+        make_example(site)
+    later_ms = delay_ms(delay)
+    with as_typed(DELAY):
+        resolved = resolve_site(site, later_ms)
+    folder = logs or resolved.folder / "logs"
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"--logs: found a file, expected a folder: {folder}")
+    options = () if delay is None else ("--delay", delay)
+    measuring = Console(stderr=True).status("measuring the networks")
+    programs = site_programs(resolved, folder, *options, warn=warn, measuring=measuring)
+    console = Console(quiet=quiet)
+    if view:
+        from e3pose.site.web.program import address_of, page_links
+
+        programs.append(Program("view", view_command(resolved.path), folder / "view.log"))
+        address = address_of(resolved)
+        print("\n".join(page_links(resolved, address)), flush=True)
+    make_folder(folder)
+    link = viewer_link(resolved, None)
+    with closing(open_network(link)) as transport:
+        follower = Follower(resolved.name)
+        follower.listen(transport)
+        _run_shown(programs, follower, console, for_s, show=console.is_terminal and not quiet)
+    console.print(f"Stopped. Logs: {folder}", highlight=False)
+
+
+def _run_shown(
+    programs: Sequence[Program],
+    follower: Follower,
+    console: Console,
+    for_s: float | None,
+    show: bool,
+) -> None:
+    """Run the programs until stopped, and show the site: all the time, or once at the end."""
+    begun_s = came_s = said_s = time.monotonic()
+    end_s = None if for_s is None else begun_s + for_s
+    newest: Status | None = None
+    with Live(console=console, auto_refresh=False) if show else nullcontext() as live:
+
+        def stopped() -> bool:
+            nonlocal came_s, newest, said_s
+            if follower.fresh.is_set():
+                follower.fresh.clear()
+                came_s, newest = time.monotonic(), follower.status
+            if live is not None:
+                live.update(screen(follower.status, time.monotonic() - came_s), refresh=True)
+            rest_s = None if live is not None or newest is None else newest.compiling_s
+            if rest_s is not None and time.monotonic() >= said_s:
+                said_s = time.monotonic() + LINE_S
+                console.print(compiling_words(rest_s), highlight=False)
+            return end_s is not None and time.monotonic() >= end_s
+
+        with suppress(KeyboardInterrupt):
+            run_site(programs, stopped, console.print)
+    if newest is not None and not show:  # of a site at work, not of one that is ending
+        console.print(screen(newest, 0.0))
