@@ -12,6 +12,7 @@ import time
 from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,10 @@ NAMES = ("lab", "hall", "yard")
 MORE = ('state = "disk/state.npz"',)
 TABLES = ("[store]", 'path = "disk/poses.db"')
 ENDED_S = 15.0
+
+
+def not_overloaded(site: LiveSite) -> bool:
+    return not site.status().overload
 
 
 @dataclass(eq=False)
@@ -73,7 +78,7 @@ class House:
             site.unbroken([poses.slot for poses in site.poses[count:]], lost)
             assert site.status().slots_lost == lost, self.said(name)
             # A machine that is busy meanwhile overloads an edge for some seconds.
-            assert eventually(lambda site=site: not site.status().overload, 120), self.said(name)
+            assert eventually(partial(not_overloaded, site), 120), self.said(name)
             assert site.online() == set(CAMERAS), self.said(name)
 
     def waits(self, name: str, seconds: float) -> None:

@@ -30,7 +30,7 @@ def test_a_good_download_arrives(site: Site, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("page", "message"),
     [
-        (b"x" + CONTENT[1:], "found sha256 .* expected .* thrown away"),
+        (bytes([CONTENT[0] ^ 1]) + CONTENT[1:], "found sha256 .* expected .* thrown away"),
         ((CONTENT[:1000], len(CONTENT)), "broke off|ended after 1000 bytes"),
         ((CONTENT[:1000], -1), "found sha256|ended after 1000 bytes, expected 300000"),
         (b"", "found sha256|ended after 0 bytes"),

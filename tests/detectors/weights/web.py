@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import hashlib
-import os
+import random
 import socket
 import threading
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
-CONTENT = os.urandom(300_000)
+CONTENT = random.Random(12).randbytes(300_000)
 
 
 SHA256 = hashlib.sha256(CONTENT).hexdigest()
