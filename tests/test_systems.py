@@ -24,8 +24,8 @@ PLACES = {
     "detectors/weights/index.py": "finds no settings of pip",
     "settings/limits.py": "a message",
     "camera/machine.py": "finds no state to suspend to",
-    "site/check_camera.py": "a message",
-    "site/check_sources.py": "finds no device",
+    "site/check/camera.py": "a message",
+    "site/check/sources.py": "finds no device",
     "site/new_site.py": "a message",
 }
 LINUX_ONLY = {"fcntl", "grp", "pwd", "resource", "termios", "tty", "pty", "syslog", "msvcrt"}

@@ -12,7 +12,7 @@ from tests.camera.mjpeg import network_camera
 from e3pose.base.errors import InputError
 from e3pose.camera.frame_rate import LEAST, NEWEST, FrameRate, rate_hz, rounded_hz
 from e3pose.camera.probe import Probe, probe, probe_all
-from e3pose.site.check_sources import compare_rates
+from e3pose.site.check.sources import compare_rates
 
 
 def times_ns(fps: float, count: int, begin_s: float = 0.0, jitter_s: float = 0.0) -> list[int]:

@@ -22,7 +22,7 @@ from e3pose.settings.resolved import resolve
 from e3pose.settings.site_file import load_site
 from e3pose.site import check as examine
 from e3pose.site.check import Finding, check_running
-from e3pose.site.check_sources import check_rates, check_sources
+from e3pose.site.check.sources import check_rates, check_sources
 from e3pose.site.detector_speed import check_speed, measure_detections
 from e3pose.site.follow import Follower, viewer_link
 
@@ -63,7 +63,7 @@ def check(
     check_seconds("--timeout", timeout)
 
     if is_camera_file(site):
-        from e3pose.site.check_camera import check_camera
+        from e3pose.site.check.camera import check_camera
 
         node = load_node(site)
         found = list(check_camera(node, timeout))
@@ -76,7 +76,7 @@ def check(
 
 
 def _site(site: ResolvedSite, quick: bool, running: bool) -> list[Finding]:
-    from e3pose.site import check_settings
+    from e3pose.site.check import settings as check_settings
     from e3pose.site.edge_program import check_edge
 
     if not site.rig.placed:

@@ -26,7 +26,7 @@ from e3pose.detectors.weights import MODELS, find_weights, is_installed
 from e3pose.recording.calibration import load_calibration, load_rig
 from e3pose.recording.calibration.world import require_placed
 from e3pose.settings.site_file import load_site
-from e3pose.site.check_sources import compare_rates
+from e3pose.site.check.sources import compare_rates
 from e3pose.site.detector_speed import check_speed
 from e3pose.site.new_site import (
     NETWORKS,

@@ -9,7 +9,7 @@ from pathlib import Path
 from e3pose.base.errors import InputError
 from e3pose.settings.resolved import ResolvedSite
 from e3pose.site.admission import edge_link
-from e3pose.site.check_sources import require_sources
+from e3pose.site.check.sources import require_sources
 from e3pose.site.detector_speed import check_speed, hopeless, measure_detections
 from e3pose.site.edge_program import check_edge
 from e3pose.site.up import Program, camera_command, edge_command

@@ -15,7 +15,7 @@ from e3pose.edge.record_server import RecordingPlan, RecordServer, Watch, nobody
 from e3pose.settings.resolved import ResolvedSite, resolve
 from e3pose.settings.site_file import SiteTable
 from e3pose.site.admission import edge_link
-from e3pose.site.check_sources import require_sources
+from e3pose.site.check.sources import require_sources
 from e3pose.site.detector_speed import measure_detections, with_time_for_all
 from e3pose.site.up import Program, camera_command, last_line, run_site
 from e3pose.wire.network import open_network

@@ -27,7 +27,7 @@ from e3pose.site.check import (
     check_running,
     check_server,
 )
-from e3pose.site.check_sources import check_sources
+from e3pose.site.check.sources import check_sources
 from e3pose.wire.endpoint import read_endpoint
 from e3pose.wire.keys.folder import add_keys, init_keys
 from e3pose.wire.site_messages import CameraStatus, Status
