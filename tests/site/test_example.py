@@ -15,7 +15,8 @@ from e3pose.settings.resolved import resolve_site
 from e3pose.settings.site_file import SITE_FILE, load_site
 from e3pose.simulate import SceneSettings, simulate
 from e3pose.site import example
-from e3pose.site.check import check_calibration, check_link_of
+from e3pose.site.check.link import check_link_of
+from e3pose.site.check.rig import check_calibration
 from e3pose.site.check.sources import check_sources
 from e3pose.site.example import Example, free_port, make_example, write_example, write_recorded
 

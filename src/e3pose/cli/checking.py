@@ -3,31 +3,22 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
-from datetime import datetime
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from e3pose.base.errors import InputError
 from e3pose.base.quantities import check_seconds, plural
 from e3pose.cli.options import Flag, warn
 from e3pose.cli.progress import stage_progress
 from e3pose.settings.camera_file import is_camera_file, load_node
 from e3pose.settings.resolved import resolve
 from e3pose.settings.site_file import load_site
-from e3pose.site import check as examine
-from e3pose.site.check import Finding, check_running
-from e3pose.site.check.sources import check_rates, check_sources
-from e3pose.site.detector_speed import check_speed, measure_detections
-from e3pose.site.follow import Follower, viewer_link
-
-if TYPE_CHECKING:
-    from e3pose.settings.resolved import ResolvedSite
+from e3pose.site.check.finding import Finding
 
 STYLES = {"ok": "green", "warning": "yellow", "problem": "bold red"}
 
@@ -61,73 +52,25 @@ def check(
         Do not measure how long the networks take, nor count frames.
     """
     check_seconds("--timeout", timeout)
-
     if is_camera_file(site):
         from e3pose.site.check.camera import check_camera
 
-        node = load_node(site)
-        found = list(check_camera(node, timeout))
-    else:
-        table = load_site(site)
-        resolved = resolve(table, placed=False)
-        edge, running = _edge(resolved, keys, timeout)
-        found = [*_site(resolved, quick, running), *edge]
+        _show(check_camera(load_node(site), timeout))
+        return
+    from e3pose.site.check.site import check_site
+
+    resolved = resolve(load_site(site), placed=False)
+    measuring = Console(stderr=True).status("measuring the networks")
+    found = check_site(resolved, keys, timeout, _counting(), measuring, quick)
+    warn(resolved.warning)
     _show(found)
 
 
-def _site(site: ResolvedSite, quick: bool, running: bool) -> list[Finding]:
-    from e3pose.site.check import settings as check_settings
-    from e3pose.site.edge_program import check_edge
-
-    if not site.rig.placed:
-        found = [examine.uncalibrated(site)]
-    else:
-        parts = check_edge(site)
-        warn(site.warning)
-        now = datetime.now().astimezone()
-        found = [
-            *examine.check_calibration(site.rig),
-            *check_settings.check_skeletons(site),
-            *check_settings.check_feedback(site),
-            *check_settings.check_events(site),
-            *check_settings.check_budgets(site, parts, now),
-        ]
-    sources = list(check_sources(site))
-    found += [*examine.check_link_of(site), *examine.check_places(site), *sources]
-    usable = all(finding.level != "problem" for finding in sources)
-    selected = min(site.loop.num_selected or len(site.rig), len(site.rig))
-    if usable and not quick:
-        if not running:  # a running site has the devices, and counts their frames itself
-            with stage_progress() as (_, advance):
-                found += check_rates(site, partial(advance, "counting frames"))
-        found += _looks(site, selected)
-    return [*found, examine.check_clock(site.link.endpoint)]
-
-
-def _looks(site: ResolvedSite, selected: float) -> list[Finding]:
-    try:
-        with Console(stderr=True).status("measuring the networks"):
-            times = measure_detections(site)
-    except InputError as error:
-        return [Finding("problem", "network", str(error))]
-    return [] if times is None else list(check_speed(site, times, selected))
-
-
-def _edge(site: ResolvedSite, keys: Path | None, timeout_s: float) -> tuple[list[Finding], bool]:
-    """Return what is found of the edge, and whether it is running."""
-    from e3pose.wire.network import open_network
-
-    try:
-        link = viewer_link(site, keys)
-        transport = open_network(link)
-    except InputError as error:
-        return [Finding("warning", "edge", f"cannot connect: {error}")], False
-    follower = Follower(site.name)
-    follower.listen(transport)
-    follower.fresh.wait(timeout_s)
-    transport.close()
-    running = follower.status is not None
-    return [*check_running(follower.status, link.endpoint)], running
+@contextmanager
+def _counting() -> Iterator[Callable[[int, int], None]]:
+    """Yield what shows of how many cameras the frames are counted."""
+    with stage_progress() as (_, advance):
+        yield partial(advance, "counting frames")
 
 
 def _show(findings: Sequence[Finding]) -> None:

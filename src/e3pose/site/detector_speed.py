@@ -20,7 +20,7 @@ from e3pose.detectors.timing import DEFAULT_SIZE, DetectionTimes, Workload, time
 from e3pose.settings.resolved import ResolvedSite
 from e3pose.settings.site_file import SiteTable
 from e3pose.settings.sources import is_recorded
-from e3pose.site.check import Finding
+from e3pose.site.check.finding import Finding
 
 KEPT = "look-times.json"  # beside the site file
 MAX_BYTES = 10**5

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import closing, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -104,6 +104,21 @@ def operator_of(link: Link) -> str | None:
         return LOCAL_OPERATOR
     is_operator = link.certificates.certificate.name == "operator.pem"
     return holder(link.certificates) if is_operator else None
+
+
+def status_of(link: Link, timeout_s: float) -> Status | None:
+    """Return what the edge of a link says of itself; None if it says nothing in time.
+
+    Raises:
+        InputError: when the network cannot be joined.
+    """
+    from e3pose.wire.network import open_network
+
+    follower = Follower(link.site)
+    with closing(open_network(link)) as transport:
+        follower.listen(transport)
+        follower.fresh.wait(timeout_s)
+    return follower.status
 
 
 def viewer_link(site: SiteTable, viewer: Path | None, operates: bool = False) -> Link:

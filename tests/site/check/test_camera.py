@@ -21,8 +21,8 @@ from e3pose.model.skeleton import COCO17
 from e3pose.recording import save_recording
 from e3pose.settings.camera_file import NodeTable
 from e3pose.simulate import SceneSettings, simulate
-from e3pose.site.check import Finding
 from e3pose.site.check.camera import check_camera, suspended
+from e3pose.site.check.finding import Finding
 from e3pose.wire.access import Link
 from e3pose.wire.endpoint import Endpoint, read_endpoint
 from e3pose.wire.keys.folder import add_keys, init_keys

@@ -17,16 +17,12 @@ from tests.rigs import looking
 from tests.site.tables import resolved_site, write_site
 
 from e3pose.model.camera import Camera, Rig
-from e3pose.site.check import (
-    CLOCK_MS,
-    Finding,
-    check_calibration,
-    check_clock,
-    check_link_of,
-    check_places,
-    check_running,
-    check_server,
-)
+from e3pose.site.check.clock import CLOCK_MS, check_clock
+from e3pose.site.check.finding import Finding
+from e3pose.site.check.link import check_link_of
+from e3pose.site.check.places import check_places, check_server
+from e3pose.site.check.rig import check_calibration
+from e3pose.site.check.running import check_running
 from e3pose.site.check.sources import check_sources
 from e3pose.wire.endpoint import read_endpoint
 from e3pose.wire.keys.folder import add_keys, init_keys

@@ -15,7 +15,7 @@ from e3pose.base.errors import InputError
 from e3pose.detectors.timing import DetectionTimes
 from e3pose.settings.resolved import ResolvedSite
 from e3pose.settings.site_file import SiteTable
-from e3pose.site.check import Finding
+from e3pose.site.check.finding import Finding
 from e3pose.site.check.settings import check_budgets, check_events, check_feedback, check_skeletons
 from e3pose.site.detector_speed import (
     SPARE,

@@ -11,7 +11,8 @@ from e3pose.base.quantities import three_digits
 from e3pose.camera.machine import RAM, Machine, examine
 from e3pose.settings.camera_file import NodeTable
 from e3pose.settings.sources import shown_source
-from e3pose.site.check import CLOCK_MS, Finding, Level, check_clock
+from e3pose.site.check.clock import CLOCK_MS, check_clock
+from e3pose.site.check.finding import Finding, Level
 from e3pose.wire.keys.folder import link_of
 from e3pose.wire.keys.renewal import SOON_DAYS
 from e3pose.wire.reach import Reach, reach_edge

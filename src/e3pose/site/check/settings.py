@@ -13,7 +13,7 @@ from e3pose.energy.budgets import Budget, Supply, allowance_j, slot_shares
 from e3pose.model.skeleton import lacking, serves
 from e3pose.settings.resolved import ResolvedSite
 from e3pose.settings.sources import is_recorded
-from e3pose.site.check import Finding
+from e3pose.site.check.finding import Finding
 from e3pose.site.edge_program import EdgeParts
 
 JOULES = 3600.0  # a watt-hour

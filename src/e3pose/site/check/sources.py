@@ -17,7 +17,7 @@ from e3pose.edge.delivery import SHORT
 from e3pose.settings.resolved import ResolvedSite
 from e3pose.settings.site_file import CameraTable
 from e3pose.settings.sources import PHONE, is_recorded, place_of, shown_source
-from e3pose.site.check import Finding
+from e3pose.site.check.finding import Finding
 
 SOURCE_ADVICE = "correct its source, relative to the folder of the site file"
 

@@ -1,0 +1,121 @@
+"""Check a site before it runs: first all facts are found, then they are judged."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
+from datetime import datetime
+from pathlib import Path
+from typing import NamedTuple
+
+from e3pose.base.errors import InputError
+from e3pose.detectors.timing import DetectionTimes
+from e3pose.settings.resolved import ResolvedSite
+from e3pose.site.check.clock import check_clock
+from e3pose.site.check.finding import Finding
+from e3pose.site.check.link import check_link_of
+from e3pose.site.check.places import check_places
+from e3pose.site.check.rig import check_calibration, uncalibrated
+from e3pose.site.check.running import check_running
+from e3pose.site.check.settings import (
+    check_budgets,
+    check_events,
+    check_feedback,
+    check_skeletons,
+)
+from e3pose.site.check.sources import check_rates, check_sources
+from e3pose.site.detector_speed import check_speed, measure_detections
+from e3pose.site.edge_program import check_edge
+from e3pose.site.follow import status_of, viewer_link
+from e3pose.wire.endpoint import Endpoint
+from e3pose.wire.site_messages import Status
+
+Counting = AbstractContextManager[Callable[[int, int], None]]
+
+
+def check_site(
+    site: ResolvedSite,
+    keys: Path | None,
+    timeout_s: float,
+    counting: Counting,
+    measuring: AbstractContextManager[object],
+    quick: bool = False,
+) -> list[Finding]:
+    """Return what is found of a site, in the order in which it is set up.
+
+    Args:
+        site: what its file says; its cameras may have no places.
+        keys: folder of a viewer's certificates; None for the keys of the site.
+        timeout_s: how long to wait for the edge, if it runs.
+        counting: entered while frames are counted; yields what takes cameras done, and all.
+        measuring: entered while networks are measured.
+        quick: do not measure how long the networks take, nor count frames.
+
+    Raises:
+        InputError: for settings that keep its edge from starting.
+    """
+    parts = check_edge(site) if site.rig.placed else None
+    edge = _ask_edge(site, keys, timeout_s)
+    sources = list(check_sources(site))
+    usable = not quick and all(finding.level != "problem" for finding in sources)
+    if usable and edge.status is None:
+        with counting as progress:  # a running site has the devices, and counts frames itself
+            sources += check_rates(site, progress)
+    times = _measure(site, measuring) if usable else None
+
+    found = [uncalibrated(site)]
+    if parts is not None:
+        found = [
+            *check_calibration(site.rig),
+            *check_skeletons(site),
+            *check_feedback(site),
+            *check_events(site),
+            *check_budgets(site, parts, datetime.now().astimezone()),
+        ]
+    found += [*check_link_of(site), *check_places(site), *sources]
+    if isinstance(times, InputError):
+        found.append(Finding("problem", "network", str(times)))
+    elif times is not None:
+        selected = min(site.loop.num_selected or len(site.rig), len(site.rig))
+        found += check_speed(site, times, selected)
+    return [*found, check_clock(site.link.endpoint), *edge.findings()]
+
+
+class Asked(NamedTuple):
+    """What came of asking the edge.
+
+    Attributes:
+        endpoint: where it was asked.
+        status: what it says; None if it says nothing in time.
+        problem: why it could not be asked.
+    """
+
+    endpoint: Endpoint
+    status: Status | None = None
+    problem: InputError | None = None
+
+    def findings(self) -> Iterator[Finding]:
+        """Check the edge that runs, if one does."""
+        if self.problem is None:
+            yield from check_running(self.status, self.endpoint)
+        else:
+            yield Finding("warning", "edge", f"cannot connect: {self.problem}")
+
+
+def _ask_edge(site: ResolvedSite, keys: Path | None, timeout_s: float) -> Asked:
+    try:
+        link = viewer_link(site, keys)
+        return Asked(link.endpoint, status_of(link, timeout_s))
+    except InputError as error:
+        return Asked(site.link.endpoint, problem=error)
+
+
+def _measure(
+    site: ResolvedSite, measuring: AbstractContextManager[object]
+) -> DetectionTimes | InputError | None:
+    """Return how long detections take; None where none are made here."""
+    try:
+        with measuring:
+            return measure_detections(site)
+    except InputError as error:
+        return error
