@@ -55,14 +55,14 @@ def check(
     if is_camera_file(site):
         from e3pose.site.check.camera import check_camera
 
-        _show(check_camera(load_node(site), timeout))
-        return
-    from e3pose.site.check.site import check_site
+        found = check_camera(load_node(site), timeout)
+    else:
+        from e3pose.site.check.site import check_site
 
-    resolved = resolve(load_site(site), placed=False)
-    measuring = Console(stderr=True).status("measuring the networks")
-    found = check_site(resolved, keys, timeout, _counting(), measuring, quick)
-    warn(resolved.warning)
+        resolved = resolve(load_site(site), placed=False)
+        measuring = Console(stderr=True).status("measuring the networks")
+        found = check_site(resolved, keys, timeout, _counting(), measuring, quick)
+        warn(resolved.warning)
     _show(found)
 
 
