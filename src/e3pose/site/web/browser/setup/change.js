@@ -69,6 +69,6 @@ export function Change() {
       ${settings.stored && html`<fieldset><legend>Storage</legend>${text("keep", "Keep poses for", "30d", "older ones are deleted; empty for ever")}${text("max_size", "Largest size", "20GB", "the oldest go first; empty for no limit")}</fieldset>`}
       <${Zones} settings=${settings} zones=${typed.zones || settings.zones} change=${(zones) => type((now) => ({ ...now, zones }))} />
       <p class="row"><button type="submit" id="save" class="main" disabled=${off || !Object.keys(typed).length}>Check and save</button>
-      ${settings.before && html`<button type="button" id="before" disabled=${off} onClick=${back}>Take the file of before</button>`}</p>
+      ${settings.before && html`<button type="button" id="before" disabled=${off} onClick=${back}>Restore the previous file</button>`}</p>
     </form>`;
 }
