@@ -15,7 +15,7 @@ import pytest
 from e3pose.base.bounded import parse_toml
 from e3pose.base.table import read_table
 from e3pose.cli.app import GROUPS, VERBS, app
-from e3pose.cli.calibrating import VERBS as CALIBRATE_VERBS
+from e3pose.cli.calibrating import CALIBRATIONS
 from e3pose.cli.options import EnergyOptions, LoopOptions
 from e3pose.edge import roster
 from e3pose.settings.camera_file import NodeTable
@@ -147,7 +147,7 @@ def test_readme_lists_the_verbs_of_each_group() -> None:
     assert listed == {title: tuple(verbs) for title, verbs in GROUPS.items()} | {"Calibrate": ()}
     (calibrations,) = (names for title, names in rows if title == "Calibrate")
     verbs = [name.split()[-1] for name in re.findall(r"`([\w -]+)`", calibrations)]
-    assert verbs == [verb.__name__ for verb in CALIBRATE_VERBS] + ["noise"]
+    assert verbs == [verb.__name__ for verb in CALIBRATIONS]
 
 
 def imported() -> list[tuple[str, str, str]]:

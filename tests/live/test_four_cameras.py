@@ -65,7 +65,7 @@ def run(
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "200")
     quickly = partial(time_detections, seconds=MEASURE_S)
-    for module in ("detectors.timing", "site.detector_speed"):
+    for module in ("cli.starting", "site.detector_speed"):
         monkeypatch.setattr(f"e3pose.{module}.time_detections", quickly)
 
     def of(command: str) -> tuple[int, str]:

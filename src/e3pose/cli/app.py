@@ -191,8 +191,8 @@ def main(tokens: Sequence[str] | None = None) -> None:
         if tokens is None and len(sys.argv) == 1:
             tokens = _without_words()
         words = sys.argv[1:] if tokens is None else tokens
-        # Only the list of all verbs needs a line on each.
-        program = app if any(word in VERBS for word in words) else make_app(summary_of)
+        # The list of all verbs has a line on each.
+        program = app if {*words} & {*VERBS, *app.version_flags} else make_app(summary_of)
         try:
             program(tokens, exit_on_error=False, print_error=False)
         finally:
@@ -206,11 +206,13 @@ def main(tokens: Sequence[str] | None = None) -> None:
         _fail(_one_line(error))
     except MemoryError:
         _fail("out of memory, expected a smaller or shorter input")
-    except ModuleNotFoundError as error:
-        extra = EXTRAS.get((error.name or "").split(".")[0])
+    except ImportError as error:
+        missing = error.__cause__ or error  # the parser's, which loads a verb's module
+        name = missing.name if isinstance(missing, ModuleNotFoundError) else None
+        extra = EXTRAS.get((name or "").split(".")[0])
         if extra is None:
             raise
-        _fail(f"{error.name} is not installed: pip install 'e3pose[{extra}]'")
+        _fail(f"{name} is not installed: pip install 'e3pose[{extra}]'")
     except KeyboardInterrupt:
         print("e3pose: interrupted", file=sys.stderr)
         sys.exit(EXIT_INTERRUPTED)

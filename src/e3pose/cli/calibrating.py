@@ -24,13 +24,9 @@ calibrate_app = App(
     name="calibrate", help="Calibrate cameras, check a calibration, and measure keypoint noise."
 )
 
-VERBS = (board, intrinsics, extrinsics, align, check)
-for _verb in VERBS:
-    calibrate_app.command(_verb)
 MAX_SECONDS = 3600.0
 
 
-@calibrate_app.command
 def noise(
     recording: Path,
     /,
@@ -111,3 +107,9 @@ def _check(seconds: float, detector: str | None) -> None:
         raise InputError(f"--seconds: found {seconds:g}, expected more than 0, at most 3600")
     if detector is not None and not (0 < len(detector) <= 200 and detector.isprintable()):
         raise InputError(f"--detector: found {detector[:40]!r}, expected 1 to 200 characters")
+
+
+# In the order in which they are called.
+CALIBRATIONS = (board, intrinsics, extrinsics, align, check, noise)
+for _verb in CALIBRATIONS:
+    calibrate_app.command(_verb)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Literal
@@ -140,7 +140,7 @@ def intrinsics(
         check_picture("--picture", picture)
         check_output(picture)
     filmed = Board.parse(board)
-    named = cameras_of(films)
+    named = name_videos(films)
     reports = []
     with camera_bar("looking for the board") as bar:
         for camera_id, path in named.items():
@@ -160,11 +160,6 @@ def intrinsics(
         print("\n".join(as_lines(report)))
     print(f"{dest}: lenses of {', '.join(named)}; where they stand is not known yet")
     print(f"Then: e3pose calibrate extrinsics VIDEO... rig.toml --intrinsics {dest}")
-
-
-def cameras_of(words: Sequence[str]) -> dict[str, Path]:
-    """Return camera ids and paths of words such as `CAMERA=PATH` or `PATH`, named by the file."""
-    return name_videos(words)
 
 
 def toml_path(word: str) -> Path:

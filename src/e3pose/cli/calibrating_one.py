@@ -14,14 +14,13 @@ from e3pose.calibrate.recordings import last_seconds
 from e3pose.cli.calibrating_lenses import toml_path
 from e3pose.cli.output import is_stdout, write_json
 from e3pose.model.noises import detector_of, load_noise
-from e3pose.recording import load_recording
+from e3pose.recording import Recording, load_recording
 from e3pose.recording.calibration import load_rig, save_rig
 from e3pose.recording.writer import PARTIAL, as_far_as_written
 from e3pose.settings.site_file import load_site
 
 if TYPE_CHECKING:
     from e3pose.model.camera import Rig
-    from e3pose.recording import Recording
 
 
 ENOUGH_S = 20.0  # of views by the camera

@@ -16,7 +16,8 @@ from e3pose.calibrate.ball import check_colours
 from e3pose.calibrate.board import Board
 from e3pose.calibrate.points_file import load_markers, load_points
 from e3pose.calibrate.recordings import first_seconds, known_lenses, with_lenses
-from e3pose.cli.calibrating_lenses import DEFAULT_BOARD, camera_bar, cameras_of, toml_path
+from e3pose.camera.pairing import name_videos
+from e3pose.cli.calibrating_lenses import DEFAULT_BOARD, camera_bar, toml_path
 from e3pose.cli.calibrating_one import place_again
 from e3pose.cli.detecting import camera_seconds
 from e3pose.cli.options import Flag, as_typed
@@ -274,7 +275,7 @@ def _films(
     rate = film.rate
     if not 0.1 <= rate <= 240:
         raise InputError(f"--rate: found {rate:g}, expected 0.1 to 240 a second")
-    named = cameras_of(sources)
+    named = name_videos(sources)
     used = lenses.subset([lenses.index(name) for name in named])
     offsets = camera_seconds("--offset", film.offset or [])
     for name in offsets:

@@ -15,8 +15,9 @@ from e3pose.base.quantities import length_m
 from e3pose.calibrate.board import Board
 from e3pose.calibrate.board_views import find_board
 from e3pose.calibrate.recordings import first_seconds
+from e3pose.camera.pairing import name_videos
 from e3pose.camera.provenance import load_provenance
-from e3pose.cli.calibrating_lenses import DEFAULT_BOARD, cameras_of, check_picture, toml_path
+from e3pose.cli.calibrating_lenses import DEFAULT_BOARD, check_picture, toml_path
 from e3pose.cli.calibrating_places import expected_values
 from e3pose.cli.options import Flag, as_typed
 from e3pose.cli.output import JsonFile, is_stdout, number_or_null, write_json
@@ -220,7 +221,7 @@ def _board_floor(rig: Rig, pictures: list[str], name: str) -> Move:
     board = Board.parse(name)
     board.check_oriented()
     corners = np.full((len(rig), len(board.corners_m), 2), np.nan)
-    for camera_id, path in cameras_of(pictures).items():
+    for camera_id, path in name_videos(pictures).items():
         views = find_board(camera_id, path, board, max_frames=30)
         check_size(rig, camera_id, views.image_size)
         if len(views.corners_px):

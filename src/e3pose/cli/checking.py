@@ -57,12 +57,12 @@ def check(
 
         found = check_camera(load_node(site), timeout)
     else:
-        from e3pose.site.check.site import check_site
+        from e3pose.site.check.site import examine_site
 
         resolved = resolve(load_site(site), placed=False)
         measuring = Console(stderr=True).status("measuring the networks")
-        found = check_site(resolved, keys, timeout, _counting(), measuring, quick)
         warn(resolved.warning)
+        found = examine_site(resolved, keys, timeout, _counting(), measuring, quick)
     _show(found)
 
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal, get_args
+from typing import Annotated, Literal, get_args
 
 from cyclopts import Group, Parameter
 from rich.console import Console
@@ -17,19 +17,15 @@ from rich.progress import TimeRemainingColumn as TimeLeft
 from e3pose.base.atomic import check_free
 from e3pose.base.errors import InputError
 from e3pose.base.quantities import plural
-from e3pose.camera.detect import DetectSettings, detect_videos, partial_folder
+from e3pose.camera.detect import DetectReport, DetectSettings, detect_videos, partial_folder
 from e3pose.cli.options import OUTPUT, Flag, Whole, as_typed
 from e3pose.cli.placed import check_world
-from e3pose.detectors import DETECTORS, identify, is_network, make_detector
+from e3pose.detectors import DETECTORS, Detector, identify, is_network, make_detector
 from e3pose.detectors.weights import MODELS, find_weights
 from e3pose.detectors.weights.fetch import file_sha256
 from e3pose.recording.calibration import load_calibration, load_rig
 from e3pose.settings.limits import Rotation
 from e3pose.settings.loop import WHOLE_EVERY
-
-if TYPE_CHECKING:
-    from e3pose.camera.detect import DetectReport
-    from e3pose.detectors import Detector
 
 EXIT_INTERRUPTED = 130
 

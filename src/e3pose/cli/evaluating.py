@@ -33,16 +33,13 @@ from e3pose.evaluate.detect_again import open_pixels, replay_stored
 from e3pose.evaluate.drawing import check_svg
 from e3pose.evaluate.lead_picture import draw_leads
 from e3pose.evaluate.tables import print_comparison
-from e3pose.select.policies import BUDGET, COUNT, WEIGHT
-from e3pose.settings.energy import AWAKE
-from e3pose.settings.loop import FEEDBACK
+from e3pose.select.policies import BUDGET, COUNT, WEIGHT, PolicyRow
+from e3pose.settings.energy import AWAKE, EnergyPlan
+from e3pose.settings.loop import FEEDBACK, ReplaySettings
 from e3pose.settings.parts import make_pipeline, noise_warning, row_of
 
 if TYPE_CHECKING:
-    from e3pose.select.policies import PolicyRow
-    from e3pose.settings.energy import EnergyPlan
     from e3pose.settings.faults import Faults
-    from e3pose.settings.loop import ReplaySettings
 
 LOOP, ENERGY, FAULTS = LoopOptions(), EnergyOptions(), FaultOptions()
 

@@ -20,7 +20,7 @@ from e3pose.cli.querying import check_files, store_of
 from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.events import trial as trials
 from e3pose.events import watch as watching
-from e3pose.events.watch import begin_watch, site_watch
+from e3pose.events.watch import Watch, begin_watch, site_watch
 from e3pose.settings.events_table import EventsTable
 from e3pose.settings.resolved import resolve_site
 from e3pose.site.connect import Connection, seen_of
@@ -31,7 +31,6 @@ from e3pose.store.export import row_columns, write_tables
 if TYPE_CHECKING:
     from e3pose.events.people import Seen
     from e3pose.events.trial import Trial
-    from e3pose.events.watch import Watch
 
 events_app = App(name="events", help="Test what is told of people, and sum up a week of it.")
 PATIENCE_S = 10.0  # without anybody, before that is said

@@ -18,14 +18,13 @@ from e3pose.cli.progress import track_progress
 from e3pose.cli.querying import PERIOD, ROWS, PeriodOptions, check_numbers, files_of, store_of
 from e3pose.cli.smoothing import SmoothOptions
 from e3pose.estimate.smooth import SmoothSettings, smoothed
-from e3pose.model.take import FILLED, PREDICTED
+from e3pose.model.take import FILLED, PREDICTED, Motion, Take
 from e3pose.output.exports import ExportSettings, format_of
 from e3pose.output.exports import export as write
 from e3pose.output.exports.resample import resampled
 from e3pose.recording.calibration import load_rig
 
 if TYPE_CHECKING:
-    from e3pose.model.take import Motion, Take
     from e3pose.output.exports.base import Progress
     from e3pose.output.exports.source import Asked
 

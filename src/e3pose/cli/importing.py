@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 from cyclopts import App, Parameter
 
@@ -14,7 +14,7 @@ from e3pose.base.errors import InputError
 from e3pose.base.quantities import plural
 from e3pose.cli.options import Flag
 from e3pose.cli.progress import track_progress
-from e3pose.recording import save_recording
+from e3pose.recording import Recording, save_recording
 from e3pose.recording.datasets.bvh import import_bvh
 from e3pose.recording.datasets.coco import import_coco
 from e3pose.recording.datasets.human36m import import_human36m
@@ -23,9 +23,6 @@ from e3pose.recording.datasets.openpose import import_openpose
 from e3pose.recording.datasets.panoptic import import_panoptic
 from e3pose.recording.datasets.published import SHELF, import_campus, import_published
 from e3pose.recording.datasets.shelf import import_shelf
-
-if TYPE_CHECKING:
-    from e3pose.recording import Recording
 
 import_app = App(name="import", help="Convert a data set or detections into a recording.")
 
@@ -87,7 +84,7 @@ def shelf(
     frames
         First and last frame of the published folder. Default: 300-600, which everybody scores.
     """
-    _check_free(dest, overwrite)
+    check_free(dest, overwrite)
     if source.is_dir() or not (source.exists() or source.suffix.lower() == ".npz"):
         recording = import_published(
             source, SHELF, _range(frames), detected.detections, detected.folders(), _progress
@@ -122,7 +119,7 @@ def campus(
     frames
         First and last frame. Default: 350-750, of which 350 to 470 and 650 to 750 are scored.
     """
-    _check_free(dest, overwrite)
+    check_free(dest, overwrite)
     recording = import_campus(
         source, _range(frames), detected.detections, detected.folders(), _progress
     )
@@ -158,7 +155,7 @@ def human36m(
     subaction
         1 or 2.
     """
-    _check_free(dest, overwrite)
+    check_free(dest, overwrite)
     recording = import_human36m(
         source, subject, action, subaction, detected.detections, detected.folders(), _progress
     )
@@ -207,7 +204,7 @@ def panoptic(
     project_truth
         Use exact projections of the truth as detections; the recording says so.
     """
-    _check_free(dest, overwrite)
+    check_free(dest, overwrite)
     recording = import_panoptic(
         source,
         cameras=[name.strip() for name in cameras.split(",")],
@@ -243,7 +240,7 @@ def openpose(
     source
         Folder with one folder per camera.
     """
-    _check_free(dest, overwrite)
+    check_free(dest, overwrite)
     recording = import_openpose(source, calibration, fps, _parse_folders(folder), _progress)
     _save(recording, dest, overwrite)
 
@@ -274,7 +271,7 @@ def coco(
         Detector of the results: the name of a shipped noise model such as openpose, or any other
         name. Without it, the noise is learned from a cautious start.
     """
-    _check_free(dest, overwrite)
+    check_free(dest, overwrite)
     _save(import_coco(source, calibration, fps, images, detector), dest, overwrite)
 
 
@@ -309,7 +306,7 @@ def cmu(
     """
     clips = {clip: dest} if clip is not None else {name: dest / name for name in cmu_clips(source)}
     for path in clips.values():
-        _check_free(path, overwrite)
+        check_free(path, overwrite)
     for name, path in track_progress(clips.items(), len(clips), "reading"):
         _save(import_cmu(source, name, fps), path, overwrite)
 
@@ -341,7 +338,7 @@ def bvh(
     up
         Axis of the file that points up.
     """
-    _check_free(dest, overwrite)
+    check_free(dest, overwrite)
     recording, scale_m = import_bvh(source, scale, up == "z")
     _save(recording, dest, overwrite)
     print(f"Unit of {source.name}: {scale_m:g} m; {recording.num_slots / recording.fps:.1f} s")
@@ -351,11 +348,6 @@ def bvh(
 def videos(recording: Path, folder: Path, /) -> None:
     """Say what the verb for this is called now."""
     raise InputError("import videos", "no data set", f"`e3pose attach {recording} {folder}`")
-
-
-def _check_free(dest: Path, overwrite: bool) -> None:
-    """Refuse before minutes of reading, not after."""
-    check_free(dest, overwrite)
 
 
 def _save(recording: Recording, dest: Path, overwrite: bool) -> None:

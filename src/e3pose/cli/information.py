@@ -15,14 +15,11 @@ from e3pose.cli.output import JsonFile, is_stdout, write_json
 from e3pose.evaluate.columns import fitted_tables, table_console
 from e3pose.model.noises import DEFAULT, detector_of
 from e3pose.recording import load_recording
-from e3pose.recording.description import describe
-from e3pose.recording.problems import find_problems
+from e3pose.recording.description import CameraDescription, Description, describe
+from e3pose.recording.problems import Problem, find_problems
 
 if TYPE_CHECKING:
     from rich.console import Console
-
-    from e3pose.recording.description import CameraDescription, Description
-    from e3pose.recording.problems import Problem
 
 
 def info(

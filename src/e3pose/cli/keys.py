@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from cyclopts import App, Parameter
 from rich.console import Console
@@ -15,11 +15,8 @@ from e3pose.base.bounded import read_bytes
 from e3pose.base.errors import InputError
 from e3pose.cli.options import Flag
 from e3pose.cli.output import wrote
-from e3pose.wire.keys.folder import MAX_PEM_BYTES, add_keys, init_keys, read_roll, revoke_keys
+from e3pose.wire.keys.folder import MAX_PEM_BYTES, Kind, add_keys, init_keys, read_roll, revoke_keys
 from e3pose.wire.keys.renewal import AUTHORITY, expiring, renew_keys
-
-if TYPE_CHECKING:
-    from e3pose.wire.keys.folder import Kind
 
 keys_app = App(name="keys", help="Create, list and revoke the certificates of a site.")
 DEFAULT = Path("keys")

@@ -22,8 +22,8 @@ from e3pose.camera.live_source import make_source
 from e3pose.cli.options import Flag, Whole
 from e3pose.cli.output import JsonFile, is_stdout, write_json
 from e3pose.detectors import make_detector
-from e3pose.energy.meters.base import MeterError
-from e3pose.energy.meters.battery import read_charge
+from e3pose.energy.meters.base import MeterError, Reading
+from e3pose.energy.meters.battery import Charge, read_charge
 from e3pose.energy.meters.choose import choose_meter
 from e3pose.energy.profiles import load_profile, modes_of
 from e3pose.energy.profiles.write import profile_text
@@ -32,8 +32,6 @@ from e3pose.settings.sources import is_recorded
 from e3pose.site.measure_modes import measure_modes, measured_profile
 
 if TYPE_CHECKING:
-    from e3pose.energy.meters.base import Reading
-    from e3pose.energy.meters.battery import Charge
     from e3pose.energy.modes import CameraModes
 
 LEAST_S, MOST_S = 0.1, 60.0

@@ -9,12 +9,11 @@ from typing import TYPE_CHECKING
 from e3pose.camera.provenance import load_provenance
 from e3pose.cli.options import warn
 from e3pose.cli.progress import notice_compiling
-from e3pose.recording import load_recording
+from e3pose.recording import Recording, load_recording
 from e3pose.recording.calibration.world import require_placed, world_problem
 
 if TYPE_CHECKING:
     from e3pose.model.camera import Rig
-    from e3pose.recording import Recording
 
 
 def load_placed(path: Path) -> Recording:

@@ -45,7 +45,6 @@ def record(
         Folder for the logs of the cameras. Default: `logs` beside the site file.
     """
     check_seconds("--for", for_s)
-
     from e3pose.site.record_program import record_site
 
     console = Console()

@@ -31,7 +31,7 @@ from e3pose.cli.smoothing import SmoothOptions
 from e3pose.cli.storing import StoreOptions, stored
 from e3pose.estimate.smooth.delayed import lag_slots
 from e3pose.evaluate.detect_again import open_pixels
-from e3pose.evaluate.figures import as_json
+from e3pose.evaluate.figures import Summary, as_json
 from e3pose.evaluate.poses_table import check_poses_path, write_poses
 from e3pose.evaluate.replay import replay as run_replay
 from e3pose.evaluate.smoothed import smooth_poses, smooth_records
@@ -44,7 +44,6 @@ from e3pose.settings.parts import noise_warning
 if TYPE_CHECKING:
     from e3pose.estimate.base import People, Posterior
     from e3pose.estimate.smooth import SmoothSettings
-    from e3pose.evaluate.figures import Summary
     from e3pose.model.slot_record import SlotRecord
     from e3pose.recording import Recording
 

@@ -17,6 +17,7 @@ from e3pose.base.private import make_folder
 from e3pose.base.quantities import check_seconds
 from e3pose.cli.options import Flag, as_typed, warn
 from e3pose.cli.progress import LINE_S
+from e3pose.cli.running import DELAY, delay_ms
 from e3pose.settings.resolved import resolve_site
 from e3pose.site.example import make_example
 from e3pose.site.follow import Follower, viewer_link
@@ -25,8 +26,6 @@ from e3pose.site.up import Program, run_site, view_command
 
 if TYPE_CHECKING:
     from e3pose.wire.site_messages import Status
-
-from e3pose.cli.running import DELAY, delay_ms
 
 
 def up(
@@ -67,7 +66,6 @@ def up(
         Print nothing but the addresses of `--view`.
     """
     check_seconds("--for", for_s)
-
     from e3pose.site.ready import site_programs
     from e3pose.wire.network import open_network
 

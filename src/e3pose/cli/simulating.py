@@ -17,7 +17,7 @@ from e3pose.base.atomic import check_free
 from e3pose.base.errors import InputError
 from e3pose.base.quantities import plural
 from e3pose.cli.options import Flag, Whole
-from e3pose.recording import save_recording
+from e3pose.recording import Recording, save_recording
 from e3pose.recording.calibration import load_rig
 from e3pose.simulate import DetectorSettings, Guessing, SceneSettings, adjusted
 from e3pose.simulate import simulate as run
@@ -28,7 +28,6 @@ from e3pose.site.simulated_films import write_films
 
 if TYPE_CHECKING:
     from e3pose.model.camera import Rig
-    from e3pose.recording import Recording
 
 RESOLUTION = re.compile(r"(\d{1,6})[xX](\d{1,6})")
 

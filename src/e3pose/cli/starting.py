@@ -17,11 +17,11 @@ from e3pose.base.plugins import beside
 from e3pose.base.quantities import plural, three_digits
 from e3pose.base.system import num_cores
 from e3pose.camera.orientation import Orientation
-from e3pose.camera.probe import find_devices, probe, probe_all
+from e3pose.camera.probe import Probe, find_devices, probe, probe_all
 from e3pose.cli.options import Whole, warn
 from e3pose.cli.progress import stage_progress
 from e3pose.detectors import DETECTORS
-from e3pose.detectors.timing import Workload, time_detections
+from e3pose.detectors.timing import DetectionTimes, Workload, time_detections
 from e3pose.detectors.weights import MODELS, find_weights, is_installed
 from e3pose.recording.calibration import load_calibration, load_rig
 from e3pose.recording.calibration.world import require_placed
@@ -41,8 +41,6 @@ from e3pose.site.new_site import (
 from e3pose.wire.topics import check_site
 
 if TYPE_CHECKING:
-    from e3pose.camera.probe import Probe
-    from e3pose.detectors.timing import DetectionTimes
     from e3pose.model.camera import Rig
 
 

@@ -6,16 +6,16 @@ import sys
 import time
 from contextlib import ExitStack, closing
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from cyclopts import Parameter
 
 from e3pose.base.errors import InputError
 from e3pose.base.quantities import check_seconds
 from e3pose.cli.options import Flag, warn
-from e3pose.events.watch import site_watch
+from e3pose.events.watch import Watch, site_watch
 from e3pose.settings.events_table import EventsTable
-from e3pose.settings.resolved import resolve_site
+from e3pose.settings.resolved import ResolvedSite, resolve_site
 from e3pose.site.connect import Connection
 from e3pose.site.follow import viewer_link
 from e3pose.site.run import run_until_stopped
@@ -24,10 +24,6 @@ from e3pose.site.streams.send import Sender
 from e3pose.site.trial_notices import Answerer
 from e3pose.site.troubles import TroubleFile
 from e3pose.site.zones import Zones
-
-if TYPE_CHECKING:
-    from e3pose.events.watch import Watch
-    from e3pose.settings.resolved import ResolvedSite
 
 FIRST_SLOT_S = 60.0  # to wait for what --for counts from
 RUNNING = "an edge that runs, with cameras online (`e3pose top`)"

@@ -19,12 +19,11 @@ from e3pose.cli.options import Flag, warn
 from e3pose.cli.output import JsonFile, is_stdout, write_json, wrote
 from e3pose.cli.progress import stage_progress
 from e3pose.model.noises import detector_of, load_noise
-from e3pose.recording import load_recording, save_recording
+from e3pose.recording import Recording, load_recording, save_recording
 from e3pose.recording.calibration import load_rig
 
 if TYPE_CHECKING:
     from e3pose.calibrate.synchronise import Synchrony
-    from e3pose.recording import Recording
 
 
 ENOUGH_S = 8.0  # of people, to solve a calibration on the way

@@ -46,7 +46,6 @@ def top(
         With --once: seconds to wait for the edge.
     """
     check_seconds("--timeout", timeout)
-
     from e3pose.wire.network import open_network
 
     table = load_site(site)

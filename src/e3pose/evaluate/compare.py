@@ -14,14 +14,13 @@ import numpy as np
 from e3pose.energy.profiles import DeviceProfile, Mode
 from e3pose.energy.queues import DEFAULT_BATTERY_WH
 from e3pose.evaluate.figures import Summary, as_json
-from e3pose.evaluate.replay import replay
+from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.evaluate.summary import summarise
 from e3pose.recording import Recording
 from e3pose.select.policies import COUNT
 from e3pose.settings.parts import row_of
 
 if TYPE_CHECKING:
-    from e3pose.evaluate.replay import ReplaySettings
     from e3pose.pipeline import SlotRecord
 
 Replay = Callable[..., Iterator["SlotRecord"]]
@@ -62,7 +61,7 @@ def compare(
     idle_mode: Mode = "power-saving",
     battery_wh: float | Sequence[float] = DEFAULT_BATTERY_WH,
     jobs: int = -1,
-    run: Replay | None = None,
+    run: Replay = replay,
 ) -> Iterator[Summary]:
     """Replay under each of `settings` and yield their summaries in order, as they become ready.
 
@@ -73,7 +72,7 @@ def compare(
         idle_mode: what a camera does that is not selected.
         battery_wh: capacity of the cameras' batteries, one for all or one for each.
         jobs: parallel processes; all processor cores if -1.
-        run: the replay function, `e3pose.evaluate.replay.replay` unless given.
+        run: replays a recording under settings.
 
     Yields:
         One summary per entry of `settings`.
@@ -145,10 +144,8 @@ def _one(
     profile: DeviceProfile | Sequence[DeviceProfile],
     idle_mode: Mode,
     battery_wh: float | Sequence[float],
-    run: Replay | None,
+    run: Replay,
 ) -> Summary:
-    if run is None:
-        run = replay
     records = list(run(recording, settings))
     if settings.feedback:  # its looks take less than those that were measured
         recording = replace(recording, processor={})

@@ -20,21 +20,13 @@ FALLBACK = "constant-velocity"
 WEIGHTS_ENDING = ".onnx"  # what `e3pose train` and `e3pose learn` leave behind
 
 
-def _attention_lstm(skeleton: Skeleton) -> Predictor:
-    return AttentionLstm(skeleton)
-
-
-def _attention_lstm_paper(skeleton: Skeleton) -> Predictor:
-    return AttentionLstm(skeleton, PUBLISHED)
-
-
 # A predictor is made for the skeleton of the poses that it will be given.
 PREDICTORS: dict[str, Callable[[Skeleton], Predictor]] = {
     "zero-velocity": lambda skeleton: ZeroVelocity(),
     "constant-velocity": lambda skeleton: ConstantVelocity(),
     "damped-velocity": lambda skeleton: DampedVelocity(),
-    "attention-lstm": _attention_lstm,
-    "attention-lstm-paper": _attention_lstm_paper,
+    "attention-lstm": AttentionLstm,
+    "attention-lstm-paper": lambda skeleton: AttentionLstm(skeleton, PUBLISHED),
 }
 
 

@@ -14,13 +14,12 @@ from e3pose.base.held import Held, hold
 from e3pose.model.skeleton import Skeleton
 from e3pose.predict.base import Prediction
 from e3pose.predict.calibration import read_curves
-from e3pose.predict.kernels.tracks import Joints
+from e3pose.predict.kernels.tracks import Curves, Joints
 from e3pose.predict.normalise import COMMON_JOINTS, LEFT_RIGHT, common_columns
 
 if TYPE_CHECKING:
     from e3pose.predict.kernels.network import Weights
     from e3pose.predict.kernels.prediction import Parts
-    from e3pose.predict.kernels.tracks import Curves
     from e3pose.predict.weights_file import WeightsFile
 
 

@@ -4,18 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Generic, Literal, TypeVar
+from typing import Generic, Literal, TypeVar
 
 from e3pose.base.errors import InputError
 from e3pose.base.quantities import duration_s, number
 from e3pose.base.table import entry
-from e3pose.energy.profiles import load_profile, modes_of
+from e3pose.energy.profiles import DeviceProfile, load_profile, modes_of
 from e3pose.energy.queues import DEFAULT_BATTERY_WH, active_cost_j, lifetime_budget
-from e3pose.energy.rest_costs import rest_costs
-
-if TYPE_CHECKING:
-    from e3pose.energy.profiles import DeviceProfile
-    from e3pose.energy.rest_costs import RestCosts
+from e3pose.energy.rest_costs import RestCosts, rest_costs
 
 T = TypeVar("T")
 U = TypeVar("U")

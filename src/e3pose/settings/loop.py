@@ -11,7 +11,7 @@ from msgspec import Meta
 from e3pose.base.errors import InputError
 from e3pose.base.quantities import duration_s, length_m, milliseconds_s, power_w
 from e3pose.base.table import check_bounds, entry
-from e3pose.settings.energy import AWAKE, RestChoice
+from e3pose.settings.energy import AWAKE, EnergyPlan, RestChoice
 from e3pose.settings.faults import NO_FAULTS, Faults
 
 if TYPE_CHECKING:
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from e3pose.estimate.base import Estimator
     from e3pose.predict.base import Predictor
     from e3pose.select.policies.base import Policy
-    from e3pose.settings.energy import EnergyPlan
 
 # The names that users give: what estimates, and who decides unless they say otherwise.
 PIPELINES = {

@@ -28,9 +28,10 @@ from e3pose.site.web.feed import (
     TooMany,
 )
 from e3pose.site.web.page_names import PageNames
-from e3pose.site.web.schemas import event_of_status
+from e3pose.site.web.schemas import Encoded, event_of_status
 from e3pose.site.zones import Zones
 from e3pose.wire.codec import encode
+from e3pose.wire.site_messages import Status
 
 
 def socket(watched: Watched, form: str = "json", **more: Any) -> ClientConnection:
@@ -173,8 +174,9 @@ def test_followers_are_told_when_the_edge_goes_and_comes_back() -> None:
     assert told[3]["heard_ns"] == told[1]["heard_ns"] > 0
 
 
-def test_names_read_slowly_bring_no_older_status_after_a_newer(
-    monkeypatch: pytest.MonkeyPatch,
+@pytest.mark.parametrize("slowly", ["names", "disks"])
+def test_what_is_read_slowly_brings_no_older_status_after_a_newer(
+    monkeypatch: pytest.MonkeyPatch, slowly: str
 ) -> None:
     async def follow() -> list[int]:
         feed, hub = Feed("lab"), Hub()
@@ -183,18 +185,35 @@ def test_names_read_slowly_bring_no_older_status_after_a_newer(
         edge = hub.join()
         edge.publish("e3pose/lab/status", encode(status(3)))
 
-        def slow(names: PageNames, run_ns: int) -> bool:
-            edge.publish("e3pose/lab/status", encode(status(4)))
+        comes = threading.Thread(
+            target=lambda: edge.publish("e3pose/lab/status", encode(status(4)))
+        )
+
+        def look(names: PageNames, run_ns: int) -> bool:
+            if slowly == "names":
+                comes.start()
+                comes.join()
             return True
 
-        monkeypatch.setattr(PageNames, "look", slow)
+        around = feed._status_event
+
+        def event(newest: Status) -> Encoded:
+            made = around(newest)
+            if slowly == "disks" and comes.ident is None:
+                comes.start()
+                assert eventually(lambda: feed.status is not newest)
+            return made
+
+        monkeypatch.setattr(PageNames, "look", look)
         async with feed.follow("10.0.0.1") as queue:
+            monkeypatch.setattr(feed, "_status_event", event)
             feed.look_at_names()
+            comes.join()
             await asyncio.sleep(0)
             told = [queue.get_nowait() for _ in range(queue.qsize())]
         return [event.body["slot"] for event in told if event.kind == "status"]
 
-    assert asyncio.run(follow()) == [3, 4, 4]
+    assert asyncio.run(follow()) == ([3, 4, 4] if slowly == "names" else [3, 3, 4])
 
 
 def test_so_many_and_no_more_follow() -> None:

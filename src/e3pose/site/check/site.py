@@ -1,12 +1,11 @@
-"""Check a site before it runs: first all facts are found, then they are judged."""
+"""Check a site before it runs: ask its edge, try its sources, time its networks, then judge."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import AbstractContextManager
 from datetime import datetime
 from pathlib import Path
-from typing import NamedTuple
 
 from e3pose.base.errors import InputError
 from e3pose.detectors.timing import DetectionTimes
@@ -27,13 +26,11 @@ from e3pose.site.check.sources import check_rates, check_sources
 from e3pose.site.detector_speed import check_speed, measure_detections
 from e3pose.site.edge_program import check_edge
 from e3pose.site.follow import status_of, viewer_link
-from e3pose.wire.endpoint import Endpoint
-from e3pose.wire.site_messages import Status
 
 Counting = AbstractContextManager[Callable[[int, int], None]]
 
 
-def check_site(
+def examine_site(
     site: ResolvedSite,
     keys: Path | None,
     timeout_s: float,
@@ -55,16 +52,17 @@ def check_site(
         InputError: for settings that keep its edge from starting.
     """
     parts = check_edge(site) if site.rig.placed else None
-    edge = _ask_edge(site, keys, timeout_s)
+    edge, runs = _ask_edge(site, keys, timeout_s)
     sources = list(check_sources(site))
     usable = not quick and all(finding.level != "problem" for finding in sources)
-    if usable and edge.status is None:
+    if usable and not runs:
         with counting as progress:  # a running site has the devices, and counts frames itself
             sources += check_rates(site, progress)
     times = _measure(site, measuring) if usable else None
 
-    found = [uncalibrated(site)]
-    if parts is not None:
+    if parts is None:
+        found = [uncalibrated(site)]
+    else:
         found = [
             *check_calibration(site.rig),
             *check_skeletons(site),
@@ -78,36 +76,19 @@ def check_site(
     elif times is not None:
         selected = min(site.loop.num_selected or len(site.rig), len(site.rig))
         found += check_speed(site, times, selected)
-    return [*found, check_clock(site.link.endpoint), *edge.findings()]
+    return [*found, check_clock(site.link.endpoint), *edge]
 
 
-class Asked(NamedTuple):
-    """What came of asking the edge.
-
-    Attributes:
-        endpoint: where it was asked.
-        status: what it says; None if it says nothing in time.
-        problem: why it could not be asked.
-    """
-
-    endpoint: Endpoint
-    status: Status | None = None
-    problem: InputError | None = None
-
-    def findings(self) -> Iterator[Finding]:
-        """Check the edge that runs, if one does."""
-        if self.problem is None:
-            yield from check_running(self.status, self.endpoint)
-        else:
-            yield Finding("warning", "edge", f"cannot connect: {self.problem}")
-
-
-def _ask_edge(site: ResolvedSite, keys: Path | None, timeout_s: float) -> Asked:
+def _ask_edge(
+    site: ResolvedSite, keys: Path | None, timeout_s: float
+) -> tuple[list[Finding], bool]:
+    """Return what is found of the edge, and whether it runs."""
     try:
         link = viewer_link(site, keys)
-        return Asked(link.endpoint, status_of(link, timeout_s))
+        status = status_of(link, timeout_s)
     except InputError as error:
-        return Asked(site.link.endpoint, problem=error)
+        return [Finding("warning", "edge", f"cannot connect: {error}")], False
+    return [*check_running(status, link.endpoint)], status is not None
 
 
 def _measure(

@@ -28,7 +28,7 @@ from e3pose.detectors import make_detector
 from e3pose.detectors.weights import Progress, find_weights, is_installed, pull_weights
 from e3pose.edge.reports import site_cpu_saved
 from e3pose.energy.profiles import load_profile
-from e3pose.evaluate.figures import as_json
+from e3pose.evaluate.figures import Summary, as_json
 from e3pose.evaluate.poses_table import write_poses
 from e3pose.evaluate.summary import summarise
 from e3pose.model.blind_slot import count_blind
@@ -52,7 +52,6 @@ from e3pose.site.demo.summary import (
 from e3pose.site.example import STORE_FILE, Example, write_example, write_recorded
 
 if TYPE_CHECKING:
-    from e3pose.evaluate.figures import Summary
     from e3pose.pipeline import SlotRecord
     from e3pose.site.demo.live import Heard, Show
     from e3pose.site.demo.stored_run import Film

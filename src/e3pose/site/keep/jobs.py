@@ -224,7 +224,7 @@ class Jobs:
 
     def _make(self, job: Job) -> None:
         folder = self.folder / job.number
-        program = (sys.executable, "-m", "e3pose.site.keep.making")
+        program = (sys.executable, "-m", "e3pose.site.keep.program")
         full: list[str] = []
         with subprocess.Popen(
             [*program, str(folder), str(self.site_file)], stdin=subprocess.PIPE,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import datetime
+import threading
 import time
 from collections import deque
 from collections.abc import AsyncIterator, Callable, Sequence
@@ -92,6 +93,7 @@ class Feed:
     _heard_s: float = 0.0
     _slot_s: float = 0.0
     _there: bool = False  # what followers were told
+    _telling: threading.Lock = field(default_factory=threading.Lock)
     _queues: dict[asyncio.Queue[Encoded], Place] = field(default_factory=dict)
     _loop: asyncio.AbstractEventLoop | None = None
 
@@ -221,10 +223,8 @@ class Feed:
 
     def look_at_names(self) -> None:
         """See how people are called now, and tell followers what changed."""
-        looked = self.status
-        if looked is not None and self.names.look(looked.run_ns) and self._queues:
-            newest = self.status or looked  # one that came meanwhile was told already
-            self._hand_on(self._status_event(newest))
+        if self.status is not None and self.names.look(self.status.run_ns):
+            self._tell_status()
 
     def notices(self) -> list[Notice]:
         """Return what is to be known of the site; nothing before its first status."""
@@ -258,8 +258,13 @@ class Feed:
     def _take_status(self, status: Status) -> None:
         self._hear()
         self.status = status
-        if self._queues:
-            self._hand_on(self._status_event(status))
+        self._tell_status()
+
+    def _tell_status(self) -> None:
+        """Tell followers the newest status, a thread at a time: no older one comes after it."""
+        with self._telling:
+            if self._queues and self.status is not None:
+                self._hand_on(self._status_event(self.status))
 
     def _hand_on(self, event: Encoded, delayed: bool | None = None) -> None:
         loop = self._loop  # read once: another thread detaches it

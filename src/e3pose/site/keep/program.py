@@ -1,0 +1,58 @@
+"""The program that makes the files of one wish: `python -m e3pose.site.keep.program FOLDER SITE`.
+
+It reads the wish as JSON from standard input and says on standard output, a line of JSON each, how
+far it is, and at the end what it made or why not. A process of its own keeps the page answering,
+and can be ended whatever it does.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from pathlib import Path
+
+from e3pose.base.errors import InputError
+from e3pose.base.system import stand_back
+from e3pose.site.keep.wish import Wish
+
+SAY_S = 0.2  # between two lines about how far it is
+
+
+def main(arguments: list[str]) -> int:
+    """Make what standard input asks for; return the exit code."""
+    folder, site_file = Path(arguments[0]), Path(arguments[1])
+    stand_back()
+    wish = Wish(**{**(told := json.load(sys.stdin)), "tracks": tuple(told["tracks"])})
+    said_s = [0.0]
+
+    def say(doing: str, share: float | None) -> None:
+        if time.monotonic() - said_s[0] >= SAY_S:
+            said_s[0] = time.monotonic()
+            print(json.dumps({"doing": doing, "share": share}), flush=True)
+
+    try:
+        from e3pose.site.keep.making import make  # at the priority and with the words from here
+
+        names, note = make(wish, site_file, folder, say)
+    except InputError as error:
+        print(json.dumps({"problem": str(error.elsewhere())}), flush=True)
+        return 1
+    except ModuleNotFoundError as error:
+        problem = (
+            f"{error.name} is not installed on the machine of the page: see pip install e3pose"
+        )
+        print(json.dumps({"problem": problem}), flush=True)
+        return 1
+    except OSError as error:
+        print(json.dumps({"problem": (error.strerror or str(error)).lower()}), flush=True)
+        return 1
+    except MemoryError:
+        print(json.dumps({"problem": "more than fits into memory: a shorter time"}), flush=True)
+        return 1
+    print(json.dumps({"files": names, "note": note}), flush=True)
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main(sys.argv[1:]))

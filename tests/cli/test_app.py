@@ -1,0 +1,38 @@
+"""The table of verbs: what help says of each without its module, and what its module says."""
+
+from __future__ import annotations
+
+import sys
+from importlib.util import resolve_name
+
+import pytest
+from cyclopts import App
+
+from e3pose.cli.app import APP, GROUPS, app, main, summary_of
+
+PLACES = [
+    (verb, place)
+    for verbs in GROUPS.values()
+    for verb, place in verbs.items()
+    if isinstance(place, str)
+]
+
+
+@pytest.mark.parametrize(("verb", "place"), PLACES, ids=[verb for verb, _ in PLACES])
+def test_the_line_of_a_verb_is_what_its_module_says(verb: str, place: str) -> None:
+    said = app[verb].help.strip().partition("\n")[0]
+    assert summary_of(place) == said != ""
+    module, name = resolve_name(place, "e3pose.cli").split(":")
+    has_verbs = isinstance(getattr(sys.modules[module], name), App)
+    assert has_verbs == place.endswith(APP)
+
+
+def test_a_package_that_a_verb_lacks_is_said_in_a_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    torn = App(name="e3pose")
+    torn.command("tests.cli.torn_verb:top", name="top")
+    monkeypatch.setattr("e3pose.cli.app.app", torn)
+    with pytest.raises(SystemExit, match="2"):
+        main(["top", "site"])
+    assert capsys.readouterr().err == "e3pose: cv2 is not installed: pip install 'e3pose[camera]'\n"
