@@ -19,14 +19,11 @@ from tests.postgres import WAY_OUT, Server, programs, running_server
 # which has not imported numpy yet, and all that it starts.
 os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
-# The same examples in every run. Others are found, and worth looking for, with
-# pytest --hypothesis-profile=default
-settings.register_profile(
-    "fixed",
-    derandomize=True,
-    deadline=None,  # a busy machine takes long
-    suppress_health_check=[HealthCheck.too_slow],
-)
+# The same examples in every run; a busy machine takes long for each. Others are found, and worth
+# looking for, with pytest --hypothesis-profile=search
+BUSY = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.register_profile("search", BUSY)
+settings.register_profile("fixed", BUSY, derandomize=True)
 settings.load_profile("fixed")
 
 # Started in the background of a shell, a process ignores Ctrl-C, and so would all that it starts:

@@ -25,7 +25,7 @@ PREDICTORS: dict[str, Callable[[Skeleton], Predictor]] = {
     "zero-velocity": lambda skeleton: ZeroVelocity(),
     "constant-velocity": lambda skeleton: ConstantVelocity(),
     "damped-velocity": lambda skeleton: DampedVelocity(),
-    "attention-lstm": AttentionLstm,
+    "attention-lstm": lambda skeleton: AttentionLstm(skeleton),
     "attention-lstm-paper": lambda skeleton: AttentionLstm(skeleton, PUBLISHED),
 }
 
