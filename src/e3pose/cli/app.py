@@ -20,6 +20,7 @@ from e3pose.base.errors import InputError
 from e3pose.base.system import END_SIGNALS
 from e3pose.cli.lab import LAB, lab_verb
 
+VERSION = ["--version", "-V"]
 EXIT_INPUT = 2  # the input or the options are wrong
 EXIT_INTERRUPTED = 130
 MAX_MESSAGE = 1000
@@ -134,7 +135,7 @@ def make_app(summary: Callable[[str], str | None] = lambda place: None) -> App:
     made = App(
         name="e3pose",
         version=__version__,
-        version_flags=["--version", "-V"],
+        version_flags=VERSION,
         suppress_keyboard_interrupt=False,  # `main` says that it was interrupted
         help="Multi-camera 3D human pose on a camera energy budget: each time slot wakes the most "
         "informative cameras that still have energy budget.\n\n"
@@ -192,7 +193,7 @@ def main(tokens: Sequence[str] | None = None) -> None:
             tokens = _without_words()
         words = sys.argv[1:] if tokens is None else tokens
         # The list of all verbs has a line on each.
-        program = app if {*words} & {*VERBS, *app.version_flags} else make_app(summary_of)
+        program = app if {*words} & {*VERBS, *VERSION} else make_app(summary_of)
         try:
             program(tokens, exit_on_error=False, print_error=False)
         finally:

@@ -14,7 +14,6 @@ from pathlib import Path
 
 from e3pose.base.errors import InputError
 from e3pose.base.system import stand_back
-from e3pose.site.keep.wish import Wish
 
 SAY_S = 0.2  # between two lines about how far it is
 
@@ -23,7 +22,7 @@ def main(arguments: list[str]) -> int:
     """Make what standard input asks for; return the exit code."""
     folder, site_file = Path(arguments[0]), Path(arguments[1])
     stand_back()
-    wish = Wish(**{**(told := json.load(sys.stdin)), "tracks": tuple(told["tracks"])})
+    told = json.load(sys.stdin)
     said_s = [0.0]
 
     def say(doing: str, share: float | None) -> None:
@@ -32,8 +31,11 @@ def main(arguments: list[str]) -> int:
             print(json.dumps({"doing": doing, "share": share}), flush=True)
 
     try:
-        from e3pose.site.keep.making import make  # at the priority and with the words from here
+        # Here, where loading them stands back and has words for what is missing.
+        from e3pose.site.keep.making import make
+        from e3pose.site.keep.wish import Wish
 
+        wish = Wish(**{**told, "tracks": tuple(told["tracks"])})
         names, note = make(wish, site_file, folder, say)
     except InputError as error:
         print(json.dumps({"problem": str(error.elsewhere())}), flush=True)
