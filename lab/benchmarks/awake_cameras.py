@@ -123,7 +123,7 @@ class Planner:
             value = np.array([self._best_nats(foresight, plan) for plan in plans])
         else:
             value = foresight.information(plans)
-        value = value + foresight.entrants.starts(plans) + foresight.hidden.shows(plans)
+        value = value + foresight.entrants.starts(plans) + foresight.hidden.reveals(plans)
         if self.rule == "set+cover":
             looks = plans.astype(np.float64) @ self.seen
             value += COVER_NATS * ((looks >= 1).mean(axis=1) + (looks >= 2).mean(axis=1)) / 2

@@ -31,13 +31,13 @@ def of_one(shown: list[float], needed: list[int], *ordered: list[int]) -> Hidden
 
 def test_only_cameras_that_are_needed_have_somebody_shown() -> None:
     people = of_one([0.9, 0.9, 0.6], [1, 2])
-    assert people.shows(EACH) == pytest.approx([0.0, 0.9, 0.6])
-    assert people.shows(np.ones((1, 3), dtype=bool)) == pytest.approx([1 - 0.1 * 0.4])
+    assert people.reveals(EACH) == pytest.approx([0.0, 0.9, 0.6])
+    assert people.reveals(np.ones((1, 3), dtype=bool)) == pytest.approx([1 - 0.1 * 0.4])
 
 
 def test_people_who_are_shown_anyway_ask_for_nothing() -> None:
-    assert of_one([0.9, 0.9, 0.9], []).shows(SUBSETS).tolist() == [0.0] * 8
-    assert HiddenPeople.nobody(3).shows(SUBSETS).tolist() == [0.0] * 8
+    assert of_one([0.9, 0.9, 0.9], []).reveals(SUBSETS).tolist() == [0.0] * 8
+    assert HiddenPeople.nobody(3).reveals(SUBSETS).tolist() == [0.0] * 8
 
 
 @pytest.mark.parametrize("lead", [2, 4, 6])
@@ -46,9 +46,9 @@ def test_who_is_shown_by_looks_in_flight_is_not_paid_again(lead: int) -> None:
     orders[0] = [1]
     people = of_one([0.9, 0.9, 0.6], [1, 2], *orders)
     free = of_one([0.9, 0.9, 0.6], [1, 2], *([] for _ in orders))
-    np.testing.assert_allclose(people.shows(SUBSETS), 0.1 * free.shows(SUBSETS))
+    np.testing.assert_allclose(people.reveals(SUBSETS), 0.1 * free.reveals(SUBSETS))
     useless = of_one([0.9, 0.9, 0.6], [1, 2], *([0] for _ in orders))
-    np.testing.assert_allclose(useless.shows(SUBSETS), free.shows(SUBSETS))
+    np.testing.assert_allclose(useless.reveals(SUBSETS), free.reveals(SUBSETS))
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -56,7 +56,7 @@ def test_more_cameras_show_more_with_diminishing_returns(seed: int) -> None:
     rng = np.random.default_rng(seed)
     needed, ordered = rng.uniform(size=(4, 3)) < 0.5, rng.uniform(size=(2, 3)) < 0.3
     people = expected_hidden(needed, rng.uniform(0, 1, (3, 4)), ordered)
-    value = dict(zip(map(tuple, SUBSETS.tolist()), people.shows(SUBSETS), strict=True))
+    value = dict(zip(map(tuple, SUBSETS.tolist()), people.reveals(SUBSETS), strict=True))
     for small in SUBSETS:
         for camera, other in product(range(3), repeat=2):
             if camera != other and not small[camera] and not small[other]:

@@ -39,7 +39,7 @@ class HiddenPeople:
         """Return the value for when every person is published."""
         return cls(np.zeros(0), np.zeros((num_cameras, 0)))
 
-    def shows(self, subsets: Flags) -> Floats:
+    def reveals(self, subsets: Flags) -> Floats:
         """Return `(num_subsets,)` people whom sets of cameras are expected to have shown.
 
         Args:

@@ -1,6 +1,6 @@
 """Policy: the cameras with the most expected information, under energy budgets.
 
-    maximise  V * (information(S) + entrants(S) + shows(S) + sum_{c in S} watch_c)
+    maximise  V * (information(S) + entrants(S) + reveals(S) + sum_{c in S} watch_c)
               - sum_{c in S} price_c
 
 `information` grows with diminishing returns, prices and watches add up: where nobody comes in, a
@@ -173,7 +173,7 @@ def affordable(situation: Situation) -> Flags:
 def worth_nats(foresight: Foresight, subsets: Flags) -> Floats:
     """Return `(num_subsets,)` value of sets: information, tracks started, hidden people shown."""
     worth = foresight.information(subsets) + ENTRANT_NATS * foresight.entrants.starts(subsets)
-    return np.asarray(worth + SHOWN_NATS * foresight.hidden.shows(subsets))
+    return np.asarray(worth + SHOWN_NATS * foresight.hidden.reveals(subsets))
 
 
 def watch_nats(situation: Situation) -> Floats:
