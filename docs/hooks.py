@@ -29,6 +29,7 @@ TUNED = (
     "calibrate/resection.py",
 )
 TERMS = "experiments/2026-11-24-terms-of-the-filter.md"  # what each term is worth, measured
+NUMBERS = "experiments/2026-11-27-numbers-halved-and-doubled.md"
 NOT_MEASURED = "not measured"
 
 # Pages of the Python API: title, what it is for, and the names to show.
@@ -169,9 +170,30 @@ def worths(terms: str) -> dict[str, float]:
     }
 
 
+def factors(numbers: str) -> dict[tuple[str, str], dict[str, str]]:
+    """Return how much larger the mean error is with each number halved and doubled, in words.
+
+    Args:
+        numbers: the page `NUMBERS`.
+
+    Returns:
+        By module and name, and by `half` and `twice`.
+    """
+    found: dict[tuple[str, str], dict[str, str]] = {}
+    row = re.compile(r"^\| `(\w+)\.([^`]+)` \| (half|twice) \| (.*) \| [\d.]+ \|$", re.M)
+    for module, name, factor, cells in row.findall(numbers):
+        errors = [cell.split(",")[0] for cell in cells.split(" | ")]
+        words = "loses people"
+        if "nobody found" not in errors:
+            words = f"{sum(map(float, errors)) / len(errors):+.1f} %"
+        found.setdefault((module, name.strip("()")), {})[factor] = words
+    return found
+
+
 def numbers_page(docs: Path) -> str:
     """Return the tables of the tuned numbers."""
     known = worths((docs / TERMS).read_text())
+    changed = factors((docs / NUMBERS).read_text())
     page = [
         "# Tuned numbers",
         "",
@@ -179,26 +201,37 @@ def numbers_page(docs: Path) -> str:
         "labels of a recording. *Worth* is how much larger the mean error is over",
         f"[twelve recordings](../{TERMS}) without the term that a number belongs to; that",
         "page says what else each term is there for. *By reasoning*: no other value was tried.",
+        f"*Half* and *twice* are how much larger it is over [six recordings](../{NUMBERS})",
+        "with half of the number and with twice, where that was measured: up to 3 % is chance.",
     ]
     for place in TUNED:
         page += ["", f"## `{place}`", ""]
         page += [
-            "| file | constant | value | unit | chosen on | worth |",
-            "|---|---|---|---|---|---|",
+            "| file | constant | value | unit | chosen on | worth | half, twice |",
+            "|---|---|---|---|---|---|---|",
         ]
         for path in tuned_files(place):
-            page += [_number_row(path, mark, known) for mark in marks(path.read_text())]
+            page += [_number_row(path, mark, known, changed) for mark in marks(path.read_text())]
     return "\n".join(page) + "\n"
 
 
-def _number_row(path: Path, mark: Mark, known: dict[str, float]) -> str:
+def _number_row(
+    path: Path,
+    mark: Mark,
+    known: dict[str, float],
+    changed: dict[tuple[str, str], dict[str, str]],
+) -> str:
     worth = mark.worth
-    if worth != NOT_MEASURED:
+    both = changed.get((path.stem, mark.name), {}) if "filter" in path.parts else {}
+    factor = ", ".join(both.get(word, "?") for word in ("half", "twice")) if both else ""
+    if worth == NOT_MEASURED and factor:
+        worth = "only half and twice"
+    elif worth != NOT_MEASURED:
         worth = f"{known[worth]:+.1f} % ({worth})"
     origin = re.sub(r"docs/(experiments/[\w-]+)\.md", r"[experiment](../\1.md)", mark.chosen_on)
     origin = re.sub(r"docs/research/([\w-]+)\.md", r"[\1](\1.md)", origin)
     origin = re.sub(r"docs/decisions/([\w-]+)\.md", r"[decision](../decisions/\1.md)", origin)
-    cells = (path.stem, f"`{mark.name}`", f"`{mark.value}`", mark.unit, origin, worth)
+    cells = (path.stem, f"`{mark.name}`", f"`{mark.value}`", mark.unit, origin, worth, factor)
     return f"| {' | '.join(cells)} |"
 
 

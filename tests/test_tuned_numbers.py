@@ -83,6 +83,19 @@ def test_marks_are_read() -> None:
         list(hooks.marks("# tuned: s | on a scene\nA = 1.0\n"))
 
 
+def test_halves_and_doubles_are_read() -> None:
+    page = (
+        "| `births.(A, B)` | half | -1.2 | +2.8, -1.0 | 0.9 |\n"
+        "| `births.(A, B)` | twice | nobody found | +0.0 | 100.0 |\n| other | half | 1 | 2 |\n"
+    )
+    found = hooks.factors(page)
+    assert found == {("births", "A, B"): {"half": "+0.8 %", "twice": "loses people"}}
+    known = {(path.stem, mark.name) for path in hooks.tuned_files("estimate/filter")
+             for mark in hooks.marks(path.read_text())}  # fmt: skip
+    measured = hooks.factors((ROOT / "docs" / hooks.NUMBERS).read_text())
+    assert len(measured) > 40 and len(measured.keys() & known) > 35
+
+
 @pytest.mark.parametrize("place", hooks.TUNED)
 def test_tuned_numbers_are_no_more_than_they_were(place: str) -> None:
     found = {
