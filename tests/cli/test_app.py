@@ -27,6 +27,18 @@ def test_the_line_of_a_verb_is_what_its_module_says(verb: str, place: str) -> No
     assert has_verbs == place.endswith(APP)
 
 
+def test_several_commands_in_a_process_do_not_disturb_each_other(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    for words in (["hub", "--help"], ["--help"], ["--install-completion", "x"], ["hub", "--help"]):
+        with pytest.raises(SystemExit):
+            main(words)
+    for words in (["simulate", "--nonsense"], ["nonsense"], ["simulate", "--nonsense"]):
+        with pytest.raises(SystemExit, match="2"):
+            main(words)
+    assert capsys.readouterr().err.count("(try --help)") >= 3
+
+
 def test_a_package_that_a_verb_lacks_is_said_in_a_line(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -74,6 +74,9 @@ GROUPS: dict[str, dict[str, str | Callable[..., Any]]] = {
     "Maintenance": {"models": ".models:models_app", "power": ".metering:power_app"},
 }
 APP = "_app"  # the end of the name of what has verbs of its own
+# Of all parsers of a process: verbs with verbs of their own are apps that these share.
+TITLES = {title: Group(title, sort_key=rank) for rank, title in enumerate(GROUPS)}
+OPTIONS = Group("Options", sort_key=99)
 VERBS = tuple(verb for verbs in GROUPS.values() for verb in verbs)
 # Usage of the verbs that take several paths or names, which the parser calls ARGS.
 USAGE = {
@@ -142,15 +145,13 @@ def make_app(summary: Callable[[str], str | None] = lambda place: None) -> App:
         "New here? `e3pose setup` leads from your cameras, or films, to live 3D in the browser. "
         "`e3pose demo` shows what comes of it.",
     )
-    options = Group("Options", sort_key=99)
     made.register_install_completion_command(
-        group=options, help="Install tab completion for bash, zsh or fish."
+        group=OPTIONS, help="Install tab completion for bash, zsh or fish."
     )
-    made["--help"].group = made["--version"].group = options
-    for rank, (title, verbs) in enumerate(GROUPS.items()):
-        group = Group(title, sort_key=rank)
+    made["--help"].group = made["--version"].group = OPTIONS
+    for title, verbs in GROUPS.items():
         for sort_key, (verb, target) in enumerate(verbs.items()):
-            own: dict[str, Any] = {"group": group, "sort_key": sort_key}
+            own: dict[str, Any] = {"group": TITLES[title], "sort_key": sort_key}
             if verb in USAGE:
                 own["usage"] = f"Usage: e3pose {verb} {USAGE[verb]}"
             if not str(target).endswith(APP):
