@@ -182,13 +182,9 @@ def circles(imported: Mapping[str, Iterable[str]]) -> list[set[str]]:
 
 def modules_of(path: Path) -> set[str]:
     """Return the modules of this project that a file imports names or submodules from."""
-    found = set()
-    for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("e3pose"):
-            for name in node.names:
-                place = SOURCE.parent.joinpath(*str(node.module).split("."), f"{name.name}.py")
-                found.add(f"{node.module}.{name.name}" if place.exists() else str(node.module))
-    return found
+    nodes = ast.walk(ast.parse(path.read_text()))
+    found = (named(node) for node in nodes if isinstance(node, ast.Import | ast.ImportFrom))
+    return {name for names in found for name in names if name.startswith("e3pose")}
 
 
 def test_no_modules_import_each_other() -> None:

@@ -12,6 +12,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 LAB = "e3pose_lab"
+INSTALLED = importlib.util.find_spec(LAB) is not None
 # Each verb as `module:name` in the lab's `cli`, and what help says of it without the lab.
 LAB_VERBS = {
     "evaluate-predictor": ("predicting:evaluate_predictor", "Evaluate motion predictors."),
@@ -24,9 +25,7 @@ LAB_VERBS = {
 def lab_verb(verb: str) -> str | Callable[..., None]:
     """Return where a verb of the lab is, or a function in its place that says what to install."""
     place, what = LAB_VERBS[verb]
-    if importlib.util.find_spec(LAB) is None:
-        return _absent(what)
-    return f"{LAB}.cli.{place}"
+    return f"{LAB}.cli.{place}" if INSTALLED else _absent(what)
 
 
 def _absent(what: str) -> Callable[..., None]:
