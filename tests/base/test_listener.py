@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import datetime
+import gc
 import socket
 import ssl
 import subprocess
@@ -11,7 +12,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 import pytest
@@ -156,6 +157,29 @@ def test_flood_of_handshakes_leaves_those_of_others_alone(tmp_path: Path) -> Non
                         assert answers(one)
             finally:
                 flooding.kill()
+
+
+@pytest.mark.parametrize("turns", range(8))
+def test_connection_that_comes_as_the_port_closes_does_not_stay_open(turns: int) -> None:
+    async def close_after_turns(listening: socket.socket) -> None:
+        accepting = asyncio.ensure_future(Listener(listening, Echo, Bounds(5, 5)).run())
+        await asyncio.sleep(0.01)
+        with socket.create_connection(listening.getsockname(), timeout=5) as client:
+            for _ in range(turns):
+                await asyncio.sleep(0)
+            accepting.cancel()
+            with suppress(asyncio.CancelledError):
+                await accepting
+            listening.close()
+            await asyncio.sleep(0)
+            client.setblocking(False)
+            ends = asyncio.get_running_loop().sock_recv(client, 1)
+            with suppress(ConnectionResetError):
+                assert await asyncio.wait_for(ends, 5) == b""
+
+    with open_socket("127.0.0.1", 0) as listening:
+        asyncio.run(close_after_turns(listening))
+    gc.collect()  # a socket that is left open is a warning, and so an error
 
 
 @pytest.mark.parametrize(

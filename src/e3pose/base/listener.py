@@ -130,7 +130,7 @@ class Listener:
             while True:
                 await asyncio.sleep(0)  # clients that connect without end leave others a turn
                 try:
-                    accepted, address = await loop.sock_accept(self.listening)
+                    accepted, address = await self._accept()
                 except OSError:  # no file left, or the client is gone already
                     await asyncio.sleep(RETRY_S)
                     continue
@@ -139,6 +139,25 @@ class Listener:
             sweeping.cancel()
             for one in self._held:
                 one.close()
+
+    async def _accept(self) -> tuple[socket.socket, Any]:
+        """Return the next connection.
+
+        Not by `sock_accept`: one that comes just as that is cancelled stays open, and nobody's.
+        """
+        loop = asyncio.get_running_loop()
+        while True:
+            with suppress(BlockingIOError):
+                return self.listening.accept()
+            ready = asyncio.Event()
+            try:
+                loop.add_reader(self.listening, ready.set)
+            except NotImplementedError:  # on Windows, where `sock_accept` loses none
+                return await loop.sock_accept(self.listening)
+            try:
+                await ready.wait()
+            finally:
+                loop.remove_reader(self.listening)
 
     def _take(self, accepted: socket.socket, address: str) -> None:
         self._held = [one for one in self._held if not one.gone()]
