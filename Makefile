@@ -37,9 +37,9 @@ demo: $(VENV)/.all  ## run a live site on real videos; results in demo-output/
 	$(BIN)/e3pose demo demo-output --overwrite
 
 # What computes, at a low priority, takes what sites leave of the cores: they mostly wait, and come
-# first whenever they do not. What is timed runs after the other sites, two at a time. Tests of real
-# processes get a second try, for other programs may take the machine: the summary shows why, and
-# the run ends with their names.
+# first whenever they do not. What is timed runs after the other sites, two at a time. Other programs
+# may take the machine: tests of real processes get a second try, whatever fails one more at the end
+# of its part, in new processes, and the run ends with the names of both.
 PYTEST := $(BIN)/python -m pytest -q --dist loadscope --no-loadscope-reorder
 COVERAGE := .coverage-data
 COVERED = $(and $(TRACED),--cov --cov-append --cov-report= --cov-fail-under=0)
@@ -48,6 +48,14 @@ RERUN := --reruns 1 --rerun-show-tracebacks
 # beside a load of 15 a run at 10 took 70 minutes for 17 of CPU.
 COMPUTING_NICE ?= 5
 export RERUNS := $(CURDIR)/.reruns
+# Run tests: the name of their part, before pytest, its options. `@FILE` is a file with its arguments.
+define tests
+@rm -f .failed-$(1)
+export COVERAGE_FILE=$(COVERAGE)/.coverage.$(1) FAILED=$(CURDIR)/.failed-$(1); \
+  $(2) $(PYTEST) $(COVERED) $(3) || { [ -s .failed-$(1) ] && mv .failed-$(1) .again-$(1) && \
+  echo 'once more:' && cat .again-$(1) && cat .again-$(1) >> $(RERUNS) && \
+  $(2) $(PYTEST) $(COVERED) -n 2 @.again-$(1); }
+endef
 # Workers read the rewritten assertions of each other and of the run before.
 export PYTHONDONTWRITEBYTECODE :=
 
@@ -56,7 +64,7 @@ test: $(VENV)/.dev  ## run the tests; with TRACED=yes as coverage does
 	$(if $(TRACED),rm -rf $(COVERAGE) && mkdir $(COVERAGE))
 	@echo 'computing beside sites; each shows its results at its end, after some minutes'
 	@$(MAKE) --no-print-directory --keep-going --jobs 2 --output-sync=target test-sites test-computing; \
-	  ended=$$?; [ ! -s $(RERUNS) ] || { echo 'needed a second try:'; sort $(RERUNS); }; exit $$ended
+	  ended=$$?; [ ! -s $(RERUNS) ] || { echo 'needed another try:'; sort -u $(RERUNS); }; exit $$ended
 	$(if $(TRACED),$(BIN)/coverage combine --quiet $(COVERAGE))
 	$(if $(TRACED),$(BIN)/coverage report)
 
@@ -64,11 +72,11 @@ coverage:  ## run the tests with coverage, which takes a third longer; fails bel
 	@$(MAKE) --no-print-directory test TRACED=yes
 
 test-computing: $(VENV)/.dev
-	COVERAGE_FILE=$(COVERAGE)/.coverage.computing nice -n $(COMPUTING_NICE) $(PYTEST) $(COVERED) -n 3 -m 'not live and not timed' --ignore tests/live
+	$(call tests,computing,nice -n $(COMPUTING_NICE),-n 3 -m 'not live and not timed' --ignore tests/live)
 
 test-sites: $(VENV)/.dev
-	COVERAGE_FILE=$(COVERAGE)/.coverage.sites $(PYTEST) $(COVERED) $(RERUN) -n 5 -m 'live and not timed' tests/live
-	COVERAGE_FILE=$(COVERAGE)/.coverage.sites $(PYTEST) $(COVERED) $(RERUN) -n 2 -m timed tests/live tests/edge
+	$(call tests,sites,,$(RERUN) -n 5 -m 'live and not timed' tests/live)
+	$(call tests,timed,,$(RERUN) -n 2 -m timed tests/live tests/edge)
 
 test-fast: $(VENV)/.dev  ## run the quick tests, in about a minute
 	$(PYTEST) -n 2 -m 'not slow and not live and not timed and not shared and not network'

@@ -81,12 +81,15 @@ def pytest_sessionstart(session: pytest.Session) -> None:
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    """Add the tests that needed a second try to the list that `make test` ends with."""
-    again = sorted({report.nodeid for report in terminalreporter.stats.get("rerun", ())})
-    path = os.environ.get("RERUNS")
-    if again and path and not hasattr(terminalreporter.config, "workerinput"):
-        with Path(path).open("a") as listed:
-            listed.writelines(f"{name}\n" for name in again)
+    """Write down for `make test` which tests needed a second try, and which failed."""
+    if hasattr(terminalreporter.config, "workerinput"):
+        return
+    for variable, outcomes in (("RERUNS", ("rerun",)), ("FAILED", ("failed", "error"))):
+        reports = [report for each in outcomes for report in terminalreporter.stats.get(each, ())]
+        path = os.environ.get(variable)
+        if reports and path:
+            with Path(path).open("a") as listed:
+                listed.writelines(f"{name}\n" for name in sorted({one.nodeid for one in reports}))
 
 
 def compile_kernels() -> None:
