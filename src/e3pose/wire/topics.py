@@ -8,6 +8,9 @@ e3pose/SITE/{poses,poses-delayed,status}                 the edge writes, viewer
 e3pose/SITE/control/OPERATOR                             that operator asks, the edge answers
 e3pose/SITE/outbox/HUB                                   that hub asks, the edge answers
 e3pose/SITE/alive                                        that the edge is there
+
+Names are checked where they enter: in files (`check_site`, `check_camera_id`), in certificates
+(`e3pose.wire.keys.folder.holder`) and in topics that others publish (`sender`).
 """
 
 from __future__ import annotations
@@ -29,30 +32,27 @@ def check_site(site: object) -> str:
 
 def of_camera(site: str, camera_id: str, what: str) -> str:
     """Return a topic published by a camera; `ANY` stands for all cameras."""
-    name = camera_id if camera_id == ANY else check_camera_id(camera_id)
-    return f"{ROOT}/{check_site(site)}/camera/{name}/{what}"
+    return f"{ROOT}/{site}/camera/{camera_id}/{what}"
 
 
 def of_order(site: str, camera_id: str) -> str:
     """Return the topic of a camera's orders."""
-    return f"{ROOT}/{check_site(site)}/order/{check_camera_id(camera_id)}"
+    return f"{ROOT}/{site}/order/{camera_id}"
 
 
 def of_site(site: str, what: str) -> str:
     """Return a topic of the edge: `poses`, `poses-delayed`, `status` or `alive`."""
-    return f"{ROOT}/{check_site(site)}/{what}"
+    return f"{ROOT}/{site}/{what}"
 
 
 def of_control(site: str, operator: str) -> str:
     """Return the topic on which an operator controls the edge; `ANY` stands for all operators."""
-    name = operator if operator == ANY else check_camera_id(operator)
-    return f"{ROOT}/{check_site(site)}/control/{name}"
+    return f"{ROOT}/{site}/control/{operator}"
 
 
 def of_outbox(site: str, hub: str) -> str:
     """Return the topic on which a hub asks for summaries; `ANY` stands for all hubs."""
-    name = hub if hub == ANY else check_camera_id(hub)
-    return f"{ROOT}/{check_site(site)}/outbox/{name}"
+    return f"{ROOT}/{site}/outbox/{hub}"
 
 
 def sender(topic: str) -> str:

@@ -9,11 +9,19 @@ import pytest
 
 from e3pose.base.errors import InputError
 from e3pose.site.expiry import AGAIN, LOOK_S, ExpiryWatch
-from e3pose.wire.keys.authority import LEAF_DAYS, common_name, expires, hosts_of
+from e3pose.wire.keys.authority import (
+    LEAF_DAYS,
+    common_name,
+    expires,
+    hosts_of,
+    make_authority,
+    make_certificate,
+)
 from e3pose.wire.keys.folder import (
     add_keys,
     certificates_in,
     check_certificates,
+    holder,
     init_keys,
     read_roll,
     revoke_keys,
@@ -70,6 +78,16 @@ def test_file_of_another_holder_is_not_renewed(keys: Path) -> None:
     (keys / "cameras/cam1/camera.pem").write_text("garbage")
     with pytest.raises(InputError, match=r"camera\.pem: found no certificate"):
         renew_keys(keys, "cam1", NOW)
+
+
+@pytest.mark.parametrize("name", ["*#1", "a/b#1", "desk", "../x#1"])
+def test_certificate_of_others_has_no_holder(keys: Path, name: str) -> None:
+    files = certificates_in(keys / "operators/desk", "operator")
+    assert holder(files) == "desk"
+    pair = make_authority("lab", NOW)
+    files.certificate.write_bytes(make_certificate(*pair, name, [], NOW)[0])
+    with pytest.raises(InputError, match=r"operator\.pem: certificate.* expected one that"):
+        holder(files)
 
 
 def test_what_expires_soon_is_named(keys: Path) -> None:

@@ -346,8 +346,13 @@ def holder(files: Certificates) -> str:
     """Return to whom the certificate of a program was given.
 
     Raises:
-        InputError: for a certificate that cannot be read.
+        InputError: for a certificate that cannot be read, or that `e3pose keys` did not make.
     """
     from e3pose.wire.keys.authority import common_name
 
-    return holder_of(common_name(read_bytes(files.certificate, MAX_PEM_BYTES)))
+    name = common_name(read_bytes(files.certificate, MAX_PEM_BYTES))
+    if not COMMON_NAME.fullmatch(name):
+        raise InputError(
+            f"{files.certificate}: certificate", f"of {name[:80]!r}", "one that `e3pose keys` made"
+        )
+    return holder_of(name)
