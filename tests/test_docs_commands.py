@@ -39,7 +39,7 @@ RUNS = (
     "--help",
     "--version",
     "calibrate align walk room.toml --origin cam1 --x-axis cam2",
-    "calibrate align walk room/rig.toml",
+    "calibrate align walk room/rig.toml --origin cam1 --x-axis cam3",
     "calibrate align yup.toml room.toml --up=y",
     "calibrate board --paper a3",
     "calibrate check walk --picture error.png",
@@ -76,11 +76,10 @@ RUNS = (
     "query try/live.db --from -10s",
     "query demo-output/site/live.db --what slots",
     "replay my-recording --pipeline memory --noise my-noise.toml",
-    "replay shelf --cameras 2",
-    "replay shelf --lifetime 6h --battery-wh 50,cam1=60",
-    "replay shelf --rest asleep --watts 40W",
-    "replay shelf --store live.db",
-    "replay shelf --target-error 40mm",
+    "replay walk --cameras 2",
+    "replay walk --lifetime 6h --battery-wh 50,cam1=60",
+    "replay walk --rest asleep --watts 40W",
+    "replay walk --store live.db",
     "replay stills --pipeline paper --matcher rays --policy all --predictor zero-velocity "
     "--poses poses.parquet",
     "replay walk --cameras 1 --smooth rts --poses poses.parquet --report walk.html",
@@ -174,7 +173,7 @@ ELSEWHERE = {
     "calibrate extrinsics cam1.mp4 cam2.mp4 cam3.mp4 rig.toml --intrinsics lenses.toml "
     "--wand green,red=500mm --rate 10": "tests/calibrate/test_ball_films.py",
     "calibrate extrinsics room --only cam2": "tests/live/test_knocked_camera.py",
-    "calibrate intrinsics cam1.mp4 cam2.mp4 lenses.toml --board charuco-5x7-54mm "
+    "calibrate intrinsics cam1.mp4 cam2.mp4 cam3.mp4 lenses.toml --board charuco-5x7-54mm "
     "--picture coverage.png": "tests/cli/test_calibrating_lenses.py",
     "detect demo-output/site/videos/*.mp4 clip --calibration demo-output/site/rig.toml": (
         "tests/cli/test_detecting.py"
@@ -244,7 +243,7 @@ HERE_NOT = {
     "evaluate shelf --policies e3pose-mv,e3pose --leads 1,2,3,4,5,6,7,8,9,10": DATA,
     "evaluate shelf --policies round-robin --cameras 1.02,2 --predictor attention-lstm": DATA,
     "evaluate-predictor recordings/cmu/* --json figures.json --plot curves.html": DATA,
-    "export lab walk.parquet --from -1h --smooth rts --angles": LIVE,
+    "export room walk.parquet --from -1h --smooth rts --angles": LIVE,
     "export live.db walk.trc --from 2026-11-21T14:00 --to 2026-11-21T14:05 --smooth rts": DAY,
     "import cmu cmu_mocap.npz recordings/cmu": DATA,
     "import shelf Shelf shelf --detections found": DATA,
@@ -258,7 +257,8 @@ HERE_NOT = {
     "models pull movenet-multipose": "downloads a network",
     "models pull openpose-thin": "downloads a network",
     "power --watch": "goes on until it is stopped; `power` runs",
-    "power measure usb:0 my-board.toml --profile xavier-nx": "needs a webcam",
+    "power measure usb:0 my-board.toml --profile xavier-nx "
+    "--detector openpose-thin": "needs a webcam",
     "replay walk --feedback": FILMS,
     "replay recordings/thursday --pipeline paper --predictor published/attention-lstm.onnx": TRAINS,
     "replay recordings/thursday --predictor predictor/attention-lstm.onnx": TRAINS,

@@ -22,11 +22,11 @@ class EventsTable:
 
     Attributes:
         kinds: names in `events.rules.RULES`, or of one's own rules; none stand for all of `RULES`.
-        fall_s: somebody who went down fast has fallen after lying so long without getting up.
-        lies_s: somebody who lies or sits on the floor for so long is told, however they got there.
-        settled_s: so long on a bed or a seat before `left` is told.
-        nobody_s: nobody was seen for so long; 0: never told.
-        most_people: more people than that are too many; 0: never told.
+        fall_s: seconds on the floor after going down fast before a fall is reported.
+        lies_s: seconds somebody is on the floor before it is reported, with or without a fall.
+        settled_s: seconds on a bed or a seat before leaving it is reported.
+        nobody_s: seconds without anybody before that is reported; 0: never.
+        most_people: more people than that are reported as too many; 0: never.
         quiet: hours in which webhooks tell only what is urgent, such as `22:00-06:30`; empty: none.
         urgent: kinds that they tell in these hours too.
         names: to whom people's names in the store are told, some of `NAMING`; none: to nobody.

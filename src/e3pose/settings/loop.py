@@ -110,7 +110,7 @@ class LoopSettings:
         None,
         read=power_w,
         group="Goal",
-        help="""Mean power that all cameras together may draw: 20W, 500mW. Sets who sleeps and how
+        help="""Mean power that all cameras together may draw: 30W, 500mW. Sets who sleeps and how
         many cameras look; needs --rest. Replaces --cameras.""",
     )
     find_within_s: float = entry(
