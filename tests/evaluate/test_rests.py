@@ -21,6 +21,7 @@ from e3pose.model.expected import ExpectedView
 from e3pose.model.pose import Poses2D
 from e3pose.model.slot_record import SlotRecord
 from e3pose.recording import Recording
+from e3pose.settings.parts import watts_warning
 from e3pose.simulate import SceneSettings, simulate
 
 pytestmark = pytest.mark.slow
@@ -98,6 +99,15 @@ def test_the_site_draws_the_watts_that_it_may(share: float) -> None:
     drawn = drawn_w(records, LEAD, what, scene().interval_s).sum(axis=1)
     assert drawn[10 + LEAD :].mean() < 1.08 * watts  # of 15 s, over which no more is owed
     assert recall(records) > 0.5
+
+
+def test_watts_below_what_all_cameras_draw_at_rest_are_told() -> None:
+    asked = ReplaySettings(rest="suspended", rest_costs=costs(scene()))
+    least_w = costs(scene()).rest_w.sum()
+    words = watts_warning(scene(), replace(asked, watts=0.9 * least_w))
+    assert f"less than the {least_w:.3g} W that 8 cameras draw when all are suspended" in words
+    assert watts_warning(scene(), replace(asked, watts=1.1 * least_w)) == ""
+    assert watts_warning(scene(), asked) == watts_warning(scene(), ReplaySettings()) == ""
 
 
 def test_a_view_of_a_camera_that_oversleeps_is_not_there(monkeypatch: pytest.MonkeyPatch) -> None:

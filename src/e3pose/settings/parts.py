@@ -11,7 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.base.errors import InputError
+from e3pose.base.quantities import plural
 from e3pose.energy.queues import Queue
+from e3pose.energy.rest_costs import RestCosts
 from e3pose.estimate import EstimatorSettings, estimator_maker
 from e3pose.estimate.per_slot.fusion import (
     EPIPOLAR_PX,
@@ -136,10 +138,7 @@ def make_pipeline(
 
 def _rests(place: Place, settings: LoopSettings) -> RestPlanner | None:
     """Return who says which cameras sleep, if any may."""
-    costs = settings.rest_costs
-    if costs is None:
-        usual = EnergySettings().plan(place.rig.camera_ids, place.interval_s)
-        costs = usual.rest_costs(settings.rest)
+    costs = _rest_costs(place, settings)
     if costs is None:
         return None
     goal = RestGoal(
@@ -149,6 +148,33 @@ def _rests(place: Place, settings: LoopSettings) -> RestPlanner | None:
         num_selected=float(settings.num_selected or 0),
     )
     return RestPlanner(place.rig, costs, goal)
+
+
+def _rest_costs(place: Place, settings: LoopSettings) -> RestCosts | None:
+    if settings.rest_costs is not None:
+        return settings.rest_costs
+    usual = EnergySettings().plan(place.rig.camera_ids, place.interval_s)
+    return usual.rest_costs(settings.rest)
+
+
+def least_watts(place: Place, settings: LoopSettings) -> float | None:
+    """Return what all cameras draw at rest where `watts` asks for less; None where it does not."""
+    costs = None if settings.watts is None else _rest_costs(place, settings)
+    if settings.watts is None or costs is None or settings.watts > costs.rest_w.sum():
+        return None
+    return float(costs.rest_w.sum())
+
+
+def watts_warning(place: Place, settings: LoopSettings) -> str:
+    """Return what to say where cameras draw more than `watts`, whoever sleeps; else empty."""
+    least_w = least_watts(place, settings)
+    if least_w is None:
+        return ""
+    cameras = plural(len(place.rig), "camera")
+    return (
+        f"watts: {settings.watts:g} W is less than the {least_w:.3g} W that {cameras} draw when "
+        f"all are {settings.rest}; use more, or a power profile that rests for less"
+    )
 
 
 def make_policy(

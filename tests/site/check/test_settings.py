@@ -16,7 +16,13 @@ from e3pose.detectors.timing import DetectionTimes
 from e3pose.settings.resolved import ResolvedSite
 from e3pose.settings.site_file import SiteTable
 from e3pose.site.check.finding import Finding
-from e3pose.site.check.settings import check_budgets, check_events, check_feedback, check_skeletons
+from e3pose.site.check.settings import (
+    check_budgets,
+    check_events,
+    check_feedback,
+    check_skeletons,
+    check_watts,
+)
 from e3pose.site.detector_speed import (
     SPARE,
     check_speed,
@@ -120,6 +126,16 @@ def test_budget_is_compared_with_what_cameras_draw(
     found = list(check_budgets(site, check_edge(site), NOW))
     assert {finding.level for finding in found} == {level}
     assert message in f"{found[0].found} {found[0].advice}"
+
+
+def test_watts_are_compared_with_what_cameras_draw_asleep(tmp_path: Path) -> None:
+    def found(watts: str, folder: str) -> list[Finding]:
+        return list(check_watts(live(tmp_path / folder, f'[loop]\nrest = "asleep"\n{watts}')))
+
+    (least,) = found('watts = "20W"', "little")
+    assert (least.level, least.what) == ("problem", "watts")
+    assert least.found == "20 W, but the cameras draw 21.1 W when all of them are asleep"
+    assert found('watts = "22W"', "enough") == found("cameras = 2", "count") == []
 
 
 def test_site_without_a_budget_has_none_to_check(tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ from e3pose.base.quantities import plural
 from e3pose.detectors import DETECTORS, GROUP
 from e3pose.energy.budgets import Budget, Supply, allowance_j, slot_shares
 from e3pose.model.skeleton import lacking, serves
+from e3pose.settings.parts import least_watts
 from e3pose.settings.resolved import ResolvedSite
 from e3pose.settings.sources import is_recorded
 from e3pose.site.check.finding import Finding
@@ -76,6 +77,19 @@ def check_events(site: ResolvedSite) -> Iterator[Finding]:
             "events",
             "streams and the page tell them; without a store none is kept, and none brings a look",
             '[store] path = "poses.db"',
+        )
+
+
+def check_watts(site: ResolvedSite) -> Iterator[Finding]:
+    """Check that the cameras together can draw as little as the site asks for."""
+    least_w = least_watts(site, site.loop)
+    if least_w is not None:
+        yield Finding(
+            "problem",
+            "watts",
+            f"{site.loop.watts:g} W, but the cameras draw {least_w:.3g} W when all of them are "
+            f"{site.loop.rest}",
+            "more watts in [loop], or profiles that rest for less",
         )
 
 

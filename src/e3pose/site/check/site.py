@@ -21,6 +21,7 @@ from e3pose.site.check.settings import (
     check_events,
     check_feedback,
     check_skeletons,
+    check_watts,
 )
 from e3pose.site.check.sources import check_rates, check_sources
 from e3pose.site.detector_speed import check_speed, measure_detections
@@ -68,6 +69,7 @@ def examine_site(
             *check_skeletons(site),
             *check_feedback(site),
             *check_events(site),
+            *check_watts(site),
             *check_budgets(site, parts, datetime.now().astimezone()),
         ]
     found += [*check_link_of(site), *check_places(site), *sources]
