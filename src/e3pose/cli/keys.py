@@ -15,7 +15,8 @@ from e3pose.base.bounded import read_bytes
 from e3pose.base.errors import InputError
 from e3pose.cli.options import Flag
 from e3pose.cli.output import wrote
-from e3pose.wire.keys.folder import MAX_PEM_BYTES, Kind, add_keys, init_keys, read_roll, revoke_keys
+from e3pose.wire.access import Kind
+from e3pose.wire.keys.folder import MAX_PEM_BYTES, add_keys, init_keys, read_roll, revoke_keys
 from e3pose.wire.keys.renewal import AUTHORITY, expiring, renew_keys
 
 keys_app = App(name="keys", help="Create, list and revoke the certificates of a site.")
@@ -159,19 +160,13 @@ def list_keys(*, keys: Path = DEFAULT) -> None:
     roll = read_roll(keys)
     table = Table("name", "role", "valid until", "certificate", box=None, pad_edge=False)
     rows = [("edge", "edge", f"{roll.site}#edge", keys / "edge.pem")]
-    for kind, people in (
-        ("camera", roll.cameras),
-        ("viewer", roll.viewers),
-        ("operator", roll.operators),
-        ("hub", roll.hubs),
-        ("router", roll.routers),
-    ):
+    for kind, names in roll.holders.items():
         rows += [
             (name, kind, common_name, keys / f"{kind}s" / name / f"{kind}.pem")
-            for name, common_name in people.items()
+            for name, common_name in names.items()
         ]
-    for name, kind, common_name, path in rows:
-        table.add_row(Text(name), kind, _until(path), Text(common_name))
+    for name, role, common_name, path in rows:
+        table.add_row(Text(name), role, _until(path), Text(common_name))
     for common_name in roll.revoked:
         table.add_row(Text(common_name.rpartition("#")[0]), "revoked", "", Text(common_name))
     Console().print(table)

@@ -11,13 +11,9 @@ from pathlib import Path
 from e3pose.base.errors import InputError
 from e3pose.settings.site_file import SiteTable
 from e3pose.wire import topics
-from e3pose.wire.access import Link
+from e3pose.wire.access import Kind, Link
 from e3pose.wire.codec import decode
-from e3pose.wire.keys.folder import (
-    Kind,
-    holder,
-    valid_certificates,
-)
+from e3pose.wire.keys.folder import holder, valid_certificates
 from e3pose.wire.site_messages import Poses, Status
 from e3pose.wire.transport import Transport
 

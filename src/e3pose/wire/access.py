@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 from e3pose.base.errors import InputError
 from e3pose.wire.codec import MAX_BYTES
@@ -37,6 +37,8 @@ LISTEN = [
 ]
 PASS = [*SPEAK, *LISTEN]
 HEAR = ["put", "delete", "query", "reply", "declare_subscriber", "liveliness_token"]
+Kind = Literal["camera", "viewer", "operator", "hub", "router"]  # of holders of certificates
+KINDS: tuple[Kind, ...] = get_args(Kind)
 Rights = dict[str, tuple[str, list[str], list[str]]]  # by name: direction, messages, topics
 
 
@@ -102,10 +104,15 @@ class Roll:
     count: int = 0
 
     @property
+    def holders(self) -> dict[Kind, Mapping[str, str]]:
+        """Of each kind, name to the common name of its certificate."""
+        return {kind: getattr(self, f"{kind}s") for kind in KINDS}
+
+    @property
     def common_names(self) -> tuple[str, ...]:
         """All that are given, and those that are worthless."""
-        groups = (self.cameras, self.viewers, self.operators, self.hubs, self.routers)
-        return (*(name for group in groups for name in group.values()), *self.revoked)
+        given = (name for names in self.holders.values() for name in names.values())
+        return (*given, *self.revoked)
 
     @property
     def newest(self) -> int:

@@ -39,6 +39,7 @@ def keys(tmp_path: Path) -> Path:
     init_keys(folder, "lab", ["edge.local", "192.168.0.7"], NOW)
     add_keys(folder, "cam1", NOW)
     add_keys(folder, "desk", NOW, kind="operator")
+    add_keys(folder, "house", NOW, kind="hub")
     return folder
 
 
@@ -46,6 +47,7 @@ def keys(tmp_path: Path) -> Path:
     ("edge", ".", "edge"),
     ("cam1", "cameras/cam1", "camera"),
     ("desk", "operators/desk", "operator"),
+    ("house", "hubs/house", "hub"),
 ])  # fmt: skip
 def test_renewed_certificate_is_that_of_the_same_holder(
     keys: Path, name: str, place: str, role: str
@@ -92,9 +94,9 @@ def test_certificate_of_others_has_no_holder(keys: Path, name: str) -> None:
 
 def test_what_expires_soon_is_named(keys: Path) -> None:
     assert list(expiring(keys, END - 31 * DAY)) == []
-    assert [name for name, _ in expiring(keys, END - 29 * DAY)] == ["edge", "cam1", "desk"]
+    assert [name for name, _ in expiring(keys, END - 29 * DAY)] == ["edge", "cam1", "desk", "house"]
     renew_keys(keys, "edge", END - 29 * DAY)
-    assert [name for name, _ in expiring(keys, END + DAY)] == ["cam1", "desk"]
+    assert [name for name, _ in expiring(keys, END + DAY)] == ["cam1", "desk", "house"]
     assert "authority" in dict(expiring(keys, NOW + 3640 * DAY))
 
 
@@ -114,14 +116,14 @@ def test_expiry_is_reported_once_a_day_and_again_when_it_has_come(keys: Path) ->
     assert pass_by(DAY) == []
     lines = pass_by(25 * DAY)
     assert (
-        len(lines) == 3 and "edge expires on 2029-02-25, in 14 days: e3pose keys renew" in lines[0]
+        len(lines) == 4 and "edge expires on 2029-02-25, in 14 days: e3pose keys renew" in lines[0]
     )
-    assert pass_by(DAY / 2) == [] and len(pass_by(AGAIN)) == 3
-    assert len(pass_by(-2 * DAY)) == 3  # the clock was set back
+    assert pass_by(DAY / 2) == [] and len(pass_by(AGAIN)) == 4
+    assert len(pass_by(-2 * DAY)) == 4  # the clock was set back
     lines = pass_by(16 * DAY)
     assert "cam1 expired on 2029-02-25 12:00 UTC: nobody can connect anew with it" in lines[1]
     renew_keys(keys, "edge", now[0])
-    assert len(pass_by(2 * AGAIN)) == 2
+    assert len(pass_by(2 * AGAIN)) == 3
 
 
 def test_site_without_certificates_has_nothing_to_report() -> None:

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import datetime
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 
 from e3pose.base.errors import InputError
 from e3pose.settings.resolved import ResolvedSite
 from e3pose.site.admission import edge_link
 from e3pose.site.check.finding import Finding
-from e3pose.wire.access import Roll
-from e3pose.wire.keys.folder import Kind, valid_certificates
+from e3pose.wire.access import Kind, Roll
+from e3pose.wire.keys.folder import valid_certificates
 from e3pose.wire.keys.renewal import SOON_DAYS
 
 
@@ -73,16 +73,10 @@ def _lasting(
         until = expires((folder / file).read_bytes())  # that they are valid now was checked
         if until - now < datetime.timedelta(days=SOON_DAYS):
             yield Finding("warning", f"certificate {what}", f"expires on {until:%Y-%m-%d}", advice)
-    kinds: dict[Kind, Mapping[str, str]] = {}
-    if roll is not None:
-        kinds = {
-            "viewer": roll.viewers, "operator": roll.operators, "hub": roll.hubs,
-            "router": roll.routers,
-        }  # fmt: skip
-    for kind, names in kinds.items():
+    for kind, names in ({} if roll is None else roll.holders).items():
         for one in names:
             place = folder / f"{kind}s" / one
-            if place.is_dir():  # it may have been moved to its machine, not copied
+            if kind != "camera" and place.is_dir():  # it may have been moved, not copied
                 yield _certificate(place, one, now, kind)
 
 

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import datetime
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -33,7 +33,7 @@ from e3pose.base.lock import hold
 from e3pose.base.private import make_folder
 from e3pose.base.table import entry, read_table
 from e3pose.model.camera_fields import check_camera_id
-from e3pose.wire.access import Certificates, Link, Roll, check_link, edge_name, holder_of
+from e3pose.wire.access import Certificates, Kind, Link, Roll, check_link, edge_name, holder_of
 from e3pose.wire.endpoint import Endpoint
 from e3pose.wire.topics import check_site
 
@@ -44,8 +44,6 @@ MAX_PEM_BYTES = 2**16
 HOST = re.compile(r"[A-Za-z0-9.:-]{1,253}")
 COMMON_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,51}#([0-9]{1,9})")
 MAX_COUNT = 10**9 - 1
-GROUPS = ("cameras", "viewers", "operators", "hubs", "routers")
-Kind = Literal["camera", "viewer", "operator", "hub", "router"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,15 +57,15 @@ class _Listed(Roll):
         check_site(self.site)
         if not 0 <= self.count <= MAX_COUNT:
             raise InputError("count", self.count, f"0 to {MAX_COUNT}")
-        for group in GROUPS:
-            for name in getattr(self, group):
+        for names in self.holders.values():
+            for name in names:
                 check_camera_id(name)
-        names = self.common_names
-        for name in names:
+        given = self.common_names
+        for name in given:
             if not COMMON_NAME.fullmatch(name):
                 raise InputError("", repr(name[:80]), "a common name such as cam1#2")
-        if len(set(names)) < len(names):
-            twice = next(name for name in names if names.count(name) > 1)
+        if len(set(given)) < len(given):
+            twice = next(name for name in given if given.count(name) > 1)
             raise InputError("", f"{twice} twice", "one name for each certificate")
 
 
@@ -169,7 +167,7 @@ def _add(
     from e3pose.wire.keys.authority import UNREADABLE, make_certificate
 
     roll = read_roll(folder)
-    known = dict(getattr(roll, f"{kind}s"))
+    known = dict(roll.holders[kind])
     if name in known and not again:
         raise InputError(
             f"{folder}: {kind} {name} has a certificate already, "
@@ -217,20 +215,15 @@ def revoke_keys(folder: Path, name: str) -> Roll:
 
 def _revoke(folder: Path, name: str) -> Roll:
     roll = read_roll(folder)
-    everybody: list[Mapping[str, str]] = [getattr(roll, group) for group in GROUPS]
-    lost = [people[name] for people in everybody if name in people]
+    lost = [names[name] for names in roll.holders.values() if name in names]
     if not lost:
-        known = ", ".join(name for people in everybody for name in people) or "nobody"
+        known = ", ".join(one for names in roll.holders.values() for one in names) or "nobody"
         raise InputError(f"{folder}: found no certificate of {name}, expected one of: {known}")
-    roll = replace(
-        roll,
-        cameras={n: c for n, c in roll.cameras.items() if n != name},
-        viewers={n: c for n, c in roll.viewers.items() if n != name},
-        operators={n: c for n, c in roll.operators.items() if n != name},
-        hubs={n: c for n, c in roll.hubs.items() if n != name},
-        routers={n: c for n, c in roll.routers.items() if n != name},
-        revoked=(*roll.revoked, *lost),
-    )
+    left = {
+        f"{kind}s": {one: given for one, given in names.items() if one != name}
+        for kind, names in roll.holders.items()
+    }
+    roll = replace(roll, **left, revoked=(*roll.revoked, *lost))  # type: ignore[arg-type]
     _write_roll(folder, roll)
     return roll
 
@@ -322,11 +315,7 @@ def _write_roll(folder: Path, roll: Roll) -> None:
         "site": roll.site,
         "count": roll.count,
         "revoked": list(roll.revoked),
-        "cameras": dict(roll.cameras),
-        "viewers": dict(roll.viewers),
-        "operators": dict(roll.operators),
-        "hubs": dict(roll.hubs),
-        "routers": dict(roll.routers),
+        **{f"{kind}s": dict(names) for kind, names in roll.holders.items()},
     }
     written = tomli_w.dumps(table).encode()
     write_file(folder / LIST, written)

@@ -26,8 +26,8 @@ def certificate_files(folder: Path) -> dict[str, Path]:
     """
     roll = read_roll(folder)
     found = {EDGE: folder / "edge.pem"}
-    for kind in ("camera", "viewer", "operator", "hub", "router"):
-        for name in getattr(roll, f"{kind}s"):
+    for kind, names in roll.holders.items():
+        for name in names:
             found[name] = folder / f"{kind}s" / name / f"{kind}.pem"
     return {name: path for name, path in found.items() if path.is_file()}
 
@@ -107,8 +107,8 @@ def renew_keys(folder: Path, name: str, now: datetime.datetime) -> Path:
 def _check_subject(folder: Path, name: str, subject: str) -> None:
     """Raise `InputError` for a file that holds another one's certificate."""
     roll = read_roll(folder)
-    groups = (roll.cameras, roll.viewers, roll.operators, roll.routers)
-    wanted = [edge_name(roll.site)] if name == EDGE else [g[name] for g in groups if name in g]
+    given = [names[name] for names in roll.holders.values() if name in names]
+    wanted = [edge_name(roll.site)] if name == EDGE else given
     if subject not in wanted:
         raise InputError(
             f"{folder}: the certificate of {name} is that of {subject[:80]}, "
