@@ -20,7 +20,7 @@ from sqlalchemy import Engine
 from e3pose.base.errors import InputError
 from e3pose.base.listener import Bounds
 from e3pose.base.rate_limit import Rate
-from e3pose.base.version import Version, version_of
+from e3pose.base.version import Watched
 from e3pose.hub.accesses import log_accesses
 from e3pose.hub.database import open_hub
 from e3pose.hub.overview import Overviews
@@ -55,40 +55,26 @@ class Opening(BaseModel):
     site: str = Field(max_length=100)
 
 
-@dataclass(slots=True, eq=False)
-class Renewal:
-    """Gives new connections the certificate that stands in the files now.
+def renewal_of(
+    secure: ssl.SSLContext, files: tuple[Path, Path], report: Callable[[str], object]
+) -> Watched:
+    """Return what gives new connections the certificate that stands in the files now.
 
-    Attributes:
+    Args:
         secure: of the page.
         files: its certificate and key.
-        report: called once with why other files cannot be used; those before stay in use.
+        report: called with whether other files are used; if not, those before stay in use.
     """
 
-    secure: ssl.SSLContext
-    files: tuple[Path, Path]
-    report: Callable[[str], object]
-    _seen: Version | None = None
-    _refused: str = ""
-
-    def __post_init__(self) -> None:
-        self._seen = version_of(self.files)
-
-    def update(self) -> None:
-        """Load the files if they changed."""
-        seen = version_of(self.files)
-        if seen is None or seen == self._seen:  # None: being replaced
-            return
+    def load() -> None:
         try:  # on another one first: a key that does not fit would make this one useless
-            ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(*self.files)
-            self.secure.load_cert_chain(*self.files)
+            ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(*files)
+            secure.load_cert_chain(*files)
         except OSError as error:
-            if str(error) != self._refused:
-                self.report(f"certificate of the page: cannot be used, the one before is: {error}")
-            self._refused = str(error)
-            return
-        self._seen, self._refused = seen, ""
-        self.report("certificate of the page renewed")
+            raise InputError(f"cannot be used, the one before is: {error}") from None
+        report("certificate of the page renewed")
+
+    return Watched(files, load, lambda why: report(f"certificate of the page: {why}"))
 
 
 @dataclass(slots=True, eq=False)
@@ -104,7 +90,7 @@ class HubPage:
     rules: Rules[Users]
     _serving: Serving
     _stack: ExitStack
-    _renewal: Renewal | None = None
+    _renewal: Watched | None = None
 
     def __enter__(self) -> HubPage:
         return self
@@ -140,7 +126,7 @@ def open_page(
     if table.certificate:
         secure = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
         files = hub.path.parent / table.certificate, hub.path.parent / table.key
-        renewal = Renewal(secure, files, report)
+        renewal = renewal_of(secure, files, report)
         try:
             secure.load_cert_chain(*files)
         except OSError as error:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from e3pose.base.errors import InputError
-from e3pose.base.version import Version, version_of
+from e3pose.base.version import Watched
 from e3pose.edge.server import EdgeServer
 from e3pose.settings.site_file import SiteTable
 from e3pose.wire.access import Link, Roll
@@ -51,25 +51,22 @@ class Admission:
     server: EdgeServer
     join: Callable[[Link, Roll | None], Transport]
     report: Callable[[str], Any]
-    _seen: Version | None = None
-    _refused: str = ""
+    _keys: Watched = field(init=False)
 
     def __post_init__(self) -> None:
-        self._seen = self._version()
+        folder, names = self.site.link.keys, ("keys.toml", "edge.pem", "edge.key")
+        self._keys = Watched(
+            () if folder is None else tuple(folder / name for name in names),
+            self._rejoin,  # where it fails, the edge goes on by the rules it has
+            lambda why: self.report(f"cannot reload the certificates: {why}"),
+        )
 
     def update(self) -> None:
         """Rejoin if the list of certificates or the edge's own changed since the last call."""
-        seen = self._version()
-        if seen is None or seen == self._seen:  # None: being replaced
-            return
-        try:
-            self.server.membership.rejoin(self.prepare())
-        except InputError as error:  # tried again: the edge goes on by the rules it has
-            if str(error) != self._refused:
-                self.report(f"cannot reload the certificates: {error}")
-            self._refused = str(error)
-            return
-        self._seen, self._refused = seen, ""
+        self._keys.update()
+
+    def _rejoin(self) -> None:
+        self.server.membership.rejoin(self.prepare())
         self.report("certificates reloaded")
 
     def prepare(self) -> Callable[[], Transport]:
@@ -82,9 +79,3 @@ class Admission:
         inbox = self.server.inbox
         inbox.not_admitted = not_admitted(roll, inbox.rig.camera_ids)
         return lambda: self.join(link, roll)
-
-    def _version(self) -> Version | None:
-        folder = self.site.link.keys
-        if folder is None:
-            return ()
-        return version_of(folder / name for name in ("keys.toml", "edge.pem", "edge.key"))

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from e3pose.base.errors import InputError
+from e3pose.base.version import Watched
 from e3pose.wire.access import Link, Roll
 from e3pose.wire.endpoint import Endpoint
 from e3pose.wire.keys.folder import link_of, read_roll
@@ -51,30 +52,25 @@ class Router:
     report: Callable[[str], None]
     site: str = ""
     _transport: Transport | None = None
-    _seen: tuple[int, int] = (0, 0)
-    _refused: str = ""
+    _list: Watched = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._list = Watched(
+            (self.folder / "keys.toml",),
+            self._reopen,
+            lambda why: self.report(f"cannot reload the certificates: {why}"),
+        )
 
     def open(self) -> None:
         """Join; raise `InputError` for what cannot be used."""
-        seen = self._version()
         link, roll = router_link(self.folder, self.endpoint, self.edge)
         self.close()  # the port is one
         self._transport = self.join(link, roll)
-        self.site, self._seen = roll.site, seen
+        self.site = roll.site
 
     def update(self) -> None:
         """Reconnect if the list changed; an error in it is logged once, and retried."""
-        if self._transport is not None and self._version() == self._seen:
-            return
-        try:
-            self.open()
-        except InputError as error:
-            if str(error) != self._refused:
-                self.report(f"cannot reload the certificates: {error}")
-            self._refused = str(error)
-            return
-        self._refused = ""
-        self.report("certificates reloaded")
+        self._list.update()
 
     def close(self) -> None:
         """Leave."""
@@ -82,9 +78,6 @@ class Router:
             self._transport.close()
             self._transport = None
 
-    def _version(self) -> tuple[int, int]:
-        try:
-            status = (self.folder / "keys.toml").stat()
-        except OSError:
-            return self._seen  # being replaced
-        return status.st_mtime_ns, status.st_ino
+    def _reopen(self) -> None:
+        self.open()
+        self.report("certificates reloaded")
