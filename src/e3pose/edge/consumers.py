@@ -13,7 +13,6 @@ from e3pose.edge.energy_ledger import EnergyLedger
 from e3pose.energy.budgets import Budget
 from e3pose.model.look_request import NO_REQUEST, LookRequest
 from e3pose.pipeline import SlotRecord
-from e3pose.predict.base import Predictor
 from e3pose.select.policies.base import Policy
 from e3pose.store.rows import Event
 from e3pose.wire.messages import Heartbeat
@@ -23,6 +22,7 @@ from e3pose.wire.transport import Answer, Transport
 if TYPE_CHECKING:
     from e3pose.edge.gather import Arrival
     from e3pose.edge.knock_watch import KnockWatch
+    from e3pose.edge.learn import OnlineTrainer
     from e3pose.edge.recorder import Recorder
     from e3pose.store.writer import WriterStatus
 
@@ -73,18 +73,6 @@ class Sink(Protocol):
         ...
 
 
-class Learner(Protocol):
-    """Improves the predictor while the edge runs; `learn.online.OnlineTrainer` is one."""
-
-    def collect(self, record: SlotRecord) -> None:
-        """Collect a slot."""
-        ...
-
-    def poll(self) -> Predictor | None:
-        """Return a better predictor to use from now on, or None."""
-        ...
-
-
 class Controls(Protocol):
     """Requests of operators to a running edge; `site.control.SiteControls` is one."""
 
@@ -119,7 +107,7 @@ class Consumers:
     """
 
     sink: Sink | None = None
-    learner: Learner | None = None
+    learner: OnlineTrainer | None = None
     ledger: EnergyLedger | None = None
     controls: Controls | None = None
     recorder: Recorder | None = None

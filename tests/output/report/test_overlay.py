@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ from e3pose.camera.source import open_video
 from e3pose.model.camera import Camera, Rig
 from e3pose.model.pose import Poses2D, Poses3D
 from e3pose.model.skeleton import Skeleton
+from e3pose.model.slot_record import SlotRecord
 from e3pose.output.report.overlay import (
     draw_poses,
     overlay_images,
@@ -49,19 +49,14 @@ def camera(camera_id: str, x_m: float = 0.0) -> Camera:
     return Camera(camera_id, SIZE, K, T)
 
 
-@dataclass
-class Drawing:
-    slot: int
-    poses: Poses3D
-    track_ids: NDArray[np.int64]
-    selected: NDArray[np.bool_]
-    blind: str = ""
-
-
-def standing(slot: int, selected: list[bool], track_id: int = 0) -> Drawing:
+def standing(slot: int, selected: list[bool], track_id: int = 0, blind: str = "") -> SlotRecord:
     """A stick from (0, -0.5, 2) to (0, 0.5, 2) metres."""
     joints = np.array([[[0.0, -0.5, 2.0], [0.0, 0.5, 2.0]]])
-    return Drawing(slot, Poses3D(joints, np.ones((1, 2))), np.array([track_id]), np.array(selected))
+    poses, ids = Poses3D(joints, np.ones((1, 2))), np.array([track_id])
+    awake, nothing = np.array(selected), np.zeros(len(selected))
+    return SlotRecord(
+        slot, 0.1 * slot, awake, awake, poses, ids, nothing, nothing, awake, blind=blind
+    )
 
 
 def video(path: Path, levels: list[int]) -> str:
@@ -126,8 +121,8 @@ def test_colors_of_tracks_are_stable_and_apart() -> None:
 def test_panels_show_each_slots_frame_with_its_skeleton(tmp_path: Path) -> None:
     files = {"a": video(tmp_path / "a.mp4", [60, 100, 140, 180]), "b": ""}
     files["b"] = video(tmp_path / "b.mp4", [180] * 4)
-    drawings = [standing(1, [True, False]), standing(3, [True, True])]
-    first, second = overlay_images(recording(tmp_path, **files), drawings, height_px=SIZE[1])
+    records = [standing(1, [True, False]), standing(3, [True, True])]
+    first, second = overlay_images(recording(tmp_path, **files), records, height_px=SIZE[1])
     width = SIZE[0]
     assert first.shape == (SIZE[1], 2 * width + 4, 3)
     corner = (110, 20)
@@ -142,13 +137,12 @@ def test_panels_show_each_slots_frame_with_its_skeleton(tmp_path: Path) -> None:
 
 def test_blind_slot_is_drawn_in_a_colour_of_its_own(tmp_path: Path) -> None:
     files = {"a": video(tmp_path / "a.mp4", [180] * 4)}
-    drawings = [standing(0, [True]), standing(1, [True]), standing(2, [False])]
-    drawings[1].blind = "views-late"
-    active, blind, idle = overlay_images(recording(tmp_path, **files), drawings, height_px=SIZE[1])
+    records = [standing(0, [True]), standing(1, [True], blind="views-late"), standing(2, [False])]
+    active, blind, idle = overlay_images(recording(tmp_path, **files), records, height_px=SIZE[1])
     assert active[64, 1].tolist() == list(AWAKE_COLOR)
     assert blind[64, 1].tolist() == list(BLIND_COLOR)
     assert int(blind[110, 20, 0]) < 100 and int(idle[64, 1, 0]) < 100
-    assert camera_word(drawings[1], 0) == "blind: views late"
+    assert camera_word(records[1], 0) == "blind: views late"
 
 
 def test_video_start_moves_the_frames(tmp_path: Path) -> None:
@@ -162,11 +156,11 @@ def test_video_start_moves_the_frames(tmp_path: Path) -> None:
 
 def test_slot_before_the_first_frame_is_black_and_after_the_last_stays(tmp_path: Path) -> None:
     files = {"a": video(tmp_path / "a.mp4", [100, 180])}
-    drawings = [standing(slot, [True, True]) for slot in (0, 2, 7)]
+    records = [standing(slot, [True, True]) for slot in (0, 2, 7)]
     starts = {"a": -0.2}
     images = list(
         overlay_images(
-            recording(tmp_path, **files), drawings, height_px=SIZE[1], video_starts_s=starts
+            recording(tmp_path, **files), records, height_px=SIZE[1], video_starts_s=starts
         )
     )
     levels = [int(image[110, 20, 0]) for image in images]

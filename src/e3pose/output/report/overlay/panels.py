@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from e3pose.base.errors import InputError
 from e3pose.camera.slot_reader import SlotReader, video_path
 from e3pose.model.blind_slot import WORDS
 from e3pose.model.camera import Camera
-from e3pose.model.pose import Poses3D
+from e3pose.model.slot_record import SlotRecord
 from e3pose.output.report.figures import BLIND
 from e3pose.output.report.overlay.draw import Image, draw_poses, reproject, track_color
 from e3pose.recording import Recording
@@ -27,44 +25,15 @@ LABEL_HEIGHT = 0.035  # of the panel
 CAPITAL_PX = 22  # height of OpenCV's capitals at size 1
 
 
-class SlotDrawing(Protocol):
-    """What to draw in one slot; a replay's slot record is one."""
-
-    @property
-    def slot(self) -> int:
-        """Index of the slot."""
-        ...
-
-    @property
-    def poses(self) -> Poses3D:
-        """The people, in the recording's skeleton."""
-        ...
-
-    @property
-    def track_ids(self) -> NDArray[np.int64]:
-        """`(num_persons,)` identities, which give the colours."""
-        ...
-
-    @property
-    def selected(self) -> NDArray[np.bool_]:
-        """`(num_cameras,)` whether the camera was awake."""
-        ...
-
-    @property
-    def blind(self) -> str:
-        """Why no view arrived although one was due; empty if the slot is not blind."""
-        ...
-
-
 def overlay_images(
     recording: Recording,
-    drawings: Iterable[SlotDrawing],
+    records: Iterable[SlotRecord],
     folder: Path | None = None,
     height_px: int = 480,
     video_starts_s: Mapping[str, float] | None = None,
     cameras: Sequence[str] | None = None,
 ) -> Iterator[Image]:
-    """Yield one image per drawing: a panel per camera, left to right.
+    """Yield one image per slot: a panel per camera, left to right.
 
     An awake camera has a green frame; one that sleeps is dark, and its frame was not used. In a
     blind slot all are dark with an amber frame. The skeletons are the slot's 3D poses, drawn where
@@ -72,7 +41,7 @@ def overlay_images(
 
     Args:
         recording: with videos.
-        drawings: in rising slots.
+        records: in rising slots.
         folder: the recording's, for videos that stand in it.
         height_px: of the image.
         video_starts_s: for each camera, which time in its video is the recording's zero; 0 if not
@@ -87,28 +56,28 @@ def overlay_images(
         raise InputError(f"recording {recording.name}: no videos of {chosen or 'any camera'}")
     starts_s = video_starts_s or {}
     readers: dict[str, SlotReader] = {}
-    for drawing in drawings:
+    for record in records:
         panels = []
         for name in chosen:
             if name not in readers:
                 path = video_path(recording, name, folder)
                 start_s = starts_s.get(name, 0.0)
-                readers[name] = SlotReader(path, recording.fps, start_s, drawing.slot)
+                readers[name] = SlotReader(path, recording.fps, start_s, record.slot)
             index = recording.rig.index(name)
             camera = recording.rig.cameras[index]
-            image = readers[name].newest(drawing.slot)
+            image = readers[name].newest(record.slot)
             if image is None:
                 width, height = camera.image_size
                 image = np.zeros((height, width, 3), dtype=np.uint8)
-            panels.append(_panel(image, drawing, camera, recording, index, height_px))
+            panels.append(_panel(image, record, camera, recording, index, height_px))
         yield _side_by_side(panels)
 
 
-def camera_word(drawing: SlotDrawing, camera: int) -> str:
+def camera_word(record: SlotRecord, camera: int) -> str:
     """Return what a camera, by its index, did in a slot: `active`, `idle` or why it is blind."""
-    if drawing.blind:
-        return f"blind: {WORDS.get(drawing.blind, drawing.blind)}"
-    return "active" if drawing.selected[camera] else "idle"
+    if record.blind:
+        return f"blind: {WORDS.get(record.blind, record.blind)}"
+    return "active" if record.selected[camera] else "idle"
 
 
 def stack_strip(images: Sequence[Image]) -> Image:
@@ -123,7 +92,7 @@ def stack_strip(images: Sequence[Image]) -> Image:
 
 def _panel(
     image: Image,
-    drawing: SlotDrawing,
+    record: SlotRecord,
     camera: Camera,
     recording: Recording,
     index: int,
@@ -133,21 +102,21 @@ def _panel(
 
     scale = height_px / image.shape[0]
     width_px = max(1, round(image.shape[1] * scale))
-    awake = bool(drawing.selected[index]) and not drawing.blind
+    awake = bool(record.selected[index]) and not record.blind
     if not awake:
         image = (image * ASLEEP_BRIGHTNESS).astype(np.uint8)
     # Lines are drawn at full size and shrink with the picture.
-    colors = [track_color(int(track_id)) for track_id in drawing.track_ids]
-    drawn = draw_poses(image, reproject(drawing.poses, camera), recording.skeleton, colors)
+    colors = [track_color(int(track_id)) for track_id in record.track_ids]
+    drawn = draw_poses(image, reproject(record.poses, camera), recording.skeleton, colors)
     panel = cv2.resize(drawn, (width_px, height_px), interpolation=cv2.INTER_AREA)
-    text = f"{camera.camera_id} {camera_word(drawing, index)}"
+    text = f"{camera.camera_id} {camera_word(record, index)}"
     size = LABEL_HEIGHT * height_px / CAPITAL_PX
     height = round(LABEL_HEIGHT * height_px)
     band = panel[BORDER_PX : 6 * BORDER_PX + height]
     band[:] = band // 2  # so that the label is read on any picture
     place = (4 * BORDER_PX, 3 * BORDER_PX + height)
     cv2.putText(panel, text, place, cv2.FONT_HERSHEY_SIMPLEX, size, (255, 255, 255))
-    if awake or drawing.blind:
+    if awake or record.blind:
         corner, color = (width_px - 1, height_px - 1), AWAKE_COLOR if awake else BLIND_COLOR
         cv2.rectangle(panel, (0, 0), corner, color, 2 * BORDER_PX)
     return np.asarray(panel, dtype=np.uint8)
