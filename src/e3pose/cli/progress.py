@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from typing import TypeVar
 
 from rich.console import Console
-from rich.progress import Progress, TaskID, track
+from rich.progress import Progress, ProgressColumn, TaskID, track
 
 T = TypeVar("T")
 LINE_S = 10.0  # between two lines on a pipe
@@ -51,6 +51,31 @@ def notice_compiling() -> None:
     if not log.handlers:
         log.addHandler(_Notice())
         log.setLevel(logging.INFO)
+
+
+@contextmanager
+def bar(
+    label: str, *columns: ProgressColumn, transient: bool = True
+) -> Iterator[Callable[[float, float | None], None]]:
+    """Yield what takes work done and in all, None while that is unknown; silent in a pipe.
+
+    Args:
+        label: what the work is.
+        columns: of the bar; rich's by default.
+        transient: whether the bar goes when the work ends; else it stays, full.
+    """
+    console = Console(stderr=True)
+    hidden = not console.is_terminal
+    with Progress(*columns, console=console, transient=transient, disable=hidden) as shown:
+        task = shown.add_task(label, total=None)
+
+        def progress(done: float, total: float | None) -> None:
+            total = None if total is None else max(done, total)
+            shown.update(task, completed=done, total=total)
+
+        yield progress
+        total = shown.tasks[0].total or 1
+        shown.update(task, completed=total, total=total)
 
 
 @contextmanager

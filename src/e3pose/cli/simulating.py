@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Group, Parameter
-from rich.console import Console
-from rich.progress import Progress
 
 from e3pose.base.atomic import check_free
 from e3pose.base.errors import InputError
 from e3pose.base.quantities import plural
 from e3pose.cli.options import Flag, Whole
+from e3pose.cli.progress import bar
 from e3pose.recording import Recording, save_recording
 from e3pose.recording.calibration import load_rig
 from e3pose.simulate import DetectorSettings, Guessing, SceneSettings, adjusted
@@ -176,8 +173,9 @@ def simulate(
         rig=ring.rig(),
         detector=errors.detector(scene),
     )
-    with _bar("simulate") as progress:
-        recording = with_skeleton(run(settings, seed, progress), skeleton, seed)
+    with bar("simulate") as progress:
+        made = run(settings, seed, lambda share: progress(share, 1))
+        recording = with_skeleton(made, skeleton, seed)
     save_recording(recording, dest, overwrite)
     if videos:
         _write_films(recording, dest)
@@ -200,8 +198,8 @@ def _print(recording: Recording, dest: Path) -> None:
 
 
 def _write_films(recording: Recording, dest: Path) -> None:
-    with _bar("films") as progress:
-        write_films(recording, dest, progress)
+    with bar("films") as progress:
+        write_films(recording, dest, lambda share: progress(share, 1))
 
 
 def size_of(thing: str, resolution: str) -> tuple[int, int]:
@@ -212,12 +210,3 @@ def size_of(thing: str, resolution: str) -> tuple[int, int]:
             f"{thing}: found {resolution[:40]!r}, expected WIDTHxHEIGHT such as 1032x776"
         )
     return int(match[1]), int(match[2])
-
-
-@contextmanager
-def _bar(label: str) -> Iterator[Callable[[float], None]]:
-    """Yield a function that moves a bar on standard error; silent without a terminal."""
-    console = Console(stderr=True)
-    with Progress(console=console, disable=not console.is_terminal, transient=True) as bar:
-        task = bar.add_task(label, total=1.0)
-        yield lambda share: bar.update(task, completed=share)
