@@ -16,7 +16,6 @@ from e3pose.energy.budgets import (
     Supply,
     allowance_j,
     common_lifetime,
-    lifetime_s,
     parse_budget,
     slot_shares,
 )
@@ -130,7 +129,8 @@ def test_common_lifetime_is_the_longest(
     assert ((shares >= 0) & (shares <= 1 + 1e-9)).all()
     assert shares.sum() == pytest.approx(wanted, rel=1e-6)
     for supply, share, active, idle in zip(supplies, shares, active_w, idle_w, strict=True):
-        lasts_s = lifetime_s(supply, idle + share * (active - idle))
+        spent_w = idle + share * (active - idle) - supply.charging_w
+        lasts_s = supply.battery_j / spent_w if spent_w > 0 else np.inf
         if share > 1e-6:  # one that may not even be idle so long gets nothing
             assert lasts_s >= seconds * (1 - 1e-6)
         if 1e-6 < share < 1 - 1e-6 and seconds < FOREVER_S:

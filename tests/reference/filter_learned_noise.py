@@ -29,7 +29,7 @@ from e3pose.model.projection import MIN_DEPTH_M, project
 
 
 def factors(noise: Floats, weight: float) -> Floats:
-    """See `e3pose.estimate.filter.learned_noise.factors`."""
+    """Return `(num_cameras,)` factors on the sigma of the noise file, as `find_logs` has them."""
     logs, counts = noise[:-1].T
     own = counts * ALIKE / (counts + ALIKE)
     mean = (own * logs).sum() / (own.sum() + weight)

@@ -44,7 +44,6 @@ class Intrinsics:
         fit_px: the same in the views of the fit.
         focal_sigma: standard deviation of the focal length as a share of it.
         used: `(num_used,)` which of the views given were used.
-        boards: `(num_used, 4, 4)` board to camera.
         errors_px: `(num_used, num_corners)` lengths of the errors; NaN where not found, or where
             the corner was left out.
     """
@@ -55,7 +54,6 @@ class Intrinsics:
     fit_px: float
     focal_sigma: float
     used: NDArray[np.int64]
-    boards: Floats
     errors_px: Floats
 
 
@@ -100,14 +98,14 @@ def fit_intrinsics(
         )
     model = next(m for m in models if WORTH * held_out[m] <= best)
     camera = _fitted(camera_id, model, image_size, corners_m, cleaned)
-    boards, errors = resect(camera, corners_m, cleaned)
+    _, errors = resect(camera, corners_m, cleaned)
     if camera.fisheye:
         camera = replace(camera, known_to=_filmed_angle(camera, cleaned))
     lengths = np.linalg.norm(errors, axis=-1)
     fit_px = float(np.sqrt(np.nanmean(lengths**2)))
     return Intrinsics(
         camera, model, held_out, fit_px, _focal_sigma(camera, corners_m, cleaned, fit_px),
-        used, boards, lengths,
+        used, lengths,
     )  # fmt: skip
 
 

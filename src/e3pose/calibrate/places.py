@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
-from e3pose.calibrate.align import Move, from_axis, guess
+from e3pose.calibrate.align import Move, guess
 from e3pose.calibrate.ball import track_balls
 from e3pose.calibrate.board import Board
 from e3pose.calibrate.board_views import find_board
@@ -281,8 +281,3 @@ def _outliers(weights: Floats, seen: NDArray[np.bool_]) -> Floats:
     count = seen.sum(axis=axes)
     bad = (seen & (weights <= 0.4)).sum(axis=axes)
     return np.where(count > 0, bad / np.maximum(count, 1), np.nan)
-
-
-def turned(rig: Rig, up: str) -> Rig:
-    """Return a rig whose axis `up` becomes z."""
-    return from_axis(up).rig(rig)

@@ -102,7 +102,6 @@ class Consumers:
         recorder: writes the views of cameras as recordings.
         watch: detects that a camera was knocked.
         outbox: answers hubs that fetch summaries, on a thread of the transport.
-        on_beat: called with every heartbeat, on a thread of the transport.
         asks: returns after each slot the looks that are asked for.
     """
 
@@ -113,7 +112,6 @@ class Consumers:
     recorder: Recorder | None = None
     watch: KnockWatch | None = None
     outbox: Answer | None = None
-    on_beat: Callable[[Heartbeat], None] = lambda beat: None
     asks: Callable[[], LookRequest] = lambda: NO_REQUEST
 
     def paused(self) -> frozenset[str]:
@@ -137,7 +135,6 @@ class Consumers:
             self.ledger.take(beat)
         if self.recorder is not None:
             self.recorder.processor.take(beat)
-        self.on_beat(beat)
 
     def observe(self, record: SlotRecord, time_ns: int, arrivals: Mapping[int, Arrival]) -> None:
         """Pass on the looks of a slot, by camera, and its record.

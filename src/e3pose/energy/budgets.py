@@ -200,12 +200,6 @@ def common_lifetime(
     return shares(low), low
 
 
-def lifetime_s(supply: Supply, watts: float) -> float:
-    """Return how long a battery lasts a mean power; infinite while more goes in than out."""
-    spent_w = watts - supply.charging_w
-    return float(supply.battery_j / spent_w) if spent_w > 0 else np.inf
-
-
 def _wanted_j(
     budget: Budget, supply: Supply, active: float, idle: float, interval_s: float, now_s: float
 ) -> float:

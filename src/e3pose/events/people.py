@@ -19,7 +19,6 @@ from e3pose.events.states import (
     low_of,
     states_of,
 )
-from e3pose.model.proportions import STATURE_M
 from e3pose.model.region import distance_m, in_polygon, middles_m
 from e3pose.settings.site_file import ZoneTable
 
@@ -63,7 +62,6 @@ class Person:
         since_ns: first seen.
         seen_ns: last seen.
         stature: mean and precision of its logarithm, by the limbs.
-        stature_m: metres.
         share: `(num_prototypes + 1,)` probabilities, see `events.states`.
         states: `(num_states,)` probabilities of `events.states.STATES`.
         on_floor: probability that the person lies or sits on the floor itself.
@@ -84,7 +82,6 @@ class Person:
     stature: tuple[float, float]
     share: Floats
     place_m: Floats
-    stature_m: float = STATURE_M
     states: Floats = field(default_factory=lambda: np.eye(len(STATES))[UNKNOWN])
     on_floor: float = 0.0
     surface_m: float = 0.0
@@ -245,7 +242,7 @@ def _followed(
         yield Person(
             int(seen.track_ids[row]), person.since_ns, seen.time_ns,
             (float(stature.mean[row]), float(stature.precision[row])), share[row], places_m[row],
-            float(statures[row]), states[row], float(low[row]), float(surface_m[row]),
+            states[row], float(low[row]), float(surface_m[row]),
             near[row],
             _trail(
                 person.trail, seen.time_ns, float(hips_m[row, 2] / statures[row]),

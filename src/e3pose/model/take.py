@@ -6,7 +6,6 @@ the records of a replay. Missing is NaN, never a number.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -163,18 +162,3 @@ def kept_rows(motion: Motion, keep: NDArray[np.bool_]) -> Motion:
             values[name] = getattr(motion, name)[part].copy()
             values[name][gone] = missing
     return replace(motion, first=motion.first + part.start, **values)
-
-
-def chosen(take: Take, tracks: Iterable[int]) -> Take:
-    """Return the take of some people only.
-
-    Raises:
-        InputError: when there is no such person in it.
-    """
-    wanted = list(dict.fromkeys(tracks))
-    there = {motion.track_id: motion for motion in take.motions}
-    for track in wanted:
-        if track not in there:
-            some = ", ".join(str(t) for t in list(there)[:12]) or "nobody"
-            raise InputError(f"track: found {track}, expected one of {some}")
-    return replace(take, motions=tuple(there[track] for track in wanted))

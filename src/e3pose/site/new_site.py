@@ -22,7 +22,6 @@ from e3pose.energy.profiles import load_profile
 from e3pose.model.camera import Rig
 from e3pose.model.camera_fields import check_camera_id
 from e3pose.recording.calibration import save_rig
-from e3pose.recording.calibration.world import assumed_rig
 from e3pose.settings.resolved import resolve
 from e3pose.settings.site_file import SITE_FILE, load_site
 from e3pose.settings.sources import is_live, located, place_of
@@ -284,10 +283,6 @@ def _camera(choice: Choice, camera_id: str) -> str:
 
 def _quoted(text: str) -> str:
     return tomli_w.dumps({"a": text}).partition("=")[2].strip()
-
-
-def _named(choice: Choice) -> Rig:
-    return assumed_rig({name: seen.image_size for name, seen in choice.probes.items()})
 
 
 def _port() -> int:

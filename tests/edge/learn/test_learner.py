@@ -38,7 +38,7 @@ def test_a_better_network_is_handed_over_once_and_survives_a_restart(make: Make)
     assert trainer.current == 1
     history = np.random.default_rng(0).normal(size=(10, 2, 17, 3))
     assert np.isfinite(predictor.predict(history, 0.1, 5).joints_m).all()
-    (version,) = trainer.versions()
+    (version,) = trainer.store.read().versions
     assert version.parent == 0 and version.windows == 300
     np.testing.assert_allclose(version.error_m, np.multiply(version.parent_error_m, 0.9))
     trainer.close()
@@ -68,7 +68,7 @@ def test_a_network_that_is_not_better_is_not_taken(make: Make, mode: str) -> Non
     trainer = make(mode)
     live(trainer, 100)
     assert "no change:" in trained(trainer)
-    assert trainer.poll() is None and trainer.current == 0 and trainer.versions() == ()
+    assert trainer.poll() is None and trainer.current == 0 and trainer.store.read().versions == ()
 
 
 def test_closing_ends_the_training(make: Make) -> None:
@@ -104,14 +104,14 @@ def test_going_back_hands_over_the_earlier_network(make: Make) -> None:
     live(trainer, 100)
     trained(trainer)
     trainer.poll()
-    assert trainer.rollback() == 0
+    assert trainer.store.back() == 0
     trainer.attend()
     assert trainer.current == 0 and trainer.poll() is not None
-    assert trainer.rollback(1) == 1
+    trainer.store.use(1)
     trainer.attend()
     assert trainer.current == 1 and trainer.poll() is not None
     with pytest.raises(InputError, match="version: found 5"):
-        trainer.rollback(5)
+        trainer.store.use(5)
 
 
 def test_a_choice_made_during_a_training_stands(make: Make, clock: ManualClock) -> None:
@@ -122,7 +122,7 @@ def test_a_choice_made_during_a_training_stands(make: Make, clock: ManualClock) 
     live(trainer, 60, start=100)
     trainer.attend()
     assert trainer.training
-    trainer.rollback(0)
+    trainer.store.use(0)
     wait(trainer)
     assert trainer.current == 0 and "another version was selected" in trainer.events[-1]
 

@@ -39,7 +39,7 @@ def test_a_trainer_that_fails_or_lies_changes_nothing_and_is_left_alone_for_long
     trainer = make(mode)
     live(trainer, 100)
     assert re.search(said, trained(trainer)), trainer.events
-    assert trainer.poll() is None and trainer.current == 0 and trainer.versions() == ()
+    assert trainer.poll() is None and trainer.current == 0 and trainer.store.read().versions == ()
     assert "next attempt in 10 s" in trainer.events[-1]
     clock.advance(9.0)
     trainer.attend()

@@ -10,10 +10,9 @@ from tests.estimate.filter.room import ALL, MODEL, error_m, run, see, spread_m, 
 from tests.reference.filter_associate import associate
 from tests.reference.filter_learned_noise import knots_px
 
-from e3pose.estimate.filter.learned_noise import nothing_known
 from e3pose.model.pose import Poses2D
 
-KNOTS_PX = knots_px(MODEL, nothing_known(len(MODEL.rig)))[0]
+KNOTS_PX = knots_px(MODEL, np.zeros((len(MODEL.rig) + 1, 2)))[0]
 
 
 def test_uncertainty_grows_unseen_and_shrinks_seen() -> None:

@@ -22,7 +22,7 @@ from tests.reference.filter_learned_noise import knots_px
 
 from e3pose.base.arrays import Floats
 from e3pose.estimate.filter import Belief, Model, Noise, outlook
-from e3pose.estimate.filter.learned_noise import CAUTION, MOST, factors, found
+from e3pose.estimate.filter.learned_noise import CAUTION, MOST, find_logs, found
 from e3pose.estimate.filter.outliers import LEAST_KNOWN, MEMORY
 from e3pose.model.noise import ASSUMED_WEIGHT, KNOWN_WEIGHT
 from e3pose.model.pose import Poses2D
@@ -115,6 +115,13 @@ def test_wild_joints_do_not_inflate_it() -> None:
     quiet = learned(stated(1.0), walking(8.0, np.ones(NUM_CAMERAS)))
     wild = learned(stated(1.0), walking(8.0, np.ones(NUM_CAMERAS), wild=0.1))
     assert (wild / quiet < 1.25).all()
+
+
+def factors(noise: Floats, weight: float) -> Floats:
+    """`(num_cameras,)` factors on the sigma of the noise file."""
+    logs = np.empty(len(noise))
+    find_logs(noise, weight, logs)
+    return np.asarray(np.exp(logs[:-1]))
 
 
 def test_assumed_noise_is_given_up_faster_than_measured() -> None:

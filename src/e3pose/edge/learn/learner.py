@@ -134,23 +134,6 @@ class OnlineTrainer:
         """Seconds with people in them that are on disk."""
         return sum(self._slots_of.values()) * self.settings.interval_s
 
-    def versions(self) -> tuple[Version, ...]:
-        """Return the versions that are kept, oldest first; raise `InputError` if damaged."""
-        return self.store.read().versions
-
-    def rollback(self, number: int | None = None) -> int:
-        """Go back to the network before the current one, or to version `number`; return which.
-
-        `poll` soon gives its predictor.
-
-        Raises:
-            InputError: when there is no such version, or it is damaged.
-        """
-        if number is None:
-            return self.store.back()
-        self.store.use(number)
-        return number
-
     def close(self) -> None:
         """Write what was gathered, end a training that runs, and give the folder free."""
         self._closing.set()

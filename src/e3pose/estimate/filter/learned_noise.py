@@ -50,23 +50,6 @@ STEEPEST = 3.0  # the tilt at its ends, and its inverse
 FURTHEST = math.log(MOST)
 
 
-def nothing_known(num_cameras: int) -> Floats:
-    """Return `(num_cameras + 1, 2)` before the first slot, as in `Belief.noise`."""
-    return np.zeros((num_cameras + 1, 2))
-
-
-def factors(noise: Floats, weight: float) -> Floats:
-    """Return `(num_cameras,)` factors on the sigma of the noise file.
-
-    Args:
-        noise: `Belief.noise`.
-        weight: keypoints that the file counts for.
-    """
-    logs = np.empty(len(noise))
-    find_logs(noise, weight, logs)
-    return np.asarray(np.exp(logs[:-1]))
-
-
 def found(noise: Floats, weight: float) -> Floats:
     """Return `(num_cameras,)` sigma of the keypoints over the file's; NaN where too little is seen.
 

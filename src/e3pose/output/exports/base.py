@@ -8,10 +8,8 @@ from pathlib import Path
 from typing import Any, Literal, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from e3pose.base.arrays import Floats
-from e3pose.base.errors import InputError
 from e3pose.model.camera import Rig
 from e3pose.model.take import Take
 
@@ -70,32 +68,6 @@ class Export:
 def y_up(points_m: Floats) -> Floats:
     """Return `(*batch, 3)` points of the world, z up, as x, z, -y: y up, right-handed as before."""
     return np.stack([points_m[..., 0], points_m[..., 2], -points_m[..., 1]], axis=-1)
-
-
-def dense(take: Take) -> tuple[Floats, Floats, NDArray[np.uint8]]:
-    """Return everybody over the same frames, of which the first is that of the take's span.
-
-    Returns:
-        `(num_people, num_frames, num_joints, 3)` metres, `(num_people, num_frames, num_joints)`
-        standard deviations, NaN where missing, and origins of the same shape.
-
-    Raises:
-        InputError: when that would fill the memory.
-    """
-    first, stop = take.span
-    shape = (len(take.motions), stop - first, len(take.skeleton))
-    if 3 * int(np.prod(shape)) > MAX_VALUES:
-        raise InputError(
-            f"{shape[0]} people over {shape[1]} frames in one file, expected fewer: "
-            "name tracks, a shorter time, or a format with a file a person"
-        )
-    joints_m, sigma_m = np.full((*shape, 3), np.nan), np.full(shape, np.nan)
-    origin = np.zeros(shape, dtype=np.uint8)
-    for person, motion in enumerate(take.motions):
-        rows = slice(motion.first - first, motion.first - first + len(motion))
-        joints_m[person, rows], sigma_m[person, rows] = motion.joints_m, motion.sigma_m
-        origin[person, rows] = motion.origin
-    return joints_m, sigma_m, origin
 
 
 def person_name(track_id: int) -> str:

@@ -26,7 +26,6 @@ MAX_BYTES, MOST_PROFILES = 2**18, 8
 DEVICE, MEDIA = "http://www.onvif.org/ver10/device/wsdl", "http://www.onvif.org/ver10/media/wsdl"
 SCHEMA, SOAP = "http://www.onvif.org/ver10/schema", "http://www.w3.org/2003/05/soap-envelope"
 SECURITY = "http://docs.oasis-open.org/wss/2004/01/oasis-200401-wss-"
-DATE = ("Year", "Month", "Day", "Hour", "Minute", "Second")
 DIGEST = f"{SECURITY}username-token-profile-1.0#PasswordDigest"
 
 
