@@ -11,17 +11,14 @@ from e3pose.base.plugins import maker
 from e3pose.detectors.base import Detector as Detector
 from e3pose.detectors.base import Image as Image
 from e3pose.detectors.drawn import Drawn
-from e3pose.detectors.ecpose import NAME as ECPOSE
 from e3pose.detectors.ecpose import EcPose
-from e3pose.detectors.inference import load_network
-from e3pose.detectors.movenet import NAME as MOVENET
+from e3pose.detectors.inference import Network, load_network
 from e3pose.detectors.movenet import MoveNet
 from e3pose.detectors.openpose import OpenPose, check_maps
 from e3pose.detectors.rtmo import Rtmo
 from e3pose.detectors.top_down import open_top_down
 from e3pose.detectors.topology import TOPOLOGIES
 from e3pose.detectors.weights import find_weights
-from e3pose.detectors.yolo import NAME as YOLO
 from e3pose.detectors.yolo import YoloPose
 from e3pose.model.skeleton import COCO17, COCO18, Skeleton
 
@@ -29,25 +26,22 @@ Factory = Callable[[Path | None, str, int | None], Detector]
 
 __all__ = ["DETECTORS", "Detector", "Image", "identify", "make_detector"]
 
-
-def _movenet(model: Path | None, provider: str, threads: int | None) -> Detector:
-    return MoveNet(load_network(_weights(MOVENET, model), provider, threads))
-
-
-def _openpose(name: str, model: Path | None, provider: str, threads: int | None) -> Detector:
-    return OpenPose(load_network(_weights(name, model), provider, threads), TOPOLOGIES[name])
-
-
-def _yolo(model: Path | None, provider: str, threads: int | None) -> Detector:
-    return YoloPose(load_network(_weights(YOLO, model), provider, threads))
-
-
-def _rtmo(name: str, model: Path | None, provider: str, threads: int | None) -> Detector:
-    return Rtmo(load_network(_weights(name, model), provider, threads))
+# What each makes of its network, and the skeleton of its poses.
+NETWORKS: dict[str, tuple[Callable[[Network], Detector], Skeleton]] = {
+    "movenet-multipose": (MoveNet, COCO17),
+    "openpose-thin": (partial(OpenPose, topology=TOPOLOGIES["openpose-thin"]), COCO18),
+    "trt-pose": (partial(OpenPose, topology=TOPOLOGIES["trt-pose"]), COCO18),
+    "yolo-pose": (YoloPose, COCO17),
+    "rtmo": (Rtmo, COCO17),
+    "rtmo-m": (Rtmo, COCO17),
+    "rtmo-l": (Rtmo, COCO17),
+    "ecpose": (EcPose, COCO17),
+}
 
 
-def _ecpose(model: Path | None, provider: str, threads: int | None) -> Detector:
-    return EcPose(load_network(_weights(ECPOSE, model), provider, threads))
+def _of_one_network(name: str, model: Path | None, provider: str, threads: int | None) -> Detector:
+    make, _ = NETWORKS[name]
+    return make(load_network(find_weights(name) if model is None else model, provider, threads))
 
 
 def _drawn(model: Path | None, provider: str, threads: int | None) -> Detector:
@@ -62,31 +56,14 @@ def _top_down(name: str, model: Path | None, provider: str, threads: int | None)
 
 GROUP = "e3pose.detectors"  # the entry points of other packages
 DETECTORS: dict[str, Factory] = {
-    "movenet-multipose": _movenet,
-    "openpose-thin": partial(_openpose, "openpose-thin"),
-    "trt-pose": partial(_openpose, "trt-pose"),
-    "yolo-pose": _yolo,
-    "rtmo": partial(_rtmo, "rtmo"),
-    "rtmo-m": partial(_rtmo, "rtmo-m"),
-    "rtmo-l": partial(_rtmo, "rtmo-l"),
-    "ecpose": _ecpose,
+    **{name: partial(_of_one_network, name) for name in NETWORKS},
     "rtmpose": partial(_top_down, "rtmpose"),
     "vitpose": partial(_top_down, "vitpose"),
     "drawn": _drawn,
 }
 
 # What each outputs, where that is known before its weights are there.
-SKELETONS: dict[str, Skeleton] = {
-    "movenet-multipose": COCO17,
-    "openpose-thin": COCO18,
-    "trt-pose": COCO18,
-    "yolo-pose": COCO17,
-    "rtmo": COCO17,
-    "rtmo-m": COCO17,
-    "rtmo-l": COCO17,
-    "ecpose": COCO17,
-    "drawn": COCO17,
-}
+SKELETONS = {name: skeleton for name, (_, skeleton) in NETWORKS.items()} | {"drawn": COCO17}
 
 
 def make_detector(
@@ -166,7 +143,3 @@ def skeleton_of(name: str, model: Path | None = None) -> Skeleton | None:
         return SKELETONS.get(identify(path))
 
     return open_top_down(path, provider="cpu", threads=1)[1].skeleton
-
-
-def _weights(name: str, model: Path | None) -> Path:
-    return find_weights(name) if model is None else model

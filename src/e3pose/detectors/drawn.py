@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.detectors.base import Image, check_image, poses_in_image
-from e3pose.detectors.focus import Part
+from e3pose.detectors.focus import InParts, Part
 from e3pose.model.expected import ExpectedView
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17
@@ -31,18 +31,13 @@ FEWEST = 4  # joints of a person
 FAR_PX = 10_000
 
 
-class Drawn:
+class Drawn(InParts):
     """Finds the people that `draw` drew; at most three."""
 
     person_px, long_side, multiple = np.inf, 1, 1  # it reads the pixels as they are
 
     def __init__(self) -> None:
         self.skeleton = COCO17
-
-    def detect(self, image: Image) -> Poses2D:
-        """Return the people in a `(height, width, 3)` RGB image, in its pixels."""
-        width, height = check_image(image)
-        return self.detect_part(image, Part(0, 0, width, height, self.long_side))
 
     def detect_part(
         self, image: Image, part: Part, expected: ExpectedView | None = None

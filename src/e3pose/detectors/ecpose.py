@@ -16,7 +16,7 @@ from e3pose.base.errors import InputError
 from e3pose.detectors.base import Image, check_image, poses_in_image
 from e3pose.detectors.duplicates import without_duplicates
 from e3pose.detectors.fit import stretch
-from e3pose.detectors.focus import Part
+from e3pose.detectors.focus import InParts, Part
 from e3pose.detectors.inference import FLOATS, Network, check_image_input
 from e3pose.model.expected import ExpectedView
 from e3pose.model.pose import Poses2D
@@ -31,7 +31,7 @@ MIN_PERSON_SCORE = 0.5  # of the publisher's example
 COORDINATES = (2, 3, None)  # of a keypoint: x, y, and in some files a score
 
 
-class EcPose:
+class EcPose(InParts):
     """Float `(1, 3, height, width)` RGB, normalised, and the input's size in.
 
     Out come `(1, N)` scores, `(1, N)` labels and `(1, N, 17, 2)` keypoints in pixels of the input.
@@ -56,11 +56,6 @@ class EcPose:
         self._scores, self._labels, self._points = map(
             names.index, ("scores", "labels", "keypoints")
         )
-
-    def detect(self, image: Image) -> Poses2D:
-        """Return the people in a `(height, width, 3)` RGB image, in its pixels."""
-        width, height = check_image(image)
-        return self.detect_part(image, Part(0, 0, width, height, SIDE))
 
     def detect_part(
         self, image: Image, part: Part, expected: ExpectedView | None = None

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.base.errors import InputError
-from e3pose.detectors.base import Image
+from e3pose.detectors.base import Image, check_image
 from e3pose.detectors.fit import letterbox_to_side
 from e3pose.detectors.mosaic import Mosaic, mosaic_of
 from e3pose.model.expected import ExpectedView
@@ -86,6 +86,15 @@ class Focusing(InputSize, Protocol):
         Those who are expected may help to find joints.
         """
         ...
+
+
+class InParts(Focusing):
+    """A detector for which a whole image is one part of it."""
+
+    def detect(self, image: Image) -> Poses2D:
+        """Return the people in a `(height, width, 3)` RGB image, in its pixels."""
+        width, height = check_image(image)
+        return self.detect_part(image, Part(0, 0, width, height, self.long_side))
 
 
 @runtime_checkable

@@ -7,7 +7,7 @@ import numpy as np
 from e3pose.base.errors import InputError
 from e3pose.detectors.base import Image, check_image, poses_in_image
 from e3pose.detectors.fit import letterbox, letterbox_to_side
-from e3pose.detectors.focus import Part
+from e3pose.detectors.focus import InParts, Part
 from e3pose.detectors.inference import Network
 from e3pose.model.expected import ExpectedView
 from e3pose.model.pose import Poses2D
@@ -24,7 +24,7 @@ MIN_PERSON_SCORE = 0.2
 MIN_KEYPOINT_SCORE = 0.2
 
 
-class MoveNet:
+class MoveNet(InParts):
     """The published network: int32 `(1, height, width, 3)` in, float32 `(1, people, 56)` out.
 
     Raises:
@@ -46,11 +46,6 @@ class MoveNet:
         output = network.output_shapes[0]
         if len(output) != 3 or output[2] not in (VALUES, None):
             raise self._error(output)
-
-    def detect(self, image: Image) -> Poses2D:
-        """Return the people in a `(height, width, 3)` RGB image, in its pixels."""
-        width, height = check_image(image)
-        return self.detect_part(image, Part(0, 0, width, height, LONG_SIDE))
 
     def detect_part(
         self, image: Image, part: Part, expected: ExpectedView | None = None

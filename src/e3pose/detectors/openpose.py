@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from e3pose.base.errors import InputError
 from e3pose.detectors.base import Image, check_image, poses_in_image
 from e3pose.detectors.fit import Fit, letterbox, letterbox_to_side, stretch
-from e3pose.detectors.focus import Part
+from e3pose.detectors.focus import InParts, Part
 from e3pose.detectors.inference import Network, check_image_input
 from e3pose.detectors.part_affinity import Prior, decode
 from e3pose.detectors.topology import Topology
@@ -23,7 +23,7 @@ PERSON_PX = 150.0
 PAD = 0  # both networks saw black beyond the border in training
 
 
-class OpenPose:
+class OpenPose(InParts):
     """A network with part heatmaps and part-affinity fields.
 
     Args:
@@ -43,11 +43,6 @@ class OpenPose:
         self.multiple = topology.multiple
         self.free_input = topology.keep_proportions and None in network.input_shape[2:]
         self._joints = [topology.parts.index(joint) for joint in self.skeleton.joints]
-
-    def detect(self, image: Image) -> Poses2D:
-        """Return the people in a `(height, width, 3)` RGB image, in its pixels."""
-        width, height = check_image(image)
-        return self.detect_part(image, Part(0, 0, width, height, self.long_side))
 
     def detect_part(
         self, image: Image, part: Part, expected: ExpectedView | None = None

@@ -15,7 +15,7 @@ from e3pose.base.errors import InputError
 from e3pose.detectors.base import Image, check_image, poses_in_image
 from e3pose.detectors.duplicates import without_duplicates
 from e3pose.detectors.fit import letterbox
-from e3pose.detectors.focus import Part
+from e3pose.detectors.focus import InParts, Part
 from e3pose.detectors.inference import FLOATS, Network, check_image_input
 from e3pose.model.expected import ExpectedView
 from e3pose.model.pose import Poses2D
@@ -28,7 +28,7 @@ MIN_PERSON_SCORE = 0.3  # of the publisher's example
 MIN_KEYPOINT_SCORE = 0.3
 
 
-class Rtmo:
+class Rtmo(InParts):
     """Float `(1, 3, height, width)` BGR of 0..255 in; `(1, N, 5)` and `(1, N, 17, 3)` out.
 
     The first are boxes with a score, the second x, y and score of each joint; pixels of the input.
@@ -45,11 +45,6 @@ class Rtmo:
         self._network, self.provider = network, network.provider
         check_image_input(network, NAME)
         self._boxes, self._points = _places(network)
-
-    def detect(self, image: Image) -> Poses2D:
-        """Return the people in a `(height, width, 3)` RGB image, in its pixels."""
-        width, height = check_image(image)
-        return self.detect_part(image, Part(0, 0, width, height, SIDE))
 
     def detect_part(
         self, image: Image, part: Part, expected: ExpectedView | None = None
