@@ -23,9 +23,10 @@ from e3pose.base.arrays import Flags, Floats
 from e3pose.evaluate.metrics import mean_errors_m
 from e3pose.evaluate.noise.residuals import assign_detections
 from e3pose.evaluate.replay import ReplaySettings, replay
-from e3pose.evaluate.smoother import project_all, smooth
+from e3pose.evaluate.smoother import smooth
 from e3pose.model.noise import LEAST_SCORE, Noise
 from e3pose.model.noises import detector_of, load_noise
+from e3pose.model.projection import project
 from e3pose.pipeline import SlotRecord
 from e3pose.predict.base import Prediction
 from e3pose.recording import Recording, ViewSeries, load_recording
@@ -88,8 +89,7 @@ def reference_of(recording: Recording) -> Reference:
         span = slice(seen.first_slot, seen.first_slot + len(seen.scores))
         found = seen.scores > LEAST_SCORE
         keypoints[span, person], scores[span, person] = seen.keypoints_px, seen.scores * found
-    shown = np.stack([project_all(path, recording.rig.projections)[0] for path in
-                      joints_m.swapaxes(0, 1)], axis=1)  # fmt: skip
+    shown = np.moveaxis(project(joints_m, recording.rig.projections)[0], 0, 2)
     off = np.linalg.norm(keypoints - shown, axis=-1) / _sigma_px(recording, noise, scores)
     return Reference(joints_m, keypoints, scores, (scores > 0) & (off > WILD_SIGMAS))
 

@@ -8,7 +8,8 @@ import pytest
 from e3pose.base.arrays import Floats
 from e3pose.estimate.filter.bones import proportions_of
 from e3pose.estimate.filter.tree import grow
-from e3pose.evaluate.smoother import project_all, smooth
+from e3pose.evaluate.smoother import smooth
+from e3pose.model.projection import project
 from e3pose.simulate import DetectorSettings, SceneSettings, simulate
 
 RECORDING = simulate(
@@ -40,11 +41,11 @@ def test_exact_keypoints_give_the_path() -> None:
 
 
 def test_pixels_are_those_of_the_cameras() -> None:
-    pixels, depth, jacobian = project_all(PATH, P)
-    np.testing.assert_allclose(pixels, KEYPOINTS, atol=1e-6)
+    pixels, depth, jacobian = project(PATH, P)
+    np.testing.assert_allclose(pixels.swapaxes(0, 1), KEYPOINTS, atol=1e-6)
     assert (depth > 0).all()
     step = np.array([1e-6, -2e-6, 3e-6])
-    moved = project_all(PATH + step, P)[0] - pixels
+    moved = project(PATH + step, P)[0] - pixels
     np.testing.assert_allclose(jacobian @ step, moved, atol=1e-6)
 
 

@@ -15,13 +15,13 @@ import numpy as np
 from e3pose.base.arrays import Floats
 from e3pose.estimate.filter.bones import Proportions
 from e3pose.estimate.filter.proportions import expected_m, median_lengths_m
+from e3pose.model.projection import MIN_DEPTH_M, project
 from e3pose.model.proportions import RIGID
 
 # As the filter's: white acceleration of 7 m/s2, drawn anew every 1/25 s (`filter/motion.py`).
 DENSITY_M2_PER_S3 = 7.0**2 / 25
 OUTLIER_SIGMAS = 2.5
 PASSES = 5
-MIN_DEPTH_M = 0.1
 BONE_SLACK_M = 0.01  # how far a detector's limb strays from its length, over many views
 TELLING_VIEWS = 2
 ANCHOR_M = 1.0  # a joint that nothing sees stays about where it was believed, this loosely
@@ -59,7 +59,9 @@ def smooth(
         if rigid is not None and number >= passes:
             telling = seen.sum(axis=1) >= TELLING_VIEWS
             lengths_m = expected_m(rigid, *median_lengths_m(rigid, path, telling))
-        pixels, depth, jacobian = project_all(path, projections)
+        pixels, depth, jacobian = (
+            np.ascontiguousarray(values.swapaxes(0, 1)) for values in project(path, projections)
+        )
         usable = seen & (depth > MIN_DEPTH_M)
         error = np.where(usable[..., None], keypoints_px - pixels, 0.0)
         off = (error**2).sum(axis=-1) / variance
@@ -87,22 +89,6 @@ def _hold_bones(
         for joint, target in ((first, path[:, first] + step), (second, path[:, second] - step)):
             information[:, joint] += outer
             pull[:, joint] += (outer @ target[..., None])[..., 0]
-
-
-def project_all(points_m: Floats, projections: Floats) -> tuple[Floats, Floats, Floats]:
-    """Project points `(num_slots, num_joints, 3)` into all cameras and differentiate.
-
-    Returns:
-        `(num_slots, num_cameras, num_joints, 2)` undistorted pixels, their depths, and
-        `(num_slots, num_cameras, num_joints, 2, 3)` pixels by metres.
-    """
-    P = projections[None, :, None]
-    homogeneous = (P[..., :3] @ points_m[:, None, :, :, None])[..., 0] + P[..., 3]
-    depth = homogeneous[..., 2]
-    safe = np.where(np.abs(depth) < 1e-6, 1e-6, depth)[..., None]
-    pixels = homogeneous[..., :2] / safe
-    jacobian = (P[..., :2, :3] - pixels[..., None] * P[..., 2:, :3]) / safe[..., None]
-    return pixels, depth, jacobian
 
 
 def _solve(information: Floats, pull: Floats, interval_s: float) -> Floats:

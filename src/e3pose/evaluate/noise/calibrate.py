@@ -18,10 +18,11 @@ from e3pose.base.errors import InputError
 from e3pose.evaluate.noise.residuals import MIN_SLOTS, Observed, assign_detections, leave_one_out
 from e3pose.evaluate.noise.statistics import Statistics, describe, falling, fit_memory
 from e3pose.evaluate.replay import ReplaySettings, replay
-from e3pose.evaluate.smoother import project_all, smooth
+from e3pose.evaluate.smoother import smooth
 from e3pose.model.camera import Rig
 from e3pose.model.noise import IMAGE_PX, ErrorMemory, Noise
 from e3pose.model.noises import detector_of, load_noise
+from e3pose.model.projection import project
 from e3pose.recording import Recording, ViewSeries
 from e3pose.simulate.noise import GROSS_MEMORY, GROSS_SIGMA_PX, correlated, normal_cdf
 
@@ -197,7 +198,7 @@ def _made_up(
     path = smooth(
         person.keypoints_px, sigma, rig.projections, person.joints_m, recording.interval_s
     )
-    pixels = project_all(path, rig.projections)[0]
+    pixels = np.ascontiguousarray(project(path, rig.projections)[0].swapaxes(0, 1))
     direction = correlated(rng, pixels.shape, recording.interval_s, noise.memory.parts)
     wild = normal_cdf(
         correlated(rng, person.scores.shape, recording.interval_s, GROSS_MEMORY)

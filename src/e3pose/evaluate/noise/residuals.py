@@ -15,9 +15,10 @@ from scipy.ndimage import maximum_filter1d
 from scipy.optimize import linear_sum_assignment
 
 from e3pose.base.arrays import Floats, Integers
-from e3pose.evaluate.smoother import project_all, smooth
+from e3pose.evaluate.smoother import smooth
 from e3pose.model.camera import Rig
 from e3pose.model.noise import LEAST_SCORE, Noise
+from e3pose.model.projection import project
 from e3pose.recording import Recording
 
 SHARED_JOINTS = 5  # that a detection and a track have in common, to tell whether they are one
@@ -99,7 +100,7 @@ def assign_detections(
             pixels = rig.cameras[camera].undistort(view.keypoints_px)
             known = np.asarray(np.isfinite(pixels).all(axis=-1))
             bodies_m = np.stack([joints[i][slot - spans[i][0]] for i in there])
-            expected = project_all(bodies_m, rig.projections[camera : camera + 1])[0][:, 0]
+            expected = project(bodies_m, rig.projections[camera : camera + 1])[0][0]
             good = known & (view.scores > LEAST_SCORE)
             cost = _apart(expected, np.where(good[..., None], pixels, np.nan)) / scale
             rows, people = linear_sum_assignment(np.minimum(cost, NEVER))
@@ -144,9 +145,9 @@ def leave_one_out(
             others[:, camera] = np.inf
             path = smooth(person.keypoints_px, others, rig.projections, start, interval_s, PASSES)
             supported = near.sum(axis=1) - near[:, camera] >= SUPPORT_VIEWS
-            pixels, depth, _ = project_all(path, rig.projections[camera : camera + 1])
-            slots, joints = np.nonzero(seen[:, camera] & supported & (depth[:, 0] > 0))
-            errors = person.keypoints_px[slots, camera, joints] - pixels[slots, 0, joints]
+            pixels, depth, _ = project(path, rig.projections[camera : camera + 1])
+            slots, joints = np.nonzero(seen[:, camera] & supported & (depth[0] > 0))
+            errors = person.keypoints_px[slots, camera, joints] - pixels[0, slots, joints]
             parts.append(
                 (
                     errors / scales[camera],
