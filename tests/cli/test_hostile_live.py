@@ -210,7 +210,7 @@ FILES: list[tuple[str, Break, str]] = [
     ("replay rec --noise noise.toml", ahead(NOISE, "zzz = 1"), "unknown key 'zzz'"),
     ("replay rec --noise noise.toml", new(NOISE, "image_px = ", "image_px = nan #"), "image_px"),
     ("replay rec --noise noise.toml", sparse(NOISE), "found 10737418240 bytes"),
-    ("power --profile p.toml", new(PROFILE, "version = 2", "version = 9"), "version: found '9'"),
+    ("power --profile p.toml", new(PROFILE, "version = 2", "version = 9"), "version: found 9"),
     ("power --profile p.toml", new(PROFILE, "watts = ", "watts = -"), "watts: found"),
     ("learn versions learned", whole(VERSIONS, b"\xff\xfe"), "versions.json: found no list"),
     ("learn rollback learned", whole(VERSIONS, b'{"format":"\xff"}'), "found no list"),

@@ -77,15 +77,18 @@ def test_a_shipped_profile_rests_no_louder_the_deeper_it_rests(name: str) -> Non
 @pytest.mark.parametrize(
     ("rows", "message"),
     [
-        (SUSPENDED.replace("0.4", "5.0"), r"rests\.suspended\.watts: found '5 W', .* at most 3 W"),
-        (SUSPENDED.replace("0.4", "nan"), r"rests\.suspended\.watts: found 'nan'"),
-        (SUSPENDED.replace("1.5", "-1"), r"rests\.suspended\.enter_s: found '-1'"),
-        (SUSPENDED.replace("2.5", "true"), r"rests\.suspended\.wake_s: found 'True'"),
-        (SUSPENDED.replace("suspended", "dozing"), r"rests\.dozing: .* one of idle, not-capturing"),
-        (SUSPENDED.replace("enter_s", "enter"), r"rests\.suspended\.enter_s: found nothing"),
-        (TRACKED.replace("tracked", "nothing"), r"looks\.nothing: .*unknown row"),
-        (TRACKED + "colour = 1\n", r"looks\.tracked\.colour: found an unknown key"),
-        ("[looks]\ntracked = 3\n", r"looks\.tracked: found '3', expected a table"),
+        (SUSPENDED.replace("0.4", "5.0"), r"rests\[suspended\]\.watts: found 5 W, .* at most 3 W"),
+        (SUSPENDED.replace("0.4", "nan"), r"rests\[suspended\]\.watts: found nan"),
+        (SUSPENDED.replace("1.5", "-1"), r"rests\[suspended\]\.enter_s: found -1"),
+        (SUSPENDED.replace("2.5", "true"), r"rests\[suspended\]\.wake_s: found a boolean"),
+        (
+            SUSPENDED.replace("suspended", "dozing"),
+            r"rests\[dozing\]: .* 'idle' or 'not-capturing'",
+        ),
+        (SUSPENDED.replace("enter_s", "enter"), r"rests\[suspended\]: .* key 'enter', .*enter_s"),
+        (TRACKED.replace("tracked", "nothing"), r"looks\[nothing\]: found 'nothing', .*'gate'"),
+        (TRACKED + "colour = 1\n", r"looks\[tracked\]: found unknown key 'colour'"),
+        ("[looks]\ntracked = 3\n", r"looks\[tracked\]: found a whole number, expected a table"),
     ],
 )
 def test_wrong_rows_are_refused_by_name(tmp_path: Path, rows: str, message: str) -> None:
@@ -94,5 +97,5 @@ def test_wrong_rows_are_refused_by_name(tmp_path: Path, rows: str, message: str)
 
 
 def test_a_file_of_version_1_has_no_rows(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="rests: found an unknown key"):
+    with pytest.raises(InputError, match="version: found 1, expected 2 where"):
         load_profile(profile(tmp_path, SUSPENDED, version=1))

@@ -192,7 +192,10 @@ def convert(kind: Any, found: Any) -> Any:
     elif origin in (tuple, list) and isinstance(found, list | tuple):
         return (tuple if origin is tuple else list)(_listed(origin, inner, found))
     elif origin is not None and issubclass(origin, Mapping) and isinstance(found, Mapping):
-        return {str(key): _inside(inner[1], value, f"[{key}]") for key, value in found.items()}
+        return {
+            _inside(inner[0], str(key), key): _inside(inner[1], value, key)
+            for key, value in found.items()
+        }
     elif dataclasses.is_dataclass(kind) or _is_struct(kind):
         return found if isinstance(found, kind) else read_table(kind, found)
     elif kind is float and isinstance(found, int | float) and not isinstance(found, bool):
@@ -223,16 +226,14 @@ def _listed(origin: Any, inner: tuple[Any, ...], found: Any) -> list[Any]:
         kinds = inner
     else:
         kinds = inner[:1] * len(found)
-    return [
-        _inside(kind, one, f"[{i}]") for i, (kind, one) in enumerate(zip(kinds, found, strict=True))
-    ]
+    return [_inside(kind, one, i) for i, (kind, one) in enumerate(zip(kinds, found, strict=True))]
 
 
-def _inside(kind: Any, found: Any, where: str) -> Any:
+def _inside(kind: Any, found: Any, where: object) -> Any:
     try:
         return convert(kind, found)
     except InputError as error:
-        raise error.under(where) from None
+        raise error.under(f"[{str(where)[:MAX_SHOWN]}]") from None
 
 
 def _is_a(kind: Any, found: Any) -> bool:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Literal, cast
+from typing import Any, Literal
 
+from e3pose.base.errors import InputError
 from e3pose.base.shipped import read_shipped
+from e3pose.base.table import read_table
 from e3pose.energy.modes import LOOKS, RESTS, SLOT_S, WAKE_S, CameraModes, Look, Rest
-from e3pose.energy.profiles.fields import check_keys, error, number, text
-from e3pose.energy.profiles.rows import MAX_WATTS, read_looks, read_rests
+from e3pose.energy.profiles.file import ComponentTable, ProfileFile
 
 Mode = Literal["active", "power-saving", "aggressive-power-saving"]
 Activity = Mode | Literal["asleep", "suspended"]  # what a camera does; components have no sleep
@@ -22,10 +23,10 @@ PAPER_GROUPS = ("cpu_gpu", "wifi", "ddr")
 GROUPS = (*PAPER_GROUPS, "rest")
 
 FORMAT = "e3pose-power-profile"
-VERSION = 2
-READABLE = (1, VERSION)  # 1 has no rows of rests and looks
+VERSION = 2  # 1 has no rows of rests and looks
 MAX_BYTES = 100_000
 MAX_COMPONENTS = 32
+HAIR_W = 1e-6  # what sums of components differ by
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,49 +122,46 @@ def modes_of(profile: DeviceProfile, interval_s: float = SLOT_S) -> CameraModes:
     )
 
 
-def _decode(data: Mapping[str, Any], where: str) -> DeviceProfile:
-    if data.get("format") != FORMAT:
-        raise error(where, "format", data.get("format"), f"{FORMAT!r}")
-    version = data.get("version")
-    if isinstance(version, bool) or version not in READABLE:
-        raise error(where, "version", version, f"{VERSION}")
-    rows = {key: data[key] for key in ("rests", "looks") if key in data and version != 1}
-    rest = {key: value for key, value in data.items() if key not in rows}
-    check_keys(rest, ("format", "version", "name", "title", "components"), where)
-    name, title = (text(data[key], where, key) for key in ("name", "title"))
-    tables = data["components"]
-    if not isinstance(tables, dict) or not 1 <= len(tables) <= MAX_COMPONENTS:
-        raise error(where, "components", tables, f"1 to {MAX_COMPONENTS} tables")
-    components = tuple(_component(key, table, where) for key, table in tables.items())
-    profile = DeviceProfile(name, title, components)
+def _decode(table: Mapping[str, Any], where: str) -> DeviceProfile:
+    try:
+        return _profile(read_table(ProfileFile, table))
+    except InputError as error:
+        raise error.at(where) from None
+
+
+def _profile(file: ProfileFile) -> DeviceProfile:
+    if file.version == 1 and (file.rests or file.looks):
+        raise InputError("version", 1, f"{VERSION} where a file states rests or looks")
+    if not 1 <= (found := len(file.components)) <= MAX_COMPONENTS:
+        raise InputError("components", f"{found} tables", f"1 to {MAX_COMPONENTS} tables")
+    profile = DeviceProfile(
+        file.name,
+        file.title,
+        tuple(_component(name, table) for name, table in file.components.items()),
+        tuple(
+            Rest(name, **asdict(file.rests[name])) for name in sorted(file.rests, key=RESTS.index)
+        ),
+        tuple(
+            Look(name, **asdict(file.looks[name])) for name in sorted(file.looks, key=LOOKS.index)
+        ),
+    )
     if not profile.paper_watts("active") > 0:
-        raise error(where, "components", "no active power", "some of CPU, GPU, WiFi or DDR")
+        raise InputError("components", "no active power", "some of CPU, GPU, WiFi or DDR")
     for quieter, louder in zip(MODES[1:], MODES, strict=False):
         if profile.watts(quieter) > profile.watts(louder):
-            found = f"{profile.watts(quieter):g} W in all"
-            raise error(where, quieter, found, f"at most {profile.watts(louder):g} W ({louder})")
-    idle_w, off_w = profile.watts("power-saving"), profile.watts("aggressive-power-saving")
-    return replace(
-        profile,
-        rests=read_rests(rows.get("rests"), where, idle_w, off_w),
-        looks=read_looks(rows.get("looks"), where),
-    )
+            found_w = f"{profile.watts(quieter):g} W in all"
+            raise InputError(quieter, found_w, f"at most {profile.watts(louder):g} W ({louder})")
+    most_w = profile.watts("power-saving")
+    for rest in modes_of(profile).rests:
+        if rest.watts > most_w + HAIR_W:
+            most = f"at most {most_w:g} W, of the lighter rests"
+            raise InputError(f"rests[{rest.name}].watts", f"{rest.watts:g} W", most)
+        most_w = rest.watts
+    return profile
 
 
-def _component(key: str, table: Any, where: str) -> Component:
-    field = f"components.{key[:40]}"
-    if not isinstance(table, dict):
-        raise error(where, field, table, "a table")
-    check_keys(table, ("group", *MODES), where, f"{field}.")
-    if table["group"] not in GROUPS:
-        raise error(where, f"{field}.group", table["group"], f"one of {', '.join(GROUPS)}")
-    watts: dict[Mode, float] = {}
-    sources: dict[Mode, str] = {}
-    for mode in MODES:
-        figure = table[mode]
-        if not isinstance(figure, dict):
-            raise error(where, f"{field}.{mode}", figure, "{ watts = ..., source = '...' }")
-        check_keys(figure, ("watts", "source"), where, f"{field}.{mode}.")
-        watts[mode] = number(figure["watts"], MAX_WATTS, where, f"{field}.{mode}.watts")
-        sources[mode] = text(figure["source"], where, f"{field}.{mode}.source")
-    return Component(key, cast(str, table["group"]), watts, sources)
+def _component(name: str, table: ComponentTable) -> Component:
+    rows = (table.active, table.power_saving, table.aggressive_power_saving)
+    watts = {mode: row.watts for mode, row in zip(MODES, rows, strict=True)}
+    sources = {mode: row.source for mode, row in zip(MODES, rows, strict=True)}
+    return Component(name, table.group, watts, sources)
