@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from e3pose.base.atomic import atomic_file, atomic_folder, check_free
+from e3pose.base.atomic import atomic_file, atomic_folder, check_free, write_file
 from e3pose.base.errors import InputError
 
 
@@ -97,9 +97,8 @@ def test_a_file_stays_as_it_was_when_the_block_fails(tmp_path: Path) -> None:
         temporary.write_text("new")
         raise RuntimeError
     assert path.read_text() == "old"
-    with atomic_file(path) as temporary:
-        temporary.write_text("new")
-    assert path.read_text() == "new"
+    write_file(path, "über")
+    assert path.read_bytes() == "über".encode()
     assert [entry.name for entry in tmp_path.iterdir()] == ["x.json"]
 
 
@@ -153,8 +152,7 @@ def test_private_files_are_for_their_owner_or_the_group_of_their_folder(tmp_path
             place = tmp_path / f"{above:o}"
             place.mkdir()
             place.chmod(above)
-            with atomic_file(place / "new" / "state.npz", private=True) as temporary:
-                temporary.write_bytes(b"1")
+            write_file(place / "new" / "state.npz", b"1", private=True)
             with atomic_folder(place / "site", private=True):
                 pass
             found = [place / "new" / "state.npz", place / "new", place / "site"]

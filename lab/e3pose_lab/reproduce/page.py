@@ -13,7 +13,7 @@ from math import isfinite
 from pathlib import Path
 from string import Template
 
-from e3pose.base.atomic import atomic_file
+from e3pose.base.atomic import atomic_file, write_file
 from e3pose.base.quantities import plural
 from e3pose_lab.reproduce.draw import draw
 from e3pose_lab.reproduce.items import Item
@@ -60,8 +60,7 @@ def write_page(folder: Path, parts: Sequence[Part], about: Mapping[str, str], qu
         ),
     )
     path = folder / "report.html"
-    with atomic_file(path) as temporary:
-        temporary.write_text(page, encoding="utf-8")
+    write_file(path, page)
     return path
 
 

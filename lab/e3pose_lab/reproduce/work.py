@@ -13,7 +13,7 @@ import msgspec
 
 import e3pose
 import e3pose_lab
-from e3pose.base.atomic import atomic_file
+from e3pose.base.atomic import write_file
 from e3pose_lab.reproduce.sources import Sources
 from e3pose_lab.workers import Workers
 
@@ -115,8 +115,7 @@ class Results:
             sha256=hashlib.sha256(encoded).hexdigest(),
             result=msgspec.Raw(encoded),
         )
-        with atomic_file(self.path(piece)) as temporary:
-            temporary.write_bytes(msgspec.json.encode(kept))
+        write_file(self.path(piece), msgspec.json.encode(kept))
         return msgspec.json.decode(encoded, type=_result_type(piece))
 
     def _stamp(self, piece: AnyPiece) -> str:

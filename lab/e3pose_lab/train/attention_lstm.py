@@ -14,7 +14,7 @@ import numpy as np
 import torch
 from torch import nn
 
-from e3pose.base.atomic import atomic_file
+from e3pose.base.atomic import atomic_file, write_file
 from e3pose.base.errors import InputError
 from e3pose_lab.train.card import model_card
 from e3pose_lab.train.experts import start_experts
@@ -288,20 +288,19 @@ def _finish(
     halved(network)
     marks = examine(network, exams)
     weights = out / "attention-lstm.onnx"
-    with atomic_file(weights) as temporary:
-        temporary.write_bytes(
-            export(
-                network,
-                [1.0] * run.settings.num_leads,
-                error_curves(marks) if network.settings.moves else None,
-                half=True,
-            )
-        )
-    with atomic_file(out / "model-card.md") as temporary:
-        temporary.write_text(
-            model_card(asdict(run.settings), run.step, training, validation, marks),
-            encoding="utf-8",
-        )
+    write_file(
+        weights,
+        export(
+            network,
+            [1.0] * run.settings.num_leads,
+            error_curves(marks) if network.settings.moves else None,
+            half=True,
+        ),
+    )
+    write_file(
+        out / "model-card.md",
+        model_card(asdict(run.settings), run.step, training, validation, marks),
+    )
     return weights
 
 

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 import msgspec
 import numpy as np
 
-from e3pose.base.atomic import atomic_file
+from e3pose.base.atomic import write_file
 from e3pose.base.bounded import read_bytes
 from e3pose.base.errors import InputError
 from e3pose.edge.learn.job import CARD, LACKS_TORCH, VERDICT, WEIGHTS, Job, Verdict, read_job
@@ -140,11 +140,9 @@ def _work(folder: Path, job: Job) -> None:
     exams = make_exams([("the newest minutes", held_back)], *shape)
     (after,), (before,) = examine(new, exams), examine(running, exams)
     content = export(new, [1.0] * leads, curves, half=True)
-    with atomic_file(folder / WEIGHTS) as temporary:
-        temporary.write_bytes(content)
-    with atomic_file(folder / CARD) as temporary:
-        card = model_card(asdict(settings), run.step, learned, held_back, [after])
-        temporary.write_text(card, encoding="utf-8")
+    write_file(folder / WEIGHTS, content)
+    card = model_card(asdict(settings), run.step, learned, held_back, [after])
+    write_file(folder / CARD, card)
     verdict = Verdict(
         base_sha256=hashlib.sha256(base).hexdigest(),
         sha256=hashlib.sha256(content).hexdigest(),
@@ -153,8 +151,7 @@ def _work(folder: Path, job: Job) -> None:
         base_error_m=tuple(float(before.error_m[lead - 1]) for lead in job.leads),
         windows=exams[0].windows.normal.features.shape[1],
     )
-    with atomic_file(folder / VERDICT) as temporary:  # last: its being there means all is
-        temporary.write_bytes(msgspec.json.encode(verdict))
+    write_file(folder / VERDICT, msgspec.json.encode(verdict))  # last: its being there means all is
 
 
 if __name__ == "__main__":

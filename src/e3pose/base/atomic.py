@@ -50,6 +50,15 @@ def atomic_file(path: Path, private: bool = False) -> Iterator[Path]:
         temporary.unlink(missing_ok=True)
 
 
+def write_file(path: Path, content: str | bytes, private: bool = False) -> None:
+    """Write a whole file, text as UTF-8; otherwise as `atomic_file` does, with its errors."""
+    with atomic_file(path, private) as temporary:
+        if isinstance(content, bytes):
+            temporary.write_bytes(content)
+        else:
+            temporary.write_text(content, encoding="utf-8")
+
+
 @contextmanager
 def atomic_folder(
     path: Path,

@@ -19,7 +19,7 @@ from typing import Annotated, Literal
 import tomli_w
 from msgspec import Meta
 
-from e3pose.base.atomic import atomic_file
+from e3pose.base.atomic import write_file
 from e3pose.base.bounded import read_toml
 from e3pose.base.errors import InputError
 from e3pose.base.table import check_bounds, read_table
@@ -90,12 +90,12 @@ def load_phone(path: Path) -> PhoneFile:
 
 def save_phone(path: Path, phone: PhoneFile) -> None:
     """Write the file of a phone, for its owner alone."""
-    with atomic_file(path, private=True) as temporary:
-        temporary.write_text(
-            "# A phone that is a camera; `e3pose phone` shows a new code for it.\n"
-            + tomli_w.dumps(asdict(phone)),
-            encoding="utf-8",
-        )
+    write_file(
+        path,
+        "# A phone that is a camera; `e3pose phone` shows a new code for it.\n"
+        + tomli_w.dumps(asdict(phone)),
+        private=True,
+    )
 
 
 def _hash(secret: str) -> str:

@@ -10,7 +10,7 @@ from typing import Literal
 
 import msgspec
 
-from e3pose.base.atomic import atomic_file
+from e3pose.base.atomic import write_file
 from e3pose.base.bounded import read_bytes
 from e3pose.base.errors import InputError
 from e3pose.recording import decode_view
@@ -107,8 +107,9 @@ class Unfinished:
         return None
 
     def _save(self) -> None:
-        with atomic_file(self.folder / STATE) as temporary:
-            temporary.write_bytes(msgspec.json.format(msgspec.json.encode(self._state), indent=2))
+        write_file(
+            self.folder / STATE, msgspec.json.format(msgspec.json.encode(self._state), indent=2)
+        )
 
 
 def _whole(path: Path) -> int:

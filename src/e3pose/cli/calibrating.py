@@ -7,7 +7,7 @@ from pathlib import Path
 
 from cyclopts import App
 
-from e3pose.base.atomic import atomic_file
+from e3pose.base.atomic import write_file
 from e3pose.base.errors import InputError
 from e3pose.cli.calibrating_lenses import board, intrinsics
 from e3pose.cli.calibrating_places import extrinsics
@@ -89,8 +89,7 @@ def noise(
     )
     correlations = calibrated.measured.autocorrelation
     if out is not None:
-        with atomic_file(out) as temporary:
-            temporary.write_text(encode_noise(file), encoding="utf-8")
+        write_file(out, encode_noise(file))
         wrote(out)
     if plot is not None:
         draw_noise(plot, file, correlations, shipped)

@@ -10,7 +10,7 @@ from typing import Literal
 from rich.console import Console
 from rich.progress import Progress
 
-from e3pose.base.atomic import atomic_file, check_output
+from e3pose.base.atomic import check_output, write_file
 from e3pose.base.errors import InputError
 from e3pose.base.quantities import plural
 from e3pose.calibrate.board import Board
@@ -76,8 +76,7 @@ def board(
     for path in files:
         check_output(path)
     for path, content in files.items():
-        with atomic_file(path) as temporary:
-            temporary.write_bytes(content)
+        write_file(path, content)
     print(f"{', '.join(map(str, files))}: {drawn.name} on {paper.upper()}")
     print("Print at 100 %, measure the bar (100 mm), glue the page to something flat and stiff.")
     wanted = "" if drawn.name == DEFAULT_BOARD else f" --board {drawn.name}"

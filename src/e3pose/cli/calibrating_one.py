@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from e3pose.base.atomic import atomic_file
+from e3pose.base.atomic import write_file
 from e3pose.base.errors import InputError
 from e3pose.base.quantities import plural
 from e3pose.calibrate.recordings import last_seconds
@@ -134,6 +134,5 @@ def _set_aside(dest: Path) -> Path | None:
     if not dest.is_file():
         return None
     kept = dest.with_name(f"{dest.stem}.before{dest.suffix}")
-    with atomic_file(kept) as temporary:
-        temporary.write_bytes(dest.read_bytes())
+    write_file(kept, dest.read_bytes())
     return kept

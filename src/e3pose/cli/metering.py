@@ -15,7 +15,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from e3pose.base.atomic import atomic_file
+from e3pose.base.atomic import write_file
 from e3pose.base.clock import WallClock
 from e3pose.base.errors import InputError
 from e3pose.camera.live_source import make_source
@@ -184,8 +184,7 @@ def measure(
     network = make_detector(detector, None, provider, threads)
     found = measure_modes(frames, network, choose_meter(base, root), seconds, wakes)
     made = measured_profile(base, found, f"on {datetime.date.today()} with {detector}")
-    with atomic_file(out) as temporary:
-        temporary.write_text(profile_text(made), encoding="utf-8")
+    write_file(out, profile_text(made))
     _print_modes(modes_of(made))
     print(
         f"processor time: {1e3 * found.look_cpu_s:.1f} ms a look, "

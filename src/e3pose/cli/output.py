@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
-from e3pose.base.atomic import atomic_file
+from e3pose.base.atomic import write_file
 
 STDOUT = Path("-")
 JsonFile = Annotated[Path | None, Parameter(name="--json", allow_leading_hyphen=True)]
@@ -35,8 +35,7 @@ def write_json(path: Path | None, value: Any) -> None:
         sys.stdout.write(text)
         return
 
-    with atomic_file(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    write_file(path, text)
     wrote(path)
 
 

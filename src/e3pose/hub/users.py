@@ -13,7 +13,7 @@ import msgspec
 import tomli_w
 from msgspec import Meta
 
-from e3pose.base.atomic import atomic_file
+from e3pose.base.atomic import write_file
 from e3pose.base.bounded import read_toml
 from e3pose.base.errors import InputError
 from e3pose.base.lock import hold
@@ -143,5 +143,4 @@ def _change(hub: Hub, name: str, new: User | None) -> None:
         users = [user for user in read_users(path) if user.name != name]
         users += [] if new is None else [new]
         table = msgspec.to_builtins(UsersFile(user=tuple(sorted(users, key=lambda u: u.name))))
-        with atomic_file(path, private=True) as temporary:
-            temporary.write_text(tomli_w.dumps(table), encoding="utf-8")
+        write_file(path, tomli_w.dumps(table), private=True)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from e3pose.base.atomic import atomic_file
+from e3pose.base.atomic import write_file
 from e3pose.base.bounded import read_bytes
 from e3pose.base.quantities import plural
 from e3pose.base.system import num_cores
@@ -75,8 +75,8 @@ def save_times(path: Path, workloads: dict[str, Workload], times: DetectionTimes
         "alone_s": times.alone_s.tolist(),
         "together_s": times.together_s.tolist(),
     }
-    with suppress(OSError), atomic_file(path) as temporary:  # measured anew next time
-        temporary.write_text(json.dumps(table, indent=1) + "\n", encoding="utf-8")
+    with suppress(OSError):  # measured anew next time
+        write_file(path, json.dumps(table, indent=1) + "\n")
 
 
 def _asked(workloads: dict[str, Workload]) -> list[str]:

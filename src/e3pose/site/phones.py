@@ -17,13 +17,14 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from e3pose.base.atomic import write_file
 from e3pose.base.bounded import read_bytes
 from e3pose.base.errors import InputError
 from e3pose.base.private import make_folder
 from e3pose.camera.phone_file import CERTIFICATE, CODE_S, KEY, PhoneFile, load_phone, save_phone
 from e3pose.model.camera_fields import check_camera_id
 from e3pose.settings.sources import PHONE
-from e3pose.wire.keys.folder import MAX_PEM_BYTES, write_file
+from e3pose.wire.keys.folder import MAX_PEM_BYTES
 
 FIRST_PORT, PORTS = 8481, 100
 AUTHORITY = "authority.pem", "authority.key"
@@ -116,7 +117,7 @@ def _certificate(folder: Path, keys: Path | None, hosts: list[str]) -> bytes:
     at = folder if keys is None or not all((keys / name).is_file() for name in AUTHORITY) else keys
     if at == folder and not (folder / AUTHORITY[0]).exists():
         for name, content in zip(AUTHORITY, make_authority("phones", now), strict=True):
-            write_file(folder / name, content)
+            write_file(folder / name, content, private=name.endswith(".key"))
     authority, key = (read_bytes(at / name, MAX_PEM_BYTES) for name in AUTHORITY)
     names = [*hosts, "localhost"]
     if (folder / CERTIFICATE).exists():
@@ -124,7 +125,7 @@ def _certificate(folder: Path, keys: Path | None, hosts: list[str]) -> bytes:
         if problem_with(own, own_key, authority, now) is None and hosts_of(own) == names:
             return own
     own, own_key = make_certificate(authority, key, "e3pose phone page", names, now)
-    write_file(folder / KEY, own_key)
+    write_file(folder / KEY, own_key, private=True)
     write_file(folder / CERTIFICATE, own)
     return own
 

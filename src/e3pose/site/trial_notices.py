@@ -18,7 +18,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
-from e3pose.base.atomic import atomic_file
+from e3pose.base.atomic import write_file
 from e3pose.base.errors import InputError
 from e3pose.base.private import make_folder
 from e3pose.site.troubles import FOLDER, MOST_FILES, MOST_LINES, lines_of
@@ -74,8 +74,8 @@ class Answerer:
 
     def _answer(self, word: str) -> None:
         lines = [word, *(stream.test() for stream in self._streams)]
-        with suppress(OSError, InputError), atomic_file(self._path, private=True) as temporary:
-            temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
+        with suppress(OSError, InputError):
+            write_file(self._path, "\n".join(lines) + "\n", private=True)
 
 
 def send_test(site: Path, wait_s: float = WAIT_S) -> list[str]:
@@ -91,8 +91,7 @@ def send_test(site: Path, wait_s: float = WAIT_S) -> list[str]:
     folder, word = site.parent / FOLDER, secrets.token_hex(16)
     make_folder(folder)
     try:
-        with atomic_file(folder / ASKED, private=True) as temporary:
-            temporary.write_text(word, encoding="utf-8")
+        write_file(folder / ASKED, word, private=True)
     except OSError as error:
         raise InputError(f"{folder}: {(error.strerror or str(error)).lower()}") from None
     until_s = time.monotonic() + wait_s

@@ -13,7 +13,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
-from e3pose.base.atomic import atomic_file
+from e3pose.base.atomic import write_file
 from e3pose.base.errors import InputError
 from e3pose.base.private import make_folder
 
@@ -53,8 +53,7 @@ class TroubleFile:
                 self._path.unlink(missing_ok=True)
                 return
             make_folder(self._path.parent)
-            with atomic_file(self._path, private=True) as temporary:
-                temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
+            write_file(self._path, "\n".join(lines) + "\n", private=True)
 
     def close(self) -> None:
         """Say nothing any more."""

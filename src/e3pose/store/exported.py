@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from e3pose.base.atomic import atomic_file
+from e3pose.base.atomic import atomic_file, write_file
 from e3pose.base.errors import InputError
 
 FORMS = (".csv", ".json", ".parquet")
@@ -68,9 +68,8 @@ def _json(path: Path, tracks: Sequence[tuple[int, int]]) -> int:
     if not isinstance(rows, list) or not all(isinstance(r, dict) and "track" in r for r in rows):
         raise ValueError("no list of rows with track")
     kept = [row for row in rows if not _is_of(row, tracks)]
-    with atomic_file(path, private=True) as temporary:
-        lines = ",\n".join(json.dumps(row, separators=(",", ":")) for row in kept)
-        temporary.write_text(f"[\n{lines}\n]\n" if kept else "[\n]\n")
+    lines = ",\n".join(json.dumps(row, separators=(",", ":")) for row in kept)
+    write_file(path, f"[\n{lines}\n]\n" if kept else "[\n]\n", private=True)
     return len(rows) - len(kept)
 
 

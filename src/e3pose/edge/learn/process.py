@@ -14,7 +14,7 @@ from pathlib import Path
 import msgspec
 
 from e3pose.base.apart import kill_all, start_apart
-from e3pose.base.atomic import atomic_file
+from e3pose.base.atomic import write_file
 from e3pose.edge.learn.job import COMPLAINTS, JOB, Job
 
 TRAINER = (sys.executable, "-m", "e3pose.edge.learn.trainer")
@@ -36,8 +36,7 @@ class TrainerProcess:
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir(parents=True)
         self.folder, self.job = folder, job
-        with atomic_file(folder / JOB) as temporary:
-            temporary.write_bytes(msgspec.json.encode(job))
+        write_file(folder / JOB, msgspec.json.encode(job))
         with (folder / COMPLAINTS).open("wb") as complaints:
             self.process = start_apart(
                 [*command, str(folder)],

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import msgspec
 
-from e3pose.base.atomic import atomic_file
+from e3pose.base.atomic import write_file
 from e3pose.base.bounded import read_bytes
 from e3pose.base.errors import InputError
 from e3pose.base.lock import hold
@@ -149,10 +149,8 @@ class VersionStore:
             version = msgspec.structs.replace(
                 describe, number=number, sha256=hashlib.sha256(content).hexdigest()
             )
-            with atomic_file(self._path(number)) as temporary:
-                temporary.write_bytes(content)
-            with atomic_file(self._path(number).with_suffix(".md")) as temporary:
-                temporary.write_text(card, encoding="utf-8")
+            write_file(self._path(number), content)
+            write_file(self._path(number).with_suffix(".md"), card)
             kept = [*manifest.versions, version]
             spared = {number, version.parent, *(v.number for v in kept[-self.keep :])}
             kept = [v for v in kept if v.number in spared]
@@ -211,8 +209,7 @@ class VersionStore:
     def _write(self, manifest: Manifest) -> None:
         content = msgspec.json.format(msgspec.json.encode(manifest)) + b"\n"
         for name in (MANIFEST, COPY):
-            with atomic_file(self.folder / name) as temporary:
-                temporary.write_bytes(content)
+            write_file(self.folder / name, content)
 
     def _prune(self, spared: set[int]) -> None:
         for path in self.folder.glob("*.onnx"):

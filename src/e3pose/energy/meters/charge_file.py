@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from e3pose.base.atomic import atomic_file
+from e3pose.base.atomic import write_file
 from e3pose.base.bounded import read_bytes
 from e3pose.base.errors import InputError
 
@@ -58,8 +58,7 @@ def save_charge(path: Path, camera_id: str, capacity_wh: float, left_j: float) -
         "left_j": round(left_j, 1),
         "made": datetime.datetime.now(datetime.timezone.utc).isoformat(timespec="seconds"),
     }
-    with atomic_file(path, private=True) as temporary:
-        temporary.write_text(json.dumps(table, indent=1) + "\n", encoding="utf-8")
+    write_file(path, json.dumps(table, indent=1) + "\n", private=True)
 
 
 class ChargeFile:

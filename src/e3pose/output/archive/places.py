@@ -8,7 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Protocol, TypeVar
 
-from e3pose.base.atomic import atomic_file
+from e3pose.base.atomic import write_file
 from e3pose.base.errors import InputError
 
 T = TypeVar("T")
@@ -72,8 +72,7 @@ class Folder:
 
     def write(self, name: str, content: bytes) -> None:
         """Write a file for its owner alone, as `base.private` says."""
-        with atomic_file(self._path / name, private=True) as temporary:
-            temporary.write_bytes(content)
+        write_file(self._path / name, content, private=True)
 
     def remove(self, name: str) -> None:
         """Remove a file, and the folder that it leaves empty."""

@@ -13,7 +13,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from e3pose.base.atomic import atomic_file
+from e3pose.base.atomic import write_file
 from e3pose.base.errors import InputError
 from e3pose.model.skeleton import COCO17
 from e3pose.model.take import MEASURED, Take
@@ -77,8 +77,7 @@ def write_coco(take: Take, dest: Path, settings: ExportSettings) -> str:
         "annotations": annotations,
         "categories": [{**person, "keypoints": COCO17.joints, "skeleton": edges}],
     }
-    with atomic_file(dest, private=True) as temporary:
-        temporary.write_bytes(msgspec.json.encode(document))
+    write_file(dest, msgspec.json.encode(document), private=True)
     return f"{len(images)} images of {len(settings.rig)} cameras, {len(annotations)} people"
 
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from e3pose import __version__
 from e3pose.base.arrays import Floats
-from e3pose.base.atomic import atomic_file
+from e3pose.base.atomic import write_file
 from e3pose.model.take import Take
 from e3pose.output.exports.base import ExportSettings, person_name
 from e3pose.output.exports.bone_names import bone_names
@@ -52,13 +52,12 @@ def write_gltf(take: Take, dest: Path, settings: ExportSettings) -> str:
         times_s = (motion.first - first + np.arange(len(motion))) * take.interval_s
         scene.add_person(motion.track_id, bones, times_s, take.interval_s, settings.names)
     document, blob = scene.document(), bytes(scene.blob)
-    with atomic_file(dest, private=True) as temporary:
-        if dest.suffix.lower() == ".gltf":
-            uri = "data:application/octet-stream;base64," + base64.b64encode(blob).decode()
-            document["buffers"][0]["uri"] = uri
-            temporary.write_text(json.dumps(document), encoding="utf-8")
-        else:
-            temporary.write_bytes(_binary(document, blob))
+    if dest.suffix.lower() == ".gltf":
+        uri = "data:application/octet-stream;base64," + base64.b64encode(blob).decode()
+        document["buffers"][0]["uri"] = uri
+        write_file(dest, json.dumps(document), private=True)
+    else:
+        write_file(dest, _binary(document, blob), private=True)
     kept, frames = count_held(people)
     note = f"; {kept} of {frames} frames without a key for some bone" if kept else ""
     return f"metres, y up, {len(people)} people{note}"

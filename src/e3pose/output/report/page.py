@@ -15,7 +15,7 @@ from string import Template
 from types import MappingProxyType
 from typing import Any
 
-from e3pose.base.atomic import atomic_file
+from e3pose.base.atomic import write_file
 from e3pose.evaluate.figures import Summary, settings_json
 from e3pose.evaluate.processor_figures import processor_words
 from e3pose.model.blind_slot import duty
@@ -76,8 +76,7 @@ def write_report(
         folder: of the recording, whose videos are shown beside the player, if it has any.
     """
     text = render(recording, records, summary, lead, details, folder)
-    with atomic_file(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    write_file(path, text)
 
 
 def render(

@@ -7,7 +7,7 @@ from datetime import datetime
 from pathlib import Path
 from string import Template
 
-from e3pose.base.atomic import atomic_file
+from e3pose.base.atomic import write_file
 from e3pose.base.quantities import plural
 from e3pose.output.report.page import packaged, shown_text
 from e3pose.output.report.week import EVERYBODY, NO_NAME, Notable, Week
@@ -29,8 +29,7 @@ NOTES = (
 
 def write_week(week: Week, path: Path) -> None:
     """Write the page of some days to a file, which is replaced if it exists."""
-    with atomic_file(path, private=True) as temporary:
-        temporary.write_text(render(week), encoding="utf-8")
+    write_file(path, render(week), private=True)
 
 
 def render(week: Week) -> str:

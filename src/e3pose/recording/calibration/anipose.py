@@ -16,7 +16,7 @@ import numpy as np
 import tomli_w
 
 from e3pose.base.arrays import Floats
-from e3pose.base.atomic import atomic_file
+from e3pose.base.atomic import write_file
 from e3pose.base.bounded import parse_toml
 from e3pose.base.errors import InputError
 from e3pose.model.camera import Camera, Rig
@@ -114,5 +114,4 @@ def save(rig: Rig, path: Path) -> None:
         if camera.known_to is not None:
             tables[f"cam_{index}"]["known_to_deg"] = float(np.degrees(camera.known_to))
     tables["metadata"] = {"units": "m", "up": "z", **({} if rig.placed else {"placed": False})}
-    with atomic_file(path) as temporary:
-        temporary.write_text(tomli_w.dumps(tables), encoding="utf-8")
+    write_file(path, tomli_w.dumps(tables))

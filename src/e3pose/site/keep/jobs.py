@@ -20,7 +20,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
-from e3pose.base.atomic import atomic_file
+from e3pose.base.atomic import write_file
 from e3pose.base.bounded import read_bytes
 from e3pose.base.errors import InputError
 from e3pose.base.lock import hold
@@ -181,8 +181,7 @@ class Jobs:
     def _keep(self, job: Job) -> None:
         """Remember a job, also for the next program."""
         self._jobs[job.number] = job
-        with atomic_file(self.folder / job.number / JOB, private=True) as temporary:
-            temporary.write_text(json.dumps(asdict(job)), encoding="utf-8")
+        write_file(self.folder / job.number / JOB, json.dumps(asdict(job)), private=True)
 
     def _sweep(self) -> None:
         with self._lock:

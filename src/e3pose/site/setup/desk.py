@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from e3pose.base.atomic import atomic_file
+from e3pose.base.atomic import write_file
 from e3pose.base.bounded import read_bytes
 from e3pose.base.errors import InputError
 from e3pose.base.private import make_folder
@@ -183,8 +183,7 @@ class Desk:
         """Keep what a step found; None for nothing any more."""
         with self.lock:
             table = {**self.results(), step: result}
-            with atomic_file(self.folder / RESULTS_FILE, private=True) as temporary:
-                temporary.write_text(json.dumps(table) + "\n", encoding="utf-8")
+            write_file(self.folder / RESULTS_FILE, json.dumps(table) + "\n", private=True)
 
     def free_folder(self, stem: str) -> str:
         """Return a name in the site's folder that nothing has yet."""
@@ -198,5 +197,4 @@ def keep_before(path: Path) -> None:
     if not path.exists():
         return
     content = path.read_bytes()
-    with atomic_file(path.with_name(path.name + BEFORE), private=True) as temporary:
-        temporary.write_bytes(content)
+    write_file(path.with_name(path.name + BEFORE), content, private=True)

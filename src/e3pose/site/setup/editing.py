@@ -13,7 +13,7 @@ from typing import Any
 
 import tomlkit
 
-from e3pose.base.atomic import atomic_file
+from e3pose.base.atomic import write_file
 from e3pose.base.bounded import read_bytes
 from e3pose.base.errors import InputError
 from e3pose.model.camera import Rig
@@ -54,8 +54,7 @@ def edit_site(folder: Path, change: Change) -> ResolvedSite:
     site = checked(text, path)
     if text != before:
         keep_before(path)
-        with atomic_file(path, private=True) as temporary:
-            temporary.write_text(text, encoding="utf-8")
+        write_file(path, text, private=True)
     return site
 
 
@@ -149,5 +148,4 @@ def restore_before(path: Path) -> None:
     if path.name == SITE_FILE:
         checked(content.decode("utf-8"), path)
     keep_before(path)
-    with atomic_file(path, private=True) as temporary:
-        temporary.write_bytes(content)
+    write_file(path, content, private=True)

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 import tomli_w
 from msgspec import Meta
 
-from e3pose.base.atomic import atomic_file
+from e3pose.base.atomic import write_file
 from e3pose.base.bounded import read_toml
 from e3pose.base.errors import InputError
 from e3pose.base.table import check_bounds, read_table
@@ -139,9 +139,9 @@ def save_plan(folder: Path, plan: Plan) -> None:
     """Keep a plan in a site's folder, for its owner alone."""
     table = asdict(plan)
     table["cameras"] = [asdict(camera) for camera in plan.cameras]
-    with atomic_file(folder / PLAN_FILE, private=True) as temporary:
-        temporary.write_text(
-            "# What `e3pose setup` was told; without this file it begins with the site file.\n"
-            + tomli_w.dumps(table),
-            encoding="utf-8",
-        )
+    write_file(
+        folder / PLAN_FILE,
+        "# What `e3pose setup` was told; without this file it begins with the site file.\n"
+        + tomli_w.dumps(table),
+        private=True,
+    )

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
-from e3pose.base.atomic import atomic_file
+from e3pose.base.atomic import write_file
 from e3pose.base.bounded import read_bytes
 from e3pose.base.errors import InputError
 from e3pose.base.jpeg import jpeg_size
@@ -80,8 +80,7 @@ class Snapshots:
             for picture in taken:
                 width, height = picture.image_size
                 path = folder / PICTURES / f"{name}-{picture.slot}-{width}x{height}.jpg"
-                with atomic_file(path, private=True) as temporary:
-                    temporary.write_bytes(picture.jpeg)
+                write_file(path, picture.jpeg, private=True)
 
     def load(self, folder: Path) -> None:
         """Take those that were kept in the folder of a site; what is no picture is left out."""

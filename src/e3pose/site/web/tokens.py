@@ -11,7 +11,7 @@ from typing import Literal
 
 import tomli_w
 
-from e3pose.base.atomic import atomic_file
+from e3pose.base.atomic import write_file
 from e3pose.base.bounded import read_toml
 from e3pose.base.errors import InputError
 from e3pose.base.table import read_table
@@ -69,13 +69,12 @@ def open_tokens(path: Path) -> Tokens:
     if not path.exists():
         made = make_tokens()
         fields = {name: getattr(made, name) for name in ("format", "version", "read", "write")}
-        with atomic_file(path, private=True) as temporary:
-            temporary.write_text(
-                "# Who has a token may see the site; who has that for writing may control it.\n"
-                "# Delete this file and restart `e3pose view` for new ones.\n"
-                + tomli_w.dumps(fields),
-                encoding="utf-8",
-            )
+        write_file(
+            path,
+            "# Who has a token may see the site; who has that for writing may control it.\n"
+            "# Delete this file and restart `e3pose view` for new ones.\n" + tomli_w.dumps(fields),
+            private=True,
+        )
         return made
     try:
         return read_table(Tokens, read_toml(path, MAX_BYTES))

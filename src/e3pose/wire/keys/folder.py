@@ -26,7 +26,7 @@ from typing import Any, Literal
 
 import tomli_w
 
-from e3pose.base.atomic import atomic_file, atomic_folder, check_free
+from e3pose.base.atomic import atomic_folder, check_free, write_file
 from e3pose.base.bounded import read_bytes, read_toml
 from e3pose.base.errors import InputError
 from e3pose.base.lock import hold
@@ -114,13 +114,10 @@ def init_keys(folder: Path, site: str, hosts: Sequence[str], now: datetime.datet
     edge, edge_key = make_certificate(authority, authority_key, edge_name(site), names, now)
     roll = Roll(site)
     with atomic_folder(folder, private=True) as temporary:
-        for name, content in (
-            ("authority.pem", authority),
-            ("authority.key", authority_key),
-            ("edge.pem", edge),
-            ("edge.key", edge_key),
-        ):
-            write_file(temporary / name, content)
+        write_file(temporary / "authority.pem", authority)
+        write_file(temporary / "authority.key", authority_key, private=True)
+        write_file(temporary / "edge.pem", edge)
+        write_file(temporary / "edge.key", edge_key, private=True)
         _write_roll(temporary, roll)
     folder.chmod(0o700)
     return roll
@@ -195,7 +192,7 @@ def _add(
     make_folder(place)
     write_file(place / "authority.pem", authority)
     write_file(place / f"{kind}.pem", certificate)
-    write_file(place / f"{kind}.key", private)
+    write_file(place / f"{kind}.key", private, private=True)
     revoked = (*roll.revoked, known[name]) if name in known else roll.revoked
     known[name] = subject
     _write_roll(folder, replace(roll, **{f"{kind}s": known}, revoked=revoked, count=number))  # type: ignore[arg-type]
@@ -323,12 +320,6 @@ def _write_roll(folder: Path, roll: Roll) -> None:
         place = folder / "routers" / name
         if place.is_dir() and not place.is_symlink():
             write_file(place / LIST, written)
-
-
-def write_file(path: Path, content: bytes) -> None:
-    """Write a certificate, a list, or a key that its owner alone can read."""
-    with atomic_file(path, private=path.suffix == ".key") as temporary:
-        temporary.write_bytes(content)
 
 
 def holder(files: Certificates) -> str:

@@ -6,11 +6,12 @@ import datetime
 from collections.abc import Iterator
 from pathlib import Path
 
+from e3pose.base.atomic import write_file
 from e3pose.base.bounded import read_bytes
 from e3pose.base.errors import InputError
 from e3pose.base.lock import hold
 from e3pose.wire.access import edge_name
-from e3pose.wire.keys.folder import LIST, MAX_PEM_BYTES, WAIT_S, read_roll, write_file
+from e3pose.wire.keys.folder import LIST, MAX_PEM_BYTES, WAIT_S, read_roll
 
 SOON_DAYS = 30
 EDGE, AUTHORITY = "edge", "authority"
@@ -99,7 +100,7 @@ def renew_keys(folder: Path, name: str, now: datetime.datetime) -> Path:
                 "expected those that `e3pose keys init` made"
             ) from None
         # Who reads between the two finds a key of another certificate, and reads again.
-        write_file(path.with_suffix(".key"), private)
+        write_file(path.with_suffix(".key"), private, private=True)
         write_file(path, made)
     return path.parent
 

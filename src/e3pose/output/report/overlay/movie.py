@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.base.atomic import atomic_file
+from e3pose.base.atomic import atomic_file, write_file
 from e3pose.base.errors import InputError
 
 Image = NDArray[np.uint8]
@@ -68,8 +68,7 @@ def write_image(path: Path, image: Image) -> None:
     ok, data = cv2.imencode(path.suffix, image[..., ::-1])
     if not ok:
         raise InputError(f"{path}: cannot be written as {path.suffix}, expected .png or .jpg")
-    with atomic_file(path) as temporary:
-        temporary.write_bytes(data.tobytes())
+    write_file(path, data.tobytes())
 
 
 @contextmanager
