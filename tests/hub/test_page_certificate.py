@@ -10,8 +10,9 @@ from pathlib import Path
 import pytest
 
 from e3pose.base.errors import InputError
-from e3pose.hub.page import HubPage, open_page
+from e3pose.hub.page import open_page
 from e3pose.hub.settings import load_hub
+from e3pose.site.web.server import PageServer
 from e3pose.wire.keys.authority import make_authority, make_certificate
 
 pytestmark = pytest.mark.slow
@@ -26,7 +27,7 @@ def write_pair(folder: Path, make: Callable[[], tuple[bytes, bytes]], key: bool 
     return ssl.DER_cert_to_PEM_cert(ssl.PEM_cert_to_DER_cert(certificate.decode()))
 
 
-def shown(page: HubPage) -> str:
+def shown(page: PageServer) -> str:
     return ssl.get_server_certificate(("127.0.0.1", int(page.url.rpartition(":")[2].strip("/"))))
 
 

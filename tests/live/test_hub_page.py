@@ -18,9 +18,10 @@ from tests.waiting import eventually
 
 from e3pose.hub.accesses import read_accesses
 from e3pose.hub.database import Cursor, keep, note_problem, open_hub
-from e3pose.hub.page import HubPage, open_page
+from e3pose.hub.page import open_page
 from e3pose.hub.settings import load_hub
 from e3pose.hub.users import grant, revoke
+from e3pose.site.web.server import PageServer
 from e3pose.site.web.tokens import open_tokens
 from e3pose.store.summaries import MINUTE_NS
 from simulated_sites import records_of
@@ -35,7 +36,7 @@ class House:
     """A hub with a page, and the tokens of its users."""
 
     folder: Path
-    view: HubPage
+    view: PageServer
     ada: str  # operator of clinics and sports
     bob: str  # viewer of clinics
 

@@ -19,14 +19,14 @@ from e3pose.settings.resolved import resolve_site
 from e3pose.simulate import SceneSettings, simulate
 from e3pose.site.edge_program import Edge
 from e3pose.site.example import write_recorded
-from e3pose.site.web.program import PageServer, open_view
+from e3pose.site.web.program import View, open_view
 
 pytestmark = [pytest.mark.live, in_browser]
 LIVE = Path(__file__).parents[2] / "examples" / "06_live.py"
 
 
 @pytest.fixture(scope="module")
-def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Edge, PageServer, Page]]:
+def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Edge, View, Page]]:
     """An edge with three cameras, its view, and a browser."""
     folder = tmp_path_factory.mktemp("site")
     recording = simulate(SceneSettings(people=2, seconds=4, fps=12.5, cameras=3), seed=1)
@@ -46,7 +46,7 @@ def paused(edge: Edge) -> list[bool]:
 
 
 def test_slider_moves_the_edge_and_the_button_pauses_a_camera(
-    site: tuple[Edge, PageServer, Page],
+    site: tuple[Edge, View, Page],
 ) -> None:
     edge, view, page = site
     page.open(f"{view.url}#token={view.tokens.write}")
@@ -74,7 +74,7 @@ def test_slider_moves_the_edge_and_the_button_pauses_a_camera(
 
 
 def test_form_sets_target_error_and_weight_and_a_field_the_budget(
-    site: tuple[Edge, PageServer, Page],
+    site: tuple[Edge, View, Page],
 ) -> None:
     edge, view, page = site
     page.open(f"{view.url}#token={view.tokens.write}")
@@ -107,9 +107,9 @@ def test_form_sets_target_error_and_weight_and_a_field_the_budget(
 
 
 def test_a_button_tests_the_webhook_of_another_program(
-    site: tuple[Edge, PageServer, Page], tmp_path: Path
+    site: tuple[Edge, View, Page], tmp_path: Path
 ) -> None:
-    _, view, page = site
+    edge, view, page = site
     page.open(f"{view.url}#token={view.tokens.write}")
     assert page.shows("state", "live")
     press = "document.getElementById('test-notice').click()"
@@ -119,8 +119,7 @@ def test_a_button_tests_the_webhook_of_another_program(
     secret.touch(0o600)
     secret.write_text("correct horse battery staple")
     receiver.start("takes")
-    assert view.site is not None
-    words = ["stream", str(view.site.path), f"webhook:http://127.0.0.1:{receiver.port}/hook"]
+    words = ["stream", str(edge.site.path), f"webhook:http://127.0.0.1:{receiver.port}/hook"]
     program = subprocess.Popen(
         [sys.executable, "-m", "e3pose", *words],
         env={**os.environ, "E3POSE_WEBHOOK_SECRET_FILE": str(secret)},
@@ -140,7 +139,7 @@ def test_a_button_tests_the_webhook_of_another_program(
     assert all("409" in one for one in page.messages), "it was refused once, and no more"
 
 
-def test_who_may_only_read_sees_no_controls(site: tuple[Edge, PageServer, Page]) -> None:
+def test_who_may_only_read_sees_no_controls(site: tuple[Edge, View, Page]) -> None:
     _, view, page = site
     page.open(view.url)
     page.run("sessionStorage.clear()")

@@ -67,6 +67,12 @@ def open_socket(host: str, port: int) -> socket.socket:
     return listening
 
 
+def port_in_use(port: int, remedy: str) -> str:
+    """Return the words for a port that another program has, and what to do about it."""
+    found = f"`ss -ltnp 'sport = :{port}'` names it"
+    return f"port {port} is in use: stop the program that has it ({found}), {remedy}"
+
+
 @dataclass(slots=True, eq=False)
 class _Held:
     """An accepted connection."""

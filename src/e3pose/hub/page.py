@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import ssl
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import dataclass
 from importlib import resources
-from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -18,7 +15,6 @@ from pydantic import BaseModel, ConfigDict, Field
 from sqlalchemy import Engine
 
 from e3pose.base.errors import InputError
-from e3pose.base.listener import Bounds
 from e3pose.base.rate_limit import Rate
 from e3pose.base.version import Watched
 from e3pose.hub.accesses import log_accesses
@@ -26,11 +22,10 @@ from e3pose.hub.database import open_hub
 from e3pose.hub.overview import Overviews
 from e3pose.hub.settings import LISTEN, Hub
 from e3pose.hub.users import User, Users, read_users, users_of
-from e3pose.site.serving import CONNECTIONS, PER_ADDRESS, Serving
-from e3pose.site.web.access import Door, Rules, token_of
+from e3pose.site.web.access import Rules, token_of
 from e3pose.site.web.page import FILES as FILES_OF_SITE
-from e3pose.site.web.page import KINDS
-from e3pose.site.web.program import listening_at
+from e3pose.site.web.page import make_page
+from e3pose.site.web.server import PageServer, https_of, listening_at, serve
 from e3pose.site.web.tokens import open_tokens
 from e3pose.store.database import REFUSALS, reason_of
 from e3pose.wire.endpoint import read_host_port
@@ -55,59 +50,9 @@ class Opening(BaseModel):
     site: str = Field(max_length=100)
 
 
-def renewal_of(
-    secure: ssl.SSLContext, files: tuple[Path, Path], report: Callable[[str], object]
-) -> Watched:
-    """Return what gives new connections the certificate that stands in the files now.
-
-    Args:
-        secure: of the page.
-        files: its certificate and key.
-        report: called with whether other files are used; if not, those before stay in use.
-    """
-
-    def load() -> None:
-        try:  # on another one first: a key that does not fit would make this one useless
-            ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(*files)
-            secure.load_cert_chain(*files)
-        except OSError as error:
-            raise InputError(f"cannot be used, the one before is: {error}") from None
-        report("certificate of the page renewed")
-
-    return Watched(files, load, lambda why: report(f"certificate of the page: {why}"))
-
-
-@dataclass(slots=True, eq=False)
-class HubPage:
-    """A server at work, until it is closed. Use it as a context manager.
-
-    Attributes:
-        url: of its page.
-        rules: who may come in.
-    """
-
-    url: str
-    rules: Rules[Users]
-    _serving: Serving
-    _stack: ExitStack
-    _renewal: Watched | None = None
-
-    def __enter__(self) -> HubPage:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._stack.close()
-
-    def running(self) -> bool:
-        """Return whether it serves; also takes a renewed certificate, so call it often."""
-        if self._renewal is not None:
-            self._renewal.update()
-        return self._serving.running()
-
-
 def open_page(
     hub: Hub, listen: str | None = None, report: Callable[[str], object] = print
-) -> HubPage:
+) -> PageServer:
     """Serve the page over sites until it is closed.
 
     Args:
@@ -122,17 +67,16 @@ def open_page(
     table = hub.view
     at = table.listen if listen is None else read_host_port(listen, "view.listen", LISTEN)
     host, port = at.host, at.port
-    secure, renewal = None, None
+    secure, watched = None, list[Watched]()
     if table.certificate:
-        secure = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
         files = hub.path.parent / table.certificate, hub.path.parent / table.key
-        renewal = renewal_of(secure, files, report)
         try:
-            secure.load_cert_chain(*files)
+            secure, renewal = https_of(files, report)
         except OSError as error:
             found = f"{table.certificate} and {table.key} ({error})"
             wanted = "PEM files of a certificate and its key"
             raise InputError("view.certificate, view.key", found, wanted, str(hub.path)) from None
+        watched.append(renewal)
     elif not at.here_alone and not table.insecure:
         wanted = "127.0.0.1:PORT, or certificate and key under [view] for https"
         raise InputError("view.listen", at.place, wanted, str(hub.path))
@@ -153,12 +97,10 @@ def open_page(
         stack.callback(engine.dispose)
         listening = listening_at(host, port)
         stack.callback(listening.close)
-        bounds = Bounds(CONNECTIONS, PER_ADDRESS, proxies=rules.proxies)
-        app = Door(make_app(hub, engine, users), rules)
-        serving = Serving(app, listening, bounds, secure)
+        serving = serve(make_app(hub, engine, users), rules, listening, secure)
         stack.callback(serving.close)
         scheme, at = "http" if secure is None else "https", listening.getsockname()[1]
-        return HubPage(f"{scheme}://{host}:{at}/", rules, serving, stack.pop_all(), renewal)
+        return PageServer(f"{scheme}://{host}:{at}/", serving, stack.pop_all(), tuple(watched))
 
 
 def make_app(hub: Hub, engine: Engine, users: Users) -> FastAPI:
@@ -196,14 +138,7 @@ def make_app(hub: Hub, engine: Engine, users: Users) -> FastAPI:
             raise HTTPException(409, str(error)) from None
         return {"url": url}
 
-    def give(path: str, body: bytes) -> None:
-        kind = KINDS["html" if path == "/" else path.rpartition(".")[2]]
-        answer = Response(body, media_type=f"{kind}; charset=utf-8")
-        app.add_api_route(path, lambda: answer)
-
-    for path, body in FILES.items():
-        give(path, body)
-    app.add_api_route("/favicon.ico", lambda: Response(status_code=204))
+    app.include_router(make_page(FILES))
     return app
 
 

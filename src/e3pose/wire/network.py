@@ -14,6 +14,7 @@ from typing import Any
 import zenoh
 
 from e3pose.base.errors import InputError
+from e3pose.base.listener import port_in_use
 from e3pose.base.system import claim_address
 from e3pose.wire.access import Link, Roll, zenoh_config
 from e3pose.wire.endpoint import Endpoint
@@ -181,10 +182,7 @@ def check_port(endpoint: Endpoint) -> None:
 
 
 def _in_use(port: int) -> str:
-    return (
-        f"port {port} is in use: stop the program that has it (`ss -ltnp 'sport = :{port}'` "
-        "names it), such as another run of this site, or choose another port"
-    )
+    return port_in_use(port, "such as another run of this site, or choose another port")
 
 
 def _reason(link: Link, said: str) -> str:

@@ -163,7 +163,7 @@ def test_only_loopback_and_a_folder_serve(tmp_path: Path) -> None:
 
 
 def test_a_port_that_is_taken_is_named(asking: Asking) -> None:
-    with pytest.raises(InputError, match="is in use, by another `e3pose setup`"):
+    with pytest.raises(InputError, match=r"is in use: stop .* such as another `e3pose setup`"):
         open_setup(None, asking.server.address)
 
 

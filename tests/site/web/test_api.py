@@ -13,7 +13,7 @@ from tests.site.web.watched import SLOTS, STARTED_NS, Watched
 from tests.waiting import eventually
 
 from e3pose.model.skeleton import COCO17
-from e3pose.site.web.app import PageContent, inner_app
+from e3pose.site.web.app import PageContent, make_app
 from e3pose.site.web.feed import Feed
 from e3pose.store import Store
 
@@ -112,7 +112,7 @@ def test_too_many_requests_are_refused(watched: Watched) -> None:
 
 
 def test_site_without_a_store_says_so() -> None:
-    app = inner_app(PageContent(Feed("lab"), None, dict))
+    app = make_app(PageContent(Feed("lab"), None, dict))
     transport = httpx.ASGITransport(app=app)
 
     async def ask(path: str) -> httpx.Response:
@@ -126,7 +126,7 @@ def test_site_without_a_store_says_so() -> None:
 def _schema(store: Store | None) -> Any:
     import schemathesis
 
-    app = inner_app(PageContent(Feed("lab"), store, lambda: {"site": "lab"}))
+    app = make_app(PageContent(Feed("lab"), store, lambda: {"site": "lab"}))
     return schemathesis.openapi.from_asgi("/api/openapi.json", app)
 
 

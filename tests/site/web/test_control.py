@@ -10,7 +10,7 @@ import pytest
 from tests.site.web.watched import Watched
 
 from e3pose.base.errors import InputError
-from e3pose.site.web.app import PageContent, inner_app
+from e3pose.site.web.app import PageContent, make_app
 from e3pose.site.web.feed import Feed
 from e3pose.wire.codec import decode, encode
 from e3pose.wire.site_messages import Control, Controlled
@@ -106,7 +106,7 @@ def test_a_test_notice_is_sent_and_its_fate_told() -> None:
         return fate
 
     content = PageContent(Feed("lab"), None, dict, log=said.append, test=test)
-    transport = httpx.ASGITransport(app=inner_app(content))
+    transport = httpx.ASGITransport(app=make_app(content))
 
     async def send() -> tuple[int, dict[str, str]]:
         async with httpx.AsyncClient(transport=transport, base_url="http://localhost") as made:

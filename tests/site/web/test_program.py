@@ -16,7 +16,8 @@ from tests.site.tables import write_site
 from e3pose.base.errors import InputError
 from e3pose.recording.calibration import save_rig
 from e3pose.settings.resolved import resolve
-from e3pose.site.web.program import address_of, listening_at, open_view
+from e3pose.site.web.program import address_of, open_view
+from e3pose.site.web.server import listening_at
 from e3pose.wire.keys.folder import init_keys
 from e3pose.wire.keys.renewal import renew_keys
 

@@ -20,7 +20,7 @@ from e3pose.model.skeleton import COCO17
 from e3pose.pipeline import SlotRecord
 from e3pose.recording.calibration import save_rig
 from e3pose.settings.resolved import resolve_site
-from e3pose.site.web.program import PageServer, open_view
+from e3pose.site.web.program import View, open_view
 from e3pose.store import EnergyReading, Event, Run, StoreWriter
 from e3pose.wire.arrays import pack, unpack
 from e3pose.wire.codec import encode
@@ -93,7 +93,7 @@ class Watched:
         folder: of the site.
     """
 
-    view: PageServer
+    view: View
     edge: MemoryTransport
     folder: Path
 

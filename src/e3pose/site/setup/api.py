@@ -20,7 +20,7 @@ from e3pose.site.setup.desk import Desk
 from e3pose.site.setup.going_live import LiveSite
 from e3pose.site.setup.state import state_of
 from e3pose.site.web.app import unreadable
-from e3pose.site.web.page import make_page
+from e3pose.site.web.page import BROWSER, FILES, make_page
 
 Name = Annotated[str, Field(min_length=1, max_length=64)]
 Text = Annotated[str, Field(max_length=500)]
@@ -162,7 +162,8 @@ def setup_app(table: Table) -> FastAPI:
     app.add_exception_handler(RequestValidationError, unreadable)
     app.add_exception_handler(InputError, _refused)
     app.add_exception_handler(OSError, _refused)
-    app.include_router(make_page("setup.html"))
+    page = BROWSER.joinpath("setup.html").read_bytes()
+    app.include_router(make_page({**FILES, "/": page}))
     app.include_router(_sites(table))
     app.include_router(_cameras(table))
     app.include_router(_steps(table))

@@ -2,51 +2,37 @@
 
 from __future__ import annotations
 
-import errno
-from contextlib import suppress
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass
 from pathlib import Path
 
 from e3pose.base.errors import InputError
-from e3pose.base.listener import Bounds, open_socket
 from e3pose.settings.site_file import SITE_FILE
-from e3pose.site.serving import CONNECTIONS, PER_ADDRESS, Serving
 from e3pose.site.setup.api import Table, setup_app
 from e3pose.site.setup.desk import Desk
-from e3pose.site.web.access import Door, Rules
+from e3pose.site.web.access import Rules
+from e3pose.site.web.server import PageServer, listening_at, serve
 from e3pose.site.web.tokens import Tokens, make_tokens
 from e3pose.wire.endpoint import read_host_port
 
 LISTEN = "127.0.0.1:8471"
 
 
-class SetupServer:
-    """A set-up at work, until it is closed. Use it as a context manager.
+@dataclass(slots=True, eq=False)
+class SetupServer(PageServer):
+    """A set-up at work; its end is that of the site too, if the page started it.
+
+    Its address has the token that only who started it knows.
 
     Attributes:
-        url: of its page, with the token that only who started it knows.
         table: what it works with.
         rules: who may come in.
+        address: `HOST:PORT` where it listens.
     """
 
-    def __init__(self, table: Table, rules: Rules[Tokens], address: str, serving: Serving) -> None:
-        """Describe a server; `open_setup` starts one."""
-        self.table, self.rules, self.address, self._serving = table, rules, address, serving
-        self.url = f"http://{address}/#token={rules.tokens.write}"
-
-    def __enter__(self) -> SetupServer:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-    def running(self) -> bool:
-        """Return whether it serves."""
-        return self._serving.running()
-
-    def close(self) -> None:
-        """End the page, its work, and the site if the page started it."""
-        self._serving.close()
-        self.table.close()
+    table: Table
+    rules: Rules[Tokens]
+    address: str
 
 
 def open_setup(site: Path | None = None, listen: str | None = None) -> SetupServer:
@@ -62,30 +48,22 @@ def open_setup(site: Path | None = None, listen: str | None = None) -> SetupServ
             cannot be a site's.
     """
     at = read_host_port(listen or LISTEN, "--listen", LISTEN)
-    host, port, words = at.host, at.port, at.place
     if not at.here_alone:
-        raise InputError("--listen", words, "an address of loopback: set-up is for this machine")
+        raise InputError("--listen", at.place, "an address of loopback: set-up is for this machine")
     desk = desk_of(site)
-    try:
-        listening = open_socket(host, port)
-    except OSError as error:
-        if error.errno == errno.EADDRINUSE:
-            raise InputError(
-                f"port {port} is in use, by another `e3pose setup`? Stop it, or choose another "
-                "port with --listen"
-            ) from None
-        raise InputError("--listen", words, "an address of this machine") from None
-    address = f"{host}:{listening.getsockname()[1]}"
+    listening = listening_at(at.host, at.port, "such as another `e3pose setup`, ")
+    address = f"{at.host}:{listening.getsockname()[1]}"
     # Every question needs the token: the page lists files and shows what cameras see.
     rules = Rules(
-        make_tokens(), frozenset({"localhost", host.lower()}), open_reading=False,
+        make_tokens(), frozenset({"localhost", at.host.lower()}), open_reading=False,
         printed_by="e3pose setup",
     )  # fmt: skip
-    table = Table(desk)
-    serving = Serving(
-        Door(setup_app(table), rules), listening, Bounds(CONNECTIONS, PER_ADDRESS), None
-    )
-    return SetupServer(table, rules, address, serving)
+    table, ends = Table(desk), ExitStack()
+    ends.callback(table.close)
+    serving = serve(setup_app(table), rules, listening)
+    ends.callback(serving.close)
+    url = f"http://{address}/#token={rules.tokens.write}"
+    return SetupServer(url, serving, ends, (), table, rules, address)
 
 
 def desk_of(site: Path | None) -> Desk:

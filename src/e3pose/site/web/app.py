@@ -11,10 +11,8 @@ from typing import Any
 from fastapi import APIRouter, FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
-from starlette.types import ASGIApp
 
 from e3pose import __version__
-from e3pose.site.web.access import Door, Judge, Rules
 from e3pose.site.web.api import make_api
 from e3pose.site.web.control import Ask, make_control, make_tests
 from e3pose.site.web.day import make_day
@@ -72,13 +70,8 @@ class PageContent:
         }
 
 
-def make_app(content: PageContent, rules: Rules[Judge]) -> ASGIApp:
-    """Return the application of a site behind its door."""
-    return Door(inner_app(content), rules)
-
-
-def inner_app(content: PageContent) -> FastAPI:
-    """Return the application without its door, for tests and for its OpenAPI description."""
+def make_app(content: PageContent) -> FastAPI:
+    """Return the application of a site, without its door."""
 
     @asynccontextmanager
     async def life(_: FastAPI) -> AsyncIterator[None]:

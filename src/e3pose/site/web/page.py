@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from importlib import resources
 
 from fastapi import APIRouter
 from fastapi.responses import Response
 
 BROWSER = resources.files("e3pose.site.web").joinpath("browser")
-PAGE = "page.html"  # of a running site; that of its set-up has the same address elsewhere
 FOLDERS = ("", "setup", "vendor")
 KINDS = {"html": "text/html", "js": "text/javascript", "css": "text/css"}
 
@@ -16,7 +16,7 @@ KINDS = {"html": "text/html", "js": "text/javascript", "css": "text/css"}
 def _files() -> dict[str, bytes]:
     """Return the files of the pages by path: what runs in the browser, and the report's scene."""
     scene = resources.files("e3pose.output.report").joinpath("scene.js")
-    found = {"/": BROWSER.joinpath(PAGE).read_bytes(), "/scene.js": scene.read_bytes()}
+    found = {"/": BROWSER.joinpath("page.html").read_bytes(), "/scene.js": scene.read_bytes()}
     for name in FOLDERS:
         folder, at = BROWSER.joinpath(name), f"/{name}/" if name else "/"
         for file in folder.iterdir():
@@ -28,14 +28,14 @@ def _files() -> dict[str, bytes]:
 FILES = _files()
 
 
-def make_page(first: str = PAGE) -> APIRouter:
+def make_page(files: Mapping[str, bytes] = FILES) -> APIRouter:
     """Return the routes of a page.
 
     Args:
-        first: what stands at its address.
+        files: by path; what stands at its address is that of `/`.
     """
     page = APIRouter(include_in_schema=False)
-    for path, body in {**FILES, "/": BROWSER.joinpath(first).read_bytes()}.items():
+    for path, body in files.items():
         kind = KINDS["html" if path == "/" else path.rpartition(".")[2]]
         page.add_api_route(path, _serve(body, f"{kind}; charset=utf-8"))
     page.add_api_route("/favicon.ico", lambda: Response(status_code=204))

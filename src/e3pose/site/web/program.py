@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import errno
 import socket
-import ssl
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
@@ -13,13 +11,11 @@ from pathlib import Path
 from typing import Any
 
 from e3pose.base.errors import InputError
-from e3pose.base.listener import Bounds, open_socket
-from e3pose.base.version import Version, version_of
+from e3pose.base.version import Watched
 from e3pose.settings.resolved import ResolvedSite
 from e3pose.settings.site_file import SiteTable, load_site
 from e3pose.site.follow import ANY_HOST, LOCAL_OPERATOR, operator_of, viewer_link
 from e3pose.site.keep.jobs import Jobs
-from e3pose.site.serving import CONNECTIONS, PER_ADDRESS, Serving
 from e3pose.site.trial_notices import send_test
 from e3pose.site.web.access import Rules
 from e3pose.site.web.app import PageContent, make_app
@@ -31,6 +27,7 @@ from e3pose.site.web.layout import describe
 from e3pose.site.web.notices import surroundings
 from e3pose.site.web.page_names import PageNames
 from e3pose.site.web.pictures import PictureRules, make_pictures
+from e3pose.site.web.server import PageServer, https_of, listening_at, serve
 from e3pose.site.web.tokens import Tokens, open_tokens
 from e3pose.site.zones import Zones
 from e3pose.store import Store
@@ -117,74 +114,49 @@ def page_links(site: SiteTable, address: Address) -> list[str]:
     ]
 
 
-class PageServer:
-    """A server at work, until it is closed. Use it as a context manager.
+@dataclass(slots=True, eq=False)
+class Shown:
+    """The site that a page shows.
 
     Attributes:
-        address: where it listens.
-        url: of its page.
-        rules: who may come in.
-        tokens: who may read and write.
-        feed: what it hands on.
+        site: with the zones that its file has now.
+        feed: of the page.
     """
 
-    def __init__(self, address: Address, rules: Rules[Tokens], feed: Feed) -> None:
-        """Describe a server; `open_view` starts one."""
-        self.address, self.url = address, address.url
-        self.rules, self.tokens, self.feed = rules, rules.tokens, feed
-        self._stack = ExitStack()
-        self._secure: ssl.SSLContext | None = None
-        self._seen: Version | None = None  # version of the certificate that is shown
-        self.site: ResolvedSite | None = None  # whose file is looked at for other zones
-        self._site_seen: Version | None = None
+    site: ResolvedSite
+    feed: Feed
 
-    def __enter__(self) -> PageServer:
-        return self
+    def body(self) -> dict[str, Any]:
+        """Return the site for the page."""
+        return describe(self.site)
 
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-    def running(self) -> bool:
-        """Return whether it serves; takes renewed certificates and other zones: call it often."""
-        self._renew()
-        self._rezone()
-        return self._serving.running()
-
-    def _renew(self) -> None:
-        """Show new connections a certificate that was renewed on disk."""
-        seen = _version(self.address)
-        if self._secure is None or seen is None or seen == self._seen:
-            return
-        with suppress(OSError):  # ssl.SSLError is one: half of it was replaced, tried again
-            self._secure.load_cert_chain(str(self.address.certificate), str(self.address.key))
-            self._seen = seen
-
-    def _rezone(self) -> None:
+    def rezone(self) -> None:
         """Take the zones of a site file that was changed."""
-        if self.site is None or (seen := version_of((self.site.path,))) == self._site_seen:
-            return
-        first, self._site_seen = self._site_seen is None, seen
-        if first:
-            return
         with suppress(InputError):  # half written, or wrong: the edge says so
             zones = load_site(self.site.path).zone
             if zones != self.site.zone:
                 self.site = replace(self.site, zone=zones)
                 self.feed.rezone(zones)
 
-    def serve(self, serving: Serving, secure: ssl.SSLContext | None) -> None:
-        """Go on until `serving` ends, which is closed first; `secure` is its https."""
-        self._serving, self._secure, self._seen = serving, secure, _version(self.address)
-        self._stack.callback(serving.close)
 
-    def body(self) -> dict[str, Any]:
-        """Return the site for the page."""
-        assert self.site is not None
-        return describe(self.site)
+@dataclass(slots=True, eq=False)
+class View(PageServer):
+    """A site's page at work.
 
-    def close(self) -> None:
-        """End."""
-        self._stack.close()
+    Attributes:
+        address: where it listens.
+        rules: who may come in.
+        feed: what it hands on.
+    """
+
+    address: Address
+    rules: Rules[Tokens]
+    feed: Feed
+
+    @property
+    def tokens(self) -> Tokens:
+        """Who may read and write."""
+        return self.rules.tokens
 
 
 def open_view(
@@ -193,7 +165,7 @@ def open_view(
     keys: Path | None = None,
     transport: Transport | None = None,
     report: Callable[[str], object] = lambda line: None,
-) -> PageServer:
+) -> View:
     """Serve a site over HTTP until the view is closed.
 
     Args:
@@ -219,8 +191,11 @@ def open_view(
         around=surroundings(site),
         names=PageNames(None if site.store is None else site.store.place, site.name),
     )
-    view = PageServer(address, rules, feed)
-    view.site = site
+    shown = Shown(site, feed)
+    secure, watched = None, [Watched((site.path,), shown.rezone, lambda why: None)]
+    if address.certificate is not None and address.key is not None:
+        secure, renewal = https_of((address.certificate, address.key), report)
+        watched.append(renewal)
     with ExitStack() as stack:
         stack.callback(listening.close)
         operator: str | None = LOCAL_OPERATOR
@@ -235,19 +210,18 @@ def open_view(
             return lambda payload: transport.ask(topic, payload, seconds)
 
         ask = asking(of_control(site.name, operator), ASK_S) if operator is not None else None
-        shown, pictures = picture_rules(site, rules, operator is not None), None
-        if shown.shown:
+        who, pictures = picture_rules(site, rules, operator is not None), None
+        if who.shown:
             names = {i: of_camera(site.name, i, "picture") for i in site.rig.camera_ids}
             asks = {i: asking(name, PICTURE_S) for i, name in names.items()}
-            pictures = make_pictures(site.rig, feed, asks, site.interval_s / site.pace, shown.per_s)
+            pictures = make_pictures(site.rig, feed, asks, site.interval_s / site.pace, who.per_s)
         keep = keeping(site, report, stack)
         test = None if site.events is None else partial(send_test, site.path)
-        made = PageContent(feed, store, view.body, ask, pictures, shown, report, keep, test)
-        view._stack.push(stack.pop_all())
-    bounds = Bounds(CONNECTIONS, PER_ADDRESS, proxies=rules.proxies)
-    secure = _https(address)
-    view.serve(Serving(make_app(made, rules), listening, bounds, secure), secure)
-    return view
+        made = PageContent(feed, store, shown.body, ask, pictures, who, report, keep, test)
+        serving = serve(make_app(made), rules, listening, secure)
+        stack.callback(serving.close)
+        ends = stack.pop_all()
+    return View(address.url, serving, ends, tuple(watched), address, rules, feed)
 
 
 def keeping(site: ResolvedSite, report: Callable[[str], object], stack: ExitStack) -> Keeping:
@@ -291,18 +265,6 @@ def rules_of(site: SiteTable, address: Address, tokens: Tokens) -> Rules[Tokens]
     )
 
 
-def _version(address: Address) -> Version | None:
-    return version_of(path for path in (address.certificate, address.key) if path)
-
-
-def _https(address: Address) -> ssl.SSLContext | None:
-    if address.certificate is None:
-        return None
-    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
-    context.load_cert_chain(address.certificate, address.key)
-    return context
-
-
 def picture_rules(site: SiteTable, rules: Rules[Tokens], operates: bool) -> PictureRules:
     """Return who is shown pictures of a site.
 
@@ -318,16 +280,3 @@ def picture_rules(site: SiteTable, rules: Rules[Tokens], operates: bool) -> Pict
         why = "Pictures need an operator's certificate: e3pose keys add desk --operator"
     shown = (here if wanted is None else wanted) and operates
     return PictureRules(shown, why, here, site.view.pictures_per_s)
-
-
-def listening_at(host: str, port: int) -> socket.socket:
-    """Return a socket that listens; raise `InputError` naming a port that is taken."""
-    try:
-        return open_socket(host, port)
-    except OSError as error:
-        if error.errno == errno.EADDRINUSE:
-            raise InputError(
-                f"port {port} is in use: stop the program that has it (`ss -ltnp 'sport = "
-                f":{port}'` names it), or choose another with --listen"
-            ) from None
-        raise InputError("--listen", f"{host}:{port}", "an address of this machine") from None

@@ -1,0 +1,119 @@
+"""Serve a page until it is closed: where it listens, its https, the bounds of its connections."""
+
+from __future__ import annotations
+
+import errno
+import socket
+import ssl
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeVar
+
+from starlette.types import ASGIApp
+
+from e3pose.base.errors import InputError
+from e3pose.base.listener import Bounds, open_socket, port_in_use
+from e3pose.base.version import Watched
+from e3pose.site.serving import CONNECTIONS, PER_ADDRESS, Serving
+from e3pose.site.web.access import Door, Judge, Rules
+
+P = TypeVar("P", bound="PageServer")
+
+
+@dataclass(slots=True, eq=False)
+class PageServer:
+    """A page at work, until it is closed. Use it as a context manager.
+
+    Attributes:
+        url: of it.
+        serving: its server.
+        ends: closes the server, then what the page works with.
+        watched: what is read again when its files were replaced.
+    """
+
+    url: str
+    serving: Serving
+    ends: ExitStack
+    watched: tuple[Watched, ...]
+
+    def __enter__(self: P) -> P:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def running(self) -> bool:
+        """Return whether it serves; also takes in what was replaced, so call it often."""
+        for files in self.watched:
+            files.update()
+        return self.serving.running()
+
+    def close(self) -> None:
+        """End."""
+        self.ends.close()
+
+
+def serve(
+    app: ASGIApp,
+    rules: Rules[Judge],
+    listening: socket.socket,
+    secure: ssl.SSLContext | None = None,
+) -> Serving:
+    """Serve the application of a page behind its door.
+
+    Args:
+        app: without its door.
+        rules: of the door.
+        listening: where; closed at the end.
+        secure: of https; None for plain http.
+    """
+    bounds = Bounds(CONNECTIONS, PER_ADDRESS, proxies=rules.proxies)
+    return Serving(Door(app, rules), listening, bounds, secure)
+
+
+def listening_at(host: str, port: int, other: str = "") -> socket.socket:
+    """Return a socket that listens where `--listen` says.
+
+    Args:
+        host: name or address of this machine.
+        port: of it; 0 for a free one.
+        other: the program that may have the port, such as `such as another run`.
+
+    Raises:
+        InputError: naming a port that is taken, or an address of another machine.
+    """
+    try:
+        return open_socket(host, port)
+    except OSError as error:
+        if error.errno != errno.EADDRINUSE:
+            raise InputError("--listen", f"{host}:{port}", "an address of this machine") from None
+        raise InputError(port_in_use(port, f"{other}or choose another with --listen")) from None
+
+
+def https_of(
+    files: tuple[Path, Path], report: Callable[[str], object]
+) -> tuple[ssl.SSLContext, Watched]:
+    """Return the https of a page, and what shows new connections a certificate that was renewed.
+
+    Args:
+        files: the certificate and its key.
+        report: called with whether other files are used; if not, those before stay in use.
+
+    Raises:
+        OSError: for files that cannot be used.
+    """
+    secure = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+
+    def renew() -> None:
+        try:  # on another one first: a key that does not fit would make this one useless
+            ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(*files)
+            secure.load_cert_chain(*files)
+        except OSError as error:
+            raise InputError(f"cannot be used, the one before is: {error}") from None
+        report("certificate of the page renewed")
+
+    renewal = Watched(files, renew, lambda why: report(f"certificate of the page: {why}"))
+    secure.load_cert_chain(*files)
+    return secure, renewal
