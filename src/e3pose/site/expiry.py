@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from e3pose.base.errors import InputError
-from e3pose.wire.keys.renewal import AUTHORITY, expiring
+from e3pose.wire.keys.renewal import expiring, renewal_advice
 
 LOOK_S = 60.0
 AGAIN = datetime.timedelta(days=1)
@@ -60,7 +60,7 @@ class ExpiryWatch:
 
 
 def _line(name: str, until: datetime.datetime, now: datetime.datetime) -> str:
-    advice = "e3pose keys init a new folder" if name == AUTHORITY else f"e3pose keys renew {name}"
+    advice = renewal_advice(name)
     if until < now:
         return (
             f"certificate of {name} expired on {until:%Y-%m-%d %H:%M} UTC: nobody can connect "

@@ -13,8 +13,8 @@ from e3pose.settings.camera_file import NodeTable
 from e3pose.settings.sources import shown_source
 from e3pose.site.check.clock import CLOCK_MS, check_clock
 from e3pose.site.check.finding import Finding, Level
+from e3pose.site.check.link import expiry
 from e3pose.wire.keys.folder import link_of
-from e3pose.wire.keys.renewal import SOON_DAYS
 from e3pose.wire.reach import Reach, reach_edge
 
 SLOW_TRIP_MS = 100.0
@@ -93,7 +93,9 @@ def _edge(node: NodeTable, reach: Reach | InputError) -> Iterator[Finding]:
         yield Finding("problem", "certificate", str(reach), advice)
         return
     if reach.expires is not None:
-        yield _certificate(node, reach.expires)
+        now = datetime.datetime.now(datetime.timezone.utc)
+        again = f"e3pose keys add {node.camera} --again on the edge, then copy its folder here"
+        yield expiry("certificate", reach.expires, now, again)
     host, place = node.endpoint.host, node.endpoint.place
     if reach.exchange is not None:
         trip_ms, offset_ms = reach.exchange.delay_ns / 1e6, reach.exchange.offset_ns / 1e6
@@ -116,11 +118,3 @@ def _edge(node: NodeTable, reach: Reach | InputError) -> Iterator[Finding]:
         advice = f"is {node.camera} in its calibration, is the site's name {node.site}, and are "
         advice += "the certificates of one authority?"
     yield Finding("problem", "edge", found, advice)
-
-
-def _certificate(node: NodeTable, until: datetime.datetime) -> Finding:
-    soon = until - datetime.datetime.now(datetime.timezone.utc) < datetime.timedelta(days=SOON_DAYS)
-    again = f"e3pose keys add {node.camera} --again on the edge, then copy its folder here"
-    if soon:
-        return Finding("warning", "certificate", f"expires on {until:%Y-%m-%d}", again)
-    return Finding("ok", "certificate", f"valid until {until:%Y-%m-%d}")

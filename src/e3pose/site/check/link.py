@@ -71,8 +71,9 @@ def _lasting(
         ("edge", "edge.pem", renew),
     ):
         until = expires((folder / file).read_bytes())  # that they are valid now was checked
-        if until - now < datetime.timedelta(days=SOON_DAYS):
-            yield Finding("warning", f"certificate {what}", f"expires on {until:%Y-%m-%d}", advice)
+        found = expiry(f"certificate {what}", until, now, advice)
+        if found.level != "ok":
+            yield found
     for kind, names in ({} if roll is None else roll.holders).items():
         for one in names:
             place = folder / f"{kind}s" / one
@@ -97,8 +98,12 @@ def _certificate(
         files = valid_certificates(folder, kind)
     except InputError as error:
         return Finding("problem", what, str(error), again)
-    until = expires(files.certificate.read_bytes())
+    renew = f"e3pose keys renew {name} --keys {folder.parent.parent}, then copy {folder}"
+    return expiry(what, expires(files.certificate.read_bytes()), now, renew)
+
+
+def expiry(what: str, until: datetime.datetime, now: datetime.datetime, renew: str) -> Finding:
+    """Return whether a certificate lasts, and how to renew one that does not."""
     if until - now < datetime.timedelta(days=SOON_DAYS):
-        renew = f"e3pose keys renew {name} --keys {folder.parent.parent}, then copy {folder}"
         return Finding("warning", what, f"expires on {until:%Y-%m-%d}", renew)
     return Finding("ok", what, f"valid until {until:%Y-%m-%d}")

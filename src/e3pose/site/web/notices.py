@@ -16,7 +16,7 @@ from e3pose.settings.resolved import ResolvedSite
 from e3pose.site.connect import LiveSlot
 from e3pose.site.troubles import troubles_of
 from e3pose.store.database import database_path, database_url
-from e3pose.wire.keys.renewal import expiring
+from e3pose.wire.keys.renewal import expiring, renewal_advice
 from e3pose.wire.site_messages import CameraStatus, Status
 
 LOOK_S = 10.0  # between two looks at disk, certificates and streams
@@ -145,7 +145,7 @@ def _minutes(seconds: float) -> str:
 
 
 def _certificate_words(name: str, until: datetime.datetime, now: datetime.datetime) -> str:
-    advice = "e3pose keys init a new folder" if name == "authority" else f"e3pose keys renew {name}"
+    advice = renewal_advice(name)
     if until < now:
         return f"The certificate of {name} expired on {until:%Y-%m-%d}: {advice}."
     left = plural(max((until - now).days, 0), "day")

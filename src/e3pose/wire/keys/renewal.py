@@ -57,6 +57,11 @@ def expiring(
             yield name, until
 
 
+def renewal_advice(name: str) -> str:
+    """Return the command that makes a certificate last longer."""
+    return "e3pose keys init a new folder" if name == AUTHORITY else f"e3pose keys renew {name}"
+
+
 def renew_keys(folder: Path, name: str, now: datetime.datetime) -> Path:
     """Make a new certificate for the edge, a camera, a viewer, an operator, a hub or a router.
 
