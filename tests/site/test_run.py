@@ -31,7 +31,7 @@ def test_second_signal_does_not_break_into_a_clean_end(
     ended: list[int] = []
     monkeypatch.setattr(os, "_exit", ended.append)
     threading.Timer(0.05, lambda: os.kill(os.getpid(), number)).start()
-    assert run_until_stopped(lambda: True, 0.01) == number.name
+    assert run_until_stopped(lambda: True, every_s=0.01) == number.name
     signal.raise_signal(number)  # KeyboardInterrupt or SystemExit without the handler
     assert not ended
     now = time.monotonic()
@@ -43,6 +43,7 @@ def test_second_signal_does_not_break_into_a_clean_end(
 def test_program_that_ends_by_itself_gives_signals_back() -> None:
     before = signal.getsignal(signal.SIGINT)
     assert run_until_stopped(lambda: False) == "ended"
+    assert run_until_stopped(lambda: True, for_s=0.02, every_s=0.01) == "ended"
     assert signal.getsignal(signal.SIGINT) is before
 
 

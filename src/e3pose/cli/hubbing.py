@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import time
 from collections.abc import Sequence
 from decimal import Decimal
 from pathlib import Path
@@ -101,8 +100,7 @@ def view(
         page = open_page(found, listen)
     with page as opened:
         print("\n".join(page_lines(opened.url, found)), flush=True)
-        end_s = None if for_s is None else time.monotonic() + for_s
-        run_until_stopped(lambda: opened.running() and (end_s is None or time.monotonic() < end_s))
+        run_until_stopped(opened.running, for_s)
 
 
 @hub_app.command

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
 from typing import Annotated
 
@@ -57,15 +56,14 @@ def router(
         open_network,
         log.info,
     )
-    end_s = None if for_s is None else time.monotonic() + for_s
 
     def running() -> bool:
         made.update()
-        return end_s is None or time.monotonic() < end_s
+        return True
 
     made.open()
     try:
         log.info("router ready", site=made.site, endpoint=endpoint, edge=edge)
-        run_until_stopped(running)
+        run_until_stopped(running, for_s)
     finally:
         made.close()

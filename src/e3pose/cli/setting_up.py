@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
 from typing import Annotated
 
@@ -50,5 +49,4 @@ def setup(
         print(f"Set up a site: {opened.url}\nCtrl-C ends it.", flush=True)
         if not no_browser:
             open_browser(opened.url)
-        end_s = None if for_s is None else time.monotonic() + for_s
-        run_until_stopped(lambda: opened.running() and (end_s is None or time.monotonic() < end_s))
+        run_until_stopped(opened.running, for_s)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
 from typing import Annotated
 
@@ -56,5 +55,4 @@ def view(
     with open_view(resolved, listen, keys, report=warn) as opened:
         print("\n".join(page_links(resolved, opened.address)), flush=True)
         reduce_pauses()
-        end_s = None if for_s is None else time.monotonic() + for_s
-        run_until_stopped(lambda: opened.running() and (end_s is None or time.monotonic() < end_s))
+        run_until_stopped(opened.running, for_s)

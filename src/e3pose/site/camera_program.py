@@ -133,10 +133,7 @@ class Camera:
 
         To be called on the main thread. What made a thread of the camera fail is raised.
         """
-        end_ns = None if for_s is None else self._clock.now_ns() + round(for_s * 1e9)
-        run_until_stopped(
-            lambda: self.running() and (end_ns is None or self._clock.now_ns() < end_ns)
-        )
+        run_until_stopped(self.running, for_s)
         self.close()
         if self.node.failure is not None:
             raise self.node.failure

@@ -101,9 +101,7 @@ class Edge:
         To be called on the main thread. What made a thread of the edge fail is raised.
         """
         reduce_pauses()
-        clock = self.server.clock
-        end_ns = None if for_s is None else clock.now_ns() + round(for_s * 1e9)
-        run_until_stopped(lambda: self.running() and (end_ns is None or clock.now_ns() < end_ns))
+        run_until_stopped(self.running, for_s)
         self.server.stop()
         if self.server.threads.failure is not None:
             raise self.server.threads.failure

@@ -203,7 +203,7 @@ def run_edges(
     load_apart(paths, load)
     starting = threading.Lock()
     keepers = [Keeper(path, load, logs[path], starting) for path in paths]
-    idle, begun_s, settled = list(keepers), time.monotonic(), False
+    idle, settled = list(keepers), False
 
     def running() -> bool:
         nonlocal settled
@@ -212,9 +212,9 @@ def run_edges(
         if not settled and all(keeper.tried.is_set() for keeper in keepers):
             settled = True
             reduce_pauses()
-        return for_s is None or time.monotonic() - begun_s < for_s
+        return True
 
-    run_until_stopped(running)
+    run_until_stopped(running, for_s)
     for keeper in keepers:
         keeper.stop()
     stopped_s, lines, all_ended = time.monotonic(), list[str](), True

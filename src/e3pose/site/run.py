@@ -48,17 +48,20 @@ def end_now() -> None:
     os._exit(0)
 
 
-def run_until_stopped(running: Callable[[], bool], every_s: float = 0.2) -> str:
-    """Wait until SIGINT, SIGTERM, or the program ends by itself; return which.
+def run_until_stopped(
+    running: Callable[[], bool], for_s: float | None = None, every_s: float = 0.2
+) -> str:
+    """Wait until SIGINT, SIGTERM, the time is over or the program ends by itself; return which.
 
     While it then ends cleanly, the same signal sent twice at once is one, and another one a second
     later ends it without more ado.
 
     Args:
         running: whether the program still works.
+        for_s: seconds after which it is to end; None for without end.
         every_s: seconds between two calls of `running`.
     """
-    stop = threading.Event()
+    stop, begun_s = threading.Event(), time.monotonic()
     signals: list[tuple[str, float]] = []
 
     def end(number: int, _frame: Any) -> None:
@@ -69,8 +72,9 @@ def run_until_stopped(running: Callable[[], bool], every_s: float = 0.2) -> str:
 
     before = {number: signal.signal(number, end) for number in END_SIGNALS}
     try:
-        while running() and not stop.wait(every_s):
-            pass
+        while running() and (for_s is None or time.monotonic() - begun_s < for_s):
+            if stop.wait(every_s):
+                break
     finally:
         if not signals:  # else it ends, and an exception from a second signal would leave threads
             for number, handler in before.items():
