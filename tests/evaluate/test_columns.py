@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from e3pose.evaluate.columns import fitted_tables
+from e3pose.evaluate.columns import print_tables
 from e3pose.evaluate.tables import print_comparison
 
 NAMES = [f"figure {n}" for n in range(9)]
@@ -19,8 +19,7 @@ def printed(width: int) -> list[str]:
     out = StringIO()
     console = Console(file=out, width=width)
     columns = {name: [f"{name[-1]}1.5 +- 0.4", f"{name[-1]}2.5"] for name in NAMES}
-    for table in fitted_tables({"policy": POLICIES}, columns, width, "a title"):
-        console.print(table)
+    print_tables(console, {"policy": POLICIES}, columns, "a title")
     return out.getvalue().splitlines()
 
 

@@ -12,7 +12,7 @@ from rich.text import Text
 from e3pose.base.quantities import plural
 from e3pose.camera.provenance import load_provenance
 from e3pose.cli.output import JsonFile, is_stdout, write_json
-from e3pose.evaluate.columns import fitted_tables, table_console
+from e3pose.evaluate.columns import print_tables, table_console
 from e3pose.model.noises import DEFAULT, detector_of
 from e3pose.recording import load_recording
 from e3pose.recording.description import CameraDescription, Description, describe
@@ -45,7 +45,7 @@ def info(
     description = describe(loaded)
     problems = find_problems(loaded, recording, load_provenance(recording).rotations)
     if not is_stdout(json_file):
-        _print_tables(table_console(200), description, problems)
+        _print_description(table_console(200), description, problems)
     if json_file is not None:
         content = {**msgspec.to_builtins(description), "problems": msgspec.to_builtins(problems)}
         write_json(json_file, content)
@@ -56,7 +56,7 @@ def _noise_line(description: Description) -> str:
     return f"{name}: 1.5 x OpenPose, then learned online" if name == DEFAULT else name
 
 
-def _print_tables(console: Console, description: Description, problems: list[Problem]) -> None:
+def _print_description(console: Console, description: Description, problems: list[Problem]) -> None:
     facts = Table.grid(padding=(0, 2))
     first, end = description.scored_slots
     scored = "all" if (first, end) == (0, description.num_slots) else f"{first} to {end - 1}"
@@ -75,8 +75,7 @@ def _print_tables(console: Console, description: Description, problems: list[Pro
         facts.add_row(Text(label, style="bold"), Text(value))
     console.print(facts)
     console.print()
-    for table in _camera_tables(description.cameras, console.width):
-        console.print(table)
+    _print_cameras(console, description.cameras)
     console.print()
     if not problems:
         console.print(Text("No problems found.", style="green"))
@@ -86,7 +85,7 @@ def _print_tables(console: Console, description: Description, problems: list[Pro
         console.print(Text(f"  {problem.where}: {problem.message}"), soft_wrap=True)
 
 
-def _camera_tables(cameras: tuple[CameraDescription, ...], width: int) -> list[Table]:
+def _print_cameras(console: Console, cameras: tuple[CameraDescription, ...]) -> None:
     columns: dict[str, list[str]] = {
         "image": [f"{c.image_size[0]} x {c.image_size[1]}" for c in cameras],
         "lens": [c.lens for c in cameras],
@@ -100,7 +99,7 @@ def _camera_tables(cameras: tuple[CameraDescription, ...], width: int) -> list[T
         "video": [c.video or "-" for c in cameras],
     }
     left = ("camera", "image", "lens", "centre, m", "video")
-    return fitted_tables({"camera": [c.camera_id for c in cameras]}, columns, width, left=left)
+    print_tables(console, {"camera": [c.camera_id for c in cameras]}, columns, left=left)
 
 
 def _truth_line(description: Description) -> str:

@@ -20,7 +20,7 @@ from e3pose.cli.progress import track_progress
 from e3pose.edge.learn import LearningSettings, OnlineTrainer
 from e3pose.edge.learn.rehearse import Rehearsed, rehearse
 from e3pose.edge.learn.versions import VersionStore, check_learning_folder
-from e3pose.evaluate.columns import fitted_tables, table_console
+from e3pose.evaluate.columns import print_tables, table_console
 from e3pose.evaluate.replay import ReplaySettings, make_pipeline
 
 if TYPE_CHECKING:
@@ -239,6 +239,5 @@ def _print_versions(folder: Path) -> None:
     columns = {name: [row[i] for row in rows.values()] for i, name in enumerate(headings)}
     numbers = [f"{number}{' *' * (number == manifest.current)}" for number in rows]
     console = table_console(200)
-    for table in fitted_tables({"version": numbers}, columns, console.width):
-        console.print(table)
+    print_tables(console, {"version": numbers}, columns)
     console.print("* current; errors on held-out minutes, parent -> version")

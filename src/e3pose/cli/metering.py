@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import datetime
-import sys
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import msgspec
 from cyclopts import App, Parameter
-from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 from rich.text import Text
@@ -27,7 +25,7 @@ from e3pose.energy.meters.battery import Charge, read_charge
 from e3pose.energy.meters.choose import choose_meter
 from e3pose.energy.profiles import load_profile, modes_of
 from e3pose.energy.profiles.write import profile_text
-from e3pose.evaluate.columns import fitted_tables, table_console
+from e3pose.evaluate.columns import print_tables, table_console
 from e3pose.settings.sources import is_recorded
 from e3pose.site.measure_modes import measure_modes, measured_profile
 
@@ -93,7 +91,7 @@ def power(
         write_json(json_file, msgspec.to_builtins({"reading": reading, "charge": charge}))
         return
     # A pipe gets whole lines; only a terminal has a width to fold to.
-    console = Console(highlight=False, width=None if sys.stdout.isatty() else 200)
+    console = table_console(200)
     if not watch:
         console.print(_table(*measure()))
         return
@@ -221,9 +219,6 @@ def _print_modes(table: CameraModes) -> None:
         "sd": ["" if rest is None else f"{1e3 * rest.wake_sd_s:.0f}" for *_, rest in rows],
         "from": sources,
     }
-    console = table_console(200)
     print(f"{table.table}:")
-    for one in fitted_tables(
-        {"mode": [name for name, *_ in rows]}, columns, console.width, left=("mode", "from")
-    ):
-        console.print(one)
+    names = {"mode": [name for name, *_ in rows]}
+    print_tables(table_console(200), names, columns, left=("mode", "from"))

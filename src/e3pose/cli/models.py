@@ -21,7 +21,7 @@ from e3pose.cli.simulating import size_of
 from e3pose.detectors.weights import MODELS, find_weights, is_installed, pull_weights
 from e3pose.energy.meters.choose import choose_meter
 from e3pose.energy.profiles import load_profile
-from e3pose.evaluate.columns import fitted_tables, table_console
+from e3pose.evaluate.columns import print_tables, table_console
 from e3pose.site.bench import measure
 
 models_app = App(name="models", help="List, download and locate 2D pose networks.")
@@ -43,10 +43,8 @@ def list_models() -> None:
         row = (state, size, model.licence, model.title)
         for cells, cell in zip(columns.values(), row, strict=True):
             cells.append(cell)
-    console = table_console(200)
     left = ("name", "weights", "licence", "network")
-    for table in fitted_tables({"name": list(MODELS)}, columns, console.width, left=left):
-        console.print(table)
+    print_tables(table_console(200), {"name": list(MODELS)}, columns, left=left)
 
 
 @models_app.command
@@ -137,9 +135,6 @@ def bench(
         "runs on": [c.provider or "-" for c in costs],
     }
     console = table_console(200)
-    for table in fitted_tables(
-        {"network": [Path(c.name).name for c in costs]}, columns, console.width
-    ):
-        console.print(table)
+    print_tables(console, {"network": [Path(c.name).name for c in costs]}, columns)
     label = "measured: " if costs[0].energy_j is not None else "no joules: "
     console.print(label + costs[0].how, highlight=False)

@@ -13,7 +13,7 @@ from e3pose.base.errors import InputError
 from e3pose.base.quantities import plural
 from e3pose.cli.options import StorePlace, Whole, warn
 from e3pose.cli.querying import check_numbers, store_of
-from e3pose.evaluate.columns import fitted_tables, table_console
+from e3pose.evaluate.columns import print_tables, table_console
 from e3pose.store.exported import FORMS, forget_rows
 from e3pose.store.times import iso_text
 
@@ -45,9 +45,7 @@ def list_people(store: StorePlace, /) -> None:
         "first seen": [iso_text(person.first_ns)[:19] for person in people],
         "last seen, UTC": [iso_text(person.last_ns)[:19] for person in people],
     }
-    console = table_console(200)
-    for table in fitted_tables(keys, columns, console.width, left=("person", *columns)):
-        console.print(table)
+    print_tables(table_console(200), keys, columns, left=("person", *columns))
 
 
 @people_app.command(name="name")

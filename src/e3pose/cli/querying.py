@@ -14,7 +14,7 @@ from e3pose.base.errors import MISSING, InputError
 from e3pose.base.quantities import plural
 from e3pose.cli.options import OUTPUT, Whole, as_typed
 from e3pose.cli.output import JsonFile, is_stdout, wrote
-from e3pose.evaluate.columns import fitted_tables, table_console
+from e3pose.evaluate.columns import print_tables, table_console
 from e3pose.settings.site_file import load_site
 from e3pose.store.export import pose_columns, row_columns, write_tables
 
@@ -218,8 +218,7 @@ def _show(
         cells["time"] = [time[11:23] for time in cells["time"]]
     keys = {name: cells.pop(name) for name in KEYS if name in cells}
     cells = {**{name: cells[name] for name in FIRST if name in cells}, **cells}
-    for table in fitted_tables(keys, cells, console.width, title, left=TEXTS):
-        console.print(table)
+    print_tables(console, keys, cells, title, left=TEXTS)
     if more:
         console.print(f"first {SHOWN_ROWS} rows; --csv, --parquet or --json write all rows")
 

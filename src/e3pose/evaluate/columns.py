@@ -17,22 +17,27 @@ def table_console(width: int = 240) -> Console:
     return Console(highlight=False, width=None if sys.stdout.isatty() else width)
 
 
-def fitted_tables(
+def print_tables(
+    console: Console,
     keys: Mapping[str, Sequence[str]],
     columns: Mapping[str, Sequence[str]],
-    width: int,
     title: str = "",
     left: Collection[str] = (),
-) -> list[Table]:
-    """Return as many tables as it takes to show all columns in a width.
+    apart: bool = False,
+) -> None:
+    """Print as many tables as it takes to show all columns in the width of a console.
+
+    A single column wider than that is wrapped.
 
     Args:
+        console: to print to.
         keys: heading to the cells of the columns that every table begins with.
         columns: heading to the cells of the others, right-aligned.
-        width: in characters; a single column wider than that is wrapped.
         title: of the first table.
         left: headings of columns of text, left-aligned.
+        apart: an empty line follows each table.
     """
+    width = console.width
     used = sum(_width(name, cells) + GAP for name, cells in keys.items())
     groups: list[list[str]] = [[]]
     room = width - used
@@ -43,7 +48,6 @@ def fitted_tables(
             room = width - used
         groups[-1].append(name)
         room -= needed
-    tables = []
     for number, names in enumerate(groups):
         table = Table(
             title=title if number == 0 and title else None,
@@ -62,8 +66,9 @@ def fitted_tables(
             )
         for row in zip(*shown.values(), strict=True):
             table.add_row(*(Text(cell) for cell in row))
-        tables.append(table)
-    return tables
+        console.print(table)
+        if apart:
+            console.print()
 
 
 def _width(heading: str, cells: Sequence[str]) -> int:

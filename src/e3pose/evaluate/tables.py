@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from rich.table import Table
 
 from e3pose.base.quantities import plural
-from e3pose.evaluate.columns import fitted_tables, table_console
+from e3pose.evaluate.columns import print_tables, table_console
 from e3pose.evaluate.energy_figures import PAPER_SAVINGS
 from e3pose.evaluate.figures import Summary, as_json
 from e3pose.evaluate.processor_figures import NOT_MEASURED, processor_words
@@ -94,17 +94,13 @@ def print_comparison(rows: Sequence[Mapping[str, Any]], console: Console | None 
     }
     seeds = "/".join(sorted({str(row["seeds"]) for row in rows}))
     title = "one seed" if seeds == "1" else f"mean +- standard deviation over {seeds} seeds"
-    for table in fitted_tables(keys, columns, console.width, title):
-        console.print(table)
-        console.print()
+    print_tables(console, keys, columns, title, apart=True)
     meanings = [f"{name}: {FIGURE_NAMES[name]}" for name in columns if name in FIGURE_NAMES]
     console.print(f"{'; '.join(meanings)}\n", style="dim", highlight=False)
     if CPU_SAVED not in columns:
         console.print(NOT_MEASURED, highlight=False)
     console.print(f"{ENERGY_TITLE}:", style="italic", highlight=False)
-    for table in fitted_tables(keys, _devices(rows), console.width):
-        console.print(table)
-        console.print()
+    print_tables(console, keys, _devices(rows), apart=True)
 
 
 def _devices(rows: Sequence[Mapping[str, Any]]) -> dict[str, list[str]]:
@@ -133,6 +129,7 @@ def _asked(row: Mapping[str, Any]) -> str:
 
 def print_summary(summary: Summary, console: Console | None = None) -> None:
     """Print the figures of one replay and what every camera did."""
+    console = table_console() if console is None else console
     title = f"policy {summary.policy}, {plural(summary.slots, 'slot')}"
     if summary.smooth is not None:
         title += f", smoothed ({summary.smooth})"
@@ -144,10 +141,10 @@ def print_summary(summary: Summary, console: Console | None = None) -> None:
         value = _find(table, path)
         if value is not None:
             figures.add_row(FIGURE_NAMES.get(heading, heading), f"{value:.{digits}f}")
-    _print(figures, console)
+    console.print(figures)
     said = processor_words(summary.processor)
     for line in (said, *warmup_lines(summary), *noise_lines(summary)):
-        _print(line, console)
+        console.print(line)
     selection, energy = summary.selection, summary.energy
     if selection is None or energy is None:
         return
@@ -167,7 +164,7 @@ def print_summary(summary: Summary, console: Console | None = None) -> None:
             f"{figure.mean_watts:.2f}",
             f"{figure.battery_hours:.2f}",
         )
-    _print(cameras, console)
+    console.print(cameras)
 
 
 def warmup_lines(summary: Summary) -> list[str]:
@@ -194,10 +191,6 @@ def noise_lines(summary: Summary) -> list[str]:
         for camera_id, (right, down) in noise.shifts_px.items()
         if (length := math.hypot(right, down)) >= TELLING_PX
     ]
-
-
-def _print(table: Table | str, console: Console | None) -> None:
-    (table_console() if console is None else console).print(table)
 
 
 def _find(figures: Mapping[str, Any], path: Sequence[str]) -> Any:
