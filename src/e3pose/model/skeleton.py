@@ -131,6 +131,18 @@ def skeleton_by_name(name: str) -> Skeleton:
     return SKELETONS[name]
 
 
+def skeleton_of_joints(joints: tuple[str, ...], name: str = "") -> Skeleton:
+    """Return the known skeleton with these joints, of this name if it has one; else one of points.
+
+    Args:
+        joints: their names, in order.
+        name: of the skeleton; empty for that of whichever has the joints.
+    """
+    known = SKELETONS.values() if not name else [SKELETONS[name]] if name in SKELETONS else []
+    found = next((one for one in known if one.joints == joints), None)
+    return found or Skeleton(name or "live", joints, ())
+
+
 def lacking(joints: Collection[str], target: Collection[str]) -> tuple[str, ...]:
     """Return the joints of a target that cannot be had from others, neither as is nor as means.
 

@@ -23,7 +23,7 @@ from e3pose.detectors.base import Detector
 from e3pose.energy.meters.charge_file import ChargeFile
 from e3pose.energy.meters.sampler import open_sampler
 from e3pose.energy.profiles import load_profile
-from e3pose.model.skeleton import SKELETONS
+from e3pose.model.skeleton import skeleton_of_joints
 from e3pose.recording.videos import MAX_BYTES, PART_S
 from e3pose.settings.camera_file import NodeTable, load_node
 from e3pose.settings.limits import Sleep
@@ -223,8 +223,8 @@ def make_camera(
         rests=RESTS[node.sleep],
         gate=node.gate,
     )
-    known = (one.limbs for one in SKELETONS.values() if one.joints == joints)
-    pictures = Pictures(node.camera, clock, next(known, ())) if node.pictures else None
+    limbs = skeleton_of_joints(joints).limbs
+    pictures = Pictures(node.camera, clock, limbs) if node.pictures else None
     recorder = _recorder(node, report)
 
     def metered(mode: Any) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from e3pose.base.errors import MISSING, InputError
 from e3pose.events.people import Seen
 from e3pose.events.watch import Watch, advance, begin_watch
 from e3pose.model.person_event import PersonEvent
-from e3pose.model.skeleton import SKELETONS, Skeleton
+from e3pose.model.skeleton import skeleton_of_joints
 from e3pose.model.take import Take, motion_of
 from e3pose.settings.events_table import EventsTable
 from e3pose.settings.site_file import SiteTable, ZoneTable, load_site
@@ -123,7 +123,6 @@ def take_of_slots(slots: Sequence[LiveSlot], interval_s: float, name: str = "liv
     if not slots:
         raise InputError("slots", "none", "one at least")
     joints = slots[0].joints
-    known = next((one for one in SKELETONS.values() if one.joints == joints), None)
     tracks = sorted({int(track) for slot in slots for track in slot.track_ids})
     motions = []
     for track in tracks:
@@ -141,8 +140,7 @@ def take_of_slots(slots: Sequence[LiveSlot], interval_s: float, name: str = "liv
         )
     first = slots[0]
     started_ns = first.time_ns - round(first.slot * interval_s * 1e9)
-    skeleton = known or Skeleton("live", joints, ())
-    return Take(name, skeleton, interval_s, tuple(motions), started_ns)
+    return Take(name, skeleton_of_joints(joints), interval_s, tuple(motions), started_ns)
 
 
 class Connection:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from sqlalchemy import Connection, func, select
 
-from e3pose.model.skeleton import SKELETONS, Skeleton
+from e3pose.model.skeleton import skeleton_of_joints
 from e3pose.model.take import Motion, Take, motion_of
 from e3pose.output.archive.manifest import Entry, digest
 from e3pose.output.exports.wide import write_people
@@ -81,9 +81,7 @@ def span_of(connection: Connection, runs: list[StoredRun]) -> tuple[int, int] | 
 def file_of(store: Store, hour: Hour) -> tuple[bytes, Entry]:
     """Return an hour as a wide Parquet file, empty where nobody was there, and its entry."""
     run = hour.stored.run
-    known = SKELETONS.get(run.skeleton)
-    same = known is not None and known.joints == run.joints
-    skeleton = known if known is not None and same else Skeleton(run.skeleton, run.joints, ())
+    skeleton = skeleton_of_joints(run.joints, run.skeleton)
     about = Take(run.name, skeleton, run.interval_s, (), run.started_ns)
     tracks = list[int]()
     with tempfile.TemporaryDirectory(prefix="e3pose-archive-") as folder:

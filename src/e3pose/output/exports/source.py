@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
 from e3pose.model.region import in_rectangle, middles_m
-from e3pose.model.skeleton import SKELETONS, Skeleton
+from e3pose.model.skeleton import SKELETONS, Skeleton, skeleton_of_joints
 from e3pose.model.take import Take, kept_rows, motion_of
 from e3pose.output.exports.wide import is_wide, read_wide
 from e3pose.store import Store
@@ -161,9 +161,7 @@ def take_from_table(path: Path, asked: Asked) -> Take:
 
 def _take_of_run(stored: StoredRun, found: StoredPoses, asked: Asked) -> Take:
     run = stored.run
-    known = SKELETONS.get(run.skeleton)
-    same = known is not None and known.joints == run.joints
-    skeleton = known if known is not None and same else Skeleton(run.skeleton, run.joints, ())
+    skeleton = skeleton_of_joints(run.joints, run.skeleton)
     joints_m = found.joints_m.astype(np.float64)
     inside = _inside(joints_m, asked)
     motions = []

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from e3pose.base.arrays import Floats
 from e3pose.base.atomic import atomic_file
 from e3pose.base.errors import InputError
-from e3pose.model.skeleton import SKELETONS, Skeleton
+from e3pose.model.skeleton import Skeleton, skeleton_of_joints
 from e3pose.model.take import FILLED, MEASURED, MISSING, PREDICTED, Motion, Take
 from e3pose.output.exports.base import MAX_VALUES, ExportSettings
 
@@ -123,9 +123,7 @@ def read_wide(path: Path, table: Any) -> Take:
     origin[(measured[:, None] >> bits) & 1 == 1] = MEASURED
     origin[(filled[:, None] >> bits) & 1 == 1] = FILLED
     origin[~np.isfinite(values[..., :3]).all(axis=-1)] = MISSING
-    known = SKELETONS.get(about["skeleton"])
-    same = known is not None and known.joints == joints
-    skeleton = known if known is not None and same else Skeleton(about["skeleton"], joints, ())
+    skeleton = skeleton_of_joints(joints, about["skeleton"])
     motions = []
     for track in np.unique(tracks).tolist():
         own = np.flatnonzero(tracks == track)
