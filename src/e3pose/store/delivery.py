@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import Connection, Insert, Table, bindparam, insert, select, update
+from sqlalchemy import Connection, Insert, Table, bindparam, insert, update
 from sqlalchemy.dialects import postgresql
 from sqlalchemy.exc import DBAPIError
 
@@ -259,13 +259,12 @@ def known(rows: Sequence[Row]) -> list[Row]:
 
 
 def _run_id(connection: Connection, run: Run) -> int:
-    runs = schema.runs
-    same = select(runs.c.run_id).where(runs.c.site == run.site, runs.c.started_ns == run.started_ns)
-    found = connection.execute(same).scalar()
+    found = schema.run_id_of(connection, run.site, run.started_ns)
     if found is None:
-        connection.execute(new_rows(connection.dialect.name, runs), run.row())
-        found = connection.execute(same).scalar_one()
-    return int(found)
+        connection.execute(new_rows(connection.dialect.name, schema.runs), run.row())
+        found = schema.run_id_of(connection, run.site, run.started_ns)
+    assert found is not None
+    return found
 
 
 def new_rows(dialect: str, table: Table) -> Insert:

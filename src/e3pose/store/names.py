@@ -1,4 +1,4 @@
-"""Names of people who are there now: of the newest run, as the store has them at this moment.
+"""What people of a site are called and drawn in, as of the last look at its store.
 
 Nothing of a name is kept elsewhere: who renames or forgets somebody has done so at once.
 """
@@ -6,52 +6,60 @@ Nothing of a name is kept elsewhere: who renames or forgets somebody has done so
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
-from sqlalchemy import Engine, func, select
+from sqlalchemy import Engine
 
 from e3pose.base.errors import InputError
-from e3pose.store import schema
-from e3pose.store.database import reading
+from e3pose.store.people import Called, names_of
 
-KEPT_S = 0.5  # an answer serves for so long: a stream asks for everybody in each slot
-MOST_KNOWN = 100
+KEPT_S = 0.5  # a look serves for so long: a stream asks for everybody in each slot
 
 
+@dataclass(slots=True, eq=False)
 class StoredNames:
-    """Names by track; call it for one. What cannot be read names nobody."""
+    """Names and colours by track, of one run; what cannot be read names nobody.
 
-    def __init__(
-        self, store: str | Path, site: str, now_s: Callable[[], float] = time.monotonic
-    ) -> None:
-        """Name the people of a site.
+    Attributes:
+        place: path or URL of the store; None where nothing is stored.
+        site: whose people.
+        now_s: a clock that only goes forward.
+        kept_s: for how long a look serves.
+        run: number of the run; None while the store does not have it.
+        called: its tracks that have a name or a colour.
+    """
 
-        Args:
-            store: path or URL.
-            site: name.
-            now_s: a clock that only goes forward.
-        """
-        self._store, self._site, self._now_s = store, site, now_s
-        self._engines: dict[str, Engine] = {}
-        self._known: dict[int, tuple[float, str]] = {}  # by track: until when it serves, and name
+    place: str | Path | None = None
+    site: str = ""
+    now_s: Callable[[], float] = time.monotonic
+    kept_s: float = KEPT_S
+    run: int | None = None
+    called: Mapping[int, Called] = field(default_factory=dict)
+    _due_s: float = 0.0
+    _of_ns: int | None = 0
+    _engines: dict[str, Engine] = field(default_factory=dict)
 
     def __call__(self, track: int) -> str:
         """Return the name of a track of the newest run; empty where it has none."""
-        due_s, name = self._known.get(track, (-float("inf"), ""))
-        if self._now_s() >= due_s:
-            if len(self._known) >= MOST_KNOWN:
-                self._known.clear()
-            try:
-                name = self._read(track)
-            except InputError:  # not begun, being written anew, or gone
-                name = ""
-            self._known[track] = self._now_s() + KEPT_S, name
-        return name
+        if self.due(None):
+            self.look(None)
+        found = self.called.get(track)
+        return (found.name or "") if found else ""
 
-    def _read(self, track: int) -> str:
-        runs, tracks = schema.runs.c, schema.tracks.c
-        newest = select(func.max(runs.run_id)).where(runs.site == self._site).scalar_subquery()
-        asked = select(tracks.name).where(tracks.run_id == newest, tracks.track_id == track)
-        with reading(self._store, self._engines) as connection:
-            return connection.scalar(asked) or ""
+    def due(self, run_ns: int | None) -> bool:
+        """Return whether it is time to look, for a run that began then; None for the newest."""
+        return self.place is not None and (run_ns != self._of_ns or self.now_s() >= self._due_s)
+
+    def look(self, run_ns: int | None) -> bool:
+        """Look at the store; return whether anything changed since the last look."""
+        if self.place is None:
+            return False
+        before = self.run, self.called
+        self._due_s, self._of_ns = self.now_s() + self.kept_s, run_ns
+        try:
+            self.run, self.called = names_of(self.place, self.site, run_ns, self._engines)
+        except InputError:  # no store yet, or one that cannot be read now
+            self.run, self.called = None, {}
+        return before != (self.run, self.called)

@@ -152,10 +152,7 @@ def _shed(connection: Connection, site: str, until: int) -> None:
 
 def unsummed(connection: Connection, run: Run, now_ns: int) -> list[Row]:
     """Return the rows of a run that no summary has, with the columns that sums need."""
-    runs, table = schema.runs, schema.summaries
-    run_id = connection.execute(
-        select(runs.c.run_id).where(runs.c.site == run.site, runs.c.started_ns == run.started_ns)
-    ).scalar()
+    table, run_id = schema.summaries, schema.run_id_of(connection, run.site, run.started_ns)
     if run_id is None:
         return []
     newest_ns = select(func.max(table.c.time_ns)).where(table.c.run_id == run_id)

@@ -103,14 +103,17 @@ class Called(NamedTuple):
 
 
 def names_of(
-    store: str | Path, site: str, started_ns: int, engines: dict[str, Engine] | None = None
+    store: str | Path,
+    site: str,
+    started_ns: int | None,
+    engines: dict[str, Engine] | None = None,
 ) -> tuple[int | None, dict[int, Called]]:
     """Return a run and its tracks that have a name or a colour.
 
     Args:
         store: path or URL.
         site: of the run.
-        started_ns: when it began.
+        started_ns: when it began; None for the newest.
         engines: see `database.reading`.
 
     Returns:
@@ -121,8 +124,10 @@ def names_of(
     """
     runs = schema.runs.c
     with reading(store, engines) as connection:
-        asked = select(runs.run_id).where(runs.site == site, runs.started_ns == started_ns)
-        run = connection.scalar(asked)
+        if started_ns is None:
+            run = connection.scalar(select(func.max(runs.run_id)).where(runs.site == site))
+        else:
+            run = schema.run_id_of(connection, site, started_ns)
         columns = {column.name: column for column in columns_of(connection, schema.tracks)}
         name, colour = columns["name"], columns["colour"]
         found = connection.execute(

@@ -268,3 +268,10 @@ def check_version(connection: Connection, where: str, may_be_empty: bool = False
             "version of e3pose that wrote it, or let this one write to a new file"
         )
     return int(version)
+
+
+def run_id_of(connection: Connection, site: str, started_ns: int) -> int | None:
+    """Return the number of the run of a site that began then; None where the store lacks it."""
+    mine = select(runs.c.run_id).where(runs.c.site == site, runs.c.started_ns == started_ns)
+    found: int | None = connection.scalar(mine)
+    return found

@@ -27,9 +27,9 @@ from e3pose.site.web.feed import (
     Feed,
     TooMany,
 )
-from e3pose.site.web.page_names import PageNames
 from e3pose.site.web.schemas import Encoded, event_of_status
 from e3pose.site.zones import Zones
+from e3pose.store.names import StoredNames
 from e3pose.wire.codec import encode
 from e3pose.wire.site_messages import Status
 
@@ -189,7 +189,7 @@ def test_what_is_read_slowly_brings_no_older_status_after_a_newer(
             target=lambda: edge.publish("e3pose/lab/status", encode(status(4)))
         )
 
-        def look(names: PageNames, run_ns: int) -> bool:
+        def look(names: StoredNames, run_ns: int) -> bool:
             if slowly == "names":
                 comes.start()
                 comes.join()
@@ -204,7 +204,7 @@ def test_what_is_read_slowly_brings_no_older_status_after_a_newer(
                 assert eventually(lambda: feed.status is not newest)
             return made
 
-        monkeypatch.setattr(PageNames, "look", look)
+        monkeypatch.setattr(StoredNames, "look", look)
         async with feed.follow("10.0.0.1") as queue:
             monkeypatch.setattr(feed, "_status_event", event)
             feed.look_at_names()

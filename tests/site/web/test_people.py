@@ -67,7 +67,7 @@ def test_a_new_name_is_that_of_all_tracks_unless_only_one_is_meant(
 def test_followers_hear_of_a_name_that_somebody_else_gave(
     watched: Watched, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("e3pose.site.web.page_names.LOOK_S", 0.0)
+    monkeypatch.setattr(watched.view.feed.names, "kept_s", 0.0)
     watched.publish(7)
     with watched.client() as client, client.stream("GET", "/api/live") as stream:
         lines = stream.iter_lines()

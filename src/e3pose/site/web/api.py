@@ -68,7 +68,7 @@ def make_api(
             raise HTTPException(404, "no status yet: the edge does not run, or just started")
         late = {"silent_s": feed.silent_s(), "smoothed_ms": feed.smoothed_ms()}
         said = [notice._asdict() for notice in feed.notices()]
-        return {**status_body(feed.status), **late, "notices": said, **feed.names.body()}
+        return {**status_body(feed.status), **late, "notices": said, **feed.called()}
 
     @api.get("/poses", summary="Stored poses", response_model=PosePage)
     def poses(

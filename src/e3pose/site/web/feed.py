@@ -10,7 +10,7 @@ from collections import deque
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from e3pose.events import watch as watching
 from e3pose.events.people import Seen
@@ -21,7 +21,6 @@ from e3pose.settings.site_file import ZoneTable
 from e3pose.site.connect import LiveSlot, live_slot
 from e3pose.site.follow import Follower
 from e3pose.site.web.notices import Notice, Surroundings, notices
-from e3pose.site.web.page_names import PageNames
 from e3pose.site.web.schemas import (
     Encoded,
     event_of_edge,
@@ -31,6 +30,7 @@ from e3pose.site.web.schemas import (
     event_of_zone,
 )
 from e3pose.site.zones import Zones, advance
+from e3pose.store.names import StoredNames
 from e3pose.wire.site_messages import Poses, Status
 from e3pose.wire.transport import Transport
 
@@ -84,7 +84,7 @@ class Feed:
     doing: Watch | None = None
     told: deque[PersonEvent] = field(default_factory=lambda: deque(maxlen=MAX_TOLD))
     around: Surroundings = field(default_factory=Surroundings)
-    names: PageNames = field(default_factory=PageNames)
+    names: StoredNames = field(default_factory=StoredNames)
     heard_ns: int | None = None
     now_s: Callable[[], float] = time.monotonic
     quiet_s: float = QUIET_S
@@ -226,6 +226,11 @@ class Feed:
         if self.status is not None and self.names.look(self.status.run_ns):
             self._tell_status()
 
+    def called(self) -> dict[str, Any]:
+        """Return the run of the store, and what its people are called, as a status has them."""
+        named = [{"track": i, **one._asdict()} for i, one in self.names.called.items()]
+        return {"run": self.names.run, "names": named}
+
     def notices(self) -> list[Notice]:
         """Return what is to be known of the site; nothing before its first status."""
         if self.status is None:
@@ -234,7 +239,7 @@ class Feed:
         return notices(self.status, self.slot, self.around.look(now), now)
 
     def _status_event(self, status: Status) -> Encoded:
-        return event_of_status(status, self.smoothed_ms(), self.notices(), self.names.body())
+        return event_of_status(status, self.smoothed_ms(), self.notices(), self.called())
 
     def _take_delayed(self, poses: Poses) -> None:
         late = live_slot(poses)

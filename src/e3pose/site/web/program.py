@@ -25,12 +25,12 @@ from e3pose.site.web.feed import Feed
 from e3pose.site.web.keep import Keeping
 from e3pose.site.web.layout import describe
 from e3pose.site.web.notices import surroundings
-from e3pose.site.web.page_names import PageNames
 from e3pose.site.web.pictures import PictureRules, make_pictures
 from e3pose.site.web.server import PageServer, https_of, listening_at, serve
 from e3pose.site.web.tokens import Tokens, open_tokens
 from e3pose.site.zones import Zones
 from e3pose.store import Store
+from e3pose.store.names import StoredNames
 from e3pose.wire.endpoint import is_loopback, read_host_port
 from e3pose.wire.network import open_network
 from e3pose.wire.topics import of_camera, of_control
@@ -38,6 +38,7 @@ from e3pose.wire.transport import Transport
 
 ASK_S = 3.0  # for the edge to answer
 PICTURE_S = 1.0  # for a camera to answer
+NAMES_S = 5.0  # between two looks at names that others may have changed
 FILES = "view-files"  # folder beside the site file, of what the page made
 
 
@@ -189,7 +190,9 @@ def open_view(
         zones=Zones(site.zone),
         doing=page_watch(site),
         around=surroundings(site),
-        names=PageNames(None if site.store is None else site.store.place, site.name),
+        names=StoredNames(
+            None if site.store is None else site.store.place, site.name, kept_s=NAMES_S
+        ),
     )
     shown = Shown(site, feed)
     secure, watched = None, [Watched((site.path,), shown.rezone, lambda why: None)]
