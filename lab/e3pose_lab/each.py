@@ -16,7 +16,7 @@ from typing import Any
 
 from e3pose import __version__
 from e3pose.base.atomic import atomic_file
-from e3pose.base.errors import InputError
+from e3pose.base.errors import InputError, reason_of
 from e3pose_lab.workers import Workers
 
 VERBS = (("evaluate",), ("replay",), ("calibrate", "check"), ("detect",))
@@ -137,7 +137,7 @@ def run_each(
     except Exception as error:
         if not type(error).__module__.startswith(("distributed", "tornado", "asyncio")):
             raise
-        reason = " ".join(str(error).split())[:200]
+        reason = reason_of(error)[:200]
         raise InputError(
             f"{workers.option}: the cluster went away ({reason}); the same command goes on"
         ) from None

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
-from e3pose.base.errors import InputError
+from e3pose.base.errors import InputError, reason_of
 
 Shared = TypeVar("Shared")
 Task = TypeVar("Task")
@@ -177,7 +177,7 @@ def _client(address: str, jobs: int, option: str) -> Iterator[Any]:
     try:
         client = Client(address, timeout=WAIT_S)
     except (OSError, ValueError, TypeError) as error:
-        reason = " ".join(str(error).split())[:200]
+        reason = reason_of(error)[:200]
         raise InputError(
             f"{option}: found {address[:100]!r} ({reason}), expected {LOCAL} or the address of a "
             "Dask scheduler such as tcp://host:8786"

@@ -1,10 +1,10 @@
-"""What an error tells whoever is not of this machine."""
+"""What an error tells a person, here and elsewhere."""
 
 from __future__ import annotations
 
 import pytest
 
-from e3pose.base.errors import InputError
+from e3pose.base.errors import InputError, reason_of
 
 
 @pytest.mark.parametrize(
@@ -23,3 +23,19 @@ from e3pose.base.errors import InputError
 )
 def test_folders_are_for_this_machine_alone(error: InputError, words: str) -> None:
     assert str(error.elsewhere()) == words
+
+
+@pytest.mark.parametrize(
+    ("error", "reason"),
+    [
+        (
+            FileNotFoundError(2, "No such file or directory", "/srv/x.db"),
+            "No such file or directory",
+        ),
+        (OSError("the disk\n  is gone"), "the disk is gone"),
+        (ValueError("line 1:\n no number"), "line 1: no number"),
+        (TimeoutError(), "TimeoutError"),
+    ],
+)
+def test_a_reason_is_one_line_without_its_file(error: Exception, reason: str) -> None:
+    assert reason_of(error) == reason

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
-from e3pose.base.errors import InputError
+from e3pose.base.errors import InputError, reason_of
 from e3pose.base.lock import hold
 from e3pose.base.private import file_mode, folder_mode, make_folder
 from e3pose.base.system import sync_path
@@ -198,8 +198,7 @@ def _replace(temporary: Path, path: Path) -> None:
 
 
 def _unwritable(path: Path, error: OSError) -> InputError:
-    reason = (error.strerror or str(error)).lower()
-    return InputError(f"{path}: cannot be written: {reason}")
+    return InputError(f"{path}: cannot be written: {reason_of(error).lower()}")
 
 
 def _with_advice(path: Path, error: OSError) -> OSError | InputError:

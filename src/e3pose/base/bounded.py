@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from e3pose.base.errors import InputError
+from e3pose.base.errors import InputError, reason_of
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -33,7 +33,7 @@ def open_regular(path: Path, limit_bytes: int) -> BinaryIO:
     except FileNotFoundError:
         raise InputError(f"{path}: file not found") from None
     except (OSError, ValueError) as error:
-        raise InputError(f"{str(path)[:300]!r}: cannot be read ({_reason(error)})") from None
+        raise InputError(f"{str(path)[:300]!r}: cannot be read ({reason_of(error)})") from None
     if not stat.S_ISREG(status.st_mode):
         found = "a folder" if stat.S_ISDIR(status.st_mode) else "a pipe, socket or device"
         raise InputError(f"{path}: found {found}, expected a file")
@@ -42,7 +42,7 @@ def open_regular(path: Path, limit_bytes: int) -> BinaryIO:
     try:
         return path.open("rb")
     except OSError as error:
-        raise InputError(f"{path}: cannot be read ({_reason(error)})") from None
+        raise InputError(f"{path}: cannot be read ({reason_of(error)})") from None
 
 
 def read_bytes(path: Path, limit_bytes: int) -> bytes:
@@ -101,9 +101,5 @@ def parse_toml(text: str, where: str) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
     except (ValueError, RecursionError) as error:
-        reason = " ".join(str(error).split())[:200]
+        reason = reason_of(error)[:200]
         raise InputError(f"{where}: found text that is not TOML: {reason}") from None
-
-
-def _reason(error: Exception) -> str:
-    return (error.strerror if isinstance(error, OSError) else None) or str(error)

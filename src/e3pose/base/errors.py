@@ -80,3 +80,9 @@ class InputError(ValueError):
     def __reduce__(self) -> tuple[Any, ...]:
         """Return what makes the error again in another process."""
         return InputError, self.args
+
+
+def reason_of(error: BaseException) -> str:
+    """Return why something failed, in one line; of an error of the system without its file."""
+    said = (error.strerror if isinstance(error, OSError) else None) or error
+    return " ".join(str(said).split()) or type(error).__name__

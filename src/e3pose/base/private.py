@@ -14,7 +14,7 @@ from typing import IO
 
 from e3pose.base import system
 from e3pose.base.bounded import read_bytes
-from e3pose.base.errors import InputError
+from e3pose.base.errors import InputError, reason_of
 
 MAX_SECRET_BYTES = 4096
 
@@ -85,7 +85,7 @@ def read_secret(path: Path, name: str) -> str:
     try:
         mode = path.stat().st_mode
     except OSError as error:
-        raise InputError(name, f"{path} ({error.strerror})", wanted) from None
+        raise InputError(name, f"{path} ({reason_of(error)})", wanted) from None
     if mode & 0o077:
         raise InputError(name, f"{path}, which others can read", wanted)
     try:

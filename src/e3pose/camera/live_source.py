@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from e3pose.base.clock import Clock
-from e3pose.base.errors import InputError
+from e3pose.base.errors import InputError, reason_of
 from e3pose.base.system import require_linux
 from e3pose.camera.base import LiveFrame, LiveSource
 from e3pose.camera.phone import PhoneSource
@@ -244,7 +244,7 @@ class StreamSource:
             rate = self._container.streams.video[0].average_rate
             self.fps = float(rate) if rate else self.fps
         except (av.FFmpegError, OSError, IndexError, ValueError) as error:
-            raise InputError(f"source {_shown(self.url)}: {_reason(error)}") from None
+            raise InputError(f"source {_shown(self.url)}: {reason_of(error)[:200]}") from None
 
     def read(self) -> LiveFrame | None:
         """See `LiveSource.read`."""
@@ -358,8 +358,3 @@ def _shown(url: str) -> str:
     """Return a URL without the password that it may hold."""
     scheme, _, rest = url.partition("://")
     return f"{scheme}://{rest.rpartition('@')[2]}"[:200]
-
-
-def _reason(error: Exception) -> str:
-    text = (error.strerror if isinstance(error, OSError) else None) or str(error)
-    return " ".join(text.split())[:200]

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from e3pose.base.clock import Clock
-from e3pose.base.errors import InputError
+from e3pose.base.errors import InputError, reason_of
 from e3pose.base.jpeg import jpeg_size
 from e3pose.camera.base import LiveFrame
 from e3pose.camera.frame_rate import FrameRate
@@ -65,7 +65,7 @@ class PhoneSource:
                 self._server = PhoneServer(self, phone.listen, phone.port, self.path.parent)
             except OSError as error:
                 if time.monotonic() > end_s:
-                    why = (error.strerror or str(error)).lower()
+                    why = reason_of(error).lower()
                     raise InputError(
                         f"source {self.path.name}: port {phone.port}: {why}; does another program "
                         "read this phone?"

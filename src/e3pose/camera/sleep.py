@@ -8,7 +8,7 @@ import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from e3pose.base.errors import InputError
+from e3pose.base.errors import InputError, reason_of
 from e3pose.base.system import require_linux
 from e3pose.settings.limits import SECONDS, Sleep
 from e3pose.wire.codec import one_line
@@ -47,7 +47,7 @@ class Suspend:
                 errors="replace",
             )
         except OSError as error:
-            return one_line(f"cannot suspend: {words[0]}: {error.strerror}")
+            return one_line(f"cannot suspend: {words[0]}: {reason_of(error)}")
         left = int((seconds + OVERTIME_S) / POLL_S)
         with running:
             while running.poll() is None and left > 0 and not stopping.wait(POLL_S):

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from e3pose.base.clock import SlotTimes
-from e3pose.base.errors import InputError
+from e3pose.base.errors import InputError, reason_of
 from e3pose.base.private import make_folder
 from e3pose.camera.base import LiveFrame
 from e3pose.camera.video_file import VideoFile
@@ -79,7 +79,7 @@ class VideoRecorder:
         try:
             make_folder(settings.folder)
         except OSError as error:
-            raise InputError(f"videos: {settings.folder}: {error.strerror}") from None
+            raise InputError(f"videos: {settings.folder}: {reason_of(error)}") from None
         self.recorded = self.dropped = 0
         self.busy_s = 0.0
         self._told_dropped = False
@@ -155,7 +155,7 @@ class VideoRecorder:
         try:
             action()
         except (OSError, ValueError) as error:  # PyAV's errors are both
-            reason = (error.strerror if isinstance(error, OSError) else "") or str(error)
+            reason = reason_of(error)
             if not self._problem:
                 self._report(f"not recording video: {reason.lower()}")
             self._problem, self._file = reason, None

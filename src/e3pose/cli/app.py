@@ -16,7 +16,7 @@ from typing import Any, NoReturn
 from cyclopts import App, CycloptsError, Group, MissingArgumentError
 
 from e3pose import __version__
-from e3pose.base.errors import InputError
+from e3pose.base.errors import InputError, reason_of
 from e3pose.base.system import END_SIGNALS
 from e3pose.cli.lab import LAB, lab_verb
 
@@ -243,11 +243,11 @@ def _one_line(error: Exception) -> str:
     elif isinstance(error, OSError) and error.strerror and error.filename is not None:
         text = f"{os.fsdecode(error.filename)}: {error.strerror.lower()}"
     else:
-        text = (isinstance(error, OSError) and error.strerror) or str(error)
+        text = reason_of(error)
     # Names from files may hold control characters, which could rewrite the terminal.
     line = "".join(
         char if char.isprintable() else char.encode("unicode_escape").decode()
-        for char in " ".join((text or type(error).__name__).split())
+        for char in " ".join(text.split())
     )
     half = MAX_MESSAGE // 2
     return line if len(line) <= MAX_MESSAGE else f"{line[:half]} ... {line[-half:]}"

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from e3pose.base.atomic import atomic_file
 from e3pose.base.bounded import open_regular
-from e3pose.base.errors import InputError
+from e3pose.base.errors import InputError, reason_of
 from e3pose.pipeline import Pipeline, SlotState, initial_state
 from e3pose.recording.datasets.arrays import BROKEN, read_array
 from e3pose.select.failure_detector import RETRY_LIMIT_S
@@ -119,7 +119,7 @@ def load_checkpoint(path: Path, pipeline: Pipeline) -> Checkpoint:
     except InputError:
         raise
     except DAMAGE as error:
-        reason = " ".join(str(error).split())[:120]
+        reason = reason_of(error)[:120]
         raise InputError(f"{path}: found no checkpoint ({reason})") from None
     if about.get("version") != VERSION:
         raise InputError(f"{path}: found version {about.get('version')}, expected {VERSION}")

@@ -10,7 +10,7 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
-from e3pose.base.errors import InputError
+from e3pose.base.errors import InputError, reason_of
 from e3pose.base.listener import Bounds, Listener, open_socket
 from e3pose.edge.server import EdgeServer
 from e3pose.model.blind_slot import CAUSES
@@ -192,7 +192,9 @@ def serve_metrics(edge: EdgeServer, port: int) -> MetricsServer:
     try:
         listening = open_socket("127.0.0.1", port)
     except OSError as error:
-        raise InputError(f"metrics_port: {port}: {error.strerror}, expected a free port") from None
+        raise InputError(
+            f"metrics_port: {port}: {reason_of(error)}, expected a free port"
+        ) from None
     return MetricsServer(listening, answer)
 
 

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from e3pose.base.clock import Clock, SlotTimes
-from e3pose.base.errors import InputError
+from e3pose.base.errors import InputError, reason_of
 from e3pose.base.quantities import plural
 from e3pose.edge.gather import Arrival, Gather
 from e3pose.edge.inbox import Inbox
@@ -168,7 +168,7 @@ class RecordServer:
         try:
             yield
         except OSError as error:
-            reason = (error.strerror or str(error)).lower()
+            reason = reason_of(error).lower()
             kept = "it has what was recorded until then" if self.plan.dest.exists() else "no part"
             raise InputError(
                 f"{self.plan.dest}: {reason} after {plural(self.slots, 'slot')}: {kept}"

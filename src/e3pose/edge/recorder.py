@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from datetime import datetime, timezone
 from pathlib import Path
 
-from e3pose.base.errors import InputError
+from e3pose.base.errors import InputError, reason_of
 from e3pose.base.private import make_folder
 from e3pose.base.quantities import plural
 from e3pose.camera.session_videos import attach_videos, note_session
@@ -84,7 +84,7 @@ class Recorder:
             for part in finish_interrupted(settings.folder):
                 self._attach(part)
         except OSError as error:
-            raise InputError(f"record: {settings.folder}: {error.strerror}") from None
+            raise InputError(f"record: {settings.folder}: {reason_of(error)}") from None
         self.dropped, self.processor = 0, ProcessorTimes(settings.fps * settings.pace)
         self._slots: deque[tuple[int, int, Mapping[int, Arrival]]] = deque()
         self._unflushed: deque[tuple[int, int, Mapping[int, Arrival]]] = deque()
@@ -223,7 +223,7 @@ class Recorder:
             self._finish()  # it alone is larger: start another, so that it can be deleted
 
     def _fail(self, error: Exception) -> None:
-        reason = (error.strerror if isinstance(error, OSError) else "") or str(error)
+        reason = reason_of(error)
         if not self._problem:
             self._report("record-trouble", f"not recording: {reason.lower()}")
         self._problem = reason

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.base.clock import Clock
-from e3pose.base.errors import InputError
+from e3pose.base.errors import InputError, reason_of
 from e3pose.base.private import file_mode, make_folder
 from e3pose.base.system import open_new
 from e3pose.edge.membership import Membership
@@ -84,7 +84,7 @@ class Watchdog:
         try:
             return f"stacks of all threads are in {dump_stacks(self.folder, 'edge')}"
         except OSError as error:
-            return f"stacks of threads cannot be written to {self.folder} ({error.strerror})"
+            return f"stacks of threads cannot be written to {self.folder} ({reason_of(error)})"
 
 
 def camera_signs(

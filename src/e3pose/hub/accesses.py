@@ -12,7 +12,7 @@ from sqlalchemy import ColumnElement, Connection, Engine, delete, func, insert, 
 
 from e3pose.base.errors import InputError
 from e3pose.hub.database import accesses, open_hub
-from e3pose.store.database import REFUSALS, reason_of
+from e3pose.store.database import REFUSALS, refusal_of
 
 MOST = 100_000  # accesses; the oldest of those who have most make room
 SPARE = 1000  # beyond them, so that room is not made each time
@@ -55,7 +55,7 @@ def log_accesses(engine: Engine, who: str, sites: Sequence[str], what: str) -> N
                 if newest % SPARE < len(rows):
                     _make_room(connection)
     except REFUSALS as error:
-        raise InputError(f"access cannot be logged ({reason_of(error)})") from None
+        raise InputError(f"access cannot be logged ({refusal_of(error)})") from None
 
 
 def _make_room(connection: Connection) -> None:

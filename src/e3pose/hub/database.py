@@ -34,7 +34,7 @@ from e3pose.store.database import (
     REFUSALS,
     check_place,
     database_url,
-    reason_of,
+    refusal_of,
     shown,
     writing_engine,
 )
@@ -151,7 +151,7 @@ def open_hub(database: str, kept: int = 0) -> Engine:
                 raise InputError(f"{shown(url)}: found tables {found}, expected those of a hub")
             metadata.create_all(connection)
     except REFUSALS as error:
-        raise InputError(f"{shown(url)}: cannot be used ({reason_of(error)})") from None
+        raise InputError(f"{shown(url)}: cannot be used ({refusal_of(error)})") from None
     return engine
 
 

@@ -27,7 +27,7 @@ from e3pose.site.web.page import FILES as FILES_OF_SITE
 from e3pose.site.web.page import make_page
 from e3pose.site.web.server import PageServer, https_of, listening_at, serve
 from e3pose.site.web.tokens import open_tokens
-from e3pose.store.database import REFUSALS, reason_of
+from e3pose.store.database import REFUSALS, refusal_of
 from e3pose.wire.endpoint import read_host_port
 
 BROWSER = resources.files("e3pose.hub").joinpath("browser")
@@ -120,7 +120,7 @@ def make_app(hub: Hub, engine: Engine, users: Users) -> FastAPI:
         try:
             now_ns, found = overviews.of(names, time.time_ns())
         except REFUSALS as error:
-            raise HTTPException(503, f"the hub's database: {reason_of(error)}") from None
+            raise HTTPException(503, f"the hub's database: {refusal_of(error)}") from None
         body = {"user": user.name, "role": user.role, "now_ns": now_ns, "sites": found}
         return Response(msgspec.json.encode(body), media_type="application/json")
 

@@ -17,7 +17,7 @@ from e3pose.base.rate_limit import Rate
 from e3pose.hub.database import Cursor, cursor_of, keep, note_problem
 from e3pose.hub.records import summaries_in, tombstones_in
 from e3pose.hub.settings import Hub, holder_at
-from e3pose.store.database import REFUSALS, reason_of
+from e3pose.store.database import REFUSALS, refusal_of
 from e3pose.wire.access import Link
 from e3pose.wire.codec import decode, encode
 from e3pose.wire.network import open_network
@@ -245,7 +245,7 @@ class Pulling:
         except InputError as error:
             problem = str(error)
         except (*REFUSALS, OSError) as error:
-            problem = f"database: {reason_of(error)}"
+            problem = f"database: {refusal_of(error)}"
         except Exception as error:  # one site must not end the others
             problem = f"{type(error).__name__}: {error}"
         self._tell(site, problem)

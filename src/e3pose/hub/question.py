@@ -12,7 +12,7 @@ from typing import Any
 
 from sqlalchemy.engine import make_url
 
-from e3pose.base.errors import InputError
+from e3pose.base.errors import InputError, reason_of
 from e3pose.store.database import database_path, database_url, is_damage, reading_uri, shown
 from e3pose.store.postgres import engine_settings
 
@@ -132,5 +132,5 @@ def _of_server(
                     raise InputError("query", "no question", EXPECTED)
                 return [each.name for each in cursor.description], rows
     except psycopg.Error as error:
-        reason = " ".join(str(error).split())[:300]
+        reason = reason_of(error)[:300]
         raise InputError(f"{shown(url)}: query: {reason}, expected {EXPECTED}") from None

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Protocol, runtime_checkable
 
 from e3pose.base.atomic import write_file
-from e3pose.base.errors import InputError
+from e3pose.base.errors import InputError, reason_of
 from e3pose.base.private import make_folder
 from e3pose.site.troubles import FOLDER, MOST_FILES, MOST_LINES, lines_of
 
@@ -93,7 +93,7 @@ def send_test(site: Path, wait_s: float = WAIT_S) -> list[str]:
     try:
         write_file(folder / ASKED, word, private=True)
     except OSError as error:
-        raise InputError(f"{folder}: {(error.strerror or str(error)).lower()}") from None
+        raise InputError(f"{folder}: {reason_of(error).lower()}") from None
     until_s = time.monotonic() + wait_s
     found: list[str] = []
     while time.monotonic() < until_s:

@@ -18,7 +18,7 @@ from e3pose.store.database import (
     database_path,
     database_url,
     reading,
-    reason_of,
+    refusal_of,
     shown,
     writing_engine,
 )
@@ -66,7 +66,7 @@ def copy_store(
                     raise InputError(f"{where}: found runs in it, expected an empty store")
                 return _copied(found, made, progress)
         except REFUSALS as error:
-            raise InputError(f"{where}: cannot be written ({reason_of(error)})") from None
+            raise InputError(f"{where}: cannot be written ({refusal_of(error)})") from None
     raise AssertionError("an exit stack lets no error pass")
 
 

@@ -17,7 +17,7 @@ from sqlalchemy.engine import make_url
 from sqlalchemy.exc import ArgumentError, DataError, DBAPIError, IntegrityError, OperationalError
 from sqlalchemy.pool import NullPool
 
-from e3pose.base.errors import InputError
+from e3pose.base.errors import InputError, reason_of
 from e3pose.base.private import make_file
 from e3pose.store import schema
 from e3pose.store.migrations import prepare
@@ -129,7 +129,7 @@ def reading(store: str | Path, engines: dict[str, Engine] | None = None) -> Iter
             schema.check_version(connection, where)
             yield connection
     except REFUSALS as error:
-        reason = reason_of(error)
+        reason = refusal_of(error)
         if is_damage(error):
             raise InputError(f"{where}: damaged ({reason}), expected a store") from None
         raise InputError(f"{where}: cannot be read ({reason})") from None
@@ -163,7 +163,7 @@ def check_reachable(url: str) -> str:
         with _connected(engine) as connection:
             version = schema.check_version(connection, where, may_be_empty=True)
     except REFUSALS as error:
-        raise InputError(f"{where}: cannot be read ({reason_of(error)})") from None
+        raise InputError(f"{where}: cannot be read ({refusal_of(error)})") from None
     return f"{where}: {f'a store of schema {version}' if version else 'empty'}"
 
 
@@ -190,7 +190,7 @@ def open_checked(url: str) -> list[tuple[str, str]]:
     except REFUSALS as error:
         if path is None or not is_damage(error):
             raise
-        changes.append(("store-corrupt", set_aside(path, reason_of(error))))
+        changes.append(("store-corrupt", set_aside(path, refusal_of(error))))
         found = _prepare(url, path)
     if 0 < found < schema.VERSION:
         line = f"{shown(url)}: upgraded from schema {found} to {schema.VERSION}"
@@ -213,11 +213,10 @@ def set_aside(path: Path, reason: str) -> str:
     return f"{path}: damaged ({reason}): set aside as {new.name}, a new one takes its place"
 
 
-def reason_of(error: Exception) -> str:
-    """Return an error of a database or its disk in one line."""
-    if isinstance(error, OSError) and error.strerror:
-        return error.strerror.lower()
-    return " ".join(str(error.orig if isinstance(error, DBAPIError) else error).split())
+def refusal_of(error: Exception) -> str:
+    """Return why a database or its disk refused something, in one line."""
+    reason = reason_of((isinstance(error, DBAPIError) and error.orig) or error)
+    return reason.lower() if isinstance(error, OSError) else reason
 
 
 def is_damage(error: Exception) -> bool:
@@ -255,7 +254,7 @@ def _engine(url: str, read_only: bool, kept: int = 0) -> Engine:
             f"{shown(url)}: found no driver {error.name}, expected psycopg: {advice}"
         ) from None
     except ArgumentError as error:
-        reason = " ".join(str(error).split())[:200]
+        reason = reason_of(error)[:200]
         raise InputError(f"{shown(url)}: cannot be opened ({reason})") from None
 
 

@@ -20,7 +20,7 @@ from e3pose.store.database import (
     database_path,
     identity,
     is_of_rows,
-    reason_of,
+    refusal_of,
     shown,
     writing_engine,
 )
@@ -101,7 +101,9 @@ class Delivery:
             except InputError as error:
                 return str(error)
             except OSError as error:
-                return f"{path}: cannot be read ({reason_of(error)}): its rows are not in the store"
+                return (
+                    f"{path}: cannot be read ({refusal_of(error)}): its rows are not in the store"
+                )
         adopted = self._adopted
         run = adopted.spool.run
         for _ in range(ADOPTED_FRAMES):

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from e3pose.base.atomic import atomic_file, write_file
-from e3pose.base.errors import InputError
+from e3pose.base.errors import InputError, reason_of
 
 FORMS = (".csv", ".json", ".parquet")
 WANTED = "a store, or a table with a column track: .csv, .json, .parquet; delete other files"
@@ -31,7 +31,7 @@ def forget_rows(path: Path, tracks: Sequence[tuple[int, int]]) -> int:
     try:
         return {".csv": _csv, ".json": _json, ".parquet": _parquet}[form](path, tracks)
     except (OSError, ValueError, csv.Error) as error:
-        raise InputError(str(path), " ".join(str(error).split())[:200], WANTED) from None
+        raise InputError(str(path), reason_of(error)[:200], WANTED) from None
 
 
 def _is_of(row: Mapping[str, Any], tracks: Sequence[tuple[int, int]]) -> bool:

@@ -17,7 +17,7 @@ from sqlalchemy import Connection, Engine, Table, delete, event, func, insert, s
 
 from e3pose.base.errors import InputError
 from e3pose.store import schema
-from e3pose.store.database import REFUSALS, database_path, database_url, reason_of, shown
+from e3pose.store.database import REFUSALS, database_path, database_url, refusal_of, shown
 from e3pose.store.database import writing_engine as engine_of
 from e3pose.store.migrations import prepare
 from e3pose.store.retention import forget_empty
@@ -103,7 +103,7 @@ def changing(store: str | Path) -> Iterator[Engine]:
             prepare(connection, where)
         yield engine
     except REFUSALS as error:
-        raise InputError(f"{where}: cannot be written ({reason_of(error)})") from None
+        raise InputError(f"{where}: cannot be written ({refusal_of(error)})") from None
     finally:
         engine.dispose()
 

@@ -19,7 +19,7 @@ from e3pose.store.database import (
     REFUSALS,
     database_url,
     reading,
-    reason_of,
+    refusal_of,
     shown,
     writing_engine,
 )
@@ -268,7 +268,7 @@ def _writing(store: str | Path) -> Iterator[Connection]:
                 connection.exec_driver_sql("SET LOCAL statement_timeout = 0")
             yield connection
     except REFUSALS as error:
-        raise InputError(f"{shown(url)}: cannot be written ({reason_of(error)})") from None
+        raise InputError(f"{shown(url)}: cannot be written ({refusal_of(error)})") from None
     finally:
         engine.dispose()
 
@@ -302,7 +302,7 @@ def write_anew(store: str | Path) -> None:
     except REFUSALS as error:
         raise InputError(
             f"{shown(url)}: rows were deleted, but their pages not written anew "
-            f"({reason_of(error)}): run it again"
+            f"({refusal_of(error)}): run it again"
         ) from None
     finally:
         engine.dispose()

@@ -17,7 +17,7 @@ from e3pose.store.database import (
     database_path,
     is_damage,
     open_checked,
-    reason_of,
+    refusal_of,
     set_aside,
     shown,
 )
@@ -200,7 +200,7 @@ class Saver:
     def _fail(self, error: Exception) -> None:
         self._let_go()
         self._next_try_s = time.monotonic() + RETRY_S
-        reason = reason_of(error)
+        reason = refusal_of(error)
         known, self.problem = self.problem is not None, reason
         if self._path is not None and is_damage(error):
             self._set_aside(self._path, reason, known)

@@ -6,7 +6,7 @@ from typing import TypeVar, get_args
 
 import msgspec
 
-from e3pose.base.errors import InputError
+from e3pose.base.errors import InputError, reason_of
 from e3pose.wire.bounds import out_of_bounds
 from e3pose.wire.messages import (
     VERSION,
@@ -77,7 +77,7 @@ def decode(payload: bytes, kind: type[Kind], where: str) -> Kind:
     try:
         version, body = _envelope.decode(payload)
     except (msgspec.MsgspecError, ValueError, RecursionError) as error:
-        raise InputError(f"{where}: message: found no message ({_short(error)})") from None
+        raise InputError(f"{where}: message: found no message ({reason_of(error)[:200]})") from None
     if version != VERSION:
         raise InputError(
             f"{where}: message: found version {version}, expected {VERSION}: "
@@ -87,9 +87,9 @@ def decode(payload: bytes, kind: type[Kind], where: str) -> Kind:
         message = _body.decode(body)
     except msgspec.ValidationError as error:
         outside = out_of_bounds(error, body, get_args(Message))
-        raise InputError(f"{where}: {outside or 'message: ' + _short(error)}") from None
+        raise InputError(f"{where}: {outside or 'message: ' + reason_of(error)[:200]}") from None
     except (msgspec.MsgspecError, ValueError, RecursionError) as error:
-        raise InputError(f"{where}: message: {_short(error)}") from None
+        raise InputError(f"{where}: message: {reason_of(error)[:200]}") from None
     if not isinstance(message, kind):
         raise InputError(
             f"{where}: message: found {type(message).__name__}, expected {kind.__name__}"
@@ -97,10 +97,6 @@ def decode(payload: bytes, kind: type[Kind], where: str) -> Kind:
     if check := CHECKS.get(kind):
         check(message, f"{where}: {kind.__name__.lower()}")
     return message
-
-
-def _short(error: Exception) -> str:
-    return " ".join(str(error).split())[:200]
 
 
 def one_line(text: str) -> str:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from e3pose.base.clock import WallClock
-from e3pose.base.errors import InputError
+from e3pose.base.errors import InputError, reason_of
 from e3pose.wire import topics
 from e3pose.wire.access import Link
 from e3pose.wire.codec import decode, encode
@@ -60,7 +60,7 @@ def reach_edge(link: Link, camera_id: str, timeout_s: float) -> Reach:
     except ConnectionRefusedError:
         return Reach("refused", expires=expires)
     except OSError as error:
-        return Reach("no-route", str(error.strerror or error), expires=expires)
+        return Reach("no-route", reason_of(error), expires=expires)
     exchange = _ask_time(link, camera_id, timeout_s)
     return Reach("silent" if exchange is None else "answered", "", exchange, expires)
 

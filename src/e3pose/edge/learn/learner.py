@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from e3pose.base.clock import Clock
-from e3pose.base.errors import InputError
+from e3pose.base.errors import InputError, reason_of
 from e3pose.base.lock import hold
 from e3pose.edge.learn.job import LACKS_TORCH, WEIGHTS, Job, read_result
 from e3pose.edge.learn.process import TRAINER, TrainerProcess
@@ -69,7 +69,7 @@ class OnlineTrainer:
             self.ring = Ring(folder / "poses", skeleton, settings.ring_bytes)
             self.store = VersionStore(folder / "versions", settings.keep_versions)
         except OSError as error:
-            raise InputError(f"{folder}: cannot be used to learn in: {error.strerror}") from None
+            raise InputError(f"{folder}: cannot be used to learn in: {reason_of(error)}") from None
         self._lock = ExitStack()
         self._lock.enter_context(hold(folder / "poses"))
         self._events: deque[str] = deque(maxlen=MAX_EVENTS)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+from e3pose.base.errors import reason_of
 from e3pose.energy.meters.base import MeterError
 
 MAX_CHARS = 4096  # the kernel never shows more than a page
@@ -16,8 +17,7 @@ def read_text(path: Path) -> str:
         with path.open("rb") as file:
             content = file.read(MAX_CHARS)
     except OSError as error:
-        reason = (error.strerror or str(error)).lower()
-        raise MeterError(f"{path}: {reason}") from None
+        raise MeterError(f"{path}: {reason_of(error).lower()}") from None
     return content.decode("utf-8", errors="replace").strip().split("\n")[0].strip()
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Protocol, TypeVar
 
 from e3pose.base.atomic import write_file
-from e3pose.base.errors import InputError
+from e3pose.base.errors import InputError, reason_of
 
 T = TypeVar("T")
 EXTRA = "pip install 'e3pose[archive]' and what its address needs, such as s3fs"
@@ -98,7 +98,7 @@ class Bucket:
         try:
             self._files, self._root = url_to_fs(address)
         except (ImportError, ValueError) as error:
-            reason = " ".join(str(error).split())[:200]
+            reason = reason_of(error)[:200]
             raise InputError(f"{address}: cannot be used ({reason}): {EXTRA}") from None
         self._root = self._root.rstrip("/")
         self.name = f"{address.partition('://')[0]}://{self._root.lstrip('/')}"
@@ -146,7 +146,7 @@ class Bucket:
         except FileNotFoundError:
             raise
         except Exception as error:
-            reason = " ".join(str(error).split())[:200] or type(error).__name__
+            reason = reason_of(error)[:200]
             raise InputError(f"{self.name}: cannot be used ({reason})") from None
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from e3pose.base.errors import InputError
+from e3pose.base.errors import InputError, reason_of
 from e3pose.recording.calibration import fields
 
 if TYPE_CHECKING:
@@ -71,6 +71,6 @@ def parse(path: Path, text: str) -> dict[str, Any]:
     except (yaml.YAMLError, RecursionError, ValueError) as error:
         if isinstance(error, InputError):
             raise
-        reason = " ".join(str(error).split())[:120]
+        reason = reason_of(error)[:120]
         raise InputError(f"{path}: found text that is not YAML: {reason}") from None
     return dict(fields.table(document, f"{path}"))

@@ -14,7 +14,7 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from e3pose.base.bounded import open_regular
-from e3pose.base.errors import InputError
+from e3pose.base.errors import InputError, reason_of
 
 MAX_FILE_BYTES = 2 * 2**30
 MAX_ARRAY_BYTES = 2 * 2**30
@@ -71,7 +71,7 @@ def load_arrays(path: Path, shapes: Mapping[str, Shape]) -> dict[str, NDArray[np
                 with archive.open(entry) as member:
                     array = read_array(member, entry.file_size)
             except BROKEN as error:
-                reason = " ".join(str(error).split())[:200] or type(error).__name__
+                reason = reason_of(error)[:200]
                 raise InputError(f"{path}: array {name!r}: {reason}") from None
             _check_shape(f"{path}: array {name!r}", array.shape, shape, lengths)
             arrays[name] = array

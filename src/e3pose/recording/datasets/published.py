@@ -12,7 +12,7 @@ import numpy as np
 
 from e3pose.base.arrays import Floats
 from e3pose.base.bounded import open_regular, read_bytes
-from e3pose.base.errors import InputError
+from e3pose.base.errors import InputError, reason_of
 from e3pose.model.camera import Camera, Rig
 from e3pose.model.skeleton import SHELF14
 from e3pose.recording import Recording, Truth
@@ -143,7 +143,7 @@ def _labels(path: Path) -> Floats:
         try:
             table: dict[str, Any] = loadmat(file, variable_names=["actor3D"])
         except Exception as error:  # scipy raises whatever broken bytes lead it to
-            reason = " ".join(str(error).split())[:200] or type(error).__name__
+            reason = reason_of(error)[:200]
             raise InputError(f"{path}: found no MATLAB file that can be read ({reason})") from None
     if "actor3D" not in table:
         raise InputError(f"{path}: actor3D: missing: the 3D labels of each actor")

@@ -12,7 +12,7 @@ import sys
 import time
 from pathlib import Path
 
-from e3pose.base.errors import InputError
+from e3pose.base.errors import InputError, reason_of
 from e3pose.base.system import stand_back
 
 SAY_S = 0.2  # between two lines about how far it is
@@ -47,7 +47,7 @@ def main(arguments: list[str]) -> int:
         print(json.dumps({"problem": problem}), flush=True)
         return 1
     except OSError as error:
-        print(json.dumps({"problem": (error.strerror or str(error)).lower()}), flush=True)
+        print(json.dumps({"problem": reason_of(error).lower()}), flush=True)
         return 1
     except MemoryError:
         print(json.dumps({"problem": "more than fits into memory: a shorter time"}), flush=True)

@@ -14,7 +14,7 @@ from typing import Any
 
 from e3pose.base.atomic import write_file
 from e3pose.base.bounded import read_bytes
-from e3pose.base.errors import InputError
+from e3pose.base.errors import InputError, reason_of
 from e3pose.base.private import make_folder
 from e3pose.recording.calibration import load_rig
 from e3pose.recording.writer import PARTIAL
@@ -140,7 +140,7 @@ class Desk:
         try:
             folders = sorted(path for path in self.root.iterdir() if path.is_dir())
         except OSError as error:
-            raise InputError(f"{self.root}: {(error.strerror or str(error)).lower()}") from None
+            raise InputError(f"{self.root}: {reason_of(error).lower()}") from None
         for path in folders[: 50 * MOST_SITES]:
             made = (path / SITE_FILE).exists()
             with suppress(InputError):  # a name that cannot be chosen

@@ -23,7 +23,7 @@ from foxglove.messages import (
 )  # fmt: skip
 from numpy.typing import NDArray
 
-from e3pose.base.errors import InputError
+from e3pose.base.errors import InputError, reason_of
 from e3pose.base.listener import Bounds, open_socket
 from e3pose.events.watch import Watch
 from e3pose.model.person_event import PersonEvent
@@ -64,7 +64,7 @@ def open_stream(place: str, source: Source) -> FoxgloveStream:
     try:
         listening = open_socket(host, port)
     except OSError as error:
-        raise InputError("target", f"{host}:{port} ({error.strerror})", "a free port") from None
+        raise InputError("target", f"{host}:{port} ({reason_of(error)})", "a free port") from None
     server = FoxgloveServer(f"e3pose {source.site}", CHANNELS, origins, source.report)
     serving = Serving(server, listening, Bounds(CLIENTS, CLIENTS_OF_ADDRESS), None)
     return FoxgloveStream(source, server.log, serving.close)

@@ -12,7 +12,7 @@ from fastapi import APIRouter, HTTPException, Query, Request
 from fastapi.responses import FileResponse
 from pydantic import Field
 
-from e3pose.base.errors import InputError
+from e3pose.base.errors import InputError, reason_of
 from e3pose.base.quantities import plural
 from e3pose.output.archive.deleting import delete_everywhere
 from e3pose.site.keep.jobs import KEPT_S, Jobs
@@ -195,7 +195,7 @@ def _add_recordings(api: APIRouter, keep: Keeping, folder: Path) -> None:
         try:
             asked(lambda: remove_recording(folder, name))
         except OSError as error:
-            raise HTTPException(409, f"cannot be deleted: {error.strerror}") from None
+            raise HTTPException(409, f"cannot be deleted: {reason_of(error)}") from None
         _log(keep, request, f"deleted recording {name}")
         return Done(said="Deleted.")
 
