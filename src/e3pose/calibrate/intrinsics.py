@@ -22,6 +22,7 @@ from e3pose.model.camera import Camera, Rig
 MODELS = ("pinhole", "pinhole-k3", "fisheye")  # simplest first
 MIN_VIEW_CORNERS = 6
 MIN_VIEWS = 5  # two would do for a lens without error; fewer than this are refused
+MOST_VIEWS = 60
 FOLDS = 3
 WORTH = 0.97  # a richer model must lower the held-out error to this share
 OUTLIER_VIEW = 3.0  # a view this many times worse than the median is left out
@@ -64,7 +65,6 @@ def fit_intrinsics(
     corners_px: Floats,
     sharpness: Floats,
     models: tuple[str, ...] = MODELS,
-    max_views: int = 60,
 ) -> Intrinsics:
     """Fit focal length, principal point and lens.
 
@@ -75,7 +75,6 @@ def fit_intrinsics(
         corners_px: `(num_views, num_corners, 2)` pixels; NaN where a corner was not found.
         sharpness: `(num_views,)` larger is sharper.
         models: to choose from.
-        max_views: how many views to use at most.
 
     Raises:
         InputError: when there are too few views, or no model fits them.
@@ -86,7 +85,7 @@ def fit_intrinsics(
             f"{MIN_VIEWS}; is --board the one that was filmed, is all of it in the picture, and "
             "has it a white rim?"
         )
-    used = choose_views(corners_m, corners_px, image_size, sharpness, max_views)
+    used = choose_views(corners_m, corners_px, image_size, sharpness, MOST_VIEWS)
     _check_tilted(camera_id, corners_m, corners_px[used], image_size)
     used, cleaned = _without_outliers(image_size, corners_m, corners_px, used)
     held_out = {model: _held_out(model, image_size, corners_m, cleaned) for model in models}

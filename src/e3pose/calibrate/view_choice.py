@@ -11,6 +11,7 @@ BLURRED = 0.6  # a view less sharp than this share of the median is left out whi
 GRID = (4, 3)  # parts of the picture, across and down, in which corners are asked for
 TILTS = 0.05  # log of the ratio of opposite sides from which a board counts as tilted
 TILT_SCALE = 1.5  # of a tilt beside places and sizes, when views are told apart
+ENOUGH_VIEWS = 15
 SMALL = 0.25  # a board this share of the picture's width is small
 
 
@@ -114,20 +115,17 @@ def covered(corners_px: Floats, image_size: tuple[int, int]) -> NDArray[np.int64
     return counts
 
 
-def advice(
-    corners_m: Floats, corners_px: Floats, image_size: tuple[int, int], wanted_views: int = 15
-) -> list[str]:
+def advice(corners_m: Floats, corners_px: Floats, image_size: tuple[int, int]) -> list[str]:
     """Return what to record next for a better calibration, as sentences.
 
     Args:
         corners_m: `(num_corners, 3)` on the board.
         corners_px: `(num_views, num_corners, 2)` pixels; NaN where not seen.
         image_size: `(width, height)` pixels.
-        wanted_views: how many views are enough.
     """
     words = []
-    if len(corners_px) < wanted_views:
-        words.append(f"record longer: {len(corners_px)} usable views, {wanted_views} or more help")
+    if len(corners_px) < ENOUGH_VIEWS:
+        words.append(f"record longer: {len(corners_px)} usable views, {ENOUGH_VIEWS} or more help")
     counts = covered(corners_px, image_size)
     rows, columns = ("top", "middle", "bottom"), ("left", "middle", "middle", "right")
     empty = {

@@ -15,6 +15,7 @@ from e3pose.base.errors import InputError
 from e3pose.base.lock import hold
 from e3pose.base.quantities import age_s, plural
 from e3pose.cli.options import Flag, StorePlace, Whole, as_typed
+from e3pose.cli.progress import track_progress
 from e3pose.cli.querying import store_of
 from e3pose.output.archive.checking import check_archive
 from e3pose.output.archive.places import place_of
@@ -91,7 +92,9 @@ def verify(dest: str, /) -> None:
     dest
         Folder or address, as given to `e3pose archive`.
     """
-    found = check_archive(place_of(dest))
+    found = check_archive(
+        place_of(dest), lambda days: track_progress(days, len(days), "reading the archive")
+    )
     for line in found.problems:
         print(line)
     for name in found.strays:

@@ -189,7 +189,7 @@ ON_BED = frozenset({"lie-on-bed", "lie-on-sofa", "fall-from-bed"})
 
 
 def plan_episode(
-    kind: str, start_s: float, rng: np.random.Generator, stays_s: float = 0.0, gets_up: bool = True
+    kind: str, start_s: float, rng: np.random.Generator, stays_s: float = 0.0
 ) -> Episode:
     """Plan an episode.
 
@@ -198,7 +198,6 @@ def plan_episode(
         start_s: when it begins.
         rng: how people differ.
         stays_s: how long they stay in the last posture.
-        gets_up: whether they stand up at the end.
 
     Raises:
         InputError: for an unknown kind.
@@ -206,7 +205,7 @@ def plan_episode(
     if kind not in EPISODES:
         raise InputError("simulate: episode", repr(kind[:40]), f"one of {', '.join(EPISODES)}")
     keys = EPISODES[kind](rng)
-    return planned(kind, keys, start_s, rng, stays_s, _up(keys[-1], rng) if gets_up else ())
+    return planned(kind, keys, start_s, rng, stays_s, _up(keys[-1], rng))
 
 
 def _up(last: Key, rng: np.random.Generator) -> tuple[Key, ...]:

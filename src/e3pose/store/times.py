@@ -74,18 +74,18 @@ def parse_when(words: str, now: datetime, zone: tzinfo | None = None) -> When:
     return When(_ns(moment), "1970")
 
 
-def as_when(value: str | datetime | int, now: datetime, zone: tzinfo | None = None) -> When:
+def as_when(value: str | datetime | int, now: datetime) -> When:
     """Return a point in time given as text, as a `datetime`, or as nanoseconds since 1970."""
     if isinstance(value, str):
-        return parse_when(value, now, zone)
+        return parse_when(value, now)
     if isinstance(value, datetime):
-        return When(_ns(value if value.tzinfo else _at_home(value, zone)), "1970")
+        return When(_ns(value if value.tzinfo else _at_home(value, None)), "1970")
     return When(int(value), "1970")
 
 
-def iso_text(time_ns: int, zone: tzinfo | None = timezone.utc) -> str:
-    """Return nanoseconds since 1970 as ISO 8601 with microseconds; local with `zone` None."""
-    moment = (EPOCH + timedelta(microseconds=time_ns // 1000)).astimezone(zone)
+def iso_text(time_ns: int) -> str:
+    """Return nanoseconds since 1970 as ISO 8601, UTC, with microseconds."""
+    moment = EPOCH + timedelta(microseconds=time_ns // 1000)
     return moment.isoformat(timespec="microseconds").replace("+00:00", "Z")
 
 

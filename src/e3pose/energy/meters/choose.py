@@ -51,7 +51,6 @@ class FallingBackMeter:
 def choose_meter(
     profile: DeviceProfile,
     root: Path = ROOT,
-    clock_s: Callable[[], float] = time.monotonic,
     capacity_wh: float | None = None,
 ) -> Meter:
     """Return the first of rails, battery gauge, energy counters that can be read, or the model.
@@ -62,14 +61,13 @@ def choose_meter(
     Args:
         profile: what the device is taken to draw where nothing is measured.
         root: above `sys`.
-        clock_s: seconds.
         capacity_wh: of the battery, for gauges that only know a percentage.
     """
     reasons = []
     candidates: tuple[Callable[[], Meter], ...] = (
         lambda: RailMeter(root),
         lambda: BatteryMeter(root, capacity_wh),
-        lambda: RaplMeter(root, clock_s),
+        lambda: RaplMeter(root, time.monotonic),
     )
     for make in candidates:
         try:

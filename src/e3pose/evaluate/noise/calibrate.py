@@ -70,7 +70,6 @@ def calibrate_noise(
     *,
     seconds: float = 120.0,
     without_shifts: bool = False,
-    seed: int = 0,
     replayed: Replayed = iter,
     progress: Progress = lambda what, done, total: None,
 ) -> Calibrated:
@@ -81,7 +80,6 @@ def calibrate_noise(
         seconds: how much of the recording is used, from its start.
         without_shifts: take out what shifts all keypoints of a camera alike, as wrong calibration
             does: it is of this rig and not of the detector.
-        seed: of the noise that is made up to see what comes back.
         replayed: wraps the slots of the replay.
         progress: hears how the rest goes on.
 
@@ -120,7 +118,7 @@ def calibrate_noise(
     corrected = replace(noise, memory=fit_memory(measured.autocorrelation))
     checks: list[Statistics] = []
     for number in range(ROUNDS):
-        rng = np.random.default_rng([seed, number])
+        rng = np.random.default_rng([0, number])
         made_up = [
             _made_up(each, rig, noise, corrected, measured, recording, rng) for each in people
         ]

@@ -38,6 +38,10 @@ def check_archive(
 ) -> Checked:
     """Read all of an archive, and compare every file with its hash.
 
+    Args:
+        place: of the archive.
+        progress: wraps the days.
+
     Raises:
         InputError: when there is no archive, or it cannot be read.
     """

@@ -16,7 +16,7 @@ from e3pose.site.setup.plan import ChosenCamera
 FOLDER = "phones"  # after the site's name: of its phones' files
 
 
-def add_phone(desk: Desk, name: str, listen: str | None = None) -> dict[str, Any]:
+def add_phone(desk: Desk, name: str) -> dict[str, Any]:
     """Make a phone a camera of the plan, and return what is shown to its person.
 
     Raises:
@@ -28,7 +28,7 @@ def add_phone(desk: Desk, name: str, listen: str | None = None) -> dict[str, Any
     path = desk.root / f"{desk.name}-{FOLDER}" / f"{name}.toml"
     if any(camera.id == name for camera in desk.plan().cameras):
         raise InputError(f"camera {name}", "it already", "another name")
-    shown = _shown(desk, path, listen)
+    shown = _shown(desk, path)
     camera = ChosenCamera(name, f"{PHONE}{path}")
     desk.change(lambda plan: replace(plan, cameras=(*plan.cameras, camera)))
     return shown
@@ -43,12 +43,12 @@ def show_code(desk: Desk, camera_id: str) -> dict[str, Any]:
     source = desk.plan().camera(camera_id).source
     if not source.startswith(PHONE):
         raise InputError("camera", repr(camera_id), "one that is a phone")
-    return _shown(desk, Path(place_of(source) or ""), None)
+    return _shown(desk, Path(place_of(source) or ""))
 
 
-def _shown(desk: Desk, path: Path, listen: str | None) -> dict[str, Any]:
+def _shown(desk: Desk, path: Path) -> dict[str, Any]:
     keys = desk.site().link.keys if desk.has_site else None
-    shown = show_phone(path, keys, listen)
+    shown = show_phone(path, keys)
     return {
         "name": path.stem, "url": shown.url, "picture": shown.picture(), "port": shown.port,
         "fingerprint": shown.fingerprint, "minutes": shown.minutes,
