@@ -23,8 +23,7 @@ from e3pose.store.database import (
     shown,
     writing_engine,
 )
-from e3pose.store.forgetting import Forgotten
-from e3pose.store.migrations import prepare
+from e3pose.store.forgetting import Forgotten, changing
 from e3pose.store.query import Store, columns_of
 
 Track = tuple[int, int]  # run and track
@@ -254,23 +253,14 @@ def _listed(tracks: Sequence[Track]) -> str:
 @contextmanager
 def _writing(store: str | Path) -> Iterator[Connection]:
     """Yield a connection in a transaction; the store is brought up to the present version."""
-    url = database_url(store)
     with reading(store):  # refuses what is no store, and leaves it as it is
         pass
-    engine = writing_engine(url)
-    try:
-        with engine.begin() as connection:
-            prepare(connection, shown(url))
-        with engine.begin() as connection:
-            if connection.dialect.name == "sqlite":
-                connection.exec_driver_sql(f"PRAGMA busy_timeout = {PATIENCE_MS}")
-            else:
-                connection.exec_driver_sql("SET LOCAL statement_timeout = 0")
-            yield connection
-    except REFUSALS as error:
-        raise InputError(f"{shown(url)}: cannot be written ({refusal_of(error)})") from None
-    finally:
-        engine.dispose()
+    with changing(store) as engine, engine.begin() as connection:
+        if connection.dialect.name == "sqlite":
+            connection.exec_driver_sql(f"PRAGMA busy_timeout = {PATIENCE_MS}")
+        else:
+            connection.exec_driver_sql("SET LOCAL statement_timeout = 0")
+        yield connection
 
 
 def write_anew(store: str | Path) -> None:
