@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from e3pose.base.arrays import Floats
+from e3pose.base.known import median_of_known
 from e3pose.recording.record import ViewSeries
 
 MOST_STEP = 0.25  # of a person's size, that joints move from slot to slot
@@ -111,8 +112,4 @@ def _sizes(keypoints_px: Floats) -> Floats:
 def _distances(first: Floats, second: Floats) -> Floats:
     """Return `(n, m)` median distances over the joints that both have; NaN with too few."""
     apart = np.linalg.norm(first[:, None] - second[None], axis=-1)
-    known = np.isfinite(apart)
-    count = known.sum(axis=-1)
-    ranked = np.sort(np.where(known, apart, np.inf), axis=-1)
-    middle = np.take_along_axis(ranked, np.maximum(count - 1, 0)[..., None] // 2, axis=-1)[..., 0]
-    return np.where(count >= MIN_JOINTS, middle, np.nan)
+    return median_of_known(apart, MIN_JOINTS)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.base.arrays import Floats, Integers
+from e3pose.base.known import mean_of_known
 
 MATCH_LIMIT_M = 0.5  # of MPJPE and recall in the Panoptic protocol
 
@@ -46,9 +47,7 @@ def mean_errors_m(predicted: Floats, truth: Floats) -> Floats:
         truth: `(num_actors, num_joints, 3)` metres.
     """
     distances = np.linalg.norm(predicted[:, None] - truth[None], axis=-1)
-    both = np.isfinite(distances)
-    total = np.where(both, distances, 0.0).sum(axis=-1)
-    return np.where(both.any(axis=-1), total / np.maximum(both.sum(axis=-1), 1), np.inf)
+    return mean_of_known(distances, lacking=np.inf)
 
 
 def candidates(predicted: Sequence[Floats], scores: Sequence[Floats], truth: Floats) -> Candidates:

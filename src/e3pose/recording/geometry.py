@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from e3pose.base.arrays import Floats
+from e3pose.base.known import mean_of_known
 from e3pose.model.camera import Rig
 from e3pose.model.pose import Poses2D
 from e3pose.recording.record import Recording
@@ -70,7 +71,7 @@ def truth_distances_px(recording: Recording) -> Floats:
             expected = rig.cameras[camera].project(joints_m)
             expected[~rig.cameras[camera].sees(joints_m)] = np.nan
             offsets = expected[:, None] - view.keypoints_px[None][:, :, view_columns]
-            distances = _mean_of_joints(np.linalg.norm(offsets, axis=-1))
+            distances = mean_of_known(np.linalg.norm(offsets, axis=-1), MIN_JOINTS)
             best = np.min(np.where(np.isnan(distances), np.inf, distances), axis=1)
             samples[camera] += best[np.isfinite(best)].tolist()
     return np.array([np.median(s) if len(s) >= MIN_SAMPLES else np.nan for s in samples])
@@ -107,12 +108,4 @@ def _line_distances(pixels: Floats, candidates: Floats, F: Floats) -> Floats:
     length = np.hypot(lines[..., 0], lines[..., 1])
     lines = lines / np.where(length > 0, length, np.nan)[..., None]
     own = np.concatenate([pixels, np.ones_like(pixels[..., :1])], axis=-1)
-    return _mean_of_joints(np.abs((own[:, None] * lines[None]).sum(axis=-1)))
-
-
-def _mean_of_joints(distances: Floats) -> Floats:
-    """Average over the last axis where at least `MIN_JOINTS` are known; else NaN."""
-    known = np.isfinite(distances)
-    count = known.sum(axis=-1)
-    total = np.where(known, distances, 0.0).sum(axis=-1)
-    return np.where(count >= MIN_JOINTS, total / np.maximum(count, 1), np.nan)
+    return mean_of_known(np.abs((own[:, None] * lines[None]).sum(axis=-1)), MIN_JOINTS)

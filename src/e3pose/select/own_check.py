@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.base.arrays import Floats
+from e3pose.base.known import mean_of_known
 from e3pose.estimate.base import Outlook
 from e3pose.model.camera import Rig
 from e3pose.model.pose import Poses2D
@@ -190,9 +191,7 @@ def _pairs(rig: Rig, camera: int, joints_m: Floats, view: Poses2D) -> list[Float
     pixels = lens.project(joints_m)[:, None] - view.keypoints_px[None]
     off_m = np.linalg.norm(pixels, axis=-1) * per_pixel_m[:, None]
     known = np.isfinite(off_m)
-    count = known.sum(axis=-1)
-    mean_m = np.where(known, off_m, 0.0).sum(axis=-1) / np.maximum(count, 1)
-    mean_m = np.where(count >= LEAST_JOINTS, mean_m, np.inf)
+    mean_m = mean_of_known(off_m, LEAST_JOINTS, np.inf)
     people, detections = linear_sum_assignment(np.minimum(mean_m, 2 * SAME_M))
     return [
         np.minimum(off_m[pair][known[pair]], WILD_M)

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.base.arrays import Floats
+from e3pose.base.known import mean_of_known
 from e3pose.model.pose import Poses3D
 
 # tuned: m | not recorded | not measured
@@ -141,12 +142,10 @@ def associate(
 
 def _distances(first_m: Floats, second_m: Floats) -> Floats:
     """Mean distance over shared joints; between centroids where there is none; else inf."""
-    apart = np.linalg.norm(first_m[:, None] - second_m[None], axis=-1)
-    shared = np.isfinite(apart)
-    count = shared.sum(axis=-1)
-    by_joint = np.where(shared, apart, 0.0).sum(axis=-1) / np.maximum(count, 1)
+    by_joint = mean_of_known(np.linalg.norm(first_m[:, None] - second_m[None], axis=-1))
     centroids = np.linalg.norm(_centroids(first_m)[:, None] - _centroids(second_m)[None], axis=-1)
-    return np.where(count > 0, by_joint, np.where(np.isfinite(centroids), centroids, np.inf))
+    otherwise = np.where(np.isfinite(centroids), centroids, np.inf)
+    return np.where(np.isfinite(by_joint), by_joint, otherwise)
 
 
 def _centroids(joints_m: Floats) -> Floats:

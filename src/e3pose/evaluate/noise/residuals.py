@@ -15,6 +15,7 @@ from scipy.ndimage import maximum_filter1d
 from scipy.optimize import linear_sum_assignment
 
 from e3pose.base.arrays import Floats, Integers
+from e3pose.base.known import median_of_known
 from e3pose.evaluate.smoother import smooth
 from e3pose.model.camera import Rig
 from e3pose.model.noise import LEAST_SCORE, Noise
@@ -166,10 +167,7 @@ def leave_one_out(
 def _apart(expected_px: Floats, found_px: Floats) -> Floats:
     """Return `(num_tracks, num_persons)`: the median distance of joints that both have, or inf."""
     distance = np.linalg.norm(expected_px[:, None] - found_px[None], axis=-1)
-    shared = np.isfinite(distance).sum(axis=-1)
-    filled = np.sort(np.where(np.isfinite(distance), distance, np.inf), axis=-1)
-    middle = np.take_along_axis(filled, np.maximum((shared - 1) // 2, 0)[..., None], axis=-1)
-    return np.where(shared >= SHARED_JOINTS, middle[..., 0], np.inf)
+    return median_of_known(distance, SHARED_JOINTS, np.inf)
 
 
 def _closed(slots: Integers, joints_m: Floats, num_slots: int) -> Floats:
