@@ -59,7 +59,7 @@ def test_slots_follow_each_other_and_orders_come_in_time(site: Site) -> None:
         return all(orders >= 20 and late <= 2 for orders, late in came.values()) and share <= 0.1
 
     assert eventually(in_time)
-    assert all(node.failure is None for node in site.nodes.values())
+    assert all(node.threads.failure is None for node in site.nodes.values())
 
 
 def test_people_are_published_where_they_are(site: Site) -> None:

@@ -73,8 +73,8 @@ def main() -> None:
     )
     with node:
         run_until_stopped(node.running)
-    if node.failure is not None:
-        raise node.failure
+    if node.threads.failure is not None:
+        raise node.threads.failure
 
 
 @dataclass

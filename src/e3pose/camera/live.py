@@ -18,6 +18,7 @@ from typing import Any
 
 from e3pose.base.clock import Clock
 from e3pose.base.errors import InputError
+from e3pose.base.threads import ThreadGroup
 from e3pose.camera.base import LiveDetector, LiveFrame, LiveSource
 from e3pose.camera.base import NodeSettings as NodeSettings
 from e3pose.camera.box import Box
@@ -93,7 +94,6 @@ class CameraNode:
         self.mode: Activity = "power-saving"
         self._frames: Box[_Seen] = Box()
         self._views: Box[View] = Box()
-        self._stop = threading.Event()
         self._order = threading.Event()  # set by each order: a sleeping source may have to wake
         self._awake = threading.Event()  # cleared while nothing is to be sent
         self._awake.set()
@@ -102,8 +102,7 @@ class CameraNode:
         self._image_size: tuple[int, int] | None = None  # until the first frame
         self._rate, self._gate = FrameRate(), Gate(detector, settings.gate)
         self._newest = (0, -1)  # session of the edge and slot of the newest frame
-        self._threads: list[threading.Thread] = []
-        self.failure: BaseException | None = None
+        self.threads = ThreadGroup(self._wake)
 
     def __enter__(self) -> CameraNode:
         self.start()
@@ -127,18 +126,13 @@ class CameraNode:
             ("send", self._run_send),
             ("beat", self._run_beat),
         ):
-            thread = threading.Thread(target=self._guarded, args=(body,), name=name, daemon=True)
-            self._threads.append(thread)
-            thread.start()
+            self.threads.start(name, body)
 
     def stop(self) -> None:
         """Stop, and release the device."""
-        for event in (self._stop, self._order, self._awake):
-            event.set()
-        self._frames.close()
-        self._views.close()
-        for thread in self._threads:
-            thread.join(timeout=5.0)
+        self.threads.stop()
+        self._wake()
+        self.threads.join(timeout_s=5.0)
         self._beat(ends=True)  # so that it is not reported as lost
         self.source.close()
         if self.recorder is not None:
@@ -147,7 +141,14 @@ class CameraNode:
 
     def running(self) -> bool:
         """Return whether all threads are running."""
-        return self.failure is None and not self._stop.is_set()
+        return self.threads.running()
+
+    def _wake(self) -> None:
+        """Let no thread wait any longer."""
+        for event in (self._order, self._awake):
+            event.set()
+        self._frames.close()
+        self._views.close()
 
     def edge_ns(self) -> int:
         """Return the estimated time of the edge."""
@@ -186,7 +187,7 @@ class CameraNode:
 
     def _run_capture(self) -> None:
         is_open, frame_ns = False, self.clock.now_ns()
-        while not self._stop.is_set():
+        while not self.threads.stopping.is_set():
             alarm_ns = self._alarm_ns()
             if alarm_ns is not None or self._may_close():
                 if is_open:
@@ -213,7 +214,7 @@ class CameraNode:
             self.source.open()
         except InputError as error:
             self._find(str(error)[:300])
-            self._stop.wait(REOPEN_S)
+            self.threads.stopping.wait(REOPEN_S)
             return False
         return True
 
@@ -251,13 +252,13 @@ class CameraNode:
         self._awake.clear()
         self._beat()
         if suspend is not None:
-            if problem := suspend.run(int(seconds), self._stop):
+            if problem := suspend.run(int(seconds), self.threads.stopping):
                 self._report(f"{problem}; asleep without suspending")
             self._account("asleep")
             self.offset = OffsetEstimate()  # what counts the time may have stood still
             self._exchange(until_known=True)
-        while not self._stop.is_set() and (alarm_ns := self._alarm_ns() or 0):
-            self._stop.wait(min((alarm_ns - self.edge_ns()) / 1e9, SLEEP_STEP_S))
+        while not self.threads.stopping.is_set() and (alarm_ns := self._alarm_ns() or 0):
+            self.threads.stopping.wait(min((alarm_ns - self.edge_ns()) / 1e9, SLEEP_STEP_S))
         self._account("power-saving")
         self._exchange()
         self._awake.set()
@@ -331,7 +332,7 @@ class CameraNode:
 
     def _run_beat(self) -> None:
         topic, count = topics.of_camera(self.settings.site, self.settings.camera_id, "hello"), 0
-        while not self._stop.is_set():
+        while not self.threads.stopping.is_set():
             if not self._awake.is_set():
                 self._awake.wait()
                 count = 0  # says what it is at once
@@ -344,7 +345,7 @@ class CameraNode:
             if self._awake.is_set():  # what is said while it falls asleep would wake it again
                 self._beat()
             count += self._image_size is not None  # the hello needs the image size
-            self.clock.wait(self._stop, self.clock.now_ns() + BEAT_NS)
+            self.clock.wait(self.threads.stopping, self.clock.now_ns() + BEAT_NS)
 
     def _beat(self, ends: bool = False) -> None:
         if self.offset.offset.error_ns is not None:
@@ -363,7 +364,7 @@ class CameraNode:
         name, report = self.settings.camera_id, self._report
         topic = topics.of_camera(self.settings.site, name, "clock")
         found = exchange_time(self.transport, topic, name, self.clock, report)
-        while found is None and until_known and not self._stop.wait(SLEEP_STEP_S):
+        while found is None and until_known and not self.threads.stopping.wait(SLEEP_STEP_S):
             found = exchange_time(self.transport, topic, name, self.clock, report)
         if found is not None:
             self.offset = take_in(self.offset, found)
@@ -386,10 +387,3 @@ class CameraNode:
             problem=self.problem,
             ends=ends,
         )
-
-    def _guarded(self, body: Callable[[], None]) -> None:
-        try:
-            body()
-        except BaseException as error:  # the program must end with it, not go on half
-            self.failure = error
-            self._stop.set()

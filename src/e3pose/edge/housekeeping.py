@@ -7,6 +7,7 @@ from collections import deque
 from typing import Protocol
 
 from e3pose.base.clock import Clock, SlotTimes
+from e3pose.base.threads import ThreadGroup
 from e3pose.edge.checkpoint import Checkpoint
 from e3pose.edge.counters import Counts
 from e3pose.edge.events import EventLog
@@ -19,7 +20,6 @@ from e3pose.edge.rests import ASLEEP
 from e3pose.edge.roster import CONNECTING
 from e3pose.edge.send_queue import SendQueue
 from e3pose.edge.state_file import StateFile
-from e3pose.edge.threads import ThreadGroup
 from e3pose.edge.watchdog import Watchdog
 from e3pose.pipeline import Pipeline, SlotState
 from e3pose.settings.edge import EdgeSettings

@@ -17,12 +17,12 @@ import numpy as np
 from e3pose.base.clock import Clock, SlotTimes
 from e3pose.base.errors import InputError, reason_of
 from e3pose.base.quantities import plural
+from e3pose.base.threads import ThreadGroup
 from e3pose.edge.gather import Arrival, Gather
 from e3pose.edge.inbox import Inbox
 from e3pose.edge.orders import Orders
 from e3pose.edge.processor_times import ProcessorTimes
 from e3pose.edge.send_queue import SendQueue
-from e3pose.edge.threads import ThreadGroup
 from e3pose.model.camera import Rig
 from e3pose.model.skeleton import Skeleton
 from e3pose.recording.calibration.world import assumed_rig

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from e3pose.base.clock import Clock, SlotTimes
 from e3pose.base.quantities import plural
+from e3pose.base.threads import ThreadGroup
 from e3pose.edge.consumers import NO_CONSUMERS, Consumers
 from e3pose.edge.counters import Counts
 from e3pose.edge.credibility import Credibility
@@ -38,7 +39,6 @@ from e3pose.edge.reports import SiteSnapshot, site_status
 from e3pose.edge.roster import wakes_s
 from e3pose.edge.send_queue import SendQueue
 from e3pose.edge.state_file import StateFile
-from e3pose.edge.threads import ThreadGroup
 from e3pose.estimate.base import People
 from e3pose.model.blind_slot import no_choice
 from e3pose.pipeline import Pipeline, SlotRecord, SlotState, initial_state, step

@@ -135,8 +135,8 @@ class Camera:
         """
         run_until_stopped(self.running, for_s)
         self.close()
-        if self.node.failure is not None:
-            raise self.node.failure
+        if self.node.threads.failure is not None:
+            raise self.node.threads.failure
 
     def close(self) -> None:
         """End, and leave the site."""

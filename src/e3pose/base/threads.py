@@ -1,4 +1,4 @@
-"""The threads of an edge, which end together when one of them fails."""
+"""Threads of a program, which end together when one of them fails."""
 
 from __future__ import annotations
 
