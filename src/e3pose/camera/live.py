@@ -22,7 +22,6 @@ from e3pose.base.threads import ThreadGroup
 from e3pose.camera.base import LiveDetector, LiveFrame, LiveSource
 from e3pose.camera.base import NodeSettings as NodeSettings
 from e3pose.camera.box import Box
-from e3pose.camera.clock_exchange import exchange_time
 from e3pose.camera.frame_rate import FrameRate
 from e3pose.camera.gate import Gate
 from e3pose.camera.pictures import Pictures
@@ -34,6 +33,7 @@ from e3pose.camera.video_recorder import VideoRecorder
 from e3pose.detectors.focus import uses_feedback
 from e3pose.model.expected import ExpectedView
 from e3pose.wire import topics
+from e3pose.wire.clock_exchange import exchange_time
 from e3pose.wire.codec import decode, encode
 from e3pose.wire.messages import Activity, Heartbeat, Order, View
 from e3pose.wire.offset import OffsetEstimate, take_in

@@ -10,16 +10,15 @@ from dataclasses import dataclass
 from typing import Literal
 
 from e3pose.base.clock import WallClock
-from e3pose.base.errors import InputError, reason_of
+from e3pose.base.errors import reason_of
 from e3pose.wire import topics
 from e3pose.wire.access import Link
-from e3pose.wire.codec import decode, encode
-from e3pose.wire.messages import ClockAnswer, ClockQuestion
+from e3pose.wire.clock_exchange import exchange_time
 from e3pose.wire.network import open_network
 from e3pose.wire.offset import Exchange
 
 CONNECT_S = 3.0
-ANSWER_S, PAUSE_S = 0.5, 0.1  # for one answer, and between two questions
+PAUSE_S = 0.1  # between two questions
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,18 +71,9 @@ def _ask_time(link: Link, camera_id: str, timeout_s: float) -> Exchange | None:
     end_s, pause = time.monotonic() + timeout_s, threading.Event()
     try:
         while True:
-            asked_ns = clock.now_ns()
-            payload = transport.ask(topic, encode(ClockQuestion(camera_id, asked_ns)), ANSWER_S)
-            answered_ns = clock.now_ns()
-            if payload is not None:
-                answer = decode(payload, ClockAnswer, "edge")
-                return Exchange.of_stamps(
-                    asked_ns, answer.received_edge_ns, answer.sent_edge_ns, answered_ns
-                )
-            if time.monotonic() >= end_s:
-                return None
+            found = exchange_time(transport, topic, camera_id, clock, lambda why: None)
+            if found is not None or time.monotonic() >= end_s:
+                return found
             pause.wait(PAUSE_S)
-    except InputError:
-        return None
     finally:
         transport.close()
