@@ -2,11 +2,12 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from e3pose.base import bounded
-from e3pose.base.bounded import read_bytes, read_lines
+from e3pose.base.bounded import decode_json, read_bytes, read_lines
 from e3pose.base.errors import InputError
 
 
@@ -45,3 +46,22 @@ def test_lines_are_numbered_and_bounded(tmp_path: Path, monkeypatch: pytest.Monk
     monkeypatch.setattr(bounded, "MAX_LINE_BYTES", 5)
     with pytest.raises(InputError, match="a:3: line is longer"):
         list(read_lines(tmp_path / "a", 100))
+
+
+@pytest.mark.parametrize(
+    ("kind", "content", "found"),
+    [
+        (list[int], b" \n", "an empty file"),
+        (list[int], b"[1,", "Input data was truncated"),
+        (list[int], b'["a"]', "Expected `int`, got `str`"),
+        (list[str], b'["\xff"]', "'utf-8' codec can't decode"),
+        (object, b"[" * 100_000, "maximum recursion depth exceeded"),
+    ],
+)
+def test_content_that_is_not_what_was_expected_is_said_in_one_line(
+    kind: Any, content: bytes, found: str
+) -> None:
+    with pytest.raises(InputError) as error:
+        decode_json(kind, content, "a.json", "numbers")
+    assert str(error.value).startswith(f"a.json: {found}")
+    assert str(error.value).endswith(", expected numbers")

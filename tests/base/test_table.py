@@ -5,6 +5,7 @@ from __future__ import annotations
 import pickle
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import msgspec
@@ -13,7 +14,7 @@ from msgspec import Meta
 
 from e3pose.base.errors import InputError
 from e3pose.base.quantities import length_m
-from e3pose.base.table import check_bounds, entry, read_table
+from e3pose.base.table import check_bounds, entry, read_file, read_table
 
 
 class Inner(msgspec.Struct):
@@ -74,6 +75,24 @@ def test_what_fits_is_read() -> None:
     table = {"name": "a", "lead": "adaptive", "parts": [{"size": 1}], "apart": "4cm"}
     read = read_table(Outer, table)
     assert read == Outer("a", "adaptive", (Inner(1.0),), None, 0.04)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("size = 'x'", "size: found text, expected a number"),
+        ("size =", "found text that is not TOML: "),
+        ("size = 1.0 # " + "x" * 100, "found 113 bytes, expected at most 100"),
+    ],
+)
+def test_a_file_is_named_once(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "inner.toml"
+    path.write_text("size = 2")
+    assert read_file(Inner, path, 100) == Inner(2.0)
+    path.write_text(text)
+    with pytest.raises(InputError) as caught:
+        read_file(Inner, path, 100)
+    assert str(caught.value).startswith(f"{path}: {message}")
 
 
 def test_an_error_is_reported_where_it_was_written() -> None:

@@ -19,7 +19,7 @@ from tests.store.writers import QUICK, Records, Runs, limit_connections, stored_
 from e3pose.base.errors import InputError
 from e3pose.store import Event, Run, Store, StoreWriter, WriterSettings
 from e3pose.store.rows import Row, slot_rows
-from e3pose.store.spool import LeftSpool, Spool, spools_of
+from e3pose.store.spool import MAGIC, LeftSpool, Spool, frame, spools_of
 
 pytestmark = pytest.mark.slow
 
@@ -283,6 +283,13 @@ def test_damage_of_a_spool_costs_the_rows_that_it_hits_alone(
     assert found.count(None) >= 1
     readable = [row for rows in found if rows is not None for row in rows]
     assert all(row in ROWS for row in readable)
+
+
+def test_a_spool_with_a_deeply_nested_head_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "live.db.spool-1"
+    path.write_bytes(MAGIC + frame(b"\x81\xa1x" + b"\x91" * 20_000 + b"\x00"))
+    with pytest.raises(InputError, match="found a spool of another version"):
+        LeftSpool(path)
 
 
 @pytest.mark.parametrize("kept", [0, 10, 30, 60_000, 66_000, 115_600, 120_000])

@@ -1,4 +1,4 @@
-"""Read untrusted files: regular files of bounded size only."""
+"""Read untrusted files, regular ones of bounded size only, and the JSON and TOML in them."""
 
 from __future__ import annotations
 
@@ -7,7 +7,9 @@ import stat
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, TypeVar
+
+import msgspec
 
 from e3pose.base.errors import InputError, reason_of
 
@@ -16,6 +18,10 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
+T = TypeVar("T")
+
+# What msgspec raises for content that is not what was expected.
+UNDECODABLE = (msgspec.DecodeError, UnicodeDecodeError, RecursionError)
 MAX_LINE_BYTES = 16 * 2**20
 MAX_DOTS = 100  # of a line of TOML, outside strings
 TOML_STRING = re.compile(r'"(?:[^"\\]|\\.)*"|\'[^\']*\'')
@@ -74,6 +80,25 @@ def read_lines(path: Path, limit_bytes: int) -> Iterator[tuple[int, bytes]]:
                     "expected one frame a line"
                 )
             yield number, line.rstrip(b"\r\n")
+
+
+def decode_json(kind: type[T], content: bytes | msgspec.Raw, where: object, expected: str) -> T:
+    """Return what a whole file of JSON holds.
+
+    Args:
+        kind: of what it holds.
+        content: of the file.
+        where: it is, for errors.
+        expected: content, in words.
+
+    Raises:
+        InputError: for anything else.
+    """
+    try:
+        return msgspec.json.decode(content, type=kind)
+    except UNDECODABLE as error:
+        found = reason_of(error)[:200] if bytes(content).strip() else "an empty file"
+        raise InputError(f"{where}: {found}, expected {expected}") from None
 
 
 def read_toml(path: Path, limit_bytes: int) -> dict[str, Any]:

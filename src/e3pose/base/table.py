@@ -15,6 +15,7 @@ from typing import Any, Literal, TypeVar, Union
 
 import msgspec
 
+from e3pose.base.bounded import read_toml
 from e3pose.base.errors import MISSING, InputError
 
 T = TypeVar("T")
@@ -170,6 +171,19 @@ def read_table(kind: type[T], table: object) -> T:
         elif item.required:
             raise InputError("", MISSING, f"{key} = {item.write or _example(item.kind)}")
     return kind(**values)
+
+
+def read_file(kind: type[T], path: Path, limit_bytes: int) -> T:
+    """Return the record that a TOML file of at most `limit_bytes` describes.
+
+    Raises:
+        InputError: naming the file, and the key as `read_table` does.
+    """
+    table = read_toml(path, limit_bytes)
+    try:
+        return read_table(kind, table)
+    except InputError as error:
+        raise error.at(path) from None
 
 
 def _value_of(item: Entry, found: Any) -> Any:

@@ -20,9 +20,8 @@ import tomli_w
 from msgspec import Meta
 
 from e3pose.base.atomic import write_file
-from e3pose.base.bounded import read_toml
 from e3pose.base.errors import InputError
-from e3pose.base.table import check_bounds, read_table
+from e3pose.base.table import check_bounds, read_file
 
 CERTIFICATE, KEY = "page.pem", "page.key"
 MAX_BYTES = 2**14
@@ -82,10 +81,7 @@ class PhoneFile:
 
 def load_phone(path: Path) -> PhoneFile:
     """Return what the file of a phone says; raise `InputError` for one that cannot be read."""
-    try:
-        return read_table(PhoneFile, read_toml(path, MAX_BYTES))
-    except InputError as error:
-        raise error.at(path) from None
+    return read_file(PhoneFile, path, MAX_BYTES)
 
 
 def save_phone(path: Path, phone: PhoneFile) -> None:

@@ -2,21 +2,15 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping
 from pathlib import Path
 
 import msgspec
 import tomli_w
 
-from e3pose.base.bounded import read_bytes
+from e3pose.base.bounded import read_toml
 from e3pose.base.errors import InputError
 from e3pose.settings.limits import Rotation
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 FILE = "detection.toml"
 MAX_BYTES = 2**20
@@ -69,9 +63,8 @@ def load_provenance(folder: Path) -> Provenance:
     if not path.is_file():
         return Provenance({}, {})
     try:
-        table = tomllib.loads(read_bytes(path, MAX_BYTES).decode())
-        found = msgspec.convert(table, Provenance)
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, msgspec.ValidationError) as error:
+        found = msgspec.convert(read_toml(path, MAX_BYTES), Provenance)
+    except msgspec.ValidationError as error:
         raise InputError(f"{path}: {str(error)[:200]}") from None
     for camera_id, start_s in found.video_starts_s.items():
         if not abs(start_s) <= 1e8:

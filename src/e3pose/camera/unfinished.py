@@ -11,7 +11,7 @@ from typing import Literal
 import msgspec
 
 from e3pose.base.atomic import write_file
-from e3pose.base.bounded import read_bytes
+from e3pose.base.bounded import UNDECODABLE, read_bytes
 from e3pose.base.errors import InputError
 from e3pose.recording import decode_view
 
@@ -89,7 +89,7 @@ class Unfinished:
             return None
         try:
             state = msgspec.json.decode(read_bytes(path, MAX_STATE_BYTES), type=State)
-        except (msgspec.DecodeError, UnicodeDecodeError) as error:
+        except UNDECODABLE as error:
             raise InputError(f"{path}: {str(error)[:200]}; delete {self.folder}") from None
         differing = [
             f"{name}: {state.settings.get(name, 'none')}, now {settings.get(name, 'none')}"

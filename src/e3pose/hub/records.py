@@ -7,6 +7,7 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
+from e3pose.base.bounded import UNDECODABLE
 from e3pose.base.errors import InputError, reason_of
 from e3pose.wire.bounds import Count, Figure, TimeNs
 from e3pose.wire.site_messages import OutboxPart, Tombstone
@@ -50,7 +51,7 @@ def summaries_in(part: OutboxPart, after: int, where: str) -> list[Summary]:
     """Return the summaries of an answer; raise `InputError` for what no edge sends."""
     try:
         found = _decoder.decode(part.rows)
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+    except UNDECODABLE as error:
         raise InputError(f"{where}: summaries: {reason_of(error)[:200]}") from None
     if len(found) > MOST_ROWS:
         raise InputError(f"{where}: summaries: found {len(found)}, expected {MOST_ROWS} at most")

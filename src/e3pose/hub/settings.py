@@ -10,9 +10,8 @@ from typing import Annotated, Literal
 
 from msgspec import Meta
 
-from e3pose.base.bounded import read_toml
 from e3pose.base.errors import InputError
-from e3pose.base.table import check_bounds, convert, entry, read_table
+from e3pose.base.table import check_bounds, convert, entry, read_file
 from e3pose.wire.access import Link, check_link
 from e3pose.wire.endpoint import Endpoint, read_endpoint, read_host_port
 from e3pose.wire.keys.folder import holder, valid_certificates
@@ -193,11 +192,7 @@ def load_hub(named: Path) -> Hub:
     path = named / "hub.toml" if named.is_dir() else named
     if not path.is_file():
         raise InputError(str(path), "no such file", "the file of a hub, or its folder")
-    read = read_toml(path, MAX_BYTES)
-    try:
-        table = read_table(HubTable, read)
-    except InputError as error:
-        raise error.at(path) from None
+    table = read_file(HubTable, path, MAX_BYTES)
     url = "://" in table.database
     database = table.database if url else str(path.parent / table.database)
     archives = tuple(a if "://" in a else str(path.parent / a) for a in table.archives)

@@ -9,6 +9,7 @@ import msgspec
 import numpy as np
 
 from e3pose.base.arrays import Floats
+from e3pose.base.bounded import UNDECODABLE
 from e3pose.base.errors import InputError
 from e3pose.model.pose import Poses2D
 from e3pose.recording.record import MAX_PEOPLE
@@ -153,7 +154,7 @@ def decode_truth(
 def _decode(decoder: msgspec.json.Decoder[Line], line: bytes, where: str) -> Line:
     try:
         return decoder.decode(line)
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+    except UNDECODABLE as error:
         found = "an empty line" if not line.strip() else str(error)[:200]
         raise InputError(f"{where}: {found}, expected one JSON object a line") from None
 

@@ -10,9 +10,8 @@ from typing import Literal
 import msgspec
 import tomli_w
 
-from e3pose.base.bounded import read_toml
 from e3pose.base.errors import InputError
-from e3pose.base.table import read_table
+from e3pose.base.table import read_file
 
 FILE = "processor.toml"
 FORMAT = "e3pose-processor"
@@ -75,10 +74,7 @@ def load_processor(folder: Path, camera_ids: tuple[str, ...]) -> dict[str, Proce
     path = folder / FILE
     if not path.is_file():
         return {}
-    try:
-        found = read_table(_File, read_toml(path, MAX_BYTES)).cameras
-    except InputError as error:
-        raise error.at(path) from None
+    found = read_file(_File, path, MAX_BYTES).cameras
     for camera_id, time in found.items():
         if camera_id not in camera_ids:
             known = ", ".join(camera_ids)

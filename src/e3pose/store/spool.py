@@ -21,6 +21,7 @@ from pathlib import Path
 import msgspec
 
 from e3pose.base import system
+from e3pose.base.bounded import UNDECODABLE
 from e3pose.base.errors import InputError
 from e3pose.store.rows import Row, Run
 
@@ -240,7 +241,7 @@ def frames(content: bytes | mmap.mmap, at: int = 0) -> Iterator[Rows]:
         part, at = content_at(content, at)
         rows = None
         if part is not None:
-            with suppress(msgspec.DecodeError, UnicodeDecodeError):
+            with suppress(*UNDECODABLE):
                 rows = msgspec.msgpack.decode(part, type=list[Row])
         yield rows
 
@@ -294,5 +295,5 @@ class LeftSpool:
             found = msgspec.msgpack.decode(run, type=Run)
             stated = msgspec.msgpack.decode(capacity, type=int) if capacity else 0
             return found, min(max(stated, 0), MAX_BYTES)
-        except (msgspec.DecodeError, UnicodeDecodeError) as error:
+        except UNDECODABLE as error:
             raise InputError(f"{self.path}: found a spool of another version ({error})") from None

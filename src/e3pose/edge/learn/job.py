@@ -8,7 +8,7 @@ from pathlib import Path
 
 import msgspec
 
-from e3pose.base.bounded import read_bytes
+from e3pose.base.bounded import UNDECODABLE, read_bytes
 from e3pose.base.errors import InputError
 from e3pose.predict.attention_lstm import MAX_WEIGHTS_BYTES
 
@@ -82,7 +82,7 @@ def read_job(folder: Path) -> Job:
     path = folder / JOB
     try:
         return msgspec.json.decode(read_bytes(path, MAX_JOB_BYTES), type=Job)
-    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+    except UNDECODABLE as error:
         raise InputError(f"{path}: found no job ({error})") from None
 
 
@@ -95,7 +95,7 @@ def read_result(folder: Path, job: Job) -> tuple[Verdict, bytes, str]:
     path = folder / VERDICT
     try:
         verdict = msgspec.json.decode(read_bytes(path, MAX_JOB_BYTES), type=Verdict)
-    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+    except UNDECODABLE as error:
         raise InputError(f"{path}: found no verdict ({error})") from None
     errors = (*verdict.error_m, *verdict.base_error_m)
     if verdict.leads != job.leads or len(errors) != 2 * len(job.leads):

@@ -10,7 +10,7 @@ from pathlib import Path
 import msgspec
 
 from e3pose.base.atomic import write_file
-from e3pose.base.bounded import read_bytes
+from e3pose.base.bounded import UNDECODABLE, read_bytes
 from e3pose.base.errors import InputError
 from e3pose.base.lock import hold
 from e3pose.base.private import make_folder
@@ -116,7 +116,7 @@ class VersionStore:
     def _read(self, path: Path) -> Manifest:
         try:
             table = msgspec.json.decode(read_bytes(path, MAX_MANIFEST_BYTES))
-        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        except UNDECODABLE as error:
             raise InputError(f"{path}: found no list of versions ({error})") from None
         try:
             manifest = read_table(Manifest, table)

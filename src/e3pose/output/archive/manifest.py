@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import msgspec
 
+from e3pose.base.bounded import UNDECODABLE
 from e3pose.base.errors import InputError
 from e3pose.output.archive.places import Place
 
@@ -113,7 +114,7 @@ def read_manifest(place: Place, site: str, day: str) -> Manifest | None:
         if len(content) > MAX_BYTES:
             raise msgspec.ValidationError(f"found {len(content)} bytes")
         found = msgspec.json.decode(content, type=Manifest)
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+    except UNDECODABLE as error:
         raise InputError(f"{place.name}/{name}: found no manifest ({error})") from None
     kind = found.format, found.version
     if kind != (FORMAT, VERSION) or (found.site, found.day) != (site, day):

@@ -9,7 +9,7 @@ from typing import TypeVar
 import msgspec
 import numpy as np
 
-from e3pose.base.bounded import read_bytes
+from e3pose.base.bounded import decode_json, read_bytes
 from e3pose.base.errors import InputError
 from e3pose.model.camera import Rig
 from e3pose.model.pose import Poses2D
@@ -19,6 +19,7 @@ from e3pose.recording.calibration import load_rig
 from e3pose.recording.datasets.openpose import frame_number
 from e3pose.recording.datasets.views import check_fps, poses_from_triples, series_from_frames
 
+EXPECTED = "COCO keypoint results"
 MAX_FILE_BYTES = 1 * 2**30
 PERSON = 1  # COCO's category
 
@@ -92,7 +93,8 @@ def import_coco(
     rig = load_rig(calibration)
     results, table = _read_results(source)
     if images is not None:
-        table = _decode(images, _Dataset).images
+        content = read_bytes(images, MAX_FILE_BYTES)
+        table = decode_json(_Dataset, content, images, EXPECTED).images
     found: dict[_Frame, list[list[list[float]]]] = {}
     by_id: dict[int | str, _Frame] = {}
     for index, image in enumerate(table or ()):
@@ -140,18 +142,9 @@ def import_coco(
 def _read_results(source: Path) -> tuple[list[_Result], list[_Image] | None]:
     content = read_bytes(source, MAX_FILE_BYTES)
     if content[:1000].lstrip()[:1] == b"{":
-        dataset = _decode(source, _Dataset, content)
+        dataset = decode_json(_Dataset, content, source, EXPECTED)
         return dataset.annotations, dataset.images
-    return _decode(source, list[_Result], content), None
-
-
-def _decode(path: Path, kind: type[_T], content: bytes | None = None) -> _T:
-    content = read_bytes(path, MAX_FILE_BYTES) if content is None else content
-    try:
-        return msgspec.json.decode(content, type=kind)
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-        found = "an empty file" if not content.strip() else str(error)[:200]
-        raise InputError(f"{path}: {found}, expected COCO keypoint results") from None
+    return decode_json(list[_Result], content, source, EXPECTED), None
 
 
 def _frame_of(rig: Rig, result: _Result, by_id: Mapping[int | str, _Frame], where: str) -> _Frame:

@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 
 from e3pose.base.arrays import Floats
-from e3pose.base.bounded import read_bytes
+from e3pose.base.bounded import decode_json, read_bytes
 from e3pose.base.errors import InputError
 from e3pose.model.camera import Camera, Rig
 from e3pose.model.skeleton import COCO17
@@ -21,6 +21,7 @@ from e3pose.recording.datasets.views import MAX_SLOTS
 from e3pose.recording.json_lines import METRE_LIMIT
 
 FPS = 50.0
+EXPECTED = "Human3.6M's JSON"
 MAX_FILE_BYTES = 1 * 2**30
 WHERE = (
     "http://vision.imar.ro/human3.6m, as JSON by https://github.com/mks0601/3DMPPE_POSENET_RELEASE"
@@ -108,7 +109,8 @@ def _file(source: Path, subject: int, part: str) -> Path:
 def _joints(source: Path, subject: int, action: int, subaction: int) -> Floats:
     """Return `(num_slots, 17, 3)` metres in COCO-17, NaN where Human3.6M has no such joint."""
     path = _file(source, subject, "joint_3d")
-    actions = _decoded(path, read_bytes(path, MAX_FILE_BYTES), dict[str, dict[str, msgspec.Raw]])
+    content = read_bytes(path, MAX_FILE_BYTES)
+    actions = decode_json(dict[str, dict[str, msgspec.Raw]], content, path, EXPECTED)
     for option, wanted, known in (
         ("--action", str(action), actions),
         ("--subaction", str(subaction), actions.get(str(action), {})),
@@ -116,7 +118,9 @@ def _joints(source: Path, subject: int, action: int, subaction: int) -> Floats:
         if wanted not in known:
             raise InputError(option, wanted, f"one of {', '.join(known) or 'none'} in {path}")
     where = f"action {action}, subaction {subaction}"
-    frames = _decoded(path, actions[str(action)][str(subaction)], dict[str, list[list[float]]])
+    frames = decode_json(
+        dict[str, list[list[float]]], actions[str(action)][str(subaction)], path, EXPECTED
+    )
     numbers = [int(number) if number.isascii() and number.isdigit() else -1 for number in frames]
     if not numbers or min(numbers) < 0 or max(numbers) >= MAX_SLOTS:
         raise InputError(f"{path}: {where}: found {len(numbers)} frames, expected numbers from 0")
@@ -140,7 +144,7 @@ def _rig(path: Path, joints_m: Floats) -> Rig:
     Files in circulation mean two things by `t`: `x = R X + t`, or the place of the camera,
     `x = R (X - t)`. Only one of them puts the person into the images.
     """
-    cameras = _decoded(path, read_bytes(path, MAX_FILE_BYTES), dict[str, _Camera])
+    cameras = decode_json(dict[str, _Camera], read_bytes(path, MAX_FILE_BYTES), path, EXPECTED)
     if not 1 <= len(cameras) <= 16:
         raise InputError(f"{path}: found {len(cameras)} cameras, expected those of the subject")
     rigs = [
@@ -173,10 +177,3 @@ def _camera(path: Path, name: str, found: _Camera, placed: bool) -> Camera:
 def _seen_share(rig: Rig, joints_m: Floats) -> float:
     known = joints_m[np.isfinite(joints_m).all(axis=-1)]
     return float(np.mean([camera.sees(known) for camera in rig.cameras]))
-
-
-def _decoded(path: Path, content: bytes | msgspec.Raw, kind: type[Decoded]) -> Decoded:
-    try:
-        return msgspec.json.decode(content, type=kind)
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise InputError(f"{path}: {str(error)[:200]}, expected Human3.6M's JSON") from None

@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 
 from e3pose.base.arrays import Floats
-from e3pose.base.bounded import read_bytes
+from e3pose.base.bounded import decode_json, read_bytes
 from e3pose.base.errors import InputError
 from e3pose.model.camera import Rig
 from e3pose.model.pose import Poses2D
@@ -33,9 +33,6 @@ class _Person(msgspec.Struct):
 
 class _File(msgspec.Struct):
     people: list[_Person]
-
-
-_DECODER = msgspec.json.Decoder(_File)
 
 
 def import_openpose(
@@ -123,12 +120,7 @@ def read_people(path: Path) -> Floats:
     Raises:
         InputError: for a file that is no OpenPose JSON, or mixes skeletons.
     """
-    content = read_bytes(path, MAX_FILE_BYTES)
-    try:
-        people = _DECODER.decode(content).people
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-        found = "an empty file" if not content.strip() else str(error)[:200]
-        raise InputError(f"{path}: {found}, expected OpenPose JSON") from None
+    people = decode_json(_File, read_bytes(path, MAX_FILE_BYTES), path, "OpenPose JSON").people
     for index, person in enumerate(people):
         count = len(person.pose_keypoints_2d)
         if count not in SKELETONS_BY_COUNT and count != 0:

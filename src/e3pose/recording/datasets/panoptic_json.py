@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.base.bounded import read_bytes
+from e3pose.base.bounded import decode_json, read_bytes
 from e3pose.base.errors import InputError
 from e3pose.recording.datasets.openpose import Progress, frame_number
 from e3pose.recording.record import MAX_PEOPLE
@@ -24,9 +24,6 @@ class _Body(msgspec.Struct):
 
 class _File(msgspec.Struct):
     bodies: list[_Body]
-
-
-_DECODER = msgspec.json.Decoder(_File)
 
 
 def read_bodies(
@@ -60,12 +57,7 @@ def read_bodies(
 
 
 def _read_file(path: Path) -> dict[int, NDArray[np.float64]]:
-    content = read_bytes(path, MAX_FILE_BYTES)
-    try:
-        bodies = _DECODER.decode(content).bodies
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-        found = "an empty file" if not content.strip() else str(error)[:200]
-        raise InputError(f"{path}: {found}, expected Panoptic bodies") from None
+    bodies = decode_json(_File, read_bytes(path, MAX_FILE_BYTES), path, "Panoptic bodies").bodies
     people: dict[int, NDArray[np.float64]] = {}
     for index, body in enumerate(bodies):
         where = f"{path}: bodies[{index}]"

@@ -5,7 +5,6 @@ Comments and all that nobody asked to change stay as they are.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -14,7 +13,7 @@ from typing import Any
 import tomlkit
 
 from e3pose.base.atomic import write_file
-from e3pose.base.bounded import read_bytes
+from e3pose.base.bounded import parse_toml, read_bytes
 from e3pose.base.errors import InputError
 from e3pose.model.camera import Rig
 from e3pose.recording.calibration import load_rig, save_rig
@@ -24,11 +23,6 @@ from e3pose.site.detector_speed import KEPT, save_times, suggested_deadline_ms, 
 from e3pose.site.new_site import LEAST_DEADLINE_MS, Choice, rates
 from e3pose.site.setup.desk import BEFORE, Desk, keep_before
 from e3pose.site.setup.plan import Plan
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 Change = Callable[[Any], object]  # takes the document of a site file, and changes it
 
@@ -62,10 +56,9 @@ def checked(text: str, path: Path) -> ResolvedSite:
     """Return the site that a text would be as its file; raise `InputError` for what is wrong."""
     from e3pose.site.edge_program import check_edge
 
+    table = parse_toml(text, str(path))
     try:
-        site = resolve(read_site(tomllib.loads(text), path), placed=False)
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{path}: {error}") from None
+        site = resolve(read_site(table, path), placed=False)
     except InputError as error:
         raise error.at(path) from None
     if site.rig.placed:

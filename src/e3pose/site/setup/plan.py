@@ -10,9 +10,8 @@ import tomli_w
 from msgspec import Meta
 
 from e3pose.base.atomic import write_file
-from e3pose.base.bounded import read_toml
 from e3pose.base.errors import InputError
-from e3pose.base.table import check_bounds, read_table
+from e3pose.base.table import check_bounds, read_file
 from e3pose.camera.probe import Probe
 from e3pose.model.camera_fields import check_camera_id
 from e3pose.settings.limits import Rotation
@@ -118,10 +117,7 @@ def load_plan(folder: Path) -> Plan:
     """
     path = folder / PLAN_FILE
     if path.exists():
-        try:
-            return read_table(Plan, read_toml(path, MAX_BYTES))
-        except InputError as error:
-            raise error.at(path) from None
+        return read_file(Plan, path, MAX_BYTES)
     return of_site(load_site(folder)) if (folder / SITE_FILE).exists() else Plan()
 
 

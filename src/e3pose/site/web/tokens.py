@@ -12,9 +12,8 @@ from typing import Literal
 import tomli_w
 
 from e3pose.base.atomic import write_file
-from e3pose.base.bounded import read_toml
 from e3pose.base.errors import InputError
-from e3pose.base.table import read_table
+from e3pose.base.table import read_file
 
 Scope = Literal["read", "write"]
 MAX_BYTES = 2**16
@@ -76,7 +75,4 @@ def open_tokens(path: Path) -> Tokens:
             private=True,
         )
         return made
-    try:
-        return read_table(Tokens, read_toml(path, MAX_BYTES))
-    except InputError as error:
-        raise error.at(path) from None
+    return read_file(Tokens, path, MAX_BYTES)

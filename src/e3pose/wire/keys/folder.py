@@ -27,11 +27,11 @@ from typing import Any, Literal
 import tomli_w
 
 from e3pose.base.atomic import atomic_folder, check_free, write_file
-from e3pose.base.bounded import read_bytes, read_toml
+from e3pose.base.bounded import read_bytes
 from e3pose.base.errors import InputError
 from e3pose.base.lock import hold
 from e3pose.base.private import make_folder
-from e3pose.base.table import entry, read_table
+from e3pose.base.table import entry, read_file
 from e3pose.model.camera_fields import check_camera_id
 from e3pose.wire.access import Certificates, Kind, Link, Roll, check_link, edge_name, holder_of
 from e3pose.wire.endpoint import Endpoint
@@ -236,11 +236,7 @@ def read_roll(folder: Path) -> Roll:
         raise InputError(
             f"{path}: file not found, expected the folder of e3pose keys init; --keys names another"
         )
-    table = read_toml(path, MAX_LIST_BYTES)
-    try:
-        return read_table(_Listed, table)
-    except InputError as error:
-        raise error.at(path) from None
+    return read_file(_Listed, path, MAX_LIST_BYTES)
 
 
 def _check_hosts(hosts: Sequence[str]) -> None:
