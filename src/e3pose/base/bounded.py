@@ -1,4 +1,4 @@
-"""Read untrusted files, regular ones of bounded size only, and the JSON and TOML in them."""
+"""Files of bounded size: read untrusted ones, with JSON and TOML in them, and count bytes."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import re
 import stat
 import sys
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, BinaryIO, TypeVar
 
@@ -25,6 +26,15 @@ UNDECODABLE = (msgspec.DecodeError, UnicodeDecodeError, RecursionError)
 MAX_LINE_BYTES = 16 * 2**20
 MAX_DOTS = 100  # of a line of TOML, outside strings
 TOML_STRING = re.compile(r'"(?:[^"\\]|\\.)*"|\'[^\']*\'')
+
+
+def bytes_of(path: Path) -> int:
+    """Return the bytes of a file, or of all files in a folder; those that are gone count none."""
+    total = 0
+    for file in path.rglob("*") if path.is_dir() else (path,):
+        with suppress(OSError):  # deleted meanwhile
+            total += file.stat().st_size if file.is_file() else 0
+    return total
 
 
 def open_regular(path: Path, limit_bytes: int) -> BinaryIO:

@@ -10,7 +10,7 @@ import asyncio
 import ipaddress
 import socket
 import ssl
-from collections.abc import Callable
+from collections.abc import Callable, Container
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
@@ -50,6 +50,22 @@ def network_of(address: str) -> str:
             return str(found.ipv4_mapped)
         return str(ipaddress.ip_network((found, 64), strict=False))
     return str(found)
+
+
+def is_own_host(host: str, names: Container[str]) -> bool:
+    """Return whether no foreign page can have had the browser use this host.
+
+    Args:
+        host: of a request, with or without a port.
+        names: ours, lower case; addresses need not be named, as no foreign page can have the
+            browser believe that an address is its own.
+    """
+    name = host.rpartition(":")[0] if host.rpartition(":")[2].isdigit() else host
+    try:
+        ipaddress.ip_address(name.strip("[]"))
+    except ValueError:
+        return name.lower() in names
+    return True
 
 
 def open_socket(host: str, port: int) -> socket.socket:

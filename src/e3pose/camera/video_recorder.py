@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
+from e3pose.base.bounded import bytes_of
 from e3pose.base.clock import SlotTimes
 from e3pose.base.errors import InputError, reason_of
 from e3pose.base.private import make_folder
@@ -190,7 +191,7 @@ class VideoRecorder:
     def _trim(self) -> bool:
         """Delete the oldest videos beyond the space; return whether the rest fits."""
         videos = videos_in(self.settings.folder)
-        sizes = [_size(path) for path in videos]
+        sizes = [bytes_of(path) for path in videos]
         left = sum(sizes)
         for path, size in zip(videos, sizes, strict=True):
             if left <= self.settings.max_bytes:
@@ -200,10 +201,3 @@ class VideoRecorder:
             path.unlink(missing_ok=True)
             left -= size
         return True
-
-
-def _size(path: Path) -> int:
-    try:
-        return path.stat().st_size
-    except FileNotFoundError:  # the edge moved it into its recording
-        return 0

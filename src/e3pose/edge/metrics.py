@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import ipaddress
 import socket
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 from e3pose.base.errors import InputError, reason_of
-from e3pose.base.listener import Bounds, Listener, open_socket
+from e3pose.base.listener import Bounds, Listener, is_own_host, open_socket
 from e3pose.edge.server import EdgeServer
 from e3pose.model.blind_slot import CAUSES
 from e3pose.wire.site_messages import CameraStatus
@@ -147,21 +146,11 @@ class _Scrape(asyncio.Protocol):
             for name, _, value in (line.partition(":") for line in lines)
         }
         method, _, target = first.partition(" ")
-        if not _is_ours(headers.get("host", "")):
+        if not is_own_host(headers.get("host", ""), {"localhost"}):
             return http_answer("421 Misdirected Request")
         if method != "GET" or target.split(" ")[0].split("?")[0] not in ("/", "/metrics"):
             return http_answer("404 Not Found")
         return self._answer(headers)
-
-
-def _is_ours(host: str) -> bool:
-    """Return whether a page of the internet cannot have had the browser use this host."""
-    name = host.rpartition(":")[0] if host.rpartition(":")[2].isdigit() else host
-    try:
-        ipaddress.ip_address(name.strip("[]"))
-    except ValueError:
-        return name.lower() == "localhost"
-    return True
 
 
 def http_answer(status: str, kind: str = "text/plain", body: bytes = b"") -> bytes:

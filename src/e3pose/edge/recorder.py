@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from datetime import datetime, timezone
 from pathlib import Path
 
+from e3pose.base.bounded import bytes_of
 from e3pose.base.errors import InputError, reason_of
 from e3pose.base.private import make_folder
 from e3pose.base.quantities import plural
@@ -211,8 +212,8 @@ class Recorder:
     def _trim(self) -> None:
         """Delete the oldest recordings beyond the space limit."""
         parts = recordings_in(self.settings.folder)
-        sizes = {part: size_of(part) for part in parts}
-        left = sum(sizes.values()) + size_of(self.settings.videos)
+        sizes = {part: bytes_of(part) for part in parts}
+        left = sum(sizes.values()) + bytes_of(self.settings.videos)
         left += self._writer.num_bytes if self._writer else 0
         for part in parts:
             if left <= self.settings.max_bytes:
@@ -244,12 +245,3 @@ def recordings_in(folder: Path) -> list[Path]:
         for part in folder.iterdir()
         if (part / "recording.toml").is_file() and not part.name.endswith(PARTIAL)
     )
-
-
-def size_of(folder: Path) -> int:
-    """Return the bytes of all files in a folder."""
-    sizes = []
-    for file in folder.rglob("*"):
-        with suppress(FileNotFoundError):  # a camera deleted an old video
-            sizes.append(file.stat().st_size if file.is_file() else 0)
-    return sum(sizes)

@@ -8,6 +8,7 @@ import time
 from contextlib import closing
 from pathlib import Path
 
+from e3pose.base.bounded import bytes_of
 from e3pose.store.database import identity, is_damage, reading_uri
 
 LIMIT_S = 30.0  # of one check: some 10 GB; of a larger database the first part is checked
@@ -115,17 +116,10 @@ class IntegrityWatch:
 
     def _shrank(self, now_s: float) -> bool:
         """Tell of a file that was cut off, as retention seldom does, or that is another one."""
-        size, before = _size(self.path), self._size
+        size, before = bytes_of(self.path), self._size
         if size < before and now_s < self._shrank_s + SHRUNK_S:
             return False
         self._size = size
         if size < before:
             self._shrank_s = now_s
         return size < before
-
-
-def _size(path: Path) -> int:
-    try:
-        return path.stat().st_size
-    except OSError:
-        return 0

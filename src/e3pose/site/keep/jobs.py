@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from e3pose.base.atomic import write_file
-from e3pose.base.bounded import read_bytes
+from e3pose.base.bounded import bytes_of, read_bytes
 from e3pose.base.errors import InputError
 from e3pose.base.lock import hold
 from e3pose.base.private import make_folder
@@ -193,7 +193,7 @@ class Jobs:
 
     def _full(self) -> str:
         """Return why no more can be made; empty if it can."""
-        if _bytes_in(self.folder) >= MOST_BYTES:
+        if bytes_of(self.folder) >= MOST_BYTES:
             return f"the files take more than {MOST_BYTES / 1e9:g} GB: remove some"
         try:
             free = shutil.disk_usage(self.folder).free
@@ -326,11 +326,3 @@ def _clear(folder: Path) -> None:
 def _reason(error: Exception) -> str:
     """Return why something failed, without where things lie on this machine."""
     return (error.strerror if isinstance(error, OSError) else None) or "the disk takes no more"
-
-
-def _bytes_in(folder: Path) -> int:
-    sizes = 0
-    for path in folder.rglob("*"):
-        with suppress(OSError):
-            sizes += path.stat().st_size if path.is_file() else 0
-    return sizes

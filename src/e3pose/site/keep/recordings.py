@@ -10,9 +10,9 @@ from pathlib import Path
 
 import msgspec
 
-from e3pose.base.bounded import read_toml
+from e3pose.base.bounded import bytes_of, read_toml
 from e3pose.base.errors import InputError
-from e3pose.edge.recorder import recordings_in, size_of
+from e3pose.edge.recorder import recordings_in
 from e3pose.recording.folder import HEADER, MAX_HEADER_BYTES
 
 NAME_TIME = "%Y%m%dT%H%M%SZ"  # as `edge.recorder` calls them
@@ -46,7 +46,7 @@ def kept_recordings(folder: Path) -> list[Kept]:
             told = read_toml(path / HEADER, MAX_HEADER_BYTES)
             seconds = float(told["num_slots"]) / float(told["fps"])
             videos = len(told.get("videos", {}))
-            found.append(Kept(path.name, _begun(path.name), seconds, size_of(path), videos))
+            found.append(Kept(path.name, _begun(path.name), seconds, bytes_of(path), videos))
     return found
 
 

@@ -9,7 +9,6 @@ something.
 from __future__ import annotations
 
 import asyncio
-import ipaddress
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -20,7 +19,7 @@ from starlette.responses import JSONResponse
 from starlette.types import ASGIApp, Message, Receive, Send
 from starlette.types import Scope as Connection
 
-from e3pose.base.listener import network_of
+from e3pose.base.listener import is_own_host, network_of
 from e3pose.base.rate_limit import Rate
 from e3pose.site.web.guesses import Guesses
 from e3pose.site.web.page import FILES
@@ -151,7 +150,7 @@ class Rules(Generic[J]):
             client: who sends it.
         """
         host = headers.get("host", "")
-        if not self._ours(host):
+        if not is_own_host(host, self.hosts):
             return None, Refusal(421, f"host {host[:80]!r} is not this server: see [view] hosts")
         if refusal := self._foreign(path, headers, f"{client.scheme}://{host}"):
             return None, refusal
@@ -179,14 +178,6 @@ class Rules(Generic[J]):
             why = f"the token for writing is needed: `{self.printed_by}` prints it"
             return scope, Refusal(403 if token else 401, why, {} if token else BEARER)
         return scope, _late((self.writes if writes else self.reads).wait_s(who))
-
-    def _ours(self, host: str) -> bool:
-        name = host.rpartition(":")[0] if host.rpartition(":")[2].isdigit() else host
-        try:
-            ipaddress.ip_address(name.strip("[]"))
-        except ValueError:
-            return name.lower() in self.hosts
-        return True
 
     def _foreign(self, path: str, headers: Mapping[str, str], own: str) -> Refusal | None:
         origin = headers.get("origin")

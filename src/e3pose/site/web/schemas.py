@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
 from typing import Any, Literal
@@ -18,6 +18,7 @@ from e3pose.events.watch import Watch
 from e3pose.model.person_event import PersonEvent
 from e3pose.model.zone_event import ZoneEvent
 from e3pose.site.connect import LiveSlot
+from e3pose.site.streams.as_json import zone_words
 from e3pose.site.web.doing import doing, told
 from e3pose.site.web.notices import Notice
 from e3pose.site.zones import Zones
@@ -171,7 +172,7 @@ def event_of_edge(there: bool, heard_ns: int | None) -> Encoded:
 
 def event_of_zone(event: ZoneEvent) -> Encoded:
     """Return the live event of a zone event."""
-    return Encoded("zone", {"event" if k == "kind" else k: v for k, v in asdict(event).items()})
+    return Encoded("zone", zone_words(event))
 
 
 def status_body(status: Status) -> dict[str, Any]:
