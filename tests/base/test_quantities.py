@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from e3pose.base.errors import InputError
-from e3pose.base.quantities import duration_s, length_m
+from e3pose.base.quantities import check_within, duration_s, length_m
 from e3pose.settings.energy import read_battery_wh
 
 
@@ -22,6 +22,24 @@ def test_lengths(text: str, metres: float) -> None:
 )
 def test_durations(text: str, seconds: float) -> None:
     assert duration_s(text) == pytest.approx(seconds)
+
+
+@pytest.mark.parametrize(
+    ("value", "low", "high", "said"),
+    [
+        (0.5, 1, 600, "0.5, expected 1 to 600"),
+        (float("nan"), 1e-3, 1, "nan, expected 0.001 to 1"),
+        (1_234_567, 1, 100_000, "1234567, expected 1 to 100000"),
+        (float("inf"), 0, float("inf"), "inf, expected a number of at least 0"),
+    ],
+)
+def test_a_number_outside_its_range_is_said_with_it(
+    value: float, low: float, high: float, said: str
+) -> None:
+    check_within("--seconds", 1, 1, 1)
+    with pytest.raises(InputError) as caught:
+        check_within("--seconds", value, low, high)
+    assert str(caught.value) == f"--seconds: found {said}"
 
 
 @pytest.mark.parametrize("text", ["", "40", "mm", "-40mm", "40km", "nan", "1e3mm", "0mm", "4 0mm"])

@@ -112,6 +112,17 @@ def milliseconds_s(value: object) -> float:
     return value / 1000
 
 
+def check_within(thing: str, value: float, low: float, high: float = math.inf) -> None:
+    """Raise `InputError` for a number that is not finite and from `low` to `high`."""
+    if not (low <= value <= high and math.isfinite(value)):
+        found, least, most = (
+            str(number) if isinstance(number, int) else f"{number:g}"
+            for number in (value, low, high)
+        )
+        bounds = f"a number of at least {least}" if high == math.inf else f"{least} to {most}"
+        raise InputError(thing, found, bounds)
+
+
 def check_seconds(option: str, value: float | None) -> None:
     """Raise `InputError` for a number of seconds that nobody can wait for; None is none."""
     if value is not None and not 0 <= value <= LONGEST_S:

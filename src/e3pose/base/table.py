@@ -17,6 +17,7 @@ import msgspec
 
 from e3pose.base.bounded import read_toml
 from e3pose.base.errors import MISSING, InputError
+from e3pose.base.quantities import check_within
 
 T = TypeVar("T")
 
@@ -113,14 +114,8 @@ def check_bounds(record: object) -> None:
     """
     kind: Any = type(record)
     for name, key, low, high in _bounds(kind):
-        value = getattr(record, name)
-        if isinstance(value, int | float) and not (low <= value <= high and math.isfinite(value)):
-            found, least, most = (
-                str(number) if isinstance(number, int) else f"{number:g}"
-                for number in (value, low, high)
-            )
-            bounds = f"a number of at least {least}" if high == math.inf else f"{least} to {most}"
-            raise InputError(key, found, bounds)
+        if isinstance(value := getattr(record, name), int | float):
+            check_within(key, value, low, high)
 
 
 def _hints(kind: Any, include_extras: bool = False) -> dict[str, Any]:

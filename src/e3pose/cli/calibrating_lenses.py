@@ -12,7 +12,7 @@ from rich.progress import Progress
 
 from e3pose.base.atomic import check_output, write_file
 from e3pose.base.errors import InputError
-from e3pose.base.quantities import plural
+from e3pose.base.quantities import check_within, plural
 from e3pose.calibrate.board import Board
 from e3pose.calibrate.board_page import as_pdf, as_svg, draw_page, largest_square_mm
 from e3pose.calibrate.board_views import find_board
@@ -133,8 +133,7 @@ def intrinsics(
         raise InputError(f"VIDEO... DEST: found {given}, expected videos, then the file to write")
     *films, last = paths
     dest = toml_path(last)
-    if not 5 <= frames <= 100_000:
-        raise InputError(f"--frames: found {frames}, expected 5 to 100000")
+    check_within("--frames", frames, 5, 100_000)
     if picture is not None:
         check_picture("--picture", picture)
         check_output(picture)

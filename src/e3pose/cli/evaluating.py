@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from e3pose.base.errors import InputError
+from e3pose.base.quantities import check_within
 from e3pose.cli.fault_options import FaultOptions
 from e3pose.cli.options import (
     GOAL,
@@ -167,8 +168,7 @@ def evaluate(
 
 
 def _check(grid: GridOptions, jobs: int, plot: Path | None) -> None:
-    if not 1 <= grid.seeds <= MAX_SEEDS:
-        raise InputError(f"--seeds: found {grid.seeds}, expected 1 to {MAX_SEEDS}")
+    check_within("--seeds", grid.seeds, 1, MAX_SEEDS)
     if jobs != -1 and not 1 <= jobs <= MAX_JOBS:
         raise InputError(f"--jobs: found {jobs}, expected 1 to {MAX_JOBS}, or -1 for all cores")
     if plot is not None:

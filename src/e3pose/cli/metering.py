@@ -16,6 +16,7 @@ from rich.text import Text
 from e3pose.base.atomic import write_file
 from e3pose.base.clock import WallClock
 from e3pose.base.errors import InputError
+from e3pose.base.quantities import check_within
 from e3pose.camera.live_source import make_source
 from e3pose.cli.options import Flag, Whole
 from e3pose.cli.output import JsonFile, is_stdout, write_json
@@ -68,8 +69,7 @@ def power(
         Write the reading here as JSON; - is standard output. With --watch: - only, one line per
         reading.
     """
-    if not LEAST_S <= seconds <= MOST_S:
-        raise InputError(f"--seconds: found {seconds:g}, expected {LEAST_S:g} to {MOST_S:g}")
+    check_within("--seconds", seconds, LEAST_S, MOST_S)
     if not root.is_dir():
         raise InputError(f"--root: found no folder {root}, expected one")
     meter = choose_meter(load_profile(profile), root)
@@ -169,15 +169,12 @@ def measure(
     threads
         CPU threads of the network. Default: all cores.
     """
-    if not 1 <= seconds <= 600:
-        raise InputError(f"--seconds: found {seconds:g}, expected 1 to 600")
-    if not 1 <= wakes <= 100:
-        raise InputError(f"--wakes: found {wakes}, expected 1 to 100")
+    check_within("--seconds", seconds, 1, 600)
+    check_within("--wakes", wakes, 1, 100)
     if is_recorded(source):
         raise InputError("source", "a recording, which has no images", "a camera or a video")
     base = load_profile(profile)
-    if not 1e-3 <= pace <= 1:
-        raise InputError(f"--pace: found {pace:g}, expected 0.001 to 1")
+    check_within("--pace", pace, 1e-3, 1)
     frames = make_source(source, "camera", WallClock(), None, pace)
     network = make_detector(detector, None, provider, threads)
     found = measure_modes(frames, network, choose_meter(base, root), seconds, wakes)

@@ -15,6 +15,7 @@ from rich.progress import (
 )
 
 from e3pose.base.errors import InputError
+from e3pose.base.quantities import check_within
 from e3pose.cli.options import Whole
 from e3pose.cli.progress import bar
 from e3pose.cli.simulating import size_of
@@ -116,8 +117,7 @@ def bench(
     seconds
         Seconds per measurement.
     """
-    if not 0.1 <= seconds <= 600:
-        raise InputError(f"--seconds: found {seconds:g}, expected 0.1 to 600")
+    check_within("--seconds", seconds, 0.1, 600)
     asked = list(names) or [name for name in MODELS if is_installed(name)]
     if not asked:
         raise InputError("NAME: no network is installed: e3pose models pull openpose-thin")

@@ -8,17 +8,12 @@ from typing import Annotated, Literal
 from msgspec import Meta
 
 from e3pose.base.errors import InputError
+from e3pose.base.quantities import check_within
 
 Sleep = Literal["off", "process", "suspend"]  # how orders may put a camera to sleep
 SECONDS = "{seconds}"  # of a command that suspends: the time until its alarm
 Rotation = Literal[0, 90, 180, 270]  # degrees clockwise that make people in an image upright
 Pace = Annotated[float, Meta(ge=1e-3, le=1)]  # share of the speed of files and recordings
-
-
-def check_within(thing: str, value: float, low: float, high: float) -> None:
-    """Raise `InputError` for a number that is not from `low` to `high`."""
-    if not low <= value <= high:  # NaN fails too
-        raise InputError(thing, f"{value:g}", f"{low:g} to {high:g}")
 
 
 def check_smooth_delay(delay_ms: float, pipeline: str) -> None:

@@ -18,7 +18,7 @@ from msgspec import Meta
 from e3pose.base.bounded import read_toml
 from e3pose.base.errors import InputError
 from e3pose.base.plugins import beside as own_beside
-from e3pose.base.quantities import age_s, duration_s, size_bytes
+from e3pose.base.quantities import age_s, check_within, duration_s, size_bytes
 from e3pose.base.table import check_bounds, convert, entry, read_table
 from e3pose.model.camera_fields import check_camera_id
 from e3pose.settings.camera_machine import CameraMachine
@@ -29,7 +29,6 @@ from e3pose.settings.limits import (
     Rotation,
     check_smooth_delay,
     check_source,
-    check_within,
 )
 from e3pose.settings.loop import LoopSettings
 from e3pose.settings.places import beside, near, placed
@@ -94,7 +93,7 @@ class StoreTable:
     outbox_s: float = entry(60 * 86400.0, key="outbox", read=age_s, write='"60d"')
 
     def __post_init__(self) -> None:
-        check_within("spool", self.spool_bytes, 1_000_000, 1_000_000_000)
+        check_within("spool", self.spool_bytes, 1e6, 1e9)
         check_within("outbox", self.outbox_s, 3600, 1e8)
 
 

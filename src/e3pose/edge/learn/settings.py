@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from e3pose.base.errors import InputError
+from e3pose.base.quantities import check_within
 from e3pose.predict.attention_lstm import SHIPPED
 
 LONGEST_S = 1e8  # three years
@@ -73,6 +74,4 @@ class LearningSettings:
             ("steps", 1, math.inf),
             ("ring_bytes", 2**16, math.inf),
         ):
-            value = getattr(self, name)
-            if not low <= value <= high:
-                raise InputError(f"learning: {name}: found {value:g}, expected {low:g} to {high:g}")
+            check_within(f"learning: {name}", getattr(self, name), low, high)

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from e3pose.base.errors import InputError
+from e3pose.base.quantities import check_within
 from e3pose.model.take import MISSING, Motion, Take
 
 FPS = (0.1, 1000.0)
@@ -23,8 +23,7 @@ def resampled(take: Take, fps: float) -> Take:
     Raises:
         InputError: for a frame rate outside the limits.
     """
-    if not FPS[0] <= fps <= FPS[1]:
-        raise InputError(f"--fps: found {fps:g}, expected {FPS[0]:g} to {FPS[1]:g}")
+    check_within("--fps", fps, *FPS)
     if abs(fps * take.interval_s - 1) < 1e-9:
         return take
     step = 1 / (fps * take.interval_s)  # slots per frame

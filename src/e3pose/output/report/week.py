@@ -10,6 +10,7 @@ from datetime import date, datetime, time, timedelta
 from typing import Any
 
 from e3pose.base.errors import InputError
+from e3pose.base.quantities import check_within
 from e3pose.model.person_event import ONCE
 from e3pose.store import Store
 from e3pose.store.people import people_of
@@ -92,8 +93,7 @@ def week_of(store: Store, place: str, site: str, last: date, count: int = 7) -> 
     Raises:
         InputError: when the store has no minute of these days.
     """
-    if not 1 <= count <= MOST_DAYS:
-        raise InputError("--days", count, f"1 to {MOST_DAYS}")
+    check_within("--days", count, 1, MOST_DAYS)
     days = tuple(last - timedelta(days=count - 1 - i) for i in range(count))
     tally = Tally(days)
     start_ns, end_ns = tally.bounds_ns[0], tally.bounds_ns[-1] - 1

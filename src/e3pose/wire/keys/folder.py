@@ -31,6 +31,7 @@ from e3pose.base.bounded import read_bytes
 from e3pose.base.errors import InputError
 from e3pose.base.lock import hold
 from e3pose.base.private import make_folder
+from e3pose.base.quantities import check_within
 from e3pose.base.table import entry, read_file
 from e3pose.model.camera_fields import check_camera_id
 from e3pose.wire.access import Certificates, Kind, Link, Roll, check_link, edge_name, holder_of
@@ -55,8 +56,7 @@ class _Listed(Roll):
 
     def __post_init__(self) -> None:
         check_site(self.site)
-        if not 0 <= self.count <= MAX_COUNT:
-            raise InputError("count", self.count, f"0 to {MAX_COUNT}")
+        check_within("count", self.count, 0, MAX_COUNT)
         for names in self.holders.values():
             for name in names:
                 check_camera_id(name)
