@@ -91,11 +91,14 @@ def test_renewed_certificate_is_shown_to_new_connections(tmp_path: Path) -> None
     def shown(port: int) -> bytes:
         return ssl.PEM_cert_to_DER_cert(ssl.get_server_certificate(("127.0.0.1", port)))
 
-    with open_view(site, "0.0.0.0:0", transport=Hub().join()) as view:
+    told = list[str]()
+    with open_view(site, "0.0.0.0:0", transport=Hub().join(), report=told.append) as view:
         before = shown(view.address.port)
         renew_keys(keys, "edge", NOW)
         assert view.running()
         renewed = ssl.PEM_cert_to_DER_cert((keys / "edge.pem").read_text())
         assert before != renewed == shown(view.address.port)
+        assert told == ["certificate of the page renewed"]
         (keys / "edge.key").write_text("half")
-        assert view.running() and shown(view.address.port) == renewed
+        assert view.running() and view.running() and shown(view.address.port) == renewed
+        assert len(told) == 2 and "the one before is" in told[1]
