@@ -48,10 +48,11 @@ RERUN := --reruns 1 --rerun-show-tracebacks
 # beside a load of 15 a run at 10 took 70 minutes for 17 of CPU.
 COMPUTING_NICE ?= 5
 export RERUNS := $(CURDIR)/.reruns
-# Run tests: the name of their part, before pytest, its options. `@FILE` is a file with its arguments.
+# Run tests: the name of their part, what pytest runs under, its options. `@FILE` has more of them.
 define tests
 @rm -f .failed-$(1)
-export COVERAGE_FILE=$(COVERAGE)/.coverage.$(1) FAILED=$(CURDIR)/.failed-$(1); \
+@echo 'tests: $(1)'
+@export COVERAGE_FILE=$(COVERAGE)/.coverage.$(1) FAILED=$(CURDIR)/.failed-$(1); \
   $(2) $(PYTEST) $(COVERED) $(3) || { [ -s .failed-$(1) ] && mv .failed-$(1) .again-$(1) && \
   echo 'once more:' && cat .again-$(1) && cat .again-$(1) >> $(RERUNS) && \
   $(2) $(PYTEST) $(COVERED) -n 2 @.again-$(1); }
