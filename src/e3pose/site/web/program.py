@@ -196,11 +196,11 @@ def open_view(
     )
     shown = Shown(site, feed)
     secure, watched = None, [Watched((site.path,), shown.rezone, lambda why: None)]
-    if address.certificate is not None and address.key is not None:
-        secure, renewal = https_of((address.certificate, address.key), report)
-        watched.append(renewal)
     with ExitStack() as stack:
         stack.callback(listening.close)
+        if address.certificate is not None and address.key is not None:
+            secure, renewal = https_of((address.certificate, address.key), report)
+            watched.append(renewal)
         operator: str | None = LOCAL_OPERATOR
         if transport is None:
             link = viewer_link(site, keys, operates=True)
