@@ -37,7 +37,7 @@ from e3pose.evaluate.tables import print_comparison
 from e3pose.select.policies import BUDGET, COUNT, WEIGHT, PolicyRow
 from e3pose.settings.energy import AWAKE, EnergyPlan
 from e3pose.settings.loop import FEEDBACK, ReplaySettings
-from e3pose.settings.parts import make_pipeline, noise_warning, row_of, watts_warning
+from e3pose.settings.parts import make_pipeline, row_of, warnings_of
 
 if TYPE_CHECKING:
     from e3pose.settings.faults import Faults
@@ -145,7 +145,7 @@ def evaluate(
         feedback = any(each.feedback for each in settings)
         if detector is not None or feedback:
             open_pixels(source, recording, detector, threads=1, feedback=feedback)
-    for words in (noise_warning(source, settings[0]), watts_warning(source, settings[0])):
+    for words in warnings_of(source, settings[0]):
         warn(words)
     if jobs != 1 and len(settings) > 1:
         warm_up(pipelines[0], source.skeleton.joints)  # compiled once, not in each process

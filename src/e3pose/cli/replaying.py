@@ -39,7 +39,7 @@ from e3pose.evaluate.summary import summarise
 from e3pose.evaluate.tables import print_summary
 from e3pose.output.report import write_report
 from e3pose.settings.limits import check_smooth_delay
-from e3pose.settings.parts import noise_warning, watts_warning
+from e3pose.settings.parts import warnings_of
 
 if TYPE_CHECKING:
     from e3pose.estimate.base import People, Posterior
@@ -170,7 +170,7 @@ def replay(
     run = f"replay {settings.row_name}"
     slots = stored(replayed, store, source, run, plan.profiles, plan.idle_mode)
     records = smoother.smoothed(list(track_progress(slots, source.num_slots, "replay")))
-    for words in (noise_warning(source, settings), watts_warning(source, settings)):
+    for words in warnings_of(source, settings):
         warn(words)  # beside the figures; an error before them is one line
     figures = summarise(
         source if read_view is None else replace(source, processor=read_view.processor()),

@@ -177,6 +177,13 @@ def watts_warning(place: Place, settings: LoopSettings) -> str:
     )
 
 
+def warnings_of(place: Place, settings: LoopSettings) -> list[str]:
+    """Return what is odd about settings that work."""
+    return [
+        words for words in (noise_warning(place, settings), watts_warning(place, settings)) if words
+    ]
+
+
 def make_policy(
     place: Place, settings: LoopSettings
 ) -> tuple[Policy, Callable[[float], Policy] | None]:

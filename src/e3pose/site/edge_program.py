@@ -33,7 +33,7 @@ from e3pose.predict.base import Predictor
 from e3pose.recording.videos import MAX_BYTES, PART_S
 from e3pose.select.policies.base import Policy
 from e3pose.settings.edge import EdgeSettings
-from e3pose.settings.parts import noise_warning, watts_warning
+from e3pose.settings.parts import warnings_of
 from e3pose.settings.resolved import ResolvedSite, resolve
 from e3pose.settings.site_file import SiteTable, load_site
 from e3pose.site.admission import Admission, edge_link
@@ -193,11 +193,7 @@ def check_edge(site: ResolvedSite) -> EdgeParts:
 def start_edge(site: ResolvedSite, log: Log, clock: Clock) -> Edge:
     """Start the edge of a site; see `open_edge`."""
     parts = check_edge(site)
-    for warning in (
-        site.warning,
-        noise_warning(site, site.loop),
-        watts_warning(site, site.loop),
-    ):
+    for warning in (site.warning, *warnings_of(site, site.loop)):
         if warning:
             log.warning(warning)
 
