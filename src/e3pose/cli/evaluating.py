@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -16,6 +17,7 @@ from e3pose.cli.options import (
     GOAL,
     OUTPUT,
     EnergyOptions,
+    HoldOut,
     LoopOptions,
     Redetect,
     Whole,
@@ -32,6 +34,7 @@ from e3pose.edge.precompile import warm_up
 from e3pose.evaluate.compare import compare, rows, tasks
 from e3pose.evaluate.detect_again import open_pixels, replay_stored
 from e3pose.evaluate.drawing import check_svg
+from e3pose.evaluate.held_out import joined, turns
 from e3pose.evaluate.lead_picture import draw_leads
 from e3pose.evaluate.tables import print_comparison
 from e3pose.select.policies import BUDGET, COUNT, WEIGHT, PolicyRow
@@ -103,6 +106,7 @@ def evaluate(
     faults: FaultOptions = FAULTS,
     jobs: Whole = -1,
     detector: Redetect = None,
+    hold_out: HoldOut = (),
     json_file: Annotated[JsonFile, Parameter(group=OUTPUT)] = None,
     plot: Annotated[Path | None, Parameter(group=OUTPUT)] = None,
 ) -> None:
@@ -130,18 +134,24 @@ def evaluate(
     """
     _check(grid, jobs, plot)
     check_outputs(recording, {"--json": json_file, "--plot": plot})
-    source = faults.downsampled(load_placed(recording))
+    whole = faults.downsampled(load_placed(recording))
     with as_typed(
         {
-            **options_of(LoopOptions, EnergyOptions, more=("cameras", "detector")),
+            **options_of(LoopOptions, EnergyOptions, more=("cameras", "detector", "hold_out")),
             **POLICIES,
             **({} if grid.leads is None else {"lead": "--leads"}),
         }
     ):
-        plan = energy.settings().plan(source.rig.camera_ids, source.interval_s, source.battery_wh)
-        settings = grid.settings(loop, plan, faults.day(source, plan.watts))
-        # A wrong option fails before hours of work, not after.
-        pipelines = [make_pipeline(source, each) for each in settings[:: grid.seeds]]
+        runs = []
+        for source, judges in turns(whole, hold_out):
+            plan = energy.settings().plan(
+                source.rig.camera_ids, source.interval_s, source.battery_wh
+            )
+            settings = grid.settings(loop, plan, faults.day(source, plan.watts))
+            # A wrong option fails before hours of work, not after.
+            pipelines = [make_pipeline(source, each) for each in settings[:: grid.seeds]]
+            runs.append((source, judges, plan, settings))
+        source, _, _, settings = runs[0]
         feedback = any(each.feedback for each in settings)
         if detector is not None or feedback:
             open_pixels(source, recording, detector, threads=1, feedback=feedback)
@@ -149,16 +159,27 @@ def evaluate(
         warn(words)
     if jobs != 1 and len(settings) > 1:
         warm_up(pipelines[0], source.skeleton.joints)  # compiled once, not in each process
-    summaries = compare(
-        source,
-        settings,
-        plan.profiles,
-        idle_mode=plan.idle_mode,
-        battery_wh=plan.battery_wh,
-        jobs=min(jobs, len(settings)),
-        run=partial(replay_stored, folder=recording, detector=detector),
+    found = chain.from_iterable(
+        compare(
+            source,
+            settings,
+            plan.profiles,
+            idle_mode=plan.idle_mode,
+            battery_wh=plan.battery_wh,
+            jobs=min(jobs, len(settings)),
+            run=partial(replay_stored, folder=recording, detector=detector),
+            judges=judges,
+        )
+        for source, judges, plan, settings in runs
     )
-    figures = rows(list(track_progress(summaries, len(settings), "evaluate")))
+    summaries = list(track_progress(found, len(settings) * len(runs), "evaluate"))
+    figures = rows(
+        [
+            replace(first, held_out=joined([each.held_out for each in summaries[i::count]]))
+            for count in [len(settings)]
+            for i, first in enumerate(summaries[:count])
+        ]
+    )
     if plot is not None:
         draw_leads(plot, figures)
     if not is_stdout(json_file):

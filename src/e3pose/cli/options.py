@@ -43,6 +43,18 @@ Redetect = Annotated[
     ),
 ]
 
+HoldOut = Annotated[
+    tuple[str, ...],
+    Parameter(
+        negative="",
+        show_default=False,
+        help="Hold out a camera: it is never selected and gives nothing to the poses, and its "
+        "keypoints judge them; repeatable. `each` judges by every camera in turn, with one more "
+        "replay for each. Works without truth. Detectors err for seconds: compare such figures "
+        "with each other, on one recording.",
+    ),
+]
+
 
 @contextmanager
 def as_typed(names: Mapping[str, str], place: str = "") -> Iterator[None]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -17,6 +17,7 @@ from e3pose.cli.options import (
     OUTPUT,
     SMOOTHING,
     EnergyOptions,
+    HoldOut,
     LoopOptions,
     Redetect,
     as_typed,
@@ -32,6 +33,7 @@ from e3pose.cli.storing import StoreOptions, stored
 from e3pose.estimate.smooth.delayed import lag_slots
 from e3pose.evaluate.detect_again import open_pixels
 from e3pose.evaluate.figures import Summary, as_json
+from e3pose.evaluate.held_out import joined, judge, turns
 from e3pose.evaluate.poses_table import check_poses_path, write_poses
 from e3pose.evaluate.replay import replay as run_replay
 from e3pose.evaluate.smoothed import smooth_poses, smooth_records
@@ -44,8 +46,11 @@ from e3pose.settings.parts import warnings_of
 if TYPE_CHECKING:
     from e3pose.estimate.base import People, Posterior
     from e3pose.estimate.smooth import SmoothSettings
+    from e3pose.evaluate.detect_again import PixelViews
     from e3pose.model.slot_record import SlotRecord
     from e3pose.recording import Recording
+    from e3pose.settings.energy import EnergyPlan
+    from e3pose.settings.loop import ReplaySettings
 
 LOOP, ENERGY, FAULTS, STORE = LoopOptions(), EnergyOptions(), FaultOptions(), StoreOptions()
 SMOOTH = SmoothOptions()
@@ -122,6 +127,7 @@ def replay(
     smooth: SmoothOptions = SMOOTH,
     delay: Annotated[str | None, Parameter(group=SMOOTHING)] = None,
     detector: Redetect = None,
+    hold_out: HoldOut = (),
     outputs: OutputOptions = OUTPUTS,
 ) -> None:
     """Replay a recording through the live pipeline, which sees only the views it selects.
@@ -134,7 +140,8 @@ def replay(
     With `--smooth`, poses, report and figures also use all later slots, with `--delay 200ms` those
     of the next 200 ms, as an edge publishes them with the same option; the selection is unchanged.
 
-    The command prints accuracy (if the recording has truth), camera use and energy saved.
+    The command prints accuracy (if the recording has truth, or with `--hold-out`), camera use and
+    energy saved.
 
     Parameters
     ----------
@@ -154,9 +161,9 @@ def replay(
     delay_s = delay_of(delay, smoothing.method, asked.pipeline)
     smoothed = "--delay" if delay_s else "--smooth" if smoothing.method else None
     outputs.check(recording, store, smoothed)
-    source = faults.downsampled(load_placed(recording))
-    smoother = Smoother(source, smoothing, delay_s)
-    with as_typed(options_of(LoopOptions, EnergyOptions, more=("cameras", "policy", "detector"))):
+    whole = faults.downsampled(load_placed(recording))
+
+    def start(source: Recording) -> _Run:
         plan = energy.settings().plan(source.rig.camera_ids, source.interval_s, source.battery_wh)
         settings = replace(
             asked.for_rig(len(source.rig), plan),
@@ -166,10 +173,19 @@ def replay(
         feedback, read_view = settings.feedback, None
         if feedback or detector is not None:
             read_view = open_pixels(source, recording, detector, feedback=feedback)
-        replayed = run_replay(source, settings, publish=smoother.keep, read_view=read_view)
+        smoother = Smoother(source, smoothing, delay_s)
+        slots = run_replay(source, settings, publish=smoother.keep, read_view=read_view)
+        return _Run(source, plan, settings, read_view, smoother, slots)
+
+    more = ("cameras", "policy", "detector", "hold_out")
+    with as_typed(options_of(LoopOptions, EnergyOptions, more=more)):
+        (source, judges), *others = turns(whole, hold_out)
+        main = start(source)
+        left_out = [(start(rest), by) for rest, by in others if by is not None]
+    plan, settings, read_view = main.plan, main.settings, main.read_view
     run = f"replay {settings.row_name}"
-    slots = stored(replayed, store, source, run, plan.profiles, plan.idle_mode)
-    records = smoother.smoothed(list(track_progress(slots, source.num_slots, "replay")))
+    slots = stored(main.slots, store, source, run, plan.profiles, plan.idle_mode)
+    records = main.records("replay", slots)
     for words in warnings_of(source, settings):
         warn(words)  # beside the figures; an error before them is one line
     figures = summarise(
@@ -181,8 +197,33 @@ def replay(
         battery_wh=plan.battery_wh,
     )
     notes = () if read_view is None else (read_view.words(),)
-    summary = replace(figures, smooth=smoother.words, notes=(*figures.notes, *notes))
+    summary = replace(
+        figures,
+        smooth=main.smoother.words,
+        notes=(*figures.notes, *notes),
+        held_out=joined(
+            [judge(judges, records) if judges else None]
+            + [judge(by, each.records(f"without {by.rig.camera_ids[0]}")) for each, by in left_out]
+        ),
+    )
     outputs.write(source, records, summary, notes, store.file(), recording)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Run:
+    """A replay that has not begun."""
+
+    source: Recording
+    plan: EnergyPlan
+    settings: ReplaySettings
+    read_view: PixelViews | None
+    smoother: Smoother
+    slots: Iterator[SlotRecord]
+
+    def records(self, name: str, slots: Iterator[SlotRecord] | None = None) -> list[SlotRecord]:
+        """Run it, with progress under a name; `slots` are its own, passed through something."""
+        slots = self.slots if slots is None else slots
+        return self.smoother.smoothed(list(track_progress(slots, self.source.num_slots, name)))
 
 
 def delay_of(delay: str | None, method: str | None, pipeline: str) -> float:

@@ -14,6 +14,7 @@ import numpy as np
 from e3pose.energy.profiles import DeviceProfile, Mode
 from e3pose.energy.queues import DEFAULT_BATTERY_WH
 from e3pose.evaluate.figures import Summary, as_json
+from e3pose.evaluate.held_out import judge
 from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.evaluate.summary import summarise
 from e3pose.recording import Recording
@@ -62,6 +63,7 @@ def compare(
     battery_wh: float | Sequence[float] = DEFAULT_BATTERY_WH,
     jobs: int = -1,
     run: Replay = replay,
+    judges: Recording | None = None,
 ) -> Iterator[Summary]:
     """Replay under each of `settings` and yield their summaries in order, as they become ready.
 
@@ -73,6 +75,7 @@ def compare(
         battery_wh: capacity of the cameras' batteries, one for all or one for each.
         jobs: parallel processes; all processor cores if -1.
         run: replays a recording under settings.
+        judges: held-out cameras, which take no part (`evaluate.held_out`).
 
     Yields:
         One summary per entry of `settings`.
@@ -83,7 +86,7 @@ def compare(
     with parallel_config(backend="loky", n_jobs=jobs, inner_max_num_threads=1):
         with _interrupts_ignored():
             summaries = Parallel(return_as="generator", batch_size=1)(
-                delayed(_one)(recording, each, profile, idle_mode, battery_wh, run)
+                delayed(_one)(recording, each, profile, idle_mode, battery_wh, run, judges)
                 for each in settings
             )
         yield from summaries
@@ -145,13 +148,15 @@ def _one(
     idle_mode: Mode,
     battery_wh: float | Sequence[float],
     run: Replay,
+    judges: Recording | None,
 ) -> Summary:
     records = list(run(recording, settings))
     if settings.feedback:  # its looks take less than those that were measured
         recording = replace(recording, processor={})
-    return summarise(
+    summary = summarise(
         recording, settings, records, profile, idle_mode=idle_mode, battery_wh=battery_wh
     )
+    return summary if judges is None else replace(summary, held_out=judge(judges, records))
 
 
 def _averaged(figures: Sequence[Mapping[str, Any]]) -> dict[str, Any]:

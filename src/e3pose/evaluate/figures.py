@@ -52,6 +52,57 @@ class Accuracy:
 
 
 @dataclass(frozen=True, slots=True)
+class Distances:
+    """How far projected joints are from the keypoints of a held-out camera.
+
+    Attributes:
+        keypoints: how many are compared.
+        mean_px: in the image.
+        median_px: likewise.
+        mean_mm: across the ray, at the depth of the joint.
+        median_mm: likewise.
+    """
+
+    keypoints: int = 0
+    mean_px: float | None = None
+    median_px: float | None = None
+    mean_mm: float | None = None
+    median_mm: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class HeldOutCamera(Distances):
+    """What one held-out camera says, over the scored slots.
+
+    Attributes:
+        people: its detections that count.
+        missed_percent: those without a pose.
+        poses: that should be in its image.
+        unseen_percent: those without a detection: hidden from it, or nobody.
+        joints: distances by joint.
+    """
+
+    people: int = 0
+    missed_percent: float | None = None
+    poses: int = 0
+    unseen_percent: float | None = None
+    joints: Mapping[str, Distances] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class HeldOut:
+    """What all held-out cameras say.
+
+    Attributes:
+        cameras: by camera id.
+        mean: over them; counts are summed.
+    """
+
+    cameras: Mapping[str, HeldOutCamera]
+    mean: HeldOutCamera
+
+
+@dataclass(frozen=True, slots=True)
 class Expected:
     """What the estimator expects to be off, and whether it is right.
 
@@ -201,6 +252,7 @@ class Summary:
         smooth: how the poses were smoothed after the replay; None if they were not.
         notes: what a page should say beside, sentence by sentence.
         processor: of the cameras; None where it was not measured.
+        held_out: distances from the keypoints of held-out cameras, if any.
     """
 
     recording: str
@@ -218,6 +270,7 @@ class Summary:
     smooth: str | None = None
     notes: tuple[str, ...] = ()
     processor: Processor | None = None
+    held_out: HeldOut | None = None
 
 
 def as_json(summary: Summary, **more: Any) -> dict[str, Any]:
@@ -235,6 +288,8 @@ def as_json(summary: Summary, **more: Any) -> dict[str, Any]:
     if table.pop("smooth"):
         table["settings"]["smooth"] = summary.smooth
     notes = table.pop("notes")
+    if summary.held_out is None:
+        del table["held_out"]
     return {**table, **more, **({"notes": notes} if notes else {})}
 
 

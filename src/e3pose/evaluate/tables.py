@@ -11,7 +11,7 @@ from rich.table import Table
 from e3pose.base.quantities import plural
 from e3pose.evaluate.columns import print_tables, table_console
 from e3pose.evaluate.energy_figures import PAPER_SAVINGS
-from e3pose.evaluate.figures import Summary, as_json
+from e3pose.evaluate.figures import HeldOut, Summary, as_json
 from e3pose.evaluate.processor_figures import NOT_MEASURED, processor_words
 
 if TYPE_CHECKING:
@@ -36,6 +36,10 @@ COLUMNS: tuple[tuple[str, tuple[str, ...], int], ...] = (
     ("recall", ("metrics", "recall_500mm"), 3),
     ("ids", ("identities",), 1),
     ("switches", ("metrics", "id_switches"), 1),
+    ("held-out mm", ("held_out", "mean", "median_mm"), 1),
+    ("held-out px", ("held_out", "mean", "median_px"), 1),
+    ("missed %", ("held_out", "mean", "missed_percent"), 1),
+    ("unseen %", ("held_out", "mean", "unseen_percent"), 1),
     ("expected mm", ("expected", "error_mm"), 1),
     ("in 90 %", ("expected", "coverage_90"), 1),
     ("saving %", ("energy", "saving_percent"), 1),
@@ -47,6 +51,10 @@ ENERGY_TITLE = (
     "Energy saving of CPU, GPU, WiFi and memory, modelled for xavier-nx and tx2. x paper: relative "
     "to 3 of 5 cameras on the same profile; in power-saving this is (1 - duty) / 0.4 by "
     "construction. aggr.: idle cameras do not capture"
+)
+HELD_OUT_TITLE = (
+    "Distance from the keypoints of cameras that took no part (mm: across the ray). It includes "
+    "their own errors, which last: compare replays, not levels"
 )
 TELLING = 1.5  # how far keypoints may be off what the noise file states, unsaid
 TELLING_PX = 3.0  # of shifts that are worth a line
@@ -64,6 +72,10 @@ FIGURE_NAMES = {
     "recall": "recall within 500 mm",
     "ids": "track IDs assigned",
     "switches": "identity switches of labelled people",
+    "held-out mm": "median distance across the rays of held-out cameras, mm",
+    "held-out px": "median distance from the keypoints of held-out cameras, px",
+    "missed %": "people whom held-out cameras detect without a pose, %",
+    "unseen %": "poses in the image of held-out cameras without a detection, %",
     "expected mm": "expected joint error, mm",
     "in 90 %": "joints inside the 90 % confidence radius, %",
     "saving %": "energy saved (CPU, GPU, WiFi, memory), %",
@@ -138,10 +150,12 @@ def print_summary(summary: Summary, console: Console | None = None) -> None:
     figures.add_column(justify="right")
     table = as_json(summary)
     for heading, path, digits in COLUMNS:
-        value = _find(table, path)
+        value = None if path[0] == "held_out" else _find(table, path)  # a table of its own
         if value is not None:
             figures.add_row(FIGURE_NAMES.get(heading, heading), f"{value:.{digits}f}")
     console.print(figures)
+    if summary.held_out is not None:
+        print_held_out(summary.held_out, console)
     said = processor_words(summary.processor)
     for line in (said, *warmup_lines(summary), *noise_lines(summary)):
         console.print(line)
@@ -165,6 +179,26 @@ def print_summary(summary: Summary, console: Console | None = None) -> None:
             f"{figure.battery_hours:.2f}",
         )
     console.print(cameras)
+
+
+def print_held_out(held_out: HeldOut, console: Console) -> None:
+    """Print what every held-out camera says, and the mean of several."""
+    rows = dict(held_out.cameras)
+    if len(rows) > 1:
+        rows["mean"] = held_out.mean
+    columns = {
+        heading: [_number(getattr(row, name)) for row in rows.values()]
+        for heading, name in (
+            ("median mm", "median_mm"),
+            ("mean mm", "mean_mm"),
+            ("median px", "median_px"),
+            ("mean px", "mean_px"),
+            ("missed %", "missed_percent"),
+            ("unseen %", "unseen_percent"),
+            ("keypoints", "keypoints"),
+        )
+    }
+    print_tables(console, {"held-out camera": list(rows)}, columns, HELD_OUT_TITLE, apart=True)
 
 
 def warmup_lines(summary: Summary) -> list[str]:
@@ -198,6 +232,10 @@ def _find(figures: Mapping[str, Any], path: Sequence[str]) -> Any:
     for key in path:
         value = value.get(key) if isinstance(value, Mapping) else None
     return value
+
+
+def _number(value: Any) -> str:
+    return "-" if value is None else f"{value:.1f}" if isinstance(value, float) else str(value)
 
 
 def _cell(spread: Mapping[str, float] | None, digits: int) -> str:

@@ -99,12 +99,14 @@ def cards(
             found.append((f"{blind} of {len(records)}", "blind slots: no view arrived"))
     metrics, energy, slot_ms = summary.metrics, summary.energy, summary.stage_ms.get("slot")
     pcp = None if metrics.pcp is None else metrics.pcp.actors.get("average")
+    held_out = summary.held_out
     saved = "energy saved (processors, WiFi, memory; modelled)"
     for value, form, meaning in (
         (energy and energy.saving_percent, "{:.0f} %", saved),
         (pcp, "{:.1f} %", "PCP, correct limbs (actors 1-3)"),
         (metrics.mpjpe_mm, "{:.0f} mm", "mean joint error (MPJPE)"),
         (metrics.recall_500mm, "{:.3f}", "recall within 500 mm"),
+        (held_out and held_out.mean.median_mm, "{:.0f} mm", "from held-out cameras, median"),
         (slot_ms and slot_ms.median, "{:.2f} ms", "edge computing time per slot, median"),
     ):
         if value is not None:

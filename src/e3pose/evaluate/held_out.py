@@ -1,0 +1,197 @@
+"""Held-out cameras: judge poses by the keypoints of a camera that gave nothing to them. Pure.
+
+A smoother over the same keypoints shares their errors; a camera that took no part does not. Its own
+errors stay in the figures, and many of them last: compare differences between replays, not levels
+(`docs/how-to/choose-cameras.md`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, fields, replace
+from statistics import fmean
+from typing import Any, TypeVar
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from e3pose.base.arrays import Flags, Floats
+from e3pose.base.errors import InputError
+from e3pose.base.known import mean_of_known
+from e3pose.evaluate.figures import Distances, HeldOut, HeldOutCamera
+from e3pose.model.camera import Camera
+from e3pose.model.pose import Poses2D
+from e3pose.model.skeleton import Skeleton
+from e3pose.model.slot_record import SlotRecord
+from e3pose.recording import Recording, ViewSeries
+
+EACH = "each"
+MIN_CAMERAS = 2  # that are left to estimate from
+# definition: detectors guess the ankles of people who sit, and faces and toes are easy or unsure
+COMPARED = tuple(
+    f"{side}_{joint}"
+    for joint in ("shoulder", "elbow", "wrist", "hip", "knee")
+    for side in ("left", "right")
+)
+SURE_SCORE = 0.4  # definition: keypoints below it do not count
+LEAST_KEYPOINTS = 4  # definition: that count, of a detection that counts
+SAME_M = 0.5  # definition: mean distance beyond which a detection is of somebody else
+
+Figures = TypeVar("Figures", bound=Distances)
+Turn = tuple[Recording, Recording | None]
+
+
+def turns(recording: Recording, camera_ids: Sequence[str]) -> list[Turn]:
+    """Return what to replay, each with what judges it.
+
+    Args:
+        recording: of all cameras.
+        camera_ids: to hold out, all at once; `each` for one after the other. None if empty.
+
+    Returns:
+        The recording without the held-out cameras, and with nothing but these; with `each` first
+        the whole recording, without a judge, and then a pair for each camera.
+
+    Raises:
+        InputError: for unknown cameras, those without a keypoint and rigs that are too small.
+    """
+    ids = recording.rig.camera_ids
+    if not camera_ids:
+        return [(recording, None)]
+    if EACH in camera_ids:
+        if len(set(camera_ids)) > 1:
+            raise InputError("hold_out", f"{EACH} with other cameras", f"{EACH} alone")
+        whole: list[Turn] = [(recording, None)]
+        return whole + [turn for name in ids for turn in turns(recording, [name])]
+    for name in camera_ids:
+        if name not in ids:
+            raise InputError("hold_out", repr(name[:64]), f"one of {', '.join(ids)}, or {EACH}")
+        if not (recording.views[ids.index(name)].scores > SURE_SCORE).any():
+            wanted = f"a camera with keypoints of scores above {SURE_SCORE:g}"
+            raise InputError("hold_out", name, wanted)
+    left = [name for name in ids if name not in camera_ids]
+    if len(left) < MIN_CAMERAS:
+        found = f"{len(set(camera_ids))} of {len(ids)} cameras"
+        raise InputError("hold_out", found, f"at least {MIN_CAMERAS} cameras that are left")
+    return [(of_cameras(recording, left), of_cameras(recording, camera_ids))]
+
+
+def of_cameras(recording: Recording, camera_ids: Sequence[str]) -> Recording:
+    """Return the recording as if there were only some of its cameras, in the order of the rig."""
+    rows = [row for row, name in enumerate(recording.rig.camera_ids) if name in camera_ids]
+    by_camera: dict[str, Any] = {
+        item: {k: v for k, v in getattr(recording, item).items() if k in camera_ids}
+        for item in ("videos", "battery_wh", "dies_at_s", "processor")
+    }
+    views = tuple(recording.views[row] for row in rows)
+    return replace(recording, rig=recording.rig.subset(rows), views=views, **by_camera)
+
+
+def judge(judges: Recording, records: Sequence[SlotRecord]) -> HeldOut:
+    """Compare the poses of a replay with the keypoints of cameras that took no part in it.
+
+    In each scored slot poses and detections are paired one to one, at the smallest total of mean
+    distances over the joints of `COMPARED`, below `SAME_M` across the ray. Keypoints count above
+    `SURE_SCORE`. A pixel is worth its depth over the focal length.
+
+    Args:
+        judges: the held-out cameras alone, from `turns`.
+        records: of the replay without them.
+    """
+    first, stop = judges.scored_slots or (0, judges.num_slots)
+    scored = [record for record in records if first <= record.slot < stop]
+    return _of_all(
+        {
+            camera.camera_id: _one(camera, judges.skeleton, scored, series)
+            for camera, series in zip(judges.rig.cameras, judges.views, strict=True)
+        }
+    )
+
+
+def joined(found: Sequence[HeldOut | None]) -> HeldOut | None:
+    """Return what the judges of several replays say; None if there is none."""
+    cameras = {k: v for each in found if each is not None for k, v in each.cameras.items()}
+    return _of_all(cameras) if cameras else None
+
+
+def _one(
+    camera: Camera, skeleton: Skeleton, records: Sequence[SlotRecord], series: ViewSeries
+) -> HeldOutCamera:
+    rows = [row for row, name in enumerate(skeleton.joints) if name in COMPARED]
+    rows = rows if len(rows) >= LEAST_KEYPOINTS else list(range(len(skeleton)))
+    off = [np.zeros((0, len(skeleton), 2))]
+    people = poses = unseen = 0
+    for record in records:
+        view = series.view(record.slot)
+        if view is None:  # a lost view judges nobody
+            continue
+        joints_m = record.poses.joints_m
+        apart = _apart(camera, joints_m, view)  # (num_poses, num_detections, num_joints, 2)
+        mean_m = mean_of_known(apart[..., rows, 1], LEAST_KEYPOINTS, np.inf)
+        pairs = zip(*linear_sum_assignment(np.minimum(mean_m, 2 * SAME_M)), strict=True)
+        same = [pair for pair in pairs if mean_m[pair] < SAME_M]
+        off += [apart[pair][None] for pair in same]
+        counted = (view.scores[:, rows] > SURE_SCORE).sum(axis=-1) >= LEAST_KEYPOINTS
+        shown = _in_image(camera, joints_m[:, rows])
+        people, poses = people + int(counted.sum()), poses + int(shown.sum())
+        shown[[pose for pose, _ in same]] = False
+        unseen += int(shown.sum())
+    found = np.concatenate(off)
+    return HeldOutCamera(
+        **asdict(_distances(found[:, rows])),
+        people=people,
+        missed_percent=100 * (people - len(found)) / people if people else None,
+        poses=poses,
+        unseen_percent=100 * unseen / poses if poses else None,
+        joints={name: _distances(found[:, row]) for row, name in enumerate(skeleton.joints)},
+    )
+
+
+def _apart(camera: Camera, joints_m: Floats, view: Poses2D) -> Floats:
+    """Return `(num_poses, num_detections, num_joints, 2)` pixels and metres across the ray."""
+    sure = (view.scores > SURE_SCORE)[..., None]
+    keypoints_px = np.where(sure, view.keypoints_px, np.nan)
+    apart_px = np.linalg.norm(camera.project(joints_m)[:, None] - keypoints_px, axis=-1)
+    depth_m = joints_m @ camera.R[2] + camera.t[2]
+    focal_px = np.sqrt(camera.K[0, 0] * camera.K[1, 1])
+    return np.stack([apart_px, apart_px * depth_m[:, None] / focal_px], axis=-1)
+
+
+def _in_image(camera: Camera, joints_m: Floats) -> Flags:
+    """Return `(num_poses,)`: at least half of the joints are inside the image."""
+    pixels = camera.project(joints_m)  # NaN compares as outside
+    inside = ((pixels >= 0) & (pixels < camera.image_size)).all(axis=-1)
+    return np.asarray(2 * inside.sum(axis=-1) >= inside.shape[-1])
+
+
+def _distances(off: Floats) -> Distances:
+    """Return the figures of `(*batch, 2)` pixels and metres, NaN where a keypoint is missing."""
+    known = off[np.isfinite(off).all(axis=-1)]
+    if not len(known):
+        return Distances()
+    (mean_px, mean_m), (median_px, median_m) = known.mean(axis=0), np.median(known, axis=0)
+    return Distances(
+        len(known), float(mean_px), float(median_px), 1e3 * float(mean_m), 1e3 * float(median_m)
+    )
+
+
+def _of_all(cameras: Mapping[str, HeldOutCamera]) -> HeldOut:
+    """Return the cameras with the mean of all; a figure that one lacks is of the others."""
+    each = list(cameras.values())
+    names = {name: None for one in each for name in one.joints}
+    joints = {
+        name: _mean([one.joints[name] for one in each if name in one.joints]) for name in names
+    }
+    return HeldOut(cameras, replace(_mean(each), joints=joints))
+
+
+def _mean(each: Sequence[Figures]) -> Figures:
+    """Return the mean of every number; counts are summed."""
+    found: dict[str, Any] = {}
+    for item in fields(each[0]):
+        values = [getattr(one, item.name) for one in each]
+        known = [value for value in values if isinstance(value, int | float)]
+        counts = all(isinstance(value, int) for value in known)
+        if item.name != "joints":
+            found[item.name] = (sum(known) if counts else fmean(known)) if known else None
+    return replace(each[0], **found)

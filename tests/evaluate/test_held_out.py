@@ -1,0 +1,227 @@
+"""Judging by held-out cameras: known distances, pairs, what counts and what is refused."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from tests.cli.commands import run
+from tests.cli.one_person import one_person
+
+from e3pose.base.arrays import Floats
+from e3pose.base.errors import InputError
+from e3pose.evaluate.held_out import SURE_SCORE, joined, judge, of_cameras, turns
+from e3pose.model.pose import Poses3D
+from e3pose.recording import Recording, save_recording
+
+NUM_SLOTS = 25
+SCENE = one_person([0.2, 1.7, 3.4, 4.9], NUM_SLOTS)
+LIMBS = [5, 6, 7, 8, 9, 10, 11, 12, 13, 14]  # COCO-17: shoulders, elbows, wrists, hips, knees
+UP = np.array([0, 0, 0.05])
+
+
+def truth() -> Floats:
+    assert SCENE.truth is not None
+    return SCENE.truth.joints_m
+
+
+def records(people: Iterable[Floats]) -> list[Any]:
+    """Records of slots 0, 1 and so on, with `(num_poses, 17, 3)` metres each."""
+    return [
+        SimpleNamespace(slot=slot, poses=Poses3D(each, np.ones(each.shape[:2])))
+        for slot, each in enumerate(people)
+    ]
+
+
+def only(camera: str, scene: Recording = SCENE) -> Recording:
+    return of_cameras(scene, [camera])
+
+
+def with_series(camera: int, **changed: Any) -> Recording:
+    views = list(SCENE.views)
+    views[camera] = replace(views[camera], **changed)
+    return replace(SCENE, views=tuple(views))
+
+
+def test_distance_in_the_image_and_across_the_ray() -> None:
+    found = judge(only("c1"), records([people + UP for people in truth()])).cameras["c1"]
+    camera = SCENE.rig.cameras[1]
+    moved, still = truth()[:, 0] + UP, truth()[:, 0]
+    off_px = np.linalg.norm(camera.project(moved) - camera.project(still), axis=-1)
+    off_mm = 1000 * off_px * (moved @ camera.R[2] + camera.t[2]) / 900
+    assert found.mean_px == pytest.approx(off_px[:, LIMBS].mean())
+    assert found.median_px == pytest.approx(np.median(off_px[:, LIMBS]))
+    assert found.mean_mm == pytest.approx(off_mm[:, LIMBS].mean())
+    assert found.median_mm == pytest.approx(np.median(off_mm[:, LIMBS]))
+    assert 47 < off_mm.mean() <= 50  # seen nearly from the side
+    assert found.joints["nose"].mean_px == pytest.approx(off_px[:, 0].mean())
+    assert (found.keypoints, found.people, found.poses) == (NUM_SLOTS * 10, NUM_SLOTS, NUM_SLOTS)
+    assert (found.missed_percent, found.unseen_percent) == (0, 0)
+
+
+def test_people_without_a_partner_are_counted() -> None:
+    aside = truth()[0] + [0, 0, 0.9]
+    nobody = np.zeros((0, 17, 3))
+    found = judge(
+        only("c0"), records([truth()[0], nobody, aside, np.concatenate([truth()[3], aside])])
+    )
+    assert found.mean.people == 4
+    assert found.mean.missed_percent == 50
+    assert found.mean.poses == 4
+    assert found.mean.unseen_percent == 50
+    assert found.mean.mean_mm == pytest.approx(0, abs=1e-9)
+
+
+def test_pairs_are_one_to_one_with_the_least_total() -> None:
+    two = np.concatenate([truth()[0] + [0, 0, 0.1], truth()[0]])
+    found = judge(only("c0"), records([two])).mean
+    assert found.mean_mm == pytest.approx(0, abs=1e-9)
+    assert found.unseen_percent == 50
+
+
+def test_nobody_behind_the_camera_or_beside_the_image_is_unseen() -> None:
+    aside = [truth()[0] + shift for shift in ([0, 0, 30.0], [60.0, 20, 0])]
+    found = judge(only("c0"), records(aside)).mean
+    assert (found.poses, found.unseen_percent, found.missed_percent) == (0, None, 100)
+
+
+def test_keypoints_with_low_scores_do_not_count() -> None:
+    scores = SCENE.views[0].scores.copy()
+    scores[:, [9, 10]] = SURE_SCORE
+    wild = SCENE.views[0].keypoints_px.copy()
+    wild[:, [9, 10]] += 300
+    found = judge(
+        only("c0", with_series(0, scores=scores, keypoints_px=wild)), records(truth())
+    ).mean
+    assert found.keypoints == NUM_SLOTS * 8
+    assert found.mean_px == pytest.approx(0, abs=1e-9)
+    assert found.joints["left_wrist"].mean_px is None
+
+
+def test_a_lost_view_judges_nobody() -> None:
+    lost = only(
+        "c0",
+        with_series(
+            0,
+            slots=SCENE.views[0].slots[:3],
+            times_s=SCENE.views[0].times_s[:3],
+            starts=SCENE.views[0].starts[:4],
+            keypoints_px=SCENE.views[0].keypoints_px[:3],
+            scores=SCENE.views[0].scores[:3],
+        ),
+    )
+    assert judge(lost, records(truth())).mean.poses == 3
+
+
+def test_only_scored_slots_count() -> None:
+    scored = only("c0", replace(SCENE, scored_slots=(5, 9)))
+    assert judge(scored, records(truth())).mean.people == 4
+
+
+def test_mean_of_cameras_sums_counts() -> None:
+    off = [people + UP for people in truth()]
+    found = joined([judge(only(c), records(off)) for c in ("c0", "c1")] + [None])
+    assert found is not None
+    assert list(found.cameras) == ["c0", "c1"]
+    each: Any = [found.cameras[c].mean_mm for c in ("c0", "c1")]
+    assert found.mean.mean_mm == pytest.approx(np.mean(each))
+    nose: Any = [found.cameras[c].joints["nose"].mean_mm for c in ("c0", "c1")]
+    assert found.mean.joints["nose"].mean_mm == pytest.approx(np.mean(nose))
+    assert found.mean.keypoints == 2 * NUM_SLOTS * 10
+    assert joined([None]) is None
+
+
+@pytest.mark.parametrize(
+    ("cameras", "expected"),
+    [
+        (["c9"], "one of c0, c1, c2, c3, or each"),
+        (["each", "c1"], "each alone"),
+        (["c0", "c1", "c2"], "at least 2 cameras that are left"),
+    ],
+)
+def test_what_cannot_be_held_out_is_refused(cameras: list[str], expected: str) -> None:
+    with pytest.raises(InputError, match=expected):
+        turns(SCENE, cameras)
+
+
+def test_a_camera_without_keypoints_cannot_judge() -> None:
+    with pytest.raises(InputError, match="c2"):
+        turns(with_series(2, scores=np.zeros_like(SCENE.views[2].scores)), ["c2"])
+
+
+def test_each_takes_cameras_in_turn() -> None:
+    (whole, nobody), *others = turns(SCENE, ["each"])
+    assert whole is SCENE
+    assert nobody is None
+    left = [rest.rig.camera_ids for rest, _ in others]
+    assert left[1] == ("c0", "c2", "c3")
+    assert [by.rig.camera_ids for _, by in others if by is not None] == [
+        ("c0",),
+        ("c1",),
+        ("c2",),
+        ("c3",),
+    ]
+    with pytest.raises(InputError, match="2 cameras that are left"):
+        turns(of_cameras(SCENE, ["c0", "c1"]), ["each"])
+
+
+def replayed(
+    scene: Recording, folder: Path, *options: object, verb: str = "replay"
+) -> dict[str, Any]:
+    if not (folder / "recording").exists():
+        save_recording(scene, folder / "recording")
+    figures = folder / "figures.json"
+    words = ("-C", 2, "--pipeline", "paper", "--json", figures, *options)
+    assert run(verb, folder / "recording", *words) == 0
+    return dict(json.loads(figures.read_text()))
+
+
+def test_a_held_out_camera_gives_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its keypoints may say anything: the poses stay, to the last digit; its judgement follows."""
+    found = []
+    for name, shift_px in (("as it is", 0), ("lying", 40)):
+        folder = tmp_path / name
+        folder.mkdir()
+        scene = with_series(1, keypoints_px=SCENE.views[1].keypoints_px + shift_px)
+        poses = folder / "poses.csv"
+        figures = replayed(scene, folder, "--hold-out", "c1", "--poses", poses)
+        assert list(figures["selection"]["duty"]) == ["c0", "c2", "c3"]
+        found.append((figures["held_out"]["cameras"]["c1"], poses.read_text()))
+    (honest, first), (lying, second) = found
+    assert first == second
+    assert honest["mean_px"] < 1
+    assert lying["mean_px"] == pytest.approx(40 * 2**0.5, abs=1)
+    assert "held-out camera" in capsys.readouterr().out
+
+
+def test_each_of_replay_and_evaluate(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The figures of the rig are those without a judge; each camera judges the others."""
+    single = replayed(SCENE, tmp_path, "--hold-out", "c2", "--phase", 1, "--seed", 1)
+    each = replayed(SCENE, tmp_path, "--hold-out", "each", "--phase", 1, "--seed", 1)
+    plain = replayed(SCENE, tmp_path, "--phase", 1, "--seed", 1)
+    assert list(each["held_out"]["cameras"]) == ["c0", "c1", "c2", "c3"]
+    assert each["held_out"]["cameras"]["c2"] == single["held_out"]["cameras"]["c2"]
+    assert "held_out" not in plain
+    assert each["metrics"] == plain["metrics"]
+    options = ("--policies", "e3pose", "--hold-out", "each", "--seeds", 1, "--jobs", 1)
+    one = ("--phase", 1, "--seed", 1)
+    (row,) = replayed(SCENE, tmp_path, *options, *one, verb="evaluate")["rows"]
+    assert row["held_out"]["mean"]["median_mm"]["mean"] == pytest.approx(
+        each["held_out"]["mean"]["median_mm"]
+    )
+    assert "held-out mm" in capsys.readouterr().out
+
+
+def test_the_command_names_the_cameras(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    save_recording(SCENE, tmp_path / "recording")
+    for verb in ("replay", "evaluate"):
+        assert run(verb, tmp_path / "recording", "--hold-out", "cam7") == 2
+        assert "--hold-out: found 'cam7', expected one of c0, c1, c2, c3" in capsys.readouterr().err
