@@ -163,6 +163,7 @@ def live_site(
     record: bool = False,
     asleep: bool = False,
     keys_made: datetime.datetime | None = None,
+    more: Callable[[int], str] = lambda camera: "",
     change: Callable[[Program], None] = lambda program: None,
 ) -> Iterator[Site]:
     """Start a site and wait until its slots flow; end it at the end.
@@ -179,6 +180,7 @@ def live_site(
         spare: so many cameras, the last ones, have no program.
         record: whether the edge keeps the views of all cameras.
         asleep: whether cameras close their sources between orders, as soon as there is time.
+        more: lines of the site file on the camera of an index.
         keys_made: from when on the certificates are valid; None for now.
         change: called with each program before it starts.
     """
@@ -199,6 +201,8 @@ def live_site(
             file = file.replace("[[camera]]", '[[camera]]\nrecord = "keypoints"')
         if asleep:
             file = file.replace("[[camera]]", ASLEEP)
+        for index, camera_id in enumerate(recording.rig.camera_ids):
+            file = file.replace(f'id = "{camera_id}"', f'id = "{camera_id}"\n{more(index)}')
         path.write_text(file)
         site = resolve_site(path)
         command = [*edge_command(path), "--json-logs"]

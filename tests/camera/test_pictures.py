@@ -150,7 +150,7 @@ def test_camera_answers_only_where_it_is_allowed_to(allowed: bool) -> None:
     operator = hub.join()
 
     def seen() -> bool:
-        node._frames.put(_Seen(LiveFrame(0, (640, 480), lambda: IMAGE), 5, 0))
+        node._frames.put(_Seen(LiveFrame(0, (640, 480), lambda: IMAGE), 5, 0, 0, 10**8))
         answer = operator.ask("e3pose/lab/camera/cam1/picture", b"", 1.0)
         return answer is not None and decode(answer, Picture, "cam1").slot == 5
 

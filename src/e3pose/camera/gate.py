@@ -6,6 +6,7 @@ Not with the frame before: slow motion adds up until it shows.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -60,7 +61,13 @@ class Gate:
         self._small: NDArray[np.uint8] | None = None  # of the last look, and below what it found
         self._found, self._whole, self._looked_ns = Poses2D.empty(0), False, 0
 
-    def look(self, image: Any, expected: ExpectedView | None, captured_ns: int) -> Poses2D:
+    def look(
+        self,
+        image: Any,
+        expected: ExpectedView | None,
+        captured_ns: int,
+        begin: Callable[[], None] = lambda: None,
+    ) -> Poses2D:
         """Return who is in a frame: found now, or in the last look where it is unchanged since.
 
         A look at a part of the image says nothing of the rest: a look at all of it is taken.
@@ -69,14 +76,17 @@ class Gate:
             image: what the detector takes; one that is no RGB image always counts as changed.
             expected: people expected in it; None asks for the whole image.
             captured_ns: when it was taken, by the camera's clock.
+            begin: called before the network runs, if it does.
         """
         if not self._on or not isinstance(image, np.ndarray):
+            begin()
             return detect_expected(self.detector, image, expected)
         small, since_s = small_grey(image), (captured_ns - self._looked_ns) / 1e9
         before, covers = self._small, self._whole or expected is not None
         recent = covers and 0 < since_s <= MOST_UNCHANGED_S
         if recent and before is not None and is_unchanged(small, before):
             return replace(self._found, unchanged_s=since_s)
+        begin()
         self._found = detect_expected(self.detector, image, expected)
         self._small, self._looked_ns, self._whole = small, captured_ns, expected is None
         return self._found

@@ -12,8 +12,10 @@ from __future__ import annotations
 
 import random
 import threading
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 from e3pose.base.clock import Clock
@@ -31,6 +33,7 @@ from e3pose.camera.sleep import LEAST_SUSPEND_S, Suspend
 from e3pose.camera.status import CameraCounts, heartbeat_message, hello_message, view_message
 from e3pose.camera.video_recorder import VideoRecorder
 from e3pose.detectors.focus import uses_feedback
+from e3pose.energy.activity import ModeClock
 from e3pose.model.expected import ExpectedView
 from e3pose.wire import topics
 from e3pose.wire.clock_exchange import exchange_time
@@ -39,7 +42,11 @@ from e3pose.wire.messages import Activity, Heartbeat, Order, View
 from e3pose.wire.offset import OffsetEstimate, take_in
 from e3pose.wire.transport import Transport
 
-BEAT_NS = 500_000_000
+BEAT_NS = 450_000_000  # on average, without the wait for a slot
+# A heartbeat is made between two slots, as nobody knows how much of a look is drawn in the middle
+# of one, and not always after as many: in turns, each would hold the same share of looks.
+BEAT_SPREAD = 0.2
+SLOT_WAIT_S = 0.2  # at most, for the next slot to begin
 HELLO_EVERY = 4  # heartbeats
 REOPEN_S = 1.0  # after a source failed
 SOURCE_WAIT_NS = 100_000_000
@@ -52,6 +59,8 @@ class _Seen:
     frame: LiveFrame
     slot: int
     edge_ns: int
+    came_ns: int  # by the camera's clock
+    interval_ns: int
     expected: ExpectedView | None = None
 
 
@@ -70,6 +79,7 @@ class CameraNode:
         pictures: Pictures | None = None,
         recorder: VideoRecorder | None = None,
         suspend: Suspend | None = None,
+        modes: ModeClock | None = None,
     ) -> None:
         """Create a camera with a loaded detector.
 
@@ -79,11 +89,13 @@ class CameraNode:
             detector: its network.
             transport: how to reach the edge; the node closes it.
             clock: of this machine.
-            meter: the power fields of a heartbeat (`power_w`, `energy_j`, `measured`, ...).
+            meter: the power fields of a heartbeat (`power_w`, `energy_j`, `measured`, ...), and
+                those of the time in each mode, if it took them at the moment of its reading.
             report: called with messages for operators.
             pictures: sends operators small pictures; None refuses them.
             recorder: writes videos; the node closes it.
             suspend: suspends the machine while the camera sleeps; None for its program alone.
+            modes: counts what the camera does; None for one of its own.
         """
         self.pictures, self.recorder, self._suspend = pictures, recorder, suspend
         self.settings, self.source, self.detector = settings, source, detector
@@ -91,14 +103,17 @@ class CameraNode:
         self.session = random.SystemRandom().randrange(1, 2**53)
         self.schedule, self.offset, self.counts = Schedule(), OffsetEstimate(), CameraCounts()
         self.problem, self.edge_there = "", False
-        self.mode: Activity = "power-saving"
+        self.modes = modes or ModeClock(clock.now_ns)
         self._frames: Box[_Seen] = Box()
         self._views: Box[View] = Box()
         self._order = threading.Event()  # set by each order: a sleeping source may have to wake
         self._awake = threading.Event()  # cleared while nothing is to be sent
         self._awake.set()
+        self._slot_begins = threading.Event()  # cleared while a heartbeat waits for that
+        self._slot_begins.set()
+        self._spent: deque[dict[str, Any]] = deque(maxlen=1)  # when it did
         self._lock = threading.Lock()
-        self._processor, self._accounted_ns = ProcessorTime(), clock.now_ns()
+        self._processor = ProcessorTime()
         self._image_size: tuple[int, int] | None = None  # until the first frame
         self._rate, self._gate = FrameRate(), Gate(detector, settings.gate)
         self._newest = (0, -1)  # session of the edge and slot of the newest frame
@@ -133,7 +148,7 @@ class CameraNode:
         self.threads.stop()
         self._wake()
         self.threads.join(timeout_s=5.0)
-        self._beat(ends=True)  # so that it is not reported as lost
+        self._beat(self._measure(), ends=True)  # so that it is not reported as lost
         self.source.close()
         if self.recorder is not None:
             self.recorder.close()
@@ -145,10 +160,15 @@ class CameraNode:
 
     def _wake(self) -> None:
         """Let no thread wait any longer."""
-        for event in (self._order, self._awake):
+        for event in (self._order, self._awake, self._slot_begins):
             event.set()
         self._frames.close()
         self._views.close()
+
+    @property
+    def mode(self) -> Activity:
+        """What it does now."""
+        return self.modes.times().mode
 
     def edge_ns(self) -> int:
         """Return the estimated time of the edge."""
@@ -212,6 +232,7 @@ class CameraNode:
     def _open(self) -> bool:
         try:
             self.source.open()
+            self.modes.change("power-saving")
         except InputError as error:
             self._find(str(error)[:300])
             self.threads.stopping.wait(REOPEN_S)
@@ -240,7 +261,7 @@ class CameraNode:
         if alarm_ns is not None:
             self._sleep(alarm_ns)
             return
-        self.mode = "aggressive-power-saving"
+        self.modes.change("aggressive-power-saving")
         self._order.wait(SOURCE_WAIT_NS / 1e9)
         self._order.clear()
 
@@ -248,18 +269,18 @@ class CameraNode:
         """Say that it sleeps, sleep until the alarm or an order to wake, and set the clock."""
         seconds = (alarm_ns - self.edge_ns()) / 1e9
         suspend = self._suspend if seconds >= LEAST_SUSPEND_S else None
-        self._account("asleep" if suspend is None else "suspended")
+        self.modes.change("asleep" if suspend is None else "suspended")
         self._awake.clear()
-        self._beat()
+        self._beat(self._measure())
         if suspend is not None:
             if problem := suspend.run(int(seconds), self.threads.stopping):
                 self._report(f"{problem}; asleep without suspending")
-            self._account("asleep")
+            self.modes.change("asleep")
             self.offset = OffsetEstimate()  # what counts the time may have stood still
             self._exchange(until_known=True)
         while not self.threads.stopping.is_set() and (alarm_ns := self._alarm_ns() or 0):
             self.threads.stopping.wait(min((alarm_ns - self.edge_ns()) / 1e9, SLEEP_STEP_S))
-        self._account("power-saving")
+        self.modes.change("power-saving")
         self._exchange()
         self._awake.set()
 
@@ -287,40 +308,46 @@ class CameraNode:
         if slot is None:
             return
         self._newest = (schedule.session, slot)
+        active = schedule.is_active(slot)
+        if not self._slot_begins.is_set():
+            self._spent.append({**self._measure(), **({"mode": "active"} if active else {})})
+            self._slot_begins.set()
         if self.recorder is not None:
             frame = frame.shared()
             self.recorder.offer(frame, edge_ns, schedule.session, slot, schedule.times)
-        active = schedule.is_active(slot)
-        self.mode = "active" if active else "power-saving"
         if active:
-            self._frames.put(_Seen(frame, slot, edge_ns, schedule.expected.get(slot)))
+            times_ns = edge_ns, self.clock.now_ns(), schedule.times.interval_ns
+            self._frames.put(_Seen(frame, slot, *times_ns, schedule.expected.get(slot)))
 
     # Detecting.
 
     def _run_detect(self) -> None:
         warned, uses = False, uses_feedback(self.detector)
         while (seen := self._frames.take()) is not None:
-            begun_ns = self.clock.now_ns()
-            with self._processor.looking():
-                image, taken_ns = seen.frame.image(), seen.frame.captured_ns
-                poses = self._gate.look(image, seen.expected, taken_ns)
-            if self.pictures is not None:
-                self.pictures.offer(image, seen.slot, max(seen.edge_ns, 0), seen.frame.image_size)
-            done_ns = self.clock.now_ns()
-            looked = poses.unchanged_s <= 0
-            if not looked:
-                self._account("power-saving")
-            self.counts.unchanged += not looked
-            self.counts.detected += looked
-            self.counts.focused += looked and seen.expected is not None
+            self._look(seen)
             if seen.expected is not None and not uses and not warned:
                 name = self.settings.detector or "the detector"
                 self._report(f"feedback ignored: {name} detects in whole images only")
                 warned = True
-            times_ns = seen.edge_ns, done_ns - begun_ns, self.edge_ns()
-            error_ns = self.offset.offset.error_ns or 0
-            sender = self.settings.camera_id, self.session
-            self._views.put(view_message(*sender, seen.slot, poses, *times_ns, error_ns))
+
+    def _look(self, seen: _Seen) -> None:
+        """Pass on what is in a frame; a network that runs makes the slot an active one."""
+        begun_ns = self.clock.now_ns()
+        with self._processor.looking():
+            image, taken_ns = seen.frame.image(), seen.frame.captured_ns
+            begin = partial(self.modes.look, seen.came_ns, seen.interval_ns)
+            poses = self._gate.look(image, seen.expected, taken_ns, begin)
+        if self.pictures is not None:
+            self.pictures.offer(image, seen.slot, max(seen.edge_ns, 0), seen.frame.image_size)
+        done_ns = self.clock.now_ns()
+        looked = poses.unchanged_s <= 0
+        self.counts.unchanged += not looked
+        self.counts.detected += looked
+        self.counts.focused += looked and seen.expected is not None
+        times_ns = seen.edge_ns, done_ns - begun_ns, self.edge_ns()
+        error_ns = self.offset.offset.error_ns or 0
+        sender = self.settings.camera_id, self.session
+        self._views.put(view_message(*sender, seen.slot, poses, *times_ns, error_ns))
 
     # Sending.
 
@@ -341,23 +368,30 @@ class CameraNode:
                 hello = hello_message(self.settings, self.session, fps, self._image_size)
                 self.transport.publish(topic, encode(hello))
             self._exchange()
-            self._account(self.mode)
+            spent = self._spent_by_next_slot()
             if self._awake.is_set():  # what is said while it falls asleep would wake it again
-                self._beat()
+                self._beat(spent)
             count += self._image_size is not None  # the hello needs the image size
-            self.clock.wait(self.threads.stopping, self.clock.now_ns() + BEAT_NS)
+            pause_ns = round(BEAT_NS * random.uniform(1 - BEAT_SPREAD, 1 + BEAT_SPREAD))
+            self.clock.wait(self.threads.stopping, self.clock.now_ns() + pause_ns)
 
-    def _beat(self, ends: bool = False) -> None:
+    def _beat(self, spent: dict[str, Any], ends: bool = False) -> None:
         if self.offset.offset.error_ns is not None:
             topic = topics.of_camera(self.settings.site, self.settings.camera_id, "heartbeat")
-            self.transport.publish(topic, encode(self._heartbeat(ends)))
+            self.transport.publish(topic, encode(self._heartbeat(spent, ends)))
 
-    def _account(self, mode: Activity) -> None:
-        """Add the time since the last call to the present mode, and change to another."""
-        with self._lock:
-            now_ns = self.clock.now_ns()
-            self.counts.add_time(self.mode, now_ns - self._accounted_ns)
-            self.mode, self._accounted_ns = mode, now_ns
+    def _measure(self) -> dict[str, Any]:
+        """Return the fields of a heartbeat on time, power and energy, all of this moment."""
+        times = self.modes.times()
+        return {**times.fields(), **self._meter(times.mode)}
+
+    def _spent_by_next_slot(self) -> dict[str, Any]:
+        """Return what `_measure` says when the next slot begins; now if no frame comes."""
+        self._spent.clear()
+        self._slot_begins.clear()
+        self._slot_begins.wait(SLOT_WAIT_S)
+        self._slot_begins.set()
+        return self._spent.pop() if self._spent else self._measure()
 
     def _exchange(self, until_known: bool = False) -> None:
         """Ask the edge for the time, again and again until it is known if that is asked for."""
@@ -369,7 +403,7 @@ class CameraNode:
         if found is not None:
             self.offset = take_in(self.offset, found)
 
-    def _heartbeat(self, ends: bool) -> Heartbeat:
+    def _heartbeat(self, spent: dict[str, Any], ends: bool = False) -> Heartbeat:
         with self._lock:
             counts = replace(self.counts)
             counts.cpu_s, counts.look_cpu_s = self._processor.total_s, self._processor.look_s
@@ -377,12 +411,11 @@ class CameraNode:
         return heartbeat_message(
             self.settings.camera_id,
             self.session,
-            self.mode,
             counts,
             self.schedule,
             self.offset.offset,
             self.clock.now_ns(),
-            self._meter(self.mode),
+            spent,
             dropped=self._frames.dropped + self._views.dropped,
             problem=self.problem,
             ends=ends,

@@ -12,7 +12,7 @@ from e3pose.camera.schedule import Schedule
 from e3pose.model.pose import Poses2D
 from e3pose.wire.arrays import pack_poses
 from e3pose.wire.codec import one_line
-from e3pose.wire.messages import RESTING, Activity, Heartbeat, Hello, View
+from e3pose.wire.messages import RESTING, Heartbeat, Hello, View
 from e3pose.wire.offset import Offset
 
 
@@ -26,9 +26,6 @@ class CameraCounts:
         unchanged: frames in which nothing changed since the last look, so that it did not run.
         sent: views sent.
         focused: detected frames with an expected view.
-        active_ns: time in the mode `active`.
-        idle_ns: time in other modes, awake.
-        asleep_ns: time asleep or suspended.
         cpu_s: processor time of the program.
         look_cpu_s: part of it that looking took.
         margin_ns: least time from an order to its slot since the last heartbeat; None without one.
@@ -40,23 +37,10 @@ class CameraCounts:
     unchanged: int = 0
     sent: int = 0
     focused: int = 0
-    active_ns: int = 0
-    idle_ns: int = 0
-    asleep_ns: int = 0
     cpu_s: float = 0.0
     look_cpu_s: float = 0.0
     margin_ns: int | None = None
     delay_ns: int = 0
-
-    def add_time(self, mode: Activity, span_ns: int) -> None:
-        """Add the time that was spent in a mode; none where a clock was set back meanwhile."""
-        span_ns = max(span_ns, 0)
-        if mode in RESTING:
-            self.asleep_ns += span_ns
-        elif mode == "active":
-            self.active_ns += span_ns
-        else:
-            self.idle_ns += span_ns
 
 
 def hello_message(
@@ -124,12 +108,11 @@ def view_message(
 def heartbeat_message(
     camera_id: str,
     session: int,
-    mode: Activity,
     counts: CameraCounts,
     schedule: Schedule,
     offset: Offset,
     now_ns: int,
-    power: Mapping[str, Any],
+    spent: Mapping[str, Any],
     *,
     dropped: int,
     problem: str,
@@ -140,12 +123,11 @@ def heartbeat_message(
     Args:
         camera_id: of the camera.
         session: of its program.
-        mode: its mode.
         counts: its counters.
         schedule: its orders.
         offset: of its clock.
         now_ns: the time, by its own clock.
-        power: the power fields of the heartbeat.
+        spent: fields of the heartbeat: its mode, the time in each, power and energy.
         dropped: frames and views that a newer one replaced.
         problem: why it does not work; empty if it does.
         ends: whether its program is stopped.
@@ -155,7 +137,6 @@ def heartbeat_message(
         camera_id=camera_id,
         session=session,
         sent_edge_ns=max(edge_ns, 0),
-        mode=mode,
         captured=counts.captured,
         detected=counts.detected,
         sent=counts.sent,
@@ -166,16 +147,13 @@ def heartbeat_message(
         clock_offset_ns=edge_ns - now_ns,
         clock_drift_ppm=offset.drift_ppm,
         clock_error_ns=offset.error_ns or 0,
-        active_s=counts.active_ns / 1e9,
-        idle_s=counts.idle_ns / 1e9,
         problem=one_line(problem),
         order_delay_ns=max(counts.delay_ns, 0),
         ends=ends,
         focused=counts.focused,
-        asleep_until=schedule.asleep_until if mode in RESTING else 0,
-        asleep_s=counts.asleep_ns / 1e9,
+        asleep_until=schedule.asleep_until if spent["mode"] in RESTING else 0,
         cpu_s=counts.cpu_s,
         look_cpu_s=counts.look_cpu_s,
         unchanged=counts.unchanged,
-        **power,
+        **spent,
     )

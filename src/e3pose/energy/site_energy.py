@@ -51,12 +51,12 @@ class Beat(Protocol):
 
     @property
     def active_s(self) -> float:
-        """Seconds active since the start."""
+        """Slots with a look since the start, in seconds."""
         ...
 
     @property
     def idle_s(self) -> float:
-        """Seconds not active since the start."""
+        """Other seconds awake since the start."""
         ...
 
     @property

@@ -20,6 +20,7 @@ from e3pose.camera.turned import turned
 from e3pose.camera.video_recorder import VideoRecorder, VideoSettings
 from e3pose.detectors import make_detector
 from e3pose.detectors.base import Detector
+from e3pose.energy.activity import ModeClock
 from e3pose.energy.meters.charge_file import ChargeFile
 from e3pose.energy.meters.sampler import open_sampler
 from e3pose.energy.profiles import load_profile
@@ -165,12 +166,12 @@ def open_camera(
     log, clock = log or NO_LOG, clock or WallClock()
     link = link_of("camera", table.site, table.endpoint, table.keys, insecure=table.insecure)
     charge = open_charge_file(table, log.warning)
-    power = open_sampler(load_profile(table.profile), table.meter, table.battery_wh, charge)
+    profile, modes = load_profile(table.profile), ModeClock(clock.now_ns)
+    power = open_sampler(profile, modes, table.meter, table.battery_wh, charge)
     transport = open_network(link)
     with ExitStack() as stack:
         stack.callback(transport.close)
-        made = make_camera(table, transport, clock, log.warning, power, detector)
-        power.mode = lambda: made.mode
+        made = make_camera(table, transport, clock, log.warning, power, detector, modes)
         if (recorder := made.recorder) is not None:
             power.beside_j = lambda: recorder.spent_j
         stack.enter_context(power)
@@ -190,6 +191,7 @@ def make_camera(
     report: Callable[[str], Any],
     meter: Callable[[Any], dict[str, Any]],
     detector: Detector | None = None,
+    modes: ModeClock | None = None,
 ) -> CameraNode:
     """Return a camera, its network loaded and tried, not yet started.
 
@@ -200,6 +202,7 @@ def make_camera(
         report: called with messages for operators.
         meter: the power fields of its heartbeats.
         detector: in place of the one that the configuration names.
+        modes: what `meter` reads of what the camera does.
 
     Raises:
         InputError: when the source or the network cannot be used, or the machine not be suspended.
@@ -235,9 +238,8 @@ def make_camera(
             fields["recording_j"] = recorder.spent_j
         return fields
 
-    return CameraNode(
-        settings, source, finds, transport, clock, metered, report, pictures, recorder, suspend
-    )
+    more = pictures, recorder, suspend, modes
+    return CameraNode(settings, source, finds, transport, clock, metered, report, *more)
 
 
 def _recorder(node: NodeTable, report: Callable[[str], Any]) -> VideoRecorder | None:

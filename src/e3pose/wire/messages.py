@@ -97,7 +97,7 @@ class View(msgspec.Struct, array_like=True, frozen=True, tag="view"):
 
 
 class Heartbeat(msgspec.Struct, array_like=True, frozen=True, tag="heartbeat"):
-    """Status of a camera; twice a second, and when its mode changes.
+    """Status of a camera; about twice a second, between two slots, and when it falls asleep.
 
     Replaced by a newer one of the same camera.
 
@@ -117,10 +117,10 @@ class Heartbeat(msgspec.Struct, array_like=True, frozen=True, tag="heartbeat"):
         clock_drift_ppm: its drift, millionths.
         clock_error_ns: bound of its error.
         power_w: of the device now; None where unknown.
-        energy_j: since it started; None where unknown.
+        energy_j: since it started, at the moment of `active_s` and `idle_s`; None where unknown.
         measured: whether power and energy were measured; otherwise a model estimates them.
-        active_s: seconds it was active since it started.
-        idle_s: seconds it was not.
+        active_s: looks of the detector since it started times the length of a slot, seconds.
+        idle_s: other seconds awake.
         battery_j: remaining charge; None on mains or where unknown.
         charging_w: charging power of the battery.
         problem: why it does not work, for operators; empty if it does.

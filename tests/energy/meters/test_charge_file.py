@@ -8,8 +8,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from tests.manual_clock import ManualClock
 
 from e3pose.base.errors import InputError
+from e3pose.energy.activity import ModeClock
 from e3pose.energy.meters.base import Rail, Reading
 from e3pose.energy.meters.charge_file import ChargeFile, load_charge, save_charge
 from e3pose.energy.meters.sampler import PowerSampler
@@ -42,15 +44,15 @@ def written(**other: object) -> str:
 
 def camera_at_work(path: Path | None, seconds: float, folder: Path) -> tuple[float, list[str]]:
     """Run a camera's sampler; return the joules left by its last heartbeat, and its messages."""
-    now_s, messages = [0.0], list[str]()
+    clock, messages = ManualClock(), list[str]()
     charge = ChargeFile(path, "cam0", 1.0, messages.append)
     sampler = PowerSampler(
-        Steady(), root=folder, capacity_wh=1.0, clock_s=lambda: now_s[0], charge_file=charge
+        Steady(), ModeClock(clock.now_ns), folder, capacity_wh=1.0, charge_file=charge
     )
     with sampler:
         sampler.sample()
         for _ in range(round(seconds)):
-            now_s[0] += 1.0
+            clock.advance(1.0)
             sampler.sample()
         fields = sampler()
     assert fields["gauge"] is False
@@ -85,7 +87,8 @@ def test_gauge_is_believed_and_nothing_written(tmp_path: Path) -> None:
         (folder / name).write_text(content)
     path = tmp_path / "cam0.battery.json"
     charge = ChargeFile(path, "cam0", 1.0, lambda line: None)
-    with PowerSampler(Steady(), root=tmp_path, capacity_wh=1.0, charge_file=charge) as sampler:
+    modes = ModeClock(ManualClock().now_ns)
+    with PowerSampler(Steady(), modes, tmp_path, capacity_wh=1.0, charge_file=charge) as sampler:
         fields = sampler()
     assert (fields["gauge"], fields["battery_j"]) == (True, pytest.approx(WH / 2))
     assert not path.exists()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from pathlib import Path
 
 import pytest
@@ -15,8 +16,10 @@ from tests.energy.meters.trees import (
     lay_out,
     rapl,
 )
+from tests.manual_clock import ManualClock
 
 from e3pose.cli import main
+from e3pose.energy.activity import ModeClock
 from e3pose.energy.meters.base import Meter, MeterError
 from e3pose.energy.meters.battery import BatteryMeter, read_charge
 from e3pose.energy.meters.choose import choose_meter
@@ -179,12 +182,12 @@ def test_sampler_adds_up_watts_and_states_what_is_measured(tmp_path: Path) -> No
     lay_out(tmp_path, XAVIER_NX)
     lay_out(tmp_path, battery(status="Charging", energy_now=20_000_000, power_now=2_500_000))
     current = tmp_path / "sys/bus/i2c/drivers/ina3221/7-0040/hwmon/hwmon3/curr1_input"
-    now_s = [0.0]
+    clock = ManualClock()
     meter: Meter = choose_meter(GENERIC, tmp_path)
-    sampler = PowerSampler(meter, root=tmp_path, clock_s=lambda: now_s[0])
+    sampler = PowerSampler(meter, ModeClock(clock.now_ns), tmp_path)
     sampler.sample()
     for milliamps in (2000, 2000, 1000):  # 10, 10, 5 W
-        now_s[0] += 2.0
+        clock.advance(2.0)
         current.write_text(str(milliamps))
         sampler.sample()
     fields = sampler()
@@ -194,35 +197,35 @@ def test_sampler_adds_up_watts_and_states_what_is_measured(tmp_path: Path) -> No
     assert fields["measured"] is True
     assert fields["battery_j"] == pytest.approx(72_000)
     assert fields["charging_w"] == pytest.approx(2.5)
-    now_s[0] += 1.0
+    clock.advance(1.0)
     current.unlink()
     assert sampler()["measured"] is False
-    now_s[0] += 1.0
+    clock.advance(1.0)
     current.write_text("1000")
     assert sampler()["measured"] is True, "of the time since it was asked"
-    now_s[0] += 3600.0  # the machine slept
+    clock.advance(3600.0)  # the machine slept
     assert sampler()["energy_j"] < expected_j + 30
 
 
 def test_what_runs_beside_the_modes_is_added_to_models_alone(tmp_path: Path) -> None:
-    now_s, beside_j = [0.0], [0.0]
+    clock, beside_j = ManualClock(), [0.0]
     for measured in (False, True):
         if measured:
             lay_out(tmp_path, XAVIER_NX)
         meter: Meter = choose_meter(GENERIC, tmp_path)
-        sampler = PowerSampler(meter, root=tmp_path, clock_s=lambda: now_s[0])
+        sampler = PowerSampler(meter, ModeClock(clock.now_ns), tmp_path)
         sampler.beside_j = lambda: beside_j[0]
         before_j = float(sampler()["energy_j"])
-        now_s[0], beside_j[0] = now_s[0] + 1.0, beside_j[0] + 100.0
+        clock.advance(1.0)
+        beside_j[0] += 100.0
         fields = sampler()
         assert fields["measured"] is measured
         assert (float(fields["energy_j"]) - before_j > 100.0) is not measured
 
 
 def test_sampler_thread_adds_up_by_itself(tmp_path: Path) -> None:
-    import time
-
-    with PowerSampler(choose_meter(GENERIC, tmp_path), lambda: "active", tmp_path) as sampler:
+    modes = ModeClock(time.monotonic_ns)
+    with PowerSampler(choose_meter(GENERIC, tmp_path), modes, tmp_path) as sampler:
         begin_s = time.monotonic()
         while (energy_j := sampler.sample().energy_j) < 2.0:
             assert time.monotonic() - begin_s < 60

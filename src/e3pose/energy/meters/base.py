@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Protocol
 
 from e3pose.energy.profiles import Activity
@@ -39,6 +40,7 @@ class Reading:
         measured: False where a model says it.
         how: what was measured, or which model and why, for people.
         rails: by supply, as far as known.
+        by_mode: watts in each mode, where a model says them; empty where they are measured.
     """
 
     watts: float
@@ -46,6 +48,7 @@ class Reading:
     measured: bool
     how: str
     rails: tuple[Rail, ...] = ()
+    by_mode: Mapping[Activity, float] = field(default_factory=dict)
 
 
 class Meter(Protocol):

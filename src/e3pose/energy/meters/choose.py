@@ -6,11 +6,12 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+from e3pose.energy.activity import RESTING
 from e3pose.energy.meters.base import Meter, MeterError, Rail, Reading
 from e3pose.energy.meters.battery import BatteryMeter
 from e3pose.energy.meters.rails import RailMeter
 from e3pose.energy.meters.rapl import RaplMeter
-from e3pose.energy.profiles import Activity, DeviceProfile, modes_of
+from e3pose.energy.profiles import MODES, Activity, DeviceProfile
 
 ROOT = Path("/")
 
@@ -22,15 +23,17 @@ class ModelMeter:
         """Take a profile; `why` is why nothing is measured."""
         self._profile = profile
         self.how = f"modelled: profile {profile.name} ({why})"
+        self._watts: dict[Activity, float] = {mode: profile.watts(mode) for mode in MODES}
+        rests = {rest.name: rest.watts for rest in profile.rests}
+        for mode in RESTING:
+            self._watts[mode] = rests.get(mode, self._watts["aggressive-power-saving"])
 
     def read(self, mode: Activity) -> Reading:
         """See `Meter.read`."""
-        if mode == "asleep" or mode == "suspended":
-            rest = modes_of(self._profile).rest(mode)
-            watts = self._profile.watts("aggressive-power-saving") if rest is None else rest.watts
-            return Reading(watts, None, False, self.how)
-        rails = tuple(Rail(c.name, c.watts[mode], True) for c in self._profile.components)
-        return Reading(self._profile.watts(mode), None, False, self.how, rails)
+        rails: tuple[Rail, ...] = ()
+        if mode != "asleep" and mode != "suspended":  # which components do not know
+            rails = tuple(Rail(c.name, c.watts[mode], True) for c in self._profile.components)
+        return Reading(self._watts[mode], None, False, self.how, rails, self._watts)
 
 
 class FallingBackMeter:

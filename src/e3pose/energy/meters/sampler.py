@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import random
 import threading
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from e3pose.base.errors import InputError
+from e3pose.energy.activity import ModeClock, ModeTimes
 from e3pose.energy.meters.base import Meter, MeterError, Reading
 from e3pose.energy.meters.battery import Charge, read_charge
 from e3pose.energy.meters.charge_file import ChargeFile
@@ -17,7 +18,7 @@ from e3pose.energy.meters.choose import ModelMeter, choose_meter
 from e3pose.energy.meters.temperature import read_temperature_c
 from e3pose.energy.profiles import Activity, DeviceProfile
 
-PERIOD_S = 0.1  # a camera changes its mode with the slots: what is read seldom misses that
+PERIOD_S = 0.1  # on average: readings at equal distances would meet every slot at the same place
 CHARGE_PERIOD_S = 2.0  # gauges say something new every few seconds
 KEEP_S = 60.0  # at most so much of what was drawn is forgotten when the program is killed
 MAX_GAP_S = 5.0  # a longer one is a machine that slept, and drew nothing that we know of
@@ -33,7 +34,7 @@ class Total:
         watts: of the newest reading.
         measured: whether all of it since the last `restart_span` was measured.
         how: of the newest reading.
-        time_s: of the newest reading; None before the first.
+        times: of the newest reading: the time, and that in each mode; None before the first.
     """
 
     energy_j: float = 0.0
@@ -41,15 +42,23 @@ class Total:
     watts: float = 0.0
     measured: bool = True
     how: str = ""
-    time_s: float | None = None
+    times: ModeTimes | None = None
 
 
-def add_reading(total: Total, reading: Reading, time_s: float) -> Total:
-    """Add what was drawn since the reading before: counted, or the mean of both ends' watts."""
-    gap_s = 0.0 if total.time_s is None else time_s - total.time_s
+def add_reading(total: Total, reading: Reading, times: ModeTimes) -> Total:
+    """Add what was drawn since the reading before.
+
+    That is what a meter counted, what a model says of the time in each mode, or the mean of the
+    watts at both ends.
+    """
+    before = times if total.times is None else total.times
+    gap_s = (times.at_ns - before.at_ns) / 1e9
     gap_s = gap_s if 0 < gap_s <= MAX_GAP_S else 0.0
     if reading.energy_j is not None:
         spent_j = reading.energy_j if gap_s else 0.0
+    elif reading.by_mode:
+        passed_s = times.seconds_since(before)
+        spent_j = sum(reading.by_mode[mode] * passed_s[mode] for mode in passed_s)
     else:
         spent_j = 0.5 * (total.watts + reading.watts) * gap_s
     return Total(
@@ -58,46 +67,42 @@ def add_reading(total: Total, reading: Reading, time_s: float) -> Total:
         watts=reading.watts,
         measured=total.measured and reading.measured,
         how=reading.how,
-        time_s=time_s,
+        times=times,
     )
 
 
 class PowerSampler:
-    """Adds up what the device draws. Call it for the power fields of a heartbeat.
+    """Adds up what the device draws. Call it for the fields of a heartbeat on time and power.
 
     Attributes:
-        mode: what the camera does now, for meters that are models.
         beside_j: joules so far of what no mode has, such as recording video; models leave it out.
     """
 
     def __init__(
         self,
         meter: Meter,
-        mode: Callable[[], Activity] = lambda: "active",
+        modes: ModeClock,
         root: Path = Path("/"),
         capacity_wh: float | None = None,
-        clock_s: Callable[[], float] = time.monotonic,
         charge_file: ChargeFile | None = None,
     ) -> None:
         """Take a meter that never fails, such as that of `choose_meter`; starts with `with`.
 
         Args:
             meter: what is read.
-            mode: what the camera does now, for meters that are models.
+            modes: what the camera does, and the time.
             root: above `sys`, for the battery.
             capacity_wh: of the battery, for gauges that only know a percentage; where there is no
                 gauge it is taken to lose what is drawn.
-            clock_s: seconds.
             charge_file: what is in a battery without a gauge; full at the start by default.
         """
         if charge_file is None and capacity_wh is not None:
             charge_file = ChargeFile(None, "", capacity_wh, lambda line: None)
-        self._charge_file, self._keep_s = charge_file, clock_s()
-        self.mode = mode
+        self._charge_file, self._modes = charge_file, modes
+        self._keep_s = modes.times().at_ns / 1e9
         self.beside_j: Callable[[], float] = lambda: 0.0
         self._beside_j = 0.0
         self._meter, self._root, self._capacity_wh = meter, root, capacity_wh
-        self._clock_s = clock_s
         self._lock = threading.Lock()
         self._stop = threading.Event()
         self._total = Total()
@@ -118,36 +123,41 @@ class PowerSampler:
     def sample(self) -> Total:
         """Read the meter once and add it up."""
         with self._lock:
-            time_s = self._clock_s()
-            try:
-                reading = self._meter.read(self.mode())
-            except MeterError:  # a meter without a model behind it
-                return self._total
-            before_j, self._total = self._total.energy_j, add_reading(self._total, reading, time_s)
-            beside_j = self.beside_j()
-            if not reading.measured:
-                spent_j = self._total.energy_j + beside_j - self._beside_j
-                self._total = replace(self._total, energy_j=spent_j)
-            self._beside_j = beside_j
-            if self._charge_file is not None:
-                self._charge_file.spend(self._total.energy_j - before_j)
-            if time_s - self._charge_s >= CHARGE_PERIOD_S:
-                self._charge_s = time_s
-                self._temperature_c = read_temperature_c(self._root)
-                try:
-                    self._charge = read_charge(self._root, self._capacity_wh)
-                except MeterError:
-                    self._charge = None
+            return self._sample()
+
+    def _sample(self) -> Total:
+        times = self._modes.times()
+        try:
+            reading = self._meter.read(times.mode)
+        except MeterError:  # a meter without a model behind it
+            self._total = replace(self._total, times=times, measured=False)
             return self._total
+        before_j, self._total = self._total.energy_j, add_reading(self._total, reading, times)
+        beside_j = self.beside_j()
+        if not reading.measured:
+            spent_j = self._total.energy_j + beside_j - self._beside_j
+            self._total = replace(self._total, energy_j=spent_j)
+        self._beside_j = beside_j
+        if self._charge_file is not None:
+            self._charge_file.spend(self._total.energy_j - before_j)
+        if times.at_ns / 1e9 - self._charge_s >= CHARGE_PERIOD_S:
+            self._charge_s = times.at_ns / 1e9
+            self._temperature_c = read_temperature_c(self._root)
+            try:
+                self._charge = read_charge(self._root, self._capacity_wh)
+            except MeterError:
+                self._charge = None
+        return self._total
 
     def __call__(self, _mode: Activity | None = None) -> dict[str, Any]:
-        """Return the power fields of a heartbeat.
+        """Return the fields of a heartbeat on time and power, all of one moment.
 
-        These are `power_w`, `energy_j`, `measured`, `battery_j`, `charging_w`, `gauge` and
-        `temperature_c`. `measured` is of the time since it was asked for the last time.
+        These are `mode`, `active_s`, `idle_s`, `asleep_s`, `power_w`, `energy_j`, `measured`,
+        `battery_j`, `charging_w`, `gauge` and `temperature_c`. `measured` is of the time since it
+        was asked for the last time.
         """
-        total = self.sample()
         with self._lock:
+            total = self._sample()
             charge = None if self._charge is None else self._charge.energy_j
             charging_w = 0.0 if self._charge is None else self._charge.charging_w
             self._total = replace(self._total, measured=True)
@@ -155,9 +165,10 @@ class PowerSampler:
             if charge is None and self._charge_file is not None:
                 charge = self._charge_file.left_j
         return {
+            **(total.times or self._modes.times()).fields(),
             "power_w": total.watts,
             "energy_j": total.energy_j,
-            "measured": total.measured and total.time_s is not None,
+            "measured": total.measured and bool(total.how),
             "battery_j": charge,
             "charging_w": charging_w,
             "gauge": gauge,
@@ -165,19 +176,20 @@ class PowerSampler:
         }
 
     def _work(self) -> None:
-        while not self._stop.wait(PERIOD_S):
+        while not self._stop.wait(PERIOD_S * random.uniform(0.5, 1.5)):
             self.sample()
-            if self._clock_s() - self._keep_s >= KEEP_S:
+            if self._modes.times().at_ns / 1e9 - self._keep_s >= KEEP_S:
                 self._keep()
 
     def _keep(self) -> None:
-        self._keep_s = self._clock_s()
+        self._keep_s = self._modes.times().at_ns / 1e9
         if self._charge_file is not None and self._charge is None:
             self._charge_file.keep()
 
 
 def open_sampler(
     profile: DeviceProfile,
+    modes: ModeClock,
     how: str = "auto",
     capacity_wh: float | None = None,
     charge_file: ChargeFile | None = None,
@@ -186,6 +198,7 @@ def open_sampler(
 
     Args:
         profile: what the camera is taken to draw where nothing is measured.
+        modes: what the camera does, and the time.
         how: `auto` measures what can be, `model` nothing.
         capacity_wh: of the battery, for gauges that only know a percentage.
         charge_file: what is in a battery without a gauge; full at the start by default.
@@ -200,4 +213,4 @@ def open_sampler(
         if how == "auto"
         else ModelMeter(profile, "as asked for")
     )
-    return PowerSampler(meter, capacity_wh=capacity_wh, charge_file=charge_file)
+    return PowerSampler(meter, modes, capacity_wh=capacity_wh, charge_file=charge_file)

@@ -1,0 +1,163 @@
+"""Active time, energy and budgets, from frames of a camera to the edge's ledger, by a clock moved.
+
+Two minutes of a site pass in a second: cameras get frames and orders, look with a detector that
+notes when, and measure with a meter that knows what each look draws.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from tests.manual_clock import ManualClock
+from tests.memory_transport import Hub
+
+from e3pose.base.clock import SlotTimes
+from e3pose.camera.base import LiveFrame, LiveSource, NodeSettings
+from e3pose.camera.live import BEAT_NS, BEAT_SPREAD, CameraNode
+from e3pose.camera.schedule import Schedule
+from e3pose.edge.energy_ledger import EnergyLedger
+from e3pose.energy.activity import ModeClock
+from e3pose.energy.budgets import Budget
+from e3pose.energy.meters.base import Reading
+from e3pose.energy.meters.sampler import PowerSampler
+from e3pose.energy.profiles import load_profile
+from e3pose.model.pose import Poses2D
+from e3pose.select.policies.base import Policy
+from e3pose.select.policies.fixed import Random, RoundRobin
+
+pytestmark = pytest.mark.slow
+
+ACTIVE_W, IDLE_W = 8.0, 3.0
+JOINTS = tuple(map(str, range(17)))
+BEGIN_NS = 10**18
+
+
+@dataclass
+class Network:
+    """Finds nobody, and notes when it was run."""
+
+    clock: ManualClock
+    begun_ns: list[int] = field(default_factory=list)
+
+    def detect(self, image: Any) -> Poses2D:
+        self.begun_ns.append(self.clock.now_ns())
+        return Poses2D.empty(len(JOINTS))
+
+
+@dataclass
+class ExactMeter:
+    """Counts what idling draws, and what looks draw beyond it, each within `look_s`."""
+
+    network: Network
+    slot_s: float
+    look_s: float
+    counted_j: float = 0.0
+
+    def read(self, mode: object) -> Reading:
+        now_ns, begun_ns = self.network.clock.now_ns(), self.network.begun_ns
+        newest_s = (now_ns - np.array(begun_ns[-9:])) / 1e9
+        looks = len(begun_ns) - float(np.clip(1 - newest_s / self.look_s, 0, 1).sum())
+        total_j = IDLE_W * (now_ns - BEGIN_NS) / 1e9
+        total_j += (ACTIVE_W - IDLE_W) * self.slot_s * looks
+        spent_j, self.counted_j = total_j - self.counted_j, total_j
+        return Reading(0.0, spent_j, True, "measured: a test")
+
+
+class Site:
+    """Cameras with one frame a slot, and an edge that hears their heartbeats."""
+
+    def __init__(self, fps: float, cameras: int, look_share: float, gate: bool = False) -> None:
+        self.rng, self.clock, self.slot_s = np.random.default_rng(5), ManualClock(BEGIN_NS), 1 / fps
+        self.times = SlotTimes(BEGIN_NS + 10**9, round(1e9 / fps))
+        self.networks = [Network(self.clock) for _ in range(cameras)]
+        self.nodes = []
+        for index, network in enumerate(self.networks):
+            modes = ModeClock(self.clock.now_ns)
+            meter = PowerSampler(ExactMeter(network, 1 / fps, look_share / fps), modes)
+            settings = NodeSettings("lab", f"cam{index}", JOINTS, gate=gate)
+            source: LiveSource = SimpleNamespace(fps=fps)
+            transport = Hub().join()
+            self.nodes.append(
+                CameraNode(settings, source, network, transport, self.clock, meter, modes=modes)
+            )
+        self.due_ns = [BEGIN_NS] * cameras
+
+    def run(self, policy: Policy, ledger: EnergyLedger, slots: range, image: Any = None) -> None:
+        """Let slots pass; images are the same where one is given."""
+        online = np.ones(len(self.nodes), dtype=bool)
+        for slot in slots:
+            situation: Any = SimpleNamespace(slot=slot, online=online)
+            selected = policy.select(situation)
+            late_ns = np.sort(np.abs(self.rng.normal(0, 2e6, len(self.nodes)))).astype(int)
+            for camera in self.rng.permutation(len(self.nodes)):
+                now_ns = self.times.middle_ns(slot) + int(late_ns[camera])
+                self.clock.time_ns = max(now_ns, self.clock.time_ns)
+                self._frame(camera, slot, bool(selected[camera]), ledger, image)
+
+    def _frame(
+        self, camera: int, slot: int, active: bool, ledger: EnergyLedger, image: Any
+    ) -> None:
+        node, now_ns = self.nodes[camera], self.clock.now_ns()
+        due = now_ns >= self.due_ns[camera]
+        if due:  # what `_spent_by_next_slot` does on a thread of its own
+            node._slot_begins.clear()
+            spread = self.rng.uniform(1 - BEAT_SPREAD, 1 + BEAT_SPREAD)
+            self.due_ns[camera] = now_ns + round(BEAT_NS * spread)
+        node.schedule = Schedule(session=1, times=self.times, active={slot: active})
+        node._take(LiveFrame(now_ns, (640, 480), lambda: image))
+        if due:
+            ledger.take(node._heartbeat(node._spent.pop()))
+        if active:
+            seen = node._frames.take()
+            assert seen is not None and seen.slot == slot
+            node._look(seen)
+
+    def active_s(self, camera: int) -> float:
+        return float(self.nodes[camera].modes.times().fields()["active_s"])
+
+
+def make_ledger(site: Site, budgets: list[Budget], count: float) -> EnergyLedger:
+    names, profile = [node.settings.camera_id for node in site.nodes], load_profile("generic")
+    cameras = len(names)
+    return EnergyLedger(
+        names, [profile] * cameras, ["power-saving"] * cameras, budgets, site.slot_s, count,
+        site.clock.now_ns,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("look_share", [0.2, 0.9])
+@pytest.mark.parametrize("policy", [RoundRobin, Random])
+@pytest.mark.parametrize(("cameras", "count"), [(4, 1), (4, 2), (5, 2)])
+@pytest.mark.parametrize("fps", [25.0, 30.0])
+def test_exact_meter_is_learned_in_two_minutes_and_pays_for_what_budgets_say(
+    fps: float, cameras: int, count: int, policy: type[RoundRobin | Random], look_share: float
+) -> None:
+    site = Site(fps, cameras, look_share)
+    watts, share = Budget("watts", 4.5), Budget("duty", 0.3)
+    ledger = make_ledger(site, [watts, share] * (cameras // 2) + [watts] * (cameras % 2), count)
+    slots = round(120 * fps)
+    site.run(policy(count), ledger, range(slots))
+    estimate, _ = ledger.estimate()
+    for camera, (slot, network) in enumerate(zip(estimate.slots, site.networks, strict=True)):
+        looks = len(network.begun_ns)
+        assert looks == pytest.approx(slots * count / cameras, rel=0.1)
+        assert site.active_s(camera) == pytest.approx(looks * site.slot_s)
+        assert slot.measured
+        assert slot.active_j == pytest.approx(ACTIVE_W * site.slot_s, rel=0.03)
+        assert slot.idle_j == pytest.approx(IDLE_W * site.slot_s, rel=0.03)
+    np.testing.assert_allclose(estimate.budget, 0.3, atol=0.01)
+
+
+def test_slots_that_the_motion_gate_finds_unchanged_are_idle() -> None:
+    site = Site(25.0, 2, look_share=1.0, gate=True)
+    ledger = make_ledger(site, [Budget("duty", 1.0)] * 2, 1)
+    image = np.full((45, 80, 3), 90, np.uint8)
+    site.run(RoundRobin(1), ledger, range(500), image)
+    node = site.nodes[0]
+    assert node.counts.unchanged + node.counts.detected == 250
+    assert 0 < node.counts.detected < 50
+    assert site.active_s(0) == pytest.approx(node.counts.detected * 0.04)
