@@ -17,8 +17,9 @@ from tests.memory_transport import Hub
 
 from e3pose.base.clock import SlotTimes
 from e3pose.camera.base import LiveFrame, LiveSource, NodeSettings
-from e3pose.camera.live import BEAT_NS, BEAT_SPREAD, CameraNode
+from e3pose.camera.live import CameraNode
 from e3pose.camera.schedule import Schedule
+from e3pose.camera.spending import pause_ns
 from e3pose.edge.energy_ledger import EnergyLedger
 from e3pose.energy.activity import ModeClock
 from e3pose.energy.budgets import Budget
@@ -103,14 +104,13 @@ class Site:
     ) -> None:
         node, now_ns = self.nodes[camera], self.clock.now_ns()
         due = now_ns >= self.due_ns[camera]
-        if due:  # what `_spent_by_next_slot` does on a thread of its own
-            node._slot_begins.clear()
-            spread = self.rng.uniform(1 - BEAT_SPREAD, 1 + BEAT_SPREAD)
-            self.due_ns[camera] = now_ns + round(BEAT_NS * spread)
+        if due:  # what `by_next_slot` does on a thread of its own
+            node._spending.told.clear()
+            self.due_ns[camera] = now_ns + pause_ns(self.rng.random())
         node.schedule = Schedule(session=1, times=self.times, active={slot: active})
         node._take(LiveFrame(now_ns, (640, 480), lambda: image))
         if due:
-            ledger.take(node._heartbeat(node._spent.pop()))
+            ledger.take(node._heartbeat(node._spending._taken.pop()))
         if active:
             seen = node._frames.take()
             assert seen is not None and seen.slot == slot

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import random
 import threading
-from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
@@ -30,6 +29,7 @@ from e3pose.camera.pictures import Pictures
 from e3pose.camera.processor_time import ProcessorTime
 from e3pose.camera.schedule import Schedule, slot_of_frame, take_order
 from e3pose.camera.sleep import LEAST_SUSPEND_S, Suspend
+from e3pose.camera.spending import Spending, pause_ns
 from e3pose.camera.status import CameraCounts, heartbeat_message, hello_message, view_message
 from e3pose.camera.video_recorder import VideoRecorder
 from e3pose.detectors.focus import uses_feedback
@@ -42,11 +42,6 @@ from e3pose.wire.messages import Activity, Heartbeat, Order, View
 from e3pose.wire.offset import OffsetEstimate, take_in
 from e3pose.wire.transport import Transport
 
-BEAT_NS = 450_000_000  # on average, without the wait for a slot
-# A heartbeat is made between two slots, as nobody knows how much of a look is drawn in the middle
-# of one, and not always after as many: in turns, each would hold the same share of looks.
-BEAT_SPREAD = 0.2
-SLOT_WAIT_S = 0.2  # at most, for the next slot to begin
 HELLO_EVERY = 4  # heartbeats
 REOPEN_S = 1.0  # after a source failed
 SOURCE_WAIT_NS = 100_000_000
@@ -99,7 +94,7 @@ class CameraNode:
         """
         self.pictures, self.recorder, self._suspend = pictures, recorder, suspend
         self.settings, self.source, self.detector = settings, source, detector
-        self.transport, self.clock, self._meter, self._report = transport, clock, meter, report
+        self.transport, self.clock, self._report = transport, clock, report
         self.session = random.SystemRandom().randrange(1, 2**53)
         self.schedule, self.offset, self.counts = Schedule(), OffsetEstimate(), CameraCounts()
         self.problem, self.edge_there = "", False
@@ -109,9 +104,7 @@ class CameraNode:
         self._order = threading.Event()  # set by each order: a sleeping source may have to wake
         self._awake = threading.Event()  # cleared while nothing is to be sent
         self._awake.set()
-        self._slot_begins = threading.Event()  # cleared while a heartbeat waits for that
-        self._slot_begins.set()
-        self._spent: deque[dict[str, Any]] = deque(maxlen=1)  # when it did
+        self._spending = Spending(self.modes, meter)
         self._lock = threading.Lock()
         self._processor = ProcessorTime()
         self._image_size: tuple[int, int] | None = None  # until the first frame
@@ -148,7 +141,7 @@ class CameraNode:
         self.threads.stop()
         self._wake()
         self.threads.join(timeout_s=5.0)
-        self._beat(self._measure(), ends=True)  # so that it is not reported as lost
+        self._beat(self._spending.now(), ends=True)  # so that it is not reported as lost
         self.source.close()
         if self.recorder is not None:
             self.recorder.close()
@@ -160,7 +153,7 @@ class CameraNode:
 
     def _wake(self) -> None:
         """Let no thread wait any longer."""
-        for event in (self._order, self._awake, self._slot_begins):
+        for event in (self._order, self._awake, self._spending.told):
             event.set()
         self._frames.close()
         self._views.close()
@@ -271,7 +264,7 @@ class CameraNode:
         suspend = self._suspend if seconds >= LEAST_SUSPEND_S else None
         self.modes.change("asleep" if suspend is None else "suspended")
         self._awake.clear()
-        self._beat(self._measure())
+        self._beat(self._spending.now())
         if suspend is not None:
             if problem := suspend.run(int(seconds), self.threads.stopping):
                 self._report(f"{problem}; asleep without suspending")
@@ -309,9 +302,7 @@ class CameraNode:
             return
         self._newest = (schedule.session, slot)
         active = schedule.is_active(slot)
-        if not self._slot_begins.is_set():
-            self._spent.append({**self._measure(), **({"mode": "active"} if active else {})})
-            self._slot_begins.set()
+        self._spending.begin_slot(active)
         if self.recorder is not None:
             frame = frame.shared()
             self.recorder.offer(frame, edge_ns, schedule.session, slot, schedule.times)
@@ -368,30 +359,16 @@ class CameraNode:
                 hello = hello_message(self.settings, self.session, fps, self._image_size)
                 self.transport.publish(topic, encode(hello))
             self._exchange()
-            spent = self._spent_by_next_slot()
+            spent = self._spending.by_next_slot()
             if self._awake.is_set():  # what is said while it falls asleep would wake it again
                 self._beat(spent)
             count += self._image_size is not None  # the hello needs the image size
-            pause_ns = round(BEAT_NS * random.uniform(1 - BEAT_SPREAD, 1 + BEAT_SPREAD))
-            self.clock.wait(self.threads.stopping, self.clock.now_ns() + pause_ns)
+            self.clock.wait(self.threads.stopping, self.clock.now_ns() + pause_ns(random.random()))
 
     def _beat(self, spent: dict[str, Any], ends: bool = False) -> None:
         if self.offset.offset.error_ns is not None:
             topic = topics.of_camera(self.settings.site, self.settings.camera_id, "heartbeat")
             self.transport.publish(topic, encode(self._heartbeat(spent, ends)))
-
-    def _measure(self) -> dict[str, Any]:
-        """Return the fields of a heartbeat on time, power and energy, all of this moment."""
-        times = self.modes.times()
-        return {**times.fields(), **self._meter(times.mode)}
-
-    def _spent_by_next_slot(self) -> dict[str, Any]:
-        """Return what `_measure` says when the next slot begins; now if no frame comes."""
-        self._spent.clear()
-        self._slot_begins.clear()
-        self._slot_begins.wait(SLOT_WAIT_S)
-        self._slot_begins.set()
-        return self._spent.pop() if self._spent else self._measure()
 
     def _exchange(self, until_known: bool = False) -> None:
         """Ask the edge for the time, again and again until it is known if that is asked for."""
