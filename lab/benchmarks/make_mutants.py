@@ -34,12 +34,14 @@ class Mutant:
     """One change.
 
     Attributes:
+        package: in which it was drawn.
         path: the file, from the root of the project.
         line: the first line that is changed.
         operator: what cosmic-ray calls the change.
         source: the whole file with the change.
     """
 
+    package: str
     path: str
     line: int
     operator: str
@@ -110,14 +112,14 @@ def sample(root: Path, packages: list[str], count: int, seed: int) -> list[Mutan
             path, (line, _) = place
             changed = mutate_code((root / path).read_text(), get_operator(name)(), occurrence)
             if changed is not None:
-                mutants.append(Mutant(path, line, name.removeprefix("core/"), changed))
+                mutants.append(Mutant(package, path, line, name.removeprefix("core/"), changed))
     return mutants
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("root", type=Path, help="of the project")
-    parser.add_argument("packages", nargs="+", help="of e3pose, such as select or pipeline")
+    parser.add_argument("packages", nargs="+", help="of e3pose, such as select or edge/rests")
     parser.add_argument("--count", type=int, default=150, help="mutants in all")
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args()

@@ -194,6 +194,20 @@ def run_tests(words: list[str], plain: bool, *plugins: object) -> int:
     return int(pytest.main(["-q", "-p", "no:cacheprovider", "-m", MARKS, *words], [*plugins]))
 
 
+def own_tests(packages: list[str]) -> set[str]:
+    """Return the tests of packages and of the loop; of one file those of its name and importers."""
+    tests = {path: path.read_text() for path in Path("tests").rglob("test_*.py")}
+    found = set[Path]()
+    for package in packages:
+        home, module = Path("tests", package), f"e3pose.{package.replace('/', '.')}"
+        found |= {*home.parent.glob(f"test_{home.name}*.py")} | {*home.rglob("test_*.py")}
+        if "/" in package:
+            found |= {path for path, words in tests.items() if module in words}
+        else:
+            found |= {*Path("tests").glob("test_pipeline*.py")}
+    return {*map(str, found)}
+
+
 def measure(
     plain: bool, packages: list[str], out: Path
 ) -> tuple[dict[str, float], dict[str, dict[int, set[str]]]]:
@@ -202,17 +216,11 @@ def measure(
     Returns:
         Seconds of each test that passes, and the tests that run each line of each file.
     """
-    name = "plain" if plain else "-".join(packages)
+    name = "plain" if plain else "-".join(packages).replace("/", ".")
     data, times = out / f"lines-{name}", out / f"times-{name}.json"
     if not times.exists():
         watch = Stopwatch(PLAIN_TEST_S if plain else TEST_S)
-        own = [Path("tests", name) for name in packages if Path("tests", name).exists()]
-        files = [
-            path
-            for name in ("pipeline", *packages)
-            for path in Path("tests").glob(f"test_{name}*.py")
-        ]
-        tests = [*PLAIN_TESTS] if plain else sorted({*map(str, (*own, *files))})
+        tests = [*PLAIN_TESTS] if plain else sorted(own_tests(packages))
 
         def run() -> int:
             os.environ["COVERAGE_FILE"] = str(data)
@@ -324,7 +332,7 @@ def digest(root: Path) -> str:
 
 def report(rows: list[dict[str, Any]], packages: list[str]) -> None:
     """Print the score of each package and what survived."""
-    print(f"{'package':<10} mutants  killed  survived  no test  score")
+    print(f"{'package':<15} mutants  killed  survived  no test  score")
     for package in [*packages, "all"]:
         of_package = [row for row in rows if package in ("all", row["package"])]
         number = {
@@ -332,7 +340,7 @@ def report(rows: list[dict[str, Any]], packages: list[str]) -> None:
             for outcome in ("killed", "survived", "no test")
         }
         score = number["killed"] / max(len(of_package), 1)
-        print(f"{package:<10} {len(of_package):7}", end="")
+        print(f"{package:<15} {len(of_package):7}", end="")
         print(f" {number['killed']:7} {number['survived']:9} {number['no test']:8}  {score:5.0%}")
     for row in rows:
         if row["outcome"] != "killed":
@@ -342,7 +350,7 @@ def report(rows: list[dict[str, Any]], packages: list[str]) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("maker", type=Path, help="Python of an environment that has cosmic-ray")
-    parser.add_argument("packages", nargs="+", help="of e3pose, such as select or pipeline")
+    parser.add_argument("packages", nargs="+", help="of e3pose, such as select or edge/rests")
     parser.add_argument("--count", type=int, default=150, help="mutants in all")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--minutes", type=float, default=120.0, help="after which no mutant begins")
@@ -360,8 +368,7 @@ def main() -> None:
     # Packages in turn, so that a run that ends early has tried some of each.
     groups: dict[str, list[dict[str, Any]]] = {package: [] for package in options.packages}
     for mutant in mutants:
-        package = Path(mutant["path"]).relative_to("src/e3pose").with_suffix("").parts[0]
-        groups[package].append({**mutant, "package": package})
+        groups[mutant["package"]].append(mutant)
     turns = [(index, group) for group in groups.values() for index in range(len(group))]
     compiled = import_first(out / "tree")
     measured, rows = dict[bool, Any](), []

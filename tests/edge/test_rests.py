@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import count
+
 import numpy as np
 import pytest
 
@@ -162,6 +164,43 @@ def test_camera_that_once_woke_late_sleeps_again_some_time() -> None:
         rests.order(TIMES, np.array([0, until]), slot, LEAD, CAN)
         rests.heard(1, "cam1", beat("active"), TIMES.begin_ns(until) + S)
     assert rests.early_s(1) < 8.0 and rests.wakes[1].mean_s > 0.5
+
+
+def slept(rests: Rests, slot: int, wake_s: float, called: bool = False, session: int = 1) -> float:
+    """Let camera 1 sleep for half a minute; return by how much it came late.
+
+    Args:
+        rests: of the site.
+        slot: from which it sleeps.
+        wake_s: from its alarm until it is heard.
+        called: whether somebody calls it ten seconds after it fell asleep.
+        session: of the program that is heard afterwards; 1 fell asleep.
+    """
+    rests.order(TIMES, np.array([0, slot + 300]), slot, LEAD, CAN)
+    asleep_ns, due_ns = TIMES.begin_ns(slot) + S, TIMES.begin_ns(slot + 300 - LEAD)
+    late_s = wake_s - rests.early_s(1)
+    rests.heard(1, "cam1", beat("asleep"), asleep_ns)
+    heard_ns = asleep_ns + 10 * S if called else due_ns + round(late_s * S)
+    rests.heard(1, "cam1", beat("active", session), heard_ns)
+    return late_s
+
+
+def test_alarm_follows_what_a_camera_takes_to_wake_over_days() -> None:
+    """Calls before the alarm and new programs teach nothing; what slows it down does."""
+    rng, rests, slots = np.random.default_rng(5), Rests([0.5, 0.5]), count(0, 600)
+    for mean_s in (4.0, 1.0, 6.0):  # as installed, a faster network, a hot summer
+        late_s = []
+        for number in range(600):
+            late_s.append(slept(rests, next(slots), rng.normal(mean_s, 0.1 * mean_s)))
+            slept(rests, next(slots), mean_s, called=True)
+            if number % 5 == 0:
+                slept(rests, next(slots), 25.0, session=2)
+            if number >= 100:
+                wake = rests.wakes[1]
+                assert wake.mean_s == pytest.approx(mean_s, rel=0.15)
+                assert wake.early_s < 2 * mean_s, "it is not awake for nothing"
+        assert np.mean(np.array(late_s[100:]) > 0) < 0.1
+    assert rests.wakes[1].wakes == 3 * 600
 
 
 @pytest.mark.parametrize(

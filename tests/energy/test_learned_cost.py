@@ -94,6 +94,30 @@ def test_device_that_changes_is_followed() -> None:
     assert slot_cost(cost, 1.0).active_j == pytest.approx(9.0, rel=0.05)
 
 
+@pytest.mark.parametrize("mode", ["active", "idle"])
+def test_days_in_one_mode_leave_the_other_no_less_known_than_its_profile(mode: str) -> None:
+    """What is not measured is forgotten up to what a profile knows, and no beat moves it far."""
+    rng, truth = np.random.default_rng(2), np.array([ACTIVE_W, IDLE_W])
+    cost = fed(unlearned(PROFILE), 600)
+    prior_w = np.sqrt(np.diag(cost.prior))
+    usual = 1.0 if mode == "active" else 0.0
+    for hour in range(72):
+        # Now and then a camera does something else for a hundredth of a beat.
+        for share in (*[usual] * 30, abs(usual - 0.01)):
+            shares = np.array([share, 1 - share])
+            span_s = 120.0 if share == usual else 0.5
+            energy_j = span_s * (shares @ truth + 0.2 * rng.normal() / np.sqrt(2 * span_s))
+            cost = learn(cost, float(energy_j), *(span_s * shares).tolist())
+            sigma_w = np.sqrt(np.diag(cost.covariance))
+            assert (sigma_w <= prior_w * (1 + 1e-6)).all()
+            assert (np.abs(cost.watts - truth) < 3 * sigma_w + 0.02 * truth).all(), hour
+    assert not slot_cost(cost, SLOT_S).measured  # it is long ago
+    found = slot_cost(fed(cost, 240, seed=4), SLOT_S)  # two minutes of both
+    assert found.measured
+    assert found.active_j == pytest.approx(ACTIVE_W * SLOT_S, rel=0.05)
+    assert found.idle_j == pytest.approx(IDLE_W * SLOT_S, rel=0.05)
+
+
 @pytest.mark.parametrize(
     ("energy_j", "active_s", "idle_s"),
     [

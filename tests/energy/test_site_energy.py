@@ -40,21 +40,23 @@ def lived(
     charging_w: float = 0.0,
     session: int = 1,
     begin_s: float = 0.0,
+    beat_s: float = BEAT_S,
+    noise_w: float = 0.0,
 ) -> CameraEnergy:
-    """Return a camera after heartbeats of half a second with changing duty."""
+    """Return a camera after heartbeats with changing duty."""
     rng = np.random.default_rng(session)
     energy_j = active_s = idle_s = 0.0
     for number in range(beats):
         beat = Heartbeat(
-            camera_id="c", session=session, sent_edge_ns=round((begin_s + number * BEAT_S) * 1e9),
+            camera_id="c", session=session, sent_edge_ns=round((begin_s + number * beat_s) * 1e9),
             mode="active", energy_j=energy_j, measured=measured, active_s=active_s, idle_s=idle_s,
             battery_j=battery_j, charging_w=charging_w,
         )  # fmt: skip
         camera = observe(camera, beat)
         share = rng.uniform(0.1, 0.9)
-        active_s += share * BEAT_S
-        idle_s += (1 - share) * BEAT_S
-        energy_j += BEAT_S * (share * active_w + (1 - share) * idle_w)
+        active_s += share * beat_s
+        idle_s += (1 - share) * beat_s
+        energy_j += beat_s * (share * active_w + (1 - share) * idle_w + noise_w * rng.normal())
     return camera
 
 
@@ -98,6 +100,27 @@ def test_restarted_camera_goes_on_learning() -> None:
     camera = lived(lived(new_camera(PROFILE)), session=2, begin_s=400.0)
     assert camera.cost.spans == 2 * 599
     np.testing.assert_allclose(camera.cost.watts, [7.0, 3.0], rtol=0.02)
+
+
+def test_a_day_of_sleeping_leaves_the_idle_power_as_it_is() -> None:
+    """What is drawn asleep, 0.3 W, is part of a heartbeat's joules and of neither power."""
+    camera, rng = new_camera(PROFILE), np.random.default_rng(7)
+    now_s = energy_j = active_s = idle_s = asleep_s = 0.0
+    for number in range(24 * 600):
+        share, rest_s = rng.uniform(0.1, 0.9), float(number % 3 == 0) * rng.uniform(4, 12)
+        active_s += share * BEAT_S
+        idle_s += (1 - share) * BEAT_S
+        asleep_s += rest_s
+        now_s += BEAT_S + rest_s
+        drawn_w = share * 7.0 + (1 - share) * 3.0 + 0.2 * rng.normal()
+        energy_j += BEAT_S * drawn_w + 0.3 * rest_s
+        beat = Heartbeat(
+            "c", 1, round(now_s * 1e9), "active", energy_j=energy_j, measured=True,
+            active_s=active_s, idle_s=idle_s, asleep_s=asleep_s,
+        )  # fmt: skip
+        camera = observe(camera, beat)
+        if number > 600:
+            np.testing.assert_allclose(camera.cost.watts, [7.0, 3.0], rtol=0.03)
 
 
 def test_heartbeats_out_of_order_are_left_out() -> None:
@@ -240,6 +263,25 @@ def test_made_up_costs_do_not_change_the_price_of_others(times: float, liars: in
     relative = estimate.cost_j / estimate.cost_j.mean()
     np.testing.assert_allclose(relative[: 4 - liars], 1.0, rtol=0.05)
     np.testing.assert_allclose(estimate.budget[: 4 - liars], 0.5)
+
+
+def test_meters_that_drift_never_move_what_the_other_half_costs() -> None:
+    """Of two cameras one, of four two: in days their meters come to say five times as much."""
+    true = drifting = lived(new_camera(PROFILE))
+    for hour in range(1, 72):
+        times = 5.0 ** (hour / 72)
+        drifting = lived(
+            drifting, active_w=7.0 * times, idle_w=3.0 * times, beats=60, session=1 + hour,
+            begin_s=3600.0 * hour, beat_s=60.0, noise_w=0.1,
+        )  # fmt: skip
+        for half in (1, 2):
+            cameras = [*[drifting] * half, *[true] * half]
+            budgets = [Budget("duty", 0.5)] * len(cameras)
+            cost_j = estimate_energy(cameras, budgets, 0.04, 0.0, 1).cost_j
+            np.testing.assert_allclose(cost_j[half:], 0.16, rtol=0.03)
+            if not 1.7 < times < 2.3:
+                believed = times if times < 2 else 1.0
+                np.testing.assert_allclose(cost_j[:half], 0.16 * believed, rtol=0.1)
 
 
 def test_devices_that_all_differ_from_their_profile_are_believed() -> None:

@@ -87,7 +87,8 @@ def from_people(
             move, world = guess(placed) @ move, "guessed from level cameras"
             notes.append(f"{error}; the floor is guessed")
     if scale.share > 0.05:
-        notes.append("sizes may be 6 % off: pass --height, --distance or --limb")
+        off = f"sizes may be {100 * scale.share:.1g} % off"
+        notes.append(f"{off}: pass --height, --limb, or a --distance of metres")
     sigma = found.joints.sigma_px[:, found.solved.used]
     adjusted, placed = found.solved.adjusted, move.rig(rig)
     errors = camera_errors(placed, found, likely_rigs(found, recording.fps))
