@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
+from tests.manual_clock import ManualClock
 
 from e3pose.base.errors import InputError
 from e3pose.base.quantities import age_s, size_bytes
@@ -21,6 +24,7 @@ from e3pose.store import (
 )
 from e3pose.store.delivery import Delivery
 from e3pose.store.retention import BATCH_SLOTS
+from e3pose.store.rows import Row, slot_rows
 
 Records = Callable[..., SlotRecord]
 Runs = Callable[..., Run]
@@ -83,6 +87,55 @@ def test_runs_and_tracks_of_which_nothing_is_left_go(
     assert left.run.started_ns == later.started_ns
     assert {row["run_id"] for row in Store(path).rows("tracks")} == {left.run_id}
     assert len(Store(path).rows("slots")) == 50
+
+
+def test_tracks_are_those_of_the_slots_that_are_kept(
+    tmp_path: Path, record: Records, run: Runs
+) -> None:
+    """For half an hour somebody comes and somebody goes in each slot."""
+    path, kept_s, clock = tmp_path / "live.db", 300, ManualClock(STARTED_NS)
+    delivery, keep = Delivery(f"sqlite:///{path}"), Retention(max_age_s=kept_s)
+    for minute in range(30):
+        rows = list[Row]()
+        for slot in range(60 * minute, 60 * minute + 60):  # one a second
+            there = replace(record(slot, 3), track_ids=slot + np.array([0, 1, 500]))
+            rows += slot_rows(there, clock.now_ns())
+            clock.advance(1.0)
+        delivery.commit(rows, run())
+        delivery.trim(keep, clock.now_ns())
+        store, newest = Store(path), 60 * minute + 59
+        first = max(newest + 1 - kept_s, 0)
+        assert [row["slot"] for row in store.rows("slots")] == [*range(first, newest + 1)]
+        seen = {
+            track for slot in range(first, newest + 1) for track in (slot, slot + 1, slot + 500)
+        }
+        assert {row["track_id"] for row in store.rows("tracks")} == seen
+    delivery.close()
+
+
+def test_file_gives_back_the_room_of_what_is_no_longer_kept(
+    tmp_path: Path, record: Records, run: Runs
+) -> None:
+    """Whoever keeps an hour in place of a year gets the disk back, a little with each commit."""
+    path = tmp_path / "live.db"
+    delivery = Delivery(f"sqlite:///{path}")
+    pose = next(row for table, row in slot_rows(record(0), STARTED_NS) if table == "poses")
+    large = {**pose, "sigma_m": bytes(2**20)}
+    delivery.commit([("poses", {**large, "track_id": track}) for track in range(40)], run())
+    later_ns = STARTED_NS + 4000 * NS
+    for slot, time_ns in enumerate((STARTED_NS, later_ns)):
+        delivery.commit(slot_rows(record(slot), time_ns), run())
+    delivery.close()
+    sizes = [path.stat().st_size]
+    for _ in range(30):
+        delivery.trim(Retention(max_age_s=3600.0), later_ns)
+        delivery.close()  # the log reaches the file
+        sizes.append(path.stat().st_size)
+    assert sizes[0] > 40 * 2**20
+    assert -np.diff(sizes).min() < 4 * 2**20, "no commit waits for all of it"
+    spare = 17 * 2**20  # for the next slots
+    assert sizes[-1] < spare
+    assert sizes[-1] == sizes[-10] > spare / 2
 
 
 def test_size_is_kept_by_a_running_writer(tmp_path: Path, record: Records, run: Runs) -> None:

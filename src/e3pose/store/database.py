@@ -38,8 +38,9 @@ CHECKED_BYTES = 64 * 2**20  # larger databases would keep a start waiting for th
 # What SQLite says of a file whose content is wrong, in place of a disk or a lock that is.
 CORRUPT, NOT_A_DATABASE = 11, 26  # its error codes
 DAMAGE = ("malformed", "not a database")
-# What a database says when it is used; the second where it quotes what is damaged.
-REFUSALS = (DBAPIError, UnicodeDecodeError)
+# What a database says when it is used: the second to scripts, the third where it quotes what is
+# damaged.
+REFUSALS = (DBAPIError, sqlite3.Error, UnicodeDecodeError)
 
 
 def database_url(store: str | Path) -> str:

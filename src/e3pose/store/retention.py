@@ -53,7 +53,8 @@ def give_back(connection: Connection) -> None:
     free = connection.execute(text("PRAGMA freelist_count")).scalar_one()
     # What retention frees the next slots need again: only more than that is worth returning.
     if free > 8 * VACUUM_PAGES:
-        connection.execute(text(f"PRAGMA incremental_vacuum({VACUUM_PAGES})")).fetchall()
+        # As a script: a statement ends after one page, as it returns no rows to ask for.
+        connection.connection.executescript(f"PRAGMA incremental_vacuum({VACUUM_PAGES})")
 
 
 def _remove(connection: Connection, before_ns: int) -> int:
