@@ -7,8 +7,10 @@ import signal
 import sqlite3
 import subprocess
 import sys
+from itertools import count
 from pathlib import Path
 
+import numpy as np
 import pytest
 from sqlalchemy import text
 from tests.cli.commands import run as run_verb
@@ -146,6 +148,36 @@ def test_minute_in_which_a_writer_was_killed_is_summed_up_by_the_next(
     found = read_outbox(path, "hall").summaries
     assert [row["slots"] for row in found] == [60, 35]
     assert found[1]["time_ns"] == MINUTE + MINUTE_NS and found[1]["people"] == 2.0
+
+
+def test_minutes_of_programs_that_are_killed_are_as_long_as_these_ran(
+    tmp_path: Path, record: Records, run: Runs
+) -> None:
+    """In hours of crashes nothing is summed up twice or lost, and no time while nothing ran."""
+    rng, wall, slot, lives = np.random.default_rng(4), Wall(MINUTE), count(), 15
+    path, ran_s = tmp_path / "hall.db", 0
+    for life in range(lives):
+        wall.now_ns += round(rng.uniform(70, 400)) * NS
+        with StoreWriter(path, run(), SUMMING, wall_ns=wall) as writer:
+            writer.flush()
+            seconds = round(rng.uniform(10, 200)) + 100 * (life == 0)
+            for second in range(seconds + 1):
+                wall.now_ns += NS * (second > 0)
+                writer.append(record(next(slot), 1), time_ns=wall.now_ns, wait=True)
+                if second % 4 == 0 or second == seconds:  # rows come within the grace
+                    writer.flush()
+            ran_s += seconds
+            writer._minutes = None  # killed: its last minute is not summed up
+    wall.now_ns += 100 * NS
+    with StoreWriter(path, run(), SUMMING, wall_ns=wall) as writer:
+        writer.flush()
+    found = read_outbox(path, "hall").summaries
+    begin_s = np.array([row["time_ns"] / NS for row in found])
+    span_s = np.array([row["span_s"] for row in found])
+    assert (np.diff(begin_s) >= span_s[:-1]).all() and span_s.max() == 60.0
+    # A single slot after the last minute has no length, and is left out.
+    assert 0 <= next(slot) - sum(row["slots"] for row in found) <= lives
+    assert ran_s - 2 * lives < span_s.sum() <= ran_s
 
 
 def test_full_disk_delays_summaries_and_loses_none(

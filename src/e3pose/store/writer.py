@@ -265,9 +265,9 @@ class StoreWriter:
 
     def _work(self) -> None:
         show_thread_name()
-        stopping = False
+        stopping, summaries = False, list[Row]()
         if self._minutes is not None:
-            self._sum_up(self._saver.unsummed(self._minutes.begun_ns))
+            summaries = self._sum_up(self._saver.unsummed(self._minutes.begun_ns))
         while not stopping:
             if len(self._items) < self.settings.commit_slots:
                 self._wake.wait(self.settings.commit_s)
@@ -275,7 +275,7 @@ class StoreWriter:
             # Asked before taking: whatever was handed over by then is still taken.
             stopping = self._stop.is_set() and len(self._items) <= self.settings.commit_slots
             rows, slots, waiting = self._gather()
-            rows += self._sum_up(rows, stopping)
+            rows, summaries = rows + summaries + self._sum_up(rows, stopping), []
             try:
                 self._saver.save(rows, *slots)
                 self._saver.keep_house(self.settings.retention, self._wall_ns())
