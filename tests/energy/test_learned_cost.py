@@ -88,10 +88,19 @@ def test_camera_that_never_changes_stays_modelled(duty: tuple[float, float]) -> 
     assert np.isfinite(cost.active_sigma_j)
 
 
-def test_device_that_changes_is_followed() -> None:
-    cost = fed(unlearned(PROFILE), 1000)
-    cost = fed(cost, 7200, active_w=9.0, idle_w=3.1, seed=1)  # an hour later
-    assert slot_cost(cost, 1.0).active_j == pytest.approx(9.0, rel=0.05)
+@pytest.mark.parametrize("noise_w", [0.0, 0.2])
+@pytest.mark.parametrize("times", [0.5, 1.12, 2.0])
+def test_device_that_changes_is_followed_within_minutes(times: float, noise_w: float) -> None:
+    """However well its power before was known."""
+    cost = fed(unlearned(PROFILE), 7200, noise_w=noise_w)  # an hour
+    active_w, idle_w = times * ACTIVE_W, times * IDLE_W
+    cost = fed(cost, 720, active_w=active_w, idle_w=idle_w, noise_w=noise_w, seed=1)
+    for _ in range(10):  # six minutes later it is known, and stays so
+        found = slot_cost(cost, 1.0)
+        assert found.measured
+        assert found.active_j == pytest.approx(active_w, rel=0.05)
+        assert found.idle_j == pytest.approx(idle_w, rel=0.05)
+        cost = fed(cost, 60, active_w=active_w, idle_w=idle_w, noise_w=noise_w, seed=2)
 
 
 @pytest.mark.parametrize("mode", ["active", "idle"])
