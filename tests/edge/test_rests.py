@@ -59,6 +59,7 @@ def test_camera_asleep_is_expected_back_when_its_next_order_is_made() -> None:
     asleep = state("asleep", 2 * S)
     assert rests.left_s(1, asleep, 4 * S) == pytest.approx((DUE_NS - 4 * S) / S)
     assert rests.words(1, asleep, 4 * S).startswith("asleep for 6 s")
+    assert rests.words(1, asleep, DUE_NS + S) == "asleep for 0 s"  # it may still speak
     assert rests.words(1, asleep, DUE_NS + 5 * S) == "overslept by 5 s"
     assert rests.words(0, asleep, 4 * S) == ""  # nobody told that one
 
