@@ -12,7 +12,7 @@ export E3POSE_SHARED ?= $(abspath ../shared)
 endif
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help demo test test-computing test-sites test-fast coverage check docs lint reproduce-quick bench budget mutants soak attack dist lock sbom licences test-all clean
+.PHONY: help demo test test-computing test-sites test-fast coverage check docs lint reproduce-quick bench budget claims claims-all mutants soak attack dist lock sbom licences test-all clean
 help:  ## list the targets
 	@echo 'make TARGET; each needs only Python 3.10 to 3.13 ($(PYTHON), or PYTHON=...):'
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/; s/^/  /' | expand -t 12
@@ -117,6 +117,13 @@ bench: $(VENV)/.all  ## run the speed benchmarks, and calibration beside other p
 
 budget: $(VENV)/.dev  ## what programs and verbs cost; fails over a limit of lab/benchmarks/budget.toml
 	$(BIN)/python lab/benchmarks/budget.py
+
+# Those that need recordings which are not there are left out, and named.
+claims: $(VENV)/.dev  ## repeat the quick figures of README and research pages; fails outside their spread
+	$(BIN)/python lab/benchmarks/claims.py
+
+claims-all: $(VENV)/.dev  ## repeat all marked figures, which takes hours, and write the day; CLAIMS="shelf ring": those
+	$(BIN)/python lab/benchmarks/claims.py $(or $(CLAIMS),--all) --write
 
 # cosmic-ray makes the mutants in an environment of its own. The tests run in the usual one, on a copy.
 # `make mutants PACKAGES=wire MUTANTS=40 SEED=2 MINUTES=20`
