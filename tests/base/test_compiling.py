@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
-import pytest
+from types import SimpleNamespace
+from typing import Any
 
-from e3pose.base.compiling import left_s, words
+import pytest
+from tests.manual_clock import ManualClock
+
+from e3pose.base.compiling import Compiling, left_s, words
 
 
 @pytest.mark.parametrize(
@@ -21,3 +25,24 @@ def test_rest_is_told_in_steps_of_five_seconds() -> None:
     assert words(None) == "compiling for this machine, once"
     assert words(41.3) == "compiling: 40 s left"
     assert words(0.2) == "compiling: 5 s left"
+
+
+def test_work_between_two_kernels_does_not_count() -> None:
+    clock = ManualClock()
+    compiling = Compiling(lambda: clock.time_ns / 1e9)
+    kernels = [lambda: 1, lambda: 2, lambda: 3, lambda: 4]
+    for kernel in kernels:
+        compiling.expect(kernel)
+
+    def compile_one(kernel: Any) -> None:
+        about = {"dispatcher": SimpleNamespace(py_func=kernel)}
+        compiling.notify(SimpleNamespace(data=about, is_end=False))
+        clock.advance(10.0)
+        compiling.notify(SimpleNamespace(data=about, is_end=True))
+
+    compile_one(kernels[0])
+    assert compiling.left_s() == pytest.approx(30.0)
+    clock.advance(3600.0)  # of replays, which need no other kernel
+    assert compiling.left_s() == pytest.approx(30.0)
+    compile_one(kernels[1])
+    assert compiling.left_s() == pytest.approx(20.0)

@@ -20,7 +20,7 @@ def left_s(done: float, total: float, spent_s: float) -> float | None:
     Args:
         done: work done, in any unit.
         total: all of it.
-        spent_s: seconds that it took.
+        spent_s: seconds that it took, without what else was done between.
     """
     if total <= 0 or done < SHOWN_FROM * total:
         return None
@@ -35,12 +35,18 @@ def words(rest_s: float | None) -> str:
 
 
 class Compiling:
-    """Follows what is compiled in this process; `dispatcher` makes numba tell it."""
+    """Follows what is compiled in this process; `dispatcher` makes numba tell it.
 
-    def __init__(self) -> None:
+    Args:
+        clock: seconds.
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
         self._expected: dict[Callable[..., Any], float] = {}
         self._done: set[Callable[..., Any]] = set()
-        self._begun_s: float | None = None
+        self._begun_s: float | None = None  # of what is being compiled now, or was last
+        self._spent_s = 0.0  # compiling, before that
         self._active = 0
 
     def expect(self, function: Callable[..., Any]) -> None:
@@ -55,10 +61,12 @@ class Compiling:
         if event.is_end:
             self._active -= 1
             self._done.add(function)
+            if not self._active and self._begun_s is not None:
+                self._spent_s += self._clock() - self._begun_s
             self._log()
             return
-        if self._begun_s is None:
-            self._begun_s = time.monotonic()
+        if not self._active:
+            self._begun_s = self._clock()
         self._active += 1
         self._log()
 
@@ -75,7 +83,9 @@ class Compiling:
     def left_s(self) -> float | None:
         """Return the seconds that the rest takes; None while that is unknown."""
         done = sum(self._expected[function] for function in self._done)
-        spent_s = 0.0 if self._begun_s is None else time.monotonic() - self._begun_s
+        spent_s = self._spent_s
+        if self._active and self._begun_s is not None:
+            spent_s += self._clock() - self._begun_s
         return left_s(done, sum(self._expected.values()), spent_s)
 
     def _log(self) -> None:
