@@ -5,6 +5,7 @@ Nothing here decides anything: a task carries its own seed, so that it does not 
 
 from __future__ import annotations
 
+import os
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -47,6 +48,11 @@ class Workers:
             raise InputError(
                 f"--jobs: found {self.jobs}, expected 1 to {MAX_JOBS}, or -1 for all cores"
             )
+
+    @property
+    def processes(self) -> int:
+        """How many share the work on this machine."""
+        return (os.cpu_count() or 1) if self.jobs == -1 else self.jobs
 
     def run(
         self, function: Callable[[Shared, Task], Result], shared: Shared, tasks: Sequence[Task]

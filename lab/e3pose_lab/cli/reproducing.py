@@ -40,8 +40,8 @@ def reproduce(
     quick
         Few seeds and slots: some minutes instead of half an hour and more.
     data
-        Folder with shelf/ and panoptic/. Items without their data are skipped, and the report says
-        where to get it.
+        Folder with shelf/ and panoptic/. Items without their data are skipped, and the
+        report says where to get it.
     only
         Comma-separated items to compute, such as table-1,best-subsets.
     seeds
@@ -53,10 +53,10 @@ def reproduce(
         Use only a cluster you trust.
     """
     from e3pose.base.errors import InputError
-    from e3pose.cli.progress import track_progress
     from e3pose_lab.reproduce.items import ITEMS
     from e3pose_lab.reproduce.job import reproduce as run
     from e3pose_lab.reproduce.sources import load_sources
+    from e3pose_lab.reproduce.time_left import tracked
     from e3pose_lab.workers import Workers
 
     items = ITEMS
@@ -79,7 +79,7 @@ def reproduce(
         quick=quick,
         most_seeds=seeds,
         items=items,
-        track=lambda results, total: track_progress(results, total, "reproduce"),
+        track=lambda results, pieces: tracked(results, pieces, workers.processes),
     )
     for title, reason in outcome.skipped:
         print(f"Skipped {title}: {reason}")

@@ -24,7 +24,7 @@ from e3pose_lab.reproduce.work import (
     Results,
     code_stamp,
     failure_of,
-    once,
+    lacking,
     run,
 )
 from e3pose_lab.workers import Workers
@@ -32,7 +32,9 @@ from e3pose_lab.workers import Workers
 LIBRARIES = ("numpy", "scipy", "numba", "onnxruntime", "joblib", "distributed", "matplotlib")
 KEPT = "results"
 
-Track = Callable[[Iterable[tuple[AnyPiece, Any]], int], Iterable[tuple[AnyPiece, Any]]]
+Track = Callable[
+    [Iterable[tuple[AnyPiece, Any]], Sequence[AnyPiece]], Iterable[tuple[AnyPiece, Any]]
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +67,7 @@ def reproduce(
     quick: bool = False,
     most_seeds: int | None = None,
     items: Sequence[Item] = ITEMS,
-    track: Track = lambda results, total: results,
+    track: Track = lambda results, pieces: results,
 ) -> Outcome:
     """Compute the items and write the report, whatever fails.
 
@@ -76,15 +78,15 @@ def reproduce(
         quick: few seeds and slots.
         most_seeds: of any item; as many as it asks for by default.
         items: which.
-        track: wraps the results as they come in, for a progress bar.
+        track: wraps the results of the pieces that are not kept as they come in, for a bar.
     """
     scale = Scale(quick, sources.names, most_seeds, sources.detectors)
     lacks = {item.key: _lacks(item, scale, sources) for item in items}
     ready = [item for item in items if not lacks[item.key]]
     results = Results(folder / KEPT, sources)
     made = Made(results)
-    todo = once(results, [piece for item in ready for piece in item.pieces(scale)])
-    for piece, result in track(run(results, todo, workers), len(todo)):
+    todo = lacking(made, [piece for item in ready for piece in item.pieces(scale)])
+    for piece, result in track(run(results, todo, workers), todo):
         made.add(piece, result)
     parts = [
         Part(item, None, reason) if (reason := lacks[item.key]) else _part(item, scale, made)

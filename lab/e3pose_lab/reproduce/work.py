@@ -21,7 +21,7 @@ FORMAT = "e3pose-reproduced"
 VERSION = 1
 # What no result depends on: what only shows it.
 SHOWING = ("cli", "output", "site", "store")
-SHOWING_HERE = ("__init__.py", "draw.py", "job.py", "page.py", "records.py")
+SHOWING_HERE = ("__init__.py", "draw.py", "job.py", "page.py", "records.py", "time_left.py")
 MOST_SAID = 300  # characters of why a piece failed
 CODE = (".py", ".toml", ".onnx")
 
@@ -149,33 +149,31 @@ class Made:
         return result
 
 
-def once(results: Results, pieces: Sequence[AnyPiece]) -> list[AnyPiece]:
-    """Return pieces without those that are there twice."""
-    return list({results.path(piece): piece for piece in pieces}.values())
+def lacking(made: Made, pieces: Sequence[AnyPiece]) -> list[AnyPiece]:
+    """Take in the results that are kept; return the other pieces, each once."""
+    lacks = []
+    for piece in {made.results.path(piece): piece for piece in pieces}.values():
+        try:
+            made.add(piece, made.results.load(piece))
+        except LookupError:
+            lacks.append(piece)
+    return lacks
 
 
 def run(
     results: Results, pieces: Sequence[AnyPiece], workers: Workers
 ) -> Iterator[tuple[AnyPiece, Any]]:
-    """Yield every piece with its result, or `Failed`, as soon as it is there, kept ones first.
+    """Yield every piece with its result, or `Failed`, as soon as it is there, and keep it.
 
     Args:
         results: where results are kept.
-        pieces: from `once`.
-        workers: who does what is not kept; pieces that measure time run here, after the others.
+        pieces: those that are not kept yet, each once.
+        workers: who does the work; pieces that measure time run here, after the others.
     """
-    missing: list[AnyPiece] = []
-    for piece in pieces:
-        try:
-            result = results.load(piece)
-        except LookupError:
-            missing.append(piece)
-            continue
-        yield piece, result
-    shared = [piece for piece in missing if not piece.times]
+    shared = [piece for piece in pieces if not piece.times]
     for place, result in workers.as_ready(_work, results.sources, shared):
         yield shared[place], _kept(results, shared[place], result)
-    for piece in missing:
+    for piece in pieces:
         if piece.times:
             yield piece, _kept(results, piece, _work(results.sources, piece))
 

@@ -15,7 +15,7 @@ from tests.ports import free_port
 from e3pose_lab.reproduce import work
 from e3pose_lab.reproduce.replays import Asked, over_seeds
 from e3pose_lab.reproduce.sources import Sources
-from e3pose_lab.reproduce.work import Made, Piece, Results, once, run
+from e3pose_lab.reproduce.work import Made, Piece, Results, lacking, run
 from e3pose_lab.workers import Workers
 
 
@@ -40,7 +40,7 @@ def pieces(count: int) -> list[Piece[Question, Answer]]:
 
 def answers(results: Results, count: int, workers: Workers) -> dict[int, Answer]:
     made = Made(results)
-    for piece, result in run(results, pieces(count), workers):
+    for piece, result in run(results, lacking(made, pieces(count)), workers):
         made.add(piece, result)
     return {piece.settings.number: made(piece) for piece in pieces(count)}
 
@@ -83,7 +83,8 @@ def test_other_settings_and_other_data_are_kept_apart(tmp_path: Path) -> None:
 
 
 def test_the_same_piece_is_done_once(tmp_path: Path) -> None:
-    assert len(once(Results(tmp_path, Sources()), [*pieces(3), *pieces(2)])) == 3
+    made = Made(Results(tmp_path, Sources()))
+    assert len(lacking(made, [*pieces(3), *pieces(2)])) == 3
 
 
 def test_work_that_is_timed_stays_in_this_process(tmp_path: Path) -> None:
