@@ -71,11 +71,15 @@ def _summary(parts: Sequence[Part], headlines: Sequence[Headline]) -> str:
     skipped = [part.item.title for part in parts if part.section is None]
     said += f"; skipped: {', '.join(skipped)}. " if skipped else ". "
     if wrong:
-        return f"{said}Outside their margin: {'; '.join(wrong)}."
+        return f"{said}Not what was found here before: {'; '.join(wrong)}."
     if not headlines:
         return said
-    many = plural(len(headlines), "headline figure")
-    return f"{said}{many} within {'its margin' if len(headlines) == 1 else 'their margins'}."
+    alike = plural(len(headlines), "headline figure is", "headline figures are")
+    stated = [headline for headline in headlines if headline.paper is not None]
+    return (
+        f"{said}{alike} what this system found before, within margins. "
+        f"{plural(len(stated), 'has', 'have')} a figure of the paper beside."
+    )
 
 
 def _section(folder: Path, part: Part) -> str:
@@ -173,8 +177,13 @@ def _rounded(value: float, digits: int) -> str:
 
 def _headline(headline: Headline) -> str:
     mark = "" if headline.holds else ' class="bad"'
+    paper = headline.paper
+    ends = paper if isinstance(paper, tuple) else () if paper is None else (paper,)
+    theirs = " to ".join(f"{end:g}" for end in ends) or MISSING
+    apart = f"{headline.apart + 0.0:+.2f}" if ends else MISSING
     return (
         f"<tr><td>{escape(headline.name)}</td><td{mark}>{headline.value:.2f}</td>"
+        f"<td>{theirs}</td><td>{apart}</td>"
         f"<td>{headline.low:g} to {headline.high:g}</td></tr>"
     )
 

@@ -121,19 +121,29 @@ class Headline:
     Attributes:
         name: what it is.
         value: found now.
-        low: least that is accepted.
-        high: most that is accepted.
+        low: least that is accepted, by what was found here before.
+        high: most that is accepted, likewise.
+        paper: the paper's figure, or its range; None if it states none.
     """
 
     name: str
     value: float
     low: float
     high: float
+    paper: float | tuple[float, float] | None = None
 
     @property
     def holds(self) -> bool:
         """Whether the value is within its margin."""
         return self.low <= self.value <= self.high
+
+    @property
+    def apart(self) -> float:
+        """How far the value is above the paper's figure or range; NaN if it states none."""
+        low, high = self.paper if isinstance(self.paper, tuple) else (self.paper, self.paper)
+        if low is None or high is None:
+            return float("nan")
+        return min(self.value - low, 0.0) + max(self.value - high, 0.0)
 
 
 @dataclass(frozen=True, slots=True)

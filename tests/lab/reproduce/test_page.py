@@ -51,7 +51,11 @@ def section(scale: Scale, made: Made) -> Section:
             Panel("steps", "R", "slot", "", (ONE,), kind="steps"),
             Panel("limbs", "P", "px right", "px down", (ONE, replace(ONE, second=True)), "limbs"),
         ),
-        headlines=(Headline("PCP", 95.0, 94.0, 96.0), Headline("error", 50.0, 10.0, 20.0)),
+        headlines=(
+            Headline("PCP", 95.0, 94.0, 96.0, 97.1),
+            Headline("saved", 25.0, 20.0, 30.0, (20.66, 31.21)),
+            Headline("error", 50.0, 10.0, 20.0),
+        ),
     )  # fmt: skip
 
 
@@ -83,7 +87,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_item_that_fails_or_lacks_a_library_is_left_out_with_the_reason(tmp_path: Path) -> None:
     outcome = reproduce(tmp_path, Sources(), Workers(1), items=(HERE, ABSENT, BROKEN))
-    assert outcome.failed and len(outcome.headlines) == 2
+    assert outcome.failed and len(outcome.headlines) == 3
     page = outcome.page.read_text()
     assert "Skipped: no_such_library is not installed: pip install" in page
     assert "Skipped: test_page-fails: RuntimeError: &lt;nothing&gt; works" in page
@@ -96,7 +100,7 @@ def test_item_whose_section_fails_is_left_out_with_the_reason(tmp_path: Path) ->
 
     item = Item("unshown", "Unshown", "", lambda scale: [], fails_to_show)
     outcome = reproduce(tmp_path, Sources(), Workers(1), items=(item, HERE))
-    assert outcome.failed and len(outcome.headlines) == 2
+    assert outcome.failed and len(outcome.headlines) == 3
     assert "Skipped: unshown: ZeroDivisionError: no slots" in outcome.page.read_text()
 
 
@@ -105,7 +109,7 @@ def test_data_that_cannot_be_read_cost_their_items_alone(tmp_path: Path) -> None
     (tmp_path / "data" / "shelf" / "shelf.npz").write_bytes(b"PK" + bytes(100))
     sources = load_sources(tmp_path / "data")
     outcome = reproduce(tmp_path / "out", sources, Workers(1), items=(HERE, AWAY))
-    assert outcome.failed and len(outcome.headlines) == 2
+    assert outcome.failed and len(outcome.headlines) == 3
     assert "shelf.npz: found no .npz archive" in outcome.page.read_text()
 
 
@@ -114,8 +118,16 @@ def test_words_are_escaped_and_skipped_items_say_why(folder: Path) -> None:
     assert "&lt;b&gt;97.1" in page and "<b>97.1" not in page
     assert "ours, by <code>a &lt; b</code>" in page
     assert "Skipped: no data; expected Shelf" in page
-    assert "Outside their margin: error" in page
+    assert "Not what was found here before: error" in page
     assert "http" not in page.replace("http-equiv", "").lower().split("</style>")[0]
+
+
+def test_papers_figure_and_the_difference_stand_beside_each_headline(folder: Path) -> None:
+    page = (folder / "report.html").read_text()
+    assert "<td>95.00</td><td>97.1</td><td>-2.10</td><td>94 to 96</td>" in page
+    assert "<td>25.00</td><td>20.66 to 31.21</td><td>+0.00</td><td>20 to 30</td>" in page
+    assert '<td class="bad">50.00</td><td>–</td><td>–</td><td>10 to 20</td>' in page
+    assert "they say nothing about the paper" in page
 
 
 def test_every_panel_is_a_picture_and_a_csv(folder: Path) -> None:

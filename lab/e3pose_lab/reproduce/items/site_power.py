@@ -105,8 +105,9 @@ def section(scale: Scale, made: Made) -> Section:
         panels=(*_panels(shares, saved), *_breakdown(shares[SHELF])),
         headlines=(
             Headline("Power: modelled saving on Xavier NX, Shelf", saved["xavier-nx", SHELF],
-                     20.66, 31.21),
-            Headline("Power: modelled saving on TX2, Shelf", saved["tx2", SHELF], 17.72, 28.67),
+                     20.66, 31.21, PAPER_SAVING["xavier-nx"]),
+            Headline("Power: modelled saving on TX2, Shelf", saved["tx2", SHELF],
+                     17.72, 28.67, PAPER_SAVING["tx2"]),
         ),
     )  # fmt: skip
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from statistics import fmean, stdev
 
 from e3pose_lab.reproduce.items.base import Item, Scale
+from e3pose_lab.reproduce.items.shelf_table import PAPER_OWN, PAPER_SA
 from e3pose_lab.reproduce.power import compared_watts, profiles
 from e3pose_lab.reproduce.records import Cell, Headline, Line, Panel, Section, Spread, Table
 from e3pose_lab.reproduce.replays import READINGS, SHELF, Asked, Run, over_seeds
@@ -100,11 +101,13 @@ def section(scale: Scale, made: Made) -> Section:
         tables=(_counts(runs, readings), _budgets(runs, readings), _weights(runs, pcp, floor)),
         panels=_panels(runs, readings, floor),
         headlines=(
-            Headline(f"C: PCP of C = 3 at V = {HIGH:g}", pcp[counts[3]].mean, 93.4, 94.1),
-            Headline("C: PCP of C = 5", pcp[counts[5]].mean, 95.4, 96.0),
+            Headline(f"C: PCP of C = 3 at V = {HIGH:g}", pcp[counts[3]].mean, 93.4, 94.1,
+                     PAPER_OWN),
+            Headline("C: PCP of C = 5", pcp[counts[5]].mean, 95.4, 96.0, PAPER_SA),
             Headline(
                 f"C: lead of C = 3 over C = 5 at V = {HIGH:g}, not counted",
                 skipped[counts[3]].mean - skipped[counts[5]].mean, *LEAD,
+                PAPER_OWN - PAPER_SA,
             ),
         ),
     )  # fmt: skip
