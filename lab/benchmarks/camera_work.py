@@ -203,7 +203,7 @@ def run(footage: Footage, way: str, slot_s: float, folder: Path, work: Work) -> 
     wanted = scene.num_slots - 2 * round(DEADLINE_SLOTS) - 1
     heard = run_live(path, scene.rig, wanted, length_s / pace, READY_S, lambda *_: None)
     film = Film(length_s, pace, heard.begin_ns)
-    records, times = stored_records(folder / STORE_FILE, scene.interval_s, film, wanted)
+    records, times, _ = stored_records(folder / STORE_FILE, scene.interval_s, film, wanted)
     seen = as_recording(scene, heard, film.moments(heard, records, times))
     found = accuracy(replace(seen, scored_slots=(WARMUP_SLOTS, seen.num_slots)), records)
     _count(work, heard, len(records))

@@ -66,7 +66,7 @@ def run(recording: Recording, policy: str, count: float, round_trip_s: float) ->
             heard, leads = _play(path, through, recording)
         begin_ns = heard.begin_ns
         film = Film(recording.num_slots * recording.interval_s, 1.0, begin_ns)
-        records, times = stored_records(
+        records, times, _ = stored_records(
             path.parent / STORE_FILE, recording.interval_s, film, 10 * recording.num_slots
         )
         first = next(i for i, t in enumerate(times) if t > begin_ns) + LEARN_SLOTS

@@ -39,7 +39,7 @@ def test_figures_and_poses_are_written(folder: Path, tmp_path: Path) -> None:
     assert summary["metrics"]["mpjpe_mm"] < 0.1
     assert summary["metrics"]["recall_500mm"] == 1.0
     assert summary["selection"]["mean_cameras"] == pytest.approx((11 * 4 + 14 * 2) / 25)
-    assert 0 < summary["energy"]["saving_percent"] < 100
+    assert 0 < summary["savings"]["whole_camera"]["percent"] < 100
     rows = list(csv.DictReader(poses.read_text().splitlines()))
     assert list(rows[0]) == COLUMNS
     assert len(rows) == NUM_SLOTS * 17

@@ -289,7 +289,7 @@ def test_budgets_in_different_words_reach_the_queues(site: Site) -> None:
     assert eventually(lambda: np.allclose(edge.pipeline.queue.budget, expected, atol=1e-4))
     slots = edge.counts.slots
     assert eventually(lambda: edge.counts.slots > slots + 10)
-    spent_j = ledger.spent_j(np.array([True, False, True]))
+    spent_j = ledger.charge(np.array([True, False, True]))
     np.testing.assert_allclose(spent_j, np.array([active_w, idle_w, active_w]) * 0.05)
 
 

@@ -164,7 +164,7 @@ def test_budgets_change_while_slots_ask_for_them() -> None:
     beside(
         lambda i: ledger.change([Budget("duty", 0.25 + 0.5 * (i % 2))] * 2, 1.0),
         estimate,
-        lambda i: ledger.spent_j(np.array([True, False])),
+        lambda i: ledger.charge(np.array([True, False])),
         rounds=500,
     )
     ledger.change(shares, 1.0)

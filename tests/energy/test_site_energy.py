@@ -181,7 +181,7 @@ def test_ledger_takes_heartbeats_and_estimates_every_minute() -> None:
     assert [slot.measured for slot in after.slots] == [True, False]
     np.testing.assert_allclose(after.budget[0], 0.5, atol=0.02)  # 5 W between 3 and 7
     assert not ledger.estimate()[1]
-    np.testing.assert_allclose(ledger.spent_j(np.array([True, True])), [0.28, 0.4], rtol=0.02)
+    np.testing.assert_allclose(ledger.charge(np.array([True, True])), [0.28, 0.4], rtol=0.02)
     assert len(kept) == 199
     last_j = energy_j - (7.0 * spent_s + 3.0 * (BEAT_S - spent_s))  # what was reported last
     assert sum(reading.energy_j for reading in kept) == pytest.approx(last_j)
@@ -322,13 +322,21 @@ def test_a_look_whose_image_was_unchanged_is_charged_an_idle_slot_and_the_gate()
     found = Poses2D.empty(17)
     still = replace(found, unchanged_s=0.5)
     arrivals = {camera: Arrival(still, 0, 0) for camera in (0, 1, 3)} | {2: Arrival(found, 0, 0)}
-    record = cast(SlotRecord, SimpleNamespace(selected=np.array([True, True, True, False])))
+    seen = SimpleNamespace(selected=np.array([True, True, True, False]), blind="")
+    record = cast(SlotRecord, seen)
+    assert consumers.saving is None
     consumers.keep(record, 0, arrivals)
     look_j, idle_j = 10.0 * 0.04, 5.2 * 0.04
     # A profile without the row says nothing of the gate; a look that nobody ordered costs nothing.
     np.testing.assert_allclose(sink.energy_j[-1], [idle_j + 0.01, idle_j, look_j, idle_j])
     consumers.keep(record, 0)  # no view came: charged as ordered
     np.testing.assert_allclose(sink.energy_j[-1], [look_j, look_j, look_j, idle_j])
+    saved = consumers.saving
+    assert saved is not None and saved.basis == "modelled"
+    assert saved.always == pytest.approx(8 * look_j)
+    assert saved.spent == pytest.approx(4 * idle_j + 0.01 + 4 * look_j)
+    consumers.keep(cast(SlotRecord, SimpleNamespace(selected=seen.selected, blind="views-late")), 0)
+    assert consumers.saving == saved, "nothing is saved in a blind slot"
 
 
 def test_the_gate_never_costs_more_than_a_look() -> None:
@@ -337,4 +345,4 @@ def test_the_gate_never_costs_more_than_a_look() -> None:
         ["a"], [dear], ["power-saving"], [Budget("duty", 1.0)], 0.04, 1, lambda: 0
     )
     one = np.array([True])
-    np.testing.assert_allclose(ledger.spent_j(one, one), ledger.spent_j(one))
+    np.testing.assert_allclose(ledger.charge(one, one), ledger.charge(one))

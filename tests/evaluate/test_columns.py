@@ -59,7 +59,8 @@ def test_comparison_shows_its_figures_at_80_columns(width: int) -> None:
         "metrics": {"pcp": {"average": spread}, "mpjpe_mm": spread, "recall_500mm": spread},
         "identities": spread,
         "expected": {"error_mm": spread, "coverage_90": spread},
-        "energy": {"saving_percent": spread, "devices": {"xavier-nx": devices, "tx2": devices}},
+        "savings": {"whole_camera": {"percent": spread}},
+        "energy": {"devices": {"xavier-nx": devices, "tx2": devices}},
         "stage_ms": {"slot": {"median": spread}},
     }
     out = StringIO()
@@ -69,3 +70,4 @@ def test_comparison_shows_its_figures_at_80_columns(width: int) -> None:
     for heading in ("PCP avg %", "MPJPE mm", "expected mm", "ms/slot", "tx2 saved %"):
         assert heading in text
     assert text.count("96.9 +- 0.2") >= 8
+    assert "whole camera saved %" in text and "processor time saved: not measured" in text

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from e3pose.energy.queues import load_profile
-from e3pose.evaluate.energy_figures import PAPER_SAVINGS, energy_figures
+from e3pose.energy.profiles import DeviceProfile, load_profile
+from e3pose.evaluate.energy_figures import PAPER_SAVINGS, energy_figures, modelled_watts
 from e3pose.evaluate.expected_figures import expected_figures
-from e3pose.evaluate.figures import Expected
+from e3pose.evaluate.figures import Energy, Expected
 from e3pose.model.camera import Camera, Rig
 from e3pose.model.pose import Poses3D
 from e3pose.model.skeleton import COCO17, PANOPTIC19, Skeleton
@@ -87,30 +87,32 @@ def test_another_skeleton_or_no_covariance_says_less() -> None:
     assert expected_figures(recording(), []) == Expected()
 
 
-def test_savings_are_reported_for_both_devices_of_the_paper() -> None:
-    found = energy_figures(
-        recording(), records(0.02, 0.02, on=3), load_profile("generic"), "power-saving", 50.0
-    )
+def energy_of(
+    on: int, profiles: list[DeviceProfile], battery_wh: float | list[float] = 50.0
+) -> Energy:
+    """Return the energy of five cameras of which `on` are active."""
+    slots = records(0.02, 0.02, on=on)
+    drawn = modelled_watts(slots, profiles, "power-saving")
+    found = energy_figures(recording(), slots, profiles, "power-saving", battery_wh, drawn)
     assert found is not None
+    return found
+
+
+def test_savings_are_reported_for_both_devices_of_the_paper() -> None:
+    found = energy_of(3, [load_profile("generic")] * 5)
     for name, (low, high) in PAPER_SAVINGS.items():
         device = found.devices[name]
         assert low < device.saving_percent < high
         assert device.times_paper == pytest.approx(1.0)
         assert device.aggressive_saving_percent > device.saving_percent
-    one = energy_figures(
-        recording(), records(0.02, 0.02, on=1), load_profile("tx2"), "power-saving", 50.0
-    )
-    assert one is not None
+    one = energy_of(1, [load_profile("tx2")] * 5)
     assert one.devices["tx2"].times_paper == pytest.approx(2.0)  # 4 of 5 asleep, not 2
 
 
 def test_devices_and_batteries_may_differ() -> None:
     profiles = [load_profile(name) for name in ("xavier-nx", "tx2", "tx2", "tx2", "generic")]
     batteries = [10.0, 20.0, 30.0, 40.0, 50.0]
-    found = energy_figures(
-        recording(), records(0.02, 0.02, on=5), profiles, "power-saving", batteries
-    )
-    assert found is not None
+    found = energy_of(5, profiles, batteries)
     assert found.profile == "xavier-nx, tx2, generic"
     assert found.cameras["a"].active_watts == pytest.approx(12.5)
     assert found.cameras["e"].battery_hours == pytest.approx(5.0)

@@ -162,5 +162,8 @@ def test_figures_of_a_replay_with_rests_are_json_and_count_what_sleep_saved() ->
     watts = [camera["mean_watts"] for camera in figures["energy"]["cameras"].values()]
     drawn = drawn_w(records, LEAD, costs(recording), recording.interval_s).mean()
     np.testing.assert_allclose(np.mean(watts), drawn, rtol=0.01)
+    saved = figures["savings"]["whole_camera"]["percent"]
+    active_w = load_profile("xavier-nx").watts("active")
+    assert saved == pytest.approx(100 * (1 - np.mean(watts) / active_w))
     usual = as_json(summarise(recording, ReplaySettings(), records, load_profile("xavier-nx")))
     assert not {"rest", "find_within_s", "rest_costs", "watts"} & set(usual["settings"])

@@ -12,8 +12,8 @@ import pytest
 
 from e3pose.base.arrays import Floats
 from e3pose.energy.queues import load_profile
+from e3pose.energy.saving import Savings
 from e3pose.evaluate.figures import as_json
-from e3pose.evaluate.processor_figures import processor_words
 from e3pose.evaluate.replay import ReplaySettings
 from e3pose.evaluate.summary import summarise
 from e3pose.model.camera import Camera, Rig
@@ -94,15 +94,15 @@ def test_selection_energy_deficits_and_times() -> None:
     assert figures["deficits"]["highest"] == {"left": 3.0, "right": 1.0}
     # The generic device draws 10 W or 5.2 W, of which the paper's components 7.8 W or 3 W.
     energy = figures["energy"]
-    assert energy["saving_percent"] == pytest.approx(100 * 0.375 * 4.8 / 7.8)
-    assert energy["device_saving_percent"] == pytest.approx(37.5 * 0.48)
+    whole = figures["savings"]["whole_camera"]
+    assert whole["percent"] == pytest.approx(37.5 * 0.48) and whole["basis"] == "modelled"
+    assert whole["always"] == pytest.approx(2 * 10 * 4 * 0.1)
+    assert "processor_time" not in figures["savings"]
     assert energy["watts_spread"] == pytest.approx((8.8 - 7.6) / 2**0.5)
     assert energy["cameras"]["right"]["mean_watts"] == pytest.approx(7.6)
     assert energy["cameras"]["right"]["energy_j"] == pytest.approx(7.6 * 0.4)
     assert energy["cameras"]["right"]["battery_hours"] == pytest.approx(52 / 7.6)
     assert energy["battery_hours_always_active"] == pytest.approx(5.2)
-    assert energy["components"]["cpu_gpu"]["saving_percent"] == pytest.approx(37.5 * 3.7 / 6)
-    assert energy["components"]["rest"]["saving_percent"] == pytest.approx(0)
     assert figures["stage_ms"]["fuse"]["median"] == pytest.approx(2.5)
     assert figures["stage_ms"]["fuse"]["p99"] == pytest.approx(3.97)
     assert figures["stage_ms"]["slot"]["median"] == pytest.approx(3.0)
@@ -120,13 +120,14 @@ def test_blind_slots_save_nothing() -> None:
     alone, both = (summarise(source, settings, rows, generic) for rows in (seen, [*seen, *blind]))
     assert alone.energy is not None and both.energy is not None
     assert alone.selection is not None and both.selection is not None
-    assert both.energy.saving_percent == alone.energy.saving_percent
+    assert both.savings == alone.savings and both.savings.whole_camera is not None
     assert both.selection.duty == alone.selection.duty
     assert both.selection.mean_cameras == alone.selection.mean_cameras
     assert both.selection.blind == {"orders-late": 4} and alone.selection.blind == {}
     spent_j = [each.energy.cameras["left"].energy_j for each in (alone, both) if each.energy]
     assert spent_j[1] == pytest.approx(2 * spent_j[0])  # they are charged like the others
-    assert summarise(source, settings, blind, generic).energy is None
+    never = summarise(source, settings, blind, generic)
+    assert never.energy is None and never.savings == Savings()
 
 
 def test_complete_truth_of_the_same_skeleton() -> None:
@@ -227,7 +228,7 @@ def test_an_empty_replay_is_summarised() -> None:
     assert figures.selection is None and figures.energy is None
     table = as_json(figures)
     assert table["selection"] == table["energy"] == table["stage_ms"] == table["metrics"] == {}
-    assert (table["format"], table["version"]) == ("e3pose-figures", 1)
+    assert (table["format"], table["version"]) == ("e3pose-figures", 2)
 
 
 def test_parts_of_ones_own_are_named() -> None:
@@ -250,21 +251,21 @@ def measured(**cameras: ProcessorTime) -> Recording:
 
 def test_processor_time_is_of_the_looks_and_frames_that_were_measured() -> None:
     told = measured(left=ProcessorTime(0.2, 0.01, 30), right=ProcessorTime(0.1, 0.02, 30))
-    found = summarise(told, ReplaySettings(), played(), load_profile("xavier-nx")).processor
-    assert found is not None
-    assert found.spent_s == pytest.approx(3 * 0.2 + 2 * 0.1 + 4 * 0.03)
-    assert found.every_slot_s == pytest.approx(4 * 0.33)
-    assert found.saved_percent == pytest.approx(100 * (1 - 0.92 / 1.32))
-    assert "0.9 s, 30 % less than the 1.3 s" in processor_words(found)
+    found = summarise(told, ReplaySettings(), played(), load_profile("xavier-nx")).savings
+    assert found.processor_time is not None
+    assert found.processor_time.spent == pytest.approx(3 * 0.2 + 2 * 0.1 + 4 * 0.03)
+    assert found.processor_time.always == pytest.approx(4 * 0.33)
+    assert found.processor_time.percent == pytest.approx(100 * (1 - 0.92 / 1.32))
+    assert found.words().endswith("processor time 30 % (modelled)")
     none_captured = summarise(
         told,
         ReplaySettings(),
         played(),
         load_profile("xavier-nx"),
         idle_mode="aggressive-power-saving",
-    ).processor
+    ).savings.processor_time
     assert none_captured is not None
-    assert none_captured.spent_s == pytest.approx(3 * 0.21 + 2 * 0.12)
+    assert none_captured.spent == pytest.approx(3 * 0.21 + 2 * 0.12)
 
 
 @pytest.mark.parametrize("cameras", [{}, {"left": ProcessorTime(0.2, 0.01, 30)}])
@@ -272,5 +273,6 @@ def test_processor_time_that_was_not_measured_of_all_is_said_to_be_so(
     cameras: dict[str, ProcessorTime],
 ) -> None:
     found = summarise(measured(**cameras), ReplaySettings(), played(), load_profile("xavier-nx"))
-    assert found.processor is None and "not measured" in processor_words(found.processor)
-    assert as_json(found)["processor"] == {}
+    assert found.savings.processor_time is None
+    assert found.savings.words().endswith("processor time not measured")
+    assert "processor_time" not in as_json(found)["savings"]

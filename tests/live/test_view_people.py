@@ -43,8 +43,14 @@ class Home:
 
     def status(self, **more: Any) -> None:
         """Send a status in which one camera has a battery."""
-        cameras = [CameraStatus(i, True, power_w=5.0, battery=0.5) for i in RIG.camera_ids]
-        told = Status("lab", self.slot, FPS, 2, 1, tuple(cameras), uptime_s=100.0, **more)
+        cameras = [
+            CameraStatus(i, True, power_w=5.0, battery=0.5, cpu_s=71.0, cpu_saved=0.29)
+            for i in RIG.camera_ids
+        ]
+        told = Status(
+            "lab", self.slot, FPS, 2, 1, tuple(cameras), uptime_s=100.0, spent_j=7300.0,
+            always_j=10_000.0, **more,
+        )  # fmt: skip
         self.watched.edge.publish("e3pose/lab/status", encode(told))
 
     def publish(self, count: int = 1, unsure: bool = False) -> None:
@@ -138,6 +144,13 @@ def test_uncertain_parts_energy_and_notices_are_said_in_words(page: Page, home: 
     assert page.shows("notices", "The edge is too slow for its slots.")
     assert page.shows("energy", "about 15.0 W") and "modelled" in page.text("energy")
     assert "batteries last at this power" in page.text("energy") and "(50 %" in page.text("energy")
+    against = "compared with all cameras always on."
+    assert page.text("saved") == (
+        f"Saved since the start, whole camera: 0.8 Wh (27 %) {against} Modelled."
+    )
+    assert page.text("saved-cpu") == (
+        f"Saved since the start, processor time: 1 min (29 %) {against} Measured."
+    )
     home.status()
     assert eventually(lambda: "too slow" not in page.text("notices"))
 

@@ -7,17 +7,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from e3pose.edge.energy_ledger import EnergyLedger
+from e3pose.energy.budgets import Budget
 from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.model.camera import Rig
 from e3pose.model.pose import Poses3D
 from e3pose.model.skeleton import skeleton_by_name
 from e3pose.pipeline import SlotRecord
 from e3pose.recording import load_recording
+from e3pose.settings.resolved import resolve_site
 from e3pose.settings.site_file import load_site
 from e3pose.site.demo.live import Heard, HeardView, Show
 from e3pose.store import Run, StoreWriter
 from e3pose.wire.messages import Heartbeat
-from e3pose.wire.site_messages import Status
+from e3pose.wire.site_messages import CameraStatus, Status
 
 BEGIN_NS = 1_795_000_000_000_000_000
 
@@ -31,7 +34,6 @@ def canned(
     skeleton = skeleton_by_name(site.skeleton_name or "")
     assert round_s == pytest.approx(num_slots * slot_ns / 1e9)
     heard = Heard(begin_ns=BEGIN_NS, slots=num_slots)
-    heard.status = Status(site.name, heard.slots - 1, site.fps, 2, 2, (), latency_ms=(1.0, 2.0))
     recorded = site_file.parent / "recording"
     if recorded.is_dir():
         recording = load_recording(recorded)
@@ -51,11 +53,28 @@ def canned(
     run = Run(
         site.name, site.name, BEGIN_NS, 1 / site.fps, skeleton.name, skeleton.joints, rig.camera_ids
     )
+    ledger = ledger_of(site_file)
     with StoreWriter(site_file.parent / "live.db", run) as writer:
         for record in records:
-            writer.append(record, time_ns=BEGIN_NS + record.slot * slot_ns)
+            joules = ledger.charge(record.selected, blind=bool(record.blind))
+            writer.append(record, time_ns=BEGIN_NS + record.slot * slot_ns, energy_j=joules)
+    saved = ledger.saving()
+    assert saved is not None
+    looked = [CameraStatus(one, True, cpu_s=6.0, cpu_saved=0.2927) for one in rig.camera_ids]
+    heard.status = Status(
+        site.name, heard.slots - 1, site.fps, 2, 2, tuple(looked), latency_ms=(1.0, 2.0),
+        spent_j=saved.spent, always_j=saved.always,
+    )  # fmt: skip
     show(heard.status, heard.slots, heard.slots)
     return heard
+
+
+def ledger_of(site_file: Path) -> EnergyLedger:
+    """Return the ledger of a site whose cameras have no meter."""
+    site = resolve_site(site_file)
+    ids, profiles = site.rig.camera_ids, site.plan.profiles
+    modes, budgets = [site.plan.idle_mode] * len(ids), [Budget("duty", 1.0)] * len(ids)
+    return EnergyLedger(ids, profiles, modes, budgets, site.interval_s, 2.0, lambda: BEGIN_NS)
 
 
 def nobody(slot: int, interval_s: float, num_cameras: int) -> SlotRecord:

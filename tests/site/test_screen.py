@@ -58,6 +58,16 @@ def test_head_sums_up_what_the_edge_measured() -> None:
     assert "no update" not in text
 
 
+def test_head_states_both_savings() -> None:
+    cameras = (CameraStatus("cam0", True, cpu_s=6.0, cpu_saved=0.25), CameraStatus("cam1", True))
+    status = Status("lab", 1, 20.0, 1, 1, cameras, spent_j=60.0, always_j=80.0)
+    said = "Saved, compared with all cameras active in every slot: whole camera 25 % (modelled), "
+    assert said in drawn(status) and "processor time 25 % (measured)" in drawn(status)
+    metered = msgspec.structs.replace(status, energy_measured=True)
+    assert "whole camera 25 % (measured)" in drawn(metered)
+    assert "Saved" not in drawn(Status("lab", 1, 20.0, 1, 1, ()))
+
+
 def test_head_counts_blind_slots_with_their_causes() -> None:
     status = Status("lab", 417, 20.0, 3, 2, (), slots=400, blind_share=0.031)
     assert "blind" not in drawn(status)

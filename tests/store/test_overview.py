@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from tests.site.web.watched import FPS, RIG, STARTED_NS, record
 
@@ -46,3 +47,48 @@ def test_spent_joules_of_a_camera_with_what_was_measured(store: Store) -> None:
     (found,) = store.spent(STARTED_NS, STARTED_NS + 4 * SECOND)
     assert found == ("c0", 18.0, 4.0, 0.5), "video took part of the same time"
     assert store.spent(0, 1) == []
+
+
+@pytest.fixture(scope="module")
+def charged(tmp_path_factory: pytest.TempPathFactory) -> Store:
+    """Slots in which cameras take turns, at 8 W active and 3 W idle; every tenth is blind."""
+    place = tmp_path_factory.mktemp("charged") / "lab.db"
+    run = Run("lab", "lab", STARTED_NS, 1 / FPS, "coco17", COCO17.joints, RIG.camera_ids)
+    with StoreWriter(place, run) as writer:
+        for slot in range(300):
+            selected = np.arange(3) == slot % 3
+            blind = "views-late" if slot % 10 == 9 else ""
+            made = replace(record(slot), selected=selected & (not blind), blind=blind)
+            joules = np.where(made.selected, 8.0, 3.0) / FPS
+            at_ns = STARTED_NS + round(slot / FPS * SECOND)
+            writer.append(made, time_ns=at_ns, energy_j=joules, wait=True)
+        for camera in RIG.camera_ids:
+            at_ns, read_j = STARTED_NS + 10 * SECOND, 10 * 14.0 / 3
+            writer.energy(EnergyReading(at_ns, camera, read_j, 10.0, "measured: VDD_IN"))
+    return Store(place)
+
+
+ACTIVE_W = dict.fromkeys(RIG.camera_ids, 12.5)  # of a profile that is far off
+
+
+def test_saving_is_against_active_slots_of_the_same_cameras(charged: Store) -> None:
+    found = charged.saved(STARTED_NS, STARTED_NS + 20 * SECOND, ACTIVE_W)
+    assert found is not None and found.basis == "measured"
+    assert found.percent == pytest.approx(100 * (1 - 14 / 24), abs=1e-4)
+    assert found.always == pytest.approx(270 / FPS * 24, rel=1e-5)
+    early = charged.saved(STARTED_NS, STARTED_NS + 9 * SECOND, ACTIVE_W)  # before the readings
+    assert early is not None and early.basis == "modelled"
+    assert charged.saved(0, 1, ACTIVE_W) is None
+
+
+def test_saving_of_slots_without_joules_is_not_known(store: Store) -> None:
+    assert store.saved(STARTED_NS, STARTED_NS + 4 * SECOND, ACTIVE_W) is None
+
+
+def test_saving_of_many_slots_is_estimated_though_cameras_take_turns(
+    charged: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(overview, "SLOTS_LOOKED_AT", 100)
+    found = charged.saved(STARTED_NS, STARTED_NS + 20 * SECOND, ACTIVE_W)
+    assert found is not None and found.percent == pytest.approx(100 * (1 - 14 / 24), abs=1)
+    assert found.always == pytest.approx(270 / FPS * 24, rel=0.05)

@@ -6,7 +6,7 @@ import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 
-from e3pose.energy.processor_time import LEAST
+from e3pose.energy.saving import LEAST
 from e3pose.recording import ProcessorTime
 
 

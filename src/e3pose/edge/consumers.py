@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from e3pose.edge.energy_ledger import EnergyLedger
 from e3pose.energy.budgets import Budget
+from e3pose.energy.saving import Saving
 from e3pose.model.look_request import NO_REQUEST, LookRequest
 from e3pose.pipeline import SlotRecord
 from e3pose.select.policies.base import Policy
@@ -152,6 +153,11 @@ class Consumers:
         return None if self.sink is None else self.sink.status()
 
     @property
+    def saving(self) -> Saving | None:
+        """What whole cameras saved so far; None before the first slot, or without a ledger."""
+        return None if self.ledger is None else self.ledger.saving()
+
+    @property
     def turned(self) -> tuple[int, float] | None:
         """The knocked camera and its rotation in degrees, or None."""
         knock = None if self.watch is None else self.watch.knock
@@ -161,13 +167,13 @@ class Consumers:
         self, record: SlotRecord, time_ns: int, arrivals: Mapping[int, Arrival] | None = None
     ) -> None:
         """Pass on a computed slot, and what it is charged with."""
+        spent_j = None
+        if self.ledger is not None:
+            unchanged = np.zeros(len(record.selected), dtype=bool)
+            for camera, arrival in (arrivals or {}).items():
+                unchanged[camera] = arrival.poses.unchanged_s > 0
+            spent_j = self.ledger.charge(record.selected, unchanged, bool(record.blind))
         if self.sink is not None:
-            spent_j = None
-            if self.ledger is not None:
-                unchanged = np.zeros(len(record.selected), dtype=bool)
-                for camera, arrival in (arrivals or {}).items():
-                    unchanged[camera] = arrival.poses.unchanged_s > 0
-                spent_j = self.ledger.spent_j(record.selected, unchanged)
             self.sink.append(record, time_ns=time_ns, energy_j=spent_j)
 
 

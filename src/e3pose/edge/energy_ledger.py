@@ -14,6 +14,7 @@ from e3pose.base.quantities import plural
 from e3pose.energy.budgets import Budget
 from e3pose.energy.modes import CameraModes, RestName
 from e3pose.energy.profiles import DeviceProfile, Mode, modes_of
+from e3pose.energy.saving import Saving, saving
 from e3pose.energy.site_energy import (
     CameraEnergy,
     EnergyEstimate,
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     from e3pose.wire.messages import Heartbeat
 
 UPDATE_S = 60.0
+MEASURED = 0.95  # of the joules: the first minutes of a meter teach what a slot costs
 RESTING: dict[str, RestName] = {"asleep": "asleep", "suspended": "suspended"}
 
 
@@ -70,6 +72,8 @@ class EnergyLedger:
         self._budgets, self._interval_s = tuple(budgets), interval_s
         self._num_selected, self._now_ns, self._keep = num_selected, now_ns, keep
         self._lock = threading.Lock()
+        # Joules of all cameras so far: spent, had all been active, and the part that was learned.
+        self._sums_j = np.zeros(3)
         self._estimate: EnergyEstimate | None = None  # before the first is asked for
         self._last: EnergyEstimate | None = None
         self._estimated_ns: int | None = None  # when it is to be made anew
@@ -173,10 +177,18 @@ class EnergyLedger:
             )
         return events
 
-    def spent_j(
-        self, selected: NDArray[np.bool_], unchanged: NDArray[np.bool_] | None = None
+    def saving(self) -> Saving | None:
+        """Return what the slots so far saved of whole cameras; None before the first."""
+        spent_j, always_j, learned_j = self._sums_j.tolist()
+        return saving(spent_j, always_j, learned_j >= MEASURED * spent_j)
+
+    def charge(
+        self,
+        selected: NDArray[np.bool_],
+        unchanged: NDArray[np.bool_] | None = None,
+        blind: bool = False,
     ) -> NDArray[np.float64]:
-        """Return `(num_cameras,)` joules charged for a slot with this selection.
+        """Return `(num_cameras,)` joules charged for a slot with this selection, and add them up.
 
         Cameras that said that they sleep are charged what their profile says of that. One whose
         image was unchanged is charged an idle slot and what its profile says of the gate, if it
@@ -185,6 +197,7 @@ class EnergyLedger:
         Args:
             selected: `(num_cameras,)` who was ordered to look.
             unchanged: `(num_cameras,)` whose view says that the network did not run; None: nobody.
+            blind: whether no view arrived although one was due: the slot saves nothing.
         """
         resting_j = self._resting_w * self._interval_s
         estimate = self._estimate or self._estimated()
@@ -192,7 +205,13 @@ class EnergyLedger:
         if unchanged is not None and unchanged.any():
             gated_j = estimate.spent_j(np.zeros_like(selected)) + self._gate_j
             spent_j = np.where(selected & unchanged, np.minimum(gated_j, spent_j), spent_j)
-        return np.where(selected, spent_j, np.fmin(spent_j, resting_j))  # NaN: awake
+        spent_j = np.where(selected, spent_j, np.fmin(spent_j, resting_j))  # NaN: awake
+        if not blind:
+            always_j = sum(slot.active_j for slot in estimate.slots)
+            learned = np.array([slot.measured for slot in estimate.slots])
+            sums_j = spent_j.sum(), always_j, spent_j[learned].sum()
+            self._sums_j = self._sums_j + sums_j  # replaced whole: another thread reads it
+        return spent_j
 
     def _estimated(self) -> EnergyEstimate:
         return estimate_energy(

@@ -11,6 +11,7 @@ from typing import Any
 
 from e3pose.base.errors import InputError, reason_of
 from e3pose.base.listener import Bounds, Listener, is_own_host, open_socket
+from e3pose.edge.reports import savings
 from e3pose.edge.server import EdgeServer
 from e3pose.model.blind_slot import CAUSES
 from e3pose.wire.site_messages import CameraStatus
@@ -61,6 +62,15 @@ class EdgeCollector:
             ("latency_seconds_p99", "99th percentile", status.latency_ms[1] / 1e3),
         ):
             yield GaugeMetricFamily(f"e3pose_{name}", text, value=level)
+        saved = GaugeMetricFamily(
+            "e3pose_saved",
+            "share saved since the start, compared with all cameras active in every slot",
+            labels=["saving", "basis"],
+        )
+        for name, one in savings(status).named():
+            if one is not None:
+                saved.add_metric([name, one.basis], one.percent / 100)
+        yield saved
         yield from _store(self._edge)
         for name, text, values in _of_cameras(self._edge, status.cameras):
             family = GaugeMetricFamily(f"e3pose_{name}", text, labels=["camera"])
@@ -217,7 +227,7 @@ def _of_cameras(
         ("camera_cpu_seconds", "processor time of its program", [c.cpu_s for c in cameras]),
         (
             "camera_cpu_saved",
-            "share saved of the processor time that looking in every slot would take",
+            "processor time saved, as a share of what looking in every slot would take",
             [c.cpu_saved for c in cameras],
         ),
         (

@@ -10,7 +10,7 @@ import threading
 from collections import defaultdict
 from dataclasses import dataclass
 
-from e3pose.energy.processor_time import LEAST
+from e3pose.energy.saving import LEAST
 from e3pose.recording import ProcessorTime
 from e3pose.wire.messages import Heartbeat
 

@@ -14,7 +14,7 @@ from e3pose.edge.health import Health
 from e3pose.edge.inbox import PAUSED
 from e3pose.edge.rests import Rests
 from e3pose.edge.roster import CameraState
-from e3pose.energy.processor_time import share_saved
+from e3pose.energy.saving import Saving, Savings, every_slot_cpu_s, saving
 from e3pose.estimate.base import People
 from e3pose.model.uncertainty import axis_sigma_m
 from e3pose.pipeline import Pipeline, SlotRecord
@@ -84,14 +84,18 @@ def cpu_saved(camera: CameraState, interval_s: float, lead_slots: int) -> float 
     slots = max(heard, min(span_s, heard * interval_s + beat.asleep_s) / interval_s)
     asleep_share = beat.asleep_s / span_s if span_s else 0.0
     work = beat.cpu_s, beat.look_cpu_s, beat.detected, beat.captured
-    return share_saved(*work, slots, asleep_share)
+    every_s = every_slot_cpu_s(*work, slots, asleep_share)
+    return None if every_s is None else 1 - beat.cpu_s / every_s
 
 
-def site_cpu_saved(status: Status) -> float | None:
-    """Return the share of processor time that all cameras save; None where it is known of none."""
+def savings(status: Status) -> Savings:
+    """Return what a site saved since its edge was started; processor time of cameras that say."""
     known = [(c.cpu_s, c.cpu_saved) for c in status.cameras if c.cpu_s and c.cpu_saved is not None]
-    every_s = sum(cpu_s / max(1 - (saved or 0.0), 1e-6) for cpu_s, saved in known)
-    return 1 - sum(cpu_s for cpu_s, _ in known) / every_s if known else None
+    every_s = [cpu_s / max(1 - (saved or 0.0), 1e-6) for cpu_s, saved in known]
+    return Savings(
+        saving(status.spent_j, status.always_j, status.energy_measured),
+        saving([cpu_s for cpu_s, _ in known], every_s, measured=True),
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -118,6 +122,7 @@ class SiteSnapshot:
         turned: index of a knocked camera, and degrees; None if there is none.
         compiling_s: until all kernels are compiled; None if they are.
         run_ns: when the run began.
+        saving: of whole cameras since the start; None before the first slot, or without a ledger.
     """
 
     site: str
@@ -138,6 +143,7 @@ class SiteSnapshot:
     turned: tuple[int, float] | None = None
     compiling_s: float | None = None
     run_ns: int = 0
+    saving: Saving | None = None
 
 
 def camera_status(snapshot: SiteSnapshot, index: int) -> CameraStatus:
@@ -198,7 +204,7 @@ def _share(charge_j: float | None, capacity_wh: float | None) -> float | None:
 
 def site_status(snapshot: SiteSnapshot) -> Status:
     """Return the status message of a site."""
-    record, counts = snapshot.record, snapshot.counts
+    record, counts, saved = snapshot.record, snapshot.counts, snapshot.saving
     cameras = tuple(camera_status(snapshot, index) for index in range(len(snapshot.cameras)))
     policy = snapshot.pipeline.policy
     target_m = _number(policy, "target_error_m")
@@ -227,6 +233,9 @@ def site_status(snapshot: SiteSnapshot) -> Status:
         check=record.reasons.check if record and record.reasons else "",
         events_ns=tuple(event.time_ns for event in snapshot.events),
         run_ns=snapshot.run_ns,
+        spent_j=saved.spent if saved else 0.0,
+        always_j=saved.always if saved else 0.0,
+        energy_measured=bool(saved and saved.basis == "measured"),
     )
 
 

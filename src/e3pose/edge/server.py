@@ -97,8 +97,7 @@ class EdgeServer:
             consumers.paused,
             wakes_s=settings.wakes_s,
         )
-        self._late = self.gather.late.copy()  # up to the slot before
-        self.send_queue = SendQueue()
+        self._late, self.send_queue = self.gather.late.copy(), SendQueue()  # up to the slot before
         self.orders = Orders(
             settings.site,
             pipeline.rig.camera_ids,
@@ -216,6 +215,7 @@ class EdgeServer:
                 rests=self.inbox.rests,
                 compiling_s=None if self.ready else compiling_left_s(),
                 run_ns=self.state_file.run_ns,
+                saving=self.consumers.saving,
             )
         )
 

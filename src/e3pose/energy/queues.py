@@ -1,16 +1,16 @@
-"""Virtual queues, power profiles of devices, and energy saved by a selection."""
+"""Virtual queues, and the power that a selection draws by profiles of devices."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
-from e3pose.energy.profiles import GROUPS, DeviceProfile, Mode
+from e3pose.energy.profiles import PAPER_GROUPS, DeviceProfile, Mode
 from e3pose.energy.profiles import load_profile as load_profile
 
 DEFAULT_BATTERY_WH = 50.0
@@ -121,116 +121,46 @@ def lifetime_budget(
     return np.asarray(np.minimum(spare / np.maximum(active - idle, 1e-9), 1.0))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Savings:
-    """What a selection saves against every camera active in every slot.
-
-    Percentages are of the always-active energy of the same components.
-
-    Attributes:
-        paper_percent: of CPU + GPU + WiFi + DDR, mean over cameras: the paper's figure.
-        device_percent: of the whole device, mean over cameras.
-        group_percent: of each group of components the device has, mean over cameras.
-        camera_percent: `(num_cameras,)` of CPU + GPU + WiFi + DDR.
-        camera_watts: `(num_cameras,)` mean power of the whole device.
-        battery_h: `(num_cameras,)` hours a battery lasts at that power.
-        battery_active_h: hours the same battery lasts an always active camera, mean over cameras.
-    """
-
-    paper_percent: float
-    device_percent: float
-    group_percent: Mapping[str, float]
-    camera_percent: Floats
-    camera_watts: Floats
-    battery_h: Floats
-    battery_active_h: float
-
-    def with_sleep(self, slept_w: Floats, active_w: Floats, battery_wh: ArrayLike) -> Savings:
-        """Return the same of cameras that also slept.
-
-        What sleep saves of each group of components is not known: their shares stay.
-
-        Args:
-            slept_w: `(num_cameras,)` watts that sleep took off the mean draw.
-            active_w: `(num_cameras,)` of the whole device when it is always active.
-            battery_wh: capacity of the cameras' batteries, one for all or one for each.
-        """
-        watts = self.camera_watts - slept_w
-        return replace(
-            self,
-            device_percent=self.device_percent + 100 * float((slept_w / active_w).mean()),
-            camera_watts=watts,
-            battery_h=np.asarray(battery_wh, dtype=np.float64) / watts,
-        )
-
-
-def savings(
-    duty: ArrayLike,
-    profile: DeviceProfile | Sequence[DeviceProfile],
+def mean_watts(
+    duty: Floats,
+    profiles: Sequence[DeviceProfile],
     idle_mode: Mode = "power-saving",
-    battery_wh: ArrayLike = DEFAULT_BATTERY_WH,
     sending: ArrayLike = 0.0,
-) -> Savings:
-    """Compute what is saved by cameras that are active in a share of the slots only.
+    group: str | None = None,
+) -> Floats:
+    """Return `(num_cameras,)` mean power of cameras that are active in a share of the slots only.
 
     Args:
         duty: `(num_cameras,)` share of slots each camera was active, [0, 1].
-        profile: what the cameras draw, one for all or one for each.
+        profiles: `(num_cameras,)` what the cameras draw.
         idle_mode: what a camera does that is not selected.
-        battery_wh: capacity of the cameras' batteries in watt-hours, one for all or one for each.
         sending: share of the slots in which a camera is idle but its WiFi sends, [0, 1 - duty],
             one for all or one for each.
+        group: of components; None for the whole device.
 
     Raises:
-        InputError: without a camera, with a duty outside [0, 1] or a battery of no capacity.
+        InputError: without a camera, or with a duty outside [0, 1].
     """
     shares = np.asarray(duty, dtype=np.float64)
     if shares.ndim != 1 or len(shares) == 0 or not ((shares >= 0) & (shares <= 1)).all():
         raise InputError(f"duty: found {shares.tolist()}, expected one share in [0, 1] per camera")
-    capacity_wh = np.broadcast_to(np.asarray(battery_wh, dtype=np.float64), shares.shape)
-    for capacity in capacity_wh:
-        if not (np.isfinite(capacity) and capacity > 0):
-            raise InputError(f"battery capacity: found {capacity:g} Wh, expected more than 0")
-    profiles = [profile] * len(shares) if isinstance(profile, DeviceProfile) else list(profile)
-    rest = 1 - shares
+    active, idle = (
+        np.array([each.watts(mode, group) for each in profiles]) for mode in ("active", idle_mode)
+    )
     radio_w = [each.watts("active", RADIO) - each.watts(idle_mode, RADIO) for each in profiles]
-    sent_w = np.asarray(np.asarray(sending, dtype=np.float64) * radio_w)
-    active = np.array([each.watts("active") for each in profiles])
-    camera_percent = rest * [
-        _percent(each.paper_watts("active"), each.paper_watts(idle_mode)) for each in profiles
-    ] - 100 * sent_w / [each.paper_watts("active") for each in profiles]
-    device_percent = (
-        rest * [_percent(each.watts("active"), each.watts(idle_mode)) for each in profiles]
-        - 100 * sent_w / active
-    )
-    groups = {
-        group: float(
-            np.mean(
-                rest
-                * [
-                    _percent(each.watts("active", group), each.watts(idle_mode, group))
-                    for each in profiles
-                ]
-                - 100
-                * sent_w
-                / [each.watts("active", group) for each in profiles]
-                * (group == RADIO)
-            )
-        )
-        for group in GROUPS
-        if all(each.watts("active", group) > 0 for each in profiles)
-    }
-    watts = shares * active + rest * [each.watts(idle_mode) for each in profiles] + sent_w
-    return Savings(
-        paper_percent=float(camera_percent.mean()),
-        device_percent=float(device_percent.mean()),
-        group_percent=groups,
-        camera_percent=camera_percent,
-        camera_watts=watts,
-        battery_h=capacity_wh / watts,
-        battery_active_h=float((capacity_wh / active).mean()),
-    )
+    sent_w = np.asarray(sending, dtype=np.float64) * radio_w * (group in (None, RADIO))
+    return np.asarray(shares * active + (1 - shares) * idle + sent_w)
 
 
-def _percent(active: float, idle: float) -> float:
-    return 100 * (1 - idle / active)
+def paper_percent(
+    duty: float, profile: DeviceProfile, idle_mode: Mode = "power-saving", sending: float = 0.0
+) -> float:
+    """Return what a camera saves as the paper counts: of CPU, GPU, WiFi and memory alone, percent.
+
+    Arguments are those of `mean_watts`, of one camera.
+    """
+    parts_w = sum(
+        float(mean_watts(np.array([duty]), [profile], idle_mode, sending, group)[0])
+        for group in PAPER_GROUPS
+    )
+    return 100 * (1 - parts_w / profile.paper_watts("active"))

@@ -10,12 +10,13 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, is_dataclass
 from typing import Any
 
+from e3pose.energy.saving import NO_SAVINGS, Savings
 from e3pose.settings.energy import AWAKE
 from e3pose.settings.faults import Faults
 from e3pose.settings.loop import LoopSettings
 
 FORMAT = "e3pose-figures"
-VERSION = 1
+VERSION = 2  # 1 had other savings, in `energy` and `processor`
 OWN = ("policy", "predictor", "estimator")  # settings that may be objects
 OF_RESTS = ("rest", "find_within_s")  # mean nothing while nobody rests
 
@@ -147,17 +148,9 @@ class Deficits:
 
 
 @dataclass(frozen=True, slots=True)
-class Saving:
-    """What is saved in one group of components."""
-
-    saving_percent: float
-
-
-@dataclass(frozen=True, slots=True)
 class CameraEnergy:
-    """What one camera spent and saved."""
+    """What one camera spent."""
 
-    saving_percent: float
     mean_watts: float
     active_watts: float
     energy_j: float
@@ -167,7 +160,10 @@ class CameraEnergy:
 
 @dataclass(frozen=True, slots=True)
 class DeviceSaving:
-    """What a device of the paper would have saved; `times_paper` against its 3 of 5 cameras."""
+    """What a device of the paper would have saved of CPU, GPU, WiFi and memory.
+
+    `times_paper` is against the paper's 3 of 5 cameras.
+    """
 
     saving_percent: float
     aggressive_saving_percent: float
@@ -177,36 +173,18 @@ class DeviceSaving:
 
 @dataclass(frozen=True, slots=True)
 class Energy:
-    """What the selection spent and saved against all cameras always awake.
+    """What the selection spent.
 
     `watts_spread` is the standard deviation of the cameras' mean powers.
     """
 
     profile: str
     idle_mode: str
-    saving_percent: float
-    device_saving_percent: float
     watts_spread: float
-    components: Mapping[str, Saving]
     cameras: Mapping[str, CameraEnergy]
     battery_wh: float
     battery_hours_always_active: float
     devices: Mapping[str, DeviceSaving]
-
-
-@dataclass(frozen=True, slots=True)
-class Processor:
-    """Processor time of all cameras, from the measured times of their looks and frames.
-
-    Attributes:
-        spent_s: in the slots of the replay.
-        every_slot_s: if all cameras looked in all of them.
-        saved_percent: what the first is less than the second.
-    """
-
-    spent_s: float
-    every_slot_s: float
-    saved_percent: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -246,13 +224,13 @@ class Summary:
         expected: errors that the estimator stated.
         selection: shares by camera; None without a slot, and so on.
         deficits: the virtual queues.
-        energy: spent and saved.
+        energy: spent.
         stage_ms: by stage, and `slot` for all of them.
         noise: of the keypoints; None of an estimator that does not learn it.
         smooth: how the poses were smoothed after the replay; None if they were not.
         notes: what a page should say beside, sentence by sentence.
-        processor: of the cameras; None where it was not measured.
         held_out: distances from the keypoints of held-out cameras, if any.
+        savings: against all cameras active in every slot.
     """
 
     recording: str
@@ -269,8 +247,8 @@ class Summary:
     noise: NoiseFound | None
     smooth: str | None = None
     notes: tuple[str, ...] = ()
-    processor: Processor | None = None
     held_out: HeldOut | None = None
+    savings: Savings = NO_SAVINGS
 
 
 def as_json(summary: Summary, **more: Any) -> dict[str, Any]:

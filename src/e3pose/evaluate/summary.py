@@ -11,8 +11,14 @@ from numpy.typing import NDArray
 from e3pose.base.arrays import Floats
 from e3pose.energy.profiles import DeviceProfile, Mode
 from e3pose.energy.queues import DEFAULT_BATTERY_WH
+from e3pose.energy.saving import Savings, saving
 from e3pose.evaluate import metrics
-from e3pose.evaluate.energy_figures import energy_figures
+from e3pose.evaluate.energy_figures import (
+    charged_watts,
+    energy_figures,
+    modelled_watts,
+    processor_saving,
+)
 from e3pose.evaluate.expected_figures import expected_figures
 from e3pose.evaluate.figures import (
     Accuracy,
@@ -24,9 +30,8 @@ from e3pose.evaluate.figures import (
     Summary,
 )
 from e3pose.evaluate.pcp import count_parts, group_percent, pcp_percent
-from e3pose.evaluate.processor_figures import processor_figures
 from e3pose.evaluate.waking import asleep_in
-from e3pose.model.blind_slot import count_blind, duty
+from e3pose.model.blind_slot import count_blind, duty, seeing
 from e3pose.model.noises import detector_of
 from e3pose.model.skeleton import PANOPTIC19, SHELF14, Skeleton, convert
 from e3pose.recording import Recording
@@ -50,6 +55,7 @@ def summarise(
     *,
     idle_mode: Mode = "power-saving",
     battery_wh: float | Sequence[float] = DEFAULT_BATTERY_WH,
+    charged_j: Floats | None = None,
 ) -> Summary:
     """Summarise a replay; `docs/reference/metrics.md` defines each figure.
 
@@ -60,7 +66,17 @@ def summarise(
         profile: what the cameras draw, one for all or one for each.
         idle_mode: what a camera does in slots for which it is not selected.
         battery_wh: capacity of the cameras' batteries, one for all or one for each.
+        charged_j: `(num_slots, num_cameras)` joules that a live site charged its slots with; None:
+            by the profiles.
     """
+    profiles = [profile] * len(recording.rig) if isinstance(profile, DeviceProfile) else profile
+    sends_boxes = Need.SENT_BOXES in row_of(settings).needs
+    if charged_j is None:
+        slept_w = _slept_w(recording, settings, records)
+        drawn = modelled_watts(records, profiles, idle_mode, sends_boxes, slept_w)
+    else:
+        drawn = charged_watts(records, charged_j, profiles, recording.interval_s)
+    seconds = recording.interval_s * len(seeing(records))
     rests = bool(records) and settings.rest_costs is not None
     asleep = asleep_in(records, settings.lead_slots) if rests else None
     return Summary(
@@ -74,17 +90,14 @@ def summarise(
         selection=_selection(recording, records),
         deficits=_deficits(recording, records),
         energy=energy_figures(
-            recording,
-            records,
-            profile,
-            idle_mode,
-            battery_wh,
-            Need.SENT_BOXES in row_of(settings).needs,
-            _slept_w(recording, settings, records),
+            recording, records, profiles, idle_mode, battery_wh, drawn, sends_boxes
         ),
         stage_ms=_stage_ms(records),
         noise=_noise(recording, settings, records),
-        processor=processor_figures(recording, records, asleep, idle_mode),
+        savings=Savings(
+            saving(seconds * drawn[0], seconds * drawn[1], measured=False),
+            processor_saving(recording, records, asleep, idle_mode),
+        ),
     )
 
 

@@ -9,15 +9,18 @@ from typing import TYPE_CHECKING, Any
 from rich.table import Table
 
 from e3pose.base.quantities import plural
+from e3pose.energy.saving import AGAINST, NO_SAVINGS
 from e3pose.evaluate.columns import print_tables, table_console
 from e3pose.evaluate.energy_figures import PAPER_SAVINGS
 from e3pose.evaluate.figures import HeldOut, Summary, as_json
-from e3pose.evaluate.processor_figures import NOT_MEASURED, processor_words
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-CPU_SAVED = "CPU saved %"
+SAVED = tuple(
+    (f"{name} saved %", ("savings", name.replace(" ", "_"), "percent"), 0)
+    for name, _ in NO_SAVINGS.named()
+)
 # Heading, path inside a row, digits. Columns that no row has are left out.
 COLUMNS: tuple[tuple[str, tuple[str, ...], int], ...] = (
     ("cameras", ("selection", "mean_cameras"), 2),
@@ -42,15 +45,14 @@ COLUMNS: tuple[tuple[str, tuple[str, ...], int], ...] = (
     ("unseen %", ("held_out", "mean", "unseen_percent"), 1),
     ("expected mm", ("expected", "error_mm"), 1),
     ("in 90 %", ("expected", "coverage_90"), 1),
-    ("saving %", ("energy", "saving_percent"), 1),
+    *SAVED,
     ("spread W", ("energy", "watts_spread"), 2),
-    (CPU_SAVED, ("processor", "saved_percent"), 1),
     ("ms/slot", ("stage_ms", "slot", "median"), 2),
 )
 ENERGY_TITLE = (
-    "Energy saving of CPU, GPU, WiFi and memory, modelled for xavier-nx and tx2. x paper: relative "
-    "to 3 of 5 cameras on the same profile; in power-saving this is (1 - duty) / 0.4 by "
-    "construction. aggr.: idle cameras do not capture"
+    "The paper's figure: energy of CPU, GPU, WiFi and memory alone, modelled for xavier-nx and "
+    "tx2. x paper: relative to 3 of 5 cameras on the same profile; in power-saving this is "
+    "(1 - duty) / 0.4 by construction. aggr.: idle cameras do not capture"
 )
 HELD_OUT_TITLE = (
     "Distance from the keypoints of cameras that took no part (mm: across the ray). It includes "
@@ -78,8 +80,7 @@ FIGURE_NAMES = {
     "unseen %": "poses in the image of held-out cameras without a detection, %",
     "expected mm": "expected joint error, mm",
     "in 90 %": "joints inside the 90 % confidence radius, %",
-    "saving %": "energy saved (CPU, GPU, WiFi, memory), %",
-    CPU_SAVED: "processor time of the cameras saved, from measured looks and frames, %",
+    **{heading: f"{AGAINST.lower()}, modelled, %" for heading, *_ in SAVED},
     "spread W": "spread of mean power over the cameras (standard deviation), W",
     "ms/slot": "edge computing time per slot, median ms",
 }
@@ -109,8 +110,9 @@ def print_comparison(rows: Sequence[Mapping[str, Any]], console: Console | None 
     print_tables(console, keys, columns, title, apart=True)
     meanings = [f"{name}: {FIGURE_NAMES[name]}" for name in columns if name in FIGURE_NAMES]
     console.print(f"{'; '.join(meanings)}\n", style="dim", highlight=False)
-    if CPU_SAVED not in columns:
-        console.print(NOT_MEASURED, highlight=False)
+    for heading, *_ in SAVED:
+        if heading not in columns:
+            console.print(f"{heading.removesuffix(' %')}: not measured", highlight=False)
     console.print(f"{ENERGY_TITLE}:", style="italic", highlight=False)
     print_tables(console, keys, _devices(rows), apart=True)
 
@@ -150,31 +152,30 @@ def print_summary(summary: Summary, console: Console | None = None) -> None:
     figures.add_column(justify="right")
     table = as_json(summary)
     for heading, path, digits in COLUMNS:
-        value = None if path[0] == "held_out" else _find(table, path)  # a table of its own
+        value = None if path[0] in ("held_out", "savings") else _find(table, path)  # said apart
         if value is not None:
             figures.add_row(FIGURE_NAMES.get(heading, heading), f"{value:.{digits}f}")
     console.print(figures)
     if summary.held_out is not None:
         print_held_out(summary.held_out, console)
-    said = processor_words(summary.processor)
-    for line in (said, *warmup_lines(summary), *noise_lines(summary)):
+    for line in (f"{summary.savings.words()}.", *warmup_lines(summary), *noise_lines(summary)):
         console.print(line)
     selection, energy = summary.selection, summary.energy
     if selection is None or energy is None:
         return
     cameras = Table(
-        title=f"cameras, modelled: profile {energy.profile}, {energy.battery_wh:g} Wh",
+        title=f"whole cameras, modelled: profile {energy.profile}, {energy.battery_wh:g} Wh",
         title_justify="left",
     )
     cameras.add_column("camera", no_wrap=True)
-    for heading in ("active %", "saving %", "mean W", "battery h"):
+    for heading in ("active %", "saved %", "mean W", "battery h"):
         cameras.add_column(heading, justify="right")
     for camera_id, share in selection.duty.items():
         figure = energy.cameras[camera_id]
         cameras.add_row(
             camera_id,
             f"{100 * share:.1f}",
-            f"{figure.saving_percent:.1f}",
+            f"{100 * (1 - figure.mean_watts / figure.active_watts):.0f}",
             f"{figure.mean_watts:.2f}",
             f"{figure.battery_hours:.2f}",
         )

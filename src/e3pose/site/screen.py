@@ -13,8 +13,9 @@ from rich.text import Text
 from e3pose.base.quantities import plural
 from e3pose.edge.delivery import SHORT
 from e3pose.edge.knock_watch import moved_words
-from e3pose.edge.reports import site_cpu_saved as cpu_saved
+from e3pose.edge.reports import savings
 from e3pose.edge.rests import sleeps_as_told
+from e3pose.energy.saving import NO_SAVINGS
 from e3pose.model.blind_slot import blind_words
 from e3pose.wire.site_messages import CameraStatus, Status
 
@@ -41,7 +42,7 @@ COLUMNS = (
     ("duty", 0),
     ("W", 0),
     ("CPU s", 2),
-    ("saved", 1),
+    ("CPU saved", 1),
     ("battery", 0),
     ("deficit", 5),
     ("age", 6),
@@ -111,9 +112,8 @@ def _head(status: Status, stale_s: float) -> Text:
     if watts:
         modelled = "" if all(c.measured for c in status.cameras if _draws(c)) else " (modelled)"
         head.append(f"\n{sum(watts):.1f} W, all online cameras{modelled}")
-    spent_s = sum(camera.cpu_s or 0.0 for camera in status.cameras)
-    if (saved := cpu_saved(status)) is not None:
-        head.append(f"\n{spent_s:.0f} CPU s of all cameras, {saved:.1%} saved (measured)")
+    if (saved := savings(status)) != NO_SAVINGS:
+        head.append(f"\n{saved.words()}")
     still = [camera.unchanged for camera in status.cameras if camera.unchanged is not None]
     if still:
         mean = _within(sum(still) / len(still), 1.0)

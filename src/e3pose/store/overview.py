@@ -1,15 +1,22 @@
-"""Looks over hours of a store: how much is stored, what cameras spent, who stayed in which zone."""
+"""Looks over hours of a store: how much is stored, what cameras spent and saved, who stayed."""
 
 from __future__ import annotations
 
+import json
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from sqlalchemy import Connection, case, func, inspect, select
+import numpy as np
+from sqlalchemy import Connection, and_, case, func, inspect, null, or_, select
 
+from e3pose.energy.saving import Saving, charged, saving
 from e3pose.store import schema
-from e3pose.store.rows import RECORDING
+from e3pose.store.rows import RECORDING, stack_blobs
 
+MEASURED = 0.95  # of the time, of a camera with a meter
+METERED = 0.1  # that charges may differ from what meters read, to be learned from them
 SLOTS_LOOKED_AT = 400_000  # of more, every second, third... is counted: it is a drawing
+SCATTER, RANGE = 2_654_435_761, 2**32  # multiplied by it, slots are spread over the range
 
 
 class Spent(NamedTuple):
@@ -83,6 +90,62 @@ def spent(connection: Connection, start_ns: int, end_ns: int) -> list[Spent]:
         Spent(camera_id, energy_j, span_s, measured_s / span_s if span_s else 0.0)
         for camera_id, energy_j, span_s, measured_s in connection.execute(asked)
     ]
+
+
+def saved(
+    connection: Connection, start_ns: int, end_ns: int, active_w: Mapping[str, float], where: str
+) -> Saving | None:
+    """Return what whole cameras saved between two times; None where no slot says.
+
+    Slots are those with the joules that they are charged with, blind ones left out; of many, as
+    many as `coverage` looks at, scattered, as cameras may take turns. The saving is measured if
+    meters read of all cameras what their slots are charged with.
+
+    Args:
+        connection: to the store.
+        start_ns: first time.
+        end_ns: last time.
+        active_w: by camera, what an active one draws, for one that was active in no slot.
+        where: the store, for errors.
+    """
+    runs, slots = schema.runs.c, schema.slots.c
+    known = {column["name"] for column in inspect(connection).get_columns("slots")}
+    blind: Any = slots.blind if "blind" in known else null()
+    unseen = and_(slots.selected.contains("1"), ~slots.arrived.contains("1"))  # of a store of old
+    inside = slots.time_ns.between(start_ns, end_ns)
+    count = connection.scalar(select(func.count()).select_from(schema.slots).where(inside)) or 0
+    share = min(SLOTS_LOOKED_AT / max(count, 1), 1.0)
+    asked = (
+        select(slots.run_id, slots.selected, slots.energy_j, func.count().label("slots"))
+        .where(inside, slots.slot * SCATTER % RANGE < round(share * RANGE))
+        .where(slots.energy_j.is_not(None))
+        .where(or_(blind == "", and_(blind.is_(None), ~unseen)))
+        .group_by(slots.run_id, slots.selected, slots.energy_j)
+    )
+    groups = connection.execute(asked).all()
+    spent_j, always_j, seconds = 0.0, 0.0, 0.0
+    for run in connection.execute(select(runs.run_id, runs.cameras, runs.interval_ns)).all():
+        cameras, interval_s = json.loads(run.cameras), run.interval_ns / 1e9
+        rows = [row for row in groups if row.run_id == run.run_id]
+        if not rows:
+            continue
+        place = f"{where}: slots: run {run.run_id}: energy_j"
+        shape = (len(cameras),)
+        charged_j = stack_blobs([row.energy_j for row in rows], "<f4", shape, place)
+        selected = np.array([[flag == "1" for flag in row.selected] for row in rows])
+        active_j = interval_s * np.array([active_w.get(camera, np.nan) for camera in cameras])
+        counts = np.array([row.slots for row in rows]) / share
+        sums = charged(selected, charged_j.astype(np.float64), active_j, counts)
+        spent_j, always_j = spent_j + sums[0].sum(), always_j + sums[1].sum()
+        seconds += float(counts.sum()) * interval_s
+    read = spent(connection, start_ns, end_ns)
+    read_w = sum(one.energy_j / one.span_s for one in read if one.span_s)
+    metered = (
+        seconds > 0
+        and {one.camera_id for one in read if one.measured > MEASURED} >= set(active_w)
+        and abs(spent_j / seconds - read_w) <= METERED * read_w
+    )
+    return saving(spent_j, always_j, metered)
 
 
 def stays(connection: Connection, start_ns: int, end_ns: int) -> list[StoredStay]:

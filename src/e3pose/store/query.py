@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from datetime import datetime
@@ -22,6 +22,7 @@ from sqlalchemy import (
 )
 
 from e3pose.base.errors import InputError
+from e3pose.energy.saving import Saving
 from e3pose.store import overview, schema
 from e3pose.store.answers import StoredPoses, StoredRun, joined, plain_row, stored_poses, stored_run
 from e3pose.store.database import database_url, reading, shown
@@ -190,6 +191,11 @@ class Store:
         """Return what each camera spent, see `overview.spent`."""
         with reading(self.place, self._engines) as connection:
             return overview.spent(connection, start_ns, end_ns)
+
+    def saved(self, start_ns: int, end_ns: int, active_w: Mapping[str, float]) -> Saving | None:
+        """Return what whole cameras saved, see `overview.saved`."""
+        with reading(self.place, self._engines) as connection:
+            return overview.saved(connection, start_ns, end_ns, active_w, self.where)
 
     def stays(self, start_ns: int, end_ns: int) -> list[overview.StoredStay]:
         """Return who stayed in which zone, see `overview.stays`."""

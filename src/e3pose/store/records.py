@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.base.arrays import Floats
 from e3pose.model.blind_slot import blind_cause
 from e3pose.model.pose import Poses3D
 from e3pose.model.slot_record import SlotRecord
@@ -29,6 +30,16 @@ def slot_records(
         first_slot: the slot that becomes 0.
     """
     return [_record(row, poses, interval_s, first_slot) for row in rows]
+
+
+def charged_j(rows: Sequence[Mapping[str, Any]]) -> Floats | None:
+    """Return `(num_slots, num_cameras)` joules that slots are charged with; None where unknown.
+
+    Args:
+        rows: as of `slot_records`.
+    """
+    known = [row["energy_j"] for row in rows]
+    return None if None in known or not known else np.array(known, dtype=np.float64)
 
 
 def _record(

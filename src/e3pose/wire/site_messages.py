@@ -99,8 +99,8 @@ class CameraStatus(msgspec.Struct, array_like=True, frozen=True):
             while it oversleeps, None while it is awake.
         wake_s: what it takes to wake, mean as the edge learned it; None before its first wake.
         cpu_s: processor time of its program since it started to capture; None where unknown.
-        cpu_saved: share of the processor time that looking in every slot would take, by its own
-            time of a look and of a frame, [0, 1]; None while too little is known.
+        cpu_saved: processor time saved, as a share of what looking in every slot would take, by
+            its own time of a look and of a frame, [0, 1]; None while too little is known.
         unchanged: share of its looks for which its image was unchanged, so that the network did
             not run, [0, 1]; None without any.
     """
@@ -288,6 +288,10 @@ class Status(msgspec.Struct, array_like=True, frozen=True, tag="status"):
         compiling_s: seconds until the kernels are compiled, 0 while unknown; None if they are.
         check: how the policy does against taking turns, for operators; empty while that is unknown.
         run_ns: when the run began that its slots and tracks belong to, as the store names it.
+        spent_j: joules that slots since the edge was started are charged with, all cameras
+            together, blind slots left out.
+        always_j: likewise, had all cameras been active in every slot.
+        energy_measured: whether both are learned from meters; otherwise a model says so.
     """
 
     site: str
@@ -314,3 +318,6 @@ class Status(msgspec.Struct, array_like=True, frozen=True, tag="status"):
     compiling_s: Figure | None = None
     check: str = ""
     run_ns: TimeNs = 0
+    spent_j: Figure = 0.0
+    always_j: Figure = 0.0
+    energy_measured: bool = False

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from e3pose.energy.saving import Savings, saving
 from e3pose.evaluate.figures import Accuracy, CameraEnergy, Energy, Expected, Summary
 from e3pose.model.camera import Camera, Rig
 from e3pose.model.pose import Poses3D
@@ -75,12 +76,13 @@ def record(slot: int, people: Sequence[int] = (), **more: Any) -> SlotRecord:
 
 def summary(**more: Any) -> Summary:
     cameras = {
-        name: CameraEnergy(20.0, watts, 10.0, watts * 4, 50.0, 5.0)
+        name: CameraEnergy(watts, 10.0, watts * 4, 50.0, 5.0)
         for name, watts in (("left", 10.0), ("right", 8.0))
     }
-    energy = Energy("generic", "power-saving", 31.4, 20.0, 0.5, {}, cameras, 50.0, 5.0, {})
+    energy = Energy("generic", "power-saving", 0.5, cameras, 50.0, 5.0, {})
     base = bare(policy="e3pose", settings=ReplaySettings(num_selected=1, policy="e3pose"))
-    return replace(base, slots=3, energy=energy, **more)
+    saved = Savings(saving(68.6, 100.0, measured=False), saving(3.0, 4.0, measured=True))
+    return replace(base, slots=3, energy=energy, savings=saved, **more)
 
 
 def bare(**more: Any) -> Summary:
@@ -210,21 +212,25 @@ def test_figures_that_cannot_be_had_are_left_out() -> None:
     few = cards(recording(1), records, bare())
     assert few == [("1.0 of 2", "active cameras per slot, mean")]
     full = dict(cards(recording(1), records, summary(metrics=Accuracy(mpjpe_mm=31.7))))
-    assert full["32 mm"].startswith("mean joint error") and "31 %" in full
+    assert full["32 mm"].startswith("mean joint error")
+    assert full["31 %"] == "whole camera saved (modelled)"
+    assert full["25 %"] == "processor time saved (measured)"
 
 
-def test_sentences_say_how_many_cameras_and_what_it_saved() -> None:
+def test_sentences_say_how_many_cameras_and_the_headline_what_it_saved() -> None:
     text = " ".join(sentences(recording(2), [record(0, [1, 2]), record(1)], summary()))
     assert "2 calibrated cameras, 2 slots of 40 ms" in text
     assert "Up to 2 people at a time; people present in 50 % of the slots" in text
-    assert "1.0 of 2 cameras are active" in text and "saves 31 %" in text
+    assert "1.0 of 2 cameras are active" in text and "sav" not in text
+    said = headline(recording(2), [record(0, [1, 2]), record(1)], summary())[1]
+    assert said.endswith("whole camera 31 % (modelled), processor time 25 % (measured).")
 
 
 def test_page_begins_with_two_plain_sentences() -> None:
     slots = [record(slot, [3, 7]) for slot in range(1750)]
     said = headline(recording(1750), slots, bare())
     assert said[0] == "Up to 2 people followed in 2 cameras, for 1 min 10 s."
-    assert said[1].startswith("On average ") and "of 2 cameras looked at a time" in said[1]
+    assert said[1] == "On average 1.0 of 2 cameras were active."
     assert headline(recording(2), [record(0), record(1)], bare())[0].startswith("Nobody was found")
     assert len(headline(recording(0), [], bare())) == 2
     page = render(recording(1750), slots, bare())

@@ -121,11 +121,10 @@ def _state_words(scene: Mapping[str, Any]) -> list[list[str]]:
 
 def energy_bars(energy: Energy, cameras: Sequence[str]) -> dict[str, Any]:
     """Draw joules spent per camera against always awake."""
-    spent = [energy.cameras[camera].energy_j for camera in cameras]
-    watts = [energy.cameras[camera].mean_watts for camera in cameras]
-    full_watts = energy.battery_wh / energy.battery_hours_always_active
-    full = [full_watts * joules / w for joules, w in zip(spent, watts, strict=True)]
-    saved = [100 * (1 - w / full_watts) for w in watts]
+    each = [energy.cameras[camera] for camera in cameras]
+    spent = [one.energy_j for one in each]
+    full = [one.energy_j * one.active_watts / one.mean_watts for one in each]
+    saved = [100 * (1 - one.mean_watts / one.active_watts) for one in each]
     names = [_short(camera) for camera in cameras]
     bars = [
         {

@@ -17,7 +17,6 @@ from typing import Any
 
 from e3pose.base.atomic import write_file
 from e3pose.evaluate.figures import Summary, settings_json
-from e3pose.evaluate.processor_figures import processor_words
 from e3pose.model.blind_slot import duty
 from e3pose.output.report import figures
 from e3pose.output.report.film import film
@@ -154,15 +153,16 @@ def _energy_words(summary: Summary) -> str:
     energy = summary.energy
     if energy is None:
         return "Share of slots in which each camera was active, blind slots left out."
-    said = processor_words(summary.processor)
     hours = [camera.battery_hours for camera in energy.cameras.values()]
+    whole = summary.savings.whole_camera
+    by = f"Modelled with the power profile {energy.profile}"
+    if whole is not None and whole.basis == "measured":
+        by = "Learned from the cameras' power meters"
     return (
-        f"Bars: energy of each camera in this run; behind them: the same camera always active. "
-        f"Modelled with the power profile {energy.profile}, not measured; cameras that are "
-        f"not selected are in {energy.idle_mode} mode. "
+        f"Bars: energy of each whole camera in this run; behind them: the same camera always "
+        f"active. {by}; cameras that are not selected are in {energy.idle_mode} mode. "
         f"A {energy.battery_wh:g} Wh battery lasts {min(hours):.1f} to {max(hours):.1f} h "
-        f"instead of {energy.battery_hours_always_active:.1f} h. "
-        f"{said[0].upper()}{said[1:]}."
+        f"instead of {energy.battery_hours_always_active:.1f} h."
     )
 
 

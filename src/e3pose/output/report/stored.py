@@ -22,7 +22,7 @@ from e3pose.settings.loop import ReplaySettings
 from e3pose.settings.resolved import ResolvedSite
 from e3pose.store import Store
 from e3pose.store.query import Time
-from e3pose.store.records import slot_records
+from e3pose.store.records import charged_j, slot_records
 
 AS_STORED = SmoothSettings()
 ADAPTIVE = "adaptive: follows the delays"
@@ -69,10 +69,10 @@ def write_stretch(
         raise InputError("calibration", found, f"those of {', '.join(ids)[:200]}", store.where)
     skeleton = skeleton_by_name(run.run.skeleton)
     poses = store.query(start, end, run=run.run_id)
-    first = rows[0]["slot"]
+    first, began_ns, ended_ns = rows[0]["slot"], rows[0]["time_ns"], rows[-1]["time_ns"]
     records = slot_records(rows, poses, run.run.interval_s, first)
     began, ended = (
-        datetime.fromtimestamp(row["time_ns"] / 1e9, timezone.utc) for row in (rows[0], rows[-1])
+        datetime.fromtimestamp(time_ns / 1e9, timezone.utc) for time_ns in (began_ns, ended_ns)
     )
     recording = Recording(
         name=f"{site.name}, {began:%Y-%m-%d %H:%M:%S} to {ended:%H:%M:%S} UTC",
@@ -82,7 +82,7 @@ def write_stretch(
         skeleton=skeleton,
         views=tuple(_arrived(records, index, len(skeleton)) for index in range(len(ids))),
         source=f"Stored live by the site {site.name}, run {run.run_id}.",
-        processor=processor_of(site.record.path, ids, rows[0]["time_ns"]),
+        processor=processor_of(site.record.path, ids, began_ns),
     )
     loop = {item.name: getattr(site.loop, item.name) for item in fields(site.loop)}
     summary = summarise(
@@ -92,12 +92,15 @@ def write_stretch(
         site.plan.profiles,
         idle_mode=site.plan.idle_mode,
         battery_wh=site.plan.battery_wh,
+        charged_j=charged_j(rows),
     )
+    active_w = {one: p.watts("active") for one, p in zip(ids, site.plan.profiles, strict=True)}
+    if (whole := store.saved(began_ns, ended_ns, active_w)) is not None:
+        summary = replace(summary, savings=replace(summary.savings, whole_camera=whole))
     if smoothing.method is not None:
         records = smooth_poses(records, skeleton, run.run.interval_s, smoothing)
         summary = replace(summary, smooth=smoothing.method)
     lead = ADAPTIVE if site.lead == "adaptive" else None
-    began_ns, ended_ns = rows[0]["time_ns"], rows[-1]["time_ns"]
     with filmed(recording, site.record.path, began_ns, ended_ns, site.pace) as (shown, folder):
         write_report(shown, records, summary, path, lead, folder=folder)
     return len(records)

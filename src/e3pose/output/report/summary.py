@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from e3pose.base.quantities import plural
+from e3pose.energy.saving import NO_SAVINGS
 from e3pose.evaluate.figures import Summary
 from e3pose.model.blind_slot import blind_words, count_blind, duty
 from e3pose.pipeline import SlotRecord
@@ -34,16 +35,9 @@ def headline(recording: Recording, records: Sequence[SlotRecord], summary: Summa
     who = "Nobody was" if max(counts) == 0 else f"Up to {plural(max(counts), 'person', 'people')}"
     seen = "found" if max(counts) == 0 else f"followed in {plural(num_cameras, 'camera')}"
     mean = duty(records, num_cameras).sum()
-    looked = f"{mean:.1f} of {num_cameras} cameras looked at a time"
-    energy = summary.energy
-    saved = (
-        ""
-        if energy is None
-        else (
-            f", which saves {energy.device_saving_percent:.0f} % of the cameras' energy (modelled)"
-        )
-    )
-    return [f"{who} {seen}, for {long}.", f"On average {looked}{saved}."]
+    looked = f"On average {mean:.1f} of {num_cameras} cameras were active."
+    saved = "" if summary.savings == NO_SAVINGS else f" {summary.savings.words()}."
+    return [f"{who} {seen}, for {long}.", f"{looked}{saved}"]
 
 
 def sentences(recording: Recording, records: Sequence[SlotRecord], summary: Summary) -> list[str]:
@@ -77,13 +71,6 @@ def sentences(recording: Recording, records: Sequence[SlotRecord], summary: Summ
     mean = duty(records, num_cameras).sum()
     by = f" (policy {summary.policy})"
     said.append(f"On average {mean:.1f} of {num_cameras} cameras are active per slot{by}.")
-    energy = summary.energy
-    if energy is not None:
-        said.append(
-            f"Compared with all cameras always active, this saves {energy.saving_percent:.0f} % of "
-            f"the energy of processors, WiFi and memory, {energy.device_saving_percent:.0f} % of "
-            "the whole cameras (modelled)."
-        )
     return said
 
 
@@ -97,12 +84,13 @@ def cards(
         found.append((f"{mean:.1f} of {len(recording.rig)}", "active cameras per slot, mean"))
         if blind := sum(count_blind(records).values()):
             found.append((f"{blind} of {len(records)}", "blind slots: no view arrived"))
-    metrics, energy, slot_ms = summary.metrics, summary.energy, summary.stage_ms.get("slot")
+    for name, saved in summary.savings.named():
+        if saved is not None:
+            found.append((f"{round(saved.percent)} %", f"{name} saved ({saved.basis})"))
+    metrics, slot_ms = summary.metrics, summary.stage_ms.get("slot")
     pcp = None if metrics.pcp is None else metrics.pcp.actors.get("average")
     held_out = summary.held_out
-    saved = "energy saved (processors, WiFi, memory; modelled)"
     for value, form, meaning in (
-        (energy and energy.saving_percent, "{:.0f} %", saved),
         (pcp, "{:.1f} %", "PCP, correct limbs (actors 1-3)"),
         (metrics.mpjpe_mm, "{:.0f} mm", "mean joint error (MPJPE)"),
         (metrics.recall_500mm, "{:.3f}", "recall within 500 mm"),

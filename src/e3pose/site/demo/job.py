@@ -26,8 +26,8 @@ from e3pose.base.system import num_cores
 from e3pose.camera.source import open_video
 from e3pose.detectors import make_detector
 from e3pose.detectors.weights import Progress, find_weights, is_installed, pull_weights
-from e3pose.edge.reports import site_cpu_saved
-from e3pose.energy.profiles import load_profile
+from e3pose.edge.reports import savings
+from e3pose.energy.saving import NO_SAVINGS
 from e3pose.evaluate.figures import Summary, as_json
 from e3pose.evaluate.poses_table import write_poses
 from e3pose.evaluate.summary import summarise
@@ -37,6 +37,7 @@ from e3pose.output.report import write_report
 from e3pose.recording import Recording, ViewSeries
 from e3pose.recording.calibration import load_rig
 from e3pose.settings.loop import ReplaySettings
+from e3pose.settings.resolved import resolve_site
 from e3pose.simulate import SceneSettings, simulate
 from e3pose.site.demo.clip import SOURCE, TITLE, Clip, fetch_clip, find_clip
 from e3pose.site.demo.pictures import draw
@@ -64,7 +65,6 @@ NUM_SELECTED = 2
 WARMUP_SLOTS = 10  # the loop's own default, in which every camera detects
 STAND_IN_SLOTS = 150
 READY_S, READY_DETECTIONS = 4.0, 20.0  # a camera imports, then loads and tries its network
-PROFILE = "xavier-nx"
 SPARE = 0.55  # of the processor that detecting may take: the rest decodes, fuses, and is spare
 DEADLINE_SLOTS = 2.5  # so that others who use the machine for a moment do no harm
 TIMING_S, TIMING_DETECTIONS = 1.5, 5
@@ -158,14 +158,15 @@ def run_demo(
             film = replace(scene.film, begin_ns=heard.begin_ns)
         with phase("writing the results") as progress:
             store = folder / SITE / STORE_FILE
-            records, times = stored_records(
+            records, times, charged_j = stored_records(
                 store, scene.recording.interval_s, film, scene.num_slots
             )
             figures = _figures(scene, heard, records, inputs)
             summary = _write_results(
-                scene.recording,
+                scene,
                 heard,
                 records,
+                charged_j,
                 film.moments(heard, records, times),
                 figures,
                 folder,
@@ -319,16 +320,14 @@ def _figures(
 
 
 def _processor(heard: Heard) -> dict[str, Any]:
-    """Return the measured processor time of the cameras, and what they saved of it."""
+    """Return the measured processor time of a look and of a frame, mean over the cameras."""
     beats = list(heard.beats.values())
     cpu_s = sum(beat.cpu_s or 0.0 for beat in beats)
     look_cpu_s = sum(beat.look_cpu_s for beat in beats)
     looks, frames = (sum(getattr(b, name) for b in beats) for name in ("detected", "captured"))
     return {
-        "cpu_s": cpu_s,
         "look_cpu_ms": 1e3 * look_cpu_s / max(looks, 1),
         "frame_cpu_ms": 1e3 * (cpu_s - look_cpu_s) / max(frames, 1),
-        "cpu_saved": None if heard.status is None else site_cpu_saved(heard.status),
     }
 
 
@@ -343,9 +342,10 @@ def _mean_people(records: Sequence[SlotRecord]) -> float:
 
 
 def _write_results(
-    scene: Recording,
+    scene: Scene,
     heard: Heard,
     records: Sequence[SlotRecord],
+    charged_j: NDArray[np.float64] | None,
     moments_s: NDArray[np.float64],
     figures: LiveFigures,
     folder: Path,
@@ -354,7 +354,8 @@ def _write_results(
     """Write tables, figures, the page and the pictures; return the figures."""
     from e3pose.site.demo.stored_run import as_recording
 
-    recording = as_recording(scene, heard, moments_s)
+    recording = as_recording(scene.recording, heard, moments_s)
+    plan = resolve_site(scene.site_file).plan
     settings = ReplaySettings(
         pipeline="default",
         num_selected=min(NUM_SELECTED, len(recording.rig)),
@@ -363,7 +364,18 @@ def _write_results(
     )
     pace = pace_words(figures, len(recording.rig))
     notes = (*pace, *processor_words(figures), *delivery_words(figures))
-    summary = replace(summarise(recording, settings, records, load_profile(PROFILE)), notes=notes)
+    summary = summarise(
+        recording,
+        settings,
+        records,
+        plan.profiles,
+        idle_mode=plan.idle_mode,
+        battery_wh=plan.battery_wh,
+        charged_j=charged_j,
+    )
+    live = NO_SAVINGS if heard.status is None else savings(heard.status)
+    both = replace(summary.savings, processor_time=live.processor_time)
+    summary = replace(summary, notes=notes, savings=both)
     for name in ("poses.parquet", "poses.csv"):
         write_poses(records, recording.skeleton, folder / name)
     table = as_json(summary, live=asdict(figures))

@@ -14,7 +14,7 @@ from e3pose.pipeline import SlotRecord
 from e3pose.recording import Recording, Truth, ViewSeries
 from e3pose.site.demo.live import Heard
 from e3pose.store import Store
-from e3pose.store.records import slot_records
+from e3pose.store.records import charged_j, slot_records
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,8 +49,10 @@ class Film:
 
 def stored_records(
     store: Path, interval_s: float, film: Film, num_slots: int
-) -> tuple[list[SlotRecord], list[int]]:
-    """Return the records of the newest run in a store, and when each slot was, since 1970.
+) -> tuple[list[SlotRecord], list[int], Floats | None]:
+    """Return the records of the newest run in a store, when each slot was, and its joules.
+
+    Times are since 1970; joules are those of `store.records.charged_j`.
 
     Args:
         store: the database.
@@ -66,7 +68,8 @@ def stored_records(
     rows = [row for row in asked.rows("slots", run=run) if row["slot"] < num_slots]
     first_round = [row for row in rows if row["time_ns"] < end_ns]
     rows = first_round if len(first_round) >= num_slots // 2 else rows
-    return slot_records(rows, found, interval_s), [row["time_ns"] for row in rows]
+    times = [row["time_ns"] for row in rows]
+    return slot_records(rows, found, interval_s), times, charged_j(rows)
 
 
 def heard_views(

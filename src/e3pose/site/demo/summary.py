@@ -45,10 +45,8 @@ class LiveFigures:
         delay_ms: median from the middle of a slot until its poses were published.
         blind: blind slots by cause.
         selected: cameras per slot after the warm-up, without blind slots; NaN before its end.
-        cpu_s: measured processor time of all camera programs; 0 if they did not say.
-        look_cpu_ms: of one look, mean.
+        look_cpu_ms: measured processor time of one look, mean.
         frame_cpu_ms: of one frame, with all else that a camera program does, mean.
-        cpu_saved: share saved of what looking in every slot would take, [0, 1]; None if unknown.
     """
 
     pace: float
@@ -67,10 +65,8 @@ class LiveFigures:
     delay_ms: float
     blind: Mapping[str, int]
     selected: float
-    cpu_s: float = 0.0
     look_cpu_ms: float = 0.0
     frame_cpu_ms: float = 0.0
-    cpu_saved: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,8 +111,8 @@ def about(report: DemoReport, folder: Path) -> str:
 def story(report: DemoReport) -> list[str]:
     """Say what the demo did and what it saved, one sentence or two a line."""
     summary, live = report.summary, report.live
-    settings, energy, selection = summary.settings, summary.energy, summary.selection
-    assert energy is not None and selection is not None, "a demo has slots"
+    settings, selection = summary.settings, summary.selection
+    assert selection is not None, "a demo has slots"
     if report.real:
         did = [
             f"Ran a live site: an edge server and {report.num_cameras} camera processes that play "
@@ -135,10 +131,8 @@ def story(report: DemoReport) -> list[str]:
         "estimated the 3D poses from their views: all cameras in the first "
         f"{settings.warmup_slots} slots, then {_selected(live.selected)}"
         f"(goal: {settings.num_selected:g}).",
-        f"Energy: {selection.mean_cameras:.1f} of {report.num_cameras} cameras were "
-        f"active on average, {energy.saving_percent:.0f} % less energy for processors, "
-        f"WiFi and memory, {energy.device_saving_percent:.0f} % less for the whole cameras "
-        f"(modelled, power profile {energy.profile}).",
+        f"On average {selection.mean_cameras:.1f} of {report.num_cameras} cameras were active. "
+        f"{summary.savings.words()}.",
         *processor_words(live),
         *delivery_words(live),
         f"Found {report.people:.1f} people per slot on average. A new track is confirmed by three "
@@ -158,14 +152,12 @@ def pace_words(live: LiveFigures, num_cameras: int) -> list[str]:
 
 
 def processor_words(live: LiveFigures) -> list[str]:
-    """Say what processor time the cameras took and saved; nothing where that is unknown."""
-    if live.cpu_saved is None:
+    """Say what processor time a look and a frame took; nothing where that is unknown."""
+    if not live.look_cpu_ms:
         return []
-    every_s = live.cpu_s / max(1 - live.cpu_saved, 1e-6)
     return [
-        f"Processor time of all camera programs: {live.cpu_s:.1f} s, {live.cpu_saved:.1%} less "
-        f"than the {every_s:.1f} s of looking in every slot (measured: {live.look_cpu_ms:.0f} ms "
-        f"a look, {live.frame_cpu_ms:.1f} ms a frame)."
+        f"Of processor time, a look took {live.look_cpu_ms:.0f} ms and a frame "
+        f"{live.frame_cpu_ms:.1f} ms."
     ]
 
 

@@ -95,7 +95,9 @@ def make_app(content: PageContent) -> FastAPI:
         app.include_router(make_tests(content.test, content.log))
     if content.pictures is not None:
         app.include_router(content.pictures)
-    app.include_router(make_day(content.store))
+    room = content.describe()
+    active_w = dict(zip(room["cameras"], room["active_w"], strict=True))
+    app.include_router(make_day(content.store, active_w))
     feed, place = content.feed, None if content.store is None else content.store.place
     app.include_router(make_people(place, feed.site, feed.look_at_names, content.log))
     app.include_router(make_keep(content.keep or Keeping(place, feed.site, log=content.log)))

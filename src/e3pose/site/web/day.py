@@ -1,7 +1,9 @@
-"""The part of the API that looks at hours: what is stored of them, and what cameras spent."""
+"""The part of the API that looks at hours: what is stored of them, what cameras spent and saved."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import asdict
 from typing import Annotated, Any
 
 from fastapi import APIRouter, HTTPException, Query
@@ -13,11 +15,12 @@ Nanoseconds = Annotated[int, Query(ge=0, le=2**62, description="nanoseconds sinc
 LONGEST_NS = 8 * 86_400 * 10**9
 
 
-def make_day(store: Store | None) -> APIRouter:
+def make_day(store: Store | None, active_w: Mapping[str, float]) -> APIRouter:
     """Return the routes.
 
     Args:
         store: of the site; None where nothing is stored.
+        active_w: by camera, what an active one draws.
     """
     day = APIRouter(prefix="/api", responses=REFUSALS)
 
@@ -31,11 +34,14 @@ def make_day(store: Store | None) -> APIRouter:
         slots, blind = asked(lambda: needed(store).coverage(start, end, parts))
         return {"slots": slots, "blind": blind}
 
-    @day.get("/spent", summary="What each camera spent in a time")
-    def spent(start: Nanoseconds, end: Nanoseconds) -> dict[str, list[dict[str, Any]]]:
+    @day.get("/spent", summary="What each camera spent in a time, and what all of them saved")
+    def spent_of(start: Nanoseconds, end: Nanoseconds) -> dict[str, Any]:
         _check(start, end)
+        spent = asked(lambda: needed(store).spent(start, end))
+        saved = asked(lambda: needed(store).saved(start, end, active_w))
         return {
-            "cameras": [one._asdict() for one in asked(lambda: needed(store).spent(start, end))]
+            "cameras": [one._asdict() for one in spent],
+            "whole_camera": None if saved is None else asdict(saved),
         }
 
     return day

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from types import MappingProxyType
 from typing import Any, Literal
@@ -14,6 +14,7 @@ import orjson
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict
 
+from e3pose.edge.reports import savings
 from e3pose.events.watch import Watch
 from e3pose.model.person_event import PersonEvent
 from e3pose.model.zone_event import ZoneEvent
@@ -180,10 +181,11 @@ def status_body(status: Status) -> dict[str, Any]:
     return {
         name: getattr(status, name) for name in status.__struct_fields__ if name != "cameras"
     } | {
+        "saved": asdict(savings(status)),
         "cameras": [
             {name: getattr(camera, name) for name in camera.__struct_fields__}
             for camera in status.cameras
-        ]
+        ],
     }
 
 

@@ -16,7 +16,7 @@ const COLUMNS = [ // name, text of a camera, what it means
   ["price", (c) => number(c.price, 1), "what selecting it costs: grows with its deficit, compared with the information"],
   ["deficit", (c) => number(c.deficit, 1), "energy spent beyond its budget so far, in slots"],
   ["power", (c) => (c.power_w === null ? "–" : `${c.measured ? "" : "~"}${c.power_w.toFixed(1)} W`), "mean power; ~ is modelled, not measured"],
-  ["CPU", (c) => (c.cpu_s == null ? "–" : `${c.cpu_s.toFixed(0)} s${c.cpu_saved == null ? "" : `, ${percent(c.cpu_saved)} saved`}`), "measured processor time of its program, and what it saves of looking in every slot"],
+  ["CPU", (c) => (c.cpu_s == null ? "–" : `${c.cpu_s.toFixed(0)} s${c.cpu_saved == null ? "" : `, ${percent(c.cpu_saved)} saved`}`), "measured processor time of its program, and the share saved compared with looking in every slot"],
   ["battery", (c) => (c.battery === undefined ? "–" : c.battery === null ? "mains" : `${c.gauge ? "" : "~"}${percent(c.battery)}`), "charge; ~ is modelled"],
   ["temperature", (c) => number(c.temperature_c, 0, " °C"), "of the camera's processor"],
   ["late, lost", (c) => (c.late === null ? "–" : `${c.late}, ${c.lost}`), "views that arrived after their slot was closed, and views that did not arrive"],
