@@ -14,6 +14,7 @@ from tests.manual_clock import ManualClock
 from e3pose.energy.activity import ModeClock
 from e3pose.energy.meters.choose import ModelMeter
 from e3pose.energy.meters.sampler import PowerSampler
+from e3pose.energy.profiles import modes_of
 
 MS = 10**6
 SLOT_NS = 40 * MS
@@ -154,7 +155,7 @@ def test_model_adds_up_the_time_in_each_mode_whenever_it_is_read() -> None:
     clock = ManualClock()
     modes = ModeClock(clock.now_ns)
     sampler = PowerSampler(ModelMeter(GENERIC, "a test"), modes)
-    sampler.sample()
+    sampler()
     for slot in range(1000):
         if slot % 2 == 0:
             modes.look(clock.now_ns(), SLOT_NS)
@@ -167,3 +168,10 @@ def test_model_adds_up_the_time_in_each_mode_whenever_it_is_read() -> None:
     active_w, idle_w = GENERIC.watts("active"), GENERIC.watts("power-saving")
     assert (fields["active_s"], fields["idle_s"]) == pytest.approx((20.0, 20.0))
     assert fields["energy_j"] == pytest.approx(20 * (active_w + idle_w))
+    assert fields["power_w"] == pytest.approx((active_w + idle_w) / 2), "since it was asked last"
+    clock.advance(0.5)
+    assert sampler()["power_w"] == pytest.approx(idle_w)
+    modes.change("asleep")
+    clock.advance(0.001)
+    asleep_w = {rest.name: rest.watts for rest in modes_of(GENERIC).rests}["asleep"]
+    assert sampler()["power_w"] == asleep_w, "which it draws until it is heard again"

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from e3pose.base.errors import InputError
-from e3pose.energy.activity import ModeClock, ModeTimes
+from e3pose.energy.activity import RESTING, ModeClock, ModeTimes
 from e3pose.energy.meters.base import Meter, MeterError, Reading
 from e3pose.energy.meters.battery import Charge, read_charge
 from e3pose.energy.meters.charge_file import ChargeFile
@@ -71,6 +71,17 @@ def add_reading(total: Total, reading: Reading, times: ModeTimes) -> Total:
     )
 
 
+def _told_watts(before: Total, now: Total) -> float:
+    """Return the power to tell: of a model, the mean since `before`, unless it sleeps from now on.
+
+    What a model says of the moment of a heartbeat is that between two slots.
+    """
+    if now.measured or before.times is None or now.times is None or now.times.mode in RESTING:
+        return now.watts
+    gap_s = (now.times.at_ns - before.times.at_ns) / 1e9
+    return (now.energy_j - before.energy_j) / gap_s if gap_s > 0 else now.watts
+
+
 class PowerSampler:
     """Adds up what the device draws. Call it for the fields of a heartbeat on time and power.
 
@@ -105,7 +116,7 @@ class PowerSampler:
         self._meter, self._root, self._capacity_wh = meter, root, capacity_wh
         self._lock = threading.Lock()
         self._stop = threading.Event()
-        self._total = Total()
+        self._total = self._told = Total()
         self._charge: Charge | None = None
         self._temperature_c: float | None = None
         self._charge_s = -CHARGE_PERIOD_S
@@ -157,7 +168,8 @@ class PowerSampler:
         was asked for the last time.
         """
         with self._lock:
-            total = self._sample()
+            before, total = self._told, self._sample()
+            self._told = total
             charge = None if self._charge is None else self._charge.energy_j
             charging_w = 0.0 if self._charge is None else self._charge.charging_w
             self._total = replace(self._total, measured=True)
@@ -166,7 +178,7 @@ class PowerSampler:
                 charge = self._charge_file.left_j
         return {
             **(total.times or self._modes.times()).fields(),
-            "power_w": total.watts,
+            "power_w": _told_watts(before, total),
             "energy_j": total.energy_j,
             "measured": total.measured and bool(total.how),
             "battery_j": charge,
