@@ -20,7 +20,7 @@ from tests.manual_clock import ManualClock
 
 from e3pose.cli import main
 from e3pose.energy.activity import ModeClock
-from e3pose.energy.meters.base import Meter, MeterError
+from e3pose.energy.meters.base import Meter, MeterError, Reading
 from e3pose.energy.meters.battery import BatteryMeter, read_charge
 from e3pose.energy.meters.choose import choose_meter
 from e3pose.energy.meters.rapl import RaplMeter, counted_j
@@ -205,6 +205,26 @@ def test_sampler_adds_up_watts_and_states_what_is_measured(tmp_path: Path) -> No
     assert sampler()["measured"] is True, "of the time since it was asked"
     clock.advance(3600.0)  # the machine slept
     assert sampler()["energy_j"] < expected_j + 30
+
+
+def test_watts_of_heartbeats_which_fall_between_looks_are_not_added_up(tmp_path: Path) -> None:
+    class Looking:
+        watts = 8.0
+
+        def read(self, mode: object) -> Reading:
+            return Reading(self.watts, None, True, "measured: a test")
+
+    clock, meter = ManualClock(), Looking()
+    sampler = PowerSampler(meter, ModeClock(clock.now_ns), tmp_path)
+    sampler.sample()
+    for _ in range(10):
+        clock.advance(0.1)
+        sampler.sample()
+        clock.advance(0.1)
+        meter.watts = 3.0
+        assert sampler()["measured"]
+        meter.watts = 8.0
+    assert sampler()["energy_j"] == pytest.approx(8.0 * 2)
 
 
 def test_what_runs_beside_the_modes_is_added_to_models_alone(tmp_path: Path) -> None:

@@ -136,13 +136,16 @@ class PowerSampler:
         with self._lock:
             return self._sample()
 
-    def _sample(self) -> Total:
+    def _sample(self, between_slots: bool = False) -> Total:
         times = self._modes.times()
         try:
             reading = self._meter.read(times.mode)
         except MeterError:  # a meter without a model behind it
             self._total = replace(self._total, times=times, measured=False)
             return self._total
+        counts = reading.energy_j is not None or bool(reading.by_mode)
+        if between_slots and self._total.how and not counts:  # watts of no look: none to add up
+            reading = replace(reading, watts=self._total.watts)
         before_j, self._total = self._total.energy_j, add_reading(self._total, reading, times)
         beside_j = self.beside_j()
         if not reading.measured:
@@ -168,7 +171,7 @@ class PowerSampler:
         was asked for the last time.
         """
         with self._lock:
-            before, total = self._told, self._sample()
+            before, total = self._told, self._sample(between_slots=True)
             self._told = total
             charge = None if self._charge is None else self._charge.energy_j
             charging_w = 0.0 if self._charge is None else self._charge.charging_w
