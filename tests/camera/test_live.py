@@ -71,3 +71,19 @@ def test_what_a_frame_is_late_by_is_taken_off_its_time(delay_ms: int, slot: int)
     node._take(LiveFrame(times.middle_ns(7), (640, 480), lambda: Poses2D.empty(17)))
     seen = node._frames.take()
     assert seen is not None and seen.slot == slot
+
+
+def test_what_was_spent_is_taken_before_the_frame_of_an_active_slot_is_passed_on() -> None:
+    def meter(mode: object) -> dict[str, float]:
+        return {"energy_j": float(node._frames._thing is not None)}
+
+    settings, times = NodeSettings("lab", "cam0", tuple(map(str, range(17)))), SlotTimes(0, 10**8)
+    node = CameraNode(
+        settings, Unplugged(), RecordedDetector(), Hub().join(), WallClock(), meter=meter
+    )
+    node.schedule = Schedule(session=1, times=times, active={7: True})
+    node._spending.told.clear()  # as a heartbeat that waits for a slot does
+    node._take(LiveFrame(times.middle_ns(7), (640, 480), lambda: Poses2D.empty(17)))
+    assert node._frames._thing is not None
+    spent = node._spending._taken.pop()
+    assert (spent["energy_j"], spent["mode"], spent["active_s"]) == (0.0, "active", 0.0)
