@@ -1,7 +1,7 @@
 """Is active time what was ordered, is an exact meter learned, and do budgets keep what they say?
 
     python lab/benchmarks/active_time.py                   # all rows, three sites at a time
-    python lab/benchmarks/active_time.py --rows "turns 25" # those whose names begin so
+    python lab/benchmarks/active_time.py --rows "turns 25 1/4,random"  # whose names begin so
 
 Each row is a site of real processes over mutual TLS: cameras that replay simulated detections, with
 a meter that knows of every look: it counts 3 W, and for each run of the network what makes a slot
@@ -62,13 +62,15 @@ HEIGHT, WIDTH = 180, 320
 
 @dataclass
 class Network:
-    """A network that notes when it runs."""
+    """A network that takes a part of a slot, and notes when it runs."""
 
     inner: LiveDetector
+    look_s: float
     begun_ns: list[int] = field(default_factory=list)
 
     def detect(self, image: Any) -> Poses2D:
         self.begun_ns.append(time.monotonic_ns())
+        time.sleep(self.look_s)
         return Poses2D.empty(17) if isinstance(image, np.ndarray) else self.inner.detect(image)
 
 
@@ -128,7 +130,7 @@ class Pictures:
         image = np.full((HEIGHT, WIDTH, 3), 90, np.uint8)
         if frame.captured_ns // 10**9 % 3 == 0:
             image[:, : WIDTH // 4] = frame.captured_ns // 10**7 % 256
-        return LiveFrame(frame.captured_ns, (WIDTH, HEIGHT), lambda: image)
+        return LiveFrame(frame.captured_ns, frame.image_size, lambda: image)
 
     def close(self) -> None:
         self.inner.close()
@@ -137,15 +139,15 @@ class Pictures:
 def run_camera(log: str, slot_s: str, look: str, pictures: str, *words: str) -> None:
     """Run `e3pose camera` with an exact meter and, if `pictures` is `yes`, with pictures."""
     networks: list[Network] = []
-    detector_of = camera_program._detector
+    detector_of, look_s = camera_program._detector, float(look) * float(slot_s)
 
     def network(node: Any, source: Any) -> tuple[LiveDetector, tuple[str, ...], str]:
         finds, joints, name = detector_of(node, getattr(source, "inner", source))
-        networks.append(Network(finds))
+        networks.append(Network(finds, look_s))
         return networks[-1], joints, name
 
     def sampler(_profile: object, modes: ModeClock, *_: object) -> PowerSampler:
-        meter = ExactMeter(networks, float(slot_s), float(look) * float(slot_s))
+        meter = ExactMeter(networks, float(slot_s), look_s)
         made = Sampler(meter, modes)
         made.log, made.networks = Path(log), networks
         return made
@@ -188,7 +190,7 @@ class Row:
     @property
     def name(self) -> str:
         words = f"{self.policy} {self.fps:g} {self.count}/{self.cameras}"
-        budgets = "" if len(self.budgets) == 1 else ", ".join(self.budgets)
+        budgets = "" if len(self.budgets) == 1 else " and ".join(dict.fromkeys(self.budgets))
         return " ".join(word for word in (words, self.more, budgets) if word)
 
     @property
@@ -330,23 +332,28 @@ def shown(row: Row, found: list[Found]) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--rows", default="", help="the beginning of the names of rows to run")
+    parser.add_argument("--rows", default="", help="beginnings of the names of rows to run")
     parser.add_argument("--look", type=float, default=0.6, help="of a slot, that a look takes")
     parser.add_argument("--together", type=int, default=3, help="sites at a time")
     parser.add_argument("--seconds", type=float, default=LEARN_S, help="in which it learns")
     options = parser.parse_args()
-    rows = [row for row in ROWS if row.name.startswith(options.rows)]
+    rows = [row for row in ROWS if row.name.startswith(tuple(options.rows.split(",")))]
     if not rows:
         parser.error(f"--rows {options.rows!r}: none of {', '.join(row.name for row in ROWS)}")
     print("| site | ordered | looks | active | active W | idle W | pays | kept | within bounds |")
     print("|---|---|---|---|---|---|---|---|---|", flush=True)
-    bad = False
+
+    def tell(row: Row) -> bool:
+        try:
+            found = run(row, options.look, options.seconds)
+        except SystemExit as error:  # a program of the site ended
+            print(f"{row.name}: {error}", flush=True)
+            return False
+        print(shown(row, found), flush=True)
+        return not any(each.wrong() for each in found)
+
     with ThreadPoolExecutor(options.together) as pool:
-        all_found = pool.map(lambda row: run(row, options.look, options.seconds), rows)
-        for row, found in zip(rows, all_found, strict=True):
-            print(shown(row, found), flush=True)
-            bad = bad or any(each.wrong() for each in found)
-    sys.exit(bad)
+        sys.exit(not all(list(pool.map(tell, rows))))
 
 
 if __name__ == "__main__":

@@ -8,6 +8,7 @@ from typing import Any
 from tests.manual_clock import ManualClock
 from tests.waiting import eventually
 
+from e3pose.camera.box import Box
 from e3pose.camera.spending import SLOT_WAIT_S, Spending, pause_ns
 from e3pose.energy.activity import ModeClock
 
@@ -53,6 +54,37 @@ def test_times_that_a_meter_took_itself_replace_those_before_it_was_read() -> No
         return {**modes.times().fields(), "energy_j": 1.0}
 
     assert Spending(modes, meter).now()["idle_s"] == 0.003
+
+
+def test_nothing_is_taken_while_a_look_goes_on_unless_it_never_ends() -> None:
+    clock, looking, found = ManualClock(), [True], list[dict[str, Any]]()
+    modes = ModeClock(clock.now_ns)
+    spending = Spending(modes, lambda mode: {"energy_j": clock.now_ns() / 1e9}, lambda: looking[0])
+    spending.told.clear()
+    spending.begin_slot(active=True)
+    assert not spending.told.is_set() and not spending._taken
+    assert spending.by_next_slot()["energy_j"] == 0.0
+    waiting = threading.Thread(target=lambda: found.append(spending.by_next_slot()))
+    waiting.start()
+    assert eventually(lambda: not spending.told.is_set())
+    clock.advance(0.04)
+    looking[0] = False
+    spending.begin_slot(active=False)
+    clock.advance(0.04)
+    waiting.join()
+    assert [spent["energy_j"] for spent in found] == [0.04]
+
+
+def test_a_look_goes_on_from_when_its_frame_is_put_until_the_next_is_taken() -> None:
+    box = Box[int]()
+    assert not box.busy
+    box.put(1)
+    assert box.busy and box.take() == 1 and box.busy
+    taking = threading.Thread(target=box.take)
+    taking.start()
+    assert eventually(lambda: not box.busy)
+    box.close()
+    taking.join()
 
 
 def test_number_of_slots_between_heartbeats_varies() -> None:

@@ -18,8 +18,13 @@ class Box(Generic[Thing]):
     def __init__(self) -> None:
         self.dropped = 0
         self._thing: Thing | None = None
-        self._closed = False
+        self._closed = self._dealing = False
         self._change = threading.Condition()
+
+    @property
+    def busy(self) -> bool:
+        """Whether something is in it, or who took the last thing has not come back for another."""
+        return self._thing is not None or self._dealing
 
     def put(self, thing: Thing) -> None:
         """Put an item into the box, replacing one that was not taken."""
@@ -31,8 +36,10 @@ class Box(Generic[Thing]):
     def take(self) -> Thing | None:
         """Wait for a thing and take it; None once the box is closed."""
         with self._change:
+            self._dealing = False
             while self._thing is None and not self._closed:
                 self._change.wait()
+            self._dealing = True
             thing, self._thing = self._thing, None
             return None if self._closed else thing
 

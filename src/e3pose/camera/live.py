@@ -104,7 +104,7 @@ class CameraNode:
         self._order = threading.Event()  # set by each order: a sleeping source may have to wake
         self._awake = threading.Event()  # cleared while nothing is to be sent
         self._awake.set()
-        self._spending = Spending(self.modes, meter)
+        self._spending = Spending(self.modes, meter, lambda: self._frames.busy)
         self._lock = threading.Lock()
         self._processor = ProcessorTime()
         self._image_size: tuple[int, int] | None = None  # until the first frame
