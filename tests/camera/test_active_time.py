@@ -134,9 +134,14 @@ def make_ledger(site: Site, budgets: list[Budget], count: float) -> EnergyLedger
 
 
 @pytest.mark.parametrize(
-    ("policy", "look_share"), [(RoundRobin, 0.2), (RoundRobin, 1.5), (Random, 1.0)]
+    ("cameras", "count", "policy", "look_share"),
+    [
+        *((cameras, count, RoundRobin, 0.2) for cameras, count in ((4, 1), (4, 2), (5, 2))),
+        *((cameras, count, Random, 1.0) for cameras, count in ((4, 1), (4, 2), (5, 2))),
+        (4, 1, RoundRobin, 1.5),  # slots
+        (4, 1, Random, 1.5),
+    ],
 )
-@pytest.mark.parametrize(("cameras", "count"), [(4, 1), (4, 2), (5, 2)])
 @pytest.mark.parametrize("fps", [25.0, 30.0])
 def test_exact_meter_is_learned_in_two_minutes_and_pays_for_what_budgets_say(
     fps: float, cameras: int, count: int, policy: type[RoundRobin | Random], look_share: float
@@ -155,6 +160,17 @@ def test_exact_meter_is_learned_in_two_minutes_and_pays_for_what_budgets_say(
         assert slot.active_j == pytest.approx(ACTIVE_W * site.slot_s, rel=0.03)
         assert slot.idle_j == pytest.approx(IDLE_W * site.slot_s, rel=0.03)
     np.testing.assert_allclose(estimate.budget, 0.3, atol=0.01)
+
+
+def test_camera_in_whose_time_between_looks_the_share_of_looks_is_constant_stays_modelled() -> None:
+    site = Site(25.0, 4, look_share=1.5)  # of every second slot: only between two of these
+    ledger = make_ledger(site, [Budget("duty", 1.0)] * 4, 2)
+    site.run(RoundRobin(2), ledger, range(3000))
+    estimate, _ = ledger.estimate()
+    for slot in estimate.slots:
+        assert not slot.measured
+        mean_w = (slot.active_j + slot.idle_j) / 2 / site.slot_s
+        assert mean_w == pytest.approx((ACTIVE_W + IDLE_W) / 2, rel=0.02)
 
 
 def test_slots_that_the_motion_gate_finds_unchanged_are_idle() -> None:
