@@ -248,7 +248,8 @@ def measure(
 def statement_at(source: str, line: int) -> tuple[range, bool]:
     """Return the lines of the statement at a line, and whether it is in a function.
 
-    Of a statement that holds others, such as `if`, these are the lines before them.
+    Of a statement that holds others, such as `if`, these are the lines before them; of the head of
+    a function, such as a default, all of its lines.
     """
     found, inside = range(line, line + 1), False
 
@@ -261,9 +262,11 @@ def statement_at(source: str, line: int) -> tuple[range, bool]:
             bodies += [handler.body for handler in getattr(node, "handlers", [])]
             first = min((body[0].lineno for body in bodies if body), default=None)
             last = (node.end_lineno or node.lineno) + 1 if first is None else first
-            if line < last or first == node.lineno:
-                found, inside = range(node.lineno, max(last, node.lineno + 1)), in_function
             is_function = isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
+            if line < last or first == node.lineno:
+                end = (node.end_lineno or node.lineno) + 1 if is_function else last
+                found = range(node.lineno, max(end, node.lineno + 1))
+                inside = in_function or is_function
             for body in bodies:
                 look(body, in_function or is_function)
 

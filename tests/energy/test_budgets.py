@@ -33,10 +33,12 @@ SLOT_S = 0.04
     [
         ("0.6", "duty", 0.6),
         ("60%", "duty", 0.6),
+        ("100%", "duty", 1.0),
         ("0.3J", "joules", 0.3),
         ("300 mJ", "joules", 0.3),
         ("4.5W", "watts", 4.5),
         ("until 18:00", "until", datetime(2026, 11, 21, 18, tzinfo=HOME).timestamp()),
+        ("until 14:30", "until", NOW.timestamp() + 86_400),  # the next one
         ("until 09:15", "until", datetime(2026, 11, 22, 9, 15, tzinfo=HOME).timestamp()),
         ("until 2026-11-22T06:00Z", "until", datetime(2026, 11, 22, 7, tzinfo=HOME).timestamp()),
         ("for 8h", "until", NOW.timestamp() + 8 * 3600),

@@ -7,6 +7,7 @@ import pytest
 from e3pose.base.errors import InputError
 from e3pose.energy.modes import RESTS
 from e3pose.energy.profiles import PROFILES, load_profile, modes_of
+from e3pose.energy.profiles.write import profile_text
 
 BASE = """
 format = "e3pose-power-profile"
@@ -62,6 +63,9 @@ def test_rows_of_a_profile_are_in_the_table_with_their_sources(tmp_path: Path) -
     assert (tracked.joules, tracked.latency_s) == (0.03, 0.006)
     assert "wall plug" in suspended.source and "tegrastats" in tracked.source
     assert modes.table == "profile board"
+    written = tmp_path / "written.toml"
+    written.write_text(profile_text(load_profile(profile(tmp_path, SUSPENDED + TRACKED))))
+    assert modes_of(load_profile(written)) == modes
 
 
 @pytest.mark.parametrize("name", PROFILES)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -74,6 +75,13 @@ def test_rows_that_a_killed_edge_left_are_not_brought_back(tmp_path: Path) -> No
         wait_for(lambda: len(spools_of(path)) == 1)
     found = Store(path).query()
     assert list(zip(found.slots, found.track_ids, strict=True)) == [(61, PEOPLE[1])]
+
+
+def test_archives_can_delete_whole_days_and_people() -> None:
+    day = of_day("hall", "2026-11-20")
+    assert day.whole_day and PERSON.whole_day
+    assert not replace(day, end_ns=day.end_ns - 1).whole_day
+    assert not replace(day, start_ns=day.start_ns + 1, end_ns=day.end_ns + 1).whole_day
 
 
 def test_no_day_is_told() -> None:

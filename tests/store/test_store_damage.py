@@ -14,6 +14,7 @@ from tests.store.writers import QUICK, Records, Runs, limit_connections, stored_
 
 from e3pose.base.errors import InputError
 from e3pose.store import Event, Store, StoreWriter, WriterSettings
+from e3pose.store.database import open_checked, refusal_of
 from e3pose.store.integrity import IntegrityWatch, problem_of
 
 pytestmark = pytest.mark.slow
@@ -69,12 +70,19 @@ def test_damage_while_running_starts_a_new_database(
     tmp_path: Path, record: Records, run: Runs, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     limit_connections(monkeypatch, lambda: "cache_size = 5")  # so that pages are read again
-    path = tmp_path / "live.db"
+    path, checked = tmp_path / "live.db", list[str]()
     reported: list[Event] = []
+
+    def check(url: str) -> list[tuple[str, str]]:
+        checked.append(url)
+        return open_checked(url)
+
+    monkeypatch.setattr("e3pose.store.saver.open_checked", check)
     with StoreWriter(path, run(), QUICK, report=reported.append) as writer:
         for slot in range(300):
             writer.append(record(slot), wait=True)
         assert writer.flush()
+        assert len(checked) == 1, "not once a commit"
         with path.open("r+b") as file:
             file.write(os.urandom(64_000))
         Path(f"{path}-wal").write_bytes(b"")
@@ -85,7 +93,13 @@ def test_damage_while_running_starts_a_new_database(
         assert writer.flush()
     assert list(tmp_path.glob("live.db.corrupt-*"))
     assert stored_slots(path)[-1] == 329
+    assert len(checked) > 1
     assert any(event.kind == "store-corrupt" for event in reported)
+
+
+def test_reasons_go_on_in_a_sentence() -> None:
+    assert refusal_of(OSError(28, "No space left on device")) == "no space left on device"
+    assert refusal_of(sqlite3.OperationalError("no such table: Slots")) == "no such table: Slots"
 
 
 def scribble(path: Path) -> None:

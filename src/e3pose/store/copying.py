@@ -97,7 +97,7 @@ def _copy_table(
     table: Table,
     progress: Callable[[str, int, int], None],
 ) -> int:
-    total = found.scalar(select(func.count()).select_from(table)) or 0
+    total = found.execute(select(func.count()).select_from(table)).scalar_one()
     done = 0
     asked = select(*columns_of(found, table)).order_by(*table.primary_key)
     with found.execution_options(yield_per=CHUNK_ROWS).execute(asked) as result:

@@ -18,13 +18,15 @@ from tests.energy.meters.trees import (
 )
 from tests.manual_clock import ManualClock
 
+from e3pose.base.errors import InputError
 from e3pose.cli import main
 from e3pose.energy.activity import ModeClock
 from e3pose.energy.meters.base import Meter, MeterError, Reading
 from e3pose.energy.meters.battery import BatteryMeter, read_charge
 from e3pose.energy.meters.choose import choose_meter
+from e3pose.energy.meters.rails import RailMeter
 from e3pose.energy.meters.rapl import RaplMeter, counted_j
-from e3pose.energy.meters.sampler import PowerSampler
+from e3pose.energy.meters.sampler import PowerSampler, open_sampler
 
 
 def test_energy_counters_and_their_wrap(tmp_path: Path) -> None:
@@ -225,6 +227,37 @@ def test_watts_of_heartbeats_which_fall_between_looks_are_not_added_up(tmp_path:
         assert sampler()["measured"]
         meter.watts = 8.0
     assert sampler()["energy_j"] == pytest.approx(8.0 * 2)
+
+
+def test_meter_that_fails_for_hours_counts_nothing_and_goes_on(tmp_path: Path) -> None:
+    lay_out(tmp_path, XAVIER_NX)  # alone, without a model to stand in for it
+    current = tmp_path / "sys/bus/i2c/drivers/ina3221/7-0040/hwmon/hwmon3/curr1_input"
+    clock = ManualClock()
+    sampler = PowerSampler(RailMeter(tmp_path), ModeClock(clock.now_ns), tmp_path)
+
+    def found_j(seconds: float, milliamps: int | None) -> float:
+        if milliamps is None:
+            current.unlink(missing_ok=True)
+        else:
+            current.write_text(str(milliamps))
+        clock.advance(seconds)
+        fields = sampler()
+        assert fields["measured"] is (milliamps is not None)
+        return float(fields["energy_j"])
+
+    before_j = found_j(1.0, 1000)
+    before_j, spent_j = found_j(1.0, 1000), found_j(1.0, 1000) - before_j
+    assert spent_j == pytest.approx(2 * 5.0)
+    for _ in range(200):
+        assert found_j(60.0, None) == pytest.approx(before_j + 5.0)
+    assert found_j(1.0, 1000) - before_j < 15.1, "hours without a reading are not made up"
+
+
+def test_only_known_meters_are_opened(tmp_path: Path) -> None:
+    modes = ModeClock(ManualClock().now_ns)
+    with pytest.raises(InputError, match=r"meter: found 'watt', expected auto or model"):
+        open_sampler(GENERIC, modes, "watt")
+    assert open_sampler(GENERIC, modes, "model")()["measured"] is False
 
 
 def test_what_runs_beside_the_modes_is_added_to_models_alone(tmp_path: Path) -> None:
