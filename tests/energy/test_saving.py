@@ -27,6 +27,11 @@ def test_camera_that_sleeps_two_fifths_of_the_time_saves_them() -> None:
     assert share(cpu_s, 600 * LOOK_S, 600, 600, 1000, 0.4) == pytest.approx(0.4)
 
 
+def test_camera_that_slept_all_the_time_saved_nearly_all() -> None:
+    saved = share(5 * (LOOK_S + FRAME_S), 5 * LOOK_S, 5, 5, 100_000, 1.0)
+    assert saved is not None and 0.99 < saved < 1.0
+
+
 def test_camera_that_always_looks_saves_nothing() -> None:
     saved = share(100 * (LOOK_S + FRAME_S), 100 * LOOK_S, 100, 100, 90)
     assert saved == pytest.approx(0.0, abs=1e-9)
