@@ -11,7 +11,8 @@ smoother's people found, `in 90 %` that of joints whose distance from the offlin
 the stated 90 % radius, `of truth` the same of the truth. Cells are round robin / `information` /
 random, with the standard deviation over seeds, which are phases of the turns on real recordings;
 `gain %` is how much nearer `information` is than round robin, paired by seed. `--cameras 1,40mm`
-has a target error beside a number; `awake` is how many cameras were. A scene with `+` has errors by
+has a target error beside a number; `awake` is how many cameras were, `first` how often the first
+one was selected by `information`, over the mean of the others. A scene with `+` has errors by
 situation, one with `-` errors by score alone; `motion-1` and `motion-2` are Panoptic motion before
 simulated cameras. A rate above a recording's own is the recording's. `--by-lead` prints a column
 per lead instead; `--common` compares the same people in the same slots, as who finds more people
@@ -122,11 +123,12 @@ def figures(scene: Scene, policy: str, goal: str, lead: int, seed: int) -> Row:
     apart: dict[str, list[Floats]] = {"off": [], "bodies": [], "mpjpe": []}
     inside: dict[str, list[NDArray[np.bool_]]] = {name: [] for name in apart}
     stated: list[Floats] = []
-    found = there = slots = awake = 0
+    found = there = slots = 0
+    looks = np.zeros(len(recording.rig))
     for record in replay(recording, settings):
         if record.slot < WARMUP + lead - 1:
             continue
-        slots, awake = slots + 1, awake + int(record.selected.sum())
+        slots, looks = slots + 1, looks + record.selected
         joints_m, covariance_m2 = (
             record.poses.joints_m[:, columns],
             record.covariance_m2[:, columns],
@@ -149,7 +151,8 @@ def figures(scene: Scene, policy: str, goal: str, lead: int, seed: int) -> Row:
             if name == "off":
                 found, there = found + len(pairs), there + len(expected)
     return {
-        "awake": awake / max(slots, 1),
+        "awake": looks.sum() / max(slots, 1),
+        "first": looks[0] / max(looks[1:].mean(), 1e-9),
         **{f"{name}_mm": mean_mm(distances) for name, distances in apart.items()},
         "stated_mm": mean_mm(stated),
         "found": found / max(there, 1),
@@ -303,8 +306,8 @@ def read(files: Sequence[Path]) -> list[Row]:
 def report(rows: Sequence[Row]) -> Iterator[str]:
     """Yield a table in Markdown, a line per place, rate, lead and goal."""
     columns = (
-        "place | slots/s | lead | goal | seeds | awake | off mm | gain % | bodies mm | gain % "
-        "| MPJPE mm | found % | in 90 % | of truth"
+        "place | slots/s | lead | goal | seeds | awake | first | off mm | gain % | bodies mm "
+        "| gain % | MPJPE mm | found % | in 90 % | of truth"
     )
     yield f"| {columns} |"
     yield "|---" * len(columns.split("|")) + "|"
@@ -314,10 +317,11 @@ def report(rows: Sequence[Row]) -> Iterator[str]:
             mine = [
                 r for r in rows if (r["place"], r["fps"], r["lead"], r["goal"]) == (place, *key)
             ]
-            awake = [row["awake"] for row in mine if row["policy"] == "information"]
+            own = [row for row in mine if row["policy"] == "information"]
             cells = [
                 Path(place).name, f"{key[0]:g}", str(key[1]), key[2],
-                str(len({row["seed"] for row in mine})), f"{np.mean(awake or [np.nan]):.2f}",
+                str(len({row["seed"] for row in mine})),
+                *(_mean(own, "information", name, 1.0, 2) for name in ("awake", "first")),
                 _all(mine, "off_mm"), _gain(mine, "off_mm"),
                 _all(mine, "bodies_mm"), _gain(mine, "bodies_mm"),
                 _all(mine, "mpjpe_mm"), _all(mine, "found", 100.0), _all(mine, "inside", 100.0),
@@ -345,13 +349,13 @@ def _all(rows: Sequence[Row], field: str, factor: float = 1.0) -> str:
     return " / ".join(_mean(rows, policy, field, factor) for policy in POLICIES)
 
 
-def _mean(rows: Sequence[Row], policy: str, field: str, factor: float) -> str:
+def _mean(rows: Sequence[Row], policy: str, field: str, factor: float, digits: int = 1) -> str:
     mine = [row.get(field) for row in rows if row["policy"] == policy]
     values = [value for value in mine if value is not None]
     if not values:
         return "-"
-    spread = f" ± {factor * np.std(values, ddof=1):.1f}" if len(values) > 1 else ""
-    return f"{factor * np.mean(values):.1f}{spread}"
+    spread = f" ± {factor * np.std(values, ddof=1):.{digits}f}" if len(values) > 1 else ""
+    return f"{factor * np.mean(values):.{digits}f}{spread}"
 
 
 def _gain(rows: Sequence[Row], field: str) -> str:

@@ -5,7 +5,9 @@
     python lab/benchmarks/detector_errors.py --without
 
 A scene with `+` has errors by situation, one with `-` errors by score alone; without either, its
-own. `--without` sets one figure of the errors after the other to nothing and shows what goes wrong.
+own. In one with `~` those of the first camera last for seconds and look consistent; with `^` that
+camera gives all of them a score of 0.99 besides. `--without` sets one figure of the errors after
+the other to nothing and shows what goes wrong.
 """
 
 from __future__ import annotations
@@ -19,7 +21,9 @@ from pathlib import Path
 import numpy as np
 
 from e3pose.base.arrays import Flags
-from e3pose.recording import Recording, load_recording
+from e3pose.model.pose import Poses2D
+from e3pose.recording import Recording, ViewSeries, load_recording
+from e3pose.simulate.noise import correlated
 from error_statistics import (
     GROSS_CM,
     GROSS_PX,
@@ -46,6 +50,7 @@ GROUPS: dict[str, Callable[[Keypoints], Flags]] = {
     "in the box of one nearer": lambda k: k.boxed & (k.others < CLEAR),
 }
 LEAST = 100  # keypoints of a figure
+BENT_PX, BENT_S, SURE_SCORE = 4.0, 4.0, 0.99  # of the camera whose errors last
 SHARES = np.concatenate([np.linspace(0, 0.9, 91), np.linspace(0.902, 1, 50)])  # of a drawn curve
 
 
@@ -153,9 +158,12 @@ def simulated(
     seconds: float = SECONDS,
     fps: float | None = None,
 ) -> Recording:
-    """Return a scene with errors by situation (`+`), by score (`-`), or its own."""
+    """Return a scene with errors by situation (`+`), by score (`-`), its own, or `bent` ones."""
     from e3pose.simulate import SCENES, Guessing, SceneSettings, adjusted, simulate
 
+    if word.endswith(("~", "^")):
+        recording = simulated(word[:-1], seed, changes, seconds, fps)
+        return bent(recording, seed, SURE_SCORE if word.endswith("^") else None)
     scene = word.rstrip("+-")
     detector = SCENES[scene].detector
     if word.endswith("+"):
@@ -165,6 +173,45 @@ def simulated(
     fps = fps or min(FPS, SCENES[scene].fps)
     detector = adjusted(detector, changes or {})
     return simulate(SceneSettings(scene=scene, seconds=seconds, fps=fps, detector=detector), seed)
+
+
+def bent(recording: Recording, seed: int, score: float | None = None) -> Recording:
+    """Return a simulated recording in which the errors of the first camera last.
+
+    What it detects stays, but lies where the truth is, off by `BENT_PX` that persist for
+    `BENT_S`: a consistent picture of people in the wrong place.
+
+    Args:
+        recording: with truth.
+        seed: of the errors.
+        score: of all of its keypoints; None leaves them as they are.
+    """
+    assert recording.truth is not None
+    people_m, views = recording.truth.joints_m, recording.views[0]
+    pixels = recording.rig.cameras[0].project(people_m)
+    rng, dt = np.random.default_rng(seed), recording.interval_s
+    errors = correlated(rng, pixels.shape, dt, ((0.5, BENT_S),))  # of each joint
+    errors += correlated(rng, (*pixels.shape[:2], 1, 2), dt, ((0.5, BENT_S),))  # of the body
+    pixels = pixels + BENT_PX * errors
+    bent_views = []
+    for slot in views.slots.tolist():
+        view = views.view(slot)
+        assert view is not None
+        apart = np.linalg.norm(pixels[slot][None] - view.keypoints_px[:, None], axis=-1)
+        there = np.isfinite(apart)
+        apart = np.where(there, apart, 0.0).sum(axis=-1) / np.maximum(there.sum(axis=-1), 1)
+        nearest = np.where(there.any(axis=-1), apart, np.inf).argmin(axis=1)
+        seen = (view.scores > 0) & np.isfinite(pixels[slot][nearest]).all(axis=-1)
+        bent_views.append(
+            Poses2D(
+                np.where(seen[..., None], pixels[slot][nearest], np.nan),
+                np.where(seen, view.scores if score is None else score, 0.0),
+            )
+        )
+    series = ViewSeries.from_views(
+        bent_views, views.slots.tolist(), views.times_s.tolist(), len(recording.skeleton)
+    )
+    return replace(recording, views=(series, *recording.views[1:]))
 
 
 def table(columns: Mapping[str, Mapping[str, float]]) -> Iterator[str]:

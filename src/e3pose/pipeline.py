@@ -33,14 +33,12 @@ from e3pose.select.failure_detector import Silence, listen
 from e3pose.select.feedback import Feedback, expected_people, focused_after
 from e3pose.select.motion_2d import LastView, last_slots, own_occlusion, with_views
 from e3pose.select.occlusion import Spread, expected_views
-from e3pose.select.own_check import OwnCheck, decides, distance_m
 from e3pose.select.policies.base import (
     Need,
     Policy,
     Selection,
     Situation,
     selected_by,
-    turns_of,
 )
 from e3pose.select.requested import with_requested
 from e3pose.select.rest_plan import RestMemory
@@ -113,7 +111,6 @@ class SlotState:
         shown: the people of the slot before; None before the first.
         stated: how large errors the estimator stated in the last seconds, after the warm-up.
         focused: `(num_cameras,)` looks since each camera looked at all of its image.
-        check: what the policy's check on itself has found.
         asleep_until: `(num_cameras,)` slot from which each camera is awake; over or 0: it is.
         rest: what the plan of rests remembers.
     """
@@ -128,7 +125,6 @@ class SlotState:
     shown: People | None = None
     stated: StatedError = field(default_factory=StatedError)
     focused: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
-    check: OwnCheck = field(default_factory=OwnCheck)
     asleep_until: Integers = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     rest: RestMemory = field(default_factory=lambda: RestMemory.none(0))
 
@@ -187,7 +183,6 @@ def step(
         silence=listen(state.silence, slot, selected, arrived, pipeline.interval_s),
         spread=state.spread.after(occlusion, pipeline.interval_s),
         stated=_stated(pipeline, state, people),
-        check=_checked(pipeline, state, views, people),
         last_views=_last_views(pipeline, state, views),
     )
     times.append(clock())
@@ -212,7 +207,7 @@ def step(
         next_selection=decision,
         covariance_m2=shown.covariance_m2,
         measured=shown.measured,
-        reasons=_reasons(situation, decision, (state.check.words(), state.rest.words())),
+        reasons=_reasons(situation, decision, state.rest.words()),
         stage_s={**people.stage_s, **_spent_s(times)},
         noise_factors=people.noise_factors,
         shifts_px=people.shifts_px,
@@ -262,22 +257,6 @@ def _stated(pipeline: Pipeline, state: SlotState, people: People) -> StatedError
     if Need.FORESIGHT not in pipeline.needs or state.slot < pipeline.warmup_slots:
         return state.stated
     return state.stated.after(stated_error_m(people.covariance_m2), pipeline.interval_s)
-
-
-def _checked(
-    pipeline: Pipeline, state: SlotState, views: Mapping[int, Poses2D], people: People
-) -> OwnCheck:
-    """Return `SlotState.check` after this slot, where the policy has turns."""
-    if turns_of(pipeline.policy) is None:
-        return state.check
-    interval_s = pipeline.interval_s
-    plan = state.check.plan(state.slot, interval_s, len(pipeline.rig))
-    seen_m = error_m = np.nan
-    if plan.counts:
-        before = pipeline.estimator.outlook(state.memory, interval_s)
-        seen_m = distance_m(pipeline.rig, before, views, state.selections[0])
-        error_m = stated_error_m(people.covariance_m2)
-    return state.check.after(state.slot, interval_s, plan.way, seen_m, error_m)
 
 
 def _last_views(
@@ -338,7 +317,7 @@ def _decide(
 ) -> tuple[SlotState, Selection]:
     """Return the state after the decision, and the cameras of the slot that is decided now."""
     policy, rests, until = pipeline.policy, pipeline.rests, state.asleep_until
-    rest, where = state.rest, (situation.slot, situation.interval_s, len(situation.online))
+    rest = state.rest
     if rests is not None:
         error_m, asleep = stated_error_m(people.covariance_m2), until > state.slot
         rest = rests.checked(rest, state.slot, situation.interval_s, asleep, error_m)
@@ -346,7 +325,7 @@ def _decide(
         rest, until = rests.planned(rest, situation, until, later, pipeline.request)
         situation = replace(situation, online=situation.online & (until <= situation.slot))
         policy = pipeline.policy if pipeline.waking is None else pipeline.waking(rest.num_selected)
-    decision = selected_by(decides(policy, state.check, *where), situation)
+    decision = selected_by(policy, situation)
     if rests is None:
         decision = with_requested(decision, situation, pipeline.request)
     else:
@@ -381,13 +360,12 @@ def _feedback(
     return focused_after(state.focused, decision, expected), expected
 
 
-def _reasons(situation: Situation, decision: Selection, said: tuple[str, str]) -> Reasons | None:
+def _reasons(situation: Situation, decision: Selection, words: str) -> Reasons | None:
     foresight = situation.foresight
     if foresight is None:
         return None
     gains_nats = foresight.gains_nats(decision)
     error_m = float(foresight.expected_error_m(decision[None])[0])
-    words = "; ".join(filter(None, said))
     return Reasons(situation.slot, gains_nats, situation.price, error_m, words)
 
 

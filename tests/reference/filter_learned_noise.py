@@ -30,7 +30,7 @@ from e3pose.model.projection import MIN_DEPTH_M, project
 
 def factors(noise: Floats, weight: float) -> Floats:
     """Return `(num_cameras,)` factors on the sigma of the noise file, as `find_logs` has them."""
-    logs, counts = noise[:-1].T
+    logs, counts = noise[:-1, :2].T
     own = counts * ALIKE / (counts + ALIKE)
     mean = (own * logs).sum() / (own.sum() + weight)
     return np.asarray(np.exp((counts * logs + ALIKE * mean) / (counts + ALIKE)))
@@ -38,7 +38,7 @@ def factors(noise: Floats, weight: float) -> Floats:
 
 def tilt(noise: Floats, weight: float) -> float:
     """Return the logarithm of the factor on sigma at the highest scores; arguments as above."""
-    log, count = noise[-1]
+    log, count = noise[-1, :2]
     return float(log * count / (count + weight))
 
 
@@ -103,7 +103,7 @@ def learn(belief: Belief, seen: Sightings, cameras: Integers, dt: float, model: 
     beyond = squares / left**2 > MEDIAN * total
     surprise = share * (beyond - 0.5) / SLOPE
     lean = leaning(seen.scores)
-    logs, counts = belief.noise.T
+    logs, counts, sharpness = belief.noise.T
     now = np.append(np.log(factors(belief.noise, model.noise.weight)), 0.0)
     now[-1] = tilt(belief.noise, model.noise.weight)
     fresh, steps = np.zeros_like(now), np.zeros_like(now)
@@ -112,7 +112,13 @@ def learn(belief: Belief, seen: Sightings, cameras: Integers, dt: float, model: 
     total_count = counts + fresh
     mean = (logs * counts + now * fresh + steps) / np.maximum(total_count, 1e-9)
     most = np.log(np.append(np.full(len(now) - 1, MOST), STEEPEST))
-    noise = np.stack([np.clip(mean, -most, most), np.minimum(total_count, MEMORY)], axis=-1)
+    best_px = knots_px(model, belief.noise).min(axis=1)[cameras]
+    squares = np.where(usable, (best_px[:, None, None] / seen.sigma_px) ** 2, 0.0)
+    newest = np.zeros_like(now)
+    newest[cameras] = squares.sum(axis=(1, 2)) / np.maximum(usable.sum(axis=(1, 2)), 1)
+    sharpness = (sharpness * counts + newest * fresh) / np.maximum(total_count, 1e-9)
+    learned = (np.clip(mean, -most, most), np.minimum(total_count, MEMORY), sharpness)
+    noise = np.stack(learned, axis=-1)
     biased = error + np.where(usable[..., None], np.swapaxes(belief.bias_px[:, cameras], 0, 1), 0.0)
     shifts = _shifts(belief.shifts, cameras, biased / left[..., None], share, total, model)
     return replace(belief, noise=np.where(fresh[:, None] > 0, noise, belief.noise), shifts=shifts)

@@ -134,8 +134,9 @@ class Outlook:
         drift_m2ps3: `(num_tracks, num_joints)` power density of the acceleration along an axis.
         velocity_lasts_s: `(num_joints,)` until a velocity is down to 1/e.
         has_memory: whether views of earlier slots add information about a later one.
-        delivered: `(num_tracks, num_cameras)` in [0, 1]: information of a camera's recent views
-            about the person, relative to a view with every joint visible.
+        delivered: `(num_tracks, num_cameras)` 0 or more: information of a camera's recent views
+            about the person, relative to a view of every joint at the best score, if all cameras
+            were as sure of themselves as their mean.
         shows: `(num_tracks, num_cameras)` in [0, 1]: probability that the camera detects a person
             at the predicted place, relative to a place without obstacles.
         detection_map: `(num_cameras, num_cells, num_cells, 2)` looks at people by place, and those
@@ -144,7 +145,8 @@ class Outlook:
             if never.
         needed: `(num_tracks, num_cameras)` cameras of which one must detect the person by then, or
             the person is not published; none for people who are published anyway.
-        sigma_px: `(num_cameras,)` error of a visible keypoint.
+        sigma_px: `(num_cameras,)` error of a visible keypoint; as a share of its image the same of
+            all cameras.
         memory: how long such errors persist.
         bias_share: mean square of the learned biases over the variance of a keypoint, of the last
             seconds: where it is large, errors last longer than `memory` says.

@@ -26,7 +26,7 @@ class Reasons:
         price: `(num_cameras,)` what its queue asked for.
         error_m: mean distance of joints from the truth expected with the chosen cameras; NaN when
             nobody is known.
-        check: how the policy does against taking turns, in words; empty while that is unknown.
+        check: the cost of rests so far, for operators; empty while that is unknown.
     """
 
     slot: int

@@ -14,37 +14,53 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from e3pose.base.arrays import Floats
-from e3pose.select.rounds import (
-    BACK,
-    LEAST_ROUNDS,
-    SETTLE_S,
-    STRETCH_S,
-    STRETCHES,
-    Rounds,
-    place_of,
-    with_round,
-)
 
+# What it costs and how soon it says something; no site has run long enough to try other values.
+# tuned: s | by reasoning, tried on no recording | not measured
+STRETCH_S = 8.0
+# tuned: stretches | by reasoning, tried on no recording | not measured
+STRETCHES = 16  # in a round: a sixteenth of the time everybody is awake
+# tuned: s | by reasoning, tried on no recording | not measured
+SETTLE_S = 2.0  # of a stretch, in which its people are still those of the one before
+# tuned: rounds | by reasoning, tried on no recording: about an hour | not measured
+MEMORY = 32.0  # rounds
+# tuned: rounds | by reasoning, tried on no recording | not measured
+LEAST_ROUNDS = 4
+# tuned: of a logarithm | by reasoning, tried on no recording | not measured
+LEAST_SPREAD = 0.05  # of one round, in logarithms of an error
+# tuned: standard errors | by reasoning, tried on no recording | not measured
+BACK = 1.0  # ahead of the other way, to return to the usual one
 MOST_RISE = 1.1  # definition: rests cost at most a tenth of the error
 LEAST_S = 2.0  # numerics: of each of the two stretches, or the round says nothing
 RESTING, AWAKE = 0, 1  # layout: of the pairs in `RestCheck`
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RestCheck(Rounds):
-    """What rests cost: the rounds are of the error with rests over that with everybody awake.
+class RestCheck:
+    """What rests cost: the error with rests over that with everybody awake, by rounds.
 
     Attributes:
+        rounds: that were compared, forgotten in time.
+        mean: logarithm of the ratio, mean of the rounds.
+        variance: of one round.
         round: which one it is.
         seconds: `(2,)` compared in this round, resting and awake.
         stated: `(2,)` sum of the error stated in them, metres times seconds.
         idle: whether everybody stays awake, as rests cost too much.
     """
 
+    rounds: float = 0.0
+    mean: float = 0.0
+    variance: float = 0.0
     round: int = 0
     seconds: Floats = field(default_factory=lambda: np.zeros(2))
     stated: Floats = field(default_factory=lambda: np.zeros(2))
     idle: bool = False
+
+    @property
+    def error(self) -> float:
+        """Standard error of `mean`."""
+        return math.sqrt(max(self.variance, LEAST_SPREAD**2) / max(self.rounds, 1.0))
 
     def wakes(self, slot: int, interval_s: float) -> bool:
         """Return whether everybody is to be awake in a slot."""
@@ -85,7 +101,14 @@ class RestCheck(Rounds):
         if self.seconds.min() < LEAST_S or self.stated.min() <= 0:
             return begun
         mean_m = self.stated / self.seconds
-        check = with_round(begun, math.log(mean_m[RESTING] / mean_m[AWAKE]))
+        off = math.log(mean_m[RESTING] / mean_m[AWAKE]) - self.mean
+        rounds = min(self.rounds + 1, MEMORY)
+        check = replace(
+            begun,
+            rounds=rounds,
+            mean=self.mean + off / rounds,
+            variance=(1 - 1 / rounds) * (self.variance + off**2 / rounds),
+        )
         if check.rounds < LEAST_ROUNDS:
             return check
         above = check.mean - math.log(MOST_RISE)
@@ -96,7 +119,14 @@ class RestCheck(Rounds):
         """Return what was found, for operators; empty before enough rounds."""
         if self.rounds < LEAST_ROUNDS:
             return ""
-        found = f"stated error with rests against everybody awake: {self.change}"
+        change = f"{math.expm1(self.mean):+.0%} ± {self.error:.0%}"
+        found = f"stated error with rests against everybody awake: {change}"
         if not self.idle:
             return found
         return f"nobody rests, tried again every {STRETCH_S * STRETCHES:.0f} s; {found}"
+
+
+def place_of(slot: int, interval_s: float) -> tuple[int, int, float]:
+    """Return the round of a slot, the stretch in it, and the seconds since that began."""
+    stretch, into_s = divmod(slot * interval_s, STRETCH_S)
+    return int(stretch) // STRETCHES, int(stretch) % STRETCHES, into_s

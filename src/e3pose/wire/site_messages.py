@@ -286,7 +286,7 @@ class Status(msgspec.Struct, array_like=True, frozen=True, tag="status"):
         overload: that the edge is too slow for its slots, for operators; empty if it is not.
         events_ns: when each of `events` happened, by the edge's clock.
         compiling_s: seconds until the kernels are compiled, 0 while unknown; None if they are.
-        check: how the policy does against taking turns, for operators; empty while that is unknown.
+        check: the cost of rests so far, for operators; empty while that is unknown.
         run_ns: when the run began that its slots and tracks belong to, as the store names it.
         spent_j: joules that slots since the edge was started are charged with, all cameras
             together, blind slots left out.

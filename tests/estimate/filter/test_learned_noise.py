@@ -22,7 +22,7 @@ from tests.reference.filter_learned_noise import knots_px
 
 from e3pose.base.arrays import Floats
 from e3pose.estimate.filter import Belief, Model, Noise, outlook
-from e3pose.estimate.filter.learned_noise import CAUTION, MOST, find_logs, found
+from e3pose.estimate.filter.learned_noise import CAUTION, MOST, SHARPNESS, find_logs, found
 from e3pose.estimate.filter.outliers import LEAST_KNOWN, MEMORY
 from e3pose.model.noise import ASSUMED_WEIGHT, KNOWN_WEIGHT
 from e3pose.model.pose import Poses2D
@@ -126,7 +126,7 @@ def factors(noise: Floats, weight: float) -> Floats:
 
 def test_assumed_noise_is_given_up_faster_than_measured() -> None:
     noise = np.tile(
-        [np.log(3.0), 30.0], (NUM_CAMERAS + 1, 1)
+        [np.log(3.0), 30.0, 1.0], (NUM_CAMERAS + 1, 1)
     )  # little is seen, three times as noisy
     assumed, known = (factors(noise, weight)[0] for weight in (ASSUMED_WEIGHT, KNOWN_WEIGHT))
     assert 1.0 < 1.2 * known < assumed < 3.0
@@ -145,7 +145,7 @@ def test_nothing_is_reported_before_much_is_seen() -> None:
     belief = Belief.empty(MODEL)
     assert np.isnan(found(belief.noise, KNOWN_WEIGHT)).all()
     assert (factors(belief.noise, KNOWN_WEIGHT) == 1).all()
-    belief = replace(belief, noise=np.full((NUM_CAMERAS + 1, 2), LEAST_KNOWN))
+    belief = replace(belief, noise=np.full((NUM_CAMERAS + 1, 3), LEAST_KNOWN))
     assert np.isfinite(found(belief.noise, KNOWN_WEIGHT)).all()
 
 
@@ -159,13 +159,36 @@ def test_camera_that_never_looked_is_taken_for_like_the_others() -> None:
     assert np.isnan(found(noise, KNOWN_WEIGHT)[3])
 
 
-def test_foresight_expects_the_noise_that_was_learned() -> None:
+def test_foresight_expects_the_mean_of_the_noise_that_was_learned() -> None:
     model = stated(2.0)
-    belief, _ = run(walking(8.0, np.ones(NUM_CAMERAS)), fps=FPS, model=model)
+    belief, _ = run(walking(8.0, np.array([1.0, 0.5, 1.0, 1.0, 2.0])), fps=FPS, model=model)
     least = knots_px(model, belief.noise).min(axis=1)
+    assert least.max() > 2 * least.min()
     sigma = outlook(model, belief, 0.04).sigma_px
-    assert sigma == pytest.approx(least)
+    assert sigma / model.scales == pytest.approx(np.exp(np.log(least / model.scales).mean()))
     assert (sigma < 0.9 * model.noise.sigma_px.min() * model.scales).all()
+
+
+def test_what_a_camera_says_of_its_own_noise_brings_it_no_selection() -> None:
+    """A camera sure of all it sees counts like one that is not, one that shows less for less."""
+    half = np.arange(17) % 2 == 0
+    slots: list[Views] = []
+    for views in walking(8.0, np.ones(NUM_CAMERAS)):
+        sure, partial = views[0], views[1]
+        hidden_px = np.where(half[:, None], partial.keypoints_px, np.nan)
+        slots.append(
+            {
+                **views,
+                0: Poses2D(sure.keypoints_px, np.where(sure.scores > 0, 1.0, 0.0)),
+                1: Poses2D(hidden_px, np.where(half, partial.scores, 0.0)),
+            }
+        )
+    belief, _ = run(slots, fps=FPS, model=stated(1.0))
+    assert (belief.delivered[:, 0] > 1.3 * belief.delivered[:, 2:].max()).all()
+    worth = outlook(stated(1.0), belief, 0.04).delivered / belief.delivered
+    others = belief.noise[2:-1, SHARPNESS].mean()
+    assert worth[:, 0] / worth[:, 2:].mean() == pytest.approx(np.full(3, others), rel=0.05)
+    assert worth[:, 1] / worth[:, 2:].mean() == pytest.approx(np.ones(3), rel=0.05)
 
 
 def test_it_outlasts_people_and_pauses() -> None:

@@ -27,7 +27,7 @@ from e3pose.estimate.filter.outliers import LEAST_KNOWN, MEMORY, ROBUST
 from e3pose.estimate.filter.projected import beside
 from e3pose.estimate.filter.scratch import Constants, Detectors, Matches, Tracks, Views
 
-LOG, COUNT = 0, 1  # layout: of the last axis of `Belief.noise`
+LOG, COUNT, SHARPNESS = 0, 1, 2  # layout: of the last axis of `Belief.noise`
 # tuned: keypoints | first guess | noise by camera
 ALIKE = 60.0  # keypoints that the other cameras' mean counts for
 # tuned: factor | not recorded | learned noise
@@ -70,9 +70,9 @@ def recall_noise(noise: Floats, constants: Constants, detectors: Detectors) -> N
     tilt_knots(
         detectors.logs[num_cameras], constants.noise_scores, constants.noise_px, detectors.noise_px
     )
-    for row in range(num_cameras + 1):
-        detectors.fresh[row] = 0.0
-        detectors.steps[row] = 0.0
+    detectors.fresh[:] = 0.0
+    detectors.steps[:] = 0.0
+    detectors.sharpness[:] = 0.0
 
 
 @kernel
@@ -122,6 +122,37 @@ def quietest(
     tilt_knots(logs[len(scales)], scores, constants.noise_px, noise_px)
     for camera in range(len(scales)):
         sigma_px[camera] = scales[camera] * math.exp(logs[camera]) * noise_px.min()
+
+
+@kernel
+def expect_alike(noise: Floats, constants: Constants, sigma_px: Floats, worth: Floats) -> None:
+    """Fill the noise that a selection expects of cameras, the mean of all that was learned.
+
+    A camera that is selected often agrees with the people it has placed itself, and says by its own
+    scores how sure it is: neither may bring it further selections. How much it shows of somebody,
+    compared with its other views, stays.
+
+    Args:
+        noise: as of `find_logs`.
+        constants: of the cameras.
+        sigma_px: `(num_cameras,)` filled as by `quietest`, with the mean factor of all cameras.
+        worth: `(num_cameras,)` filled with the factor on `Belief.delivered` that gives each camera
+            the mean sharpness of all.
+    """
+    scales, num_cameras = constants.scales, len(sigma_px)
+    quietest(noise, constants, sigma_px)
+    log, known, sharpness = 0.0, 0.0, 0.0
+    for camera in range(num_cameras):
+        log += math.log(sigma_px[camera] / scales[camera]) / num_cameras
+        own = noise[camera, COUNT] * ALIKE / (noise[camera, COUNT] + ALIKE)
+        known += own
+        sharpness += own * noise[camera, SHARPNESS]
+    mean = sharpness / known if known > 0.0 else 1.0
+    for camera in range(num_cameras):
+        sigma_px[camera] = scales[camera] * math.exp(log)
+        count = noise[camera, COUNT]
+        own = count * noise[camera, SHARPNESS] + ALIKE * mean
+        worth[camera] = mean * (count + ALIKE) / own
 
 
 @kernel
@@ -199,6 +230,7 @@ def _compare(
     `own_share` is the share of its variances beside the learned bias, `factor` that of the update.
     """
     tilt = len(detectors.logs) - 1
+    best_px2 = (detectors.noise_px.min() * detectors.scales[camera]) ** 2
     for joint in range(len(state)):
         known, du, dv, variance_px2, _, _, _, _, _, _ = beside(
             row, joint, state, covariance, projection, views.pixels, views.weights, bias_px
@@ -224,6 +256,8 @@ def _compare(
         beyond = squares / (left * left) > MEDIAN * total
         surprise = share * (0.5 if beyond else -0.5) / SLOPE
         detectors.fresh[camera] += share * share
+        detectors.sharpness[camera, 0] += best_px2 / views.variances[row, joint]
+        detectors.sharpness[camera, 1] += 1.0
         detectors.steps[camera] += surprise
         detectors.fresh[tilt] += (share * lean) ** 2
         detectors.steps[tilt] += surprise * lean
@@ -239,7 +273,12 @@ def learn_noise(noise: Floats, detectors: Detectors) -> None:
         count = noise[camera, COUNT]
         log = noise[camera, LOG] * count + detectors.logs[camera] * fresh + detectors.steps[camera]
         log /= count + fresh
-        most = FURTHEST if camera < len(noise) - 1 else math.log(STEEPEST)
+        most = math.log(STEEPEST)
+        if camera < len(noise) - 1:
+            most = FURTHEST
+            newest = detectors.sharpness[camera, 0] / detectors.sharpness[camera, 1]
+            before = noise[camera, SHARPNESS]
+            noise[camera, SHARPNESS] = before + (newest - before) * fresh / (count + fresh)
         log = -most if log < -most else most if log > most else log
         noise[camera, LOG] = log
         noise[camera, COUNT] = count + fresh if count + fresh < MEMORY else MEMORY

@@ -14,7 +14,7 @@ from e3pose.estimate.filter.allocation import held_constants
 from e3pose.estimate.filter.covariance_inflation import learned_factor, spread_factor
 from e3pose.estimate.filter.failed_pairs import count_newest
 from e3pose.estimate.filter.lasting import USUAL
-from e3pose.estimate.filter.learned_noise import quietest
+from e3pose.estimate.filter.learned_noise import expect_alike
 from e3pose.estimate.filter.motion import move
 from e3pose.estimate.filter.scratch import Constants
 from e3pose.estimate.filter.shown import find_needed, likely_shown
@@ -29,6 +29,7 @@ class Expected(NamedTuple):
     drift_m2ps3: Floats
     shows: Floats
     needed: Flags
+    delivered: Floats
     sigma_px: Floats
 
 
@@ -59,6 +60,7 @@ def outlook(
         drift_m2ps3=np.empty(people),
         shows=np.empty(pairs),
         needed=np.empty(pairs, dtype=bool),
+        delivered=np.empty(pairs),
         sigma_px=np.empty(num_cameras),
     )
     expect(held_constants(model), ahead_s, factor, drift, known_of(belief), expected)
@@ -81,7 +83,7 @@ def outlook(
         drift_m2ps3=expected.drift_m2ps3,
         velocity_lasts_s=lasts_s,
         has_memory=True,
-        delivered=belief.delivered,
+        delivered=expected.delivered,
         shows=expected.shows,
         detection_map=belief.detection_map,
         last_seen_s=belief.last_seen_s,
@@ -147,9 +149,12 @@ def expect(
             shown = likely_shown(known.detection_map[camera], root, constants.corner_m)
             expected.shows[track, camera] = shown
     find_needed(state, known.last_seen_s, known.confirmed, known.seen_by, ahead_s, expected.needed)
-    quietest(known.noise, constants, sigma_px)
+    worth = np.empty(len(sigma_px))
+    expect_alike(known.noise, constants, sigma_px, worth)
     for camera in range(len(sigma_px)):
         sigma_px[camera] *= factor
+        for track in range(len(state)):
+            expected.delivered[track, camera] = worth[camera] * known.delivered[track, camera]
 
 
 @kernel

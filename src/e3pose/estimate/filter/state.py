@@ -191,9 +191,10 @@ class Belief:
             waiting there, by its place in the image, lately (`failed_pairs`).
         detection_map: `(num_cameras, NUM_CELLS, NUM_CELLS, 2)` looks of each camera at people who
             were there, by place, and how many of them showed the person (`blindness`).
-        noise: `(num_cameras + 1, 2)` logarithm of the factor on the noise file's sigma that each
-            camera's keypoints showed, and how many taught it; last the same of the tilt by score
-            (`learned_noise`).
+        noise: `(num_cameras + 1, 3)` logarithm of the factor on the noise file's sigma that each
+            camera's keypoints showed, how many taught it, and their mean sharpness: the variance
+            of a keypoint of the best score over theirs, by score alone. Last the same of the tilt
+            by score, without a sharpness (`learned_noise`).
         shifts: `(num_cameras, 3)` pixels of the undistorted image by which each camera's keypoints
             are too far right and down, and how many keypoints taught it (`learned_shift`).
         next_id: the id that the next new person gets.
@@ -266,7 +267,7 @@ class Belief:
             ),
             failed_pairs=failed_pairs.nothing_known(model.rig),
             detection_map=blindness.nothing_known(model.rig),
-            noise=np.zeros((len(model.rig) + 1, 2)),
+            noise=np.zeros((len(model.rig) + 1, 3)),
             shifts=np.zeros((len(model.rig), 3)),
         )
 

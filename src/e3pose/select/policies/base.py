@@ -99,14 +99,6 @@ def selected_by(policy: Policy, situation: Situation) -> Selection:
     return found
 
 
-def turns_of(policy: Policy) -> Policy | None:
-    """Return the turns that a policy compares itself with (`select.own_check`), if it does.
-
-    They are an attribute `turns` of the policy, which is a policy or None.
-    """
-    return getattr(policy, "turns", None)
-
-
 def check_policy(policy: object) -> None:
     """Raise `InputError`, naming the policy, where it has no method `select`."""
     if not callable(getattr(policy, "select", None)):

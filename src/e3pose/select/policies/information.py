@@ -53,24 +53,6 @@ NO_BETTER = 0.05  # a target that all cameras miss: go on while they lower the e
 
 
 @dataclass(frozen=True, slots=True)
-class Turns:
-    """Cameras in turn, without those far ahead of their budgets where the others suffice.
-
-    Attributes:
-        rounds: the turns of all cameras.
-    """
-
-    rounds: RoundRobin
-
-    def select(self, situation: Situation) -> Selection:
-        """See `Policy.select`."""
-        allowed = situation.online & affordable(situation)
-        if allowed.sum() < min(self.rounds.num_selected, situation.online.sum()):
-            allowed = situation.online
-        return self.rounds.select(replace(situation, online=allowed))
-
-
-@dataclass(frozen=True, slots=True)
 class Information:
     """Wake the cameras of most expected information: a number of them, or as few as suffice.
 
@@ -89,13 +71,6 @@ class Information:
     phase: int = 0
     order: tuple[int, ...] = ()
 
-    @property
-    def turns(self) -> Turns | None:
-        """The turns that a selection has to beat; None with a target error, which they lack."""
-        if self.target_error_m is not None:
-            return None
-        return Turns(RoundRobin(self.num_selected, self.phase, self.order))
-
     def select(self, situation: Situation) -> Selection:
         """See `Policy.select`."""
         foresight = situation.foresight
@@ -106,13 +81,21 @@ class Information:
             return self._fewest(situation, foresight, aim)
         count = count_at(situation.slot, self.num_selected)
         best = self._best(situation, foresight, situation.online, count)
-        turn = best if self.turns is None else self.turns.select(situation)
+        turn = self._turn(situation)
         worth = self.quality_weight * watch_nats(situation) - situation.price
         both = np.stack([best, turn])
         value = self.quality_weight * worth_nats(foresight, both) + both @ worth
         least = self.quality_weight * LEAST_NATS_S / situation.interval_s
         better = value[0] - value[1] > least
         return best if better else turn
+
+    def _turn(self, situation: Situation) -> Selection:
+        """Return the cameras whose turn it is; those far ahead of their budgets last."""
+        allowed = situation.online & affordable(situation)
+        if allowed.sum() < min(self.num_selected, situation.online.sum()):
+            allowed = situation.online
+        turns = RoundRobin(self.num_selected, self.phase, self.order)
+        return turns.select(replace(situation, online=allowed))
 
     def _best(
         self, situation: Situation, foresight: Foresight, allowed: Flags, count: int
