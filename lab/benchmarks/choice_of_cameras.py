@@ -3,21 +3,24 @@
     python lab/benchmarks/choice_of_cameras.py --recording PIZZA,CLIP --scenes buffet --leads 1,4
     python lab/benchmarks/choice_of_cameras.py --recording RECORDING --seconds 15 --rates 30
 
-Ten joints count: shoulders, elbows, wrists, hips and knees. `off mm` is their mean distance from
-the offline smoother over all cameras (`clip_error.py`), which real recordings have, too; `bodies
-mm` that from the smoother over whole bodies (`replay --policy all --smooth rts`); `MPJPE mm` that
-from the truth. People are matched one to one below half a metre; `found %` is the share of the
-smoother's people found, `in 90 %` that of joints whose distance from the offline smoother is within
-the stated 90 % radius, `of truth` the same of the truth. Cells are round robin / `information` /
-random, with the standard deviation over seeds, which are phases of the turns on real recordings;
-`gain %` is how much nearer `information` is than round robin, paired by seed. `--cameras 1,40mm`
-has a target error beside a number; `awake` is how many cameras were, `first` how often the first
-one was selected by `information`, over the mean of the others. A scene with `+` has errors by
-situation, one with `-` errors by score alone; `motion-1` and `motion-2` are Panoptic motion before
-simulated cameras. A rate above a recording's own is the recording's. `--by-lead` prints a column
-per lead instead; `--common` compares the same people in the same slots, as who finds more people
-finds the difficult ones. Every line of `--out` is one replay; a run that was stopped goes on, and
-several files, with commas, are read as one: of two lines of the same replay the later counts.
+Ten joints count: shoulders, elbows, wrists, hips and knees. Independent judges come first:
+`held-out mm` is the median distance across the rays of a camera that took no part, mean over the
+cameras of a real recording, each in turn (`replay --hold-out each`); `MPJPE mm` is the mean
+distance from the truth. The others share the errors of the keypoints and decide nothing: `off* mm`
+is the mean distance from the offline smoother over all cameras (`clip_error.py`), `bodies* mm` that
+from the smoother over whole bodies (`replay --policy all --smooth rts`). People are matched one to
+one below half a metre; `found %` is the share of the smoother's people found, `in 90* %` that of
+joints whose distance from the offline smoother is within the stated 90 % radius, `of truth` the
+same of the truth. Cells are round robin / `information` / random, with the standard deviation over
+seeds, which are phases of the turns on real recordings; `gain %` is how much nearer `information`
+is than round robin, paired by seed. `--cameras 1,40mm` has a target error beside a number; `awake`
+is how many cameras were, `first` how often the first one was selected by `information`, over the
+mean of the others. A scene with `+` has errors by situation, one with `-` errors by score alone;
+`motion-1` and `motion-2` are Panoptic motion before simulated cameras. A rate above a recording's
+own is the recording's. `--by-lead` prints a column per lead instead; `--common` compares the same
+people in the same slots, as who finds more people finds the difficult ones. Every line of `--out`
+is one replay; a run that was stopped goes on, and several files, with commas, are read as one: of
+two lines of the same replay the later counts.
 """
 
 from __future__ import annotations
@@ -39,8 +42,10 @@ from scipy.optimize import linear_sum_assignment
 from clip_error import references
 from detector_errors import simulated
 from e3pose.base.arrays import Floats
+from e3pose.base.errors import InputError
 from e3pose.estimate.base import People, Posterior
 from e3pose.evaluate.faults import downsampled
+from e3pose.evaluate.held_out import judge, turns
 from e3pose.evaluate.metrics import mean_errors_m
 from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.evaluate.smoothed import smooth_records
@@ -153,12 +158,26 @@ def figures(scene: Scene, policy: str, goal: str, lead: int, seed: int) -> Row:
     return {
         "awake": looks.sum() / max(slots, 1),
         "first": looks[0] / max(looks[1:].mean(), 1e-9),
+        "held_mm": held_out_mm(recording, settings) if recording.truth is None else None,
         **{f"{name}_mm": mean_mm(distances) for name, distances in apart.items()},
         "stated_mm": mean_mm(stated),
         "found": found / max(there, 1),
         "inside": _share(inside["off"]),
         "inside_truth": _share(inside["mpjpe"]),
     }
+
+
+def held_out_mm(recording: Recording, settings: ReplaySettings) -> float | None:
+    """Return the mean over cameras, each held out in turn; None where too few are left."""
+    if (settings.num_selected or 0) >= len(recording.rig):
+        settings = replace(settings, num_selected=None, policy="all")
+    try:
+        judged = turns(recording, ["each"])[1:]
+    except InputError:
+        return None
+    found = [judge(by, list(replay(rest, settings))).mean.median_mm for rest, by in judged if by]
+    known = [mm for mm in found if mm is not None]
+    return float(np.mean(known)) if known else None
 
 
 def _share(inside: Sequence[NDArray[np.bool_]]) -> float | None:
@@ -306,8 +325,8 @@ def read(files: Sequence[Path]) -> list[Row]:
 def report(rows: Sequence[Row]) -> Iterator[str]:
     """Yield a table in Markdown, a line per place, rate, lead and goal."""
     columns = (
-        "place | slots/s | lead | goal | seeds | awake | first | off mm | gain % | bodies mm "
-        "| gain % | MPJPE mm | found % | in 90 % | of truth"
+        "place | slots/s | lead | goal | seeds | awake | first | held-out mm | gain % | MPJPE mm "
+        "| gain % | off* mm | gain % | bodies* mm | gain % | found % | in 90* % | of truth"
     )
     yield f"| {columns} |"
     yield "|---" * len(columns.split("|")) + "|"
@@ -322,9 +341,11 @@ def report(rows: Sequence[Row]) -> Iterator[str]:
                 Path(place).name, f"{key[0]:g}", str(key[1]), key[2],
                 str(len({row["seed"] for row in mine})),
                 *(_mean(own, "information", name, 1.0, 2) for name in ("awake", "first")),
+                _all(mine, "held_mm"), _gain(mine, "held_mm"),
+                _all(mine, "mpjpe_mm"), _gain(mine, "mpjpe_mm"),
                 _all(mine, "off_mm"), _gain(mine, "off_mm"),
                 _all(mine, "bodies_mm"), _gain(mine, "bodies_mm"),
-                _all(mine, "mpjpe_mm"), _all(mine, "found", 100.0), _all(mine, "inside", 100.0),
+                _all(mine, "found", 100.0), _all(mine, "inside", 100.0),
                 _all(mine, "inside_truth", 100.0),
             ]  # fmt: skip
             yield f"| {' | '.join(cells)} |"
@@ -360,7 +381,7 @@ def _mean(rows: Sequence[Row], policy: str, field: str, factor: float, digits: i
 
 def _gain(rows: Sequence[Row], field: str) -> str:
     """Return by how much `information` is nearer than round robin, and its spread over seeds."""
-    off = {(row["policy"], row["seed"]): row[field] for row in rows if row[field]}
+    off = {(row["policy"], row["seed"]): row[field] for row in rows if row.get(field)}
     gains = [
         100 * (1 - mine / off["round-robin", seed])
         for (policy, seed), mine in off.items()
@@ -383,7 +404,7 @@ def main() -> None:
     parser.add_argument("--seeds", default="801,802", help="of a recording: phases of the turns")
     parser.add_argument("--seconds", type=float, default=16.0)
     parser.add_argument("--leads", default="4")
-    parser.add_argument("--by-lead", help="print this figure by lead: off_mm, bodies_mm, mpjpe_mm")
+    parser.add_argument("--by-lead", help="print one by lead: held_mm, mpjpe_mm, off_mm, bodies_mm")
     parser.add_argument("--common", action="store_true", help="the same people in the same slots")
     parser.add_argument("--only-print", action="store_true", help="measure nothing")
     parser.add_argument("--out", default="choice.jsonl", help="the last is written")
