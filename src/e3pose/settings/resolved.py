@@ -66,6 +66,12 @@ class ResolvedSite(SiteTable):
     source: str = ""
 
     @property
+    def active_w(self) -> dict[str, float]:
+        """By camera, what an active one draws by its profile, watts."""
+        watts = (profile.watts("active") for profile in self.plan.profiles)
+        return dict(zip(self.rig.camera_ids, watts, strict=True))
+
+    @property
     def interval_s(self) -> float:
         """Seconds per slot."""
         return 1 / self.fps

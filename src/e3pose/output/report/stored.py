@@ -94,8 +94,7 @@ def write_stretch(
         battery_wh=site.plan.battery_wh,
         charged_j=charged_j(rows),
     )
-    active_w = {one: p.watts("active") for one, p in zip(ids, site.plan.profiles, strict=True)}
-    if (whole := store.saved(began_ns, ended_ns, active_w)) is not None:
+    if (whole := store.saved(began_ns, ended_ns, site.active_w)) is not None:
         summary = replace(summary, savings=replace(summary.savings, whole_camera=whole))
     if smoothing.method is not None:
         records = smooth_poses(records, skeleton, run.run.interval_s, smoothing)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 from typing import Any
@@ -45,6 +45,7 @@ class PageContent:
         log: called with a line about what operators changed here.
         keep: clips, files and recordings; None without.
         test: has a test notice sent and returns how it went; None where nothing is told.
+        active_w: by camera, what an active one draws.
     """
 
     feed: Feed
@@ -56,6 +57,7 @@ class PageContent:
     log: Callable[[str], object] = lambda line: None
     keep: Keeping | None = None
     test: Callable[[], list[str]] | None = None
+    active_w: Mapping[str, float] = field(default_factory=dict)
 
     def body(self, scope: str) -> dict[str, Any]:
         """Return what does not change, and what a token of a scope allows."""
@@ -95,9 +97,7 @@ def make_app(content: PageContent) -> FastAPI:
         app.include_router(make_tests(content.test, content.log))
     if content.pictures is not None:
         app.include_router(content.pictures)
-    room = content.describe()
-    active_w = dict(zip(room["cameras"], room["active_w"], strict=True))
-    app.include_router(make_day(content.store, active_w))
+    app.include_router(make_day(content.store, content.active_w))
     feed, place = content.feed, None if content.store is None else content.store.place
     app.include_router(make_people(place, feed.site, feed.look_at_names, content.log))
     app.include_router(make_keep(content.keep or Keeping(place, feed.site, log=content.log)))

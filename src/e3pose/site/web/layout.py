@@ -33,7 +33,6 @@ def describe(site: ResolvedSite) -> dict[str, Any]:
         "low": millimetres(low),
         "high": millimetres(high),
         "floor": 0,
-        "active_w": [profile.watts("active") for profile in site.plan.profiles],
         "battery_wh": list(site.plan.battery_wh),
         "tells": site.events is not None,
         "zones": [{"name": z.name, "corners": z.corners} for z in site.zone],

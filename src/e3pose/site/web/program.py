@@ -220,7 +220,9 @@ def open_view(
             pictures = make_pictures(site.rig, feed, asks, site.interval_s / site.pace, who.per_s)
         keep = keeping(site, report, stack)
         test = None if site.events is None else partial(send_test, site.path)
-        made = PageContent(feed, store, shown.body, ask, pictures, who, report, keep, test)
+        made = PageContent(
+            feed, store, shown.body, ask, pictures, who, report, keep, test, site.active_w
+        )
         serving = serve(make_app(made), rules, listening, secure)
         stack.callback(serving.close)
         ends = stack.pop_all()
