@@ -65,7 +65,7 @@ def figures(
         replay(
             recording,
             ReplaySettings(
-                pipeline="paper", policy="all" if cameras is None else "round-robin",
+                pipeline="paper", fill=False, policy="all" if cameras is None else "round-robin",
                 num_selected=cameras or 1, warmup_slots=0, phase=seed,
                 matcher=matcher,
                 match_distance_m=distance if matcher == "rays" else None,

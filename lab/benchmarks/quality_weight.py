@@ -73,7 +73,7 @@ def figures(recording: Any, weight: float) -> list[float]:
     from e3pose.evaluate.replay import ReplaySettings, replay
 
     settings = ReplaySettings(
-        pipeline="paper", policy="e3pose-mv", num_selected=3, quality_weight=weight
+        pipeline="paper", fill=False, policy="e3pose-mv", num_selected=3, quality_weight=weight
     )
     records = list(replay(recording, settings))
     found = candidates(

@@ -40,7 +40,7 @@ def reproduce(
     quick
         Few seeds and slots: some minutes instead of half an hour and more.
     data
-        Folder with shelf/ and panoptic/. Items without their data are skipped, and the
+        Folder with shelf/, pizza/ and panoptic/. Items without their data are skipped, and the
         report says where to get it.
     only
         Comma-separated items to compute, such as table-1,best-subsets.

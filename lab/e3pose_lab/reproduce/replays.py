@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.base.arrays import Floats
+from e3pose.evaluate.noise.calibrate import first_slots
 from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.evaluate.summary import accuracy
 from e3pose.pipeline import SlotRecord
@@ -24,7 +25,7 @@ from e3pose_lab.reproduce.sources import Sources
 from e3pose_lab.reproduce.work import Piece
 
 SHELF, FRAGMENT, MOTION = "shelf", "panoptic-fragment", "panoptic-motion"
-SHELF_FEEDBACK = "shelf-feedback"
+SHELF_FEEDBACK, PIZZA = "shelf-feedback", "pizza"
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +33,7 @@ class Asked:
     """What to replay and how.
 
     Attributes:
-        recording: `SHELF`, `SHELF_FEEDBACK`, `FRAGMENT`, `MOTION`, or a simulated scene.
+        recording: `SHELF`, `SHELF_FEEDBACK`, `PIZZA`, `FRAGMENT`, `MOTION`, or a simulated scene.
         policy: who decides.
         pipeline: a name of `settings.loop.PIPELINES`.
         cameras: the paper's C.
@@ -47,8 +48,9 @@ class Asked:
         target_mm: wake the fewest cameras whose expected error meets this instead of C.
         matcher: of the pipeline `paper`; the paper's by default.
         raw_weight: V weighs IoU itself.
-        seconds: length of what is simulated; 0 for all there is.
-        fps: likewise.
+        fill: whether joints that a slot lacks keep their place, without a memory.
+        seconds: length of what is simulated, or of `PIZZA`; 0 for all there is.
+        fps: of what is simulated; its own by default.
     """
 
     recording: str
@@ -65,6 +67,7 @@ class Asked:
     target_mm: float | None = None
     matcher: str | None = None
     raw_weight: bool = False
+    fill: bool = True
     seconds: float = 0.0
     fps: float = 0.0
 
@@ -176,6 +179,7 @@ def records_of(recording: Recording, asked: Asked) -> list[SlotRecord]:
         predictor=asked.predictor,
         matcher=asked.matcher,
         raw_weight=asked.raw_weight,
+        fill=None if asked.fill else False,
         cost_j=asked.cost_j,
         target_error_m=None if asked.target_mm is None else asked.target_mm / 1000,
     )
@@ -227,6 +231,10 @@ def recording_of(sources: Sources, asked: Asked) -> Recording:
     if asked.recording == SHELF_FEEDBACK:
         assert sources.feedback is not None, "items say what they need"
         return sources.feedback
+    if asked.recording == PIZZA:
+        assert sources.pizza is not None, "items say what they need"
+        slots = round(asked.seconds * sources.pizza.fps) or sources.pizza.num_slots
+        return first_slots(sources.pizza, slots)
     if asked.recording == FRAGMENT:
         assert sources.panoptic is not None, "items say what they need"
         return with_detections(sources.panoptic, asked.seed)

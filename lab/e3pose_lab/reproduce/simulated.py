@@ -11,8 +11,10 @@ from e3pose.model.rigs import watched_area
 from e3pose.model.skeleton import COCO17, PANOPTIC19, convert
 from e3pose.recording import Recording, Truth
 from e3pose.simulate.detections import detect_people
+from e3pose.simulate.gatherings import GUESSES
+from e3pose.simulate.guesses import OUTPUTS
 from e3pose.simulate.place import Habits, Scene
-from e3pose.simulate.settings import DetectorSettings
+from e3pose.simulate.situations import draw_fields
 
 HIPS = [11, 12]  # of COCO-17
 # The same joint of the other side; the nose has an eye for it.
@@ -23,7 +25,9 @@ APART_SLOTS = 1200  # between the parts of the sequence that the people take
 
 
 def with_detections(recording: Recording, seed: int) -> Recording:
-    """Return a recording of known people with simulated detections.
+    """Return a recording of known people with simulated detections, which suffer from occlusion.
+
+    The detectors guess what is hidden, as real ones do (docs/reference/simulation.md).
 
     Args:
         recording: its truth is in Panoptic-19. Joints that it lacks are put where they were beside
@@ -38,10 +42,11 @@ def with_detections(recording: Recording, seed: int) -> Recording:
     _, area_m = watched_area(recording.rig)
     scene = Scene("Panoptic Studio", truth.joints_m.shape[1], area_m, Habits())
     seeds = np.random.SeedSequence(seed).spawn(len(recording.rig))
+    fields = draw_fields(np.random.default_rng(seed), joints_m.shape[1], OUTPUTS)
     views = tuple(
         detect_people(
             camera, joints_m, np.zeros(3), scene, _focus_m(recording, index), recording.fps,
-            DetectorSettings(), child,
+            GUESSES, child, fields,
         )
         for index, (camera, child) in enumerate(zip(recording.rig.cameras, seeds, strict=True))
     )  # fmt: skip

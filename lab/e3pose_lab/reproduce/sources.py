@@ -12,10 +12,11 @@ from e3pose.detectors.weights import is_installed
 from e3pose.recording import Recording, load_recording
 from e3pose.recording.datasets.panoptic import import_panoptic
 from e3pose.recording.datasets.shelf import import_shelf
+from e3pose.recording.folder import HEADER
 from e3pose.site.demo.clip import find_clip
 
 SHELF, PANOPTIC = "shelf", "panoptic"
-SHELF_FEEDBACK = "shelf-feedback"
+SHELF_FEEDBACK, PIZZA = "shelf-feedback", "pizza"
 CLIP, NETWORK = "clip", "openpose-thin"
 SHELF_FILE = "shelf.npz"
 FRAGMENT_FILE = "160906_band1.npz"
@@ -25,6 +26,7 @@ WHERE = {
     "docs/reference/import-formats.md",
     SHELF_FEEDBACK: "Shelf as e3pose detect --feedback sees it: DATA/shelf-feedback, a recording, "
     "see docs/how-to/reproduce.md",
+    PIZZA: "160906_pizza1 of CMU Panoptic with OpenPose's detections: DATA/pizza, a recording",
     PANOPTIC: "fragments of CMU Panoptic (domedb.perception.cs.cmu.edu): DATA/panoptic with "
     f"{FRAGMENT_FILE} and {MOTION_FILE}",
     CLIP: "the four videos of the demo, which `e3pose demo` fetches",
@@ -39,6 +41,7 @@ class Sources:
     Attributes:
         shelf: the Shelf sequence with detections and labels; None if it was not found.
         feedback: the same with detections made with semantic feedback.
+        pizza: a test sequence of the paper with detections, without truth.
         panoptic: three people on Panoptic's five cameras, truth alone.
         motion: one person's real motion on the same cameras, truth alone.
         stamp: a digest of the files.
@@ -47,6 +50,7 @@ class Sources:
 
     shelf: Recording | None = None
     feedback: Recording | None = None
+    pizza: Recording | None = None
     panoptic: Recording | None = None
     motion: Recording | None = None
     stamp: str = ""
@@ -58,6 +62,7 @@ class Sources:
         there = {
             SHELF: self.shelf is not None,
             SHELF_FEEDBACK: self.feedback is not None,
+            PIZZA: self.pizza is not None,
             PANOPTIC: self.panoptic is not None and self.motion is not None,
             CLIP: find_clip() is not None,
             NETWORK: is_installed(NETWORK),
@@ -75,8 +80,8 @@ def load_sources(folder: Path | None) -> Sources:
     """Load what a folder has.
 
     Args:
-        folder: holds `shelf`, `shelf-feedback` and `panoptic`, or some of them; nothing is looked
-            for if None.
+        folder: holds `shelf`, `shelf-feedback`, `pizza` and `panoptic`, or some of them; nothing
+            is looked for if None.
 
     Raises:
         InputError: when the folder does not exist. Broken files are named in the result.
@@ -84,7 +89,7 @@ def load_sources(folder: Path | None) -> Sources:
     if folder is None:
         return Sources()
     if not folder.is_dir():
-        raise InputError("data", str(folder), "a folder with shelf and panoptic in it")
+        raise InputError("data", str(folder), "a folder with shelf, pizza and panoptic in it")
     digest = hashlib.sha256()
     for path in _files(folder):
         digest.update(path.read_bytes())
@@ -102,6 +107,7 @@ def load_sources(folder: Path | None) -> Sources:
     return Sources(
         shelf=read(SHELF, lambda: _shelf(folder / SHELF)),
         feedback=read(SHELF_FEEDBACK, lambda: _shelf(folder / SHELF_FEEDBACK)),
+        pizza=read(PIZZA, lambda: _recording(_pizza(folder))),
         panoptic=read(PANOPTIC, lambda: import_panoptic(fragment)) if both else None,
         motion=read(PANOPTIC, lambda: _motion(motion, fragment)) if both else None,
         stamp=digest.hexdigest()[:16],
@@ -110,9 +116,18 @@ def load_sources(folder: Path | None) -> Sources:
 
 
 def _shelf(folder: Path) -> Recording | None:
-    if (folder / SHELF_FILE).exists():
-        return import_shelf(folder / SHELF_FILE)
-    return load_recording(folder) if (folder / "recording.toml").exists() else None
+    shelf = folder / SHELF_FILE
+    return import_shelf(shelf) if shelf.exists() else _recording(folder)
+
+
+def _pizza(folder: Path) -> Path:
+    """Return the folder of the recording, which may be inside that of the data set."""
+    inside = folder / PIZZA / "recording"
+    return inside if inside.is_dir() else folder / PIZZA
+
+
+def _recording(folder: Path) -> Recording | None:
+    return load_recording(folder) if (folder / HEADER).exists() else None
 
 
 def _motion(path: Path, fragment: Path) -> Recording:
@@ -120,5 +135,7 @@ def _motion(path: Path, fragment: Path) -> Recording:
 
 
 def _files(folder: Path) -> Iterator[Path]:
-    for name in (SHELF, SHELF_FEEDBACK, PANOPTIC):
-        yield from sorted(path for path in (folder / name).glob("*") if path.is_file())
+    places = (folder / SHELF, folder / SHELF_FEEDBACK, folder / PANOPTIC, _pizza(folder))
+    for place in places:
+        found = (*place.glob("*"), *place.glob("keypoints/*"))
+        yield from sorted(path for path in found if path.is_file())

@@ -1,4 +1,4 @@
-"""Table 2: average precision on Panoptic, with simulated detections before its five cameras."""
+"""Table 2 on real motion, with simulated detections before Panoptic's five cameras."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ PAPER_CAMERAS: dict[str, str | None] = {
     "E3Pose": "3",
 }
 # Three standard deviations of single seeds about the means of 5 s and of 30 s.
-ALL_WITHIN, OWN_WITHIN = (99.2, 100.0), (58.0, 80.0)
+ALL_WITHIN, OWN_WITHIN = (92.0, 100.0), (45.0, 80.0)
 ROWS = {
     "SA": Asked(MOTION, "all"),
     "RS": Asked(MOTION, "random"),
@@ -76,21 +76,23 @@ def section(scale: Scale, made: Made) -> Section:
     error_mm = {name: _error_mm(runs["motion", name]).mean for name in PAPER}
     best = min(error_mm[name] for name in PAPER if name != "E3Pose")
     return Section(
-        paper="Within 25 mm are 90.5 % of E3Pose's poses with 3 of 5 cameras, above 86.3 % with "
-        "all five; random 66.3, independent 40.6. MPJPE is 19.7 to 41.14 % lower than the "
+        paper="Within 50 mm are 98.6 % of E3Pose's poses with 3 of 5 cameras, above 93.3 % with "
+        "all five; random 83.7, independent 69.3. MPJPE is 19.7 to 41.14 % lower than the "
         "baselines', by the text; no table has it.",
-        ours=f"Here, on simulated detections, {ours[0].mean:.1f} % of E3Pose's poses are within "
-        f"25 mm, with all five cameras {full[0].mean:.1f} %, random {drawn[0].mean:.1f} %; within "
+        ours=f"Here, on simulated detections, {ours[1].mean:.1f} % of E3Pose's poses are within "
+        f"50 mm, with all five cameras {full[1].mean:.1f} %, random {drawn[1].mean:.1f} %; within "
         f"150 mm {ours[3].mean:.1f}, {full[3].mean:.1f} and {drawn[3].mean:.1f} %. So E3Pose above "
-        f"all cameras does {'' if ours[0].mean > full[0].mean else 'not '}appear: its MPJPE is "
+        f"all cameras does {'' if ours[1].mean > full[1].mean else 'not '}appear: its MPJPE is "
         f"{error_mm['E3Pose']:.1f} mm, that of the best baseline {best:.1f}. With a memory and "
-        f"two cameras per slot (information) {memory[0].mean:.1f} and {memory[3].mean:.1f} %.",
-        why="No detections of Panoptic are published, and the videos were not available: the "
-        "keypoints are simulated, with the errors that OpenPose has on Shelf. The rows compare "
-        "with each other, not with the paper's. A slot on its own yields only joints that two "
-        "selected cameras see, so fewer cameras mean more people missed, which lowers AP at every "
-        "limit. The paper defines its AP as the share of poses within a limit, in which people who "
-        "are missed cost nothing; the publications before it count them.",
+        f"two cameras per slot (information) {memory[1].mean:.1f} and {memory[3].mean:.1f} %.",
+        why="The keypoints are simulated, by a detector that guesses what is hidden as OpenPose "
+        "does on Shelf and on the first half of `table-2`'s recording. In pictures of few people "
+        "who stand apart its errors still follow occlusion less than those of real detectors "
+        "(`occlusion-error`). The rows compare with each other, not with the paper's. A slot on "
+        "its own yields only joints that two selected cameras see, so fewer cameras mean more "
+        "people missed, which lowers AP at every limit. The paper defines its AP as the share of "
+        "poses within a limit, in which people who are missed cost nothing; the publications "
+        "before it count them.",
         how="Simulated detections on Panoptic's calibration of HD cameras 3, 6, 12, 13, 23. "
         f"Motion: real motion of one person of 171026_pose3, cut into four parts that move at once "
         f"1.1 m from the middle, {scale.of(30, 5)} s at 29.97 fps, {scale.repeats(5, 1)}. "
@@ -100,8 +102,15 @@ def section(scale: Scale, made: Made) -> Section:
         tables=(_table(runs, found), _ap_table(runs)),
         panels=(_panel(found),),
         headlines=(
-            Headline("Table 2: SA within 150 mm, %, simulated", full[3].mean, *ALL_WITHIN),
-            Headline("Table 2: E3Pose within 25 mm, %, simulated", ours[0].mean, *OWN_WITHIN),
+            Headline(
+                "Table 2: SA within 150 mm, %, simulated", full[3].mean, *ALL_WITHIN, PAPER["SA"][3]
+            ),
+            Headline(
+                "Table 2: E3Pose within 50 mm, %, simulated",
+                ours[1].mean,
+                *OWN_WITHIN,
+                PAPER["E3Pose"][1],
+            ),
         ),
     )
 
@@ -135,8 +144,8 @@ def _table(
         "method", "cameras on", *(f"within {limit} mm" for limit in LIMITS), "MPJPE, mm",
         "recall, %", "detections",
     )  # fmt: skip
-    title = "Share of poses within a limit on Panoptic, %: the paper's AP"
-    return Table("table-2", title, columns, tuple(rows))
+    title = "Share of poses within a limit on simulated detections, %: the paper's AP"
+    return Table("table-2-simulated", title, columns, tuple(rows))
 
 
 def _ap_table(runs: dict[tuple[str, str], list[Run]]) -> Table:
@@ -148,20 +157,20 @@ def _ap_table(runs: dict[tuple[str, str], list[Run]]) -> Table:
         rows.append((f"{name}, {data} (simulated)", _cameras(each), *ap))
     title = "Average precision on Panoptic as the publications before count it, %"
     columns = ("method", "cameras on", *(f"AP{limit}" for limit in LIMITS))
-    return Table("table-2-ap", title, columns, tuple(rows), folded=True)
+    return Table("table-2-simulated-ap", title, columns, tuple(rows), folded=True)
 
 
 def _panel(found: dict[tuple[str, str], list[Spread]]) -> Panel:
     names = tuple(PAPER)
     return Panel(
-        "table-2-rows",
-        "Poses within 25 mm, the paper's rows",
+        "table-2-simulated-rows",
+        "Poses within 50 mm, the paper's rows",
         "",
         "%",
         (
-            Line("paper", "paper", names, tuple(PAPER[name][0] for name in names)),
+            Line("paper", "paper", names, tuple(PAPER[name][1] for name in names)),
             Line(
-                "here", "simulated", names, tuple(found["motion", name][0].mean for name in names)
+                "here", "simulated", names, tuple(found["motion", name][1].mean for name in names)
             ),
         ),
         kind="bars",
@@ -169,8 +178,8 @@ def _panel(found: dict[tuple[str, str], list[Spread]]) -> Panel:
 
 
 ITEM = Item(
-    "table-2",
-    "Accuracy on Panoptic",
+    "table-2-simulated",
+    "Accuracy on Panoptic's motion, simulated detections",
     "table:accuracyCompareBaselinesCMU",
     pieces,
     section,
