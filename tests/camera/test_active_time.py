@@ -162,6 +162,21 @@ def test_exact_meter_is_learned_in_two_minutes_and_pays_for_what_budgets_say(
     np.testing.assert_allclose(estimate.budget, 0.3, atol=0.01)
 
 
+@pytest.mark.parametrize("budget", [Budget("watts", 4.5), Budget("duty", 0.3)])
+def test_budgets_that_were_learned_to_pay_for_a_share_of_slots_keep_it(budget: Budget) -> None:
+    site = Site(25.0, 4, look_share=0.6)
+    ledger = make_ledger(site, [budget] * 4, 2)
+    looked = np.zeros(4)
+    for minute in range(3):
+        estimate, new = ledger.estimate()
+        assert new
+        count = estimate.num_selected if minute == 2 else 2.0
+        before = np.array([len(network.begun_ns) for network in site.networks])
+        site.run(RoundRobin(count), ledger, range(1505 * minute, 1505 * (minute + 1)))
+        looked = np.array([len(network.begun_ns) for network in site.networks]) - before
+    np.testing.assert_allclose(looked / 1505, 0.3, atol=0.01)
+
+
 def test_camera_in_whose_time_between_looks_the_share_of_looks_is_constant_stays_modelled() -> None:
     site = Site(25.0, 4, look_share=1.5)  # of every second slot: only between two of these
     ledger = make_ledger(site, [Budget("duty", 1.0)] * 4, 2)
