@@ -76,7 +76,7 @@ class Run(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
         claims: by name. The list may have `find` alone in place of a claim, and `each = [...]`
             beside it: a claim for each of these, in place of `$each` in the name and in `find`.
         cpu_s: what it took; written by `--write`.
-        checked: the day on which every figure was within its spread; written by `--write`.
+        checked: the day on which its figures were measured last; written by `--write`.
         quick: whether it is among those that run in CI.
         needs: what it needs beside the recordings: `network`, or a sentence.
         file: the output to search; what the commands print if not given.
@@ -262,13 +262,13 @@ def dated(runs: dict[str, Run]) -> str:
     return f"Last repeated: {figures} by {plural(len(days), 'command')}, {days[0]} to {days[-1]}."
 
 
-def write(name: str, cpu_s: float, holds: bool, measured: dict[str, float]) -> None:
+def write(name: str, cpu_s: float, whole: bool, measured: dict[str, float]) -> None:
     """Put figures into the pages, and the day and the time taken into the list."""
     for page in pages():
         page.write_text(rewritten(page.read_text(), measured))
     document: Any = tomlkit.parse(LIST.read_text())
     document[name]["cpu_s"] = round(cpu_s)
-    if holds:
+    if whole:
         document[name]["checked"] = datetime.date.today()
         page = ROOT / DATED
         page.write_text(DATES.sub(dated(listed(tomlkit.dumps(document))), page.read_text()))
@@ -307,7 +307,7 @@ def main() -> int:
         for verdict in verdicts:
             counts[verdict] += 1
         if options.write:
-            write(name, _used_s() - used_s, set(verdicts) == {"ok"}, measured)
+            write(name, _used_s() - used_s, "FAILED" not in verdicts, measured)
     for name, reason in lacking.items():
         if reason:
             print(f"left out: {name} {reason}")
