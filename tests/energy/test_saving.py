@@ -48,6 +48,8 @@ def test_saving_is_of_all_cameras_together() -> None:
     assert (found.spent, found.always, found.basis) == (10.0, 20.0, "measured")
     assert str(saving(70.6, 100.0, measured=False)) == "29 % (modelled)"
     assert str(saving(100.2, 100.0, measured=False)) == "0 % (modelled)"
+    for spent in (87.5, 87.5 * (1 - 1e-9), 87.5 * (1 + 1e-9)):
+        assert str(saving(spent, 100.0, measured=False)) == "13 % (modelled)"
 
 
 @pytest.mark.parametrize(("spent", "always"), [(0.0, 0.0), (np.nan, 1.0), (1.0, np.inf), ([], [])])

@@ -18,6 +18,7 @@ from tests.memory_transport import Hub
 from tests.site.left_by_demo import canned
 from tests.waiting import eventually
 
+from e3pose.energy.saving import whole
 from e3pose.recording import ProcessorTime, load_recording
 from e3pose.recording.processor import save_processor
 from e3pose.settings.resolved import resolve_site
@@ -61,7 +62,7 @@ def said(text: str) -> Figures:
 def of_json(table: Any) -> Figures:
     """Return the savings of a table of `whole_camera` and `processor_time`."""
     return {
-        name.replace("_", " "): (round(one["percent"]), one["basis"])
+        name.replace("_", " "): (whole(one["percent"]), one["basis"])
         for name, one in table.items()
         if one is not None
     }
@@ -100,8 +101,9 @@ def demo(tmp_path_factory: pytest.TempPathFactory) -> Demo:
 
 def test_demo_states_the_same_savings_everywhere(demo: Demo) -> None:
     figures = said(demo.printed)
-    # All four cameras in the first ten of twenty slots, then two: xavier-nx draws 12.5 or 6.25 W.
-    assert figures == {"whole camera": (12, "modelled"), "processor time": (29, "measured")}
+    # All four cameras in the first ten of twenty slots, then two: xavier-nx draws 12.5 or 6.25 W,
+    # so that 12.5 % are saved.
+    assert figures == {"whole camera": (13, "modelled"), "processor time": (29, "measured")}
     assert of_json(json.loads((demo.folder / "summary.json").read_text())["savings"]) == figures
     assert said(text_of(demo.folder / "report.html")) == figures
     assert said((demo.folder / "e3pose-demo.txt").read_text()) == figures

@@ -6,6 +6,7 @@ against what all of them would have spent had they been active in every slot.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -20,6 +21,11 @@ AGAINST = "Saved, compared with all cameras active in every slot"
 LEAST = 5  # looks and frames from which the time of one is known
 MOST_ASLEEP = 0.999  # of the time; of one that slept longer too little is known
 UNGATED = 0.9  # of the dearest slot: a look at an unchanged image is charged less
+
+
+def whole(percent: float) -> int:
+    """Return a percentage as it is shown: a half goes up, as in scripts of pages."""
+    return math.floor(round(percent, 6) + 0.5)
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +46,7 @@ class Saving:
 
     def __str__(self) -> str:
         """Return the figure as every page and terminal shows it."""
-        return f"{round(self.percent)} % ({self.basis})"
+        return f"{whole(self.percent)} % ({self.basis})"
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from rich.table import Table
 
 from e3pose.base.quantities import plural
-from e3pose.energy.saving import AGAINST, NO_SAVINGS
+from e3pose.energy.saving import AGAINST, NO_SAVINGS, whole
 from e3pose.evaluate.columns import print_tables, table_console
 from e3pose.evaluate.energy_figures import PAPER_SAVINGS
 from e3pose.evaluate.figures import HeldOut, Summary, as_json
@@ -175,7 +175,7 @@ def print_summary(summary: Summary, console: Console | None = None) -> None:
         cameras.add_row(
             camera_id,
             f"{100 * share:.1f}",
-            f"{100 * (1 - figure.mean_watts / figure.active_watts):.0f}",
+            str(whole(100 * (1 - figure.mean_watts / figure.active_watts))),
             f"{figure.mean_watts:.2f}",
             f"{figure.battery_hours:.2f}",
         )
@@ -242,6 +242,6 @@ def _number(value: Any) -> str:
 def _cell(spread: Mapping[str, float] | None, digits: int) -> str:
     if spread is None:
         return "-"
-    mean = f"{spread['mean']:.{digits}f}"
+    mean = f"{spread['mean']:.{digits}f}" if digits else str(whole(spread["mean"]))
     deviation = f"{spread['sd']:.{digits}f}"
     return f"{mean} +- {deviation}" if float(deviation) > 0 else mean

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from e3pose.energy.saving import whole
 from e3pose.evaluate.figures import Energy
 
 INK = "#1f2937"
@@ -135,7 +136,7 @@ def energy_bars(energy: Energy, cameras: Sequence[str]) -> dict[str, Any]:
         {
             "type": "bar", "orientation": "h", "y": names, "x": spent, "name": "in this run",
             "marker": {"color": INK}, "width": 0.45,
-            "text": [f"−{percent:.0f} %" for percent in saved], "textposition": "inside",
+            "text": [f"−{whole(percent)} %" for percent in saved], "textposition": "inside",
             "constraintext": "none",
             "insidetextanchor": "end", "insidetextfont": {"color": "#fff", "size": 12},
             "hovertemplate": "%{y}: %{x:.1f} J<extra>in this run</extra>",

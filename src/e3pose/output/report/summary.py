@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from e3pose.base.quantities import plural
-from e3pose.energy.saving import NO_SAVINGS
+from e3pose.energy.saving import NO_SAVINGS, whole
 from e3pose.evaluate.figures import Summary
 from e3pose.model.blind_slot import blind_words, count_blind, duty
 from e3pose.pipeline import SlotRecord
@@ -86,7 +86,7 @@ def cards(
             found.append((f"{blind} of {len(records)}", "blind slots: no view arrived"))
     for name, saved in summary.savings.named():
         if saved is not None:
-            found.append((f"{round(saved.percent)} %", f"{name} saved ({saved.basis})"))
+            found.append((f"{whole(saved.percent)} %", f"{name} saved ({saved.basis})"))
     metrics, slot_ms = summary.metrics, summary.stage_ms.get("slot")
     pcp = None if metrics.pcp is None else metrics.pcp.actors.get("average")
     held_out = summary.held_out
