@@ -298,7 +298,7 @@ def run(row: Row, look: float, learn_s: float) -> list[Found]:
         first, beats = begin[1][name], end[1][name]
         looks = beats[-1]["looks"] - first["looks"]
         active = (beats[-1]["active_s"] - first["active_s"]) / slot_s
-        early = [beat for beat in beats if beat["at_s"] < beats[0]["at_s"] + learn_s]
+        early = [beat for beat in beats if beat["at_s"] < first["at_s"] + learn_s]
         bounded = index < len(row.budgets)
         pays = camera.budget if bounded and not row.budgets[index].endswith("%") else None
         found.append(
