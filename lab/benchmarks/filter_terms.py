@@ -9,12 +9,12 @@ compiled and measured in a process of its own; a run that was stopped goes on. W
 every tuned number of the filter is halved and doubled in place of that (those of a name together,
 counts rounded).
 
-Independent judges come first: a camera of pizza that took no part, each in turn (median distance
-across its rays); the labels of Shelf; the truth of motion capture and scenes, before cameras that
-err by situation (`+`) or by score (`-`). Columns with `*` are distances from a smoother over the
-same keypoints, by the package as it is: it shares their errors, and decides nothing. Lead 4. Each
-recording is replayed with cameras in turn, so that all variants select alike: one and two per slot,
-or a half and one where slots are short; then with one camera of `information`, and with all.
+Independent judges come first: a camera of pizza that took no part, each in turn (second half at 30
+slots per second, all of it at 6; median distance across its rays); the labels of Shelf; the truth
+of motion capture and scenes, before cameras that err by situation (`+`) or by score (`-`). Columns
+with `*` are distances from a smoother over the same keypoints, by the package as it is: it shares
+their errors, and decides nothing. Lead 4. Cameras take turns, so that all variants select alike:
+one per slot, in short slots also a half, in scenes also two. `--policy information` selects.
 
 A cell is the change of the error in percent (more is worse without the term) with the standard
 error over its replays, which are paired, and after it what else changed: people missed (m) and
@@ -117,7 +117,6 @@ TERMS: dict[str, tuple[tuple[str, str, str], ...]] = {
 }
 FACTORS = {"half": 0.5, "twice": 2.0}
 SCENES = ("buffet+", "lab+", "round-table+", "crossing-", "two-rooms-", "one-sided-")
-FAST = 20.0  # slots per second from which half a camera per slot follows people
 SHARED = "*"  # after the name of a column that shares keypoints with the estimates
 WARMUP, LEAD = 10, 4
 SAME_M = 0.5
@@ -134,6 +133,7 @@ class Case:
         expected: `(num_slots, num_people, num_joints, 3)` metres; None with another judge.
         phases: turns that cameras take.
         judges: cameras that took no part, if they judge.
+        counts: of cameras per slot.
     """
 
     name: str
@@ -141,6 +141,7 @@ class Case:
     expected: Floats | None = None
     phases: int = 1
     judges: Any = None
+    counts: tuple[float, ...] = (1.0,)
 
 
 def cases(shared: Path | None, clip: Path | None, seeds: int) -> Iterator[Case]:
@@ -150,7 +151,7 @@ def cases(shared: Path | None, clip: Path | None, seeds: int) -> Iterator[Case]:
     from e3pose.evaluate.faults import downsampled
     from e3pose.evaluate.held_out import turns
     from e3pose.model.noises import detector_of, load_noise
-    from e3pose.recording import load_recording
+    from e3pose.recording import ViewSeries, load_recording
     from e3pose.recording.datasets.shelf import import_shelf
     from e3pose.simulate import DetectorSettings, Guessing
     from e3pose.simulate.detections import until
@@ -162,6 +163,19 @@ def cases(shared: Path | None, clip: Path | None, seeds: int) -> Iterator[Case]:
         cut = replace(whole, num_slots=slots, views=views, truth=None, scored_slots=None)
         return downsampled(cut, fps) if fps < whole.fps else cut
 
+    def second_half(whole: Any) -> Any:
+        first, views = whole.num_slots // 2, []
+        for series in whole.views:
+            row = int(np.searchsorted(series.slots, first))
+            person = series.starts[row]
+            views.append(
+                ViewSeries(
+                    series.slots[row:] - first, series.times_s[row:], series.starts[row:] - person,
+                    series.keypoints_px[person:], series.scores[person:],
+                )
+            )  # fmt: skip
+        return replace(whole, num_slots=whole.num_slots - first, views=tuple(views), videos={})
+
     def smoothed(name: str, recording: Any, phases: int) -> Case:
         people = references(recording, load_noise(detector_of(recording)))
         expected = [[person.at(slot) for person in people] for slot in range(recording.num_slots)]
@@ -170,9 +184,10 @@ def cases(shared: Path | None, clip: Path | None, seeds: int) -> Iterator[Case]:
     if shared is not None:
         pizza = load_recording(shared / "data/pizza/recording")
         shelf = import_shelf(shared / "data/shelf/shelf.npz")
-        for name, seconds, fps in (("pizza 30", 20.0, 30.0), ("pizza 6", 31.0, 6.0)):
-            whole = start(pizza, seconds, fps)
-            yield from (Case(name, rest, judges=by) for rest, by in turns(whole, ["each"])[1:])
+        for rest, by in turns(second_half(pizza), ["each"])[1:]:
+            yield Case("pizza 30", rest, judges=by, counts=(0.5, 1.0))
+        for rest, by in turns(downsampled(pizza, 6.0), ["each"])[1:]:
+            yield Case("pizza 6", rest, judges=by)
         yield Case("Shelf", shelf, None, 5)
         for name, joints_m in captured(shared):
             recording = seen(joints_m[::2][:200], 15.0, DetectorSettings(guessing=Guessing()))
@@ -180,22 +195,13 @@ def cases(shared: Path | None, clip: Path | None, seeds: int) -> Iterator[Case]:
     for scene in SCENES:
         for seed in range(2001, 2001 + seeds):
             recording = simulated(scene, seed, seconds=16.0, fps=12.5)
-            yield Case(scene, recording, truth_of(recording))
+            yield Case(scene, recording, truth_of(recording), counts=(1.0, 2.0))
     if shared is not None:
         yield smoothed("pizza 30", start(pizza, 20.0, 30.0), 1)
         yield smoothed("pizza 6", start(pizza, 31.0, 6.0), 2)
         yield smoothed("Shelf", start(shelf, 24.0, 25.0), 1)
     if clip is not None:
         yield smoothed("clip", start(load_recording(clip), 60.0, 60.0), 2)
-
-
-def goals(case: Case) -> Iterator[tuple[str, float, int]]:
-    """Yield policies, cameras per slot (0 for all) and phases."""
-    few = (0.5, 1.0) if case.recording.fps >= FAST else (1.0, 2.0)
-    for phase in range(case.phases):
-        yield from (("round-robin", cameras, phase) for cameras in few)
-        yield "information", 1.0, phase
-    yield "all", 0.0, 0
 
 
 def truth_of(recording: Any) -> Floats:
@@ -214,7 +220,7 @@ def figures(case: Case, policy: str, cameras: float, phase: int) -> dict[str, fl
     names = [joint.lower() for joint in case.recording.skeleton.joints]
     use = [i for i, n in enumerate(names) if any(p in n for p in PARTS) and "mid" not in n]
     settings = ReplaySettings(
-        pipeline="memory", policy=policy, num_selected=cameras or len(case.recording.rig),
+        pipeline="memory", policy=policy, num_selected=cameras,
         lead_slots=LEAD, warmup_slots=WARMUP, phase=phase, seed=phase,
     )  # fmt: skip
     records = list(replay(case.recording, settings))
@@ -259,13 +265,14 @@ def figures(case: Case, policy: str, cameras: float, phase: int) -> dict[str, fl
     }
 
 
-def measure(made: Path, out: Path) -> None:
+def measure(made: Path, out: Path, policy: str) -> None:
     """Write the figures of the package that is imported."""
     found: dict[str, list[dict[str, float]]] = {}
     for case in pickle.loads(made.read_bytes()):
-        for policy, cameras, phase in goals(case):
-            row = figures(case, policy, cameras, phase)
-            found.setdefault(case.name, []).append(row)
+        for phase in range(case.phases):
+            for cameras in case.counts:
+                row = figures(case, policy, cameras, phase)
+                found.setdefault(case.name, []).append(row)
     out.write_text(json.dumps(found))
 
 
@@ -323,11 +330,11 @@ def scale(folder: Path, term: str) -> None:
     raise SystemExit(f"{term}: no tuned number of the filter has that name")
 
 
-def run(term: str, made: Path, folder: Path) -> dict[str, list[dict[str, float]]]:
+def run(term: str, made: Path, folder: Path, policy: str) -> dict[str, list[dict[str, float]]]:
     """Measure the package without a term, in a process of its own."""
     out = folder / "figures.json"
     paths = f"{package(term, folder)}{os.pathsep}{ROOT / 'lab' / 'benchmarks'}"
-    words = [sys.executable, __file__, "--measure", str(made), str(out)]
+    words = [sys.executable, __file__, "--measure", str(made), str(out), "--policy", policy]
     subprocess.run(words, check=True, env={**os.environ, "PYTHONPATH": paths})
     return dict(json.loads(out.read_text()))
 
@@ -371,11 +378,13 @@ def main() -> None:
     parser.add_argument("--only", help="terms, with semicolons")
     parser.add_argument("--numbers", action="store_true", help="every tuned number, half and twice")
     parser.add_argument("--cases", help="names of columns, with commas; all if not given")
-    parser.add_argument("--seeds", type=int, default=2, help="of each scene")
+    parser.add_argument("--policy", default="round-robin", help="who selects")
+    parser.add_argument("--seeds", type=int, default=1, help="of each scene")
     parser.add_argument("--out", type=Path, default=Path("terms.jsonl"))
     options = parser.parse_args()
     if options.measure:
-        measure(*options.measure)
+        cases_file, figures_file = options.measure
+        measure(cases_file, figures_file, options.policy)
         return
     shared = Path(options.shared) if options.shared else None
     folder = options.out.with_suffix(".work").resolve()
@@ -399,7 +408,7 @@ def main() -> None:
     for term in dict.fromkeys(terms):
         if term not in have:
             print(f"{term} ...", file=sys.stderr, flush=True)
-            rows.append({"term": term, "found": run(term, made, folder)})
+            rows.append({"term": term, "found": run(term, made, folder, options.policy)})
             with options.out.open("a") as file:
                 file.write(json.dumps(rows[-1]) + "\n")
     print("\n".join(report(rows)))
