@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain
@@ -31,12 +32,14 @@ from e3pose.cli.output import JsonFile, is_stdout, write_json, wrote
 from e3pose.cli.placed import load_placed
 from e3pose.cli.progress import track_progress
 from e3pose.edge.precompile import warm_up
-from e3pose.evaluate.compare import compare, rows, tasks
+from e3pose.evaluate.compare import Replay, compare, rows, tasks
 from e3pose.evaluate.detect_again import open_pixels, replay_stored
 from e3pose.evaluate.drawing import check_svg
+from e3pose.evaluate.figures import Summary
 from e3pose.evaluate.held_out import joined, turns
 from e3pose.evaluate.lead_picture import draw_leads
 from e3pose.evaluate.tables import print_comparison
+from e3pose.recording import Recording
 from e3pose.select.policies import BUDGET, COUNT, WEIGHT, PolicyRow
 from e3pose.settings.energy import AWAKE, EnergyPlan
 from e3pose.settings.loop import FEEDBACK, ReplaySettings
@@ -159,19 +162,8 @@ def evaluate(
         warn(words)
     if jobs != 1 and len(settings) > 1:
         warm_up(pipelines[0], source.skeleton.joints)  # compiled once, not in each process
-    found = chain.from_iterable(
-        compare(
-            source,
-            settings,
-            plan.profiles,
-            idle_mode=plan.idle_mode,
-            battery_wh=plan.battery_wh,
-            jobs=min(jobs, len(settings)),
-            run=partial(replay_stored, folder=recording, detector=detector),
-            judges=judges,
-        )
-        for source, judges, plan, settings in runs
-    )
+    run = partial(replay_stored, folder=recording, detector=detector)
+    found = chain.from_iterable(_compared(*each, jobs, run) for each in runs)
     summaries = list(track_progress(found, len(settings) * len(runs), "evaluate"))
     figures = rows(
         [
@@ -186,6 +178,27 @@ def evaluate(
         print_comparison(figures)
         wrote(plot)
     write_json(json_file, {"rows": figures})
+
+
+def _compared(
+    source: Recording,
+    judges: Recording | None,
+    plan: EnergyPlan,
+    settings: Sequence[ReplaySettings],
+    jobs: int,
+    run: Replay,
+) -> Iterator[Summary]:
+    """Replay a recording, or what is left of one, under all settings."""
+    return compare(
+        source,
+        settings,
+        plan.profiles,
+        idle_mode=plan.idle_mode,
+        battery_wh=plan.battery_wh,
+        jobs=min(jobs, len(settings)),
+        run=run,
+        judges=judges,
+    )
 
 
 def _check(grid: GridOptions, jobs: int, plot: Path | None) -> None:

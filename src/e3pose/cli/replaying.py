@@ -32,7 +32,7 @@ from e3pose.cli.smoothing import SmoothOptions
 from e3pose.cli.storing import StoreOptions, stored
 from e3pose.estimate.smooth.delayed import lag_slots
 from e3pose.evaluate.detect_again import open_pixels
-from e3pose.evaluate.figures import Summary, as_json
+from e3pose.evaluate.figures import HeldOut, Summary, as_json
 from e3pose.evaluate.held_out import joined, judge, turns
 from e3pose.evaluate.poses_table import check_poses_path, write_poses
 from e3pose.evaluate.replay import replay as run_replay
@@ -182,30 +182,17 @@ def replay(
         (source, judges), *others = turns(whole, hold_out)
         main = start(source)
         left_out = [(start(rest), by) for rest, by in others if by is not None]
-    plan, settings, read_view = main.plan, main.settings, main.read_view
-    run = f"replay {settings.row_name}"
-    slots = stored(main.slots, store, source, run, plan.profiles, plan.idle_mode)
+    run = f"replay {main.settings.row_name}"
+    slots = stored(main.slots, store, source, run, main.plan.profiles, main.plan.idle_mode)
     records = main.records("replay", slots)
-    for words in warnings_of(source, settings):
+    for words in warnings_of(source, main.settings):
         warn(words)  # beside the figures; an error before them is one line
-    figures = summarise(
-        source if read_view is None else replace(source, processor=read_view.processor()),
-        settings,
-        records,
-        plan.profiles,
-        idle_mode=plan.idle_mode,
-        battery_wh=plan.battery_wh,
+    held_out = joined(
+        [judge(judges, records) if judges else None]
+        + [judge(by, each.records(f"without {by.rig.camera_ids[0]}")) for each, by in left_out]
     )
-    notes = () if read_view is None else (read_view.words(),)
-    summary = replace(
-        figures,
-        smooth=main.smoother.words,
-        notes=(*figures.notes, *notes),
-        held_out=joined(
-            [judge(judges, records) if judges else None]
-            + [judge(by, each.records(f"without {by.rig.camera_ids[0]}")) for each, by in left_out]
-        ),
-    )
+    notes = () if main.read_view is None else (main.read_view.words(),)
+    summary = main.summary(records, notes, held_out)
     outputs.write(source, records, summary, notes, store.file(), recording)
 
 
@@ -224,6 +211,22 @@ class _Run:
         """Run it, with progress under a name; `slots` are its own, passed through something."""
         slots = self.slots if slots is None else slots
         return self.smoother.smoothed(list(track_progress(slots, self.source.num_slots, name)))
+
+    def summary(
+        self, records: Sequence[SlotRecord], notes: Sequence[str], held_out: HeldOut | None
+    ) -> Summary:
+        """Return the figures of its records, with what was said of new looks and held-out ones."""
+        source, plan, read_view = self.source, self.plan, self.read_view
+        figures = summarise(
+            source if read_view is None else replace(source, processor=read_view.processor()),
+            self.settings,
+            records,
+            plan.profiles,
+            idle_mode=plan.idle_mode,
+            battery_wh=plan.battery_wh,
+        )
+        notes = (*figures.notes, *notes)
+        return replace(figures, smooth=self.smoother.words, notes=notes, held_out=held_out)
 
 
 def delay_of(delay: str | None, method: str | None, pipeline: str) -> float:
