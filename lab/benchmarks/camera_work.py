@@ -235,19 +235,20 @@ def _profile() -> str:
 def lines(works: Mapping[str, Work]) -> Iterator[str]:
     """Yield the rows of a table in Markdown; several runs of a way beside each other."""
     names = (
-        "cameras", "CPU ms a slot, all cameras", "% of today's", "looks a slot", "ms a look",
-        "frames a slot", "ms a frame", "error, mm", "% more", "recall, %", "blind, %", "slots",
+        "cameras", "CPU ms a slot, all cameras", "% less than today", "looks a slot", "ms a look",
+        "frames a slot", "ms a frame", "error, mm", "% more than today", "recall, %",
+        "blind, %", "slots",
     )  # fmt: skip
     yield f"| {' | '.join(names)} |\n|{'---|' * len(names)}"
     today = works.get(list(WAYS)[TODAY])
     for name, work in works.items():
         base = today or Work()
-        share = [100 * own / its for own, its in zip(work.cpu_ms, base.cpu_ms, strict=False)]
+        less = [100 - 100 * own / its for own, its in zip(work.cpu_ms, base.cpu_ms, strict=False)]
         more = [
             100 * own / its - 100 for own, its in zip(work.error_mm, base.error_mm, strict=False)
         ]
         figures = (
-            ("{:.0f}", work.cpu_ms), ("{:.0f}", share), ("{:.2f}", work.looks),
+            ("{:.0f}", work.cpu_ms), ("{:.0f}", less), ("{:.2f}", work.looks),
             ("{:.1f}", work.look_ms), ("{:.2f}", work.frames), ("{:.1f}", work.frame_ms),
             ("{:.1f}", work.error_mm), ("{:+.0f}", more), ("{:.1f}", work.recall),
             ("{:.0f}", work.blind), ("{:d}", work.slots),
