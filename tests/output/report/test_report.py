@@ -82,7 +82,7 @@ def summary(**more: Any) -> Summary:
     energy = Energy("generic", "power-saving", 0.5, cameras, 50.0, 5.0, {})
     base = bare(policy="e3pose", settings=ReplaySettings(num_selected=1, policy="e3pose"))
     saved = Savings(saving(68.6, 100.0, measured=False), saving(3.0, 4.0, measured=True))
-    return replace(base, slots=3, energy=energy, savings=saved, **more)
+    return replace(base, **{"slots": 3, "energy": energy, "savings": saved, **more})
 
 
 def bare(**more: Any) -> Summary:
@@ -275,6 +275,15 @@ def test_energy_bars_compare_with_always_awake() -> None:
     shares, line = charts["duty"]["data"][1]["x"], charts["duty"]["layout"]["shapes"][0]
     assert shares == [100.0, 0.0]
     assert line["x0"] == pytest.approx(70)  # 1 of 2 cameras, and the margin of 0.2
+
+
+def test_batteries_that_last_equally_long_have_one_time() -> None:
+    assert "battery lasts 5.0 h instead of 5.0 h" in render(recording(3), [record(0)], summary())
+    whole = summary().energy
+    assert whole is not None
+    left = replace(whole.cameras["left"], battery_hours=7.25)
+    unequal = summary(energy=replace(whole, cameras={**whole.cameras, "left": left}))
+    assert "battery lasts 5.0 to 7.2 h" in render(recording(3), [record(0)], unequal)
 
 
 def test_people_present_together_differ_in_colour_and_keep_it() -> None:

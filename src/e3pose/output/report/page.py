@@ -153,7 +153,8 @@ def _energy_words(summary: Summary) -> str:
     energy = summary.energy
     if energy is None:
         return "Share of slots in which each camera was active, blind slots left out."
-    hours = [camera.battery_hours for camera in energy.cameras.values()]
+    hours = [round(camera.battery_hours, 1) for camera in energy.cameras.values()]
+    lasts = " to ".join(f"{each:.1f}" for each in sorted({min(hours), max(hours)}))
     whole = summary.savings.whole_camera
     by = f"Modelled with the power profile {energy.profile}"
     if whole is not None and whole.basis == "measured":
@@ -161,7 +162,7 @@ def _energy_words(summary: Summary) -> str:
     return (
         f"Bars: energy of each whole camera in this run; behind them: the same camera always "
         f"active. {by}; cameras that are not selected are in {energy.idle_mode} mode. "
-        f"A {energy.battery_wh:g} Wh battery lasts {min(hours):.1f} to {max(hours):.1f} h "
+        f"A {energy.battery_wh:g} Wh battery lasts {lasts} h "
         f"instead of {energy.battery_hours_always_active:.1f} h."
     )
 
