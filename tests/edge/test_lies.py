@@ -30,9 +30,9 @@ ERRORS, FALSE_PEOPLE = 1.15, 1.6
 
 
 @cache
-def without(lie: str, liars: int, idle_mode: CameraMode) -> Kept:
+def without(lie: str, liars: int, idle_mode: CameraMode, seconds: float = SECONDS) -> Kept:
     """Return what a site gives whose cameras are honest, or whose last ones are gone."""
-    return run({"none": HONEST, "gone": GONE}[lie], liars, SECONDS, CAMERAS, idle_mode)
+    return run({"none": HONEST, "gone": GONE}[lie], liars, seconds, CAMERAS, idle_mode)
 
 
 def check(
@@ -45,7 +45,7 @@ def check(
     errors: float = ERRORS,
 ) -> None:
     """Assert that cameras that lie cost no more than cameras that are gone."""
-    honest, gone = (without(lie, liars, idle_mode) for lie in ("none", "gone"))
+    honest, gone = (without(lie, liars, idle_mode, seconds) for lie in ("none", "gone"))
     assert max(kept.leads) <= max(honest.leads) + more_lead
     late = np.array(kept.leads[BEGUN + 60 :]) > max(honest.leads) + 2
     assert late.mean() <= LOST  # what a slow link is tried with does not last
@@ -63,7 +63,7 @@ def check(
     np.testing.assert_allclose(kept.budget, honest.budget)
     np.testing.assert_allclose(kept.price, honest.price, rtol=0.1)
     most = 1.1 * max(*honest.deficit, *gone.deficit) + 3
-    assert max(kept.deficit) <= deficits * most * seconds / SECONDS
+    assert max(kept.deficit) <= deficits * most
     assert all(abs(row.time_ns - came_ns) <= NEAR_S * 1e9 + 1 for came_ns, row in kept.readings)
     assert len(kept.readings) <= CAMERAS * seconds / BEAT_S
 
@@ -72,13 +72,15 @@ def check(
 @pytest.mark.parametrize("name", SCHEMES)
 def test_schemes_of_cameras_cost_the_others_nothing(name: str, liars: int) -> None:
     idle_mode: CameraMode = "aggressive-power-saving" if "wakes" in name else "power-saving"
-    kept = run(SCHEMES[name], liars, SECONDS, CAMERAS, idle_mode)
+    # In 24 s the median of two cameras that look now and then hangs on who crosses whom.
+    seconds = 40.0 if "wakes" in name else SECONDS
+    kept = run(SCHEMES[name], liars, seconds, CAMERAS, idle_mode)
     # A camera that misses orders is believed for some seconds that its link is slow.
     slow = "no view" in name and ("orders take" in name or "wakes" in name)
     more_lead = 2 + ceil(FAR_S * FPS) * slow
     # False people attract the selection to one camera more than to the others.
     limits = (3.0, FALSE_PEOPLE) if "crowd" in name else (1.0, ERRORS)
-    check(kept, liars, SECONDS, idle_mode, more_lead, *limits)
+    check(kept, liars, seconds, idle_mode, more_lead, *limits)
 
 
 SHOWN = {"keypoints_px", "scores"}  # what views show: false people are not defended against
