@@ -13,7 +13,6 @@ from statistics import fmean
 from typing import Any, TypeVar
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from e3pose.base.arrays import Flags, Floats
 from e3pose.base.errors import InputError
@@ -117,6 +116,8 @@ def joined(found: Sequence[HeldOut | None]) -> HeldOut | None:
 def _one(
     camera: Camera, skeleton: Skeleton, records: Sequence[SlotRecord], series: ViewSeries
 ) -> HeldOutCamera:
+    from scipy.optimize import linear_sum_assignment
+
     rows = [row for row, name in enumerate(skeleton.joints) if name in COMPARED]
     rows = rows if len(rows) >= LEAST_KEYPOINTS else list(range(len(skeleton)))
     off = [np.zeros((0, len(skeleton), 2))]
