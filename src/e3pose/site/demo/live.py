@@ -53,6 +53,8 @@ class Heard:
         slots: slots whose poses were published.
         newest_ns: when the newest of them was, since 1970.
         begin_ns: when the cameras began to play, since 1970.
+        end_ns: when their first round ends; slots from then on are of the next one.
+        round_slots: slots of the first round whose poses were published.
     """
 
     views: dict[tuple[int, str], HeardView] = field(default_factory=dict)
@@ -64,6 +66,8 @@ class Heard:
     slots: int = 0
     newest_ns: int = 0
     begin_ns: int = 0
+    end_ns: int = 0
+    round_slots: int = 0
 
     def listen(self, site: str, transport: Transport) -> None:
         """Receive all messages from now on; on loopback, no certificate is needed."""
@@ -75,7 +79,13 @@ class Heard:
         """Take in the people of a slot."""
         self.slots = max(self.slots, poses.slot + 1)
         self.newest_ns = max(self.newest_ns, poses.time_edge_ns)
+        self.round_slots += poses.time_edge_ns < self.end_ns
         self.delays_s.append((poses.published_edge_ns - poses.time_edge_ns) / 1e9)
+
+    def enough(self, num_slots: int, slot_ns: int) -> bool:
+        """Return whether all slots wanted are there, or a first round that has half of them."""
+        over = self.newest_ns >= self.end_ns - slot_ns
+        return self.slots >= num_slots or (over and self.round_slots >= num_slots // 2)
 
     def _view(self, _topic: str, payload: bytes) -> None:
         view = decode(payload, View, "camera")
@@ -97,8 +107,8 @@ def run_live(
     """Run the edge and every camera as processes of their own until enough slots are done.
 
     The cameras are started once the edge has compiled, and all begin to play at one moment. What
-    they play begins again after `round_s`, where people jump: the run ends there if half of the
-    slots are done. Whatever ends it, an exception or a signal that raises one, ends the processes.
+    they play begins again after `round_s`, where people jump: the run ends there if that gave half
+    of the slots. Whatever ends it, an exception or a signal that raises one, ends the processes.
 
     Args:
         site_file: of the site; its output goes to `logs` beside it.
@@ -121,6 +131,7 @@ def run_live(
     follower.listen(transport, heard.poses)
     heard.listen(site.name, transport)
     begun_s = newest_s = shown_s = time.monotonic()
+    slot_ns = round(1e9 / site.fps / site.pace)
     edge_s, newest = 0.0, 0  # how long the edge took to be there; the newest slot
 
     def stopped() -> bool:
@@ -134,6 +145,7 @@ def run_live(
             # A machine on which the edge took long will take long for the cameras too.
             wait_s = min(max(ready_s, edge_s), PATIENCE * ready_s)
             heard.begin_ns = time.time_ns() + round(wait_s * 1e9)
+            heard.end_ns = heard.begin_ns + round(round_s * 1e9) - slot_ns // 2
             for camera_id in rig.camera_ids:
                 begin = ["--begin-s", str(heard.begin_ns / 1e9)]
                 command = camera_command(site, camera_id) + begin
@@ -150,9 +162,7 @@ def run_live(
             raise InputError(f"edge: no slot for {waited_s:.0f} s: {last_words(programs)}")
         if any(program.restarts for program in programs):
             raise InputError(f"a program of the site stopped: {last_words(programs)}")
-        over_ns = heard.begin_ns + round((round_s - 1.5 / site.fps / site.pace) * 1e9)
-        again = heard.newest_ns >= over_ns and heard.slots >= num_slots // 2
-        return heard.slots >= num_slots or again
+        return bool(heard.begin_ns) and heard.enough(num_slots, slot_ns)
 
     try:
         run_site(programs, stopped, lambda line: None)
