@@ -13,9 +13,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from e3pose.energy.modes import RESTING
 from e3pose.energy.profiles import Activity
-
-RESTING: tuple[Activity, ...] = ("asleep", "suspended")
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +88,8 @@ class ModeClock:
         """Return what it does now, and what it did so far."""
         with self._lock:
             now_ns, spent_ns = self._count(), dict(self._spent_ns)
-            other_ns = sum(spent_ns.get(mode, 0) for mode in ("active", *RESTING))
+            resting_ns = sum(spent_ns.get(mode, 0) for mode in RESTING)
+            other_ns = spent_ns.get("active", 0) + resting_ns
             self._idle_ns = max(self._idle_ns, now_ns - self._begun_ns - other_ns)
             looks = now_ns < self._active_until_ns and self._mode not in RESTING
             return ModeTimes(now_ns, "active" if looks else self._mode, spent_ns, self._idle_ns)

@@ -8,6 +8,8 @@ from typing import Literal
 RestName = Literal["idle", "not-capturing", "asleep", "suspended"]
 LookName = Literal["whole", "part", "tracked", "gate", "nothing"]
 RESTS: tuple[RestName, ...] = ("idle", "not-capturing", "asleep", "suspended")
+# In which a camera says nothing.
+RESTING: tuple[Literal["asleep", "suspended"], ...] = ("asleep", "suspended")
 LOOKS: tuple[LookName, ...] = ("whole", "part", "tracked", "gate", "nothing")
 
 WAKE_S = 0.5  # tuned: s | not recorded, what a USB camera takes to its first frame | not measured

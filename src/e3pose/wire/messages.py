@@ -11,13 +11,13 @@ from typing import Annotated, Literal
 import msgspec
 from msgspec import Meta
 
+from e3pose.energy.modes import RESTING as RESTING
 from e3pose.wire.bounds import Amount, Count, OffsetNs, Session, Slot, TemperatureC, TimeNs
 
 VERSION = 1  # of the messages; a program refuses others, and names who must be updated
 
 CameraMode = Literal["active", "power-saving", "aggressive-power-saving"]
 Activity = Literal["active", "power-saving", "aggressive-power-saving", "asleep", "suspended"]
-RESTING: tuple[Activity, ...] = ("asleep", "suspended")  # in which a camera says nothing
 
 
 class Array(msgspec.Struct, array_like=True, frozen=True):

@@ -6,11 +6,11 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from e3pose.energy.activity import RESTING
 from e3pose.energy.meters.base import Meter, MeterError, Rail, Reading
 from e3pose.energy.meters.battery import BatteryMeter
 from e3pose.energy.meters.rails import RailMeter
 from e3pose.energy.meters.rapl import RaplMeter
+from e3pose.energy.modes import RESTING
 from e3pose.energy.profiles import MODES, Activity, DeviceProfile
 
 ROOT = Path("/")

@@ -10,12 +10,13 @@ from pathlib import Path
 from typing import Any
 
 from e3pose.base.errors import InputError
-from e3pose.energy.activity import RESTING, ModeClock, ModeTimes
+from e3pose.energy.activity import ModeClock, ModeTimes
 from e3pose.energy.meters.base import Meter, MeterError, Reading
 from e3pose.energy.meters.battery import Charge, read_charge
 from e3pose.energy.meters.charge_file import ChargeFile
 from e3pose.energy.meters.choose import ModelMeter, choose_meter
 from e3pose.energy.meters.temperature import read_temperature_c
+from e3pose.energy.modes import RESTING
 from e3pose.energy.profiles import Activity, DeviceProfile
 
 PERIOD_S = 0.1  # on average: readings at equal distances would meet every slot at the same place
