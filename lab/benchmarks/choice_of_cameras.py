@@ -45,7 +45,7 @@ from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
 from e3pose.estimate.base import People, Posterior
 from e3pose.evaluate.faults import downsampled
-from e3pose.evaluate.held_out import judge, turns
+from e3pose.evaluate.held_out import COMPARED, judge, turns
 from e3pose.evaluate.metrics import mean_errors_m
 from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.evaluate.smoothed import smooth_records
@@ -59,15 +59,11 @@ from predictor_in_the_loop import captured, seen
 Row = dict[str, Any]
 
 POLICIES = ("round-robin", "information", "random")
-JOINTS = [
-    f"{side}_{part}"
-    for part in ("shoulder", "elbow", "wrist", "hip", "knee")
-    for side in ("left", "right")
-]
 SCENES = "round-table,buffet,reception,operating-room,lab"
 MOTION = "motion-"
 SAME_M = 0.5
 WARMUP = 10  # slots with all cameras, left out
+HELD = "held_mm"  # needs as many replays more as there are cameras, of recordings without truth
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,7 +86,7 @@ class Scene:
 def scene_of(place: str, fps: float, seconds: float, seed: int) -> Scene:
     """Make a recording and smooth it over all of its cameras."""
     recording = made(place, fps, seconds, seed)
-    columns = [recording.skeleton.index(joint) for joint in JOINTS]
+    columns = [recording.skeleton.index(joint) for joint in COMPARED]
     people = references(recording, load_noise(detector_of(recording)))
     joints_m = []
     for slot in range(recording.num_slots):
@@ -116,10 +112,12 @@ def settings_of(policy: str, cameras: float, lead: int, seed: int) -> ReplaySett
     )  # fmt: skip
 
 
-def figures(scene: Scene, policy: str, goal: str, lead: int, seed: int) -> Row:
-    """Replay once; return the figures."""
+def figures(
+    scene: Scene, policy: str, goal: str, lead: int, seed: int, hold_out: bool = True
+) -> Row:
+    """Replay once, and once more without each camera where `hold_out`; return the figures."""
     recording = scene.recording
-    columns = [recording.skeleton.index(joint) for joint in JOINTS]
+    columns = [recording.skeleton.index(joint) for joint in COMPARED]
     if goal.endswith("mm"):
         settings = settings_of(policy, len(recording.rig), lead, seed)
         settings = replace(settings, target_error_m=float(goal.removesuffix("mm")) / 1000)
@@ -158,7 +156,7 @@ def figures(scene: Scene, policy: str, goal: str, lead: int, seed: int) -> Row:
     return {
         "awake": looks.sum() / max(slots, 1),
         "first": looks[0] / max(looks[1:].mean(), 1e-9),
-        "held_mm": held_out_mm(recording, settings) if recording.truth is None else None,
+        **({HELD: held_out_mm(recording, settings)} if hold_out else {}),
         **{f"{name}_mm": mean_mm(distances) for name, distances in apart.items()},
         "stated_mm": mean_mm(stated),
         "found": found / max(there, 1),
@@ -168,7 +166,9 @@ def figures(scene: Scene, policy: str, goal: str, lead: int, seed: int) -> Row:
 
 
 def held_out_mm(recording: Recording, settings: ReplaySettings) -> float | None:
-    """Return the mean over cameras, each held out in turn; None where too few are left."""
+    """Return the mean over cameras, each held out in turn; None with truth, or too few cameras."""
+    if recording.truth is not None:
+        return None
     if (settings.num_selected or 0) >= len(recording.rig):
         settings = replace(settings, num_selected=None, policy="all")
     try:
@@ -188,7 +188,7 @@ def off_by_person(
     scene: Scene, policy: str, goal: str, lead: int, seed: int
 ) -> dict[tuple[int, int], float]:
     """Return the mean distance of each person found, in metres, by slot and person."""
-    columns = [scene.recording.skeleton.index(joint) for joint in JOINTS]
+    columns = [scene.recording.skeleton.index(joint) for joint in COMPARED]
     off: dict[tuple[int, int], float] = {}
     for record in replay(scene.recording, settings_of(policy, float(goal), lead, seed)):
         if record.slot < WARMUP + lead - 1:
@@ -230,8 +230,8 @@ def truth(scene: Scene, record: SlotRecord) -> Floats:
     """Return the true places of a slot, nobody where they are not known."""
     recording = scene.recording
     if recording.truth is None:
-        return np.empty((0, len(JOINTS), 3))
-    columns = [recording.skeleton.index(joint) for joint in JOINTS]
+        return np.empty((0, len(COMPARED), 3))
+    columns = [recording.skeleton.index(joint) for joint in COMPARED]
     return np.asarray(recording.truth.joints_m[record.slot][:, columns])
 
 
@@ -252,7 +252,8 @@ def matched(joints_m: Floats, expected_m: Floats) -> list[tuple[int, int]]:
 
 def measure(options: argparse.Namespace, out: Path) -> Iterator[Row]:
     """Yield the rows that are not in the file yet."""
-    have = {key_of(row) for row in read([out])}
+    hold_out = options.by_lead in (None, HELD)
+    have = {key_of(row) for row in read([out]) if HELD in row or not hold_out}
     runs = [
         (policy, goal)
         for goal in options.cameras.split(",")
@@ -279,7 +280,7 @@ def measure(options: argparse.Namespace, out: Path) -> Iterator[Row]:
                 continue
             yield {
                 "place": place, "fps": fps, "seed": seed, "policy": policy, "goal": goal,
-                "lead": lead, **figures(scene, policy, goal, lead, seed % 1000),
+                "lead": lead, **figures(scene, policy, goal, lead, seed % 1000, hold_out),
             }  # fmt: skip
 
 

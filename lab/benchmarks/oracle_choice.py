@@ -324,7 +324,8 @@ def recorded(scene: str, seed: int) -> Any:
 @lru_cache(maxsize=1)
 def smoothed(folder: str) -> Any:
     """Read a recording; its truth becomes what the smoother over all cameras says of ten joints."""
-    from choice_of_cameras import JOINTS, settings_of
+    from choice_of_cameras import settings_of
+    from e3pose.evaluate.held_out import COMPARED
     from e3pose.evaluate.replay import replay
     from e3pose.evaluate.smoothed import smooth_records
     from e3pose.recording import Truth, load_recording
@@ -340,7 +341,7 @@ def smoothed(folder: str) -> Any:
     late = smooth_records(records, posteriors, recording.skeleton)
     ids = sorted({track for record in late for track in record.track_ids.tolist()})
     joints_m = np.full((recording.num_slots, len(ids), len(recording.skeleton), 3), np.nan)
-    columns = [recording.skeleton.index(joint) for joint in JOINTS]
+    columns = [recording.skeleton.index(joint) for joint in COMPARED]
     for record in late:
         rows = np.searchsorted(ids, record.track_ids)
         joints_m[record.slot, rows[:, None], columns] = record.poses.joints_m[:, columns]

@@ -9,6 +9,7 @@ import numpy as np
 from e3pose.base.arrays import Floats
 from e3pose.estimate.base import People
 from e3pose.evaluate import metrics
+from e3pose.evaluate.figures import HeldOutCamera
 from e3pose.evaluate.held_out import COMPARED, judge, turns
 from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.evaluate.smoothed import smooth_records
@@ -59,33 +60,12 @@ class HeldOutAsked:
     camera: int
 
 
-@dataclass(frozen=True, slots=True)
-class Outside:
-    """How far the poses of a replay are from the keypoints of a camera that took no part.
-
-    Attributes:
-        mean_px: of the joints that both have.
-        median_px: likewise.
-        mean_mm: across the ray.
-        median_mm: likewise.
-        missed: share of the people of that camera without a pose, percent.
-    """
-
-    mean_px: float
-    median_px: float
-    mean_mm: float
-    median_mm: float
-    missed: float
-
-
-def outside(sources: Sources, asked: HeldOutAsked) -> Outside:
+def outside(sources: Sources, asked: HeldOutAsked) -> HeldOutCamera:
     """Replay a recording without a camera; compare what is estimated with what that camera sees."""
     recording = recording_of(sources, asked.asked)
     ((rest, judges),) = turns(recording, [recording.rig.camera_ids[asked.camera]])
     assert judges is not None, "a camera is held out"
-    found = judge(judges, _estimated(rest, asked.asked)).mean
-    values = found.mean_px, found.median_px, found.mean_mm, found.median_mm, found.missed_percent
-    return Outside(*(np.nan if value is None else value for value in values))
+    return judge(judges, _estimated(rest, asked.asked)).mean
 
 
 def likeness(sources: Sources, asked: Asked) -> Likeness:

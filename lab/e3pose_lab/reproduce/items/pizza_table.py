@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from statistics import fmean
 
+from e3pose.evaluate.figures import HeldOutCamera
 from e3pose_lab.reproduce.items.base import Item, Scale
 from e3pose_lab.reproduce.items.panoptic_table import PAPER, PAPER_CAMERAS
 from e3pose_lab.reproduce.records import Cell, Headline, Line, Panel, Section, Spread, Table
@@ -14,7 +16,6 @@ from e3pose_lab.reproduce.without_truth import (
     LIMITS,
     HeldOutAsked,
     Likeness,
-    Outside,
     likeness,
     outside,
 )
@@ -47,7 +48,7 @@ def _pieces(scale: Scale, name: str) -> list[Piece[Asked, Likeness]]:
     return [Piece(likeness, replace(asked, seed=seed)) for seed in range(seeds)]
 
 
-def _outsiders(scale: Scale, name: str) -> list[Piece[HeldOutAsked, Outside]]:
+def _outsiders(scale: Scale, name: str) -> list[Piece[HeldOutAsked, HeldOutCamera]]:
     asked = replace(ROWS[name], seconds=5.0 if scale.quick else 0.0)
     return [Piece(outside, HeldOutAsked(asked, camera)) for camera in range(scale.of(CAMERAS, 1))]
 
@@ -66,7 +67,7 @@ def section(scale: Scale, made: Made) -> Section:
     found = {name: _spreads([run.found for run in each]) for name, each in runs.items()}
     within = {name: _spreads([run.within for run in each]) for name, each in runs.items()}
     away = {name: [made(piece) for piece in _outsiders(scale, name)] for name in ROWS}
-    off_mm = {name: fmean(each.mean_mm for each in judged) for name, judged in away.items()}
+    off_mm = {name: _mean_known(judged, "mean_mm") for name, judged in away.items()}
     known = found[KNOWN]
     return Section(
         paper="Within 50 mm are 98.6 % of E3Pose's poses with 3 of 5 cameras and 93.3 % with all "
@@ -122,11 +123,16 @@ def _mean(runs: Sequence[Likeness], name: str) -> float:
     return Spread.of([getattr(run, name) for run in runs]).mean
 
 
-def _held_out(away: dict[str, list[Outside]]) -> Table:
-    names = ("mean_px", "median_px", "mean_mm", "median_mm", "missed")
+def _mean_known(judged: Sequence[HeldOutCamera], name: str) -> float:
+    """Return the mean of a figure over cameras that have it; NaN where none has."""
+    known = [value for each in judged if (value := getattr(each, name)) is not None]
+    return fmean(known) if known else math.nan
+
+
+def _held_out(away: dict[str, list[HeldOutCamera]]) -> Table:
+    names = ("mean_px", "median_px", "mean_mm", "median_mm", "missed_percent")
     rows: list[tuple[Cell, ...]] = [
-        (row, *(fmean(getattr(each, name) for each in judged) for name in names))
-        for row, judged in away.items()
+        (row, *(_mean_known(judged, name) for name in names)) for row, judged in away.items()
     ]
     columns = (
         "method, of four cameras", "mean, px", "median, px", "mean across the ray, mm",
