@@ -6,6 +6,7 @@ import ast
 import importlib
 import re
 import shlex
+import subprocess
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -28,6 +29,7 @@ FENCE = re.compile(r"^( *)```(\w*)\n(.*?)^ *```", re.S | re.M)
 COMMAND = re.compile(
     r"^ *(?:sudo (?:-u e3pose )?)?(?:E3POSE_CACHE=\S+ )?(?:/opt/e3pose/bin/)?e3pose "
 )
+IN_GIT = re.compile(r"`git show ([0-9a-f]{8,40}):(lab/benchmarks/\w+\.py)`")
 GENERATED = (
     # By docs/hooks.py; `make docs` checks links to them.
     r"(\.\./|docs/)?(reference/(cli|api)/|(research/)?tuned-numbers\.md)"
@@ -148,6 +150,20 @@ def test_readme_lists_the_verbs_of_each_group() -> None:
     (calibrations,) = (names for title, names in rows if title == "Calibrate")
     verbs = [name.split()[-1] for name in re.findall(r"`([\w -]+)`", calibrations)]
     assert verbs == [verb.__name__ for verb in CALIBRATIONS]
+
+
+def test_a_script_of_the_lab_is_in_the_tree_or_in_a_commit_that_the_page_names() -> None:
+    texts = {**BY_PAGE, **{str(p): p.read_text() for p in (ROOT / "src").rglob("*.md")}}
+    named, in_git = set(), set()
+    for page, text in texts.items():
+        if page != "CHANGELOG.md":
+            named |= {(page, at) for at in re.findall(r"lab/benchmarks/\w+\.py", text)}
+            in_git |= {(page, *at) for at in re.findall(IN_GIT, text)}
+    gone = {(page, at) for page, at in named if not (ROOT / at).exists()}
+    assert gone <= {(page, at) for page, _, at in in_git} and gone
+    whole = not (ROOT / ".git" / "shallow").exists() and (ROOT / ".git").exists()
+    for commit, at in {(commit, at) for _, commit, at in in_git} if whole else ():
+        subprocess.run(["git", "-C", ROOT, "cat-file", "-e", f"{commit}:{at}"], check=True)
 
 
 def imported() -> list[tuple[str, str, str]]:

@@ -1,36 +1,30 @@
 """Processor time of the cameras of live sites, measured, beside error and recall.
 
     python lab/benchmarks/camera_work.py --model FILE.onnx --runs 2
-    python lab/benchmarks/camera_work.py --network openpose-thin --model FILE.onnx --films clip
+    python lab/benchmarks/camera_work.py --network openpose-thin --model FILE.onnx
 
-Each film is played to a site of real processes, an edge and four cameras, once for each way to
+The film is played to a site of real processes, an edge and four cameras, once for each way to
 look; their processor time is what every camera program took, all threads together, as the system
 counts it. Ways are run one after the other, so that shares are within one run.
 
-`clip` are the demo's four real videos, 34 slots at 20 per second, played forward and back again and
-again; its truth is the offline smoother over all views. `example` is the scene of the example site,
-and `visits` one with people for a third of the time. Both are filmed as drawn dots; the cameras run
-MoveNet on every image that they look at, and then find the dots (`drawn_by_network.py`). The truth
-is the simulated one. Films are played slowly, `--slot-s` seconds a slot, so that a busy machine
-keeps up: where many slots are blind, or fewer looks came than were asked for, it did not, and a row
-says nothing. Weights are those of the cache, or FILE.
+The film is the demo's four real videos, 34 slots at 20 per second, played forward and back again
+and again; its truth is the offline smoother over all views. It is played slowly, `--slot-s` seconds
+a slot, so that a busy machine keeps up: where many slots are blind, or fewer looks came than were
+asked for, it did not, and a row says nothing. Weights are those of the cache, or FILE.
 """
 
 from __future__ import annotations
 
 import argparse
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
-from unittest.mock import patch
 
 import numpy as np
 
 from clip_error import references
-from day import visiting, visits
-from drawn_by_network import NETWORK
 from e3pose.base.arrays import Floats
 from e3pose.camera.detect import DetectSettings, detect_videos
 from e3pose.camera.source import open_video
@@ -39,25 +33,22 @@ from e3pose.evaluate.summary import accuracy
 from e3pose.model.blind_slot import count_blind
 from e3pose.model.camera import Rig
 from e3pose.model.noises import load_noise
-from e3pose.model.skeleton import COCO17, Skeleton
+from e3pose.model.skeleton import Skeleton
 from e3pose.output.report.overlay import write_movie
 from e3pose.recording import Recording, ViewSeries, load_recording
 from e3pose.recording.calibration import load_rig
 from e3pose.recording.record import Truth
-from e3pose.simulate import SceneSettings, simulate
-from e3pose.simulate.films import frames
 from e3pose.site.demo.clip import find_clip
 from e3pose.site.demo.live import Heard, run_live
 from e3pose.site.demo.stored_run import Film, as_recording, stored_records
-from e3pose.site.example import SCENE, STORE_FILE, Example, write_example
+from e3pose.site.example import STORE_FILE, Example, write_example
 
+NETWORK = "movenet-multipose"
 CLIP_FPS, CLIP_EVERY = 20.0, 3
-SIMULATED_FPS = 10.0
-BUSY, VISITS_SEED = 1 / 3, 31
 DEADLINE_SLOTS = 2.5
 READY_S = 12.0
 WARMUP_SLOTS = 10
-# Who sleeps draws next to nothing, as in `day.py`; the programs here wait, and capture nothing.
+# Who sleeps draws next to nothing; the programs here wait, and capture nothing.
 PROFILE = """
 [rests.asleep]
 watts = 0.5
@@ -139,17 +130,6 @@ def clip(folder: Path, slots: int, network: str, model: Path | None) -> Footage:
     return Footage(scene, videos, {"detector": network, **_weights(model)})
 
 
-def simulated(folder: Path, recording: Recording, model: Path | None) -> Footage:
-    """Make films of a simulated scene."""
-    assert recording.truth is not None
-    videos = {i: folder / f"{i}.mp4" for i in recording.rig.camera_ids}
-    for camera, path in enumerate(videos.values()):
-        write_movie(path, frames(recording, camera), recording.fps)
-    scene = _scene(recording.rig, recording.fps, COCO17, recording.truth.joints_m)
-    file = Path(__file__).with_name("drawn_by_network.py")
-    return Footage(scene, videos, {"detector": f"{file}:drawn_by_network", **_weights(model)})
-
-
 def _weights(model: Path | None) -> dict[str, str]:
     return {} if model is None else {"model": str(model.resolve())}
 
@@ -166,20 +146,6 @@ def _scene(rig: Rig, fps: float, skeleton: Skeleton, joints_m: Floats) -> Record
         views=(nothing,) * len(rig),
         truth=Truth(skeleton, names, joints_m),
     )
-
-
-def example_scene(slots: int) -> Recording:
-    """Return the scene of the example site."""
-    return simulate(replace(SCENE, seconds=slots / SIMULATED_FPS, fps=SIMULATED_FPS), 0)
-
-
-def visits_scene(slots: int) -> Recording:
-    """Return a scene that people come to and leave."""
-    seconds = slots / SIMULATED_FPS
-    plan = visits(seconds, BUSY, np.random.default_rng([VISITS_SEED, 3]))
-    settings = SceneSettings("ring", people=3, seconds=seconds, fps=SIMULATED_FPS, cameras=4)
-    with patch("e3pose.simulate.simulation.Play", visiting(plan)):
-        return simulate(settings, VISITS_SEED)
 
 
 def run(footage: Footage, way: str, slot_s: float, folder: Path, work: Work) -> None:
@@ -259,31 +225,22 @@ def lines(works: Mapping[str, Work]) -> Iterator[str]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--films", default="clip,example,visits")
     parser.add_argument("--ways", default="", help="numbers of rows to run; all by default")
-    parser.add_argument("--network", default=NETWORK, help="of the clip")
+    parser.add_argument("--network", default=NETWORK)
     parser.add_argument("--model", type=Path, help="its weights; those of the cache by default")
     parser.add_argument("--slots", type=int, default=300)
     parser.add_argument("--slot-s", type=float, default=0.4, help="seconds that a slot takes")
     parser.add_argument("--runs", type=int, default=1)
     options = parser.parse_args()
     numbers = [int(each) for each in options.ways.split(",") if each] or range(len(WAYS))
-    makers: dict[str, Callable[[Path], Footage]] = {
-        "clip": lambda folder: clip(folder, options.slots, options.network, options.model),
-        "example": lambda to: simulated(to, example_scene(options.slots), options.model),
-        "visits": lambda to: simulated(to, visits_scene(options.slots), options.model),
-    }
-    for film in options.films.split(","):
-        with tempfile.TemporaryDirectory(prefix="e3pose-work-") as name:
-            folder = Path(name)
-            footage = makers[film](folder)
-            works = {way: Work() for n, way in enumerate(WAYS) if n in numbers}
-            for number in range(options.runs):
-                for index, (way, work) in enumerate(works.items()):
-                    site = folder / f"{number}-{index}"
-                    run(footage, way, options.slot_s, site, work)
-            print(f"\n`{film}`, {footage.scene.fps:g} slots per second\n", flush=True)
-            print("\n".join(lines(works)), flush=True)
+    with tempfile.TemporaryDirectory(prefix="e3pose-work-") as name:
+        folder = Path(name)
+        footage = clip(folder, options.slots, options.network, options.model)
+        works = {way: Work() for n, way in enumerate(WAYS) if n in numbers}
+        for number in range(options.runs):
+            for index, (way, work) in enumerate(works.items()):
+                run(footage, way, options.slot_s, folder / f"{number}-{index}", work)
+        print("\n".join(lines(works)), flush=True)
 
 
 if __name__ == "__main__":
