@@ -24,9 +24,8 @@ from e3pose.estimate.filter.state import Model
 
 COUNT = 2  # layout: of the last axis of `Belief.shifts`; before it right and down
 # Keypoints that no shift at all counts for. Keypoints of one body are off together: on real
-# detections they count as 2.5 to 5 times fewer than independent ones, for which 300 would do
-# (`lab/benchmarks/body_shifts.py`). A body that is off in one view for seconds is no shift of the
-# camera.
+# detections they count as 2.5 to 5 times fewer than independent ones, for which 300 would do.
+# A body that is off in one view for seconds is no shift of the camera.
 # tuned: keypoints | 300 for a prior of 1 px, simulated, seeds 701 to 704; three times that as
 #   keypoints of one body err together, docs/experiments/2026-11-22-shifts-learned-live.md | shift
 PRIOR = 900.0
