@@ -107,9 +107,6 @@ ELSEWHERE = {
     'hub query house "SELECT site, sum(person_h) FROM hours GROUP BY site" --csv hours.csv': (
         "tests/hub/test_questions.py"
     ),
-    'hub query house --archives "SELECT site, day, sum(rows) FROM files GROUP BY site, day"': (
-        "tests/hub/test_questions.py"
-    ),
     **dict.fromkeys(
         (
             "simulate films --scene home-fall --seconds 60 --fps 12.5 --resolution 640x480 --seed 1"

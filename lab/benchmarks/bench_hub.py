@@ -3,14 +3,13 @@
     python lab/benchmarks/bench_hub.py                       # some minutes; a few hundred MB
     python lab/benchmarks/bench_hub.py --live 8 --days 3     # smaller
     python lab/benchmarks/bench_hub.py --database postgresql://USER@HOST/NAME
-    python lab/benchmarks/bench_hub.py --only-live --live 1000 --tls --archive-days 2
+    python lab/benchmarks/bench_hub.py --only-live --live 1000 --tls
 
 Sites are made up (`simulated_sites.py`); their stores, their answers over Zenoh, the hub that asks
 and its database are the real ones, all on this machine. Keeping and asking are measured with
 `--days` of three sites through the hub's own code; for questions these are copied under other
 names, `--sites` of them for sums by the hour and `--whole` for minutes. `--live` sites are asked
-over the network, with certificates of their own where `--tls` says so; `--archive-days` of poses of
-each are archived and asked about.
+over the network, with certificates of their own where `--tls` says so.
 """
 
 from __future__ import annotations
@@ -18,7 +17,6 @@ from __future__ import annotations
 import argparse
 import datetime
 import os
-import resource
 import socket
 import sqlite3
 import subprocess
@@ -34,15 +32,12 @@ from pathlib import Path
 import psutil
 from sqlalchemy import Engine, func, select, text
 
-from e3pose.base.errors import InputError
 from e3pose.edge.consumers import Consumers
-from e3pose.hub.archives import answer_of_archives
 from e3pose.hub.database import Cursor, hours, keep, open_hub, summaries
 from e3pose.hub.overview import overview
 from e3pose.hub.pull import ANSWER_S, AT_ONCE, PAUSE_S, Pulling, pull
 from e3pose.hub.question import answer
 from e3pose.hub.settings import Hub, holder_at, load_hub
-from e3pose.output.archive.places import Folder
 from e3pose.site.outbox_answers import OutboxAnswers
 from e3pose.store.database import writing_engine
 from e3pose.store.delivery import Delivery
@@ -52,7 +47,7 @@ from e3pose.wire.endpoint import read_endpoint
 from e3pose.wire.keys.folder import add_keys, certificates_in, init_keys, read_roll
 from e3pose.wire.network import open_network
 from e3pose.wire.topics import of_outbox
-from simulated_sites import BEGIN_NS, CAMERAS, archive_days, records_of, summaries_of
+from simulated_sites import BEGIN_NS, CAMERAS, records_of, summaries_of
 
 PART = 100  # summaries of an answer
 OUTBOX_DAYS = 60
@@ -65,11 +60,6 @@ QUESTIONS = {
     "watts of each site": "SELECT site, sum(joules) / sum(span_s) FROM hours GROUP BY site",
     "hour of the day with most people": "SELECT time_ns / 3600000000000 % 24, max(most_people) "
     "FROM hours GROUP BY 1",
-}
-ARCHIVE_QUESTIONS = {
-    "files of each site": "SELECT site, count(*), sum(rows) FROM files GROUP BY site",
-    "people of each site and day": "SELECT site, day, count(DISTINCT (started_ns, track)) "
-    "FROM poses GROUP BY site, day",
 }
 
 
@@ -226,9 +216,7 @@ def start_sites(
     return [psutil.Process(process.pid) for process in started]
 
 
-def bench_live(
-    folder: Path, count: int, single_s: float, database: str, tls: bool, days: int
-) -> None:
+def bench_live(folder: Path, count: int, single_s: float, database: str, tls: bool) -> None:
     """Let a hub ask real sites; kill it for an hour; print what it takes and what ends first."""
     ports, asked = free_ports(count), list[float]()
     stores_of(folder, range(count), 0, 60)
@@ -236,8 +224,6 @@ def bench_live(
         keys_of(folder, range(count))
     named = {f"live{at}": port for at, port in enumerate(ports)}
     hub = load_hub(write_hub(folder / "live.toml", named, 60, database, tls))
-    if days:
-        bench_archives(folder, hub, days)
     with ExitStack() as stack:
         served = start_sites(stack, folder, ports, asked)
         engine, program = open_hub(hub.database, AT_ONCE), psutil.Process()
@@ -293,32 +279,6 @@ def wall_of_pull(hub: Hub, engine: Engine) -> float:
     return (time.monotonic() - begun_s) / len(sites)
 
 
-def bench_archives(folder: Path, hub: Hub, days: int) -> None:
-    """Archive days of all sites, and ask about them."""
-    place = Folder(folder / "archive")
-    begun_s = time.monotonic()
-    rows = sum(archive_days(place, name, at, days) for at, name in enumerate(hub.sites))
-    took_s = time.monotonic() - begun_s
-    size = sum(p.stat().st_size for p in (folder / "archive").rglob("*") if p.is_file())
-    print(f"archives: {days} days of {len(hub.sites)} sites, {rows} rows, {size / 1e6:.0f} MB, "
-          f"written in {took_s:.0f} s")  # fmt: skip
-    for about, sql in ARCHIVE_QUESTIONS.items():
-        before, begun_s = children_s(), time.monotonic()
-        try:
-            found = f"{len(answer_of_archives(hub, sql, 'bench')[1])} rows"
-        except InputError as error:
-            found = str(error)
-        took_s, spent_s = time.monotonic() - begun_s, children_s() - before
-        most_mb = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1e3
-        print(f"  {took_s:6.2f} s  {about} ({found}); {spent_s:.1f} s of CPU, {most_mb:.0f} MB at "
-              f"most; load {os.getloadavg()[0]:.1f}", flush=True)  # fmt: skip
-
-
-def children_s() -> float:
-    """Return the CPU time of the programs that this one ran, with its own."""
-    return sum(os.times()[:4])
-
-
 def until_complete(hub: Hub, engine: Engine, wanted: int) -> float:
     """Run a hub until it has so many summaries; return how long that took."""
     begun_s = time.monotonic()
@@ -336,7 +296,6 @@ def write_hub(
 ) -> Path:
     lines = ['format = "e3pose-hub"', "version = 1", f"every_s = {every_s}"]
     lines.append(f'database = "{database or path.with_suffix(".db").name}"')
-    lines.append('archives = ["archive"]')
     where = "tls/localhost" if tls else "tcp/127.0.0.1"
     for name, port in ports.items():
         lines += ["[[site]]", f'name = "{name}"', f'endpoint = "{where}:{port}"']
@@ -354,7 +313,6 @@ def main() -> None:
     parser.add_argument("--database", default="", help="of the hub; SQLite in a folder by default")
     parser.add_argument("--live-database", default="", help="of the hub that asks real sites")
     parser.add_argument("--tls", action="store_true", help="with certificates for each site")
-    parser.add_argument("--archive-days", type=int, default=0, help="of each site that runs")
     parser.add_argument("--only-live", action="store_true", help="measure nothing else")
     parser.add_argument("--serve", nargs="+", help=argparse.SUPPRESS)
     options = parser.parse_args()
@@ -363,8 +321,7 @@ def main() -> None:
         return serve(Path(folder), int(first), [int(port) for port in ports])
 
     def live(folder: Path, single_s: float) -> None:
-        database, days = options.live_database, options.archive_days
-        bench_live(folder, options.live, single_s, database, options.tls, days)
+        bench_live(folder, options.live, single_s, options.live_database, options.tls)
 
     with tempfile.TemporaryDirectory(prefix="e3pose-hub-") as name:
         folder = Path(name)

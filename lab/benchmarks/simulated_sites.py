@@ -1,27 +1,18 @@
 """Days of made-up sites, written by the code that writes those of real ones.
 
-Summaries come from `e3pose.store.summaries`, archives from `e3pose.output.exports.wide` and
-`e3pose.output.archive`. People come at eight and leave at six; batteries of two of four cameras
-empty by day; a person falls now and then. The same seed makes the same days.
+Summaries come from `e3pose.store.summaries`. People come at eight and leave at six; batteries of
+two of four cameras empty by day; a person falls now and then. The same seed makes the same days.
 """
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import msgspec
 import numpy as np
 
 from e3pose.hub.records import Summary
-from e3pose.model.skeleton import SKELETONS
-from e3pose.model.take import Take, motion_of
-from e3pose.output.archive.manifest import Entry, Manifest, digest, mark, write_manifest
-from e3pose.output.archive.places import Place
-from e3pose.output.exports.wide import write_people
-from e3pose.store.forgetting import DAY_NS, day_of
 from e3pose.store.rows import NS
 from e3pose.store.schema import SUMMARY_JSON
 from e3pose.store.summaries import MINUTE_NS, Tally, summary
@@ -36,9 +27,6 @@ OPEN, CLOSED = 8, 18  # hours of a day
 FALL_SHARE = 1 / 3000  # of a person's minutes
 BLIND_SHARE, LOST_SHARE = 0.02, 0.005  # of the minutes
 WATTS = 6.0
-WALK_MPS = 1.0
-SLOTS = 600  # of a day in an archive
-BONE_M = 0.1  # between two joints of a made-up person
 
 
 def summaries_of(seed: int, first: int, count: int) -> Iterator[dict[str, Any]]:
@@ -117,41 +105,3 @@ def _minute(seed: int, at: int, begin_ns: int, draws: Draws) -> Tally:
     spent = at / DAY * (0.5 + 0.1 * (seed % 5))
     tally.charge = {camera: round(1 - spent, 4) for camera in CAMERAS[:2]}
     return tally
-
-
-def archive_days(place: Place, site: str, seed: int, days: int, people: int = 2) -> int:
-    """Archive ten minutes of each of some days, from 9:00 on, a slot a second; return the rows.
-
-    Person `k` of a day walks along x at `WALK_MPS`.
-    """
-    mark(place)
-    skeleton, rows = SKELETONS["coco17"], 0
-    for day in range(days):
-        started_ns = BEGIN_NS + day * DAY_NS + 9 * 3600 * NS
-        draw = np.random.default_rng((seed, day))
-        about = Take("day", skeleton, 1.0, (), started_ns)
-        slots = np.arange(SLOTS)
-        motions = []
-        for person in range(people):
-            joints_m = np.zeros((len(slots), 17, 3))
-            joints_m[:, :, 0] = (WALK_MPS * slots)[:, None] + BONE_M * np.arange(17)
-            joints_m[:, :, 1] = person
-            joints_m[:, :, 2] = 1.0
-            measured = draw.random((len(slots), 17)) < 0.9
-            sigma_m = np.where(measured, 0.02, 0.05)
-            motions.append(
-                motion_of(person, slots, joints_m, sigma_m, np.ones_like(sigma_m), measured)
-            )
-        with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder) / "hour.parquet"
-            written = write_people(about, motions, path)
-            content = path.read_bytes()
-        manifest, name = Manifest(site, day_of(started_ns)), f"09-{started_ns}.parquet"
-        entry = Entry(
-            9, "day", started_ns, len(slots), written, tuple(range(people)), len(content),
-            digest(content), 1.0, "coco17",
-        )  # fmt: skip
-        place.write(f"{manifest.folder}/{name}", content)
-        write_manifest(place, manifest.with_file(name, entry))
-        rows += written
-    return rows

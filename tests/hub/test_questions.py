@@ -1,31 +1,24 @@
-"""Questions over a month of several sites: the page's own ten, from a terminal and from Python."""
+"""Questions over a month of several sites: the page's seven, in a terminal and in Python."""
 
 from __future__ import annotations
 
 import json
 import re
-import sqlite3
 from pathlib import Path
 
 import pytest
 from tests.cli.commands import run as run_verb
 from tests.postgres import Server
 
-from e3pose.base.errors import InputError
 from e3pose.hub import accesses as log
-from e3pose.hub.accesses import local_user, log_accesses, read_accesses
-from e3pose.hub.archives import answer_of_archives
+from e3pose.hub.accesses import log_accesses, read_accesses
 from e3pose.hub.database import Cursor, keep, open_hub
 from e3pose.hub.frames import query
 from e3pose.hub.question import answer
 from e3pose.hub.settings import load_hub
-from e3pose.output.archive.places import Folder, place_of
 from simulated_sites import (
     BEGIN_NS,
     CAMERAS,
-    SLOTS,
-    WALK_MPS,
-    archive_days,
     records_of,
     summaries_of,
 )
@@ -40,15 +33,12 @@ MINUTES = 1440 * DAYS
 
 @pytest.fixture(scope="module")
 def house(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Make a hub with a month of three sites, one archive in a folder and one behind fsspec."""
+    """Make a hub with a month of three sites."""
     folder = tmp_path_factory.mktemp("house")
     lines = ['format = "e3pose-hub"', "version = 1"]
-    lines.append(f'archives = ["archive", "local://{folder}/far"]')
     for at, (site, group) in enumerate(SITES.items()):
         lines += ["[[site]]", f'name = "{site}"', f'group = "{group}"']
         lines.append(f'endpoint = "tcp/127.0.0.1:{7000 + at}"')
-        place = Folder(folder / "archive") if at else place_of(f"local://{folder}/far")
-        archive_days(place, site, at, DAYS)
     (folder / "hub.toml").write_text("\n".join(lines))
     engine = open_hub(str(folder / "hub.db"))
     for at, site in enumerate(SITES):
@@ -58,17 +48,13 @@ def house(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def questions() -> dict[str, str]:
     """Return the questions of the page by their heading."""
-    found = re.findall(
-        r"^### ([^\n]*)\n\n(?:Of [^\n]*\n\n)?```sql\n(.*?)```", PAGE.read_text(), re.M | re.S
-    )
-    assert len(found) == 10
+    found = re.findall(r"^### ([^\n]*)\n\n```sql\n(.*?)```", PAGE.read_text(), re.M | re.S)
+    assert len(found) == 7
     return dict(found)
 
 
 def ask(house: Path, heading: str) -> list[tuple[object, ...]]:
-    sql = questions()[heading]
-    table = query(house, sql, archives=bool(re.search(r"FROM poses", sql)))
-    return list(table.itertuples(index=False, name=None))
+    return list(query(house, questions()[heading]).itertuples(index=False, name=None))
 
 
 def test_every_question_has_rows(house: Path) -> None:
@@ -126,8 +112,6 @@ def test_questions_have_the_same_answers_in_postgresql(tmp_path: Path, postgres:
             keep(engine, site, [*records_of(at, 0, 2000)], Cursor(1, 2000), 1)
         engine.dispose()
     for heading, sql in questions().items():
-        if "FROM poses" in sql:
-            continue
         mine, yours = (
             sorted(answer(database, words)[1], key=str)
             for database, words in zip(databases, (sql, in_postgresql(sql)), strict=True)
@@ -138,53 +122,19 @@ def test_questions_have_the_same_answers_in_postgresql(tmp_path: Path, postgres:
             assert float(row[-1]) == pytest.approx(float(other[-1])), heading
 
 
-def test_answers_about_poses_are_those_of_what_was_made(house: Path) -> None:
-    people = ask(house, "How many people came each day?")
-    assert len(people) == 3 * DAYS and {count for *_, count in people} == {2}
-    for _, way_m, mean_mps in ask(house, "How far and how fast do people walk?"):
-        assert way_m == pytest.approx(DAYS * 2 * (SLOTS - 1) * WALK_MPS)
-        assert mean_mps == pytest.approx(WALK_MPS)
-    seen = ask(house, "How well are people seen?")
-    assert [(site, month) for site, month, *_ in seen] == [(s, "2026-11") for s in sorted(SITES)]
-    assert [share for *_, share, _ in seen] == pytest.approx([0.9] * 3, abs=0.01)
-
-
-def test_access_to_poses_is_logged_and_limited_to_a_group(
+def test_question_about_archives_says_what_to_do_instead(
     house: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    sql = "SELECT DISTINCT site, day FROM poses ORDER BY ALL LIMIT 40"
-    before = len(read_accesses(str(house / "hub.db"), limit=10_000))
-    assert run_verb("hub", "query", house, sql, "--archives", "--group", "sports") == 0
-    shown = capsys.readouterr().out
-    assert "gym" in shown and "lab" not in shown and "2026-11-01" in shown
-    newest, *_ = found = read_accesses(str(house / "hub.db"), limit=10_000)
-    assert len(found) == before + 1, "of the one site that it could read"
-    assert (newest.who, newest.site, newest.what) == (local_user(), "gym", f"query: {sql}")
-    assert run_verb("hub", "accesses", house, "--site", "gym", "--limit", "1") == 0
-    listed = capsys.readouterr().out
-    assert "query: SELECT DISTINCT" in listed and "gym" in listed
-    assert run_verb("hub", "accesses", house, "--who", "nobody") == 0
-    assert capsys.readouterr().out.split() == ["time", "who", "site", "what"]
-    with pytest.raises(InputError, match="group: found 'shops', expected one of clinics, sports"):
-        query(house, sql, archives=True, groups=["shops"])
+    for words in (["--archives"], ["--group", "sports"]):
+        assert run_verb("hub", "query", house, "SELECT count(*) FROM poses", *words) == 2
+        said = capsys.readouterr().err
+        assert "no longer reads archives: open their Parquet files in DuckDB, Polars" in said
+        assert (PAGE.parents[2] / said.split()[-2]).is_file(), "it names a page"
 
 
-def test_without_a_log_there_is_no_answer(house: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with sqlite3.connect(house / "hub.db") as connection:
-        connection.execute("ALTER TABLE accesses RENAME TO gone")
-    try:
-        monkeypatch.setattr("e3pose.hub.archives.open_hub", lambda _: _engine(house))
-        with pytest.raises(InputError, match="access cannot be logged"):
-            query(house, "SELECT 1", archives=True)
-    finally:
-        with sqlite3.connect(house / "hub.db") as connection:
-            connection.execute("ALTER TABLE gone RENAME TO accesses")
-
-
-def _engine(house: Path) -> object:
-    from e3pose.store.database import writing_engine
-
-    return writing_engine(f"sqlite:///{house / 'hub.db'}")
+def test_file_of_a_hub_that_names_archives_is_read_for_a_release(tmp_path: Path) -> None:
+    (tmp_path / "hub.toml").write_text('format = "e3pose-hub"\nversion = 1\narchives = ["a"]')
+    assert load_hub(tmp_path).archives == ("a",)
 
 
 def test_log_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -196,51 +146,6 @@ def test_log_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
     found = read_accesses(str(tmp_path / "hub.db"))
     assert [one.who for one in found] == [f"user{number}" for number in (8, 7, 6, 5, 4)]
     assert len(found[0].what) == 500
-
-
-@pytest.mark.parametrize(
-    "sql",
-    [
-        "SELECT * FROM read_text('/etc/passwd')",
-        "SELECT * FROM read_parquet('{house}/archive/*/*/*.parquet')",
-        "SELECT * FROM read_csv('http://127.0.0.1:1/x.csv')",
-        "SELECT * FROM glob('/*')",
-        "COPY poses TO '{house}/copy.csv'",
-        "ATTACH '{house}/hub.db'",
-        "INSTALL httpfs",
-        "LOAD httpfs",
-        "SET enable_external_access = true",
-        "CREATE TABLE mine AS SELECT 1",
-        "SELECT 1; SELECT 2",
-        "EXPORT DATABASE '{house}/all'",
-        "SELEC",
-        "",
-    ],
-)
-def test_question_about_archives_reads_and_nothing_else(house: Path, sql: str) -> None:
-    before = sorted(house.rglob("*.csv"))
-    with pytest.raises(InputError, match=r"^query: .*, expected one SELECT from poses or files$"):
-        query(house, sql.format(house=house), archives=True)
-    assert sorted(house.rglob("*.csv")) == before and not (house / "all").exists()
-
-
-def test_archive_that_is_not_mounted_is_told(house: Path, tmp_path: Path) -> None:
-    text = (house / "hub.toml").read_text().replace('"archive"', f'"{tmp_path}"')
-    (house / "unmounted.toml").write_text(text)
-    with pytest.raises(InputError, match=f"^archives: {tmp_path}: found no archive, expected one"):
-        query(house / "unmounted.toml", "SELECT count(*) FROM poses", archives=True)
-
-
-def test_question_about_archives_has_limits(house: Path) -> None:
-    found = load_hub(house)
-    with pytest.raises(InputError, match="more than 10 rows"):
-        answer_of_archives(found, "SELECT * FROM poses", "me", most_rows=10)
-    with pytest.raises(InputError, match=r"took more than 0\.5 s"):
-        endless = "SELECT sum(a.range * b.range) FROM range(10000000) a, range(10000000) b"
-        answer_of_archives(found, endless, "me", limit_s=0.5)
-    for greedy in ("SELECT length(repeat('x', 3000000000))", "SELECT len(range(1000000000))"):
-        with pytest.raises(InputError, match=r"query: .*([Mm]emory|alloc)"):
-            answer_of_archives(found, greedy, "me", most_bytes=1_000_000_000)
 
 
 def test_hours_are_the_sums_of_summaries_however_they_came(tmp_path: Path) -> None:

@@ -150,18 +150,6 @@ def free_bytes() -> float:
     return float("inf")
 
 
-def bound_memory(more_bytes: int) -> None:
-    """Let this process have so many more bytes of addresses; nothing where no system bounds it."""
-    if sys.platform != "win32":
-        import resource
-
-        import psutil
-
-        most = psutil.Process().memory_info().vms + more_bytes
-        with suppress(ValueError, OSError):  # macOS has no such bound
-            resource.setrlimit(resource.RLIMIT_AS, (most, most))
-
-
 def claim_address(listening: socket.socket) -> None:
     """Let a socket take an address that a program has just left, and none that one listens at."""
     import socket

@@ -122,7 +122,6 @@ EXTRAS = {
     "matplotlib": "report",
     "distributed": "lab",
     "fsspec": "archive",
-    "duckdb": "hub",
     LAB: "lab",
     "motmetrics": "lab",
     "torch": "train",

@@ -28,6 +28,9 @@ from e3pose.store.times import iso_text
 
 hub_app = App(name="hub", help="Gather the summaries of many sites, and ask questions about them.")
 SHOWN_ROWS = 40
+OPEN_THEM = (
+    "open their Parquet files in DuckDB, Polars or pandas, as docs/how-to/read-archives.md shows"
+)
 
 
 @hub_app.command
@@ -50,6 +53,8 @@ def run(hub: Path, /) -> None:
     from e3pose.hub.pull import AT_ONCE, Pulling
 
     found = load_hub(hub)
+    if found.archives:
+        print(f"{found.path}: archives is no longer used, remove it: {OPEN_THEM}", flush=True)
     if not found.sites:
         raise InputError(f"{found.path}: found no site, expected [[site]] tables")
     check_links(found)
@@ -109,8 +114,8 @@ def query(
     sql: str,
     /,
     *,
-    archives: Flag = False,
-    group: Annotated[list[str] | None, Parameter(negative="")] = None,
+    archives: Annotated[Flag, Parameter(show=False)] = False,
+    group: Annotated[list[str] | None, Parameter(show=False)] = None,
     csv: Annotated[Path | None, Parameter(group=OUTPUT)] = None,
     json_file: Annotated[JsonFile, Parameter(group=OUTPUT)] = None,
 ) -> None:
@@ -118,42 +123,28 @@ def query(
 
     Example: `e3pose hub query house "SELECT site, sum(slots) FROM hours GROUP BY site"`
 
-    Example: `e3pose hub query house --archives "SELECT day, count(*) FROM poses GROUP BY day"`
-
     Tables: `summaries` (a row per site and minute), `hours` (sums of them), `sites` (how each is
-    fetched), `accesses` (who came to poses); of archives `poses` (a row per person and slot) and
-    `files`. One statement that reads, within 30 s, of at most 10 000 rows; it works while the hub
-    runs. A question about archives is logged as an access to poses.
+    fetched), `accesses` (who came to poses). One statement that reads, within 30 s, of at most
+    10 000 rows; it works while the hub runs.
 
     Parameters
     ----------
     hub
         File of the hub, or its folder.
     sql
-        In the words of the hub's database, SQLite or PostgreSQL; with --archives of DuckDB.
-    archives
-        Ask about the archives that the hub's file names.
-    group
-        With --archives: sites of this group alone; repeatable.
+        In the words of the hub's database, SQLite or PostgreSQL.
     csv
         Write the rows here as CSV.
     json_file
         Write the rows here as a JSON list; - is standard output.
     """
-    from e3pose.hub.accesses import local_user
-    from e3pose.hub.archives import answer_of_archives
     from e3pose.hub.question import answer
 
+    if archives or group:  # for a release
+        raise InputError(f"--archives, --group: a hub no longer reads archives: {OPEN_THEM}")
     found = load_hub(hub)
-    if group and not archives:
-        raise InputError("--group: found without --archives, expected both")
     stand_back()
-    if archives:
-        with as_typed({"group": "--group"}):
-            names, rows = answer_of_archives(found, sql, local_user(), group)
-    else:
-        names, rows = answer(found.database, sql)
-    _put_out(names, rows, csv, json_file)
+    _put_out(*answer(found.database, sql), csv, json_file)
 
 
 @hub_app.command
@@ -250,9 +241,8 @@ def accesses(
 
     Example: `e3pose hub accesses house --site lab`
 
-    Logged are questions about archives and the opening of a site's own page. The log has the
-    newest 100 000. Whoever reads an archive's files without the hub, or has a token or a
-    certificate of a site, is not in it.
+    Logged is the opening of a site's own page. The log has the newest 100 000. Whoever reads the
+    files of an archive, or has a token or a certificate of a site, is not in it.
 
     Parameters
     ----------

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import getpass
 import time
 from collections.abc import Sequence
 from contextlib import closing
@@ -25,7 +24,7 @@ class Access:
 
     Attributes:
         time_ns: when, nanoseconds since 1970, UTC.
-        who: user of the hub, or of its machine.
+        who: user of the hub.
         site: whose poses.
         what: how.
     """
@@ -106,11 +105,3 @@ def read_accesses(
     engine = open_hub(database)
     with closing(engine.connect()) as connection:
         return [Access(*row) for row in connection.execute(asked)]
-
-
-def local_user() -> str:
-    """Return who is logged in to this machine."""
-    try:
-        return getpass.getuser()
-    except (KeyError, OSError):  # a container that knows no names
-        return "somebody on this machine"

@@ -102,7 +102,7 @@ forgotten = Table(
     Column("deleted", BigInteger, nullable=False),  # summaries
 )
 
-# Who came to poses: by a question about archives, or by the page of a site.
+# Who came to poses by the page of a site.
 accesses = Table(
     "accesses",
     metadata,

@@ -77,7 +77,8 @@ def _of_file(
             raise
         except (sqlite3.Error, sqlite3.Warning, ValueError) as error:
             if time.monotonic() > end_s:
-                raise InputError(late(limit_s)) from None
+                found_s = f"took more than {limit_s:g} s"
+                raise InputError(f"query: {found_s}, expected a shorter question") from None
             if is_damage(error):
                 wanted = "the database of a hub"
                 raise InputError(f"{path}: damaged ({error}), expected {wanted}") from None
@@ -85,11 +86,6 @@ def _of_file(
             if reason == "not authorized":
                 reason = "found what does more than read"
             raise InputError(f"query: {reason}, expected {EXPECTED}") from None
-
-
-def late(limit_s: float) -> str:
-    """Return what to say of a question that takes too long."""
-    return f"query: took more than {limit_s:g} s, expected a shorter question"
 
 
 def _bounded(rows: Iterable[Sequence[Any]], most_rows: int) -> list[Sequence[Any]]:

@@ -92,7 +92,7 @@ class HubTable:
         format, version: of the file.
         database: a file (SQLite), or `postgresql://USER@HOST/NAME`.
         every_s: seconds between two questions to a site.
-        archives: folders, or addresses that fsspec knows.
+        archives: no longer used; accepted for a release.
         view: the page over sites.
         site: the sites.
     """
@@ -123,7 +123,7 @@ class Hub:
         path: the file.
         database: path or URL.
         every_s: seconds between two questions to a site.
-        archives: folders or addresses.
+        archives: as the file has them; no longer used.
         view: the page over sites.
         sites: the sites by name.
     """
@@ -195,6 +195,5 @@ def load_hub(named: Path) -> Hub:
     table = read_file(HubTable, path, MAX_BYTES)
     url = "://" in table.database
     database = table.database if url else str(path.parent / table.database)
-    archives = tuple(a if "://" in a else str(path.parent / a) for a in table.archives)
     sites = {site.name: site for site in table.site}
-    return Hub(path, database, table.every_s, archives, table.view, sites)
+    return Hub(path, database, table.every_s, table.archives, table.view, sites)

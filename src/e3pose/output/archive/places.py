@@ -23,10 +23,6 @@ class Place(Protocol):
         """What it is called, without passwords; the same however it was written."""
         ...
 
-    def address(self, name: str) -> str:
-        """Return the path or the address of a file, for other programs."""
-        ...
-
     def names(self, under: str = "") -> list[str]:
         """Return the names of all files, or of those below a folder, sorted."""
         ...
@@ -51,10 +47,6 @@ class Folder:
         """Name the folder."""
         self._path = Path(os.path.abspath(path))
         self.name = str(self._path)
-
-    def address(self, name: str) -> str:
-        """Return the path of a file."""
-        return str(self._path / name)
 
     def names(self, under: str = "") -> list[str]:
         """Return the names of all files, or of those below a folder, sorted."""
@@ -102,10 +94,6 @@ class Bucket:
             raise InputError(f"{address}: cannot be used ({reason}): {EXTRA}") from None
         self._root = self._root.rstrip("/")
         self.name = f"{address.partition('://')[0]}://{self._root.lstrip('/')}"
-
-    def address(self, name: str) -> str:
-        """Return the address of a file, as fsspec writes it."""
-        return str(self._files.unstrip_protocol(f"{self._root}/{name}"))
 
     def names(self, under: str = "") -> list[str]:
         """Return the names of all files, or of those below a folder, sorted."""
