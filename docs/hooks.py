@@ -28,8 +28,9 @@ TUNED = (
     "select",
     "calibrate/resection.py",
 )
-TERMS = "experiments/2026-11-24-terms-of-the-filter.md"  # what each term is worth, measured
-NUMBERS = "experiments/2026-11-27-numbers-halved-and-doubled.md"
+DIARY = Path(__file__).parent.parent / "lab" / "experiments"
+TERMS = "2026-11-24-terms-of-the-filter.md"  # what each term is worth, measured
+NUMBERS = "2026-11-27-numbers-halved-and-doubled.md"
 NOT_MEASURED = "not measured"
 
 # Pages of the Python API: title, what it is for, and the names to show.
@@ -70,7 +71,7 @@ API: dict[str, tuple[str, str, tuple[str, ...]]] = {
 
 
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
-    """Add the generated pages, experiments and decisions to the navigation."""
+    """Add the generated pages and decisions to the navigation."""
     docs = Path(config.docs_dir)
     sections: dict[str, list[Any]] = {
         title: pages for entry in config.nav or [] if isinstance(entry, dict)
@@ -82,9 +83,8 @@ def on_config(config: MkDocsConfig) -> MkDocsConfig:
     sections["Reference"].insert(0, {"Command line": ["reference/cli/index.md", *verbs]})
     api = ["reference/api/index.md", *(f"reference/api/{name}.md" for name in API)]
     sections["Reference"].insert(1, {"Python API": api})
-    for title, folder in (("Experiments", "experiments"), ("Decisions", "decisions")):
-        pages = sorted(path.name for path in (docs / folder).glob("*.md"))
-        sections["Research"].append({title: [f"{folder}/{name}" for name in pages]})
+    decisions = sorted(path.name for path in (docs / "decisions").glob("*.md"))
+    sections["Research"].append({"Decisions": [f"decisions/{name}" for name in decisions]})
     return config
 
 
@@ -111,7 +111,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
             f"::: e3pose.{member}\n    options:\n      heading_level: 2\n" for member in members
         )
         files.append(File.generated(config, f"reference/api/{name}.md", content=text))
-    text = numbers_page(Path(config.docs_dir))
+    text = numbers_page()
     files.append(File.generated(config, "research/tuned-numbers.md", content=text))
     return files
 
@@ -190,19 +190,20 @@ def factors(numbers: str) -> dict[tuple[str, str], dict[str, str]]:
     return found
 
 
-def numbers_page(docs: Path) -> str:
+def numbers_page() -> str:
     """Return the tables of the tuned numbers."""
-    known = worths((docs / TERMS).read_text())
-    changed = factors((docs / NUMBERS).read_text())
+    known = worths((DIARY / TERMS).read_text())
+    changed = factors((DIARY / NUMBERS).read_text())
     page = [
         "# Tuned numbers",
         "",
         "Generated from the marks above the constants in `src/e3pose/`. No number was fitted to",
-        "labels of a recording. *Worth* is how much larger the mean error is over",
-        f"[twelve recordings](../{TERMS}) without the term that a number belongs to; that",
-        "page says what else each term is there for. *By reasoning*: no other value was tried.",
-        f"*Half* and *twice* are how much larger it is over [six recordings](../{NUMBERS})",
-        "with half of the number and with twice, where that was measured: up to 3 % is chance.",
+        "labels of a recording. *Worth* is how much larger the mean error is over twelve",
+        f"recordings (`lab/experiments/{TERMS}`) without the term that a number belongs",
+        "to; that page says what else each term is there for. *By reasoning*: no other value was",
+        "tried. *Half* and *twice* are how much larger it is over six recordings",
+        f"(`lab/experiments/{NUMBERS}`) with half of the number",
+        "and with twice, where that was measured: up to 3 % is chance.",
     ]
     for place in TUNED:
         page += ["", f"## `{place}`", ""]
@@ -228,7 +229,7 @@ def _number_row(
         worth = "only half and twice"
     elif worth != NOT_MEASURED:
         worth = f"{known[worth]:+.1f} % ({worth})"
-    origin = re.sub(r"docs/(experiments/[\w-]+)\.md", r"[experiment](../\1.md)", mark.chosen_on)
+    origin = re.sub(r"lab/experiments/([\w-]+)\.md", r"`\1`", mark.chosen_on)
     origin = re.sub(r"docs/research/([\w-]+)\.md", r"[\1](\1.md)", origin)
     origin = re.sub(r"docs/decisions/([\w-]+)\.md", r"[decision](../decisions/\1.md)", origin)
     cells = (path.stem, f"`{mark.name}`", f"`{mark.value}`", mark.unit, origin, worth, factor)

@@ -35,7 +35,10 @@ GENERATED = (
     r"(\.\./|docs/)?(reference/(cli|api)/|(research/)?tuned-numbers\.md)"
 )
 PLACEHOLDER = re.compile(r"[\[\]|<>$]|\.\.\.")  # of a synopsis or a loop, not a command
+# A dated page of the diary is of its commit: its links are checked, its commands are not.
+DIARY = sorted((ROOT / "lab" / "experiments").glob("*.md"))
 BY_PAGE = {str(page.relative_to(ROOT)): text for page, text in TEXTS.items()}
+LINKED = BY_PAGE | {str(page.relative_to(ROOT)): page.read_text() for page in DIARY}
 
 
 def blocks(text: str, *languages: str) -> list[str]:
@@ -65,9 +68,9 @@ def commands() -> list[str]:
     return sorted({command for text in TEXTS.values() for command in commands_of(text)})
 
 
-@pytest.mark.parametrize("page", BY_PAGE)
+@pytest.mark.parametrize("page", LINKED)
 def test_every_link_leads_somewhere(page: str) -> None:
-    for target in re.findall(r"\]\(([^)\s]+)\)", FENCE.sub("", BY_PAGE[page])):
+    for target in re.findall(r"\]\(([^)\s]+)\)", FENCE.sub("", LINKED[page])):
         if re.match(r"https?:|mailto:", target) or re.match(GENERATED, target):
             continue
         place, _, anchor = target.partition("#")
@@ -75,6 +78,22 @@ def test_every_link_leads_somewhere(page: str) -> None:
         assert path.exists(), target
         if anchor and path.suffix == ".md":
             assert anchor in anchors(path.read_text()), target
+
+
+def test_every_page_that_code_or_a_page_names_is_there() -> None:
+    code = {
+        str(path): path.read_text() for top in ("src", "lab") for path in (ROOT / top).rglob("*.py")
+    }
+    named = {
+        (place, name)
+        for place, text in (code | BY_PAGE).items()
+        for name in re.findall(r"\b(?:docs|lab/experiments)/[\w/-]+\.md", text)
+    }
+    assert len(named) > 100
+    lacking = [
+        each for each in named if not (re.match(GENERATED, each[1]) or (ROOT / each[1]).is_file())
+    ]
+    assert not lacking
 
 
 def test_there_are_links_and_commands_to_look_at() -> None:

@@ -26,7 +26,7 @@ from e3pose.site.example import write_recorded
 pytestmark = pytest.mark.slow
 
 # Commands of measurements repeat these with other words, for minutes to hours.
-MEASUREMENTS = ("docs/research/", "docs/experiments/")
+MEASUREMENTS = "docs/research/"
 FOUR_CAMERAS = "tests/live/test_four_cameras.py"  # runs all of its page
 MADE_ANEW = {
     "simulate walk": "walk",

@@ -63,7 +63,7 @@ def tuned(source: str) -> Iterator[tuple[str, int]]:
 
 def test_every_tuned_number_is_marked() -> None:
     """With its unit, what it was chosen on, and what it is worth, also where that is not known."""
-    worth = {*hooks.worths((ROOT / "docs" / hooks.TERMS).read_text()), hooks.NOT_MEASURED}
+    worth = {*hooks.worths((hooks.DIARY / hooks.TERMS).read_text()), hooks.NOT_MEASURED}
     assert len(worth) > 40
     for path in hooks.tuned_files():
         marks = list(hooks.marks(path.read_text()))
@@ -92,7 +92,7 @@ def test_halves_and_doubles_are_read() -> None:
     assert found == {("births", "A, B"): {"half": "+0.8 %", "twice": "loses people"}}
     known = {(path.stem, mark.name) for path in hooks.tuned_files("estimate/filter")
              for mark in hooks.marks(path.read_text())}  # fmt: skip
-    measured = hooks.factors((ROOT / "docs" / hooks.NUMBERS).read_text())
+    measured = hooks.factors((hooks.DIARY / hooks.NUMBERS).read_text())
     assert len(measured) > 40 and len(measured.keys() & known) > 35
 
 

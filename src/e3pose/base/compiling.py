@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-# Of a first start, in units of an ordinary part: see docs/experiments/2026-11-23-first-start.md.
+# Of a first start, in units of an ordinary part: see lab/experiments/2026-11-23-first-start.md.
 WEIGHTS = {"step_slot": 40.0, "predict_tracks": 20.0}
 SHOWN_FROM = 0.03  # of the work; before, an estimate of the rest says little
 

@@ -21,7 +21,7 @@ from e3pose.model.pose import MOST_UNCHANGED_S, Poses2D
 # tuned: px | first guess: a head of 1/20 of the image is 8 pixels | not measured
 LONG_SIDE = 160  # of the small image
 SAMPLES = 4  # along each side, for the mean of one of its pixels
-# tuned: grey levels | docs/experiments/2026-11-26-cheaper-looks.md: somebody 1/20 of the image high
+# tuned: grey levels | lab/experiments/2026-11-26-cheaper-looks.md: somebody 1/20 of the image high
 #   who came in is missed in 1 of 170 images, noise of 12 grey levels in none | 16: in 1 of 23
 CHANGED = 12
 # tuned: px | as above | 6: misses somebody so small in 1 of 4 images

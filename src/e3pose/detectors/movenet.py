@@ -16,7 +16,7 @@ from e3pose.model.skeleton import COCO17
 NAME = "movenet-multipose"
 LONG_SIDE = 512  # pixels; more finds smaller people and costs in proportion to its square
 MULTIPLE = 32
-# tuned: px | docs/experiments/2026-11-27-crops-of-people.md: of the demo's videos and pizza, whole,
+# tuned: px | lab/experiments/2026-11-27-crops-of-people.md: of the demo's videos and pizza, whole,
 #   in parts and in crops | 160, as in its training: a quarter more pixels; 128: finds fewer
 PERSON_PX = 136.0
 VALUES = 56  # 17 x (y, x, score), four of a box, a person's score

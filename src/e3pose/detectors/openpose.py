@@ -17,7 +17,7 @@ from e3pose.detectors.topology import Topology
 from e3pose.model.expected import ExpectedView
 from e3pose.model.pose import Poses2D
 
-# tuned: px | docs/experiments/2026-11-27-crops-of-people.md: of the demo's videos and pizza, in
+# tuned: px | lab/experiments/2026-11-27-crops-of-people.md: of the demo's videos and pizza, in
 #   parts and crops | 200, as in its training: a quarter more pixels, 5 % less noise
 PERSON_PX = 150.0
 PAD = 0  # both networks saw black beyond the border in training

@@ -1,7 +1,7 @@
 """The figures of one replay as records, and their JSON.
 
-`docs/metrics.md` says what each figure is. One that cannot be had (no truth, no match) is None in
-a record and absent in JSON, never 0.
+`docs/reference/metrics.md` says what each figure is. One that cannot be had (no truth, no match)
+is None in a record and absent in JSON, never 0.
 """
 
 from __future__ import annotations

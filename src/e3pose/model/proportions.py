@@ -30,7 +30,7 @@ STATURE_SPREAD = 0.12  # of its logarithm: adults 0.055, and children
 LEAST_M, MOST_M = 0.75, 2.3  # stature of somebody who walks
 # tuned: of a logarithm | by reasoning: a first guess, docs/research/estimator.md | proportions
 UNLIKE = 0.02  # spread of the logarithm of either side about that of both
-# tuned: m | as for who comes back, docs/experiments/2026-11-21-who-comes-back.md | not measured
+# tuned: m | as for who comes back, lab/experiments/2026-11-21-who-comes-back.md | not measured
 SLIDE_M, NOISE_M = 0.010, 0.025  # a length that n slots taught is off by sqrt(SLIDE^2 + NOISE^2/n)
 
 

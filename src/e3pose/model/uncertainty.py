@@ -7,7 +7,7 @@ import numpy as np
 from e3pose.base.arrays import Floats
 
 # Degrees of freedom of the t-distribution of errors over the distance expected of them; it holds
-# their quantiles from 50 to 99 % (`docs/experiments/2026-11-22-inflation-by-person.md`).
+# their quantiles from 50 to 99 % (`lab/experiments/2026-11-22-inflation-by-person.md`).
 TAILS = 4.0
 
 

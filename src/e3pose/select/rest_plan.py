@@ -38,14 +38,14 @@ PRICE = 0.15
 # Of a joint, 3/4 of the logarithm of the looks, of each of three deviations, halved.
 LOOK_NATS = 1.1  # definition: nats of e times as many looks
 # tuned: s | first guess: twice what falling asleep and waking take; with nobody there a simulated
-#   day of `one-sided`, docs/experiments/2026-11-26-what-rests-cost.md | not measured
+#   day of `one-sided`, lab/experiments/2026-11-26-what-rests-cost.md | not measured
 FIRST_REST_S, LONGEST_REST_S, EMPTY_REST_S = 4.0, 8.0, 16.0
 # Who goes where two of those awake do not show the person is lost until another camera wakes.
 # tuned: 1/s | simulated, `two-rooms`, seeds 702, 704, 719, 720, 722: with 0.03 those who walk
 #   through the door are lost and the error is 11 % more, with 0.06 it draws 2 % more | not measured
 STRAY_HZ = 0.05  # of the error, if nothing around people is seen
 # tuned: share | simulated days of `two-rooms`, `ring` and `one-sided`, seeds 711 to 714: 3/4 loses
-#   up to 3.9 points of recall, docs/experiments/2026-11-26-what-rests-cost.md | not measured
+#   up to 3.9 points of recall, lab/experiments/2026-11-26-what-rests-cost.md | not measured
 MOST_LATE = 0.5  # of `find_within_s`, that rests may find a newcomer later, on average
 # tuned: times | first guess: a rest that ends with nothing to do is followed by a longer one | not
 #   measured

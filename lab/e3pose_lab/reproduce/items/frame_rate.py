@@ -46,7 +46,7 @@ def section(scale: Scale, made: Made) -> Section:
         "lead covers. Distributed control is as fast, but loses accuracy (Table 1, ID). The paper "
         "selects in a second thread; here one thread fuses and selects: that takes it half a "
         "millisecond of a slot of 40, and poses go out before it selects "
-        "(docs/experiments/2026-11-22-selection-thread.md).",
+        "(lab/experiments/2026-11-22-selection-thread.md).",
         how="Measured on this machine: a real edge (policy e3pose, the published network as "
         f"predictor, C = {SELECTED} of {CAMERAS}) and real cameras that detect in films, each a "
         "process of its own; their messages pass through a relay that delays each by half a round "

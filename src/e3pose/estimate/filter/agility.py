@@ -4,7 +4,7 @@ Where the process noise of a joint is too large, every look moves it too far, an
 another camera moves it back; where it is too small, the next look moves it on the same way. So the
 logarithm of the factor on the noise follows the product of each innovation with the correction of
 the look before, as its camera sees that. Looks of one camera are not compared: its errors repeat
-themselves, and would look like motion. Figures: `docs/experiments/2026-11-23-agility.md`.
+themselves, and would look like motion. Figures: `lab/experiments/2026-11-23-agility.md`.
 """
 
 from __future__ import annotations

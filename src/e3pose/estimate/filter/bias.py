@@ -32,8 +32,8 @@ LEFT = 8 / 45  # of the lasting part, once its learned bias is taken off: the me
 #   measured
 REMOVED = 8 / 9  # of the lasting part, by a bias that was learned just before
 # Of the lasting part, what a camera that looks again tells nothing new about, as no bias learns it:
-# chosen by the cameras that are selected (docs/experiments/2026-11-23-agility.md).
-# tuned: share | docs/experiments/2026-11-23-agility.md | worth of a look again
+# chosen by the cameras that are selected (lab/experiments/2026-11-23-agility.md).
+# tuned: share | lab/experiments/2026-11-23-agility.md | worth of a look again
 UNLEARNED = 0.1
 
 
@@ -55,7 +55,7 @@ class MemoryTerms(NamedTuple):
     REPEATED, LEFT and REMOVED were tuned on simulated scenes with the default memory (fresh 0.45,
     quick 0.18, removed 0.4); for other shares they are carried over. Where more lasts than
     MOST_LEARNED, the rest counts as new: a bias that learns it all states errors that are too
-    small (docs/experiments/2026-11-22-error-memory.md).
+    small (lab/experiments/2026-11-22-error-memory.md).
 
     Attributes:
         lasting_s: until a bias is down to 1/e.

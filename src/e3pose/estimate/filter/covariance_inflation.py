@@ -2,13 +2,13 @@
 
 The filter is best when it takes keypoints for noisier than they are (`learned_noise.CAUTION`) and
 people for less predictable than a predictor knows them to be, so what it computes is too large. A
-constant corrects that on average (fit: `docs/experiments/2026-11-22-stated-errors.md`).
+constant corrects that on average (fit: `lab/experiments/2026-11-22-stated-errors.md`).
 
 What is left depends on what people do: who stands still is known better than reported, who runs or
 turns worse. Innovations show it without labels: the distance of each keypoint from where the filter
 predicts it, beside the expected distance. Both are added up for each person over the last seconds,
 in metres, so that uncertain joints count as much as they do in a mean error; their quotient
-corrects the constant (fit: `docs/experiments/2026-11-22-inflation-by-person.md`). Only keypoints
+corrects the constant (fit: `lab/experiments/2026-11-22-inflation-by-person.md`). Only keypoints
 whose prediction is less certain than they are count: the others measure the detector.
 """
 
@@ -25,30 +25,30 @@ from e3pose.estimate.filter.scratch import Constants, Matches, Tracks, Views
 
 # Mean error over mean stated error. A predictor explains a part of the motion of the joints that it
 # steers.
-# tuned: factor, factor | docs/experiments/2026-11-22-stated-errors.md | not measured
+# tuned: factor, factor | lab/experiments/2026-11-22-stated-errors.md | not measured
 STEERED, ALONE = 0.75, 0.85
 ACTUAL, EXPECTED = 0, 1  # layout: of `Belief.innovations`
 # Innovations over expected ones where the reported error is the actual one. It is below 1 as
 # uncertainty is mostly along one line of sight, and errors in two directions are longer.
 # tuned: ratio | 0.87 between simulated scenes and motion capture,
-#   docs/experiments/2026-11-22-inflation-by-person.md; since then not recorded | inflation by
+#   lab/experiments/2026-11-22-inflation-by-person.md; since then not recorded | inflation by
 #   person
 USUAL = 0.9
 # tuned: m | simulated, 36 replays: 0.4, 1.2, 4 m leave a spread of 0.038, 0.039, 0.043,
-#   docs/experiments/2026-11-22-inflation-by-person.md | inflation by person
+#   lab/experiments/2026-11-22-inflation-by-person.md | inflation by person
 PRIOR_M = 0.4  # of expected innovations that the constants count for: half a look at a person
-# tuned: s | simulated, 36 replays, docs/experiments/2026-11-22-inflation-by-person.md | inflation
+# tuned: s | simulated, 36 replays, lab/experiments/2026-11-22-inflation-by-person.md | inflation
 #   by person
 MEMORY_S = 1.5  # of the sums: people who stand begin to walk
 # tuned: factor | not recorded | inflation by person
 MOST = 2.0  # the learned factor, and its inverse
-# tuned: ratio | simulated: 3 or 8 are no better, docs/experiments/2026-11-22-inflation-by-person.md
+# tuned: ratio | simulated: 3 or 8 are no better, lab/experiments/2026-11-22-inflation-by-person.md
 #   | not measured
 CLIP = 5.0  # times the expected innovation: a wild keypoint teaches no more
 # tuned: m | not recorded | not measured
 MOST_M = 0.3  # nor does a joint count for more that nothing is known of
 # tuned: share | simulated: 0.35 or 0.8 are no better,
-#   docs/experiments/2026-11-22-inflation-by-person.md | not measured
+#   lab/experiments/2026-11-22-inflation-by-person.md | not measured
 LEAST_SHARE = 0.5  # of an innovation's variance that must be the prediction's
 OWN_SHARE = MEDIAN / NORMAL  # of the variance that the filter takes for a keypoint's own
 MEAN = math.pi / 2  # definition: squared mean of a distance over the variance of either coordinate

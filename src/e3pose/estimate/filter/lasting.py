@@ -9,7 +9,7 @@ is larger than usual, what is stated grows:
 
 with R the errors that views repeat as the noise file has them (`filter.repeated_errors`), R' as
 large as the biases are, and g how much larger these are than those of a detector whose errors are
-as the file says (fit: `docs/experiments/2026-11-24-smoothed-covariances.md`). Poses at once, whose
+as the file says (fit: `lab/experiments/2026-11-24-smoothed-covariances.md`). Poses at once, whose
 own covariance is larger than that of smoothed ones, need a quarter of it.
 """
 
@@ -22,15 +22,15 @@ import numpy as np
 
 from e3pose.base.arrays import Floats
 
-# tuned: share, share | docs/experiments/2026-11-24-smoothed-covariances.md | not measured
+# tuned: share, share | lab/experiments/2026-11-24-smoothed-covariances.md | not measured
 USUAL, SPAN = 0.40, 0.15  # of the share of biases: where g is 0, and from there where it is 1
-# tuned: factor | docs/experiments/2026-11-24-smoothed-covariances.md | not measured
+# tuned: factor | lab/experiments/2026-11-24-smoothed-covariances.md | not measured
 MOST = 2.0  # g
 # tuned: s | not recorded | not measured
 MEMORY_S = 3.0  # of the mean share
 # tuned: s | not recorded | not measured
 PRIOR_S = 0.2  # that the usual share counts for in it
-# tuned: share | docs/experiments/2026-11-24-smoothed-covariances.md | not measured
+# tuned: share | lab/experiments/2026-11-24-smoothed-covariances.md | not measured
 AT_ONCE = 0.25  # of g for poses that no later slot smooths: their own covariance is larger
 
 

@@ -27,7 +27,7 @@ COUNT = 2  # layout: of the last axis of `Belief.shifts`; before it right and do
 # detections they count as 2.5 to 5 times fewer than independent ones, for which 300 would do.
 # A body that is off in one view for seconds is no shift of the camera.
 # tuned: keypoints | 300 for a prior of 1 px, simulated, seeds 701 to 704; three times that as
-#   keypoints of one body err together, docs/experiments/2026-11-22-shifts-learned-live.md | shift
+#   keypoints of one body err together, lab/experiments/2026-11-22-shifts-learned-live.md | shift
 PRIOR = 900.0
 # tuned: share of the image | beyond that detections fit nobody | shift
 MOST = 30 / 1032  # of the image: farther off a camera's detections fit nobody

@@ -19,7 +19,7 @@ from e3pose.estimate.filter.bias import MemoryTerms
 from e3pose.estimate.filter.scratch import Constants, Passes, Tracks, Views
 from e3pose.estimate.filter.update import update
 
-# tuned: share of the distance | docs/experiments/2026-11-23-one-camera.md | lone view
+# tuned: share of the distance | lab/experiments/2026-11-23-one-camera.md | lone view
 SIZE_SHARE = 0.02  # standard deviation of a person's size as one camera shows it: of the distance
 NEAREST_M = 1e-3  # numerics
 
@@ -37,7 +37,7 @@ def update_by_views(
     """Update a track; the distance that a single view implies counts as an error that repeats.
 
     Arguments are those of `update`. Method: `docs/explanation/estimator.md`; figures:
-    `docs/experiments/2026-11-23-one-camera.md`.
+    `lab/experiments/2026-11-23-one-camera.md`.
     """
     alone, shown = -1, 0
     for camera in range(len(views.counts)):

@@ -22,7 +22,7 @@ ACCELERATION_LASTS_S = 1 / 25  # definition: those of `tree` are drawn anew so o
 # tuned: slots | not recorded | known slots
 LEAST_KNOWN_SLOTS = 4  # of a history before what is predicted from it counts
 # tuned: share, share | simulated, seeds 701 and 702, CMU and Panoptic motion (most); pizza (least),
-#   docs/experiments/2026-11-23-agility.md | steering
+#   lab/experiments/2026-11-23-agility.md | steering
 LEAST_SHARE, MOST_SHARE = 0.2, 2.0  # of the process noise; 1 is that of the unsteered filter
 SQUARES = 3 * math.pi / 8  # definition: mean square of a distance over its squared mean
 

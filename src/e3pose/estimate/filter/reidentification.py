@@ -34,7 +34,7 @@ DECIDE_S = 4.0  # a newcomer who was not recognised so long after being shown is
 PRIOR_ODDS = 0.5  # that a newcomer is one who left, against a stranger, before comparing
 # tuned: odds, s | not recorded | not measured
 SOON_ODDS, SOON_S = 10.0, 2.0  # on top of that for who was lost just now, which fades
-# tuned: odds | docs/experiments/2026-11-21-who-comes-back.md | not measured
+# tuned: odds | lab/experiments/2026-11-21-who-comes-back.md | not measured
 SURE_ODDS = 40.0  # takes an identity over: of 41 such cases one would be wrong
 
 # tuned: share | of adults: 9.5 cm of 1.72 m | not measured

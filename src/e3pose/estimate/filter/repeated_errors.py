@@ -15,7 +15,7 @@ from e3pose.estimate.filter.bias import MemoryTerms
 from e3pose.estimate.filter.projected import shown_at
 from e3pose.model.projection import MIN_DEPTH_M
 
-# tuned: share | docs/experiments/2026-11-23-errors-that-views-repeat.md | stays
+# tuned: share | lab/experiments/2026-11-23-errors-that-views-repeat.md | stays
 STAYS = 0.3  # of the variance of lasting errors: what learned biases leave
 # tuned: m | not recorded | not measured
 MOST_M = 0.03  # standard deviation along an axis on which views give no information

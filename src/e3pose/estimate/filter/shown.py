@@ -33,7 +33,7 @@ LEAST_SCORE = 1e-3  # definition: a joint that is known at all is not missing
 #   0.23, 0.16, 0.10 points of recall; 0.4 m/s leaves more | not measured
 ALONE_S, WALK_MPS = 1.2, 0.3  # who walks, led for so long by one camera alone, is not shown
 # tuned: m | simulated, seeds 701 to 706: fewer misses with one camera than 20 cm, fewer false
-#   people than 45 cm, docs/experiments/2026-11-23-one-camera.md | shown spread
+#   people than 45 cm, lab/experiments/2026-11-23-one-camera.md | shown spread
 SHOWN_SPREAD_M = 0.3  # nor who has no joint that is more certain
 # tuned: 1/s | first guess | leaving at all
 LEAVES_HZ = 0.03  # of somebody who is there: once in half a minute

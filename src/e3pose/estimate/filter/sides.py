@@ -26,13 +26,13 @@ GIVEN = 4  # layout: times these: of limbs that are clearly as given
 # Log-odds against an exchange, before comparing. Legs are mistaken for each other by a track that
 # is half a step behind a walker, too.
 # tuned: odds, odds | simulated, with 0, 1 and 5 % swapped, seeds 701 and 702: 6, or 5 for legs,
-#   mirrors the legs of walking people, docs/experiments/2026-11-22-left-and-right.md | sides
+#   mirrors the legs of walking people, lab/experiments/2026-11-22-left-and-right.md | sides
 ARMS_ODDS, LEGS_ODDS = 5.0, 7.0
 # tuned: odds | simulated, as the odds of limbs: 2 finds too few,
-#   docs/experiments/2026-11-22-left-and-right.md | sides
+#   lab/experiments/2026-11-22-left-and-right.md | sides
 PAIR_ODDS = 3.0
 BOTH_ODDS = ARMS_ODDS + LEGS_ODDS - PAIR_ODDS  # definition
-# tuned: px | simulated, as the odds of limbs, docs/experiments/2026-11-22-left-and-right.md | not
+# tuned: px | simulated, as the odds of limbs, lab/experiments/2026-11-22-left-and-right.md | not
 #   measured
 SIDE_PX = 10.0  # of one joint, on top of its noise
 # tuned: s | first guess | not measured

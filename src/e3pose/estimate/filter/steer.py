@@ -20,9 +20,9 @@ from e3pose.predict.base import Prediction
 
 # Of the way from the filter's own prediction to the other one. The errors of the two hang together,
 # and far from what was learned the filter's is the safer one; 0.5 to 0.7 are alike
-# (`docs/experiments/2026-11-22-steering-by-default.md`, which has the shares too).
+# (`lab/experiments/2026-11-22-steering-by-default.md`, which has the shares too).
 # tuned: share | simulated, seeds 701 and 702, CMU and Panoptic motion: 0.5 to 0.7 are alike,
-#   docs/experiments/2026-11-22-steering-by-default.md | steering
+#   lab/experiments/2026-11-22-steering-by-default.md | steering
 GAIN = 0.5
 
 

@@ -38,16 +38,16 @@ class Habit(NamedTuple):
 
 
 # tuned: m/s2, s | motion capture and simulated: 20 % more is 1 to 2 % worse, less was not tried,
-#   docs/experiments/2026-11-22-lag.md | not measured
+#   lab/experiments/2026-11-22-lag.md | not measured
 TRUNK, STIFF = Habit(4.3, 0.78), Habit(2.9, 0.4)  # the body; spine, girdles and head
 
 
-# tuned: m/s2, s | motion capture and simulated, docs/experiments/2026-11-22-lag.md | not measured
+# tuned: m/s2, s | motion capture and simulated, lab/experiments/2026-11-22-lag.md | not measured
 FACE = Habit(1.6, 0.4)
 
 
 # tuned: m/s2, s | motion capture and simulated: 20 % more is 1 to 2 % worse,
-#   docs/experiments/2026-11-22-lag.md | not measured
+#   lab/experiments/2026-11-22-lag.md | not measured
 MIDDLE, END = Habit(6.2, 0.25), Habit(8.2, 0.2)  # elbows and knees; wrists and ankles
 
 

@@ -6,8 +6,8 @@ and the errors that views repeat, which no number of slots averages out:
 
     S = f^2 (P + 0.3 g (P0 - P)) + R + g (R' - R)
 
-with P of the smoother, P0 of the filter, and g, R and R' of `filter.lasting` (fit: `docs/
-experiments/2026-11-24-smoothed-covariances.md`).
+with P of the smoother, P0 of the filter, and g, R and R' of `filter.lasting` (fit:
+`lab/experiments/2026-11-24-smoothed-covariances.md`).
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 
 from e3pose.base.arrays import Floats
 
-# tuned: share | docs/experiments/2026-11-24-smoothed-covariances.md | not measured
+# tuned: share | lab/experiments/2026-11-24-smoothed-covariances.md | not measured
 SHARED = 0.3  # of what smoothing gains, where g is 1: errors that slots share
 
 

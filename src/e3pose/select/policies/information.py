@@ -36,7 +36,7 @@ ENTRANT_NATS = 1.0  # of a person started
 # tuned: nats | simulated dying-cameras, seeds 701 to 720, lead 4, two cameras: recall 95.8 without,
 #   96.5 % with, docs/research/camera-selection.md | not measured
 SHOWN_NATS = 1.0  # of a person shown by the look, who would be hidden without it
-# tuned: people | docs/experiments/2026-11-23-detections-that-never-become-a-person.md | not
+# tuned: people | lab/experiments/2026-11-23-detections-that-never-become-a-person.md | not
 #   measured
 UNMET_PEOPLE = 0.5  # with a target, two cameras look while so many wait to be started
 # tuned: s | not recorded | not measured
