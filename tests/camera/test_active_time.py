@@ -6,7 +6,8 @@ notes when, and measure with a meter that knows what each look draws.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import threading
+from dataclasses import dataclass, field, replace
 from functools import partial
 from types import SimpleNamespace
 from typing import Any
@@ -30,12 +31,28 @@ from e3pose.energy.profiles import load_profile
 from e3pose.model.pose import Poses2D
 from e3pose.select.policies.base import Policy
 from e3pose.select.policies.fixed import Random, RoundRobin
+from e3pose.wire import topics
+from e3pose.wire.codec import decode
+from e3pose.wire.messages import Heartbeat
+from e3pose.wire.offset import Offset, OffsetEstimate
 
 pytestmark = pytest.mark.slow
 
 ACTIVE_W, IDLE_W = 8.0, 3.0
 JOINTS = tuple(map(str, range(17)))
 BEGIN_NS = 10**18
+
+
+class PassingClock(ManualClock):
+    """Takes 20 us to read, and waits by moving itself."""
+
+    def now_ns(self) -> int:
+        self.time_ns += 20_000
+        return self.time_ns
+
+    def wait(self, event: threading.Event, until_ns: int) -> bool:
+        self.time_ns = max(self.time_ns, until_ns)
+        return event.is_set()
 
 
 @dataclass
@@ -77,7 +94,11 @@ class Site:
     """Cameras with one frame a slot, and an edge that hears their heartbeats."""
 
     def __init__(self, fps: float, cameras: int, look_share: float, gate: bool = False) -> None:
-        self.rng, self.clock, self.slot_s = np.random.default_rng(5), ManualClock(BEGIN_NS), 1 / fps
+        self.rng, self.clock, self.slot_s = (
+            np.random.default_rng(5),
+            PassingClock(BEGIN_NS),
+            1 / fps,
+        )
         self.times = SlotTimes(BEGIN_NS + 10**9, round(1e9 / fps))
         self.networks = [Network(self.clock) for _ in range(cameras)]
         self.nodes = []
@@ -197,3 +218,41 @@ def test_slots_that_the_motion_gate_finds_unchanged_are_idle() -> None:
     assert node.counts.unchanged + node.counts.detected == 250
     assert 0 < node.counts.detected < 50
     assert site.active_s(0) == pytest.approx(node.counts.detected * 0.04)
+
+
+class LooksAt:
+    """Lets a camera look in some slots."""
+
+    def __init__(self, *slots: int) -> None:
+        self.slots = slots
+
+    def select(self, situation: Any) -> Any:
+        return np.array([situation.slot in self.slots])
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_camera_that_falls_asleep_after_each_look_is_learned_in_two_minutes(seed: int) -> None:
+    rng, site = np.random.default_rng(seed), Site(25.0, 1, look_share=0.6)
+    ledger = make_ledger(site, [Budget("watts", 4.5)], 1)
+    (node,) = site.nodes
+    node.settings = replace(node.settings, rests=("asleep",))
+    node.offset = OffsetEstimate(offset=Offset(error_ns=0))
+    topic = topics.of_camera("lab", "cam0", "heartbeat")
+    node.transport.subscribe(topic, lambda _, sent: ledger.take(decode(sent, Heartbeat, "cam0")))
+    slot = 0
+    while slot < 3000:
+        last = slot + int(rng.integers(20, 40))
+        policy: Any = LooksAt(*[last, last - 3][: rng.integers(1, 3)])
+        site.run(policy, ledger, range(slot, last + 1))
+        slot = last + int(rng.integers(75, 225))
+        node.schedule = replace(node.schedule, asleep_from=last + 1, asleep_until=slot)
+        site.clock.advance(site.slot_s)
+        assert node._alarm_ns() is None, "a look goes on"
+        node._frames._dealing = False  # as if the thread that looks came back for the next
+        node._sleep(node._alarm_ns() or 0)
+        assert site.clock.now_ns() > site.times.begin_ns(last + 50)
+    assert 15 < len(site.networks[0].begun_ns) < 40
+    estimate, _ = ledger.estimate()
+    assert estimate.slots[0].measured
+    assert estimate.slots[0].active_j == pytest.approx(ACTIVE_W * site.slot_s, rel=0.03)
+    assert estimate.budget[0] == pytest.approx(0.3, abs=0.01)

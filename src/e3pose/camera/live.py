@@ -45,7 +45,7 @@ from e3pose.wire.transport import Transport
 HELLO_EVERY = 4  # heartbeats
 REOPEN_S = 1.0  # after a source failed
 SOURCE_WAIT_NS = 100_000_000
-SLEEP_STEP_S = 0.2  # how soon a camera asleep follows an order to wake
+SLEEP_STEP_NS = 200_000_000  # how soon a camera asleep follows an order to wake
 MISSED_FRAMES = 3  # a film that is played slowly has more than a second between two frames
 
 
@@ -241,12 +241,12 @@ class CameraNode:
     def _alarm_ns(self) -> int | None:
         """Return when to wake, edge time, from a sleep that is due or goes on; else None.
 
-        A camera without a frame or without the time has not said what it is: it stays awake.
+        A camera stays awake in a look, and before it has a frame and the time to say what it is.
         """
         known = self._image_size is not None and self.offset.offset.error_ns is not None
-        if not (self.settings.rests and known):
-            return None
         asleep = not self._awake.is_set()
+        if not (self.settings.rests and known) or (self._frames.busy and not asleep):
+            return None
         return self.schedule.alarm_ns(self.edge_ns(), self.settings.wake_s, asleep)
 
     def _rest(self, alarm_ns: int | None) -> None:
@@ -272,7 +272,8 @@ class CameraNode:
             self.offset = OffsetEstimate()  # what counts the time may have stood still
             self._exchange(until_known=True)
         while not self.threads.stopping.is_set() and (alarm_ns := self._alarm_ns() or 0):
-            self.threads.stopping.wait(min((alarm_ns - self.edge_ns()) / 1e9, SLEEP_STEP_S))
+            step_ns = min(alarm_ns - self.edge_ns(), SLEEP_STEP_NS)
+            self.clock.wait(self.threads.stopping, self.clock.now_ns() + step_ns)
         self.modes.change("power-saving")
         self._exchange()
         self._awake.set()
@@ -375,7 +376,7 @@ class CameraNode:
         name, report = self.settings.camera_id, self._report
         topic = topics.of_camera(self.settings.site, name, "clock")
         found = exchange_time(self.transport, topic, name, self.clock, report)
-        while found is None and until_known and not self.threads.stopping.wait(SLEEP_STEP_S):
+        while found is None and until_known and not self.threads.stopping.wait(SLEEP_STEP_NS / 1e9):
             found = exchange_time(self.transport, topic, name, self.clock, report)
         if found is not None:
             self.offset = take_in(self.offset, found)

@@ -15,7 +15,8 @@ from e3pose.base.arrays import Floats
 from e3pose.energy.profiles import DeviceProfile, Mode
 
 PRIOR_SHARE = 0.5  # standard deviation of a profile's power, of itself: boards of a kind vary
-NOISE_SHARE = 0.1  # of the mean power of a second, before residuals have said more
+# Of the mean power of a second, before residuals have said more; it counts as one of these.
+NOISE_SHARE = 0.1
 NOISE_SPANS = 30.0  # how many stretches the estimate of the noise remembers
 FORGET_S = 1800.0  # heat and clocks change over half an hour
 # A device that changed surprises with one sign: what was learned is then forgotten faster.
@@ -111,7 +112,7 @@ def learn(cost: LearnedCost, energy_j: float, active_s: float, idle_s: float) ->
     left = np.eye(2) - np.outer(gain, shares)
     covariance = left @ covariance @ left.T + np.outer(gain, gain) * noise / pull  # Joseph's form
     residual = energy_j / span_s - float(shares @ watts)
-    rate = 1 / min(cost.spans + 5.0, NOISE_SPANS)
+    rate = 1 / min(cost.spans + 2.0, NOISE_SPANS)
     heard = min(abs(residual), limit) ** 2 / CLIPPED * span_s
     floor = float((1e-3 * cost.watts.max()) ** 2)
     return LearnedCost(
