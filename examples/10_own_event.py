@@ -8,10 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from e3pose.events.intervals import Bounds, Interval, turn
+
 from e3pose import ReplaySettings, replay
 from e3pose.events.body import Joints
 from e3pose.events.rules import Moment
-from e3pose.events.spells import Bounds, Spell, turn
 from e3pose.events.states import CROUCHING
 from e3pose.events.watch import advance, begin_watch
 from e3pose.model.person_event import PersonEvent
@@ -19,7 +20,7 @@ from e3pose.settings.events_table import EventsTable
 from e3pose.simulate import SceneSettings, simulate
 from e3pose.site.event_sink import seen_in
 
-Spells = Mapping[int, Spell]
+Intervals = Mapping[int, Interval]
 
 
 class Crouches:
@@ -28,22 +29,22 @@ class Crouches:
     def __init__(self, after_s: float) -> None:
         self._bounds = Bounds(after_s=after_s)
 
-    def begin(self) -> Spells:
+    def begin(self) -> Intervals:
         """Return what it remembers before the first slot."""
         return {}
 
-    def advance(self, memory: Spells, moment: Moment) -> tuple[Spells, list[PersonEvent]]:
+    def advance(self, memory: Intervals, moment: Moment) -> tuple[Intervals, list[PersonEvent]]:
         """Return what it remembers after a slot, and the events of it."""
         values = {track: float(one.states[CROUCHING]) for track, one in moment.shown.items()}
         turned = turn(memory, values, moment.time_ns, self._bounds)
         events = [
-            moment.event("crouches", "begun", track, spell, "crouched", spell.most)
-            for track, spell in turned.begun.items()
+            moment.event("crouches", "begun", track, interval, "crouched", interval.most)
+            for track, interval in turned.begun.items()
         ] + [
-            moment.event("crouches", "ended", track, spell, "crouched", spell.most)
-            for track, spell in turned.ended.items()
+            moment.event("crouches", "ended", track, interval, "crouched", interval.most)
+            for track, interval in turned.ended.items()
         ]
-        return turned.spells, events
+        return turned.intervals, events
 
 
 def crouches(table: EventsTable, joints: Joints) -> Crouches:

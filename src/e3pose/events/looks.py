@@ -50,7 +50,7 @@ def is_unsure(person: Person, watch: Watch) -> bool:
     if rests(person):
         return False
     if person.on_floor > PERHAPS_DOWN:
-        down = watch.memories["fall"].spells.get(person.track)
+        down = watch.memories["fall"].intervals.get(person.track)
         return down is None or watch.time_ns - down.since_ns < LASTS_S * 1e9
     since_ns = watch.time_ns - WITHIN_S * 1e9
     heights = [height for time_ns, height, _ in person.trail if time_ns >= since_ns]

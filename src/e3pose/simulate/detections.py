@@ -13,7 +13,7 @@ from e3pose.model.noise import LEAST_SCORE, ErrorMemory
 from e3pose.recording import ViewSeries
 from e3pose.simulate.guesses import BEST_SCORE, CLEAR, FACE, Seen, guess, hidden
 from e3pose.simulate.hidden_joints import behind_things, covered_by_others, covered_by_self
-from e3pose.simulate.mistakes import EPISODE_S, episodes, haunt, merge_people, swap_sides
+from e3pose.simulate.mistakes import EPISODE_S, add_ghosts, episodes, merge_people, swap_sides
 from e3pose.simulate.noise import GROSS_MEMORY, correlated, normal_cdf, residuals
 from e3pose.simulate.place import Scene
 from e3pose.simulate.settings import DetectorSettings
@@ -104,7 +104,7 @@ def detect_people(
         keypoints, scores, depth, streams[5], 1 / fps, settings.merge, merge_s
     )
     area = (offset_m[:2], scene.area_m)
-    ghost_slots, ghosts, ghost_scores = haunt(
+    ghost_slots, ghosts, ghost_scores = add_ghosts(
         camera, num_slots, fps, area, streams[6], settings.ghosts, settings.memory
     )
     slots, people = np.nonzero(scores.any(axis=-1))

@@ -111,7 +111,7 @@ def merge_people(
     return keypoints, scores
 
 
-def haunt(
+def add_ghosts(
     camera: Camera,
     num_slots: int,
     fps: float,

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from e3pose.base.apart import ask_to_end, start_apart
+from e3pose.base.child_process import ask_to_end, start_detached
 from e3pose.base.errors import InputError
 from e3pose.base.private import append_to
 from e3pose.base.quantities import LEAST_SIZE_BYTES
@@ -130,7 +130,7 @@ class Program:
         self.let_go()
         with append_to(self.log) as output:
             # A Ctrl-C on the terminal is for us, who end everybody in order.
-            self.process = start_apart(self.command, subprocess.PIPE, output, subprocess.STDOUT)
+            self.process = start_detached(self.command, subprocess.PIPE, output, subprocess.STDOUT)
 
     def ended(self) -> int | None:
         """Return how it ended; None while it runs."""

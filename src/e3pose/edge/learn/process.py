@@ -13,8 +13,8 @@ from pathlib import Path
 
 import msgspec
 
-from e3pose.base.apart import kill_all, start_apart
 from e3pose.base.atomic import write_file
+from e3pose.base.child_process import kill_all, start_detached
 from e3pose.edge.learn.job import COMPLAINTS, JOB, Job
 
 TRAINER = (sys.executable, "-m", "e3pose.edge.learn.trainer")
@@ -38,7 +38,7 @@ class TrainerProcess:
         self.folder, self.job = folder, job
         write_file(folder / JOB, msgspec.json.encode(job))
         with (folder / COMPLAINTS).open("wb") as complaints:
-            self.process = start_apart(
+            self.process = start_detached(
                 [*command, str(folder)],
                 subprocess.DEVNULL,
                 subprocess.DEVNULL,

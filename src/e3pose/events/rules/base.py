@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any, Protocol
 
+from e3pose.events.intervals import Interval
 from e3pose.events.people import People
-from e3pose.events.spells import Spell
 from e3pose.model.person_event import PersonEvent, Phase
 
 
@@ -27,23 +27,23 @@ class Moment:
     shown: People
     known: People
 
-    def on_floor(self, spells: Mapping[int, Spell]) -> dict[int, float]:
+    def on_floor(self, intervals: Mapping[int, Interval]) -> dict[int, float]:
         """Return how likely each person is on the floor; 0.5 of one not shown who was there.
 
         Somebody who is not shown for a moment has not got up.
         """
-        hidden = {track: 0.5 for track in spells if track in self.known}
+        hidden = {track: 0.5 for track in intervals if track in self.known}
         return hidden | {track: person.on_floor for track, person in self.shown.items()}
 
     def event(
-        self, kind: str, phase: Phase, track: int, spell: Spell, says: str, score: float = 1.0
+        self, kind: str, phase: Phase, track: int, interval: Interval, says: str, score: float = 1.0
     ) -> PersonEvent:
-        """Return an event of a person that began with a spell and is told now."""
+        """Return an event of a person that began with an interval and is told now."""
         person = self.known.get(track)
         zone, first = ("", track) if person is None else (person.near, person.first)
         score = round(min(max(score, 0.0), 1.0), 3)
         return PersonEvent(
-            kind, phase, track, zone, spell.since_ns, self.time_ns, self.slot, score, says,
+            kind, phase, track, zone, interval.since_ns, self.time_ns, self.slot, score, says,
             first=first,
         )  # fmt: skip
 

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from e3pose.events.intervals import Bounds, Interval, turn
 from e3pose.events.people import Person
 from e3pose.events.rules.base import Moment
-from e3pose.events.spells import Bounds, Spell, turn
 from e3pose.model.person_event import PersonEvent
 from e3pose.settings.events_table import EventsTable
 
@@ -91,7 +91,7 @@ def descent_of(person: Person) -> Descent:
 class Memory:
     """People on the floor, and how fast each came there, with the time since when."""
 
-    spells: Mapping[int, Spell]
+    intervals: Mapping[int, Interval]
     descents: Mapping[int, Descent]
 
 
@@ -107,19 +107,19 @@ class Fall:
 
     def advance(self, memory: Memory, moment: Moment) -> tuple[Memory, list[PersonEvent]]:
         """See `Rule.advance`."""
-        on_floor = moment.on_floor(memory.spells)
-        turned = turn(memory.spells, on_floor, moment.time_ns, self._bounds)
-        descents = {track: memory.descents.get(track, Descent(0, 0)) for track in turned.spells}
-        for track, spell in turned.spells.items():
+        on_floor = moment.on_floor(memory.intervals)
+        turned = turn(memory.intervals, on_floor, moment.time_ns, self._bounds)
+        descents = {track: memory.descents.get(track, Descent(0, 0)) for track in turned.intervals}
+        for track, interval in turned.intervals.items():
             person = moment.shown.get(track)
-            if person is not None and moment.time_ns - spell.since_ns < 1e9:
+            if person is not None and moment.time_ns - interval.since_ns < 1e9:
                 descents[track] = max(descents[track], descent_of(person), key=Descent.of_fall)
         events = []
-        for track, spell in turned.begun.items():
+        for track, interval in turned.begun.items():
             score = self._score(moment.known[track], descents[track])
             if score >= 0.5:
-                events.append(moment.event("fall", "begun", track, spell, "fell", score))
-        return Memory(turned.spells, descents), events
+                events.append(moment.event("fall", "begun", track, interval, "fell", score))
+        return Memory(turned.intervals, descents), events
 
     def _score(self, person: Person, descent: Descent) -> float:
         """Return the probability of a fall of somebody who has been on the floor for a while."""

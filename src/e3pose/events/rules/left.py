@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from e3pose.events.intervals import Bounds, Interval, turn
 from e3pose.events.rules.base import Moment
-from e3pose.events.spells import Bounds, Spell, turn
 from e3pose.events.states import LYING, SITTING
 from e3pose.model.person_event import PersonEvent
 from e3pose.settings.events_table import EventsTable
@@ -17,13 +17,13 @@ class Left:
     def __init__(self, table: EventsTable) -> None:
         self._bounds = Bounds(on=0.6, off=0.4, after_s=table.settled_s, ends_s=2.0)
 
-    def begin(self) -> Mapping[int, Spell]:
+    def begin(self) -> Mapping[int, Interval]:
         """See `Rule.begin`."""
         return {}
 
     def advance(
-        self, memory: Mapping[int, Spell], moment: Moment
-    ) -> tuple[Mapping[int, Spell], list[PersonEvent]]:
+        self, memory: Mapping[int, Interval], moment: Moment
+    ) -> tuple[Mapping[int, Interval], list[PersonEvent]]:
         """See `Rule.advance`."""
         values = {
             track: float(person.states[[LYING, SITTING]].sum()) if person.surface_m else 0.0
@@ -31,7 +31,7 @@ class Left:
         }
         turned = turn(memory, values, moment.time_ns, self._bounds)
         events = [
-            moment.event("left", "ended", track, spell, "left", spell.most)
-            for track, spell in turned.ended.items()
+            moment.event("left", "ended", track, interval, "left", interval.most)
+            for track, interval in turned.ended.items()
         ]
-        return turned.spells, events
+        return turned.intervals, events

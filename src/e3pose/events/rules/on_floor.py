@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from e3pose.events.intervals import Bounds, Interval, turn
 from e3pose.events.rules.base import Moment
-from e3pose.events.spells import Bounds, Spell, turn
 from e3pose.events.states import STANDING, WALKING
 from e3pose.model.person_event import PersonEvent
 from e3pose.settings.events_table import EventsTable
@@ -21,23 +21,23 @@ class OnFloor:
     def __init__(self, table: EventsTable) -> None:
         self._bounds = Bounds(on=0.6, off=0.35, after_s=table.lies_s, ends_s=1.5)
 
-    def begin(self) -> Mapping[int, Spell]:
+    def begin(self) -> Mapping[int, Interval]:
         """See `Rule.begin`."""
         return {}
 
     def advance(
-        self, memory: Mapping[int, Spell], moment: Moment
-    ) -> tuple[Mapping[int, Spell], list[PersonEvent]]:
+        self, memory: Mapping[int, Interval], moment: Moment
+    ) -> tuple[Mapping[int, Interval], list[PersonEvent]]:
         """See `Rule.advance`."""
         turned = turn(memory, moment.on_floor(memory), moment.time_ns, self._bounds)
         events = [
-            moment.event("on-floor", "begun", track, spell, "is on the floor", spell.most)
-            for track, spell in turned.begun.items()
+            moment.event("on-floor", "begun", track, interval, "is on the floor", interval.most)
+            for track, interval in turned.begun.items()
         ] + [
-            moment.event("on-floor", "ended", track, spell, "was on the floor", spell.most)
-            for track, spell in turned.ended.items()
+            moment.event("on-floor", "ended", track, interval, "was on the floor", interval.most)
+            for track, interval in turned.ended.items()
         ]
-        return turned.spells, events
+        return turned.intervals, events
 
 
 class GotUp:
@@ -46,23 +46,23 @@ class GotUp:
     def __init__(self, table: EventsTable) -> None:
         self._down = Bounds(on=0.6, off=0.35, after_s=DOWN_S, ends_s=8.0)
 
-    def begin(self) -> Mapping[int, Spell]:
+    def begin(self) -> Mapping[int, Interval]:
         """See `Rule.begin`."""
         return {}
 
     def advance(
-        self, memory: Mapping[int, Spell], moment: Moment
-    ) -> tuple[Mapping[int, Spell], list[PersonEvent]]:
+        self, memory: Mapping[int, Interval], moment: Moment
+    ) -> tuple[Mapping[int, Interval], list[PersonEvent]]:
         """See `Rule.advance`."""
         values = {track: person.on_floor for track, person in moment.shown.items()}
-        spells = dict(turn(memory, values, moment.time_ns, self._down).spells)
+        intervals = dict(turn(memory, values, moment.time_ns, self._down).intervals)
         events = []
         for track, person in moment.shown.items():
-            spell, states = spells.get(track), person.states
+            interval, states = intervals.get(track), person.states
             up = float(states[STANDING] + states[WALKING])
-            if spell is None or not spell.told or up < SURE:
+            if interval is None or not interval.told or up < SURE:
                 continue
-            if moment.time_ns - spell.held_ns > UP_S * 1e9:
-                events.append(moment.event("got-up", "ended", track, spell, "got up", up))
-                del spells[track]
-        return spells, events
+            if moment.time_ns - interval.held_ns > UP_S * 1e9:
+                events.append(moment.event("got-up", "ended", track, interval, "got up", up))
+                del intervals[track]
+        return intervals, events

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
+from e3pose.events.intervals import Bounds, Interval, turn
 from e3pose.events.people import People
 from e3pose.events.rules.base import Moment
-from e3pose.events.spells import Bounds, Spell, turn
 from e3pose.model.person_event import NOBODY, PersonEvent
 from e3pose.settings.events_table import EventsTable
 
 MANY_S = 3.0
-Spells = Mapping[int, Spell]
+Intervals = Mapping[int, Interval]
 
 
 class Presence:
@@ -22,23 +22,23 @@ class Presence:
     ) -> None:
         self._kind, self._says, self._bounds, self._is_so = kind, says, bounds, is_so
 
-    def begin(self) -> Spells:
+    def begin(self) -> Intervals:
         """See `Rule.begin`."""
         return {}
 
-    def advance(self, memory: Spells, moment: Moment) -> tuple[Spells, list[PersonEvent]]:
+    def advance(self, memory: Intervals, moment: Moment) -> tuple[Intervals, list[PersonEvent]]:
         """See `Rule.advance`."""
         values = {NOBODY: float(self._is_so(moment.shown))}
         turned = turn(memory, values, moment.time_ns, self._bounds)
         begun = [
-            moment.event(self._kind, "begun", NOBODY, spell, self._says)
-            for spell in turned.begun.values()
+            moment.event(self._kind, "begun", NOBODY, interval, self._says)
+            for interval in turned.begun.values()
         ]
         ended = [
-            moment.event(self._kind, "ended", NOBODY, spell, self._says)
-            for spell in turned.ended.values()
+            moment.event(self._kind, "ended", NOBODY, interval, self._says)
+            for interval in turned.ended.values()
         ]
-        return turned.spells, begun + ended
+        return turned.intervals, begun + ended
 
 
 def nobody(table: EventsTable) -> Presence:

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from e3pose.events.body import Joints
+from e3pose.events.intervals import Interval
 from e3pose.events.people import Person
 from e3pose.events.rules.base import Moment
-from e3pose.events.spells import Spell
 from e3pose.events.states import SITTING, STANDING, WALKING
 from e3pose.model.person_event import PersonEvent
 
@@ -58,8 +58,8 @@ class Waved:
                 ways[track, side] = way
                 if track not in last and turns_of(way) >= TURNS:
                     last[track] = moment.time_ns
-                    spell = Spell(way[0][0], moment.time_ns, 1.0)
-                    events.append(moment.event("waved", "ended", track, spell, "waved"))
+                    interval = Interval(way[0][0], moment.time_ns, 1.0)
+                    events.append(moment.event("waved", "ended", track, interval, "waved"))
         return Memory(ways, last), events
 
     def _aside_m(self, person: Person, side: int) -> float:

@@ -145,7 +145,7 @@ class Table:
         """End all work, all programs, and all sources."""
         self.desk.tasks.close()
         self.live.close()
-        self.desk.peeks.close()
+        self.desk.thumbnails.close()
 
 
 def setup_app(table: Table) -> FastAPI:
@@ -200,7 +200,7 @@ def _sites(table: Table) -> APIRouter:
     def leave() -> dict[str, Any]:
         table.free()
         desk.tasks.check_free()
-        desk.peeks.close()
+        desk.thumbnails.close()
         desk.name = ""
         return table.state()
 
@@ -275,7 +275,7 @@ def _cameras(table: Table) -> APIRouter:
             return walking.newest_view(table.covered, table.snapshots, camera_id)
         if desk.tasks.busy or table.live.on:
             raise HTTPException(409, "other work has the cameras at present")
-        return cameras.peek_of(desk, camera_id)
+        return cameras.thumbnail_of(desk, camera_id)
 
     @api.post("/look")
     def look() -> dict[str, Any]:

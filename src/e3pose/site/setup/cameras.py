@@ -63,7 +63,7 @@ def start_adding(desk: Desk, sources: Sequence[str]) -> None:
 
 def _add(desk: Desk, sources: Sequence[str], task: Task) -> None:
     if len(sources) == 1:
-        desk.peeks.close(sources[0])
+        desk.thumbnails.close(sources[0])
     stage = "reading a frame of each, and counting those of live cameras for three seconds"
     tried = probe_all(
         {source: partial(probe, source) for source in sources},
@@ -118,7 +118,7 @@ def change_camera(
     def changed(plan: Plan) -> Plan:
         camera = plan.camera(camera_id)
         if remove:
-            desk.peeks.close(camera.source)
+            desk.thumbnails.close(camera.source)
             return replace(plan, cameras=tuple(c for c in plan.cameras if c.id != camera_id))
         changes: dict[str, Any] = {}
         if name is not None:
@@ -231,14 +231,14 @@ def make_example_site(desk: Desk, name: str) -> None:
     desk.choose(name)
 
 
-def peek_of(desk: Desk, camera_id: str) -> dict[str, Any]:
+def thumbnail_of(desk: Desk, camera_id: str) -> dict[str, Any]:
     """Return the newest picture of a camera that no program of the site has."""
     camera = desk.plan().camera(camera_id)
     if not camera.source:
         return {"jpeg": None, "size": (0, 0), "fps": None, "why": "it runs on its own machine"}
     if is_recorded(camera.source):
         return {"jpeg": None, "size": (0, 0), "fps": None, "why": "it plays keypoints, no images"}
-    return desk.peeks.look(camera.source, camera.rotation).body()
+    return desk.thumbnails.look(camera.source, camera.rotation).body()
 
 
 def shown_source(desk: Desk, source: str) -> str:

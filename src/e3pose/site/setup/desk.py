@@ -20,9 +20,9 @@ from e3pose.recording.calibration import load_rig
 from e3pose.recording.writer import PARTIAL
 from e3pose.settings.site_file import SITE_FILE, SiteTable, load_site
 from e3pose.site.new_site import RIG_FILE
-from e3pose.site.setup.peeks import Peeks
 from e3pose.site.setup.plan import Plan, load_plan, save_plan
 from e3pose.site.setup.tasks import Task, Tasks, interrupted
+from e3pose.site.setup.thumbnails import Thumbnails
 from e3pose.wire.topics import check_site
 
 RESULTS_FILE = "setup-results.json"  # what the steps found, beside the plan
@@ -40,7 +40,7 @@ class Desk:
         root: folder in which sites lie and films are looked for.
         name: of the site's folder in it; empty while none was chosen.
         tasks: the work in the background.
-        peeks: thumbnails of cameras.
+        thumbnails: of cameras.
         found: cameras that the network told of, the last time somebody asked to look.
         times: by network and number of cameras, its speed here in words.
         lock: held while the plan is changed.
@@ -49,7 +49,7 @@ class Desk:
     root: Path
     name: str = ""
     tasks: Tasks = field(default_factory=Tasks)
-    peeks: Peeks = field(default_factory=Peeks)
+    thumbnails: Thumbnails = field(default_factory=Thumbnails)
     found: list[dict[str, Any]] = field(default_factory=list)
     times: dict[tuple[str, int], str] = field(default_factory=dict)
     lock: threading.RLock = field(default_factory=threading.RLock)
@@ -122,7 +122,7 @@ class Desk:
             raise InputError(f"{folder}: folder exists and is not empty, expected a new name")
         if not new and not known and not (folder / "setup.toml").exists():
             raise InputError(f"{folder}: found no site, expected one of the list, or a new name")
-        self.peeks.close()
+        self.thumbnails.close()
         self.name = name
         if new:
             self.change(lambda plan: plan)

@@ -64,7 +64,7 @@ class LiveSite:
             raise InputError("the site is running: stop it first")
         desk.tasks.check_free()
         site = resolve_site(desk.folder)
-        desk.peeks.close()
+        desk.thumbnails.close()
         self.state, self.problem, self.lines, self._stop = "starting", "", [], threading.Event()
         self._thread = threading.Thread(
             target=self._run, args=(site,), name="setup-live", daemon=True

@@ -79,7 +79,7 @@ def start_timing(desk: Desk, name: str) -> None:
     cameras = _local(desk.plan())
 
     def measure(task: Task) -> None:
-        desk.peeks.close()
+        desk.thumbnails.close()
         task.progress(f"measuring {name} with all cameras at work", 0, 0)
         _timed(desk, name, cameras)
 
@@ -103,7 +103,7 @@ def check_network(name: str) -> None:
 
 
 def _use(desk: Desk, name: str, task: Task) -> None:
-    desk.peeks.close()
+    desk.thumbnails.close()
     plan = desk.plan()
     cameras = list(plan.cameras)
     for index, camera in enumerate(cameras):

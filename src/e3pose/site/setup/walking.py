@@ -147,7 +147,7 @@ def start_walk(desk: Desk, which: Which, snapshots: Snapshots) -> Coverage:
         covered.add(views, sizes)
 
     def record(task: Task) -> None:
-        desk.peeks.close()
+        desk.thumbnails.close()
         stop = threading.Event()
         taking = threading.Thread(target=snapshots.take, args=(site, stop), daemon=True)
         task.stage = "starting the cameras"

@@ -11,7 +11,7 @@ from contextlib import suppress
 from typing import IO
 
 
-def start_apart(
+def start_detached(
     command: Sequence[str],
     stdin: int,
     stdout: int | IO[bytes],

@@ -34,7 +34,7 @@ Open = Callable[[str], LiveSource]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Peek:
+class Thumbnail:
     """What there is to see of a camera.
 
     Attributes:
@@ -54,7 +54,7 @@ class Peek:
         return {"jpeg": self.jpeg, "size": self.size, "fps": self.fps, "why": self.why}
 
 
-class Peeks:
+class Thumbnails:
     """The sources that somebody looks at, each read on a thread of its own."""
 
     def __init__(self, opened: Open | None = None) -> None:
@@ -67,7 +67,7 @@ class Peeks:
         self._readers: dict[str, _Reader] = {}
         self._lock = threading.Lock()
 
-    def look(self, source: str, rotation: int = 0) -> Peek:
+    def look(self, source: str, rotation: int = 0) -> Thumbnail:
         """Return the newest picture of a source, and open it if nobody looked before.
 
         Args:
@@ -79,7 +79,7 @@ class Peeks:
             reader = self._readers.get(source)
             if reader is None:
                 reader = self._readers[source] = _Reader(source, self._make)
-        return reader.peek(rotation)
+        return reader.thumbnail(rotation)
 
     def close(self, *sources: str) -> None:
         """Close some sources, or all, and wait until their devices are free."""
@@ -106,19 +106,19 @@ class _Reader:
         self._frame: LiveFrame | None = None
         self._times_ns: deque[int] = deque(maxlen=MAX_FRAMES)
         self._came, self._came_s = threading.Event(), 0.0
-        self.thread = threading.Thread(target=self._run, name="setup-peek", daemon=True)
+        self.thread = threading.Thread(target=self._run, name="setup-thumbnail", daemon=True)
         self.thread.start()
 
-    def peek(self, rotation: int) -> Peek:
+    def thumbnail(self, rotation: int) -> Thumbnail:
         self._seen_s = time.monotonic()
         self._came.wait(1.0)  # for the first frame
         frame = self._frame
         if frame is None:
-            return Peek(None, (0, 0), None, self._why or "waiting for its first picture")
+            return Thumbnail(None, (0, 0), None, self._why or "waiting for its first picture")
         old_s = time.monotonic() - self._came_s
         why = self._why or (f"no picture for {old_s:.0f} s" if old_s > STALE_S else "")
         rate = None if why else self._rate()
-        return Peek(_jpeg(frame.image(), rotation), frame.image_size, rate, why)
+        return Thumbnail(_jpeg(frame.image(), rotation), frame.image_size, rate, why)
 
     def _rate(self) -> float | None:
         times = [t for t in tuple(self._times_ns) if t > self._times_ns[-1] - COUNT_S * 1e9]

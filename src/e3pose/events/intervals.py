@@ -1,4 +1,4 @@
-"""Spells: how long something is so, with hysteresis."""
+"""Intervals in which something is so, with hysteresis."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ Key = TypeVar("Key", bound=Hashable)
 
 
 @dataclass(frozen=True, slots=True)
-class Spell:
+class Interval:
     """Something is so.
 
     Attributes:
@@ -28,7 +28,7 @@ class Spell:
 
 @dataclass(frozen=True, slots=True)
 class Bounds:
-    """When a spell begins and ends.
+    """When an interval begins and ends.
 
     Attributes:
         on: value from which something is so.
@@ -45,42 +45,42 @@ class Bounds:
 
 @dataclass(frozen=True, slots=True)
 class Turned(Generic[Key]):
-    """The spells after a slot, and which of them are told now: those begun, those ended."""
+    """The intervals after a slot, and which of them are told now: those begun, those ended."""
 
-    spells: Mapping[Key, Spell]
-    begun: Mapping[Key, Spell]
-    ended: Mapping[Key, Spell]
+    intervals: Mapping[Key, Interval]
+    begun: Mapping[Key, Interval]
+    ended: Mapping[Key, Interval]
 
 
 def turn(
-    spells: Mapping[Key, Spell], values: Mapping[Key, float], time_ns: int, bounds: Bounds
+    intervals: Mapping[Key, Interval], values: Mapping[Key, float], time_ns: int, bounds: Bounds
 ) -> Turned[Key]:
-    """Advance spells by a slot.
+    """Advance intervals by a slot.
 
     Args:
-        spells: before it.
+        intervals: before it.
         values: how much each is so now; what is not there is not so.
         time_ns: of the slot.
         bounds: when they begin and end.
     """
-    after: dict[Key, Spell] = {}
-    begun: dict[Key, Spell] = {}
-    ended: dict[Key, Spell] = {}
-    for key in {**spells, **values}:
-        value, spell = values.get(key, 0.0), spells.get(key)
-        if spell is None:
+    after: dict[Key, Interval] = {}
+    begun: dict[Key, Interval] = {}
+    ended: dict[Key, Interval] = {}
+    for key in {**intervals, **values}:
+        value, interval = values.get(key, 0.0), intervals.get(key)
+        if interval is None:
             if value >= bounds.on:
-                spell = Spell(time_ns, time_ns, value)
+                interval = Interval(time_ns, time_ns, value)
         elif value >= bounds.off:
-            spell = replace(spell, held_ns=time_ns, most=max(spell.most, value))
-        elif time_ns - spell.held_ns >= bounds.ends_s * 1e9:
-            if spell.told:
-                ended[key] = spell
-            spell = None
-        if spell is None:
+            interval = replace(interval, held_ns=time_ns, most=max(interval.most, value))
+        elif time_ns - interval.held_ns >= bounds.ends_s * 1e9:
+            if interval.told:
+                ended[key] = interval
+            interval = None
+        if interval is None:
             continue
-        if not spell.told and spell.held_ns - spell.since_ns >= bounds.after_s * 1e9:
-            spell = replace(spell, told=True)
-            begun[key] = spell
-        after[key] = spell
+        if not interval.told and interval.held_ns - interval.since_ns >= bounds.after_s * 1e9:
+            interval = replace(interval, told=True)
+            begun[key] = interval
+        after[key] = interval
     return Turned(after, begun, ended)
