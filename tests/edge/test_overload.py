@@ -88,7 +88,7 @@ def test_overload_is_told_and_no_camera_judged_until_its_delays_are_gone() -> No
     assert shed.level == ROUND_ROBIN and not shed.overloaded()
     assert shed.words().endswith("60% of a slot: cameras are selected by round robin")
     calm = run(dict.fromkeys(slow, 0.01), BLAMED_S - 1, busy)[-1]
-    assert calm.overloaded() and "no camera is judged yet" in calm.words()
+    assert calm.overloaded() and "re-checking cameras" in calm.words()
     assert run(dict.fromkeys(slow, 0.01), BLAMED_S + 2, busy)[-1].words() == ""
 
 

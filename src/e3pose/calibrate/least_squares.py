@@ -130,7 +130,7 @@ def reduced_normal(system: Linearised, outlier_sigmas: float) -> tuple[Floats, F
 
 
 def curvature_share(residuals: Floats, outlier_sigmas: float) -> float:
-    """Return how curved Cauchy's loss is on average, as a share of what its weights make of it.
+    """Return the mean ratio of the true curvature of Cauchy's loss to that of its weights (IRLS).
 
     Args:
         residuals: `(*batch, 2)`; 0 where nothing was seen.

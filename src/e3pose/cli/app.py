@@ -142,7 +142,7 @@ def make_app(summary: Callable[[str], str | None] = lambda place: None) -> App:
         help="Multi-camera 3D human pose on a camera energy budget: each time slot wakes the most "
         "informative cameras that still have energy budget.\n\n"
         "New here? `e3pose setup` leads from your cameras, or films, to live 3D in the browser. "
-        "`e3pose demo` shows what comes of it.",
+        "`e3pose demo` shows an example result.",
     )
     made.register_install_completion_command(
         group=OPTIONS, help="Install tab completion for bash, zsh or fish."

@@ -38,7 +38,7 @@ def archive(
     site: str | None = None,
     new: Flag = False,
 ) -> None:
-    """Archive the closed hours of a store, and leave out those that are archived.
+    """Archive finished hours of a store, skipping those already archived.
 
     Example: `e3pose archive site.toml /mnt/archive --keep 2y`
 

@@ -10,7 +10,7 @@ from e3pose.recording import load_recording
 
 
 def attach(recording: Path, folder: Path, /) -> None:
-    """Move videos that live cameras recorded into the recording of their session.
+    """Add a live session's videos to its recording.
 
     Example: `e3pose attach recordings/20261122T150000Z collected`
 

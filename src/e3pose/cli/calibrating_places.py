@@ -367,9 +367,9 @@ def _table(places: Places, names: Sequence[str]) -> list[str]:
         )
     if any(camera.lens_assumed for camera in places.rig.cameras):
         lines += [
-            "*: focal length found with the places. People hardly tell where the axis of a lens",
-            "   meets its image: a camera then seems turned by more than its rays are, which place",
-            "   people. Film a board for better: e3pose calibrate intrinsics, then --intrinsics",
+            "*: focal length found with the places. The principal point is weakly determined by",
+            "   people, so the rotation error looks worse than its effect on 3D positions. Film a",
+            "   board for better: e3pose calibrate intrinsics, then --intrinsics",
         ]
     if places.expected is not None:
         lines.append(f"{'camera':{width}}  expected error")

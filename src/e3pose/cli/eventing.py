@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from e3pose.events.people import Seen
     from e3pose.events.trial import Trial
 
-events_app = App(name="events", help="Test what is told of people, and sum up a week of it.")
+events_app = App(name="events", help="Test event alerts; print a weekly summary.")
 PATIENCE_S = 10.0  # without anybody, before that is said
 AFTER_S = 3.0  # after somebody got up from a fall, it is over
 Look = tuple["Seen", tuple[str, ...], int]  # people, cameras whose views came, when it was told
@@ -48,7 +48,7 @@ def test(
     keys: Path | None = None,
     json_file: Annotated[JsonFile, Parameter(group=OUTPUT)] = None,
 ) -> None:
-    """Lie down in your room, now: it says what it saw, as it happens and at the end.
+    """Test fall detection: lie down and watch what is reported.
 
     Example: `e3pose events test site.toml`
 

@@ -190,9 +190,8 @@ class EnergyLedger:
     ) -> NDArray[np.float64]:
         """Return `(num_cameras,)` joules charged for a slot with this selection, and add them up.
 
-        Cameras that said that they sleep are charged what their profile says of that. One whose
-        image was unchanged is charged an idle slot and what its profile says of the gate, if it
-        does.
+        Sleeping cameras are charged the sleep power of their profile. A camera whose image was
+        unchanged is charged an idle slot, and the gate's joules if its profile states them.
 
         Args:
             selected: `(num_cameras,)` who was ordered to look.

@@ -71,7 +71,7 @@ class Load:
         if self.level == FULL and self.blamed_s >= BLAMED_S:
             return ""
         if self.level == FULL and self.blamed_s > 0:
-            return f"edge overloaded until {self.blamed_s:.0f} s ago: no camera is judged yet"
+            return f"recovered from an overload {self.blamed_s:.0f} s ago: re-checking cameras"
         behind = f", {self.behind_s:.1f} s behind" if self.behind_s >= BEHIND_S else ""
         shed = f": {WORDS[self.level]}" if self.level > FULL else ""
         return f"edge overloaded, computing takes {self.busy:.0%} of a slot{behind}{shed}"

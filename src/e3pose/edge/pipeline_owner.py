@@ -33,7 +33,7 @@ class PipelineOwner:
         return shed_load(self.pipeline, load)
 
     def follow(self, lead: Lead) -> str:
-        """Use another lead; return what to say where its slots are others, else nothing."""
+        """Change the lead; return an event if it differs, else an empty string."""
         before, self.lead = self.lead.slots, lead
         if lead.slots != self.pipeline.lead_slots:
             self.pipeline = replace(self.pipeline, lead_slots=lead.slots)

@@ -64,7 +64,7 @@ def warm_up(
 
 
 def _seen(rig: Rig, joints: Sequence[str]) -> dict[int, Poses2D]:
-    """Return what cameras see of one person in front of all, and of one for the first alone."""
+    """Synthetic views for warm-up: one person before all cameras, one before the first alone."""
     axes = np.stack([camera.R[2] for camera in rig.cameras])
     across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
     sums = across.sum(axis=0), np.einsum("cij,cj->i", across, rig.centers_m)

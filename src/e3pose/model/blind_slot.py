@@ -35,7 +35,7 @@ def blind_cause(
     orders_late: Flags | None = None,
     views_late: Flags | None = None,
 ) -> str:
-    """Return why a slot is blind; empty if it is not.
+    """Return the cause of a blind slot; empty if it is not blind.
 
     Args:
         decided: `(num_cameras,)` cameras that the policy selected for the slot.

@@ -12,7 +12,7 @@ from e3pose.select.policies.base import Selection, Situation
 
 
 def asked_for(foresight: Foresight, request: LookRequest) -> Foresight:
-    """Return the foresight of those who are asked for alone, where one of them is there."""
+    """Restrict the foresight to the requested tracks, if any is present."""
     asked = np.isin(foresight.track_ids, request.track_ids)
     weights = np.where(asked, foresight.weights, 0.0) if asked.any() else foresight.weights
     return replace(foresight, weights=weights)

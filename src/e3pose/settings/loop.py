@@ -131,10 +131,8 @@ class LoopSettings:
     quality_weight: AtLeast0 | None = entry(
         None,
         flag="-V",
-        help="""Quality weight V: larger favours better views, smaller favours even energy use. For
-        the paper's policies, V is the number of active slots that a typical difference of
-        occlusion between two cameras is worth. Default: set by the policy. `evaluate` also takes
-        several, comma-separated.""",
+        help="""Quality weight V: higher prefers better views, lower spreads energy more evenly.
+        Default: set by the policy. `evaluate` also takes several, comma-separated.""",
     )
     raw_weight: bool = entry(
         False,
@@ -155,8 +153,7 @@ class LoopSettings:
         help="""Motion predictor: attention-lstm, attention-lstm-paper (the published network),
         constant-velocity, damped-velocity, zero-velocity, or a file from `e3pose train`. The
         policy predicts with it; attention-lstm and trained files also correct the filter's
-        velocities (pipeline `memory`). Default: attention-lstm for the correction and the policy's
-        own for the policy; with --pipeline paper, attention-lstm-paper for the policy `e3pose`.""",
+        velocities (pipeline `memory`). Default: chosen to suit the pipeline.""",
     )
     noise: str | None = entry(
         None,

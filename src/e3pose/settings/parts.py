@@ -198,7 +198,7 @@ def make_policy(
 
 
 def row_of(settings: LoopSettings) -> PolicyRow:
-    """Return the policy that decides with what it needs; an object decides as it is."""
+    """Look up a policy and what it needs; an object is used as it is."""
     policy = settings.policy
     if policy is not None and not isinstance(policy, str):
         return PolicyRow.of(policy)

@@ -121,7 +121,7 @@ class SiteControls:
         return [f"{plural(count, 'request')} refused, most of operator {most}: too many per second"]
 
     def _of_file(self, control: Control) -> str:
-        """Take from the site file what a running edge can take of it."""
+        """Reload the site file: what a running edge can change."""
         if control != Control(reread=True):
             raise InputError("reread", "with another setting", "one of them at a time")
         new, old = resolve_site(self._site.path), self._site

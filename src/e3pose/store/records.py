@@ -67,7 +67,7 @@ def _record(
 
 
 def _blind(row: Mapping[str, Any]) -> str:
-    """Return why a slot is blind; of one that was stored before that was noted, what is known."""
+    """Return the cause of a blind slot, inferred for records of older versions."""
     if row["blind"] is not None:
         return str(row["blind"])
     selected, arrived = _flags(row["selected"]), _flags(row["arrived"])

@@ -110,7 +110,7 @@ class Roll:
 
     @property
     def common_names(self) -> tuple[str, ...]:
-        """All that are given, and those that are worthless."""
+        """Issued and revoked names."""
         given = (name for names in self.holders.values() for name in names.values())
         return (*given, *self.revoked)
 

@@ -1,4 +1,4 @@
-"""Archive the closed hours of a store, and do there what was asked for meanwhile."""
+"""Archive finished hours of a store, and apply deletions that were asked for meanwhile."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ export function Events() {
   const now_s = known.mode === "live" ? known.shown?.t ?? Date.now() / 1000 : Date.now() / 1000;
   const shown = upToNow().slice(-SHOWN).reverse(), { stored, tells } = known.room;
   const urgent = shown.filter((one) => ALARMS.has(one.kind) && goesOn(one) && known.mode === "live");
-  const none = tells ? "Nothing so far." : "This site tells no events of people: [events] in its file turns them on.";
+  const none = tells ? "Nothing so far." : "Events are off. Add [events] to site.toml to turn them on.";
   return html`<section aria-labelledby="events-title"><h2 id="events-title">What happened</h2>
     <p class="hidden" role="alert">${urgent.map((one) => sentence(one, one.told_s)).join(". ")}</p>
     <ol id="happened" class="events" tabindex="0" aria-label="What happened, newest first">
