@@ -8,10 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from e3pose.events.intervals import Bounds, Interval, turn
-
 from e3pose import ReplaySettings, replay
 from e3pose.events.body import Joints
+from e3pose.events.intervals import Bounds, Interval, turn
 from e3pose.events.rules import Moment
 from e3pose.events.states import CROUCHING
 from e3pose.events.watch import advance, begin_watch

@@ -16,7 +16,7 @@ import e3pose
 SOURCE = Path(e3pose.__file__).parent
 ROOT = Path(__file__).parents[1]
 # The rooms for what differs, and what each file that names a place of Linux does elsewhere.
-ASKS = {"base/system.py", "base/apart.py"}
+ASKS = {"base/system.py", "base/child_process.py"}
 PLACES = {
     "base/thread_name.py": "names no thread",
     "camera/live_source.py": "refused by require_linux",
