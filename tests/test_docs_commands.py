@@ -190,7 +190,6 @@ ELSEWHERE = {
     "stream site.toml webhook:https://example.org/hook": "tests/live/test_events_of_people.py",
     "import bvh fall.bvh recordings/fall": "tests/recording/datasets/test_bvh.py",
     "events test site.toml": "tests/live/test_events_of_people.py",
-    "events week site.toml week.html": "tests/output/report/test_week.py",
     "learn versions learned": "tests/cli/test_learn_command.py",
     "learn rollback learned": "tests/cli/test_learn_command.py",
     "models path openpose-thin": "tests/cli/test_models.py",

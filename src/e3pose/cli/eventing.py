@@ -1,22 +1,21 @@
-"""`e3pose events`: test in your own room what is told of people, and sum up a week of it."""
+"""`e3pose events`: test in your own room what is told of people."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from datetime import date, datetime
+from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Parameter
+from msgspec import to_builtins
 
-from e3pose.base.atomic import check_output
 from e3pose.base.errors import InputError
-from e3pose.base.quantities import check_seconds, plural
-from e3pose.cli.options import OUTPUT, Whole, warn
+from e3pose.base.quantities import check_seconds
+from e3pose.cli.options import OUTPUT, warn
 from e3pose.cli.output import JsonFile, is_stdout, write_json
 from e3pose.cli.placed import load_placed
-from e3pose.cli.querying import check_files, store_of
 from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.events import trial as trials
 from e3pose.events import watch as watching
@@ -26,16 +25,15 @@ from e3pose.settings.resolved import resolve_site
 from e3pose.site.connect import Connection, seen_of
 from e3pose.site.event_sink import seen_in
 from e3pose.site.follow import viewer_link
-from e3pose.store.export import row_columns, write_tables
 
 if TYPE_CHECKING:
     from e3pose.events.people import Seen
     from e3pose.events.trial import Trial
 
-events_app = App(name="events", help="Test event alerts; print a weekly summary.")
+events_app = App(name="events", help="Test event alerts.")
 PATIENCE_S = 10.0  # without anybody, before that is said
 AFTER_S = 3.0  # after somebody got up from a fall, it is over
-Look = tuple["Seen", tuple[str, ...], int]  # people, cameras whose views came, when it was told
+Look = tuple["Seen", int]  # people, and when the slot was published
 
 
 @events_app.command(name="test")
@@ -54,9 +52,9 @@ def test(
 
     Start it beside a running site, walk into the room, go down as somebody who falls would (onto a
     mattress), lie still for half a minute, get up. It prints what each person does, when a fall or
-    a long lie was told, after how many seconds and with the views of which cameras; and if none
-    was, why not. It ends when you got up after a fall, after two minutes, or at Ctrl-C. Nothing is
-    stored or sent. Exit code 1: neither a fall nor a long lie was told.
+    a long lie was told and after how many seconds; and if none was, why not. It ends when you got
+    up after a fall, after two minutes, or at Ctrl-C. Nothing is stored or sent. Exit code 1:
+    neither a fall nor a long lie was told.
 
     Try each place where somebody could fall: behind the bed, in the doorway, under the table.
 
@@ -72,7 +70,7 @@ def test(
     keys
         Folder from `e3pose keys add NAME --viewer`. Default on the edge server: the first viewer.
     json_file
-        Write what was seen here as JSON; - is standard output.
+        Write the result and the events here as JSON; - is standard output.
     """
     check_seconds("--for", for_s)
 
@@ -89,74 +87,18 @@ def test(
             say(line)
     except KeyboardInterrupt:
         pass
-    sentences = trials.account(trial, table)
-    say("\n" + "\n".join(sentences))
-    write_json(json_file, trials.as_json(trial, sentences))
+    result = trials.account(trial, table)
+    say("\n" + result)
+    write_json(json_file, {"result": result, "told": [to_builtins(one) for one in trial.told]})
     if not (trial.was_told("fall") or trial.was_told("on-floor")):
         raise SystemExit(1)
 
 
-@events_app.command(name="week")
-def week(
-    site: str,
-    dest: Path | None = None,
-    /,
-    *,
-    last: Annotated[str | None, Parameter(name="--to")] = None,
-    days: Whole = 7,
-    csv: Annotated[Path | None, Parameter(group=OUTPUT)] = None,
-    json_file: Annotated[JsonFile, Parameter(group=OUTPUT)] = None,
-) -> None:
-    """Sum up a week: who was there, in which zones, what they did, what was told, when nobody was.
-
-    Example: `e3pose events week site.toml week.html`
-
-    The page is one file, for a phone too, with two sentences on top, which are also printed. Names
-    are those of `e3pose people name`; the page is readable by its owner alone. Poses are not in it.
-
-    Parameters
-    ----------
-    site
-        Site file, or the folder that contains site.toml.
-    dest
-        The page to write, `.html`.
-    last
-        Last day, such as 2026-11-26, in local time. Default: today.
-    days
-        How many days, 1 to 31.
-    csv
-        Write the figures here as CSV: day, who, what, name, amount, unit.
-    json_file
-        Write the figures here as a JSON list; - is standard output.
-    """
-    from e3pose.output.report.week import week_of
-    from e3pose.output.report.week_page import sentences, write_week
-    from e3pose.store import Store
-
-    if dest is not None and dest.suffix.lower() not in (".html", ".htm"):
-        raise InputError(f"DEST: found {str(dest)!r}, expected a name ending in .html")
-    try:
-        end = date.today() if last is None else date.fromisoformat(last)
-    except ValueError:
-        raise InputError("--to", repr(last)[:40], "a day such as 2026-11-26") from None
-    place, name = store_of(site, None)
-    if name is None:
-        raise InputError("SITE", repr(site[:80]), "a site file or its folder")
-    tables = {"csv": csv, "json": json_file}
-    outputs = {form: path for form, path in tables.items() if path is not None}
-    check_files(place, outputs)
-    if dest is not None:
-        check_output(dest)
-    found = week_of(Store(place), place, name, end, days)
-    say = (lambda line: None) if is_stdout(json_file) else print
-    say(" ".join(sentences(found)))
-    for form, path in outputs.items():
-        count = write_tables([row_columns(found.rows())], None if is_stdout(path) else path, form)
-        if not is_stdout(path):
-            say(f"Wrote {path}: {plural(count, 'row')}")
-    if dest is not None:
-        write_week(found, dest)
-        say(f"Wrote {dest}")
+@events_app.command(show=False)
+def week(*words: Annotated[str, Parameter(allow_leading_hyphen=True)]) -> None:
+    """Say what has the figures now."""
+    wanted = "`e3pose query SITE --what summaries --csv FILE`, or --what events"
+    raise InputError("events week", "a page that is no longer made", wanted)
 
 
 def _say(line: str) -> None:
@@ -178,7 +120,7 @@ def _live(source: Path, keys: Path | None) -> tuple[str, EventsTable, Watch, Ite
     def looks() -> Iterator[Look]:
         with Connection(site.name, open_network(link)) as connection:
             for slot in connection:
-                yield seen_of(slot), slot.arrived, slot.published_ns
+                yield seen_of(slot), slot.published_ns
 
     lies = f"lie still for {max(table.fall_s, table.lies_s) + 5:.0f} s"
     return f"Watching site {site.name}. Go down, {lies}, get up.", table, watch, looks()
@@ -190,13 +132,11 @@ def _replayed(
     """Return the same of a recording that is replayed."""
     recording, table = load_placed(source), EventsTable()
     settings = ReplaySettings() if cameras is None else ReplaySettings(num_selected=cameras)
-    ids = recording.rig.camera_ids
 
     def looks() -> Iterator[Look]:
         for record in replay(recording, settings):
             time_ns = round(record.time_s * 1e9)
-            arrived = (name for name, came in zip(ids, record.arrived, strict=True) if came)
-            yield seen_in(record, time_ns), tuple(arrived), time_ns
+            yield seen_in(record, time_ns), time_ns
 
     return f"Replaying {source}", table, begin_watch(table, recording.skeleton.joints), looks()
 
@@ -206,10 +146,10 @@ def _followed(
 ) -> Iterator[tuple[str, Trial]]:
     """Yield after each slot what is to be printed, and all that was seen so far."""
     trial, begun_s, up_ns, patient = trials.Trial(), time.monotonic(), 0, True
-    for seen, cameras, told_ns in looks:
+    for seen, told_ns in looks:
         watch, events = watching.advance(watch, seen)
-        trial, lines = trials.advance(trial, watch, events, cameras, told_ns)
-        if patient and not trial.stays and trial.lasted_s > PATIENCE_S:
+        trial, lines = trials.advance(trial, watch, events, told_ns)
+        if patient and not trial.stays and trial.time_ns - trial.begun_ns > PATIENCE_S * 1e9:
             patient = False
             lines.append(trials.NOBODY_SEEN)
         clock = datetime.fromtimestamp(watch.time_ns / 1e9).strftime("%H:%M:%S")
