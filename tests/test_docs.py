@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.cases import each_case
 
 from e3pose.base.bounded import parse_toml
 from e3pose.base.table import read_table
@@ -68,7 +69,7 @@ def commands() -> list[str]:
     return sorted({command for text in TEXTS.values() for command in commands_of(text)})
 
 
-@pytest.mark.parametrize("page", LINKED)
+@each_case("page", LINKED)
 def test_every_link_leads_somewhere(page: str) -> None:
     for target in re.findall(r"\]\(([^)\s]+)\)", FENCE.sub("", LINKED[page])):
         if re.match(r"https?:|mailto:", target) or re.match(GENERATED, target):
@@ -101,7 +102,7 @@ def test_there_are_links_and_commands_to_look_at() -> None:
     assert len(commands()) > 40
 
 
-@pytest.mark.parametrize("command", commands())
+@each_case("command", commands())
 def test_every_command_parses(command: str) -> None:
     tokens = shlex.split(command)
     function = app.parse_args(tokens, exit_on_error=False, print_error=False)[0]
@@ -114,9 +115,7 @@ def test_every_verb_is_in_a_page() -> None:
         assert re.search(rf"`(?:e3pose )?{verb}[` ]|^ *e3pose {verb} ", everything, re.M), verb
 
 
-@pytest.mark.parametrize(
-    "verb", ["edge", "camera", "router", "up", "top", "view", "stream", "check"]
-)
+@each_case("verb", ["edge", "camera", "router", "up", "top", "view", "stream", "check"])
 def test_every_option_of_a_live_program_says_what_it_is_for(verb: str) -> None:
     for argument in app[verb].assemble_argument_collection(parse_docstring=True):
         if argument.show:

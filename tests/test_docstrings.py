@@ -6,7 +6,7 @@ import ast
 import re
 from pathlib import Path
 
-import pytest
+from tests.cases import each_case
 
 ROOT = Path(__file__).parent.parent
 PACKAGES = (ROOT / "src" / "e3pose", ROOT / "lab" / "e3pose_lab")
@@ -42,7 +42,7 @@ def existing(node: Documented) -> set[str]:
     return found
 
 
-@pytest.mark.parametrize("room", ROOMS, ids=lambda path: f"{path.parent.name}/{path.name}")
+@each_case("room", ROOMS, ids=lambda path: f"{path.parent.name}/{path.name}")
 def test_docstrings_list_what_exists(room: Path) -> None:
     stale = [
         f"{path.relative_to(ROOT)}:{node.lineno}: {node.name}: {name}"

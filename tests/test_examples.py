@@ -10,6 +10,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 from tests.waiting import eventually
 
 from e3pose.model.skeleton import COCO17
@@ -33,7 +34,7 @@ def test_triangulate_example_finds_the_people(capsys: pytest.CaptureFixture[str]
     assert error_mm < 40
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("example", "message"),
     [
         ("02_own_policy.py", r"(cam\d: awake in \d+% of the slots\n){4}"),

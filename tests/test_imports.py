@@ -13,7 +13,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
-import pytest
+from tests.cases import each_case
 
 import e3pose
 from e3pose.cli.app import VERBS
@@ -122,7 +122,7 @@ PURE_MODULES = (
 )  # fmt: skip
 
 
-@pytest.mark.parametrize("module", PURE_MODULES)
+@each_case("module", PURE_MODULES)
 def test_pure_module_imports_nothing_heavy(module: str) -> None:
     """All of them share an interpreter: what is heavy shows at the first that needs it."""
     assert HEAVY & loaded_by(*PURE_MODULES)[PURE_MODULES.index(module)] == set()
@@ -133,7 +133,7 @@ def test_every_room_has_its_place() -> None:
     assert rooms - {"__init__"} == set(LAYERS)
 
 
-@pytest.mark.parametrize("room", LAYERS)
+@each_case("room", LAYERS)
 def test_imports_point_inward(room: str) -> None:
     place = SOURCE / room
     files = sorted(place.rglob("*.py")) if place.is_dir() else [place.with_suffix(".py")]

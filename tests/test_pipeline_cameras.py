@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import pytest
+from tests.cases import each_case
 from tests.five_cameras import (
     FORESIGHT,
     NUM_CAMERAS,
@@ -74,7 +74,7 @@ def test_an_order_to_a_camera_that_went_offline_is_not_expected_to_be_followed()
     assert policy.seen[-1].unseen_slots[:2].tolist() == [1, 5]
 
 
-@pytest.mark.parametrize(("retry_slot", "unseen"), [(11, 2), (12, 2), (13, 15)])
+@each_case(("retry_slot", "unseen"), [(11, 2), (12, 2), (13, 15)])
 def test_a_camera_that_was_given_up_is_expected_from_its_next_try_on(
     retry_slot: int, unseen: int
 ) -> None:
@@ -89,7 +89,7 @@ def test_a_camera_that_was_given_up_is_expected_from_its_next_try_on(
     assert policy.seen[-1].unseen_slots.tolist() == [1, unseen, 1, 1, 1]
 
 
-@pytest.mark.parametrize("policy", ["round-robin", "e3pose-mv", "information", "random"])
+@each_case("policy", ["round-robin", "e3pose-mv", "information", "random"])
 def test_a_camera_that_never_answers_is_given_up_and_made_up_for(policy: str) -> None:
     views = [scene(slot) for slot in range(90)]
     for slot in range(20, 70):

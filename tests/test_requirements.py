@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
+from tests.cases import each_case
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -93,7 +94,7 @@ def test_container_and_ci_have_the_same_versions() -> None:
     assert both[1] <= both[0]
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("licenses", "refused"),
     [
         ([{"license": {"id": "MIT"}}], False),

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
+from tests.cases import each_case
 from tests.test_docs import ROOT
 
 # How the comment of a number begins that is no tuning: indices, formulas, room for hostile views,
@@ -96,7 +97,7 @@ def test_halves_and_doubles_are_read() -> None:
     assert len(measured) > 40 and len(measured.keys() & known) > 35
 
 
-@pytest.mark.parametrize("place", hooks.TUNED)
+@each_case("place", hooks.TUNED)
 def test_tuned_numbers_are_no_more_than_they_were(place: str) -> None:
     found = {
         f"{path.name}: {name}": count

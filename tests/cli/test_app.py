@@ -7,6 +7,7 @@ from importlib.util import resolve_name
 
 import pytest
 from cyclopts import App
+from tests.cases import each_case
 
 from e3pose.cli.app import APP, GROUPS, app, main, summary_of
 
@@ -18,7 +19,7 @@ PLACES = [
 ]
 
 
-@pytest.mark.parametrize(("verb", "place"), PLACES, ids=[verb for verb, _ in PLACES])
+@each_case(("verb", "place"), PLACES, ids=[verb for verb, _ in PLACES])
 def test_the_line_of_a_verb_is_what_its_module_says(verb: str, place: str) -> None:
     said = app[verb].help.strip().partition("\n")[0]
     assert summary_of(place) == said != ""

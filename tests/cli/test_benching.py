@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 from tests.cli.commands import run
 from tests.detectors.test_networks import write_onnx
 from tests.detectors.test_timing import NAP_S, NAPPER
@@ -49,7 +50,7 @@ def test_table_names_network_time_and_place(
     assert re.search(r"^(no joules|measured): \w", out, re.M), out
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("words", "message"),
     [
         (("--resolution", "big"), "--resolution: found 'big', expected WIDTHxHEIGHT"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from tests.cases import each_case
 from tests.cli.commands import run
 
 from e3pose.model.noises import load_noise_file
@@ -42,7 +43,7 @@ def test_noise_is_measured_written_drawn_and_used(
     assert "noise.toml: format: found 'e3pose-news'" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("tokens", "named"),
     [
         (("--seconds", "0"), "--seconds"),

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import pytest
 from tests.calibrate.board_pictures import facing, render
+from tests.cases import each_case
 from tests.cli.commands import run
 
 from e3pose.calibrate.board import Board
@@ -66,7 +67,7 @@ def test_lenses_are_measured_reported_and_written(
     assert camera["reprojection_error_px"] < 0.5
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("words", "named"),
     [
         (("{pictures}",), "VIDEO... DEST: found 1 path"),

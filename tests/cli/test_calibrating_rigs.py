@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests.calibrate.people_scenes import distances, knocked, walk, without_calibration
+from tests.cases import each_case
 from tests.cli.commands import run
 
 from e3pose.calibrate.align import Move
@@ -59,7 +60,7 @@ def test_people_calibrate_a_bare_recording(
     assert (folders / "error.png").read_bytes().startswith(b"\x89PNG")
 
 
-@pytest.mark.parametrize("height", ["5cm", "49cm", "2.6m", "178m"])
+@each_case("height", ["5cm", "49cm", "2.6m", "178m"])
 def test_nobody_is_as_tall(height: str, folders: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = ("--height", height)
     assert run("calibrate", "extrinsics", folders / "bare", folders / "tall.toml", *words) == 2
@@ -156,7 +157,7 @@ def test_sync_says_what_to_record_where_little_is_seen(
     assert "are too little" not in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("words", "named"),
     [
         (("extrinsics", "a.mp4"), "found 1 path"),

@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 import pytest
+from tests.cases import each_case
 from tests.cli.commands import run
 from tests.cli.one_person import one_person
 
@@ -89,7 +90,7 @@ def test_leads_are_drawn(folder: Path, tmp_path: Path) -> None:
     assert "MPJPE, mm" in text  # COCO-17 truth has no PCP
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("options", "named"),
     [
         (["--policies", "all,best"], "'best'"),

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 from tests.cli.commands import run
 from tests.output.exports.takes import STARTED_NS, records
 
@@ -64,7 +65,7 @@ def test_a_store_is_smoothed_filled_and_resampled(
     assert dest.stat().st_mode & 0o077 == 0  # where people were is for its owner alone
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("options", "message"),
     [
         (["walk.docx"], "'.docx'"),

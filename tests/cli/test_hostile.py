@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 
 from e3pose.cli import main
 from e3pose.recording import save_recording
@@ -169,7 +170,7 @@ READERS = [("info", name) for name in RECORDINGS] + [
 ]
 
 
-@pytest.mark.parametrize(("verb", "wrong"), READERS)
+@each_case(("verb", "wrong"), READERS)
 def test_a_bad_recording_gets_one_line(
     made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], verb: str, wrong: str
 ) -> None:
@@ -278,7 +279,7 @@ WORDS: list[tuple[str, str]] = [
 ]
 
 
-@pytest.mark.parametrize(("words", "message"), WORDS)
+@each_case(("words", "message"), WORDS)
 def test_a_bad_command_gets_one_line_and_leaves_nothing(
     made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], words: str, message: str
 ) -> None:

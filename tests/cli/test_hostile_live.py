@@ -7,9 +7,11 @@ import re
 import shutil
 import signal
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from tests.cases import each_case
 from tests.cli.breaking import Break, ahead, cut, instead, nested, new, sparse, whole
 
 from e3pose.cli import main
@@ -22,6 +24,7 @@ from e3pose.wire.keys.folder import add_keys, init_keys
 
 pytestmark = pytest.mark.slow
 
+Captured = pytest.CaptureFixture[str]
 ESCAPE = "\x1b[2J"
 HUGE = 5000 * "9"
 LIMIT_S = 60  # a second, on a machine that does nothing else
@@ -57,12 +60,12 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.fixture
-def place(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+@contextmanager
+def working_copy(made: Path, tmp_path: Path) -> Iterator[Path]:
     """Work in a copy of it; give up what does not end."""
-    folder = tmp_path / "w"
+    folder, before_in = tmp_path / "w", Path.cwd()
     shutil.copytree(made, folder)
-    monkeypatch.chdir(folder)
+    os.chdir(folder)
 
     def late(*_: object) -> None:
         raise AssertionError(f"not done in {LIMIT_S} s")
@@ -74,6 +77,14 @@ def place(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterat
     finally:
         signal.alarm(0)
         signal.signal(signal.SIGALRM, before)
+        os.chdir(before_in)
+        shutil.rmtree(folder)
+
+
+@pytest.fixture
+def place(made: Path, tmp_path: Path) -> Iterator[Path]:
+    with working_copy(made, tmp_path) as folder:
+        yield folder
 
 
 def versions(*numbers: int, made_s: float = 1.0, parent: int = 0) -> str:
@@ -180,12 +191,13 @@ SITES: list[tuple[str, Break, str]] = [
 ]
 
 
-@pytest.mark.parametrize(("verb", "break_it", "message"), SITES)
+@each_case("verb, break_it, message", SITES)
 def test_a_bad_site_gets_one_line(
-    place: Path, capsys: pytest.CaptureFixture[str], verb: str, break_it: Break, message: str
+    made: Path, tmp_path: Path, capsys: Captured, verb: str, break_it: Break, message: str
 ) -> None:
-    break_it(place)
-    refused(capsys, place, [verb, SITE, *ENDS[verb]], message)
+    with working_copy(made, tmp_path) as place:
+        break_it(place)
+        refused(capsys, place, [verb, SITE, *ENDS[verb]], message)
 
 
 CAMERA = "camera --site example --name cam0 --source"
@@ -226,12 +238,13 @@ FILES: list[tuple[str, Break, str]] = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("words", "break_it", "message"), FILES)
+@each_case("words, break_it, message", FILES)
 def test_a_bad_file_gets_one_line(
-    place: Path, capsys: pytest.CaptureFixture[str], words: str, break_it: Break, message: str
+    made: Path, tmp_path: Path, capsys: Captured, words: str, break_it: Break, message: str
 ) -> None:
-    break_it(place)
-    refused(capsys, place, words.split(), message)
+    with working_copy(made, tmp_path) as place:
+        break_it(place)
+        refused(capsys, place, words.split(), message)
 
 
 # Words of a command -> what the line must say.
@@ -348,11 +361,12 @@ WORDS: list[tuple[str, str]] = [
 ]
 
 
-@pytest.mark.parametrize(("words", "message"), WORDS)
+@each_case("words, message", WORDS)
 def test_a_bad_command_gets_one_line(
-    place: Path, capsys: pytest.CaptureFixture[str], words: str, message: str
+    made: Path, tmp_path: Path, capsys: Captured, words: str, message: str
 ) -> None:
-    refused(capsys, place, words.split(" "), message)
+    with working_copy(made, tmp_path) as place:
+        refused(capsys, place, words.split(" "), message)
 
 
 def test_a_link_is_no_place_for_the_keys_of_a_camera(

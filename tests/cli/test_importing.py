@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 from tests.cli.commands import run
 
 from e3pose.model.camera import Camera, Rig
@@ -79,8 +80,8 @@ def test_coco_makes_a_recording(source: Path) -> None:
     assert [len(series.scores) for series in recording.views] == [1, 0]
 
 
-@pytest.mark.parametrize("verb", ["shelf", "panoptic"])
-@pytest.mark.parametrize("content", [b"", b"PK\x03\x04", b"\0" * 1000])
+@each_case("verb", ["shelf", "panoptic"])
+@each_case("content", [b"", b"PK\x03\x04", b"\0" * 1000])
 def test_a_file_that_is_no_archive_is_named(
     tmp_path: Path, verb: str, content: bytes, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from tests.cases import each_case
 
 from e3pose.cli.app import app
 from e3pose.cli.lab import LAB, LAB_VERBS
@@ -27,8 +28,8 @@ def without_lab(*words: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, capture_output=True, text=True, cwd="/", timeout=120)
 
 
-@pytest.mark.parametrize("words", [(), ("recording", "--out", "there", "--steps=3"), ("--quick",)])
-@pytest.mark.parametrize("verb", LAB_VERBS)
+@each_case("words", [(), ("recording", "--out", "there", "--steps=3"), ("--quick",)])
+@each_case("verb", LAB_VERBS)
 def test_verb_says_in_a_line_what_to_install(verb: str, words: tuple[str, ...]) -> None:
     ended = without_lab(verb, *words)
     assert ended.stderr == "e3pose: e3pose_lab is not installed: pip install 'e3pose[lab]'\n"

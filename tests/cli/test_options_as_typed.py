@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from tests.cases import each_case
 from tests.cli.commands import run
 
 from e3pose.base.errors import InputError
@@ -86,7 +87,7 @@ def test_key_of_a_site_is_not_called_an_option(
     assert f"{path}: energy.battery_wh: found camera 'cam9'" in err and "--" not in err, err
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("delay", "message"),
     [("5s", "expected 0 to 2000"), ("soon", "expected"), ("-200ms", "expected")],
 )

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 from tests.cli.commands import run
 from tests.cli.one_person import one_person
 
@@ -79,7 +80,7 @@ def test_smoothed_poses_are_figures_and_rows(
     assert capsys.readouterr().out.count(f", smoothed ({method})") == 1
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("options", "named"),
     [
         (["--policy", "best"], "policy"),

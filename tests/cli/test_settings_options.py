@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import fields
 from typing import Any, get_args
 
-import pytest
 from cyclopts import Parameter
+from tests.cases import each_case
 
 from e3pose.cli.camera_options import CameraOptions
 from e3pose.cli.options import EnergyOptions, LoopOptions
@@ -17,7 +17,7 @@ from e3pose.settings.loop import LoopSettings
 PAIRS = [(LoopOptions, LoopSettings), (EnergyOptions, EnergySettings), (CameraOptions, NodeTable)]
 
 
-@pytest.mark.parametrize(("options", "settings"), PAIRS)
+@each_case(("options", "settings"), PAIRS)
 def test_each_field_with_a_help_text_is_an_option(options: Any, settings: Any) -> None:
     said = [item.metadata for item in fields(settings)]
     texts = [" ".join(each["help"].split()) for each in said if "help" in each]

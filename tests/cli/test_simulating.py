@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 from tests.cli import commands
 
 from e3pose.recording import load_recording
@@ -59,7 +60,7 @@ def test_takes_a_users_rig(tmp_path: Path) -> None:
     np.testing.assert_allclose(first.rig.centers_m, second.rig.centers_m, atol=1e-6)
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("options", "message"),
     [
         (["--people", "-1"], "people: found -1"),

@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from tests.cases import each_case
 from tests.cli.commands import run
 
 from e3pose.recording import save_recording
@@ -34,7 +35,7 @@ def lab(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("verb", sorted(VERBS))
+@each_case("verb", sorted(VERBS))
 def test_folder_says_what_its_file_says(
     verb: str, lab: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -53,7 +54,7 @@ def test_folder_says_what_its_file_says(
     assert outputs[0] == outputs[1]
 
 
-@pytest.mark.parametrize("verb", sorted(VERBS))
+@each_case("verb", sorted(VERBS))
 def test_folder_without_a_site_file_is_one_line(
     verb: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -91,7 +92,7 @@ def test_query_of_a_site_tells_of_that_site_alone(
     capsys.readouterr()
 
 
-@pytest.mark.parametrize("what", ["poses", "slots", "tracks", "energy", "events"])
+@each_case("what", ["poses", "slots", "tracks", "energy", "events"])
 def test_file_without_rows_has_the_names_of_its_columns(what: str, lab: Path) -> None:
     file = lab / "none.csv"
     words = ("--from", "-10min", "--to", "-9min", "--what", what, "--csv", file)
@@ -100,7 +101,7 @@ def test_file_without_rows_has_the_names_of_its_columns(what: str, lab: Path) ->
     assert header.startswith("run,") and ("time" in header or what == "tracks"), header
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("words", "named"),
     [
         (("--site", "nowhere"), "--site: found 'nowhere'"),

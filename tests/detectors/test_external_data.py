@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 
 from e3pose.base.errors import InputError
 from e3pose.detectors.inference import load_network
@@ -53,7 +54,7 @@ def test_weights_beside_a_network_are_read(tmp_path: Path) -> None:
     assert network.run(np.ones((1, 300), np.float32))[0].tolist() == [[300.0] * 3]
 
 
-@pytest.mark.parametrize("where", ["../net.data", "{}/net.data", "a/../../net.data", "link"])
+@each_case("where", ["../net.data", "{}/net.data", "a/../../net.data", "link"])
 def test_weights_outside_the_folder_are_not_read(tmp_path: Path, where: str) -> None:
     path = with_weights_beside(tmp_path / "net")
     (tmp_path / "net" / "a").mkdir()

@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
+from tests.cases import each_case
 
 from e3pose.detectors.base import poses_in_image
 from e3pose.detectors.fit import Fit, letterbox, letterbox_to_side, stretch
@@ -15,8 +15,8 @@ FITS = {
 }
 
 
-@pytest.mark.parametrize("size", SIZES)
-@pytest.mark.parametrize("kind", FITS)
+@each_case("size", SIZES)
+@each_case("kind", FITS)
 def test_a_spot_comes_back_to_where_it_was(kind: str, size: tuple[int, int]) -> None:
     """Where the resized image really has the spot is what `to_image` must undo."""
     fit: Fit = FITS[kind](size)
@@ -53,8 +53,8 @@ def test_what_nobody_should_believe_is_missing() -> None:
     np.testing.assert_array_equal(np.isnan(poses.keypoints_px[0, :, 0]), [False, True, True, True])
 
 
-@pytest.mark.parametrize("size", SIZES)
-@pytest.mark.parametrize("kind", FITS)
+@each_case("size", SIZES)
+@each_case("kind", FITS)
 def test_places_in_the_input_are_those_of_the_image(kind: str, size: tuple[int, int]) -> None:
     fit: Fit = FITS[kind](size)
     points = np.array([[-0.5, -0.5], [3.0, 40.0], [size[0] - 0.5, size[1] - 0.5]])

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.cases import each_case
 
 from e3pose.camera.turned import turned
 from e3pose.detectors.drawn import Drawn, draw
@@ -146,7 +147,7 @@ def test_detector_that_says_nothing_of_its_input_looks_at_one_part() -> None:
     assert isinstance(look(person(200, 300, 150), person(1200, 200, 600), network=Own()), Part)
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("people", "kind"),
     [
         ([(1584, 815, 296), (1869, 921, 528)], Part),  # as large in it, for fewer pixels
@@ -233,7 +234,7 @@ def test_each_person_is_found_once_where_they_are_in_the_image() -> None:
         np.testing.assert_allclose(one, truth, atol=1.5)
 
 
-@pytest.mark.parametrize("degrees", [90, 180, 270])
+@each_case("degrees", [90, 180, 270])
 def test_crops_of_turned_images_are_upright(degrees: int) -> None:
     here, there = person(200, 150, 400), person(1400, 300, 600)
     image = draw(np.full((1080, 1920, 3), 24, dtype=np.uint8), [here, there])

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from tests.cases import each_case
 
 from e3pose.base.errors import InputError
 from e3pose.detectors import DETECTORS, identify, make_detector
@@ -165,9 +166,7 @@ def test_a_kind_is_reported_from_its_outputs(tmp_path: Path) -> None:
         identify(other)
 
 
-@pytest.mark.parametrize(
-    "name", ["movenet-multipose", "openpose-thin", "trt-pose", "yolo-pose", "rtmo"]
-)
+@each_case("name", ["movenet-multipose", "openpose-thin", "trt-pose", "yolo-pose", "rtmo"])
 def test_another_network_is_refused_by_name(tmp_path: Path, name: str) -> None:
     path = write_onnx(tmp_path / "c.onnx", (1, 3, 8, 8), np.zeros((1, 1000), np.float32))
     with pytest.raises(
@@ -176,8 +175,8 @@ def test_another_network_is_refused_by_name(tmp_path: Path, name: str) -> None:
         make_detector(name, path)
 
 
-@pytest.mark.parametrize("suffix", [".onnx", ".pb"])
-@pytest.mark.parametrize("content", [b"", b"garbage" * 100, b"\x08\x08\x3a\xff\xff\xff\x7f", b"\0"])
+@each_case("suffix", [".onnx", ".pb"])
+@each_case("content", [b"", b"garbage" * 100, b"\x08\x08\x3a\xff\xff\xff\x7f", b"\0"])
 def test_a_damaged_file_is_named(tmp_path: Path, suffix: str, content: bytes) -> None:
     path = tmp_path / f"broken{suffix}"
     path.write_bytes(content)
@@ -194,7 +193,7 @@ def test_a_truncated_network_is_named(tmp_path: Path) -> None:
         make_detector("openpose-thin", half)
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("name", "model", "message"),
     [
         ("mediapipe", None, "detector: found 'mediapipe', expected one of movenet-multipose"),

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from tests.cases import each_case
 
 from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
@@ -146,8 +147,8 @@ SCENES: dict[str, tuple[list[Person], float]] = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", sorted(TOPOLOGIES))
-@pytest.mark.parametrize("scene", SCENES)
+@each_case("name", sorted(TOPOLOGIES))
+@each_case("scene", SCENES)
 def test_known_people_are_found(name: str, scene: str) -> None:
     people, noise = SCENES[scene]
     heatmaps, affinity = render(name, people, (46, 54), noise)
@@ -187,7 +188,7 @@ def test_flat_maps_have_at_most_one_peak_a_neighbourhood() -> None:
         assert near.min() > 0.99
 
 
-@pytest.mark.parametrize("shape", [(1, 1), (1, 9), (2, 2)])
+@each_case("shape", [(1, 1), (1, 9), (2, 2)])
 def test_tiny_maps_are_no_trouble(shape: tuple[int, int]) -> None:
     ones = np.ones((18, *shape), np.float32)
     people, _ = decode(ones, np.ones((38, *shape), np.float32), OPENPOSE_THIN)
@@ -285,7 +286,7 @@ def test_other_networks_are_refused() -> None:
         OpenPose(broken, OPENPOSE_THIN).detect(np.zeros((50, 50, 3), np.uint8))
 
 
-@pytest.mark.parametrize("shape", [(0, 5, 3), (5, 5), (5, 5, 4), (20_000, 5, 3)])
+@each_case("shape", [(0, 5, 3), (5, 5), (5, 5, 4), (20_000, 5, 3)])
 def test_what_is_no_image_is_refused(shape: tuple[int, ...]) -> None:
     network = FakeNetwork([np.zeros((1, 57, 8, 8), np.float32)])
     with pytest.raises(InputError, match="image: found"):

@@ -10,6 +10,7 @@ import onnx
 import pytest
 from numpy.typing import NDArray
 from onnx import TensorProto, helper, numpy_helper
+from tests.cases import each_case
 
 from e3pose.base.errors import InputError
 from e3pose.detectors import identify, make_detector, skeleton_of
@@ -123,8 +124,8 @@ def in_network(box: tuple[float, ...]) -> list[float]:
     return [side / 2 for side in box]
 
 
-@pytest.mark.parametrize(("count", "skeleton"), [(17, COCO17), (26, HALPE26)])
-@pytest.mark.parametrize("heatmaps", [False, True])
+@each_case(("count", "skeleton"), [(17, COCO17), (26, HALPE26)])
+@each_case("heatmaps", [False, True])
 def test_keypoints_are_where_they_are_in_the_image(
     tmp_path: Path, count: int, skeleton: Any, heatmaps: bool
 ) -> None:

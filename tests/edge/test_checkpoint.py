@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.lib import format as npy
+from tests.cases import each_case
 
 from e3pose.base.clock import SlotTimes
 from e3pose.base.errors import InputError
@@ -122,7 +123,7 @@ def test_damage_is_reported_and_never_half_believed(recording: Recording, tmp_pa
             np.testing.assert_array_equal(array, flatten(state)[name])
 
 
-@pytest.mark.parametrize("change", ["missing", "shape", "kind", "uneven"])
+@each_case("change", ["missing", "shape", "kind", "uneven"])
 def test_wrong_array_is_named(change: str, recording: Recording, tmp_path: Path) -> None:
     pipeline, path = made(recording, "memory"), tmp_path / "state.npz"
     state, _ = run(recording, pipeline, initial_state(pipeline), 20)
@@ -175,7 +176,7 @@ def test_slots_move_only_with_a_clock_that_went_back() -> None:
     assert why == "this machine's clock went back by 60 min"
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("away_s", "why"),
     [(130.0, "130.0 s"), (3600.0, "60 min"), (3650 * 86400.0, "10.0 years")],
 )
@@ -267,7 +268,7 @@ HOSTILE = {
 }
 
 
-@pytest.mark.parametrize("name", HOSTILE)
+@each_case("name", HOSTILE)
 def test_values_that_make_no_sense_begin_afresh(
     name: str, recording: Recording, tmp_path: Path
 ) -> None:
@@ -315,7 +316,7 @@ def test_state_that_the_loop_fails_on_begins_afresh(
     assert "the loop fails on" in reported[0] and "one of many" in reported[0]
 
 
-@pytest.mark.parametrize(
+@each_case(
     "layout",
     [
         [["state.slot", "<i8", [2**40]]], [["state.slot", "<i8", [-1]]], [["a", "|O", [1]]],

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 
 from e3pose.base.arrays import Flags
 from e3pose.edge.credibility import (
@@ -51,8 +52,8 @@ def leads(
 HONEST_S = [0.01, 0.02, 0.015, 0.03]
 
 
-@pytest.mark.parametrize("lie_s", [0.1, 0.3, 0.5, 0.6, 1.9, 3600.0])
-@pytest.mark.parametrize("liars", [1, 2])
+@each_case("lie_s", [0.1, 0.3, 0.5, 0.6, 1.9, 3600.0])
+@each_case("liars", [1, 2])
 def test_delays_of_cameras_that_answer_do_not_move_the_lead(lie_s: float, liars: int) -> None:
     usual = leads(HONEST_S, [1.0] * 4)
     lied = leads([*HONEST_S[: 4 - liars], *[lie_s] * liars], [1.0] * 4)
@@ -183,8 +184,8 @@ def test_camera_that_seldom_answers_is_told_until_it_answers_again() -> None:
     assert credibility.impairments([""] * 4, in_time) == [""] * 4
 
 
-@pytest.mark.parametrize("lie_s", [0.6, 3.0, 3600.0])
-@pytest.mark.parametrize("liars", [1, 2])
+@each_case("lie_s", [0.6, 3.0, 3600.0])
+@each_case("liars", [1, 2])
 def test_wake_up_times_are_those_of_the_site(lie_s: float, liars: int) -> None:
     credibility = Credibility(4, INTERVAL_S, [0.5] * 4)
     claims_s = [*[0.4] * (4 - liars), *[lie_s] * liars]

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 from tests.cli.commands import run
 from tests.edge.one_process import site_at_work
 from tests.manual_clock import ManualClock
@@ -69,7 +70,7 @@ def test_slots_come_as_late_as_in_a_replay() -> None:
     assert list(delayed.flush()) == []
 
 
-@pytest.mark.parametrize(("delay_s", "slots"), [(0.2, 5), (0.01, 1), (0.1, 2)])
+@each_case(("delay_s", "slots"), [(0.2, 5), (0.01, 1), (0.1, 2)])
 def test_a_delay_is_a_slot_at_least(delay_s: float, slots: int) -> None:
     assert lag_slots(delay_s, 0.04) == slots
 

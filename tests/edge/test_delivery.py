@@ -6,6 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 
 from e3pose.edge.delivery import MEMORY_ORDERS, MIN_ORDERS, SETTLED_S, Delivery, after_slot
 from e3pose.edge.delivery import shortages as told
@@ -42,7 +43,7 @@ def test_warning_ends_when_views_come_again() -> None:
     assert not deliver(1.0, 4 * MEMORY_ORDERS, short)[-1].short.any()
 
 
-@pytest.mark.parametrize("share", [0.86, 0.9, 0.925, 0.95])
+@each_case("share", [0.86, 0.9, 0.925, 0.95])
 def test_share_about_the_limit_does_not_flap(share: float) -> None:
     found = deliver(share, round(3600 / INTERVAL_S))  # an hour
     changed_s = [

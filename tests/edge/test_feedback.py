@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 from tests.edge.one_process import Site, site_at_work
 from tests.waiting import eventually
 
@@ -62,7 +63,7 @@ def test_keypoints_far_beyond_every_image_are_left_out() -> None:
     assert np.isnan(back.keypoints_px[0, 0]).all() and back.keypoints_px[0, 1].tolist() == [3, 4]
 
 
-@pytest.mark.parametrize(
+@each_case(
     "changes",
     [
         {"reach_px": pack(np.array([-1, 1], np.float32))},

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 from tests.manual_clock import ManualClock
 
 from e3pose.base.clock import WallClock
@@ -140,7 +141,7 @@ class Arrivals(Naps):
         return super().wait(timeout)
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("views", "able", "closed_s", "naps", "until_s"),
     [
         ([(1.03, 0), (1.04, 1)], [0, 1], 1.04, 1, 1.045),  # one nap until the last view

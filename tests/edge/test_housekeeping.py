@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import pytest
+from tests.cases import each_case
 
 from e3pose.edge.housekeeping import lasting_problem
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("why", "was", "lasts"),
     [
         ("asleep for 3 s", "", ""),

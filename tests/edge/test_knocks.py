@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from tests.calibrate.people_scenes import knocked, walk
+from tests.cases import each_case
 
 from e3pose.base.arrays import Floats
 from e3pose.edge.knock_watch import KnockWatch
@@ -64,7 +65,7 @@ def voted(turn_deg: float, others: float, seconds: float = 20.0) -> Floats:
     return np.column_stack([np.linspace(0, seconds, 200), np.zeros(200), places, offsets])
 
 
-@pytest.mark.parametrize("degrees", [0.0, 0.5, 2.0, 8.0])
+@each_case("degrees", [0.0, 0.5, 2.0, 8.0])
 def test_turn_is_found_among_votes_of_mixed_people(degrees: float) -> None:
     found, least = turned_deg(Votes((voted(degrees, 0.4),)))
     assert found[0] == pytest.approx(degrees, abs=0.1)

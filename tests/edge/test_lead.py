@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 
 from e3pose.edge.lead import (
     LONGEST_STALL_S,
@@ -36,7 +37,7 @@ def settled(delay_s: float, wake_s: float = 0.0, start: int = 1) -> Lead:
     return lead
 
 
-@pytest.mark.parametrize(("count", "left_out"), [(MIN_SAMPLES, 0), (11, 1), (MAX_SAMPLES, 3)])
+@each_case(("count", "left_out"), [(MIN_SAMPLES, 0), (11, 1), (MAX_SAMPLES, 3)])
 def test_longest_delay_leaves_out_one_report_in_ten(count: int, left_out: int) -> None:
     delays_s = np.random.default_rng(count).uniform(0.1, 0.2, size=count)
     lead = Lead()
@@ -45,7 +46,7 @@ def test_longest_delay_leaves_out_one_report_in_ten(count: int, left_out: int) -
     assert lead.longest_s[0] == sorted(delays_s.tolist())[-1 - left_out]
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("delay_ms", "slots"), [(1, 1), (15, 1), (17, 2), (50, 2), (57, 3), (200, 6), (1000, 26)]
 )
 def test_order_arrives_just_before_its_slot_begins(delay_ms: float, slots: int) -> None:
@@ -104,7 +105,7 @@ def test_cameras_that_sleep_are_given_time_to_wake() -> None:
     assert settled(0.001, wake_s=0.4).slots == 11
 
 
-@pytest.mark.parametrize("delay_s", [math.nan, math.inf, -1.0])
+@each_case("delay_s", [math.nan, math.inf, -1.0])
 def test_delay_that_cannot_be_is_ignored(delay_s: float) -> None:
     assert take_in_delay(Lead(), 0, delay_s) == Lead()
 
@@ -124,7 +125,7 @@ def followed(*delays_s: float, online: list[bool] | None = None) -> Lead:
     return adapt(lead, INTERVAL_S, online=online)
 
 
-@pytest.mark.parametrize("lie_s", [0.6, 1.9, 3.0, 3000.0])
+@each_case("lie_s", [0.6, 1.9, 3.0, 3000.0])
 def test_a_camera_far_slower_than_the_others_is_left_behind(lie_s: float) -> None:
     lead = followed(0.01, 0.02, lie_s, 0.015)
     assert lead.slots == followed(0.01, 0.02, 0.015).slots

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import pytest
+from tests.cases import each_case
 from tests.edge.delays import Link, Simulated, during, simulated, steady, wireless
 
 pytestmark = pytest.mark.slow
@@ -12,7 +13,7 @@ pytestmark = pytest.mark.slow
 BACK_S = 20.0
 DELAY_S, OWN_S = 0.02, 0.03  # of a link; from the middle of a slot until its orders leave
 SITE = (steady(DELAY_S),) * 3
-RATES = pytest.mark.parametrize("rate", [6.0, 12.5, 25.0])
+RATES = each_case("rate", [6.0, 12.5, 25.0])
 
 
 def need(rate: float, delay_s: float = DELAY_S) -> int:
@@ -32,7 +33,7 @@ def test_steady_delays_leave_the_lead_alone(rate: float) -> None:
 
 
 @RATES
-@pytest.mark.parametrize("long_s", [2.0, 10.0])
+@each_case("long_s", [2.0, 10.0])
 def test_delays_of_the_start_are_forgotten(rate: float, long_s: float) -> None:
     found = run(rate, *(during(0, long_s, 1.9, DELAY_S),) * 3)
     assert found.back_s(long_s, need(rate)) <= BACK_S
@@ -41,7 +42,7 @@ def test_delays_of_the_start_are_forgotten(rate: float, long_s: float) -> None:
 
 
 @RATES
-@pytest.mark.parametrize("long_s", [0.4, 1.0, 2.0, 5.0, 30.0])
+@each_case("long_s", [0.4, 1.0, 2.0, 5.0, 30.0])
 def test_stall_of_the_edge_does_not_move_the_lead(rate: float, long_s: float) -> None:
     found = run(rate, stalls=((60, 60 + long_s),))
     assert found.changes(BACK_S) == 0 and found.leads[-1] == need(rate)
@@ -63,7 +64,7 @@ def test_short_pauses_of_the_links_do_not_move_the_lead(rate: float) -> None:
 
 
 @RATES
-@pytest.mark.parametrize("disturbed_s", [0.06, 0.15, 0.5, 1.9])
+@each_case("disturbed_s", [0.06, 0.15, 0.5, 1.9])
 def test_lead_is_back_soon_after_slow_links(rate: float, disturbed_s: float) -> None:
     """It went from 51 to 5 slots in eight minutes, a slot at a time."""
     found = run(rate, *(during(60, 90, disturbed_s, DELAY_S),) * 3, seconds=150)
@@ -81,8 +82,8 @@ def test_links_that_stay_slower_are_followed_for_good(rate: float) -> None:
 
 
 @RATES
-@pytest.mark.parametrize("spread", [0.5, 0.8, 1.2])
-@pytest.mark.parametrize("seed", [0, 10, 20])
+@each_case("spread", [0.5, 0.8, 1.2])
+@each_case("seed", [0, 10, 20])
 def test_links_that_vary_do_not_make_the_lead_oscillate(
     rate: float, spread: float, seed: int
 ) -> None:

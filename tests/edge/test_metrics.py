@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.cases import each_case
 from tests.edge.one_process import site_at_work
 from tests.ports import free_port
 from tests.waiting import eventually
@@ -105,7 +106,7 @@ def test_crowd_at_the_metrics_makes_no_threads_and_keeps_no_scrape_out(tmp_path:
         assert scraped(port)["e3pose_lead_slots"] >= 1
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("request_line", "host", "status"),
     [
         ("GET /metrics HTTP/1.1", "localhost:9", "200"),

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 
 from e3pose.base.dispatcher import KernelDispatcher
 from e3pose.edge import precompile
@@ -50,7 +51,7 @@ def loaded_in_slots(settings: ReplaySettings) -> set[tuple[str, str]]:
     return loaded() - before
 
 
-@pytest.mark.parametrize("skeleton", SKELETONS.values(), ids=str)
+@each_case("skeleton", SKELETONS.values(), ids=str)
 def test_somebody_is_followed_before_the_first_slot(
     skeleton: Skeleton, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -71,7 +72,7 @@ def test_somebody_is_followed_before_the_first_slot(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("case", CASES)
+@each_case("case", CASES)
 def test_nothing_is_compiled_once_slots_run(case: str) -> None:
     """In a process of its own: what other tests loaded needs no loading."""
     code = f"import {__name__} as here; print(here.loaded_in_slots(here.CASES[{case!r}]))"

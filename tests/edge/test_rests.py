@@ -6,6 +6,7 @@ from itertools import count
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 
 from e3pose.base.clock import SlotTimes
 from e3pose.edge.rests import Rests, WakeTime, sleeps_as_told
@@ -204,7 +205,7 @@ def test_alarm_follows_what_a_camera_takes_to_wake_over_days() -> None:
     assert rests.wakes[1].wakes == 3 * 600
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("online", "asleep_s", "paused", "sleeps"),
     [
         (False, 5.0, False, True),

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import pytest
 from msgspec import structs
+from tests.cases import each_case
 
 from e3pose.edge.roster import (
     FLOOD_RATE,
@@ -44,7 +44,7 @@ def test_camera_that_is_well_can_be_chosen() -> None:
     assert why(well()) == ""
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("camera", "message"),
     [
         (CameraState("cam1"), "never connected"),
@@ -112,7 +112,7 @@ def test_word_from_a_silent_camera_brings_it_back() -> None:
     assert why(with_heartbeat(well(), replace_beat(captured=99), later), later) == ""
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("hello", "message"),
     [
         (
@@ -130,8 +130,8 @@ def test_camera_of_another_rig_is_refused(hello: Hello, message: str) -> None:
     assert message in why(with_heartbeat(with_hello(CameraState("cam1"), hello, NOW), BEAT, NOW))
 
 
-@pytest.mark.parametrize("found", [COCO17, COCO18, BODY25])
-@pytest.mark.parametrize("expected", [COCO17, COCO18, BODY25])
+@each_case("found", [COCO17, COCO18, BODY25])
+@each_case("expected", [COCO17, COCO18, BODY25])
 def test_camera_with_another_skeleton_of_the_body_serves(
     found: Skeleton, expected: Skeleton
 ) -> None:
@@ -144,7 +144,7 @@ def replace_beat(**changes: object) -> Heartbeat:
     return Heartbeat(**{**fields, **changes})
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("beat", "message"),
     [
         (replace_beat(problem="no frames from the source"), "no frames from the source"),

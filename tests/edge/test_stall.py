@@ -8,6 +8,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
+from tests.cases import each_case
 
 from e3pose.edge.stall import (
     CALM_S,
@@ -93,7 +94,7 @@ def alarms(
     return found
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("step", "why"),
     [
         (deaf, "orders do not reach"),
@@ -101,7 +102,7 @@ def alarms(
         (frozen, "nothing arrives from cameras that are connected"),
     ],
 )
-@pytest.mark.parametrize("cameras", [1, 2, 5])
+@each_case("cameras", [1, 2, 5])
 def test_useless_edge_is_noticed_within_four_seconds(step: Step, why: str, cameras: int) -> None:
     [(at_s, found), *_] = alarms([step] * cameras, 8.0)
     assert found.startswith(why)
@@ -124,13 +125,13 @@ def test_views_that_a_heartbeat_counts_after_they_came_are_not_lost(cameras: int
     assert found.startswith("orders do not reach") and at_s <= STALL_S + 3 * LOOK_S
 
 
-@pytest.mark.parametrize("step", [works, hung, slow, asleep, gone])
-@pytest.mark.parametrize("others", [[], [works], [hung, gone], [asleep, slow, works]])
+@each_case("step", [works, hung, slow, asleep, gone])
+@each_case("others", [[], [works], [hung, gone], [asleep, slow, works]])
 def test_cameras_that_are_useless_themselves_are_no_reason(step: Step, others: list[Step]) -> None:
     assert alarms([step, *others], 60.0) == []
 
 
-@pytest.mark.parametrize("step", [deaf, unheard, frozen])
+@each_case("step", [deaf, unheard, frozen])
 def test_minority_of_cameras_cannot_claim_it(step: Step) -> None:
     assert alarms([step, works], 60.0) == []
     assert alarms([step, step, works, works], 60.0) == []
@@ -162,7 +163,7 @@ def test_restarted_camera_begins_anew() -> None:
     assert watch_for_stall(watch, [again], 100, None, round(10e9))[1] == ""
 
 
-@pytest.mark.parametrize("away_s", [STALL_S, 5.0, 600.0])
+@each_case("away_s", [STALL_S, 5.0, 600.0])
 def test_suspended_machine_is_no_reason(away_s: float) -> None:
     camera, watch = replace(WELL, heard_ns=round(100e9)), StallWatch()
     for second in range(20):

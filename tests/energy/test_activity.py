@@ -8,6 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 from tests.energy.meters.trees import GENERIC
 from tests.manual_clock import ManualClock
 
@@ -24,7 +25,7 @@ def spent_ms(modes: ModeClock) -> dict[str, float]:
     return {mode: ns / MS for mode, ns in modes.times().spent_ns.items()}
 
 
-@pytest.mark.parametrize("share", [0.1, 0.25, 0.5, 0.9, 1.0])
+@each_case("share", [0.1, 0.25, 0.5, 0.9, 1.0])
 def test_slots_with_a_look_count_once_however_punctual_their_frames_are(share: float) -> None:
     rng = np.random.default_rng(3)
     clock, looks = ManualClock(10**18), 0

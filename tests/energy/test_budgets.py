@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.cases import each_case
 
 from e3pose.base.errors import InputError
 from e3pose.energy.budgets import (
@@ -28,7 +29,7 @@ ACTIVE_W, IDLE_W = 10.0, 4.0
 SLOT_S = 0.04
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("words", "kind", "value"),
     [
         ("0.6", "duty", 0.6),
@@ -51,7 +52,7 @@ def test_spellings(words: str, kind: str, value: float) -> None:
     assert budget.value == pytest.approx(value)
 
 
-@pytest.mark.parametrize(
+@each_case(
     "words", ["", "0", "1.5", "150%", "-2W", "4", "until 25:00", "until 2020-01-01", "for 3", "all"]
 )
 def test_anything_else_is_refused(words: str) -> None:
@@ -65,7 +66,7 @@ def shares_of(budget: Budget, supply: Supply, now_s: float = 0.0) -> float:
     return float(slot_shares(allowed, active_j, idle_j)[0])
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("budget", "supply", "share"),
     [
         (Budget("duty", 0.35), Supply(), 0.35),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 
 from e3pose.energy.learned_cost import LearnedCost, learn, slot_cost, unlearned
 from e3pose.energy.profiles import load_profile
@@ -80,7 +81,7 @@ def test_broken_measurements_pull_little() -> None:
     assert abs(broken.active_j / clean.active_j - 1) < least_squares_pull / 1.5
 
 
-@pytest.mark.parametrize("duty", [(1.0, 1.0), (0.0, 0.0), (0.6, 0.6)])
+@each_case("duty", [(1.0, 1.0), (0.0, 0.0), (0.6, 0.6)])
 def test_camera_that_never_changes_stays_modelled(duty: tuple[float, float]) -> None:
     cost = slot_cost(fed(unlearned(PROFILE), 3000, duty=duty), SLOT_S)
     assert not cost.measured
@@ -88,8 +89,8 @@ def test_camera_that_never_changes_stays_modelled(duty: tuple[float, float]) -> 
     assert np.isfinite(cost.active_sigma_j)
 
 
-@pytest.mark.parametrize("noise_w", [0.0, 0.2])
-@pytest.mark.parametrize("times", [0.5, 1.12, 2.0])
+@each_case("noise_w", [0.0, 0.2])
+@each_case("times", [0.5, 1.12, 2.0])
 def test_device_that_changes_is_followed_within_minutes(times: float, noise_w: float) -> None:
     """However well its power before was known."""
     cost = fed(unlearned(PROFILE), 7200, noise_w=noise_w)  # an hour
@@ -127,7 +128,7 @@ def test_days_in_one_mode_leave_the_other_no_less_known_than_its_profile(mode: s
     assert found.idle_j == pytest.approx(IDLE_W * SLOT_S, rel=0.05)
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("energy_j", "active_s", "idle_s"),
     [
         (np.nan, 1.0, 1.0),

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import pytest
+from tests.cases import each_case
 
 from e3pose.base.errors import InputError
 from e3pose.energy.modes import RESTS
@@ -68,7 +69,7 @@ def test_rows_of_a_profile_are_in_the_table_with_their_sources(tmp_path: Path) -
     assert modes_of(load_profile(written)) == modes
 
 
-@pytest.mark.parametrize("name", PROFILES)
+@each_case("name", PROFILES)
 def test_a_shipped_profile_rests_no_louder_the_deeper_it_rests(name: str) -> None:
     modes = modes_of(load_profile(name))
     watts = [round(rest.watts, 6) for rest in modes.rests]
@@ -78,7 +79,7 @@ def test_a_shipped_profile_rests_no_louder_the_deeper_it_rests(name: str) -> Non
     assert modes.rest("asleep") is not None and modes.rest("suspended") is None
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("rows", "message"),
     [
         (SUSPENDED.replace("0.4", "5.0"), r"rests\[suspended\]\.watts: found 5 W, .* at most 3 W"),

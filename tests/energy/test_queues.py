@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.cases import each_case
 
 from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
@@ -26,7 +27,7 @@ from e3pose.energy.queues import (
 PAPER_SAVINGS = {"xavier-nx": (20.66, 31.21), "tx2": (17.72, 28.67)}
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("name", "deficit", "budget", "selected", "expected"),
     [
         ("starts empty", 0.0, 0.6, False, 0.0),
@@ -84,7 +85,7 @@ def test_tx2_draws_roughly_half_when_it_only_captures() -> None:
     assert 0.45 < profile.watts("power-saving") / profile.watts("active") < 0.55
 
 
-@pytest.mark.parametrize("name", PROFILES)
+@each_case("name", PROFILES)
 def test_rest_of_the_device_is_unchanged_and_every_figure_has_a_source(name: str) -> None:
     profile = load_profile(name)
     assert len({profile.watts(mode, "rest") for mode in MODES}) == 1
@@ -142,13 +143,13 @@ def test_always_on_saves_nothing() -> None:
     np.testing.assert_allclose(mean_watts(np.ones(3), [profile] * 3), profile.watts("active"))
 
 
-@pytest.mark.parametrize("duty", [[], [1.2], [np.nan]])
+@each_case("duty", [[], [1.2], [np.nan]])
 def test_impossible_duty_is_said(duty: list[float]) -> None:
     with pytest.raises(InputError, match="duty"):
         mean_watts(np.array(duty), [load_profile("tx2")] * len(duty))
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("field", "changes"),
     [
         ("format", {"format": 'format = "recording"'}),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 
 from e3pose.energy.saving import Savings, charged, every_slot_cpu_s, saving
 
@@ -37,7 +38,7 @@ def test_camera_that_always_looks_saves_nothing() -> None:
     assert saved == pytest.approx(0.0, abs=1e-9)
 
 
-@pytest.mark.parametrize(("looks", "frames"), [(0, 1000), (4, 1000), (30, 3)])
+@each_case(("looks", "frames"), [(0, 1000), (4, 1000), (30, 3)])
 def test_few_looks_or_frames_say_nothing(looks: int, frames: int) -> None:
     assert share(10.0, 5.0, looks, frames, 1000) is None
 
@@ -52,7 +53,7 @@ def test_saving_is_of_all_cameras_together() -> None:
         assert str(saving(spent, 100.0, measured=False)) == "13 % (modelled)"
 
 
-@pytest.mark.parametrize(("spent", "always"), [(0.0, 0.0), (np.nan, 1.0), (1.0, np.inf), ([], [])])
+@each_case(("spent", "always"), [(0.0, 0.0), (np.nan, 1.0), (1.0, np.inf), ([], [])])
 def test_without_figures_there_is_no_saving(spent: object, always: object) -> None:
     assert saving(spent, always, measured=True) is None  # type: ignore[arg-type]
 

@@ -9,6 +9,7 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 
 from e3pose.edge.consumers import Consumers
 from e3pose.edge.energy_ledger import EnergyLedger
@@ -255,8 +256,8 @@ def other_power(times: float) -> CameraEnergy:
     return lived(new_camera(PROFILE), active_w=7.0 * times, idle_w=3.0 * times, beats=600)
 
 
-@pytest.mark.parametrize("times", [1e-9, 0.1, 5.0, 1e9])
-@pytest.mark.parametrize("liars", [1, 2])
+@each_case("times", [1e-9, 0.1, 5.0, 1e9])
+@each_case("liars", [1, 2])
 def test_made_up_costs_do_not_change_the_price_of_others(times: float, liars: int) -> None:
     cameras = [*[lived(new_camera(PROFILE))] * (4 - liars), *[other_power(times)] * liars]
     estimate = estimate_energy(cameras, [Budget("duty", 0.5)] * 4, 0.04, 0.0, 2)

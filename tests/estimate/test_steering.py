@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 
 from e3pose.estimate import ESTIMATORS, EstimatorSettings, estimator_maker
 from e3pose.estimate.base import STEER_SLOTS
@@ -66,8 +67,8 @@ def test_predictors_that_state_no_error_change_nothing() -> None:
     assert error_mm(name, seed, 1, "constant-velocity") == still
 
 
-@pytest.mark.parametrize("name", sorted(ESTIMATORS))
-@pytest.mark.parametrize("error_m", [0.05, np.nan])
+@each_case("name", sorted(ESTIMATORS))
+@each_case("error_m", [0.05, np.nan])
 def test_every_estimator_can_be_steered_and_keeps_whom_it_follows(
     name: str, error_m: float
 ) -> None:
@@ -115,7 +116,7 @@ def made(**changes: Any) -> Pipeline:
     return make_pipeline(scene(*CASES[1]), ReplaySettings(**changes))
 
 
-@pytest.mark.parametrize("policy", ["information", "round-robin", "e3pose", "e3pose-mv"])
+@each_case("policy", ["information", "round-robin", "e3pose", "e3pose-mv"])
 def test_the_learned_predictor_steers_the_filter_under_every_policy(policy: str) -> None:
     assert isinstance(made(policy=policy).steering, AttentionLstm)
     own = made(policy=policy).predictor

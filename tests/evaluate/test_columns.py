@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 from rich.console import Console
+from tests.cases import each_case
 
 from e3pose.evaluate.columns import print_tables
 from e3pose.evaluate.tables import print_comparison
@@ -23,7 +24,7 @@ def printed(width: int) -> list[str]:
     return out.getvalue().splitlines()
 
 
-@pytest.mark.parametrize("width", [40, 60, 80, 240])
+@each_case("width", [40, 60, 80, 240])
 def test_every_figure_is_whole_at_any_width(width: int) -> None:
     lines = printed(width)
     assert all(len(line) <= width for line in lines)

@@ -7,6 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 
 from e3pose.base.errors import InputError
 from e3pose.evaluate.faults import arriving, capacity_j, deaths_s, downsampled, parse_kill
@@ -30,7 +31,7 @@ def run(recording: Recording, **settings: object) -> list[SlotRecord]:
     return list(replay(recording, ReplaySettings(pipeline="paper", **policy)))  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("text", "kill"),
     [
         ("cam2@100", Kill("cam2", slot=100)),
@@ -43,7 +44,7 @@ def test_kills_are_read(text: str, kill: Kill) -> None:
     assert parse_kill(text) == kill
 
 
-@pytest.mark.parametrize("text", ["cam2", "@3", "cam2@", "cam2@-1", "cam2@1.5", "cam2@1e9", "x@s"])
+@each_case("text", ["cam2", "@3", "cam2@", "cam2@-1", "cam2@1.5", "cam2@1e9", "x@s"])
 def test_what_is_no_kill_is_refused(text: str) -> None:
     with pytest.raises(InputError, match=r"--kill-camera: found .*expected CAMERA@SLOT"):
         parse_kill(text)
@@ -90,7 +91,7 @@ def test_policies_lose_the_same_views() -> None:
         assert (record.arrived == record.selected & came).all()
 
 
-@pytest.mark.parametrize("loss", [-0.1, 1.1, float("nan")])
+@each_case("loss", [-0.1, 1.1, float("nan")])
 def test_a_loss_is_a_share(loss: float) -> None:
     with pytest.raises(InputError, match="--loss: found"):
         next(replay(scene(), ReplaySettings(faults=Faults(loss=loss))))

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 from tests.cli.commands import run
 from tests.cli.one_person import one_person
 
@@ -137,7 +138,7 @@ def test_mean_of_cameras_sums_counts() -> None:
     assert joined([None]) is None
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("cameras", "expected"),
     [
         (["c9"], "one of c0, c1, c2, c3, or each"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 
 from e3pose.base.arrays import Floats
 from e3pose.evaluate.metrics import (
@@ -48,7 +49,7 @@ def found(slots: list[list[tuple[float, float]]], truth: list[list[float]]) -> C
 NAN = float("nan")
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("name", "slots", "truth", "ap", "mpjpe", "recall", "precision"),
     [
         ("everybody exact", [[(0, 0.9), (10, 0.8)]], [[0, 10]], 100.0, 0.0, 1.0, 1.0),
@@ -142,7 +143,7 @@ def test_people_without_a_joint_in_common_are_infinitely_far() -> None:
     assert mean_errors_m(people(), people(0.0)).shape == (0, 1)
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("name", "slots", "truth", "switches"),
     [
         ("kept", [[(0, 1), (10, 2)], [(10, 2), (0, 1)]], [[0, 10], [0, 10]], 0),

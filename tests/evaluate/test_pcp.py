@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
+from tests.cases import each_case
 
 from e3pose.base.arrays import Floats
 from e3pose.evaluate.pcp import GROUPS, LIMBS, count_parts, group_percent, pcp_percent
@@ -47,7 +47,7 @@ def test_there_are_ten_limbs_of_known_length() -> None:
     assert sorted(lengths) == [1.0] * 9 + [2.0]
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("name", "people", "right"),
     [
         ("exact", [BODY], 10),

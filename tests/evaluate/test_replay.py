@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 
 from e3pose.base.errors import InputError
 from e3pose.evaluate.replay import ReplaySettings, replay, selected_views
@@ -50,7 +51,7 @@ def recording() -> Recording:
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("policy", sorted(POLICIES))
+@each_case("policy", sorted(POLICIES))
 def test_every_policy_replays_the_whole_recording(policy: str) -> None:
     records = list(replay(recording(), replace(SETTINGS, policy=policy)))
     assert [record.slot for record in records] == list(range(NUM_SLOTS))
@@ -75,7 +76,7 @@ class Blinkers:
         return self.whole.view(slot, camera)
 
 
-@pytest.mark.parametrize("policy", ["e3pose", "random", "independent"])
+@each_case("policy", ["e3pose", "random", "independent"])
 def test_unselected_views_and_truth_are_not_even_read(policy: str) -> None:
     blinkers = Blinkers(recording())
     records = []
@@ -107,7 +108,7 @@ def test_replays_repeat_to_the_last_bit() -> None:
         np.testing.assert_array_equal(first.next_selection, second.next_selection)
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("changes", "named"),
     [
         ({"pipeline": "none"}, "pipeline"),
@@ -147,7 +148,7 @@ def two_views_that_disagree(by_px: float) -> Recording:
     return replace(recording(), rig=rig, views=tuple(series))
 
 
-@pytest.mark.parametrize(("distance_m", "people"), [(0.1, 0), (None, 1), (0.2, 1)])
+@each_case(("distance_m", "people"), [(0.1, 0), (None, 1), (0.2, 1)])
 def test_views_that_disagree_match_up_to_the_distance(
     distance_m: float | None, people: int
 ) -> None:
@@ -158,7 +159,7 @@ def test_views_that_disagree_match_up_to_the_distance(
     assert len(next(replay(source, settings)).poses) == people
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("pipeline", "distance_m", "message"),
     [
         (
@@ -184,7 +185,7 @@ def test_match_distance_is_the_papers_and_a_small_length(
         replay(recording(), replace(settings, matcher="rays" if pipeline == "paper" else None))
 
 
-@pytest.mark.parametrize(("epipolar_px", "people"), [(10.0, 0), (None, 1), (20.0, 1)])
+@each_case(("epipolar_px", "people"), [(10.0, 0), (None, 1), (20.0, 1)])
 def test_the_paper_matches_by_pixels_from_epipolar_lines(
     epipolar_px: float | None, people: int
 ) -> None:
@@ -193,7 +194,7 @@ def test_the_paper_matches_by_pixels_from_epipolar_lines(
     assert len(next(replay(source, settings)).poses) == people
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("changes", "message"),
     [
         ({"pipeline": "memory", "matcher": "rays"}, "matcher: found with the pipeline memory"),

@@ -8,6 +8,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 
 from e3pose.base.errors import InputError
 from e3pose.energy.modes import Rest
@@ -140,7 +141,7 @@ def test_oversleeping_is_drawn_once_for_every_alarm() -> None:
     assert (awake_again(until, costs(scene(), 0.0), 0.1, seed=3) == until).all()
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("changes", "thing"),
     [
         ({"watts": 20.0}, "watts"),

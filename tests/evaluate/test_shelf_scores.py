@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.cases import each_case
 
 from e3pose.energy.queues import load_profile
 from e3pose.evaluate.figures import as_json
@@ -62,7 +63,7 @@ def test_three_random_cameras_score_as_measured_elsewhere(shelf: Recording) -> N
     assert 20.66 < outcome["energy"]["devices"]["xavier-nx"]["saving_percent"] < 31.21
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("policy", "matcher", "average"),
     [("all", None, 95.7), ("all", "tanke-gall", 95.8), ("random", None, 91.5)],
 )

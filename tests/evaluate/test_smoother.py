@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
+from tests.cases import each_case
 
 from e3pose.base.arrays import Floats
 from e3pose.estimate.filter.bones import proportions_of
@@ -87,7 +87,7 @@ def test_a_joint_that_nobody_sees_stays_finite() -> None:
     assert np.isfinite(smooth(unseen, SIGMA, P, roughly(), INTERVAL_S)).all()
 
 
-@pytest.mark.parametrize("slots", [1, 2, 3])
+@each_case("slots", [1, 2, 3])
 def test_few_slots_are_enough(slots: int) -> None:
     path = smooth(KEYPOINTS[:slots], SIGMA[:slots], P, PATH[:slots] + 0.03, INTERVAL_S)
     assert 1000 * np.linalg.norm(path - PATH[:slots], axis=-1).max() < 1

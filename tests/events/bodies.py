@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import cache
 
 import numpy as np
 
@@ -17,6 +18,7 @@ FPS = 12.5
 START_S = 3.0
 
 
+@cache
 def doing(kind: str, seed: int, stays_s: float = 6.0, seconds: float = 30.0) -> Floats:
     """Return `(num_slots, 17, 3)` joints of somebody who stands, does something and stands."""
     times_s = np.arange(0, seconds, 0.02)
@@ -26,7 +28,9 @@ def doing(kind: str, seed: int, stays_s: float = 6.0, seconds: float = 30.0) -> 
     present = np.ones(len(times_s), dtype=bool)
     life = Life(np.zeros((len(times_s), 2)), still, present, still.copy())
     life.episodes.append(plan_episode(kind, START_S, rng, stays_s))
-    return move(body, life, times_s, np.arange(int(seconds * FPS) - 2) / FPS, rng)
+    joints_m = move(body, life, times_s, np.arange(int(seconds * FPS) - 2) / FPS, rng)
+    joints_m.flags.writeable = False
+    return joints_m
 
 
 def seen(joints_m: Floats, sigma_m: float = 0.02, track: int = 1, seed: int = 0) -> Iterator[Seen]:

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 from tests.events.bodies import doing, seen
 from tests.events.test_rules import BED
 from tests.site.web.watched import RIG, SITE
@@ -65,7 +66,7 @@ def days() -> list[list[Moment]]:
     return [*(list(moments(slots)) for slots in (fall, floor, kneel, empty, both)), list(bed)]
 
 
-@pytest.mark.parametrize("name", NAMES, ids=kind_of)
+@each_case("name", NAMES, ids=kind_of)
 def test_a_rule_is_pure_and_tells_its_own_kind(name: str) -> None:
     kind, told = kind_of(name), list[PersonEvent]()
     watch = begin_watch(table_of(name), COCO17.joints)
@@ -93,8 +94,8 @@ def test_a_rule_is_pure_and_tells_its_own_kind(name: str) -> None:
         assert told, "none of this day was told"
 
 
-@pytest.mark.parametrize("name", NAMES, ids=kind_of)
-@pytest.mark.parametrize("skeleton", sorted(SKELETONS))
+@each_case("name", NAMES, ids=kind_of)
+@each_case("skeleton", sorted(SKELETONS))
 def test_a_rule_takes_every_skeleton_and_people_without_joints(name: str, skeleton: str) -> None:
     joints = SKELETONS[skeleton].joints
     watch = begin_watch(table_of(name), joints)
@@ -132,7 +133,7 @@ def sinks(table: EventsTable, joints: Any) -> Any:
     return RULES["on-floor"](table, joints)
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("kinds", "said"),
     [
         (("flying",), r"kinds: found 'flying', expected one of fall, .*, or module:Name"),

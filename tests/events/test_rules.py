@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 from tests.events.bodies import FPS, doing, seen
 
 from e3pose.base.errors import InputError
@@ -40,10 +41,8 @@ def kinds(events: Iterable[PersonEvent]) -> list[str]:
     return [event.kind for event in events]
 
 
-@pytest.mark.parametrize(
-    "kind", ["fall-forward", "fall-backward", "fall-left", "fall-right", "fall-from-chair"]
-)
-@pytest.mark.parametrize("seed", range(3))
+@each_case("kind", ["fall-forward", "fall-backward", "fall-left", "fall-right", "fall-from-chair"])
+@each_case("seed", range(3))
 def test_a_fall_is_told_once_and_so_is_getting_up(kind: str, seed: int) -> None:
     events = told(seen(doing(kind, seed)))
     assert kinds(events) == ["fall", "got-up"]
@@ -92,10 +91,8 @@ def test_a_fall_is_told_once_of_somebody_whose_number_changes_on_the_floor(later
     assert {event.first for event in events} == {1}, "whatever the number is now"
 
 
-@pytest.mark.parametrize(
-    "kind", ["sit-hard", "kneel", "tie-shoes", "pick-up", "squat", "jump", "crawl"]
-)
-@pytest.mark.parametrize("seed", range(3))
+@each_case("kind", ["sit-hard", "kneel", "tie-shoes", "pick-up", "squat", "jump", "crawl"])
+@each_case("seed", range(3))
 def test_what_is_no_fall_is_not_told(kind: str, seed: int) -> None:
     assert told(seen(doing(kind, seed))) == []
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
+from tests.cases import each_case
 from tests.events.bodies import FPS, START_S, doing, seen
 
 from e3pose.base.arrays import Floats
@@ -26,7 +26,7 @@ def states(joints_m: Floats, sigma_m: float = 0.02, zones: tuple[ZoneTable, ...]
     return np.array(found)
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("kind", "state"),
     [
         ("fall-forward", "lying"), ("fall-backward", "lying"), ("fall-left", "lying"),
@@ -34,7 +34,7 @@ def states(joints_m: Floats, sigma_m: float = 0.02, zones: tuple[ZoneTable, ...]
         ("squat", "crouching"), ("pick-up", "bending"), ("lie-on-floor", "lying"),
     ],
 )  # fmt: skip
-@pytest.mark.parametrize("seed", range(3))
+@each_case("seed", range(3))
 def test_what_a_body_does_is_told(kind: str, state: str, seed: int) -> None:
     # Three seconds before it gets up: the last posture has been held for as long.
     joints_m = doing(kind, seed)
@@ -83,11 +83,11 @@ PARTS = {
 SURE = 0.8
 
 
-@pytest.mark.parametrize("hidden", PARTS)
+@each_case("hidden", PARTS)
 def test_missing_joints_make_a_state_uncertain_never_wrong(hidden: str) -> None:
     rows = [row for row, name in enumerate(COCO17.joints) if any(p in name for p in PARTS[hidden])]
     for kind in ("pick-up", "squat", "sit-hard", "fall-backward"):
-        joints_m = doing(kind, 0, seconds=14.0)
+        joints_m = doing(kind, 0, seconds=14.0).copy()
         whole = states(joints_m)
         joints_m[:, rows] = np.nan
         part = states(joints_m)

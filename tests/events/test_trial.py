@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-import pytest
+from tests.cases import each_case
 from tests.events.bodies import doing, seen
 
 from e3pose.events import watch as watching
@@ -55,7 +55,7 @@ def test_nobody_seen_says_what_to_do() -> None:
     assert trial.time_ns - trial.begun_ns > 20e9
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("kind", "why"),
     [("lie-on-floor", "slowly"), ("sit-on-floor", "sat there"), ("pick-up", NOBODY_DOWN)],
 )

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import pytest
+from tests.cases import each_case
 
 from e3pose.edge.counters import Counts
 from e3pose.model.blind_slot import (
@@ -33,7 +33,7 @@ def record(slot: int, selected: Sequence[bool] = (False,) * 3, blind: str = "") 
     )
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("cause", "decided", "online", "other"),
     [
         ("", NONE, ALL, {}),  # the policy chose nobody

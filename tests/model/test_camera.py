@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.cases import each_case
 
 from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
@@ -131,7 +132,7 @@ def test_axes_are_right_down_and_forward() -> None:
     np.testing.assert_allclose(seen.rays([644, 352]), [0, 0, 1], atol=1e-12)
 
 
-@pytest.mark.parametrize("lens", sorted(LENSES))
+@each_case("lens", sorted(LENSES))
 def test_projection_agrees_with_opencv(lens: str) -> None:
     cv2 = pytest.importorskip("cv2")
     distortion, fisheye = LENSES[lens]
@@ -146,7 +147,7 @@ def test_projection_agrees_with_opencv(lens: str) -> None:
     np.testing.assert_allclose(seen.project(points), pixels.reshape(-1, 2), atol=1e-8)
 
 
-@pytest.mark.parametrize("lens", [name for name in sorted(LENSES) if name != "none"])
+@each_case("lens", [name for name in sorted(LENSES) if name != "none"])
 def test_undistortion_reaches_every_pixel_of_the_image(lens: str) -> None:
     seen = camera(lens)
     u, v = np.meshgrid(np.linspace(0, SIZE[0] - 1, 41), np.linspace(0, SIZE[1] - 1, 23))
@@ -202,7 +203,7 @@ def test_points_beyond_the_fold_and_pixels_without_a_ray_are_nan() -> None:
     assert np.isnan(seen.rays([644 + 700, 352.0])).all()
 
 
-@pytest.mark.parametrize("lens", sorted(LENSES))
+@each_case("lens", sorted(LENSES))
 def test_points_without_a_pixel_are_nan(lens: str) -> None:
     seen = camera(lens)
     points = np.array(
@@ -291,19 +292,19 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("wrong", WRONG)
+@each_case("wrong", WRONG)
 def test_wrong_camera_is_named_with_its_field(wrong: str) -> None:
     changes, message = WRONG[wrong]
     with pytest.raises(InputError, match=f"camera left: {message}"):
         camera(camera_id="left", **changes)
 
 
-@pytest.mark.parametrize("name", ["cam1", "0", "hd_00-05.x", "A" * 64, "_"])
+@each_case("name", ["cam1", "0", "hd_00-05.x", "A" * 64, "_"])
 def test_plain_camera_ids_are_accepted(name: str) -> None:
     assert check_camera_id(name) == name
 
 
-@pytest.mark.parametrize(
+@each_case(
     "name", ["", ".", "..", "../x", "a/b", "a\\b", "-x", "a b", "a\n", "é", "A" * 65, None, 7, b"a"]
 )
 def test_camera_ids_that_could_be_paths_are_refused(name: object) -> None:

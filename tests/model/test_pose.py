@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 
 from e3pose.base.errors import InputError
 from e3pose.model.pose import Poses2D, Poses3D
@@ -43,8 +44,8 @@ def test_length_is_the_number_of_people(kind: Any, components: int) -> None:
     assert len(kind(np.zeros((4, 17, components)), np.ones((4, 17)))) == 4
 
 
-@pytest.mark.parametrize(("kind", "components"), KINDS)
-@pytest.mark.parametrize("score", [-0.01, 1.01, float("nan"), float("inf")])
+@each_case(("kind", "components"), KINDS)
+@each_case("score", [-0.01, 1.01, float("nan"), float("inf")])
 def test_score_outside_zero_to_one_is_refused(kind: Any, components: int, score: float) -> None:
     scores = np.full((1, 2), 0.5)
     scores[0, 1] = score

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
+from tests.cases import each_case
 from tests.model.test_undistort import LENSES, camera
 
 from e3pose.model.camera import Rig
@@ -12,7 +12,7 @@ from e3pose.model.project import make_optics, project_people
 FAR_PX = 1e6  # beyond it digits differ, and nothing is in view
 
 
-@pytest.mark.parametrize("lens", sorted(LENSES))
+@each_case("lens", sorted(LENSES))
 def test_people_are_where_the_rig_projects_them(lens: str) -> None:
     rng = np.random.default_rng(3)
     rig = Rig((camera(lens),))

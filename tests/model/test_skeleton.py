@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.cases import each_case
 
 from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
@@ -48,13 +49,13 @@ def some_people(skeleton: Skeleton, components: int = 3, seed: int = 0) -> tuple
     return joints, generator.uniform(0.1, 1.0, joints.shape[:-1])
 
 
-@pytest.mark.parametrize("name", PUBLISHED)
+@each_case("name", PUBLISHED)
 def test_joint_order_is_the_published_one(name: str) -> None:
     words = PUBLISHED[name].replace("L ", "left ").replace("R ", "right ").split(", ")
     assert SKELETONS[name].joints == tuple(word.replace(" ", "_") for word in words)
 
 
-@pytest.mark.parametrize("skeleton", SKELETONS.values(), ids=SKELETONS)
+@each_case("skeleton", SKELETONS.values(), ids=SKELETONS)
 def test_limbs_join_different_joints_of_one_side(skeleton: Skeleton) -> None:
     assert len(set(skeleton.joints)) == len(skeleton)
     assert len(set(map(frozenset, skeleton.limbs))) == len(skeleton.limbs)
@@ -65,10 +66,8 @@ def test_limbs_join_different_joints_of_one_side(skeleton: Skeleton) -> None:
         assert len(sides) < 2 or len(names) == 1, "only a pair such as both hips crosses the body"
 
 
-@pytest.mark.parametrize("components", [2, 3])
-@pytest.mark.parametrize(
-    ("source", "columns"), [(BODY25, BODY25_TO_COCO17), (COCO18, COCO18_TO_COCO17)]
-)
+@each_case("components", [2, 3])
+@each_case(("source", "columns"), [(BODY25, BODY25_TO_COCO17), (COCO18, COCO18_TO_COCO17)])
 def test_openpose_orders_reach_coco17_by_the_published_indices(
     source: Skeleton, columns: list[int], components: int
 ) -> None:
@@ -114,7 +113,7 @@ def test_shelf_head_needs_both_shoulders(hidden: str) -> None:
     assert (shelf_scores[..., 12:] == 0).all()
 
 
-@pytest.mark.parametrize("source", [BODY25, COCO18, PANOPTIC19], ids=lambda s: s.name)
+@each_case("source", [BODY25, COCO18, PANOPTIC19], ids=lambda s: s.name)
 def test_shelf_comes_from_any_skeleton_with_the_joints_of_coco17(source: Skeleton) -> None:
     joints, scores = some_people(source)
     direct = convert(joints, scores, source, SHELF14)
@@ -151,8 +150,8 @@ def test_coco17_survives_the_way_there_and_back(seed: int, through: Skeleton) ->
     np.testing.assert_array_equal(again_scores, scores)
 
 
-@pytest.mark.parametrize("target", SKELETONS.values(), ids=SKELETONS)
-@pytest.mark.parametrize("source", SKELETONS.values(), ids=SKELETONS)
+@each_case("target", SKELETONS.values(), ids=SKELETONS)
+@each_case("source", SKELETONS.values(), ids=SKELETONS)
 def test_converted_joints_are_finite_exactly_where_they_score(
     source: Skeleton, target: Skeleton
 ) -> None:

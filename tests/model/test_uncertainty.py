@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 
 from e3pose.model.uncertainty import TAILS, distance_within_m, expected_distance_m
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("axes", "mean", "within"),
     [
         # Mean of a chi variable of 1, 2 and 3 degrees of freedom; 90 % quantile of the root of

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 from tests.reference.fuse import ReferenceFuser
 
 from e3pose.base.arrays import Floats
@@ -89,7 +90,7 @@ def assert_same(seen_by: Camera, pixels: Floats) -> Floats:
     return np.asarray(np.abs(ideal - normalised(plain[~lost])).max(axis=-1, initial=0.0))
 
 
-@pytest.mark.parametrize("lens", LENSES)
+@each_case("lens", LENSES)
 def test_pixels_of_the_image_and_around_it_move_as_in_the_reference(lens: str) -> None:
     u, v = np.meshgrid(np.linspace(-1500, 2500, 81), np.linspace(-1200, 2000, 65))
     pixels = np.stack([u, v], axis=-1).reshape(-1, 2)
@@ -117,9 +118,7 @@ def test_random_lenses_are_inverted_as_in_the_reference() -> None:
     assert lost > 5_000 and kept > 50_000
 
 
-@pytest.mark.parametrize(
-    "lens", [name for name in LENSES if name not in ("none", "enormous", "filmed in part")]
-)
+@each_case("lens", [name for name in LENSES if name not in ("none", "enormous", "filmed in part")])
 def test_kernel_finds_the_point_that_was_projected(lens: str) -> None:
     rng = np.random.default_rng(3)
     points = np.column_stack([rng.uniform(-0.6, 0.6, (300, 2)), np.ones(300)])
@@ -127,13 +126,13 @@ def test_kernel_finds_the_point_that_was_projected(lens: str) -> None:
     np.testing.assert_allclose(seen, points[:, :2], atol=1e-9)
 
 
-@pytest.mark.parametrize("lens", LENSES)
+@each_case("lens", LENSES)
 def test_centre_of_the_image_stays(lens: str) -> None:
     pixels = np.tile(K[:2, 2], (3, 1))
     np.testing.assert_array_equal(by_kernel(camera(lens), pixels), pixels)
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("coefficients", "fisheye", "largest"),
     [
         # r (1 - 0.3 r^2) turns at r^2 = 1 / 0.9, a (1 - 0.18 a^2) at a^2 = 1 / 0.54
@@ -199,8 +198,8 @@ def mixed_rig(lenses: list[str]) -> Rig:
     return Rig(tuple(cameras))
 
 
-@pytest.mark.parametrize("make", [Fuser, ReferenceFuser])
-@pytest.mark.parametrize(
+@each_case("make", [Fuser, ReferenceFuser])
+@each_case(
     "lenses",
     [
         ["none", "fisheye"],

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 
 from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
@@ -120,7 +121,7 @@ def test_other_joints_are_carried_with_the_nearest(skeleton: Skeleton) -> None:
     np.testing.assert_array_equal(prediction.error_m[..., toe], prediction.error_m[..., ankle])
 
 
-@pytest.mark.parametrize("name", sorted(SKELETONS))
+@each_case("name", sorted(SKELETONS))
 def test_every_skeleton_is_served(name: str) -> None:
     history = np.random.default_rng(0).normal(size=(10, 2, len(SKELETONS[name]), 3))
     assert np.isfinite(predict(history, skeleton=SKELETONS[name]).joints_m).all()
@@ -148,7 +149,7 @@ def test_one_slot_of_history_is_enough_to_stay_near() -> None:
     np.testing.assert_allclose(joints, np.broadcast_to(gliding(1), joints.shape), atol=0.15)
 
 
-@pytest.mark.parametrize("interval_s", [1 / 60, 1 / 30, 1 / 5])
+@each_case("interval_s", [1 / 60, 1 / 30, 1 / 5])
 def test_any_frame_rate_glides_on(interval_s: float) -> None:
     history = gliding(speed_m=1.2 * interval_s)
     prediction = make_predictor("attention-lstm").predict(history, interval_s, 3)
@@ -179,7 +180,7 @@ def test_weights_are_small() -> None:
     assert SHIPPED.stat().st_size < 3_000_000
 
 
-@pytest.mark.parametrize("damage", ["missing", "empty", "truncated", "text", "flipped"])
+@each_case("damage", ["missing", "empty", "truncated", "text", "flipped"])
 def test_damaged_weights_are_refused(tmp_path: Path, damage: str) -> None:
     content = SHIPPED.read_bytes()
     path = tmp_path / "w.onnx"
@@ -195,7 +196,7 @@ def test_damaged_weights_are_refused(tmp_path: Path, damage: str) -> None:
         AttentionLstm(COCO17, path)
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("key", "found", "wanted"),
     [
         ("format", b"e3pose attention-lstm", b"e4pose attention-lstm"),

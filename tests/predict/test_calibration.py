@@ -6,6 +6,7 @@ import json
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 
 from e3pose.predict.calibration import read_curves
 from e3pose.predict.kernels.tracks import Curves, calibrated
@@ -30,7 +31,7 @@ def test_factors_alone_do_and_the_last_serves_later_leads() -> None:
     np.testing.assert_allclose(found, [2, 3, 3, 3])
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("factor", "curve"),
     [
         ("[]", "null"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 
 from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
@@ -12,9 +13,9 @@ from e3pose.predict import PREDICTORS, make_predictor
 NAMES = sorted(PREDICTORS)
 
 
-@pytest.mark.parametrize("name", NAMES)
-@pytest.mark.parametrize("num_tracks", [0, 1, 4])
-@pytest.mark.parametrize("lead_slots", [1, 5])
+@each_case("name", NAMES)
+@each_case("num_tracks", [0, 1, 4])
+@each_case("lead_slots", [1, 5])
 def test_shape_is_lead_by_history(name: str, num_tracks: int, lead_slots: int) -> None:
     history = np.random.default_rng(0).normal(size=(10, num_tracks, 17, 3))
     prediction = make_predictor(name).predict(history, 0.04, lead_slots)
@@ -23,14 +24,14 @@ def test_shape_is_lead_by_history(name: str, num_tracks: int, lead_slots: int) -
     assert np.isfinite(prediction.joints_m).all()
 
 
-@pytest.mark.parametrize("name", NAMES)
+@each_case("name", NAMES)
 def test_somebody_standing_still_stays_where_they_are(name: str) -> None:
     pose = np.random.default_rng(1).normal(scale=0.3, size=(2, 17, 3))  # as large as people
     predicted = make_predictor(name).predict(np.repeat(pose[None], 10, axis=0), 0.04, 10).joints_m
     np.testing.assert_allclose(predicted, np.repeat(pose[None], 10, axis=0), atol=0.02)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@each_case("name", NAMES)
 def test_only_joints_never_seen_are_missing(name: str) -> None:
     history = np.random.default_rng(2).normal(size=(10, 2, 17, 3))
     history[:, 0, 3] = np.nan  # never seen
@@ -42,7 +43,7 @@ def test_only_joints_never_seen_are_missing(name: str) -> None:
     np.testing.assert_array_equal(np.isnan(predicted).any(axis=(0, 3)), missing)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@each_case("name", NAMES)
 def test_people_do_not_affect_one_another(name: str) -> None:
     history = _walk(num_tracks=5)
     history[-3:, 1, 4] = np.nan
@@ -53,7 +54,7 @@ def test_people_do_not_affect_one_another(name: str) -> None:
     np.testing.assert_allclose(together.error_m[:, 1:2], alone.error_m, atol=1e-5)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@each_case("name", NAMES)
 def test_place_in_the_room_does_not_matter(name: str) -> None:
     history = _walk(num_tracks=2)
     predictor = make_predictor(name)
@@ -62,7 +63,7 @@ def test_place_in_the_room_does_not_matter(name: str) -> None:
     np.testing.assert_allclose(there - [40.0, -25.0, 0.0], here, atol=1e-4)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@each_case("name", NAMES)
 def test_a_longer_look_ahead_begins_like_a_shorter_one(name: str) -> None:
     predictor = make_predictor(name)
     far = predictor.predict(_walk(num_tracks=2), 1 / 30, 15)
@@ -70,7 +71,7 @@ def test_a_longer_look_ahead_begins_like_a_shorter_one(name: str) -> None:
     np.testing.assert_allclose(far.joints_m[:4], near.joints_m, atol=1e-5)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@each_case("name", NAMES)
 def test_one_slot_of_history_is_enough(name: str) -> None:
     history = _walk(num_tracks=2)[-1:]
     predicted = make_predictor(name).predict(history, 1 / 30, 5).joints_m
@@ -78,7 +79,7 @@ def test_one_slot_of_history_is_enough(name: str) -> None:
     assert np.abs(predicted - history).max() < 0.5
 
 
-@pytest.mark.parametrize("name", NAMES)
+@each_case("name", NAMES)
 def test_somebody_never_seen_stays_unknown(name: str) -> None:
     history = _walk(num_tracks=2)
     history[:, 0] = np.nan
@@ -87,7 +88,7 @@ def test_somebody_never_seen_stays_unknown(name: str) -> None:
     assert np.isfinite(prediction.joints_m[:, 1]).all()
 
 
-@pytest.mark.parametrize("name", NAMES)
+@each_case("name", NAMES)
 def test_history_is_left_as_it_was(name: str) -> None:
     history = _walk(num_tracks=2)
     history[3, 0, 2] = np.nan

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 
 from e3pose.base.errors import InputError
 from e3pose.recording import Recording, load_recording, save_recording
@@ -172,7 +173,7 @@ def _link(name: str, target: str) -> Callable[[Path], None]:
 TOML, VIEW, TRUTH = "recording.toml", "keypoints/cam1.jsonl", "truth.jsonl"
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("break_it", "message"),
     [
         (lambda folder: shutil.rmtree(folder), "rec: no such folder"),
@@ -230,8 +231,10 @@ TOML, VIEW, TRUTH = "recording.toml", "keypoints/cam1.jsonl", "truth.jsonl"
     ],
 )
 def test_a_broken_folder_gets_one_line_with_file_and_field(
-    folder: Path, break_it: Callable[[Path], None], message: str
+    scene: Recording, tmp_path: Path, break_it: Callable[[Path], None], message: str
 ) -> None:
+    folder = tmp_path / "rec"
+    save_recording(scene, folder)
     break_it(folder)
     with pytest.raises(InputError, match=message) as caught:
         load_recording(folder)

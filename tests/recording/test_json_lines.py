@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.cases import each_case
 
 from e3pose.base.errors import InputError
 from e3pose.model.pose import Poses2D
@@ -45,7 +46,7 @@ def test_a_joint_with_the_smallest_score_stays_seen() -> None:
     assert decode_view(encode_view(0, 0, poses), 1, "f:1")[2].scores[0, 0] > 0
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("line", "message"),
     [
         ("", "f:1: an empty line"),
@@ -101,7 +102,7 @@ def test_truth_keeps_who_is_who() -> None:
     np.testing.assert_array_equal(back, joints_m[[2, 1, 0]])
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("line", "message"),
     [
         ('{"slot":0,"people":{"eve":[null]}}', "eve"),

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from tests.cases import each_case
 
 from e3pose.model.camera import Camera, Rig
 from e3pose.recording import Recording, Truth, ViewSeries
@@ -117,7 +118,7 @@ def _longer_lens(recording: Recording) -> Recording:
     return _with_camera(recording, 1, replace(camera, K=K))
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("change", "kind"),
     [
         (_no_views, "no-views"),

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from tests.cases import each_case
 
 from e3pose.base.errors import InputError
 from e3pose.recording import ProcessorTime, Recording, load_recording, save_recording
@@ -26,7 +27,7 @@ def test_nothing_is_written_where_nothing_was_measured(scene: Recording, tmp_pat
     assert load_recording(tmp_path / "rec").processor == {}
 
 
-@pytest.mark.parametrize(
+@each_case(
     "old, new, named",
     [
         ("cam2", "cam9", "cam9"),

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 
 from e3pose.base.errors import InputError
 from e3pose.model.pose import Poses2D
@@ -21,7 +22,7 @@ def test_a_lost_view_is_none_and_an_empty_one_is_not() -> None:
     assert len(view) == 0
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("change", "message"),
     [
         ({"fps": 0.0}, "fps is 0"),
@@ -47,7 +48,7 @@ def test_what_does_not_fit_is_refused(
         replace(scene, **change)
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("person_ids", "message"),
     [
         (("ann",), "truth has shape"),
@@ -64,7 +65,7 @@ def test_people_of_a_truth_have_names(
         replace(scene, truth=Truth(COCO17, person_ids, scene.truth.joints_m))
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("change", "message"),
     [
         ({"times_s": np.zeros(3)}, "different lengths"),

@@ -8,6 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 from tests.rigs import looking
 from tests.select.test_expected_information import outlook, person
 
@@ -114,7 +115,7 @@ def test_a_lower_price_keeps_more_cameras_awake() -> None:
     assert counts == sorted(counts) and counts[0] < counts[-1]
 
 
-@pytest.mark.parametrize("usable", [ALL, np.arange(N) < 3, np.arange(N) < 1])
+@each_case("usable", [ALL, np.arange(N) < 3, np.arange(N) < 1])
 def test_who_sleeps_or_is_gone_is_not_in_a_plan(usable: Flags) -> None:
     found = awake(PRICED, needs(GAINS), usable)
     assert not (found & ~usable).any()
@@ -126,7 +127,7 @@ def test_a_camera_without_a_rest_is_always_in_a_plan() -> None:
     assert found[4]
 
 
-@pytest.mark.parametrize("watts", [25.0, 40.0, 62.5, 100.0])
+@each_case("watts", [25.0, 40.0, 62.5, 100.0])
 def test_a_plan_keeps_the_watts(watts: float) -> None:
     goal = RestGoal(price=0.0, watts=watts)
     plan = planned(costs(), goal, NONE, needs(GAINS), ALL, 0.08)
@@ -194,7 +195,7 @@ def test_nobody_rests_without_whom_people_who_move_are_lost() -> None:
     assert awake(dear, needs(GAINS, watching=4)).tolist() == [True, True, True, True, False]
 
 
-@pytest.mark.parametrize("find_s, kept", [(1.0, 4), (4.0, 4), (8.0, 2), (60.0, 2)])
+@each_case("find_s, kept", [(1.0, 4), (4.0, 4), (8.0, 2), (60.0, 2)])
 def test_with_nobody_there_those_who_find_newcomers_in_time_stay_awake(
     find_s: float, kept: int
 ) -> None:

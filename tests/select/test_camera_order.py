@@ -6,6 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 
 from e3pose.model.camera import Camera, Rig
 from e3pose.select.camera_order import spread_order, viewing_angles
@@ -26,7 +27,7 @@ def ring(angles: np.ndarray[tuple[int], np.dtype[np.float64]], radius_m: float =
     return Rig(tuple(cameras))
 
 
-@pytest.mark.parametrize(("num_cameras", "least_deg"), [(2, 170), (3, 110), (5, 130), (8, 125)])
+@each_case(("num_cameras", "least_deg"), [(2, 170), (3, 110), (5, 130), (8, 125)])
 def test_neighbours_in_the_order_look_from_far_apart(num_cameras: int, least_deg: float) -> None:
     rng = np.random.default_rng(num_cameras)
     angles = rng.permutation(np.linspace(0, 2 * np.pi, num_cameras, endpoint=False))

@@ -8,6 +8,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from tests.cases import each_case
 from tests.reference.filter_bias import inflation, worth_inflation
 from tests.rigs import looking
 
@@ -100,7 +101,7 @@ def test_it_is_the_textbook_formula() -> None:
     assert foresight.expected_error_m(chosen[None])[0] == pytest.approx(error, rel=1e-9)
 
 
-@pytest.mark.parametrize("seed", range(5))
+@each_case("seed", range(5))
 def test_more_cameras_tell_more_and_each_less_than_before(seed: int) -> None:
     foresight = random_foresight(seed)
     every = subsets(6)
@@ -119,8 +120,8 @@ def test_more_cameras_tell_more_and_each_less_than_before(seed: int) -> None:
                 assert gained[larger | 1 << camera] - gained[larger] <= gain + 1e-9
 
 
-@pytest.mark.parametrize("seed", range(5))
-@pytest.mark.parametrize("count", [1, 2, 3, 4])
+@each_case("seed", range(5))
+@each_case("count", [1, 2, 3, 4])
 def test_greedy_is_within_its_guarantee_of_the_best(seed: int, count: int) -> None:
     foresight = random_foresight(seed)
     chosen = np.zeros(6, dtype=bool)
@@ -175,7 +176,7 @@ def test_what_is_ordered_already_need_not_be_ordered_again() -> None:
     assert after.information(each)[1] > 0.3 * free.information(each)[1]
 
 
-@pytest.mark.parametrize("camera", range(4))
+@each_case("camera", range(4))
 def test_a_camera_ordered_twice_in_flight_adds_less_the_second_time(camera: int) -> None:
     seen = drifting(outlook(person(0, 0)[None]))
     orders = np.zeros((3, 3, 4), dtype=bool)
@@ -196,7 +197,7 @@ def drifting(seen: Outlook, accelerates_mps2: float = 5.0) -> Outlook:
     return replace(seen, covariance=covariance, drift_m2ps3=drift)
 
 
-@pytest.mark.parametrize("num_ordered", [0, 1, 3, 5])
+@each_case("num_ordered", [0, 1, 3, 5])
 def test_what_is_known_is_carried_as_a_kalman_filter_would(num_ordered: int) -> None:
     rng = np.random.default_rng(num_ordered)
     seen = drifting(outlook(person(0.3, -0.2)[None], sigma_m=0.05))

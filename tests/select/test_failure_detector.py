@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from tests.cases import each_case
 
 from e3pose.select.failure_detector import (
     MEAN_LIFE_S,
@@ -93,7 +94,7 @@ def test_a_camera_that_was_not_asked_misses_nothing() -> None:
     assert silence.missed.tolist() == [0, 0]
 
 
-@pytest.mark.parametrize("loss", [0.05, 0.1, 0.3, 0.5])
+@each_case("loss", [0.05, 0.1, 0.3, 0.5])
 def test_death_is_presumed_once_it_is_likelier_than_bad_luck(loss: float) -> None:
     misses = int(patience(np.array([loss]), INTERVAL_S)[0])
 
@@ -108,8 +109,8 @@ def test_no_link_is_thought_better_or_worse_than_links_are() -> None:
     assert ends[0] == ends[1] < ends[2] == ends[3]
 
 
-@pytest.mark.parametrize("lead", [1, 4])
-@pytest.mark.parametrize("loss", [0.0, 0.05, 0.3])
+@each_case("lead", [1, 4])
+@each_case("loss", [0.0, 0.05, 0.3])
 def test_losses_cost_no_camera_and_deaths_show_within_two_seconds(loss: float, lead: int) -> None:
     left_out, noticed_s = losing(loss, lead, 4000, 3000)
     assert left_out < 0.002

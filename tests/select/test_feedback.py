@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 
 from e3pose.model.camera import Camera, Rig
 from e3pose.select.feedback import expected_in_views, reach_m
@@ -54,7 +55,7 @@ def test_reach_without_a_stated_error_grows_with_the_time_ahead() -> None:
     assert reach_m(known, 0.5)[0] < near[0]
 
 
-@pytest.mark.parametrize("middle_m", [-1.0, 0.0, 0.1, 0.29])
+@each_case("middle_m", [-1.0, 0.0, 0.1, 0.29])
 def test_somebody_nearer_than_the_least_depth_is_expected_as_if_there(middle_m: float) -> None:
     ahead_m = 0.5  # of one joint, which the camera sees
     joints_m = np.array([[[0.0, 0, ahead_m], [0, 0, 2 * middle_m - ahead_m]]])

@@ -6,6 +6,7 @@ from itertools import product
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 
 from e3pose.base.arrays import Flags, Floats
 from e3pose.select.hidden_people import HiddenPeople
@@ -40,7 +41,7 @@ def test_people_who_are_shown_anyway_ask_for_nothing() -> None:
     assert HiddenPeople.nobody(3).reveals(SUBSETS).tolist() == [0.0] * 8
 
 
-@pytest.mark.parametrize("lead", [2, 4, 6])
+@each_case("lead", [2, 4, 6])
 def test_who_is_shown_by_looks_in_flight_is_not_paid_again(lead: int) -> None:
     orders: list[list[int]] = [[] for _ in range(lead - 1)]
     orders[0] = [1]
@@ -51,7 +52,7 @@ def test_who_is_shown_by_looks_in_flight_is_not_paid_again(lead: int) -> None:
     np.testing.assert_allclose(useless.reveals(SUBSETS), free.reveals(SUBSETS))
 
 
-@pytest.mark.parametrize("seed", range(4))
+@each_case("seed", range(4))
 def test_more_cameras_show_more_with_diminishing_returns(seed: int) -> None:
     rng = np.random.default_rng(seed)
     needed, ordered = rng.uniform(size=(4, 3)) < 0.5, rng.uniform(size=(2, 3)) < 0.3

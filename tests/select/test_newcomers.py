@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from tests.cases import each_case
 from tests.rigs import looking
 
 from e3pose.model.overlap import overlap
@@ -70,7 +71,7 @@ def test_a_look_in_flight_is_a_partner_for_another_camera_and_not_for_itself() -
     assert found.starts(sets([1]))[0] == pytest.approx(free.starts(sets([1]))[0])
 
 
-@pytest.mark.parametrize("ordered", [([1], []), ([], [0, 1]), ([], [1], [0])])
+@each_case("ordered", [([1], []), ([], [0, 1]), ([], [1], [0])])
 def test_an_entrant_is_paid_once(ordered: tuple[list[int], ...]) -> None:
     free = entrants(*([] for _ in ordered))
     paid = entrants(*ordered)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.cases import each_case
 
 from e3pose.model.camera import Camera, Rig
 from e3pose.select.occlusion import Spread, box_iou, expected_views, occlusion, person_boxes
@@ -24,7 +25,7 @@ def test_box_is_cut_at_the_image() -> None:
     np.testing.assert_allclose(person_boxes(keypoints, SIZE), [-0.5, -0.5, 55, 799.5])
 
 
-@pytest.mark.parametrize(
+@each_case(
     "keypoints",
     [
         np.full((17, 2), np.nan),  # behind the camera
@@ -42,7 +43,7 @@ def test_iou_of_known_boxes() -> None:
     np.testing.assert_allclose(box_iou(first, others), [1 / 3, 0, 1, 0])
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("boxes", "expected"),
     [
         (np.zeros((0, 4)), 0.0),

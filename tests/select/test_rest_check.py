@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 
 from e3pose.energy.modes import Rest
 from e3pose.energy.rest_costs import rest_costs
@@ -52,7 +53,7 @@ def test_nobody_rests_where_rests_cost_more_than_a_tenth_until_they_do_not() -> 
     assert not again.idle and "nobody rests" not in again.words()
 
 
-@pytest.mark.parametrize("ratio", [0.9, 1.0, 1.05])
+@each_case("ratio", [0.9, 1.0, 1.05])
 def test_rests_that_cost_less_stay(ratio: float) -> None:
     for seed in range(3):
         assert not after_rounds(RestCheck(), 40, ratio, seed).idle

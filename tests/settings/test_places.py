@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from tests.cases import each_case
 from tests.rigs import looking
 from tests.site.tables import resolved_site, write_site
 
@@ -40,7 +41,7 @@ def test_url_and_no_state_are_no_places(tmp_path: Path) -> None:
     assert site.store.place == "postgresql:///poses"
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("keys", "message"),
     [
         ('state = "a.txt"\n', "state: found 'a.txt', expected a name that ends in .npz"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 
 from e3pose.base.errors import InputError
 from e3pose.settings.loop import LoopSettings
@@ -12,7 +13,7 @@ from e3pose.settings.parts import row_of, shares
 Budget = float | tuple[float, ...]
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("budget", "count"), [(0.6, 3), ((1.0, 0.7, 0.5, 0.4, 0.4), 3), (1.0, 5), ((0.2,) * 5, 1)]
 )
 def test_budget_that_pays_is_what_every_camera_has(budget: Budget, count: float) -> None:
@@ -21,7 +22,7 @@ def test_budget_that_pays_is_what_every_camera_has(budget: Budget, count: float)
     np.testing.assert_array_equal(found, np.broadcast_to(budget, 5))
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("budget", "count", "said"),
     [
         (0.59, 3, "budget: found 0.59, expected at least 0.6 for 3 of 5 cameras per slot"),

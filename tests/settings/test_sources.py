@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from tests.cases import each_case
 
 from e3pose.base.errors import InputError
 from e3pose.settings.sources import is_recorded, located, place_of
@@ -14,7 +15,7 @@ def near(name: str) -> Path:
     return Path("/site") / name
 
 
-@pytest.mark.parametrize(
+@each_case(
     "source", ["usb:0", "gstreamer:v4l2src ! appsink", "rtsp://10.0.0.2/stream", "udp://@:5000"]
 )
 def test_devices_and_streams_have_no_place(source: str) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 from tests.events.bodies import FPS, doing
 
 from e3pose.base.errors import InputError
@@ -22,7 +23,7 @@ def test_falls_are_as_fast_as_filmed_ones() -> None:
     assert 1.5 < np.mean(fastest) < 2.8
 
 
-@pytest.mark.parametrize("kind", EPISODES)
+@each_case("kind", EPISODES)
 def test_a_body_stays_whole_and_over_the_floor(kind: str) -> None:
     joints_m = doing(kind, 3)
     thigh_m = np.linalg.norm(joints_m[:, 11] - joints_m[:, 13], axis=-1)

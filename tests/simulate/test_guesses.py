@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 
 from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
@@ -193,7 +194,7 @@ def test_situations_turn_with_the_person() -> None:
     assert here == pytest.approx(there)
 
 
-@pytest.mark.parametrize("scene", NEW)
+@each_case("scene", NEW)
 def test_new_scenes_are_hard_as_they_come(scene: str) -> None:
     assert SCENES[scene].detector.guessing is not None
     recording = simulate(SceneSettings(scene=scene, seconds=2), 1)
@@ -204,7 +205,7 @@ def test_new_scenes_are_hard_as_they_come(scene: str) -> None:
         np.testing.assert_array_equal(a.scores, b.scores)
 
 
-@pytest.mark.parametrize("scene", NEW)
+@each_case("scene", NEW)
 def test_people_of_new_scenes_stay_for_minutes(scene: str) -> None:
     settings = SceneSettings(
         scene=scene, seconds=20, fps=2, cameras=1, detector=DetectorSettings(perfect=True)
@@ -237,7 +238,7 @@ def test_scores_of_another_detector_state_too_much() -> None:
     np.testing.assert_allclose(found[0], found[1])
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("figures", "message"),
     [
         ({"lasting": 2.0}, "guessing lasting: found 2"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 
 from e3pose.base.arrays import Floats
 from e3pose.simulate.body import Posture, draw_body, joints_of
@@ -65,7 +66,7 @@ PILLAR = Pillar(1.0, 0.0, 0.2, 2.0)
 BOX = Box(1.0, 0.0, 0.4, 2.0, 1.0)
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("thing", "start", "end", "expected"),
     [
         (PILLAR, (3, 0, 1), (0, 0, 1), True),

@@ -6,6 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 
 from e3pose.base.arrays import Floats
 from e3pose.model.skeleton import COCO17
@@ -42,8 +43,8 @@ def angle_deg(joints_m: Floats, a: int, b: int, c: int) -> Floats:
     return np.asarray(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
 
 
-@pytest.mark.parametrize("scene", WALKED)
-@pytest.mark.parametrize("seed", SEEDS)
+@each_case("scene", WALKED)
+@each_case("seed", SEEDS)
 def test_bones_keep_their_lengths(scene: str, seed: int) -> None:
     joints = truth(scene, seed)
     for a, b in COCO17.limbs:
@@ -61,8 +62,8 @@ def test_bones_differ_between_people_within_human_proportion() -> None:
     assert thigh.min() > 0.34 and thigh.max() < 0.53
 
 
-@pytest.mark.parametrize("scene", WALKED)
-@pytest.mark.parametrize("seed", SEEDS)
+@each_case("scene", WALKED)
+@each_case("seed", SEEDS)
 def test_feet_stay_near_the_floor_and_do_not_slide(scene: str, seed: int) -> None:
     joints = truth(scene, seed)
     ankles = joints[:, :, 15:17]
@@ -81,8 +82,8 @@ def test_feet_stay_near_the_floor_and_do_not_slide(scene: str, seed: int) -> Non
     assert airborne.mean() < 0.02
 
 
-@pytest.mark.parametrize("scene", WALKED)
-@pytest.mark.parametrize("seed", SEEDS)
+@each_case("scene", WALKED)
+@each_case("seed", SEEDS)
 def test_speeds_are_human(scene: str, seed: int) -> None:
     joints = truth(scene, seed)
     speed = np.linalg.norm(np.diff(joints, axis=0), axis=-1) * 25
@@ -99,7 +100,7 @@ def test_people_walk_at_a_walking_pace() -> None:
     assert 0.8 < np.nanpercentile(walking, 60) < 1.5
 
 
-@pytest.mark.parametrize("scene", WALKED)
+@each_case("scene", WALKED)
 def test_joints_bend_as_joints_do(scene: str) -> None:
     joints = truth(scene, 1)
     for hip, knee, ankle in ((11, 13, 15), (12, 14, 16)):
@@ -140,8 +141,8 @@ def test_people_sit_on_seats_and_get_up_again() -> None:
         assert apart.min() > 0.6
 
 
-@pytest.mark.parametrize("scene", WALKED)
-@pytest.mark.parametrize("seed", SEEDS)
+@each_case("scene", WALKED)
+@each_case("seed", SEEDS)
 def test_nobody_walks_through_another(scene: str, seed: int) -> None:
     xy = hips(truth(scene, seed))[..., :2]
     apart = np.linalg.norm(xy[:, :, None] - xy[:, None], axis=-1)

@@ -7,6 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 
 from e3pose.base.arrays import Floats
 from e3pose.model.noise import ErrorMemory
@@ -65,7 +66,7 @@ def noisy() -> tuple[Floats, Floats]:
     return np.concatenate(all_errors, axis=1), np.concatenate(all_scores, axis=1)
 
 
-@pytest.mark.parametrize(("score", "median_px", "gross_share"), MEASURED)
+@each_case(("score", "median_px", "gross_share"), MEASURED)
 def test_residuals_of_a_score_have_the_measured_median_and_tail(
     score: float, median_px: float, gross_share: float
 ) -> None:
@@ -77,7 +78,7 @@ def test_residuals_of_a_score_have_the_measured_median_and_tail(
     assert (size > 40).mean() == pytest.approx(gross_share, rel=0.4, abs=0.003)
 
 
-@pytest.mark.parametrize(("lag", "expected"), AUTOCORRELATION.items())
+@each_case(("lag", "expected"), AUTOCORRELATION.items())
 def test_residuals_remember_as_real_ones_do(lag: int, expected: float) -> None:
     errors, scores = noisy()
     typical = np.interp(scores, [m[0] for m in MEASURED], [m[1] for m in MEASURED])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 
 from e3pose.recording import Recording
 from e3pose.simulate import SCENES, SceneSettings, simulate
@@ -38,7 +39,7 @@ def fingerprint(recording: Recording) -> tuple[int, float, float]:
     return len(scores), pixels, float((weights[..., 0] * scores).sum())
 
 
-@pytest.mark.parametrize("scene", KNOWN)
+@each_case("scene", KNOWN)
 def test_old_scenes_stay_as_they_are(scene: str) -> None:
     poses, pixels, scores = fingerprint(simulate(SceneSettings(scene=scene, seconds=4), 7))
     assert poses == KNOWN[scene][0]

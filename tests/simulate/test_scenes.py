@@ -7,6 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from tests.cases import each_case
 
 from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
@@ -44,8 +45,8 @@ def cameras_that_see(name: str, recording: Recording) -> NDArray[np.int64]:
     return np.asarray((np.stack(seen).mean(axis=-1) > 0.5).sum(axis=0))
 
 
-@pytest.mark.parametrize("name", ROOMS)
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@each_case("name", ROOMS)
+@each_case("seed", [1, 2, 3])
 def test_three_or_four_of_eight_to_ten_cameras_see_anybody(name: str, seed: int) -> None:
     recording = scene(name, seed)
     assert 8 <= len(recording.rig) <= 12
@@ -56,8 +57,8 @@ def test_three_or_four_of_eight_to_ten_cameras_see_anybody(name: str, seed: int)
     assert 3 <= np.median(counts) <= 4 and (counts < 0.85 * len(recording.rig)).all()
 
 
-@pytest.mark.parametrize("name", [*ROOMS, "shaft"])
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@each_case("name", [*ROOMS, "shaft"])
+@each_case("seed", [1, 2, 3])
 def test_nobody_walks_through_walls(name: str, seed: int) -> None:
     joints = joints_of(scene(name, seed))
     middle = joints[:, :, 11:13, :2].mean(axis=2)
@@ -140,7 +141,7 @@ def test_fewer_cameras_are_the_first_places() -> None:
     np.testing.assert_array_equal(few.rig.centers_m, all_of_them.rig.centers_m[:3])
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("options", "message"),
     [
         ({"cameras": 9}, "cameras: found 9, expected a whole number from 1 to 8"),

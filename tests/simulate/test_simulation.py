@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from tests.cases import each_case
 
 from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
@@ -36,7 +37,7 @@ def behind_walls(scene: str, camera: Camera, joints_m: Floats) -> NDArray[np.boo
     return hidden
 
 
-@pytest.mark.parametrize("scene", sorted(SCENES))
+@each_case("scene", sorted(SCENES))
 def test_exact_keypoints_are_where_the_truth_projects(scene: str) -> None:
     recording = simulate(SceneSettings(scene=scene, seconds=2, detector=PERFECT), 1)
     assert recording.truth is not None and recording.truth_complete
@@ -102,7 +103,7 @@ def test_noise_of_one_kind_leaves_the_others_as_they_are() -> None:
         assert np.median(a.scores) == pytest.approx(np.median(b.scores), abs=0.01)
 
 
-@pytest.mark.parametrize("people", [0, 1, 12])
+@each_case("people", [0, 1, 12])
 def test_any_number_of_people(people: int) -> None:
     recording = simulate(SceneSettings(seconds=2, people=people), 0)
     assert recording.truth is not None
@@ -172,7 +173,7 @@ def test_pillars_hide_people() -> None:
     assert hidden_keypoints > 1000
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("options", "message"),
     [
         ({"scene": "moon"}, "scene: found 'moon', expected one of ring"),
@@ -197,8 +198,8 @@ def test_bad_settings_are_named(options: dict[str, object], message: str) -> Non
     assert message in str(caught.value) and "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("name", ["noise", "swap", "merge", "ghosts", "joint_miss"])
-@pytest.mark.parametrize("value", [-0.1, 1000.0, float("nan")])
+@each_case("name", ["noise", "swap", "merge", "ghosts", "joint_miss"])
+@each_case("value", [-0.1, 1000.0, float("nan")])
 def test_bad_detector_settings_are_named(name: str, value: float) -> None:
     with pytest.raises(InputError, match=f"detector {name}: found"):
         DetectorSettings(**{name: value})  # type: ignore[arg-type]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from tests.cases import each_case
 from tests.store.writers import Records, Runs
 
 from e3pose.base.errors import InputError
@@ -50,7 +51,7 @@ def test_clips_are_kept_changed_and_removed(stored: Place) -> None:
         remove_clip(stored, "elsewhere", gone.number)
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("name", "start_ns", "end_ns", "note", "words"),
     [
         ("", 1, 2, "", "characters, one line"),

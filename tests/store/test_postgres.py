@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from sqlalchemy import text
+from tests.cases import each_case
 from tests.postgres import Server, running_server
 from tests.store.writers import QUICK, Records, Runs, stored_slots, wait_for
 
@@ -173,7 +174,7 @@ def test_somebody_elses_database_is_refused(postgres: Server, url: str, run: Run
             use()
 
 
-@pytest.mark.parametrize(
+@each_case(
     "with_password",
     [
         f"postgresql://me:{SECRET}@nowhere.invalid/lab",

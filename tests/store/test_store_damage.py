@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 from tests.store.writers import QUICK, Records, Runs, limit_connections, stored_slots, wait_for
 
 from e3pose.base.errors import InputError
@@ -121,7 +122,7 @@ def put_in_its_place(path: Path) -> None:
     os.replace(path.parent / "letter", path)
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("harm", "check_s"),
     [(scribble, 0.1), (cut_off, 1000.0), (write_over, 1000.0), (put_in_its_place, 1000.0)],
 )

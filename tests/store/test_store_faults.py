@@ -14,6 +14,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from tests.cases import each_case
 from tests.store.writers import QUICK, Records, Runs, limit_connections, stored_slots, wait_for
 
 from e3pose.base.errors import InputError
@@ -264,7 +265,7 @@ def test_spool_gives_back_what_it_was_given_in_order(tmp_path: Path, run: Runs) 
         spool.close(keep=False)
 
 
-@pytest.mark.parametrize("place", range(115_600, 117_400, 97))
+@each_case("place", range(115_600, 117_400, 97))
 def test_damage_of_a_spool_costs_the_rows_that_it_hits_alone(
     tmp_path: Path, run: Runs, place: int
 ) -> None:
@@ -292,7 +293,7 @@ def test_a_spool_with_a_deeply_nested_head_is_refused(tmp_path: Path) -> None:
         LeftSpool(path)
 
 
-@pytest.mark.parametrize("kept", [0, 10, 30, 60_000, 66_000, 115_600, 120_000])
+@each_case("kept", [0, 10, 30, 60_000, 66_000, 115_600, 120_000])
 def test_spool_that_was_cut_off_is_read_up_to_there(tmp_path: Path, run: Runs, kept: int) -> None:
     path = tmp_path / "live.db.spool-1"
     spool = Spool(run(), path, 100_000)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 from tests.cli.commands import run
 from tests.cli.one_person import one_person
 
@@ -51,7 +52,7 @@ def test_store_answers_what_the_replay_wrote(recording: Path, tmp_path: Path) ->
     assert one.run.cameras == ("c0", "c1", "c2")
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("options", "named"),
     [
         (["--store", "/nowhere/at.db"], "no folder /nowhere"),

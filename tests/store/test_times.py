@@ -6,6 +6,7 @@ from datetime import datetime, timedelta, timezone
 from zoneinfo import ZoneInfo
 
 import pytest
+from tests.cases import each_case
 
 from e3pose.base.errors import InputError
 from e3pose.store.times import as_when, iso_text, parse_when
@@ -18,7 +19,7 @@ def utc_ns(*parts: int) -> int:
     return round(datetime(*parts, tzinfo=timezone.utc).timestamp()) * 10**9  # type: ignore[arg-type,misc]
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("words", "expected"),
     [
         ("2026-11-21T14:00", utc_ns(2026, 11, 21, 13)),
@@ -41,7 +42,7 @@ def test_absolute_times(words: str, expected: int) -> None:
     assert (when.origin, when.ns) == ("1970", expected)
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("words", "seconds"), [("12.5", 12.5), ("90s", 90), ("5min", 300), ("0", 0), ("+2h", 7200)]
 )
 def test_seconds_of_a_run(words: str, seconds: float) -> None:
@@ -55,7 +56,7 @@ def test_summer_time_counts_on_the_day_asked_for() -> None:
     assert when.ns == utc_ns(2026, 7, 1, 12)
 
 
-@pytest.mark.parametrize(
+@each_case(
     "words", ["", "yesterday", "12 parsecs", "2026-13-01", "25:00", "9" * 40, "0001-01-01", "--5"]
 )
 def test_anything_else_is_refused(words: str) -> None:

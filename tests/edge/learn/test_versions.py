@@ -9,6 +9,7 @@ import time
 from pathlib import Path
 
 import pytest
+from tests.cases import each_case
 
 from e3pose.base.errors import InputError
 from e3pose.edge.learn.versions import COPY, MANIFEST, Version, VersionStore
@@ -85,7 +86,7 @@ def test_an_unknown_version_is_named(tmp_path: Path) -> None:
         filled(tmp_path, 2).use(9)
 
 
-@pytest.mark.parametrize(
+@each_case(
     "content",
     [b"", b"{", b"[1]", b'{"format": "something else"}', b'{"current": "x"}', b'{"extra": 1}'],
 )
@@ -140,7 +141,7 @@ def test_kill_9_while_a_version_is_saved_leaves_a_good_one(tmp_path: Path) -> No
     assert not list(tmp_path.glob(".[0-9]*.onnx.*")), "what was cut off is removed"
 
 
-@pytest.mark.parametrize("place", range(0, 1500, 47))
+@each_case("place", range(0, 1500, 47))
 def test_flipped_bit_of_the_list_is_never_taken_for_another(tmp_path: Path, place: int) -> None:
     store = filled(tmp_path, 3)
     good = store.read()

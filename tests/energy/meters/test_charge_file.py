@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from tests.cases import each_case
 from tests.manual_clock import ManualClock
 
 from e3pose.base.errors import InputError
@@ -112,7 +113,7 @@ def test_another_battery_begins_full(tmp_path: Path) -> None:
     assert ChargeFile(path, "cam0", 2.0, pytest.fail).left_j == 2 * WH
 
 
-@pytest.mark.parametrize(
+@each_case(
     "content",
     [
         "", "[]", "{}", "nonsense", "9" * 4000, "[" * 4000, b"\xff".decode("latin1"),

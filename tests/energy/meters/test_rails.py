@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
+from tests.cases import each_case
 from tests.energy.meters.trees import (
     AGX_ORIN,
     GENERIC,
@@ -34,7 +35,7 @@ THOR = hwmon("2-0040", VDD_GPU=(19800, 900), VDD_CPU_SOC_MSS=(19800, 700)) | {
 }
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("tree", "device_w", "rails_w"),
     [
         (XAVIER_NX, 11.05, {"VDD_IN": 11.05, "VDD_CPU_GPU_CV": 5.1294, "VDD_SOC": 1.5376}),
@@ -94,7 +95,7 @@ def test_disabled_and_unconnected_channels_are_left_out(tmp_path: Path) -> None:
     assert reading.watts == pytest.approx(2.0)
 
 
-@pytest.mark.parametrize("content", ["nan", "inf", "", "N/A", "9" * 40])
+@each_case("content", ["nan", "inf", "", "N/A", "9" * 40])
 def test_total_that_cannot_be_read_is_modelled_and_says_why(tmp_path: Path, content: str) -> None:
     lay_out(tmp_path, XAVIER_NX)
     meter = choose_meter(GENERIC, tmp_path)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.cases import each_case
 from tests.estimate.filter.room import MODEL, error_m, ring, run, see, standing, step, turn
 from tests.reference.belief_arrays import belief_from_arrays, belief_to_arrays
 
@@ -61,7 +62,7 @@ def test_distorted_cameras_see_the_same_person() -> None:
     assert error_m(estimates[-1], person)[0, 0] < 0.002
 
 
-@pytest.mark.parametrize("fps", [5, 10, 25, 60])
+@each_case("fps", [5, 10, 25, 60])
 def test_every_frame_rate_follows_a_walk(fps: int) -> None:
     rng = np.random.default_rng(2)
     paths = [standing((-1.0 + 1.0 * slot / fps, 0.0)) for slot in range(2 * fps)]
@@ -107,7 +108,7 @@ def test_ghost_in_one_view_stays_out_beside_real_people() -> None:
     assert estimates[-1].track_ids.tolist() == [0]
 
 
-@pytest.mark.parametrize("apart_m", [0.3, 0.5, 0.8])
+@each_case("apart_m", [0.3, 0.5, 0.8])
 def test_identities_survive_a_crossing(apart_m: float) -> None:
     rng = np.random.default_rng(4)
     slots, paths = [], []
@@ -132,7 +133,7 @@ def test_left_right_swap_in_one_view_does_little_harm() -> None:
     assert error_m(estimates[-1], person)[0, 0] < 0.02
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("change", "message"),
     [
         ({"existence": None}, "existence: not found"),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
+from tests.cases import each_case
 from tests.estimate.filter.room import MODEL, see, standing, step, turn
 
 from e3pose.estimate.base import People
@@ -30,7 +30,7 @@ def shown(visits: list[tuple[int, int]]) -> list[People]:
     return everybody
 
 
-@pytest.mark.parametrize(
+@each_case(
     "visits",
     [
         [(0, 90)],

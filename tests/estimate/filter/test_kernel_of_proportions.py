@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 from tests.estimate.filter.room import BODY
 from tests.reference import filter_proportions
 
@@ -38,8 +39,8 @@ def bone(first: str, second: str) -> int:
     return next(row for row, pair in enumerate(BONES.bones.tolist()) if set(pair) == ends)
 
 
-@pytest.mark.parametrize("name", sorted(SKELETONS))
-@pytest.mark.parametrize("seed", range(4))
+@each_case("name", sorted(SKELETONS))
+@each_case("seed", range(4))
 def test_lengths_are_as_in_numpy(name: str, seed: int) -> None:
     skeleton, rng = SKELETONS[name], np.random.default_rng(seed)
     body = proportions_of(skeleton.joints, grow(skeleton))
@@ -53,8 +54,8 @@ def test_lengths_are_as_in_numpy(name: str, seed: int) -> None:
     assert found[2] == pytest.approx(expected[2], rel=1e-9)
 
 
-@pytest.mark.parametrize("name", ["coco17", "body25", "halpe26", "shelf14"])
-@pytest.mark.parametrize("seed", range(6))
+@each_case("name", ["coco17", "body25", "halpe26", "shelf14"])
+@each_case("seed", range(6))
 def test_joints_are_kept_as_in_numpy(name: str, seed: int) -> None:
     skeleton, rng = SKELETONS[name], np.random.default_rng(seed)
     body = proportions_of(skeleton.joints, grow(skeleton))
@@ -84,7 +85,7 @@ def test_of_a_stranger_usual_lengths_are_expected() -> None:
     assert np.sqrt(size) == pytest.approx(STATURE_SPREAD, rel=0.05)
 
 
-@pytest.mark.parametrize("stature_m", [1.3, 1.5, 1.9])
+@each_case("stature_m", [1.3, 1.5, 1.9])
 def test_a_few_limbs_tell_the_others_and_the_size(stature_m: float) -> None:
     counts = np.zeros(NUM_BONES)
     counts[[bone("left_hip", "left_knee"), bone("left_shoulder", "left_hip")]] = 50

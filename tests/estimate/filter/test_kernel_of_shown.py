@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 from tests.estimate.filter.room import MODEL, run, see, standing
 from tests.reference import filter_motion, filter_shown
 
@@ -44,7 +45,7 @@ def drawn(follower: Belief, seed: int) -> Belief:
     )
 
 
-@pytest.mark.parametrize("seed", range(10))
+@each_case("seed", range(10))
 def test_who_is_shown_is_as_in_numpy(follower: Belief, seed: int) -> None:
     belief = drawn(follower, seed)
     np.testing.assert_array_equal(shown(belief, MODEL), filter_shown.shown(belief, MODEL))
@@ -52,7 +53,7 @@ def test_who_is_shown_is_as_in_numpy(follower: Belief, seed: int) -> None:
     np.testing.assert_array_equal(alone, filter_shown.led_alone(belief, 0.5))
 
 
-@pytest.mark.parametrize("seed", range(5))
+@each_case("seed", range(5))
 def test_bodies_move_and_are_steered_as_in_numpy(follower: Belief, seed: int) -> None:
     rng = np.random.default_rng(seed)
     belief = drawn(follower, seed)

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 from tests.estimate.filter.room import (
     ALL,
     MODEL,
@@ -82,13 +83,13 @@ def learned(model: Model, slots: list[Views]) -> Floats:
     return found(belief.noise, model.noise.weight)
 
 
-@pytest.mark.parametrize("times", [0.25, 0.5, 1.0, 2.0, 4.0])
+@each_case("times", [0.25, 0.5, 1.0, 2.0, 4.0])
 def test_noise_that_is_stated_wrongly_is_found_within_a_quarter(times: float) -> None:
     factor = learned(stated(times), walking(8.0, np.ones(NUM_CAMERAS)))
     assert factor * times == pytest.approx(np.ones(NUM_CAMERAS), rel=0.25)
 
 
-@pytest.mark.parametrize("times", [0.5, 1.0, 2.0])
+@each_case("times", [0.5, 1.0, 2.0])
 def test_it_is_found_with_one_camera_a_slot(times: float) -> None:
     slots = walking(2.0, np.ones(NUM_CAMERAS)) + walking(32.0, np.ones(NUM_CAMERAS), "turn")[25:]
     factor = learned(stated(times), slots)

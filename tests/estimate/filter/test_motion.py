@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.linalg import expm
+from tests.cases import each_case
 from tests.estimate.filter.test_tree import random_prior
 from tests.reference.filter_motion import spread
 
@@ -53,8 +54,8 @@ def at_once(tree: Tree, dt: float) -> tuple[Floats, Floats]:
     return transition, transition @ both[:size, size:]
 
 
-@pytest.mark.parametrize("skeleton", SKELETONS.values(), ids=lambda s: s.name)
-@pytest.mark.parametrize(("dt", "share"), [(0.04, 1.0), (0.5, 1.0), (0.04, 0.5)])
+@each_case("skeleton", SKELETONS.values(), ids=lambda s: s.name)
+@each_case(("dt", "share"), [(0.04, 1.0), (0.5, 1.0), (0.04, 0.5)])
 def test_tree_moves_as_all_joints_in_one_matrix(
     skeleton: Skeleton, dt: float, share: float
 ) -> None:

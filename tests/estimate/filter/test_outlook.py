@@ -6,6 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 from tests.estimate.filter.room import step
 from tests.reference.filter_update import predict
 
@@ -47,7 +48,7 @@ def test_a_factor_is_on_all_that_is_uncertain() -> None:
     np.testing.assert_array_equal(twice.joints_m, plain.joints_m)
 
 
-@pytest.mark.parametrize("ahead_s", [0.0, 0.04, 0.5])
+@each_case("ahead_s", [0.0, 0.04, 0.5])
 def test_outlook_is_the_prediction_of_the_filter(ahead_s: float) -> None:
     belief = followed()
     assert len(belief) == 3
@@ -81,7 +82,7 @@ def test_only_the_newest_look_of_a_camera_says_who_is_unexplained() -> None:
     assert found.unexplained_s.tolist() == [np.inf, 0.0, np.inf, np.inf]
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("interval_s", "num_selected", "expected_s"),
     [(0.04, 2, 0.14), (0.04, 0.4, 0.3), (0.08, 1, 0.2), (0.2, 1, 0.5), (0.2, 0.5, 1.0)],
 )

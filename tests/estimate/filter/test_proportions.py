@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 from tests.estimate.filter.room import ALL, BODY, MODEL, RIG, Views, run, see, standing
 
 from e3pose.base.arrays import Floats
@@ -67,7 +68,7 @@ def test_a_guess_that_all_cameras_share_misleads_legs_alone() -> None:
     np.testing.assert_allclose(last.joints_m[0, others], BODY[others], atol=0.05)
 
 
-@pytest.mark.parametrize("size", [0.55, 0.75, 1.15])
+@each_case("size", [0.55, 0.75, 1.15])
 def test_children_and_giants_are_as_large_as_they_are(size: float) -> None:
     person, rng = size * BODY[None], np.random.default_rng(2)
     _, slots = run((see(person, ALL, 2.0, rng) for _ in range(SLOTS)), FPS)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import pytest
+from tests.cases import each_case
 from tests.estimate.filter.room import ALL, BODY, MODEL, NUM_CAMERAS, error_m, run, see, standing
 
 from e3pose.estimate.filter.state import Model
@@ -29,7 +29,7 @@ def exchanged(view: Poses2D, *limbs: tuple[list[int], list[int]]) -> Poses2D:
     return Poses2D(keypoints, scores)
 
 
-@pytest.mark.parametrize(
+@each_case(
     "skeleton, pairs",
     [(COCO17, 6), (COCO18, 6), (BODY25, 9), (SHELF14, 6), (PANOPTIC19, 6), (CMU31, 12)],
 )
@@ -53,8 +53,8 @@ def test_skeleton_without_sides_has_none() -> None:
     assert opposites.tolist() == [0, 1] and limbs.tolist() == [0, 0]
 
 
-@pytest.mark.parametrize("limbs", [(ARMS,), (LEGS,), (ARMS, LEGS)])
-@pytest.mark.parametrize("turned", [1, 2])
+@each_case("limbs", [(ARMS,), (LEGS,), (ARMS, LEGS)])
+@each_case("turned", [1, 2])
 def test_exchanged_sides_are_put_right(
     limbs: tuple[tuple[list[int], list[int]], ...], turned: int
 ) -> None:

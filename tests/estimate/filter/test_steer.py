@@ -8,6 +8,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 from tests.estimate.filter.room import step
 
 from e3pose.base.arrays import Floats
@@ -127,7 +128,7 @@ def foreseen_of(
     return foreseen(model(), history_m, prediction, interval_s)
 
 
-@pytest.mark.parametrize("interval_s", [1 / 60, 0.04, 0.2])
+@each_case("interval_s", [1 / 60, 0.04, 0.2])
 def test_noise_is_left_where_the_predictor_foresees_its_error_to_grow(interval_s: float) -> None:
     for shares, expected in ((0.0, LEAST_SHARE), (0.3, LEAST_SHARE + 0.3), (9.0, MOST_SHARE)):
         joints_m, found = foreseen_of(grown(shares, interval_s), interval_s)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 from tests.estimate.filter.agreement import (
     KERNEL,
     SIMULATED,
@@ -83,7 +84,7 @@ def spoilt(slots: Slots, rng: np.random.Generator) -> Iterator[Slot]:
         yield damaged, time_s
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("name", "cameras"),
     [("ring", 5), ("ring", 1), ("crossing", 2), ("pillar", 3), ("one-sided", 2)],
 )
@@ -108,7 +109,7 @@ def test_equals_the_reference_through_every_kind_of_lens() -> None:
     assert people > recording.num_slots
 
 
-@pytest.mark.parametrize("seed", range(4))
+@each_case("seed", range(4))
 def test_equals_the_reference_when_all_goes_wrong(seed: int) -> None:
     rng = np.random.default_rng(seed)
     slots = list(spoilt(seen(ring(), int(rng.integers(1, 6)), seed)[:60], rng))

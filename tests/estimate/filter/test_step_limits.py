@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 from tests.estimate.filter.agreement import KERNEL, assert_agree, model, ring, seen
 from tests.reference.filter_step import step
 
@@ -20,7 +21,7 @@ from e3pose.model.pose import Poses2D
 pytestmark = pytest.mark.slow
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("views", "time_s", "message"),
     [
         ({9: Poses2D.empty(17)}, 0.0, "camera 9"),

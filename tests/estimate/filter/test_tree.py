@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
+from tests.cases import each_case
 from tests.reference.filter_tree import Conditionals, Links, conditionals, solve
 
 from e3pose.base.arrays import Floats
@@ -53,7 +53,7 @@ def dense(
     return np.asarray(covariance @ b), np.asarray(covariance)
 
 
-@pytest.mark.parametrize("skeleton", SKELETONS.values(), ids=lambda s: s.name)
+@each_case("skeleton", SKELETONS.values(), ids=lambda s: s.name)
 def test_solving_the_tree_is_solving_everything_at_once(skeleton: Skeleton) -> None:
     rng = np.random.default_rng(len(skeleton))
     tree, joints = grow(skeleton), len(skeleton)
@@ -85,7 +85,7 @@ def test_conditionals_undo_marginals() -> None:
     np.testing.assert_allclose(found.covariance, made_of.covariance, atol=1e-9)
 
 
-@pytest.mark.parametrize("skeleton", SKELETONS.values(), ids=lambda s: s.name)
+@each_case("skeleton", SKELETONS.values(), ids=lambda s: s.name)
 def test_every_skeleton_grows_one_tree(skeleton: Skeleton) -> None:
     tree = grow(skeleton)
     assert (tree.parents < 0).sum() == 1

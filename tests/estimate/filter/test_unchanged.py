@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 from tests.estimate.filter.agreement import (
     KERNEL,
     Slots,
@@ -32,7 +33,7 @@ def half_unchanged(slots: Slots, rng: np.random.Generator) -> Slots:
     return [({c: seen_so(view) for c, view in views.items()}, t) for views, t in slots]
 
 
-@pytest.mark.parametrize("cameras", [1, 3, 5])
+@each_case("cameras", [1, 3, 5])
 def test_equals_the_reference(cameras: int) -> None:
     slots = half_unchanged(seen(ring(), cameras), np.random.default_rng(cameras))
     people, _ = follow(model(), slots)

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 from tests.estimate.filter.room import BODY, MODEL, run, see
 from tests.reference.filter_existence import end, wide
 
@@ -43,8 +44,8 @@ def test_nothing_is_said_of_a_width_that_is_not_known() -> None:
     assert not wide(np.zeros((1, 2, 3)), no_girdles)[0]
 
 
-@pytest.mark.parametrize("compiled", [False, True])
-@pytest.mark.parametrize(("factor", "born"), [(1.0, 1), (2.0, 0)])
+@each_case("compiled", [False, True])
+@each_case(("factor", "born"), [(1.0, 1), (2.0, 0)])
 def test_a_pair_of_views_that_meets_in_a_wide_body_starts_nobody(
     compiled: bool, factor: float, born: int
 ) -> None:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linear_sum_assignment
+from tests.cases import each_case
 
 from e3pose.base.arrays import Floats
 from e3pose.estimate.per_slot.assign import assign
@@ -54,7 +54,7 @@ def test_equal_costs_still_give_the_least_total(rows: int, columns: int, seed: i
     assert sum(costs[pair] for pair in found) == best
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("costs", "columns"),
     [
         ([[0.5]], [0]),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 from tests.reference.fuse import ReferenceFuser
 
 from e3pose.base.arrays import Floats
@@ -123,8 +124,8 @@ def test_tanke_gall_drops_poses_of_a_low_mean_score(make: type[Fuser]) -> None:
     assert members.tolist() == [0, 0, 0, 0]
 
 
-@pytest.mark.parametrize("make", FUSERS)
-@pytest.mark.parametrize(("score", "people"), [(0.9, 0), (0.4, 1)])
+@each_case("make", FUSERS)
+@each_case(("score", "people"), [(0.9, 0), (0.4, 1)])
 def test_tanke_gall_lets_strong_members_alone_refuse(
     make: type[Fuser], score: float, people: int
 ) -> None:

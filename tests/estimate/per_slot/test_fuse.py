@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.cases import each_case
 from tests.reference.fuse import ReferenceFuser
 
 from bench_fuse import load_workload, quality, run
@@ -65,8 +66,8 @@ def errors_m(fusion: Fusion, joints_m: Floats) -> Floats:
     return np.asarray(distance.mean(axis=-1).min(axis=0))
 
 
-@pytest.mark.parametrize("make", FUSERS)
-@pytest.mark.parametrize(
+@each_case("make", FUSERS)
+@each_case(
     ("distortion", "fisheye"),
     [
         ((), False),
@@ -88,8 +89,8 @@ def test_people_seen_without_noise_are_found_where_they_are(
     assert (fusion.members == fusion.members[:, :1]).all()
 
 
-@pytest.mark.parametrize("make", FUSERS)
-@pytest.mark.parametrize("num_views", [0, 1])
+@each_case("make", FUSERS)
+@each_case("num_views", [0, 1])
 def test_fewer_than_two_views_give_nobody(make: Make, num_views: int) -> None:
     rig = ring(3)
     views = views_of(rig, people(2))
@@ -218,7 +219,7 @@ def test_view_that_lies_is_outvoted_only_when_asked(make: Make) -> None:
     assert robust.poses.scores[0, 2] < 0.7 < robust.poses.scores[0, 3]
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("keypoints", "scores", "counts", "named"),
     [
         ((3, 1, 17, 2), (3, 1, 17), [1, 1], "shapes"),
@@ -247,7 +248,7 @@ def test_wrong_views_get_one_line_naming_the_camera() -> None:
         fuser.fuse({1: Poses2D.empty(25)})
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("name", "value"),
     [
         ("max_distance_m", 0.0),
@@ -281,7 +282,7 @@ def test_importing_loads_no_numba_until_something_is_fused() -> None:
 
 @pytest.mark.shared
 @pytest.mark.parity
-@pytest.mark.parametrize(
+@each_case(
     ("workload", "recall", "precision", "mpjpe_mm"),
     [("c5_k4", 0.99, 0.99, 8.7), ("c5_k8", 0.99, 0.99, 11.7), ("c5_k16", 0.985, 0.985, 18.1)]
     + [("c12_k8", 0.99, 0.99, np.inf), ("c28_k8", 0.99, 0.99, np.inf)],

@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from tests.cases import each_case
 from tests.reference.fuse import ReferenceFuser
 from tests.reference.triangulate import noise_px
 
@@ -141,7 +142,7 @@ def crowd(num_cameras: int, num_persons: int) -> tuple[Rig, Slot]:
     return rig, (keypoints, scores, np.full(num_cameras, num_persons))
 
 
-@pytest.mark.parametrize(("num_cameras", "num_persons"), [(5, 16), (12, 8), (28, 8), (70, 4)])
+@each_case(("num_cameras", "num_persons"), [(5, 16), (12, 8), (28, 8), (70, 4)])
 def test_crowds_are_not_split(num_cameras: int, num_persons: int) -> None:
     rig, arrays = crowd(num_cameras, num_persons)
     fast = Fuser(rig, 17).fuse_arrays(*arrays)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import pytest
+from tests.cases import each_case
 from tests.estimate.filter.room import BODY
 from tests.estimate.smooth.motions import motion, waving
 
@@ -34,7 +34,7 @@ def guessed() -> Motion:
     return motion(joints_m, sigma_m)
 
 
-@pytest.mark.parametrize("method", sorted(SMOOTHERS))
+@each_case("method", sorted(SMOOTHERS))
 def test_limbs_stay_within_what_people_have(method: str) -> None:
     take = Take("", COCO17, 1 / FPS, (guessed(),))
     found = smoothed(take, SmoothSettings(method)).motions[0]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 from tests.estimate.smooth.motions import motion, waving
 
 from e3pose.base.errors import InputError
@@ -20,7 +21,7 @@ def take(*motions: Motion) -> Take:
     return Take("a take", COCO17, 1 / FPS, motions)
 
 
-@pytest.mark.parametrize("method", sorted(SMOOTHERS))
+@each_case("method", sorted(SMOOTHERS))
 def test_what_is_missing_stays_missing_and_what_rests_stays(method: str) -> None:
     joints = np.ones((30, 17, 3))
     joints[10:14, 3] = np.nan
@@ -33,7 +34,7 @@ def test_what_is_missing_stays_missing_and_what_rests_stays(method: str) -> None
     np.testing.assert_array_equal(after.scores, before.scores)
 
 
-@pytest.mark.parametrize("method", sorted(SMOOTHERS))
+@each_case("method", sorted(SMOOTHERS))
 def test_noise_falls(method: str) -> None:
     rng = np.random.default_rng(0)
     true = waving(200, 0.3, FPS)
@@ -43,16 +44,14 @@ def test_noise_falls(method: str) -> None:
     assert jerk[1] < 0.5 * jerk[0]
 
 
-@pytest.mark.parametrize("method", sorted(SMOOTHERS))
+@each_case("method", sorted(SMOOTHERS))
 def test_one_slot_alone_stays(method: str) -> None:
     before = motion(np.ones((1, 17, 3)))
     (after,) = smoothed(take(before), SmoothSettings(method)).motions
     np.testing.assert_allclose(after.joints_m, 1.0)
 
 
-@pytest.mark.parametrize(
-    ("hz", "gain", "within"), [(0.5, 1.0, 0.01), (6.0, 0.5**0.5, 0.03), (15.0, 0.0, 0.03)]
-)
+@each_case(("hz", "gain", "within"), [(0.5, 1.0, 0.01), (6.0, 0.5**0.5, 0.03), (15.0, 0.0, 0.03)])
 def test_butterworth_halves_the_power_at_its_cutoff(hz: float, gain: float, within: float) -> None:
     waves = waving(400, hz, FPS)
     found = butterworth(motion(waves), 1 / FPS, 6.0).joints_m[100:300, 0, 0]
@@ -72,7 +71,7 @@ def test_cutoffs_are_checked() -> None:
     smoothed(slow, SmoothSettings("butterworth"))  # its own cut-off fits any rate
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("known", "longest", "found"),
     [
         ("", 5, []),

@@ -6,6 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 
 from e3pose.estimate.base import People
 from e3pose.estimate.filter.lasting import grown_m2
@@ -43,8 +44,8 @@ def coverage(errors: str, cameras: int) -> tuple[float, ...]:
     return tuple(expected_figures(recording, each).coverage_90 or 0.0 for each in made)
 
 
-@pytest.mark.parametrize("errors", ["score", "situation"])
-@pytest.mark.parametrize("cameras", [1, 5])
+@each_case("errors", ["score", "situation"])
+@each_case("cameras", [1, 5])
 def test_nine_of_ten_joints_are_within_the_radius_stated(errors: str, cameras: int) -> None:
     for share in coverage(errors, cameras):
         assert 84 <= share <= 96, coverage(errors, cameras)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 
 from e3pose.base.bounded import parse_toml
 from e3pose.base.errors import InputError
@@ -38,7 +39,7 @@ GOOD: dict[str, Any] = {
 }
 
 
-@pytest.mark.parametrize("name", sorted(SHIPPED))
+@each_case("name", sorted(SHIPPED))
 def test_shipped_noise_falls_with_the_score(name: str) -> None:
     file = load_noise_file(name)
     assert file.detector == name
@@ -68,7 +69,7 @@ def test_file_survives_writing(tmp_path: Path) -> None:
     assert encode_noise(again) == encode_noise(file)
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("change", "named"),
     [
         ({"format": "e3pose-recording"}, "format: found 'e3pose-recording'"),
@@ -129,7 +130,7 @@ def test_missing_field_and_missing_file_are_named(tmp_path: Path) -> None:
         load_noise(tmp_path / "bad.toml")
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("source", "name"),
     [
         ("Detected by movenet-multipose 928b982973ef77ac in a.mp4.", "movenet-multipose"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 from tests.estimate.filter.room import BODY
 from tests.output.exports.takes import turned
 
@@ -32,7 +33,7 @@ def test_upright_is_zero() -> None:
             assert angle == pytest.approx(0.0, abs=1e-5), name
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("joints", "about", "degrees", "axis", "name", "found"),
     [
         ([15], 13, 60, 1, "left_knee_flexion_deg", 60),

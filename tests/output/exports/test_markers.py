@@ -9,6 +9,7 @@ from typing import Literal
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 from tests.output.exports.takes import FPS, MISSING_FRAMES, MISSING_JOINT, STARTED_NS, take
 
 from e3pose.base.arrays import Floats
@@ -51,7 +52,7 @@ def z_up(points: Floats) -> Floats:
     return np.stack([points[..., 0], -points[..., 2], points[..., 1]], axis=-1)
 
 
-@pytest.mark.parametrize(("units", "scale"), [(None, 1000.0), ("mm", 1000.0), ("m", 1.0)])
+@each_case(("units", "scale"), [(None, 1000.0), ("mm", 1000.0), ("m", 1.0)])
 def test_trc_has_a_file_a_person_and_nan_where_missing(
     tmp_path: Path, units: Literal["mm", "m"] | None, scale: float
 ) -> None:
@@ -205,7 +206,7 @@ def test_csv_and_parquet_hold_a_row_per_frame_and_person(tmp_path: Path) -> None
     np.testing.assert_allclose(column[30], FIRST.joints_m[30, 9, 0], atol=1e-5)
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("name", "form", "message"),
     [
         ("walk.docx", None, "found ending '.docx', expected one of .trc"),
@@ -219,7 +220,7 @@ def test_a_format_that_does_not_fit_is_named(name: str, form: str | None, messag
         format_of(Path(name), form)
 
 
-@pytest.mark.parametrize("name", sorted(EXPORTS))
+@each_case("name", sorted(EXPORTS))
 def test_nobody_is_an_error_and_no_file(tmp_path: Path, name: str) -> None:
     dest = tmp_path / f"walk{(*EXPORTS[name].suffixes, '')[0]}"
     with pytest.raises(InputError, match="found nobody"):

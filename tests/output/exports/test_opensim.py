@@ -12,6 +12,7 @@ from xml.etree import ElementTree as xml
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 from tests.estimate.filter.room import BODY
 from tests.output.exports.takes import FPS, STARTED_NS, take, turned, walking
 
@@ -48,7 +49,7 @@ def test_upright_is_zero_and_the_pelvis_is_between_the_hips() -> None:
             assert value == pytest.approx(0.0, abs=1e-4), name
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("joints", "about", "degrees", "axis", "name", "found"),
     [
         ([13, 15], 11, -30, 1, "hip_flexion_l", 30),

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 from tests.output.exports.takes import MISSING_FRAMES, NUM_FRAMES, take, walking
 
 from e3pose.base.arrays import Floats
@@ -260,7 +261,7 @@ def test_hips_and_shoulders_hang_where_they_are(tmp_path: Path) -> None:
         assert sign * x > 0.05 and -0.07 < y < -0.05 and abs(z) < 0.04, (x, y, z)
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("rig", "arm", "hips"),
     [
         ("vrm", "leftUpperArm", "hips"),

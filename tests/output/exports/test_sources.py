@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 from tests.output.exports.takes import MISSING_FRAMES, STARTED_NS, records, take
 
 from e3pose.base.errors import InputError
@@ -69,7 +70,7 @@ def test_time_person_and_place_choose(store: Path, tmp_path: Path) -> None:
     assert ((middle >= low - 1e-5) & (middle <= high + 1e-5)).all()
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("asked", "message"),
     [
         (Asked(tracks=(99,)), "found no poses that fit"),
@@ -86,7 +87,7 @@ def test_what_a_table_does_not_hold_is_reported(tmp_path: Path, asked: Asked, me
         take_from_table(path, asked)
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("text", "message"),
     [
         ("", "expected a table of poses"),

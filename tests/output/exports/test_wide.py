@@ -12,6 +12,7 @@ import pandas
 import pyarrow
 import pytest
 from pyarrow import parquet
+from tests.cases import each_case
 from tests.output.exports.takes import take
 
 from e3pose.base.errors import InputError
@@ -90,7 +91,7 @@ def changed(path: Path, **values: Any) -> Path:
     return path
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("values", "message"),
     [
         ({"version": 2}, "found e3pose-poses-wide version 2, expected e3pose-poses-wide version 1"),

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from tests.cases import each_case
 
 from e3pose.base.errors import InputError
 from e3pose.camera.source import open_video
@@ -93,7 +94,7 @@ def test_missing_joint_is_not_drawn_nor_its_limb() -> None:
     assert tuple(drawn[20, 48]) == RED and (drawn[30:] == 200).all()
 
 
-@pytest.mark.parametrize("far", [(1e6, 50.0), (-1e12, -1e12), (48.0, 300.0)])
+@each_case("far", [(1e6, 50.0), (-1e12, -1e12), (48.0, 300.0)])
 def test_joint_far_outside_does_no_harm(far: tuple[float, float]) -> None:
     drawn = draw_poses(blank(), stick((48, 20), far), STICK, [RED], thickness_px=3)
     assert drawn.shape == blank().shape and tuple(drawn[20, 48]) == RED
@@ -167,7 +168,7 @@ def test_slot_before_the_first_frame_is_black_and_after_the_last_stays(tmp_path:
     assert levels[0] == 0 and abs(levels[1] - 100) < 4 and abs(levels[2] - 180) < 4
 
 
-@pytest.mark.parametrize("name", ["../../etc/passwd", "sub/a.mp4", "..", "gone.mp4"])
+@each_case("name", ["../../etc/passwd", "sub/a.mp4", "..", "gone.mp4"])
 def test_video_name_stays_inside_the_folder(tmp_path: Path, name: str) -> None:
     with pytest.raises(InputError):
         next(overlay_images(recording(tmp_path, a=name), [standing(0, [True, True])], tmp_path))
@@ -178,7 +179,7 @@ def test_recording_without_videos_is_named() -> None:
         next(overlay_images(recording(Path()), [standing(0, [True, True])]))
 
 
-@pytest.mark.parametrize("suffix", [".webm", ".mp4", ".mkv"])
+@each_case("suffix", [".webm", ".mp4", ".mkv"])
 def test_movie_can_be_read_back(tmp_path: Path, suffix: str) -> None:
     images = [np.full((49, 65, 3), 40 * i, dtype=np.uint8) for i in range(6)]
     path = tmp_path / f"movie{suffix}"

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 
 from e3pose.energy.saving import Savings, saving
 from e3pose.evaluate.figures import Accuracy, CameraEnergy, Energy, Expected, Summary
@@ -197,7 +198,7 @@ def test_crowds_are_thinned_too(monkeypatch: pytest.MonkeyPatch) -> None:
     assert scene(recording(10), records)["stride"] == 2
 
 
-@pytest.mark.parametrize("slots", [0, 1, 5])
+@each_case("slots", [0, 1, 5])
 def test_nobody_seen_still_gives_a_page(slots: int, tmp_path: Path) -> None:
     path = tmp_path / "deep" / "report.html"
     write_report(recording(slots), [record(i) for i in range(slots)], bare(), path)

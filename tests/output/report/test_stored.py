@@ -16,6 +16,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from tests.cases import each_case
 from tests.cli.commands import run
 
 from e3pose.camera.provenance import save_provenance
@@ -115,7 +116,7 @@ def test_page_can_be_smoothed(site: Path) -> None:
     assert run("report", site, site / "no.html", "--cutoff", "6Hz") == 2
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("words", "slots"),
     [
         (("--from", "1", "--to", "2.05"), 11),
@@ -130,7 +131,7 @@ def test_page_shows_the_stretch_asked_for(
     assert f"{slots} slots" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("words", "message"),
     [
         (("p.html", "--from", "77"), "no slot of site lab was stored in that time"),

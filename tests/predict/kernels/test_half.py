@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from tests.cases import each_case
 
 from e3pose.base.kernel import kernel
 from e3pose.model.skeleton import COCO17
@@ -35,7 +36,7 @@ def test_numbers_are_rounded_to_the_nearest() -> None:
     np.testing.assert_array_equal(in_half(numbers).view(np.float16), numbers.astype(np.float16))
 
 
-@pytest.mark.parametrize("number", [1e6, -np.inf, np.nan])
+@each_case("number", [1e6, -np.inf, np.nan])
 def test_numbers_that_half_precision_does_not_hold_are_refused(number: float) -> None:
     with pytest.raises(ValueError, match="a weight of"):
         in_half(np.array([0.0, number], np.float32))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
+from tests.cases import each_case
 from tests.reference import normalise as plain
 
 from e3pose.base.arrays import Floats
@@ -26,7 +26,7 @@ def histories(seed: int, num_slots: int = 10) -> Floats:
     return history
 
 
-@pytest.mark.parametrize("seed", range(5))
+@each_case("seed", range(5))
 def test_gaps_are_closed_as_in_numpy(seed: int) -> None:
     history = histories(seed)
     filled, measured = fill_gaps(history)
@@ -35,8 +35,8 @@ def test_gaps_are_closed_as_in_numpy(seed: int) -> None:
     np.testing.assert_allclose(filled, expected, atol=1e-12)
 
 
-@pytest.mark.parametrize("num_slots", [1, 4, 10, 13])
-@pytest.mark.parametrize("interval_s", [1 / 25, 1e-3, 2.0])
+@each_case("num_slots", [1, 4, 10, 13])
+@each_case("interval_s", [1 / 25, 1e-3, 2.0])
 def test_people_are_described_as_in_numpy(num_slots: int, interval_s: float) -> None:
     history = histories(num_slots, num_slots=max(num_slots, 6))[:num_slots]
     found, expected = (form(history, interval_s, 10) for form in (normalise, plain.normalise))

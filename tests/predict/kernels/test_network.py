@@ -7,6 +7,7 @@ import json
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from tests.cases import each_case
 from tests.reference import attention_network as runtime
 
 from e3pose.model.skeleton import COCO17
@@ -27,8 +28,8 @@ NETWORK_M = 1e-5  # single precision, in another order of sums
 Floats32 = NDArray[np.float32]
 
 
-@pytest.mark.parametrize("num_people", [1, 3, 4, 5, 8])
-@pytest.mark.parametrize("leads", [1, 6])
+@each_case("num_people", [1, 3, 4, 5, 8])
+@each_case("leads", [1, 6])
 def test_the_network_says_what_onnx_runtime_says(num_people: int, leads: int) -> None:
     rng = np.random.default_rng(10 * num_people + leads)
     pose = rng.normal(scale=0.4, size=(num_people, NUM_COMMON, 3))
@@ -50,8 +51,8 @@ def test_curves_are_within_single_precision() -> None:
         assert abs(sigmoid(x) - 1 / (1 + np.exp(-np.float64(x)))) < 3e-7
 
 
-@pytest.mark.parametrize("num_rows", range(1, 10))
-@pytest.mark.parametrize("num_inputs", [1, 4, 7])
+@each_case("num_rows", range(1, 10))
+@each_case("num_inputs", [1, 4, 7])
 def test_a_linear_layer_of_any_size(num_rows: int, num_inputs: int) -> None:
     rng = np.random.default_rng(num_rows)
 

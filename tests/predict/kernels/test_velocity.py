@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
+from tests.cases import each_case
 from tests.reference import velocity as plain
 
 from e3pose.predict.constant_velocity import ConstantVelocity
 from e3pose.predict.newest import newest_known
 
 
-@pytest.mark.parametrize("num_slots", [1, 2, 5])
-@pytest.mark.parametrize("seed", range(4))
+@each_case("num_slots", [1, 2, 5])
+@each_case("seed", range(4))
 def test_what_is_predicted_is_that_of_numpy(num_slots: int, seed: int) -> None:
     rng = np.random.default_rng(seed)
     history = rng.normal(size=(num_slots, 4, 6, 3))

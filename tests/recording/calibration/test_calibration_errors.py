@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 
 from e3pose.base.errors import InputError
 from e3pose.model.camera import Rig
@@ -77,7 +78,7 @@ WRONG_FIELDS: dict[str, tuple[dict[str, Any], tuple[str, ...], tuple[str, ...]]]
 }
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("wrong", "name"),
     [
         (wrong, name)
@@ -100,8 +101,8 @@ def test_wrong_field_is_named_with_its_camera(
 HOSTILE_NAMES = ["../../x", "/etc/passwd", "", ".hidden", "-rf", "a b", "x" * 65, "a\\b", "con:1"]
 
 
-@pytest.mark.parametrize("name", NAMES)
-@pytest.mark.parametrize("hostile", HOSTILE_NAMES)
+@each_case("name", NAMES)
+@each_case("hostile", HOSTILE_NAMES)
 def test_hostile_camera_name_is_refused(
     tmp_path: Path, files: Any, name: str, hostile: str
 ) -> None:
@@ -110,14 +111,14 @@ def test_hostile_camera_name_is_refused(
     assert "expected 1 to 64 letters" in message, message
 
 
-@pytest.mark.parametrize("name", NAMES)
+@each_case("name", NAMES)
 def test_two_cameras_of_one_name_are_refused(tmp_path: Path, files: Any, name: str) -> None:
     message = refusal(files.write(name, tmp_path, files.with_second(name="hall_1")), name)
     assert "twice" in message, message
 
 
-@pytest.mark.parametrize("name", NAMES)
-@pytest.mark.parametrize("factor", [1000.0, 100.0], ids=["millimetres", "centimetres"])
+@each_case("name", NAMES)
+@each_case("factor", [1000.0, 100.0], ids=["millimetres", "centimetres"])
 def test_lengths_in_other_units_are_noticed(
     tmp_path: Path, files: Any, name: str, factor: float
 ) -> None:
@@ -127,14 +128,14 @@ def test_lengths_in_other_units_are_noticed(
     assert "translation" in message
 
 
-@pytest.mark.parametrize("name", NAMES)
+@each_case("name", NAMES)
 def test_cameras_in_one_spot_are_noticed(tmp_path: Path, files: Any, name: str) -> None:
     cameras = tuple(type(k)(**{**vars(k), "t": k.t / 1000}) for k in files.known)
     assert "other units" in refusal(files.write(name, tmp_path, cameras), name)
 
 
-@pytest.mark.parametrize("forced", [True, False], ids=["forced", "recognised"])
-@pytest.mark.parametrize("name", NAMES)
+@each_case("forced", [True, False], ids=["forced", "recognised"])
+@each_case("name", NAMES)
 def test_truncated_file_is_refused_or_whole_up_to_there(
     tmp_path: Path, files: Any, name: str, forced: bool
 ) -> None:
@@ -197,8 +198,8 @@ CONTENTS: dict[str, bytes] = {
 }
 
 
-@pytest.mark.parametrize("forced", [*NAMES, None])
-@pytest.mark.parametrize("content", CONTENTS)
+@each_case("forced", [*NAMES, None])
+@each_case("content", CONTENTS)
 def test_no_content_gets_past_any_reader(tmp_path: Path, content: str, forced: str | None) -> None:
     path = tmp_path / ("intri.yml" if forced == "easymocap" else "rig.any")
     path.write_bytes(CONTENTS[content])
@@ -206,7 +207,7 @@ def test_no_content_gets_past_any_reader(tmp_path: Path, content: str, forced: s
     refusal(path, forced)
 
 
-@pytest.mark.parametrize("forced", [*NAMES, None])
+@each_case("forced", [*NAMES, None])
 def test_enormous_missing_and_unreadable_files(tmp_path: Path, forced: str | None) -> None:
     huge = tmp_path / "intri.yml"
     with huge.open("wb") as file:
@@ -222,7 +223,7 @@ def test_unknown_format_lists_the_known(tmp_path: Path) -> None:
         load_rig(tmp_path / "a.toml", format="vicon")
 
 
-@pytest.mark.parametrize("count", [4, -4, 0.5, "x", True, [1]])
+@each_case("count", [4, -4, 0.5, "x", True, [1]])
 def test_caliscope_rotation_that_is_no_quarter_turns_is_refused(
     tmp_path: Path, files: Any, count: Any
 ) -> None:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 
 from e3pose.base.errors import InputError
 from e3pose.model.camera import Camera, Rig
@@ -22,8 +23,8 @@ def test_every_format_is_tested_here() -> None:
     assert sorted(NAMES) == sorted(FORMATS)
 
 
-@pytest.mark.parametrize("name", NAMES)
-@pytest.mark.parametrize("forced", [True, False], ids=["forced", "recognised"])
+@each_case("name", NAMES)
+@each_case("forced", [True, False], ids=["forced", "recognised"])
 def test_known_points_land_on_known_pixels(
     tmp_path: Path, files: Any, name: str, forced: bool
 ) -> None:
@@ -71,7 +72,7 @@ def test_easymocap_rotation_vector_serves_when_the_matrix_is_absent(
     np.testing.assert_allclose(camera.project(files.points_m), expected, atol=1e-6)
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("center", "size"),
     [
         ((960.6, 542.9), (1920, 1080)),
@@ -117,8 +118,8 @@ def test_opencv_reads_what_cv2_writes(tmp_path: Path, files: Any) -> None:
     np.testing.assert_allclose(rig.project(files.points_m)[0], files.pixels(known), atol=1e-6)
 
 
-@pytest.mark.parametrize(("units", "factor"), [("mm", 1000.0), ("cm", 100.0), ("metres", 1.0)])
-@pytest.mark.parametrize("name", ["anipose", "caliscope"])
+@each_case(("units", "factor"), [("mm", 1000.0), ("cm", 100.0), ("metres", 1.0)])
+@each_case("name", ["anipose", "caliscope"])
 def test_stated_units_are_converted_to_metres(
     tmp_path: Path, files: Any, name: str, units: str, factor: float
 ) -> None:
@@ -137,7 +138,7 @@ def test_caliscope_leaves_out_ignored_cameras_and_names_by_port(tmp_path: Path, 
     assert load_rig(path).camera_ids == ("cam_0", "cam_2")
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("count", "degrees"), [(1, 90), (2, 180), (3, 270), (-1, 270), (-2, 180), (-3, 90), (0, None)]
 )
 def test_turned_caliscope_camera_has_the_calibration_of_its_unturned_images(

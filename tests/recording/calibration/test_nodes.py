@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from tests.cases import each_case
 
 from e3pose.base.errors import InputError
 from e3pose.recording.calibration.nodes import MAX_DEPTH, parse
@@ -19,7 +20,7 @@ NESTINGS = {
 }
 
 
-@pytest.mark.parametrize("nesting", NESTINGS)
+@each_case("nesting", NESTINGS)
 def test_values_nested_too_deep_are_refused(nesting: str) -> None:
     opens, closes = NESTINGS[nesting]
     depth = MAX_DEPTH + 1

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 from scipy.spatial.transform import Rotation
+from tests.cases import each_case
 from tests.rigs import looking
 
 from e3pose.model.camera import Camera, Rig
@@ -28,7 +28,7 @@ def rolled(degrees: int) -> Rig:
     return Rig(tuple(cameras))
 
 
-@pytest.mark.parametrize("degrees", [90, 180, 270])
+@each_case("degrees", [90, 180, 270])
 def test_cameras_on_their_side_are_upright_once_turned(degrees: int) -> None:
     rig = rolled(degrees)
     point_m = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 1.5]])

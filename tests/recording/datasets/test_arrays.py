@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 
 from e3pose.base.errors import InputError
 from e3pose.recording.datasets.arrays import Shape, floats, integers, load_arrays
@@ -51,7 +52,7 @@ def test_a_header_that_promises_terabytes_allocates_nothing(tmp_path: Path) -> N
         load_arrays(tmp_path / "x.npz", {"a": ("n", 2)})
 
 
-@pytest.mark.parametrize(
+@each_case(
     "member",
     [
         b"",

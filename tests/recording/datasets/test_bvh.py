@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 from tests.cli.commands import run
 from tests.events.bodies import FPS, doing
 from tests.output.exports.takes import STARTED_NS
@@ -68,8 +69,8 @@ def test_joints_are_where_channels_turn_them(tmp_path: Path) -> None:
     np.testing.assert_allclose(second, [[2, 0, 5], [0, 0, 5], [0, 0, 6]], atol=1e-12)
 
 
-@pytest.mark.parametrize("names", [None, "vrm", "mixamo", "unreal"])
-@pytest.mark.parametrize("units", ["m", "mm"])
+@each_case("names", [None, "vrm", "mixamo", "unreal"])
+@each_case("units", ["m", "mm"])
 def test_what_the_exporter_writes_is_read_back(
     tmp_path: Path, names: str | None, units: Literal["m", "mm"]
 ) -> None:
@@ -102,7 +103,7 @@ def test_a_scale_and_an_axis_can_be_named(tmp_path: Path) -> None:
         import_bvh(path, scale_m=30.0)
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("old", "new", "said"),
     [
         ("HIERARCHY", "hello", "line 1: found 'hello', expected HIERARCHY"),

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 
 from e3pose.base.errors import InputError
 from e3pose.model.camera import Camera, Rig
@@ -89,7 +90,7 @@ def test_names_as_image_ids_need_no_table(tmp_path: Path, calibration: Path) -> 
     assert _counts(recording) == [[1, 0, 0], [0, 0, 1]]
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("results", "message"),
     [
         ("", "r.json: an empty file"),
@@ -115,7 +116,7 @@ def test_broken_results_are_named(
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("images", "message"),
     [
         ([{"id": 7, "file_name": "left/1.jpg"}] * 2, r"i.json: images\[1\]: image 7 appears twice"),

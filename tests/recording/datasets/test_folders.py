@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
+from tests.cases import each_case
 
 from e3pose.base.errors import InputError
 from e3pose.recording.datasets.folders import match_folders
@@ -16,7 +17,7 @@ def _source(tmp_path: Path, *names: str) -> Path:
     return tmp_path
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("folders", "camera_ids", "expected"),
     [
         (["a", "b"], ["b", "a"], {"a": "a", "b": "b"}),
@@ -59,7 +60,7 @@ def test_a_given_folder_goes_before_any_guess(tmp_path: Path) -> None:
     assert {camera_id: path.name for camera_id, path in matched.items()} == {"a": "b", "b": "a"}
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("given", "message"),
     [
         ({"eve": "a"}, "camera 'eve' is not one of a, b"),

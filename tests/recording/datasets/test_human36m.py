@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 
 from e3pose.base.errors import InputError
 from e3pose.model.pose import Poses2D
@@ -90,7 +91,7 @@ def test_a_missing_part_is_named_with_its_place(tmp_path: Path, part: str) -> No
         import_human36m(source, 9, 14)
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("part", "content", "said"),
     [
         ("camera", {}, "found 0 cameras"),

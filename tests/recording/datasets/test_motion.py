@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from tests.cases import each_case
 
 from e3pose.base.errors import InputError
 from e3pose.cli import main
@@ -65,7 +66,7 @@ def test_a_long_path_has_a_wider_ring() -> None:
     np.testing.assert_allclose(distances, 8.0, rtol=0.05)
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("change", "message"),
     [
         ({"07_01": None}, "array '07_01' is missing, found '07_02, joint_names'"),
@@ -83,7 +84,7 @@ def test_wrong_arrays_are_named(tmp_path: Path, change: dict[str, Any], message:
         import_cmu(_save(tmp_path / "clips.npz", **change), "07_01")
 
 
-@pytest.mark.parametrize("name", ["../07_01", "a/b", "", "joint_names", ".hidden", "x" * 65])
+@each_case("name", ["../07_01", "a/b", "", "joint_names", ".hidden", "x" * 65])
 def test_a_clip_name_that_is_no_folder_name_is_refused(tmp_path: Path, name: str) -> None:
     with pytest.raises(InputError, match="clip: found"):
         import_cmu(_save(tmp_path / "clips.npz"), name)

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 
 from e3pose.base.errors import InputError
 from e3pose.model.camera import Camera, Rig
@@ -48,7 +49,7 @@ def calibration(tmp_path: Path) -> Path:
     return tmp_path / "rig.toml"
 
 
-@pytest.mark.parametrize(("count", "skeleton"), [(25, "body25"), (18, "coco18"), (17, "coco17")])
+@each_case(("count", "skeleton"), [(25, "body25"), (18, "coco18"), (17, "coco17")])
 def test_people_land_in_their_camera_and_slot(
     tmp_path: Path, calibration: Path, count: int, skeleton: str
 ) -> None:
@@ -91,7 +92,7 @@ def _changed(index: int, value: object) -> dict[str, Any]:
     return {"people": [person]}
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("content", "message"),
     [
         ("", "an empty file, expected OpenPose JSON"),
@@ -119,7 +120,7 @@ def test_a_broken_file_is_named_with_its_field(
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("names", "message"),
     [
         (["a_keypoints.json"], "no frame number"),
@@ -152,13 +153,13 @@ def test_a_recording_with_nobody_is_refused(tmp_path: Path, calibration: Path) -
         import_openpose(tmp_path / "json", calibration, 25)
 
 
-@pytest.mark.parametrize("fps", [0.0, -1.0, float("nan"), float("inf"), 1e6])
+@each_case("fps", [0.0, -1.0, float("nan"), float("inf"), 1e6])
 def test_a_wrong_frame_rate_is_named(tmp_path: Path, calibration: Path, fps: float) -> None:
     with pytest.raises(InputError, match="--fps"):
         import_openpose(tmp_path, calibration, fps)
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("name", "number"),
     [
         ("000000000012_keypoints.json", 12),

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 
 from e3pose.base.errors import InputError
 from e3pose.recording import Recording
@@ -134,7 +135,7 @@ def test_detections_keep_the_frame_numbers_of_the_sequence(tmp_path: Path) -> No
     assert recording.views[1].slots.tolist() == [1]
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("change", "message"),
     [
         ({"K": None}, "array 'K' is missing"),
@@ -152,7 +153,7 @@ def test_a_wrong_array_is_named(tmp_path: Path, change: dict[str, Any], message:
         _load(_save_npz(tmp_path / "p.npz", **change))
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("content", "message"),
     [
         ("", "an empty file"),

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.io import savemat
+from tests.cases import each_case
 
 from e3pose.base.errors import InputError
 from e3pose.model.pose import Poses2D
@@ -101,7 +102,7 @@ def test_a_missing_part_is_named_with_its_place(tmp_path: Path, name: str) -> No
     assert Path(name).name in str(found.value)
 
 
-@pytest.mark.parametrize("content", [b"", b"1,2,3", b"\xff" * 50, b"0," * 11 + b"0"])
+@each_case("content", [b"", b"1,2,3", b"\xff" * 50, b"0," * 11 + b"0"])
 def test_a_broken_matrix_is_named(tmp_path: Path, content: bytes) -> None:
     folder = publish(tmp_path / "Campus")
     (folder / "Calibration" / "P0.txt").write_bytes(content)
@@ -159,7 +160,7 @@ def test_cameras_of_voxelpose_are_read_where_there_are_no_matrices(tmp_path: Pat
         assert found.distortion.tolist() == [0.01, -0.02, 0.001, -0.002, 0.003]
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("changes", "words"),
     [
         ({"R": [[1.0]]}, r"camera 1: R: found 1 values, expected 9"),

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 
 from e3pose.base.errors import InputError
 from e3pose.model.skeleton import BODY25, COCO17
@@ -64,7 +65,7 @@ def test_truth_names_the_papers_actors_and_is_incomplete(tmp_path: Path) -> None
     assert recording.fps == 25
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("change", "message"),
     [
         ({"K": None}, "array 'K' is missing, found"),

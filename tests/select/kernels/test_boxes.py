@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
+from tests.cases import each_case
 from tests.reference import occlusion as plain
 
 from e3pose.select.occlusion import box_iou, occlusion, person_boxes
@@ -11,7 +11,7 @@ from e3pose.select.occlusion import box_iou, occlusion, person_boxes
 SIZE = (640, 480)
 
 
-@pytest.mark.parametrize("seed", range(10))
+@each_case("seed", range(10))
 def test_boxes_and_their_overlap_are_those_of_numpy(seed: int) -> None:
     rng = np.random.default_rng(seed)
     middle = rng.uniform(-100, 700, (3, 5, 1, 2))

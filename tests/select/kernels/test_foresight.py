@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
+from tests.cases import each_case
 from tests.reference import expected_information as plain
 from tests.reference import newcomers
 from tests.rigs import looking
@@ -53,7 +53,7 @@ def subsets() -> Flags:
     return (np.arange(16)[:, None] >> np.arange(4) & 1).astype(bool)
 
 
-@pytest.mark.parametrize("seed", range(8))
+@each_case("seed", range(8))
 def test_foresight_is_that_of_numpy(seed: int) -> None:
     people, ordered = outlook(seed), subsets()[seed : seed + 3]
     found = foresee(RIG, people, SLOT_S, ordered)
@@ -66,7 +66,7 @@ def test_foresight_is_that_of_numpy(seed: int) -> None:
     np.testing.assert_allclose(found.hidden.shown, expected.hidden.shown, atol=1e-12)
 
 
-@pytest.mark.parametrize("seed", range(8))
+@each_case("seed", range(8))
 def test_worth_of_sets_is_that_of_numpy(seed: int) -> None:
     found = foresee(RIG, outlook(seed), SLOT_S)
     sets = subsets()
@@ -92,7 +92,7 @@ def test_hundreds_of_joints_do_not_overflow() -> None:
     np.testing.assert_allclose(many.information(subsets()), found.information(subsets()))
 
 
-@pytest.mark.parametrize("seed", range(20))
+@each_case("seed", range(20))
 def test_entrants_are_those_of_numpy(seed: int) -> None:
     rng = np.random.default_rng(seed)
     arguments = (

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from tests.cases import each_case
 
 from e3pose.energy.queues import advance_deficit, price
 from e3pose.select.expected_information import Foresight
@@ -129,8 +130,8 @@ def test_turns_leave_out_cameras_far_ahead_of_their_budgets_where_others_suffice
     assert chosen(Information(3).select(replace(now, deficit=tired))) == [0, 1, 2]
 
 
-@pytest.mark.parametrize("seed", range(6))
-@pytest.mark.parametrize("count", [2, 4])
+@each_case("seed", range(6))
+@each_case("count", [2, 4])
 def test_many_cameras_are_chosen_greedily_within_the_guarantee(seed: int, count: int) -> None:
     from itertools import combinations
 
@@ -256,8 +257,8 @@ def test_a_dearer_camera_is_woken_less() -> None:
     assert active[0] < active[1:].min()
 
 
-@pytest.mark.parametrize("quality_weight", [1.0, 10.0])
-@pytest.mark.parametrize("others", [0, 60])  # all sets are tried; one camera after the other
+@each_case("quality_weight", [1.0, 10.0])
+@each_case("others", [0, 60])  # all sets are tried; one camera after the other
 def test_nearly_equal_cameras_take_turns_by_the_phase(others: int, quality_weight: float) -> None:
     def taken(better: float) -> list[list[int]]:
         seen = foresight([300.0, 300.0 * better] + [0.0] * others)

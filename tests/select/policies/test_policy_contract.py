@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.cases import each_case
 
 from e3pose.energy.queues import advance_deficit
 from e3pose.select.expected_information import Foresight
@@ -56,7 +57,7 @@ def situation(slot: int, rng: np.random.Generator, online: Selection) -> Situati
     )
 
 
-@pytest.mark.parametrize("name", NAMES)
+@each_case("name", NAMES)
 def test_never_selects_an_offline_camera(name: str) -> None:
     rng = np.random.default_rng(1)
     policy = POLICIES[name].make(PolicySettings(num_selected=3))
@@ -82,8 +83,8 @@ def test_selects_exactly_as_many_as_promised(name: str, data: st.DataObject) -> 
     assert selection.sum() == min(count, online.sum())
 
 
-@pytest.mark.parametrize("name", COUNTING)
-@pytest.mark.parametrize("mean", [0.65, 0.9, 1.15, 1.5, 2.0, 3.3])
+@each_case("name", COUNTING)
+@each_case("mean", [0.65, 0.9, 1.15, 1.5, 2.0, 3.3])
 def test_reaches_a_mean_that_is_no_whole_number(name: str, mean: float) -> None:
     policy = POLICIES[name].make(PolicySettings(num_selected=mean))
     rng, online = np.random.default_rng(3), np.ones(5, dtype=bool)
@@ -93,7 +94,7 @@ def test_reaches_a_mean_that_is_no_whole_number(name: str, mean: float) -> None:
     assert set(counts) <= {int(mean), int(mean) + 1}
 
 
-@pytest.mark.parametrize("name", COUNTING)
+@each_case("name", COUNTING)
 def test_makes_up_the_number_when_cameras_die(name: str) -> None:
     policy = POLICIES[name].make(PolicySettings(num_selected=2, order=(0, 2, 4, 1, 3)))
     rng = np.random.default_rng(4)
@@ -106,8 +107,8 @@ def test_makes_up_the_number_when_cameras_die(name: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", BUDGETED)
-@pytest.mark.parametrize("budget", [0.6, 0.9])
+@each_case("name", BUDGETED)
+@each_case("budget", [0.6, 0.9])
 def test_keeps_the_budget_in_the_long_run(name: str, budget: float) -> None:
     # Camera 0 is always the clearest and camera 4 the worst, so that a policy that looks at the
     # scene would like to spend far too much on the first ones.
@@ -132,7 +133,7 @@ def test_keeps_the_budget_in_the_long_run(name: str, budget: float) -> None:
     assert (active / num_slots <= budget + slack).all()
 
 
-@pytest.mark.parametrize("name", NAMES)
+@each_case("name", NAMES)
 def test_the_same_seed_and_situation_give_the_same_selection(name: str) -> None:
     """No hidden memory: a policy made anew in the middle of a run goes on as the old one would."""
     online = np.array([True, True, False, True, True])
@@ -222,7 +223,7 @@ def test_central_2d_drops_the_slots_that_pass_while_cameras_wait() -> None:
     assert counts == [2, 0, 0, 2, 0, 0]  # 0.1 s are three slots of 0.04 s
 
 
-@pytest.mark.parametrize("name", ["e3pose", "e3pose-mv", "central-2d"])
+@each_case("name", ["e3pose", "e3pose-mv", "central-2d"])
 def test_quality_weight_means_the_same_at_every_site(name: str) -> None:
     """Where people hide each other a tenth as much, V weighs what it weighs elsewhere."""
     rng = np.random.default_rng(4)

@@ -1,0 +1,52 @@
+"""Tables of cases in one test."""
+
+from __future__ import annotations
+
+import inspect
+import os
+from pathlib import Path
+
+import pytest
+from tests.cases import each_case
+
+
+def test_all_cases_run_and_each_that_fails_is_named() -> None:
+    ran: list[int] = []
+
+    @each_case("number, word", [(1, "one"), (2, "two"), (3, "three")])
+    def fails(number: int, word: str) -> None:
+        ran.append(number)
+        assert number != 1 and word != "three", f"not {word}"
+
+    with pytest.raises(pytest.fail.Exception, match="2 of 3 cases") as said:
+        fails()
+    assert ran == [1, 2, 3]
+    assert all(f"{name}: " in str(said.value) for name in ("1-one", "3-three"))
+    assert "not three" in str(said.value) and "2-two" not in str(said.value)
+
+
+def test_a_case_has_its_own_folder_and_changes_nothing_for_the_next(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    @pytest.mark.slow
+    @each_case("number", [1, 2])
+    def tries(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int) -> None:
+        assert "E3POSE_TRIED" not in os.environ
+        monkeypatch.setenv("E3POSE_TRIED", str(number))
+        (tmp_path / "made").mkdir()
+
+    tries(tmp_path=tmp_path, monkeypatch=monkeypatch)
+    assert [*inspect.signature(tries).parameters] == ["tmp_path", "monkeypatch"]
+    assert len([*tmp_path.glob("*/made")]) == 2 and "E3POSE_TRIED" not in os.environ
+
+
+def test_a_table_is_skipped_only_where_all_cases_are() -> None:
+    @each_case("number", [1, 2], ids=["first", "second"])
+    def skips(number: int) -> None:
+        if number == 1:
+            pytest.skip("not here")
+        assert number == 2
+
+    skips()
+    with pytest.raises(pytest.skip.Exception):
+        each_case("number", [1])(lambda number: pytest.skip("nowhere"))()
