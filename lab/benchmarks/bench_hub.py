@@ -33,11 +33,6 @@ import psutil
 from sqlalchemy import Engine, func, select, text
 
 from e3pose.edge.consumers import Consumers
-from e3pose.hub.database import Cursor, hours, keep, open_hub, summaries
-from e3pose.hub.overview import overview
-from e3pose.hub.pull import ANSWER_S, AT_ONCE, PAUSE_S, Pulling, pull
-from e3pose.hub.question import answer
-from e3pose.hub.settings import Hub, holder_at, load_hub
 from e3pose.site.outbox_answers import OutboxAnswers
 from e3pose.store.database import writing_engine
 from e3pose.store.delivery import Delivery
@@ -47,6 +42,11 @@ from e3pose.wire.endpoint import read_endpoint
 from e3pose.wire.keys.folder import add_keys, certificates_in, init_keys, read_roll
 from e3pose.wire.network import open_network
 from e3pose.wire.topics import of_outbox
+from e3pose_hub.database import Cursor, hours, keep, open_hub, summaries
+from e3pose_hub.overview import overview
+from e3pose_hub.pull import ANSWER_S, AT_ONCE, PAUSE_S, Pulling, pull
+from e3pose_hub.question import answer
+from e3pose_hub.settings import Hub, holder_at, load_hub
 from simulated_sites import BEGIN_NS, CAMERAS, records_of, summaries_of
 
 PART = 100  # summaries of an answer

@@ -12,10 +12,10 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from e3pose.hub.records import Summary
 from e3pose.store.rows import NS
 from e3pose.store.schema import SUMMARY_JSON
 from e3pose.store.summaries import MINUTE_NS, Tally, summary
+from e3pose_hub.records import Summary
 
 BEGIN_NS = 1_793_491_200 * NS  # 2026-11-01, a Sunday, midnight, UTC
 CAMERAS = ("cam1", "cam2", "cam3", "cam4")

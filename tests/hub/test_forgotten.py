@@ -12,15 +12,15 @@ from tests.hub.test_hub import answers, hub_file
 from tests.postgres import Server
 
 from e3pose.base.errors import InputError
-from e3pose.hub.database import cursor_of, open_hub, read_forgotten
-from e3pose.hub.pull import pull
-from e3pose.hub.question import answer
 from e3pose.site.outbox_answers import OutboxAnswers
 from e3pose.store.forgetting import DAY_NS, Forgotten, day_of, forget, of_day
 from e3pose.store.outbox import read_outbox
 from e3pose.store.summaries import MINUTE_NS
 from e3pose.wire.codec import encode
 from e3pose.wire.site_messages import OutboxPart, Tombstone
+from e3pose_hub.database import cursor_of, open_hub, read_forgotten
+from e3pose_hub.pull import pull
+from e3pose_hub.question import answer
 
 pytestmark = pytest.mark.slow
 

@@ -17,12 +17,12 @@ from tests.waiting import eventually
 
 from e3pose.base.errors import InputError
 from e3pose.base.rate_limit import Rate
-from e3pose.hub import pull as pulling
-from e3pose.hub.database import open_hub
-from e3pose.hub.pull import AT_ONCE, Outcome, Turn, pull
-from e3pose.hub.question import answer
 from e3pose.wire.codec import encode
 from e3pose.wire.site_messages import OutboxPart
+from e3pose_hub import pull as pulling
+from e3pose_hub.database import open_hub
+from e3pose_hub.pull import AT_ONCE, Outcome, Turn, pull
+from e3pose_hub.question import answer
 
 pytestmark = pytest.mark.slow
 

@@ -23,15 +23,15 @@ from tests.ports import free_port
 from tests.waiting import eventually
 
 from e3pose.base.errors import InputError
-from e3pose.hub import accesses, question
-from e3pose.hub.accesses import log_accesses, read_accesses
-from e3pose.hub.database import Cursor, hours, keep, open_hub, summaries
-from e3pose.hub.page import open_page
-from e3pose.hub.question import answer
-from e3pose.hub.settings import load_hub
-from e3pose.hub.users import grant
 from e3pose.store.summaries import MINUTE_NS
 from e3pose.wire.keys.authority import make_authority, make_certificate
+from e3pose_hub import accesses, question
+from e3pose_hub.accesses import log_accesses, read_accesses
+from e3pose_hub.database import Cursor, hours, keep, open_hub, summaries
+from e3pose_hub.page import open_page
+from e3pose_hub.question import answer
+from e3pose_hub.settings import load_hub
+from e3pose_hub.users import grant
 from simulated_sites import records_of
 
 pytestmark = pytest.mark.slow

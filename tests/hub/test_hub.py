@@ -25,14 +25,14 @@ from tests.postgres import Server
 from tests.waiting import eventually
 
 from e3pose.base.errors import InputError
-from e3pose.hub.database import Cursor, cursor_of, open_hub
-from e3pose.hub.pull import pull, wait_s
-from e3pose.hub.question import answer
-from e3pose.hub.settings import load_hub
 from e3pose.site.outbox_answers import OutboxAnswers
 from e3pose.wire.codec import decode, encode
 from e3pose.wire.keys.folder import add_keys, init_keys
 from e3pose.wire.site_messages import OutboxPart, OutboxQuestion
+from e3pose_hub.database import Cursor, cursor_of, open_hub
+from e3pose_hub.pull import pull, wait_s
+from e3pose_hub.question import answer
+from e3pose_hub.settings import load_hub
 
 pytestmark = pytest.mark.slow
 

@@ -10,10 +10,10 @@ from pathlib import Path
 import pytest
 
 from e3pose.base.errors import InputError
-from e3pose.hub.page import open_page
-from e3pose.hub.settings import load_hub
 from e3pose.site.web.server import PageServer
 from e3pose.wire.keys.authority import make_authority, make_certificate
+from e3pose_hub.page import open_page
+from e3pose_hub.settings import load_hub
 
 pytestmark = pytest.mark.slow
 

@@ -10,12 +10,12 @@ import pytest
 from tests.cli.commands import run as run_verb
 from tests.postgres import Server
 
-from e3pose.hub import accesses as log
-from e3pose.hub.accesses import log_accesses, read_accesses
-from e3pose.hub.database import Cursor, keep, open_hub
-from e3pose.hub.frames import query
-from e3pose.hub.question import answer
-from e3pose.hub.settings import load_hub
+from e3pose_hub import accesses as log
+from e3pose_hub.accesses import log_accesses, read_accesses
+from e3pose_hub.database import Cursor, keep, open_hub
+from e3pose_hub.frames import query
+from e3pose_hub.question import answer
+from e3pose_hub.settings import load_hub
 from simulated_sites import (
     BEGIN_NS,
     CAMERAS,

@@ -9,8 +9,8 @@ import pytest
 from tests.cli.commands import run as run_verb
 
 from e3pose.base.errors import InputError
-from e3pose.hub.settings import load_hub
-from e3pose.hub.users import grant, read_users, revoke, users_of
+from e3pose_hub.settings import load_hub
+from e3pose_hub.users import grant, read_users, revoke, users_of
 
 FILE = """
 format = "e3pose-hub"

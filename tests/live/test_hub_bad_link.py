@@ -14,8 +14,8 @@ from tests.live.bad_link import BadLink, bad_link
 from tests.ports import free_port
 from tests.waiting import eventually
 
-from e3pose.hub.question import answer
 from e3pose.wire.keys.folder import add_keys, init_keys
+from e3pose_hub.question import answer
 
 pytestmark = pytest.mark.live
 

@@ -16,14 +16,14 @@ import pytest
 from tests.site.web.browser import Page, in_browser
 from tests.waiting import eventually
 
-from e3pose.hub.accesses import read_accesses
-from e3pose.hub.database import Cursor, keep, note_problem, open_hub
-from e3pose.hub.page import open_page
-from e3pose.hub.settings import load_hub
-from e3pose.hub.users import grant, revoke
 from e3pose.site.web.server import PageServer
 from e3pose.site.web.tokens import open_tokens
 from e3pose.store.summaries import MINUTE_NS
+from e3pose_hub.accesses import read_accesses
+from e3pose_hub.database import Cursor, keep, note_problem, open_hub
+from e3pose_hub.page import open_page
+from e3pose_hub.settings import load_hub
+from e3pose_hub.users import grant, revoke
 from simulated_sites import records_of
 
 pytestmark = [pytest.mark.live, in_browser]

@@ -18,7 +18,7 @@ from cyclopts import App, CycloptsError, Group, MissingArgumentError
 from e3pose import __version__
 from e3pose.base.errors import InputError, reason_of
 from e3pose.base.system import END_SIGNALS
-from e3pose.cli.lab import LAB, lab_verb
+from e3pose.cli.lab import HUB, LAB, hub_verb, lab_verb
 
 VERSION = ["--version", "-V"]
 EXIT_INPUT = 2  # the input or the options are wrong
@@ -61,7 +61,7 @@ GROUPS: dict[str, dict[str, str | Callable[..., Any]]] = {
         "events": ".eventing:events_app",
         "people": ".naming:people_app",
         "archive": ".archiving:archive_app",
-        "hub": ".hubbing:hub_app",
+        "hub": hub_verb(),
         "report": ".reporting:report",
     },
     "Evaluate": {
@@ -123,6 +123,7 @@ EXTRAS = {
     "distributed": "lab",
     "fsspec": "archive",
     LAB: "lab",
+    HUB: "hub",
     "motmetrics": "lab",
     "torch": "train",
 }

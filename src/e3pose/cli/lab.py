@@ -1,6 +1,7 @@
-"""Verbs of the lab, which measures, reproduces and trains; a site is installed without it.
+"""Verbs of the lab, which measures, reproduces and trains, and of the hub of many sites.
 
-The package of the lab is named here and in `e3pose.edge.learn.trainer`, and imported nowhere else.
+A site is installed without either. Their packages are named here, the lab's also in
+`e3pose.edge.learn.trainer`, and imported nowhere else.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-LAB = "e3pose_lab"
+LAB, HUB = "e3pose_lab", "e3pose_hub"
 INSTALLED = importlib.util.find_spec(LAB) is not None
 # Each verb as `module:name` in the lab's `cli`, and what help says of it without the lab.
 LAB_VERBS = {
@@ -28,11 +29,18 @@ def lab_verb(verb: str) -> str | Callable[..., None]:
     return f"{LAB}.cli.{place}" if INSTALLED else _absent(what)
 
 
-def _absent(what: str) -> Callable[..., None]:
+def hub_verb() -> str | Callable[..., None]:
+    """Return where the verbs of the hub are, or a function in their place."""
+    if importlib.util.find_spec(HUB) is not None:
+        return f"{HUB}.cli:hub_app"
+    return _absent("Gather the summaries of many sites.", HUB, "hub")
+
+
+def _absent(what: str, package: str = LAB, extra: str = "lab") -> Callable[..., None]:
     """Return a verb that takes anything and fails."""
 
     def verb(*words: Annotated[str, Parameter(show=False, allow_leading_hyphen=True)]) -> None:
-        raise ModuleNotFoundError(name=LAB)
+        raise ModuleNotFoundError(name=package)
 
-    verb.__doc__ = f"{what} Not installed: pip install 'e3pose[lab]'."
+    verb.__doc__ = f"{what} Not installed: pip install 'e3pose[{extra}]'."
     return verb

@@ -18,8 +18,8 @@ from e3pose.base.bounded import read_toml
 from e3pose.base.errors import InputError
 from e3pose.base.lock import hold
 from e3pose.base.version import Version, version_of
-from e3pose.hub.settings import Hub
 from e3pose.model.camera_fields import check_camera_id
+from e3pose_hub.settings import Hub
 
 FORMAT, VERSION = "e3pose-hub-users", 1
 NAME = "users.toml"

@@ -11,11 +11,11 @@ from typing import Any, Literal
 import msgspec
 from sqlalchemy import Connection, Engine, Row, select
 
-from e3pose.hub.database import hours, sites, summaries
-from e3pose.hub.settings import Hub
 from e3pose.store.forgetting import DAY_NS
 from e3pose.store.rows import NS
 from e3pose.store.summaries import MINUTE_NS
+from e3pose_hub.database import hours, sites, summaries
+from e3pose_hub.settings import Hub
 
 FRESH_NS = 5 * NS  # so long all who ask see the same: a minute of a site is not newer
 NEW_NS = 10 * MINUTE_NS  # a site whose newest minute is older is silent

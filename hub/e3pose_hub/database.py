@@ -29,7 +29,6 @@ from sqlalchemy import (
 )
 
 from e3pose.base.errors import InputError
-from e3pose.hub.records import Summary
 from e3pose.store.database import (
     REFUSALS,
     check_place,
@@ -42,6 +41,7 @@ from e3pose.store.delivery import new_rows
 from e3pose.store.rows import NS
 from e3pose.store.schema import SUMMARY_JSON, summary_columns
 from e3pose.wire.site_messages import Tombstone
+from e3pose_hub.records import Summary
 
 metadata = MetaData()
 HOUR_NS = 3600 * NS

@@ -17,11 +17,6 @@ from sqlalchemy import Engine
 from e3pose.base.errors import InputError
 from e3pose.base.rate_limit import Rate
 from e3pose.base.version import Watched
-from e3pose.hub.accesses import log_accesses
-from e3pose.hub.database import open_hub
-from e3pose.hub.overview import Overviews
-from e3pose.hub.settings import LISTEN, Hub
-from e3pose.hub.users import User, Users, read_users, users_of
 from e3pose.site.web.access import Rules, token_of
 from e3pose.site.web.page import FILES as FILES_OF_SITE
 from e3pose.site.web.page import make_page
@@ -29,8 +24,13 @@ from e3pose.site.web.server import PageServer, https_of, listening_at, serve
 from e3pose.site.web.tokens import open_tokens
 from e3pose.store.database import REFUSALS, refusal_of
 from e3pose.wire.endpoint import read_host_port
+from e3pose_hub.accesses import log_accesses
+from e3pose_hub.database import open_hub
+from e3pose_hub.overview import Overviews
+from e3pose_hub.settings import LISTEN, Hub
+from e3pose_hub.users import User, Users, read_users, users_of
 
-BROWSER = resources.files("e3pose.hub").joinpath("browser")
+BROWSER = resources.files("e3pose_hub").joinpath("browser")
 # Its own, and the modules and styles of a site's page.
 FILES = {
     **FILES_OF_SITE,

@@ -18,13 +18,13 @@ from e3pose.base.system import stand_back
 from e3pose.cli.options import OUTPUT, Flag, Whole, as_typed
 from e3pose.cli.output import JsonFile, is_stdout, wrote
 from e3pose.evaluate.columns import table_console
-from e3pose.hub.settings import check_links, load_hub
-from e3pose.hub.users import grant as grant_user
-from e3pose.hub.users import read_users, users_of
-from e3pose.hub.users import revoke as revoke_user
 from e3pose.site.run import run_until_stopped
 from e3pose.store.export import write_tables
 from e3pose.store.times import iso_text
+from e3pose_hub.settings import check_links, load_hub
+from e3pose_hub.users import grant as grant_user
+from e3pose_hub.users import read_users, users_of
+from e3pose_hub.users import revoke as revoke_user
 
 hub_app = App(name="hub", help="Gather the summaries of many sites, and ask questions about them.")
 SHOWN_ROWS = 40
@@ -49,8 +49,8 @@ def run(hub: Path, /) -> None:
     hub
         File of the hub, or the folder that has it as hub.toml.
     """
-    from e3pose.hub.database import open_hub
-    from e3pose.hub.pull import AT_ONCE, Pulling
+    from e3pose_hub.database import open_hub
+    from e3pose_hub.pull import AT_ONCE, Pulling
 
     found = load_hub(hub)
     if found.archives:
@@ -97,7 +97,7 @@ def view(
     for_s
         Stop after this many seconds.
     """
-    from e3pose.hub.page import open_page, page_lines
+    from e3pose_hub.page import open_page, page_lines
 
     check_seconds("--for", for_s)
     found = load_hub(hub)
@@ -138,7 +138,7 @@ def query(
     json_file
         Write the rows here as a JSON list; - is standard output.
     """
-    from e3pose.hub.question import answer
+    from e3pose_hub.question import answer
 
     if archives or group:  # for a release
         raise InputError(f"--archives, --group: a hub no longer reads archives: {OPEN_THEM}")
@@ -259,7 +259,7 @@ def accesses(
     json_file
         Write the rows here as a JSON list; - is standard output.
     """
-    from e3pose.hub.accesses import read_accesses
+    from e3pose_hub.accesses import read_accesses
 
     found = read_accesses(load_hub(hub).database, site, who, limit)
     rows = [(iso_text(one.time_ns), one.who, one.site, one.what) for one in found]
@@ -290,8 +290,8 @@ def forgotten(
     json_file
         Write the rows here as a JSON list; - is standard output.
     """
-    from e3pose.hub.database import read_forgotten
     from e3pose.store.forgetting import day_of
+    from e3pose_hub.database import read_forgotten
 
     found = read_forgotten(load_hub(hub).database)
     rows = [

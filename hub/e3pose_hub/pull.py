@@ -14,15 +14,15 @@ from sqlalchemy import Engine
 
 from e3pose.base.errors import InputError
 from e3pose.base.rate_limit import Rate
-from e3pose.hub.database import Cursor, cursor_of, keep, note_problem
-from e3pose.hub.records import summaries_in, tombstones_in
-from e3pose.hub.settings import Hub, holder_at
 from e3pose.store.database import REFUSALS, refusal_of
 from e3pose.wire.access import Link
 from e3pose.wire.codec import decode, encode
 from e3pose.wire.network import open_network
 from e3pose.wire.site_messages import OutboxPart, OutboxQuestion
 from e3pose.wire.topics import of_outbox
+from e3pose_hub.database import Cursor, cursor_of, keep, note_problem
+from e3pose_hub.records import summaries_in, tombstones_in
+from e3pose_hub.settings import Hub, holder_at
 
 Ask = Callable[[bytes], bytes | None]
 ANSWER_S = 10.0

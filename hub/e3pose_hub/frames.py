@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from e3pose.hub.question import LIMIT_S, MOST_ROWS, answer
-from e3pose.hub.settings import load_hub
+from e3pose_hub.question import LIMIT_S, MOST_ROWS, answer
+from e3pose_hub.settings import load_hub
 
 if TYPE_CHECKING:
     import pandas

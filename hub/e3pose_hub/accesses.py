@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from sqlalchemy import ColumnElement, Connection, Engine, delete, func, insert, select, true
 
 from e3pose.base.errors import InputError
-from e3pose.hub.database import accesses, open_hub
 from e3pose.store.database import REFUSALS, refusal_of
+from e3pose_hub.database import accesses, open_hub
 
 MOST = 100_000  # accesses; the oldest of those who have most make room
 SPARE = 1000  # beyond them, so that room is not made each time
