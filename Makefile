@@ -22,15 +22,18 @@ $(BIN)/python:
 	  "$(PYTHON) is %d.%d, expected 3.10 to 3.13: name another with make PYTHON=..." % sys.version_info[:2])'
 	$(PYTHON) -m venv $(VENV) || { rm -rf $(VENV); exit 1; }
 
-# Product and lab are two distributions, of one version; here both are this folder's.
-$(VENV)/.all: pyproject.toml lab/pyproject.toml | $(BIN)/python
-	$(BIN)/python -m pip install --quiet --editable '.[all,lab]' --editable lab
+# Product, hub and lab are distributions, of one version; here all are this folder's.
+DISTRIBUTIONS := . hub lab
+PROJECTS := $(DISTRIBUTIONS:%=%/pyproject.toml)
+EDITABLE := $(DISTRIBUTIONS:%=--editable %)
+$(VENV)/.all: $(PROJECTS) | $(BIN)/python
+	$(BIN)/python -m pip install --quiet --editable '.[all,hub,lab]' $(EDITABLE)
 	@touch $@
 
 # Pinned versions with hashes; `make lock` renews them.
-$(VENV)/.dev: pyproject.toml lab/pyproject.toml requirements/dev.txt | $(BIN)/python
+$(VENV)/.dev: $(PROJECTS) requirements/dev.txt | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --require-hashes --requirement requirements/dev.txt
-	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable . --editable lab
+	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation $(EDITABLE)
 	@touch $@ $(VENV)/.all
 
 demo: $(VENV)/.all  ## run a live site on real videos; results in demo-output/
@@ -86,7 +89,7 @@ check: $(VENV)/.dev docs  ## check formatting, lint, types, layers and documenta
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
-	for system in win32 darwin; do $(BIN)/mypy --platform $$system --cache-dir .mypy_cache/$$system src || exit 1; done
+	for system in win32 darwin; do $(BIN)/mypy --platform $$system --cache-dir .mypy_cache/$$system src hub || exit 1; done
 	$(BIN)/python -m pytest -q tests/test_imports.py
 
 docs: $(VENV)/.dev  ## build the documentation into site/; warnings are errors
@@ -148,9 +151,9 @@ attack: $(VENV)/.all  ## fuzz decoders and files, attack a live site on loopback
 
 # Uploading is a person's: docs/how-to/release.md.
 DIST ?= dist
-dist: $(DISTRIBUTOR)/.installed  ## build wheels and sdists of product and lab into dist/, and check them as an index does
+dist: $(DISTRIBUTOR)/.installed  ## build wheels and sdists of all distributions into dist/, and check them as an index does
 	rm -rf $(DIST)
-	for part in . lab; do $(DISTRIBUTOR)/bin/python -m build --outdir $(DIST) $$part > /dev/null || exit 1; done
+	for part in $(DISTRIBUTIONS); do $(DISTRIBUTOR)/bin/python -m build --outdir $(DIST) $$part > /dev/null || exit 1; done
 	$(DISTRIBUTOR)/bin/twine check --strict $(DIST)/*
 
 $(DISTRIBUTOR)/.installed: | $(BIN)/python
@@ -166,7 +169,7 @@ test-all: $(VENV)/.dev  ## run the tests under Python 3.10 to 3.13
 # those that still fit stay. The container has those of the tests.
 COMPILE := $(LOCKER)/bin/uv pip compile pyproject.toml --universal --python-version 3.10 --generate-hashes \
   --no-emit-index-url --no-emit-find-links --no-annotate --no-header --no-strip-extras --quiet \
-  --no-emit-package e3pose --no-emit-package e3pose-lab
+  --no-emit-package e3pose --no-emit-package e3pose-hub --no-emit-package e3pose-lab
 lock:  ## renew the pinned versions and hashes in requirements/
 	[ -x $(LOCKER)/bin/uv ] || { $(PYTHON) -m venv $(LOCKER) && $(LOCKER)/bin/pip install --quiet uv; }
 	$(COMPILE) $(LOCK) --extra dev --output-file requirements/dev.txt

@@ -30,7 +30,7 @@ def tests(session: nox.Session, version: str) -> None:
         if found is None:
             session.skip(f"no Python {version} on PATH or in pyenv")
         session.run(found, "-m", "venv", "--clear", str(environment), external=True)
-        parts = ("-e", ".[dev]", "-e", "lab")
+        parts = ("-e", ".[dev]", "-e", "hub", "-e", "lab")
         session.run(str(python), "-m", "pip", "install", "--quiet", *parts, external=True)
         installed.write_bytes(project.read_bytes())
     session.run(str(python), "-m", "pytest", "-q", *session.posargs, external=True)

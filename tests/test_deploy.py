@@ -198,4 +198,4 @@ def test_the_image_is_built_and_its_program_starts(tmp_path: Path) -> None:
         f'calibration = "walk/calibration.toml"\nlink = {{ endpoint = "tcp/127.0.0.1:{port}" }}\n'
     )
     assert "Ready: 0 problems" in run(program, "check", site, PATH=path)
-    assert not [*tmp_path.glob("opt/e3pose/lib/*/site-packages/e3pose_lab")]
+    assert not [*tmp_path.glob("opt/e3pose/lib/*/site-packages/e3pose_*")]

@@ -1,7 +1,8 @@
-"""Product and lab: two distributions of one version that install by name from an index."""
+"""Product, hub and lab: distributions of one version that install by name from an index."""
 
 from __future__ import annotations
 
+import importlib
 import os
 import re
 import subprocess
@@ -14,28 +15,28 @@ from pathlib import Path
 import pytest
 from packaging.requirements import Requirement
 from packaging.utils import parse_wheel_filename
-from tests.test_requirements import project
+from tests.distributions import FOLDERS, PACKAGES, PRODUCT, PROJECTS, ROOT
 
 import e3pose
-import e3pose_lab
-
-ROOT = Path(__file__).parents[1]
-BETWEEN = {"e3pose": "e3pose-lab", "e3pose-lab": "e3pose"}
 
 
 def requirements(name: str) -> list[Requirement]:
-    """Return all that one of the two needs, whatever extra is asked for."""
-    said = project(name)
-    extras = said["optional-dependencies"].values()
+    """Return all that a distribution needs, whatever extra is asked for."""
+    said = PROJECTS[name]
+    extras = said.get("optional-dependencies", {}).values()
     return [Requirement(line) for part in (said["dependencies"], *extras) for line in part]
 
 
-def test_product_and_lab_have_one_version_and_ask_for_it_of_each_other() -> None:
-    assert e3pose.__version__ == e3pose_lab.__version__
-    for name, other in BETWEEN.items():
-        asked = {str(one.specifier) for one in requirements(name) if one.name == other}
-        assert asked == {f"=={e3pose.__version__}"}, f"{name} asks for {other} {asked}"
-    assert (ROOT / "lab" / "LICENSE").read_bytes() == (ROOT / "LICENSE").read_bytes()
+def test_all_have_one_version_and_ask_for_it_of_each_other() -> None:
+    assert len(PROJECTS) >= 3
+    for package, folder in FOLDERS.items():
+        assert importlib.import_module(package).__version__ == e3pose.__version__
+        assert (folder / "LICENSE").read_bytes() == (ROOT / "LICENSE").read_bytes()
+    for name in PROJECTS:
+        others = {*PROJECTS} - {name} if name == PRODUCT else {PRODUCT}
+        for other in others:
+            asked = {str(one.specifier) for one in requirements(name) if one.name == other}
+            assert asked == {f"=={e3pose.__version__}"}, f"{name} asks for {other} {asked}"
 
 
 def run(*words: object, cwd: Path, **more: str) -> str:
@@ -70,7 +71,8 @@ def metadata(wheel: Path) -> Message:
 @pytest.mark.network
 def test_what_an_index_shows(built: Path) -> None:
     found = {parse_wheel_filename(path.name)[0]: path for path in built.glob("*.whl")}
-    assert {*found} == {*BETWEEN} and len([*built.iterdir()]) == 4  # and two sdists
+    assert {*found} == {*PROJECTS}
+    assert len([*built.iterdir()]) == 2 * len(PROJECTS)  # and an sdist of each
     for name, wheel in found.items():
         said = metadata(wheel)
         assert (said["Name"], said["Version"]) == (name, e3pose.__version__)
@@ -87,7 +89,7 @@ def test_what_an_index_shows(built: Path) -> None:
 
 @pytest.fixture(scope="module")
 def index(built: Path, tmp_path_factory: pytest.TempPathFactory) -> str:
-    """Return the address of a package index that has both wheels."""
+    """Return the address of a package index that has all wheels."""
     folder = tmp_path_factory.mktemp("index")
     for wheel in built.glob("*.whl"):
         page = folder / parse_wheel_filename(wheel.name)[0] / "index.html"
@@ -115,8 +117,12 @@ def test_it_installs_by_name_and_works_in_an_empty_folder(index: str, tmp_path: 
     # The paper's pipeline is compiled in a third of the time of the default.
     call("replay", "walk", "--pipeline", "paper", "--cameras", "2", "--poses", "walk.parquet")
     assert (empty / "walk.parquet").is_file()
-    assert "Not installed" in call("reproduce", "--help")
-    assert not [*bin_.parent.glob("lib/*/site-packages/e3pose_lab")]
-
-    install("e3pose[lab]")
-    assert "Not installed" not in call("reproduce", "--help")
+    verbs = {"hub": "hub", "reproduce": "lab"}  # and the extra that brings each
+    for verb in verbs:
+        assert "Not installed" in call(verb, "--help")
+    assert [name for name in PACKAGES if [*bin_.parent.glob(f"lib/*/site-packages/{name}")]] == [
+        PRODUCT
+    ]
+    for verb, extra in verbs.items():
+        install(f"e3pose[{extra}]")
+        assert "Not installed" not in call(verb, "--help")

@@ -7,11 +7,10 @@ import re
 from pathlib import Path
 
 from tests.cases import each_case
+from tests.distributions import PACKAGES, ROOT
 
-ROOT = Path(__file__).parent.parent
-PACKAGES = (ROOT / "src" / "e3pose", ROOT / "lab" / "e3pose_lab")
 ROOMS = sorted(
-    path for package in PACKAGES for path in package.iterdir() if path.name != "py.typed"
+    path for package in PACKAGES.values() for path in package.iterdir() if path.name != "py.typed"
 )
 LISTED = re.compile(r"^(?:Args|Attributes):\n((?:    .*\n|\n)+)", re.M)
 NAME = re.compile(r"^    \*{0,2}(\w+):", re.M)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import functools
 import importlib
+import itertools
 import json
 import re
 import subprocess
@@ -14,8 +15,8 @@ from pathlib import Path
 
 import numpy as np
 from tests.cases import each_case
+from tests.distributions import FOLDERS, PACKAGES, PRODUCT
 
-import e3pose
 from e3pose.cli.app import VERBS
 from e3pose.model.camera import Camera, Rig
 from e3pose.recording.calibration import save_rig
@@ -42,7 +43,7 @@ LAYERS: list[str] = []
 for rooms in (
     "base model predict energy",
     "estimate select pipeline recording detectors wire settings store",
-    "simulate camera evaluate calibrate events edge output site hub",
+    "simulate camera evaluate calibrate events edge output site",
     "cli __main__",
 ):
     LAYERS += rooms.split()
@@ -61,8 +62,17 @@ PURE = (
     "evaluate.metrics", "wire.codec", "wire.offset", "base.clock", "edge.lead", "edge.roster",
 )  # fmt: skip
 PURE_IN_LAB = ("prediction.motion", "prediction.scores", "prediction.tally")
-SOURCE = Path(e3pose.__file__).parent
-LAB = SOURCE.parents[1] / "lab"
+SOURCE = PACKAGES[PRODUCT]
+# What a text could import of the others: the package, and scripts beside it.
+FOREIGN = {
+    package: {package, "benchmarks", *(path.stem for path in folder.glob("benchmarks/*.py"))}
+    for package, folder in FOLDERS.items()
+}
+# Files of the product that name the package of another, to say what to install or who reads them.
+NAMED = {
+    "e3pose_hub": {"lab.py"},
+    "e3pose_lab": {"lab.py", "trainer.py", "calibration.py", "weights_file.py"},
+}
 
 
 def room_of(module: str) -> str:
@@ -84,10 +94,9 @@ def all_imports(text: str) -> Iterator[str]:
             yield from (name.name for name in node.names)
 
 
-def of_the_lab(text: str) -> list[str]:
-    """Return what a text imports of the lab: its package and its scripts."""
-    names = {"e3pose_lab", "benchmarks", *(path.stem for path in LAB.glob("benchmarks/*.py"))}
-    return [name for name in all_imports(text) if name.partition(".")[0] in names]
+def foreign(text: str, package: str) -> list[str]:
+    """Return what a text imports of a distribution beside the product."""
+    return [name for name in all_imports(text) if name.partition(".")[0] in FOREIGN[package]]
 
 
 def climbs(room: str, names: Iterable[str]) -> list[str]:
@@ -141,12 +150,29 @@ def test_imports_point_inward(room: str) -> None:
     assert {file: names for file, names in wrong.items() if names} == {}
 
 
-def test_the_product_imports_nothing_of_the_lab() -> None:
-    found = {str(path): of_the_lab(path.read_text()) for path in SOURCE.rglob("*.py")}
-    assert len(found) > 300 and not any(found.values())
-    named = {path.name for path in SOURCE.rglob("*.py") if "e3pose_lab" in path.read_text()}
-    assert named <= {"lab.py", "trainer.py", "calibration.py", "weights_file.py"}
-    assert of_the_lab("from e3pose_lab.train.online import main\nimport bench_step") != []
+@each_case("other", FOLDERS)
+def test_the_product_imports_nothing_of_the_others(other: str) -> None:
+    texts = {path: path.read_text() for path in SOURCE.rglob("*.py")}
+    assert len(texts) > 300
+    assert {
+        str(path): names for path, text in texts.items() if (names := foreign(text, other))
+    } == {}
+    assert {path.name for path, text in texts.items() if other in text} <= NAMED[other]
+
+
+@each_case("package, other", itertools.permutations(FOLDERS, 2))
+def test_hub_and_lab_import_nothing_of_each_other(package: str, other: str) -> None:
+    texts = {str(path): path.read_text() for path in PACKAGES[package].rglob("*.py")}
+    assert {path: names for path, text in texts.items() if (names := foreign(text, other))} == {}
+
+
+def test_an_import_of_another_distribution_is_seen() -> None:
+    assert (
+        len(foreign("from e3pose_lab.train.online import main\nimport bench_step", "e3pose_lab"))
+        == 2
+    )
+    assert foreign("from e3pose_hub import page", "e3pose_hub") == ["e3pose_hub"]
+    assert foreign("from e3pose.site import page\nimport settings", "e3pose_hub") == []
 
 
 def test_a_climb_is_seen() -> None:
@@ -189,11 +215,7 @@ def modules_of(path: Path) -> set[str]:
 
 def test_no_modules_import_each_other() -> None:
     """Laws and kernels, settings and what reads them: neither can be read without the other."""
-    names = {
-        ".".join(path.relative_to(SOURCE.parent).with_suffix("").parts): path
-        for path in SOURCE.rglob("*.py")
-        if path.name != "__init__.py"
-    }
+    names = {name: path for name, path in FILES.items() if path.name != "__init__.py"}
     assert circles({name: modules_of(path) - {name} for name, path in names.items()}) == []
 
 
@@ -257,8 +279,9 @@ def named(node: ast.Import | ast.ImportFrom) -> Iterator[str]:
 
 FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda)
 FILES = {
-    ".".join(path.relative_to(SOURCE.parent).with_suffix("").parts).removesuffix(".__init__"): path
-    for path in SOURCE.rglob("*.py")
+    ".".join(path.relative_to(folder.parent).with_suffix("").parts).removesuffix(".__init__"): path
+    for folder in (SOURCE, PACKAGES["e3pose_hub"])
+    for path in folder.rglob("*.py")
 }
 DEFERRED = {
     name: vars(importlib.import_module(name))["_HOMES"] for name in ("e3pose", "e3pose.store")
@@ -275,9 +298,9 @@ def packages(module: str, top: Mapping[str, set[str]]) -> set[str]:
         if name not in seen:
             seen.add(name)
             left += top.get(name, ())
-            left += [name.rpartition(".")[0]] if name.startswith("e3pose.") else []
+            left += [name.rpartition(".")[0]] if "." in name and name in FILES else []
     roots = {name.partition(".")[0] for name in seen}
-    return roots - EVERYWHERE - {"e3pose", ""} - sys.stdlib_module_names
+    return roots - EVERYWHERE - {*PACKAGES, ""} - sys.stdlib_module_names
 
 
 def test_functions_import_only_what_needs_an_extra() -> None:

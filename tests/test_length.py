@@ -4,16 +4,12 @@ from __future__ import annotations
 
 import ast
 from functools import cache
-from pathlib import Path
 
-import e3pose
-import e3pose_lab
+from tests.distributions import PACKAGES
 
-PACKAGES = (e3pose, e3pose_lab)
 FILES = [
-    (f"{package.__name__}/{path.relative_to(folder).as_posix()}", path.read_text())
-    for package in PACKAGES
-    for folder in (Path(package.__path__[0]),)
+    (f"{package}/{path.relative_to(folder).as_posix()}", path.read_text())
+    for package, folder in PACKAGES.items()
     for path in folder.rglob("*.py")
 ]
 MOST_LINES = 400  # of a file
@@ -48,9 +44,9 @@ MOST_LINES_OF_PAGES = 4000  # script, styles and markup of our own, all pages to
 
 
 def test_pages_stay_plain() -> None:
-    root = Path(e3pose.__path__[0])
     files = [
         path
+        for root in PACKAGES.values()
         for kind in ("js", "css", "html")
         for path in root.rglob(f"*.{kind}")
         if "vendor" not in path.parts

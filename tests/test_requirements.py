@@ -14,13 +14,8 @@ import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 from tests.cases import each_case
+from tests.distributions import PROJECTS, ROOT
 
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
-
-ROOT = Path(__file__).parents[1]
 LOCKS = {"dev": ("dev",), "container": ("edge", "camera", "models", "build")}
 ENVIRONMENTS = [
     {"python_version": f"3.{minor}", "python_full_version": f"3.{minor}.5",
@@ -32,14 +27,6 @@ ENVIRONMENTS = [
 ]  # fmt: skip
 
 
-PROJECTS = {"e3pose": ROOT / "pyproject.toml", "e3pose-lab": ROOT / "lab" / "pyproject.toml"}
-
-
-def project(name: str) -> dict[str, Any]:
-    """Return what a distribution says of itself."""
-    return dict(tomllib.loads(PROJECTS[name].read_text())["project"])
-
-
 def asked(*extras: str) -> Iterator[Requirement]:
     """Yield what the project needs with some extras."""
     waiting = [f"e3pose[{','.join(extras)}]"]
@@ -48,10 +35,10 @@ def asked(*extras: str) -> Iterator[Requirement]:
         if requirement.name not in PROJECTS:
             yield requirement
             continue
-        said = project(requirement.name)
+        said = PROJECTS[requirement.name]
         waiting += said["dependencies"]
         for extra in requirement.extras:
-            waiting += said["optional-dependencies"][extra]
+            waiting += said.get("optional-dependencies", {})[extra]
 
 
 def pinned(name: str) -> list[tuple[Requirement, int]]:

@@ -7,14 +7,17 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
+from tests.distributions import PACKAGES, ROOT
 
-import e3pose
-
-SOURCE = Path(e3pose.__file__).parent
-ROOT = Path(__file__).parents[1]
+SOURCE = PACKAGES["e3pose"]
+# What runs at a site, and the hub.
+TEXTS = {
+    str(path.relative_to(SOURCE if at == SOURCE else at.parent)): path.read_text()
+    for at in (SOURCE, PACKAGES["e3pose_hub"])
+    for path in at.rglob("*.py")
+}
 # The rooms for what differs, and what each file that names a place of Linux does elsewhere.
 ASKS = {"base/system.py", "base/child_process.py"}
 PLACES = {
@@ -59,13 +62,13 @@ def places(text: str) -> list[str]:
 
 
 def test_the_platform_is_asked_in_its_rooms_alone() -> None:
-    found = {str(p.relative_to(SOURCE)): [*asked(p.read_text())] for p in SOURCE.rglob("*.py")}
+    found = {file: [*asked(text)] for file, text in TEXTS.items()}
     assert {file for file, names in found.items() if names} == ASKS
     assert [*asked("import fcntl\nPopen(x, preexec_fn=f)\nsys.platform")] != []
 
 
 def test_places_of_linux_are_named_where_they_may_be_missing() -> None:
-    found = {str(p.relative_to(SOURCE)): places(p.read_text()) for p in SOURCE.rglob("*.py")}
+    found = {file: places(text) for file, text in TEXTS.items()}
     assert {file for file, texts in found.items() if texts} == {*PLACES}
 
 

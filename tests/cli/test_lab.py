@@ -1,4 +1,4 @@
-"""An install without the lab: its verbs say what to install, all others work."""
+"""An install without lab and hub: their verbs say what to install, all others work."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ import pytest
 from tests.cases import each_case
 
 from e3pose.cli.app import app
-from e3pose.cli.lab import LAB, LAB_VERBS
+from e3pose.cli.lab import HUB, LAB, LAB_VERBS
 from e3pose.edge.learn.job import LACKS_TORCH
 from e3pose.edge.learn.trainer import main as train
 
-# Runs the program where the package of the lab cannot be found.
+# Runs the program where the packages of lab and hub cannot be found.
 WITHOUT = """
 import sys
-sys.modules["e3pose_lab"] = None
+sys.modules["e3pose_lab"] = sys.modules["e3pose_hub"] = None
 from e3pose.cli.app import main
 main()
 """
@@ -36,8 +36,21 @@ def test_verb_says_in_a_line_what_to_install(verb: str, words: tuple[str, ...]) 
     assert (ended.returncode, ended.stdout) == (2, "")
 
 
+@pytest.mark.parametrize(
+    "words", [(), ("--help",), ("run", "house"), ("query", "house", "--csv", "a")]
+)
+def test_hub_says_in_a_line_what_to_install(words: tuple[str, ...]) -> None:
+    ended = without_lab("hub", *words)
+    if words == ("--help",):
+        assert ended.returncode == 0 and "pip install 'e3pose[hub]'" in ended.stdout
+    else:
+        assert ended.stderr == "e3pose: e3pose_hub is not installed: pip install 'e3pose[hub]'\n"
+        assert (ended.returncode, ended.stdout) == (2, "")
+
+
 def test_help_lists_them_with_what_to_install() -> None:
     said = without_lab("--help").stdout
+    assert "Gather the summaries of many sites. Not installed:" in " ".join(said.split())
     assert all(f"{verb} " in said for verb in LAB_VERBS) and said.count("e3pose[lab]") == 4
 
 
@@ -50,6 +63,12 @@ def test_with_the_lab_its_verbs_are_its_own() -> None:
     modules = {str(app[verb].default_command.__module__) for verb in LAB_VERBS}
     assert {module.partition(".")[0] for module in modules} == {LAB}
     assert (Path(__file__).parents[2] / "lab" / LAB).is_dir()
+
+
+def test_with_the_hub_its_verbs_are_its_own() -> None:
+    assert {str(app["hub"][verb].default_command.__module__) for verb in ("run", "view")} == {
+        f"{HUB}.cli"
+    }
 
 
 def test_trainer_of_an_edge_says_what_to_install(capsys: pytest.CaptureFixture[str]) -> None:

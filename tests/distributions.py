@@ -1,0 +1,30 @@
+"""The distributions of this project: the product, and those in folders beside it (hub, lab)."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+ROOT = Path(__file__).parents[1]
+PRODUCT = "e3pose"
+
+
+def read(folder: Path) -> dict[str, Any]:
+    """Return the pyproject.toml of a folder."""
+    return tomllib.loads((folder / "pyproject.toml").read_text())
+
+
+# Folders of the others by their package; the project file of the product lists them.
+FOLDERS = {
+    name.replace("-", "_"): ROOT / source["path"]
+    for name, source in read(ROOT)["tool"]["uv"]["sources"].items()
+}
+PACKAGES = {PRODUCT: ROOT / "src" / PRODUCT, **{name: at / name for name, at in FOLDERS.items()}}
+# What each distribution says of itself, by its name.
+PROJECTS = {str((said := read(at)["project"])["name"]): said for at in (ROOT, *FOLDERS.values())}
