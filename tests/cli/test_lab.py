@@ -36,9 +36,7 @@ def test_verb_says_in_a_line_what_to_install(verb: str, words: tuple[str, ...]) 
     assert (ended.returncode, ended.stdout) == (2, "")
 
 
-@pytest.mark.parametrize(
-    "words", [(), ("--help",), ("run", "house"), ("query", "house", "--csv", "a")]
-)
+@each_case("words", [(), ("--help",), ("run", "house"), ("query", "house", "--csv", "a")])
 def test_hub_says_in_a_line_what_to_install(words: tuple[str, ...]) -> None:
     ended = without_lab("hub", *words)
     if words == ("--help",):
