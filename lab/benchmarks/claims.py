@@ -74,12 +74,13 @@ class Run(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
         spread: by how much a figure may differ that has no spread of its own.
         because: where its spreads come from.
         claims: by name. The list may have `find` alone in place of a claim, and `each = [...]`
-            beside it: a claim for each of these, in place of `$each` in the name and in `find`.
+            beside it: a claim for each of these, in place of `$each` in the name and in `find`; or
+            a table: its keys stand in names, its values in `find`. A run may have it for all.
         cpu_s: what it took; written by `--write`.
         checked: the day on which its figures were measured last; written by `--write`.
         quick: whether it is among those that run in CI.
         needs: what it needs beside the recordings: `network`, or a sentence.
-        file: the output to search; what the commands print if not given.
+        file: the output to search, or a pattern of several; what the commands print if not given.
     """
 
     commands: list[str]
@@ -134,7 +135,8 @@ def listed(text: str) -> dict[str, Run]:
     try:
         written = tomlkit.parse(text).unwrap()
         for run in written.values():
-            run["claims"] = dict(_expanded(run["claims"], run["spread"]))
+            each = run.pop("each", [""])
+            run["claims"] = dict(_expanded(run["claims"], run["spread"], each))
         return msgspec.convert(written, dict[str, Run])
     except (msgspec.ValidationError, tomlkit.exceptions.TOMLKitError) as error:
         raise InputError(f"{LIST.name}: {error}") from None
@@ -142,12 +144,14 @@ def listed(text: str) -> dict[str, Run]:
         raise InputError(f"{LIST.name}: expected tables with claims and spread: {error}") from None
 
 
-def _expanded(claims: dict[str, Any], spread: float) -> Iterator[tuple[str, Any]]:
+def _expanded(claims: dict[str, Any], spread: float, each: Any) -> Iterator[tuple[str, Any]]:
     for name, written in claims.items():
         claim = {"spread": spread, **({"find": written} if isinstance(written, str) else written)}
-        for value in claim.pop("each", [""]):
+        values = claim.pop("each", each if "$each" in name else [""])
+        named = values if isinstance(values, dict) else {value: value for value in values}
+        for key, value in named.items():
             find = claim["find"].replace("$each", value)
-            yield name.replace("$each", value), {**claim, "find": find}
+            yield name.replace("$each", key), {**claim, "find": find}
 
 
 def figure(output: str, claim: Claim) -> float:
@@ -219,7 +223,10 @@ def output_of(run: Run) -> str:
                 last = (ended.stderr.strip() or ended.stdout.strip() or "no word").splitlines()[-1]
                 raise InputError(f"{command!r} ended with code {ended.returncode}: {last}")
             said += ended.stdout
-        return (Path(folder) / run.file).read_text() if run.file else said
+        found = sorted(Path(folder).glob(run.file)) if run.file else []
+        if run.file and not found:
+            raise InputError(f"no {run.file} was written")
+        return "".join(path.read_text() for path in found) or said
 
 
 def _here(word: str) -> str:

@@ -7,6 +7,7 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 from tests.test_docs import FENCE
 
@@ -226,6 +227,26 @@ def test_what_is_measured_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert run.checked is not None
     said = (tmp_path / claims.DATED).read_text()
     assert f"Last repeated: 1 figure by 1 command, {run.checked} to {run.checked}." in said
+
+
+TABLES = """
+[tables]
+commands = ["python -c \\"open('a.csv','w').write('SA,1')\\"",
+            "python -c \\"open('b.csv','w').write('E = 3,2')\\""]
+file = "*.csv"
+spread = 0.0
+because = "nothing about it is random"
+each = { all = "SA", three = "E = 3" }
+claims = { "mm-$each" = '$each,(.)', other = '(2)' }
+"""
+
+
+def test_claims_of_several_rows_are_found_in_several_files() -> None:
+    (run,) = listed(TABLES).values()
+    measured = {name: figure(claims.output_of(run), claim) for name, claim in run.claims.items()}
+    assert measured == {"mm-all": 1.0, "mm-three": 2.0, "other": 2.0}
+    with pytest.raises(InputError, match=r"no \*\.txt was written"):
+        claims.output_of(msgspec.structs.replace(run, file="*.txt"))
 
 
 def test_unknown_names_and_keys_are_refused(
