@@ -125,7 +125,7 @@ budget: $(VENV)/.dev  ## what programs and verbs cost; fails over a limit of lab
 claims: $(VENV)/.dev  ## repeat the quick figures of README and research pages; fails outside their spread
 	$(BIN)/python lab/benchmarks/claims.py
 
-claims-all: $(VENV)/.dev  ## repeat all marked figures, in half an hour, and write the day; CLAIMS="shelf ring": those
+claims-all: $(VENV)/.dev  ## repeat all marked figures, in 45 minutes, and write the day; CLAIMS="shelf ring": those
 	$(BIN)/python lab/benchmarks/claims.py $(or $(CLAIMS),--all) --write
 
 # cosmic-ray makes the mutants in an environment of its own. The tests run in the usual one, on a copy.

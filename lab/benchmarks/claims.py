@@ -1,7 +1,7 @@
 """Repeat what the pages claim, and compare.
 
     python lab/benchmarks/claims.py                    # the quick ones
-    python lab/benchmarks/claims.py --all              # every one, in half an hour
+    python lab/benchmarks/claims.py --all              # every one, in 45 minutes
     python lab/benchmarks/claims.py shelf gain-1       # those of some commands, or some by name
     python lab/benchmarks/claims.py shelf --write      # and put what was measured into the pages
 
@@ -285,7 +285,7 @@ def write(name: str, cpu_s: float, whole: bool, measured: dict[str, float]) -> N
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("names", nargs="*", help="of runs or claims; the quick ones without any")
-    parser.add_argument("--all", action="store_true", help="every run, in half an hour")
+    parser.add_argument("--all", action="store_true", help="every run, in 45 minutes")
     parser.add_argument("--write", action="store_true", help="put the figures into the pages")
     options = parser.parse_args()
     marks = [mark for page in pages() for mark in marks_of(page)]
