@@ -188,7 +188,7 @@ ELSEWHERE = {
     "view site.toml": "tests/live/test_view_page.py",
     "stream site.toml homeassistant://127.0.0.1:1883": "tests/live/test_events_of_people.py",
     "stream site.toml webhook:https://example.org/hook": "tests/live/test_events_of_people.py",
-    "import bvh fall.bvh recordings/fall": "tests/recording/datasets/test_bvh.py",
+    "import bvh fall.bvh recordings/fall": "tests/lab/datasets/test_bvh.py",
     "events test site.toml": "tests/live/test_events_of_people.py",
     "learn versions learned": "tests/cli/test_learn_command.py",
     "learn rollback learned": "tests/cli/test_learn_command.py",

@@ -83,7 +83,7 @@ def recordings(names: list[str], real: bool, seed: int | None) -> Iterator[tuple
         recording = simulate(settings, number)
         yield name, decentred(recording, ASIDE, number) if "axes" in name else recording
     if real:
-        from e3pose.recording.datasets.shelf import import_shelf
+        from e3pose_lab.datasets.shelf import import_shelf
 
         shared = Path(os.environ["E3POSE_SHARED"]) / "data"
         yield "pizza", load_recording(shared / "pizza" / "recording")

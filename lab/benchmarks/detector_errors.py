@@ -141,7 +141,7 @@ def real(named: Sequence[str]) -> Iterator[tuple[str, Recording, int | None]]:
     """Yield recordings: those of `E3POSE_SHARED` and those named by the user."""
     shared = os.environ.get("E3POSE_SHARED")
     if shared:
-        from e3pose.recording.datasets.shelf import import_shelf
+        from e3pose_lab.datasets.shelf import import_shelf
 
         yield "Shelf", import_shelf(Path(shared) / "data/shelf/shelf.npz"), None
         pizza = load_recording(Path(shared) / "data/pizza/recording")

@@ -152,9 +152,9 @@ def cases(shared: Path | None, clip: Path | None, seeds: int) -> Iterator[Case]:
     from e3pose.evaluate.held_out import turns
     from e3pose.model.noises import detector_of, load_noise
     from e3pose.recording import ViewSeries, load_recording
-    from e3pose.recording.datasets.shelf import import_shelf
     from e3pose.simulate import DetectorSettings, Guessing
     from e3pose.simulate.detections import until
+    from e3pose_lab.datasets.shelf import import_shelf
     from predictor_in_the_loop import captured, seen
 
     def start(whole: Any, seconds: float, fps: float) -> Any:

@@ -34,7 +34,7 @@ BODY = slice(5, 17)  # COCO-17 without the face, which motion capture lacks
 def with_face(joints_m: Floats, capture_m: Floats) -> Floats:
     """Return COCO-17 joints whose face is made up from neck and head of CMU-31."""
     from e3pose.model.skeleton import CMU31
-    from e3pose.recording.datasets.bvh import face_of
+    from e3pose_lab.datasets.bvh import face_of
 
     top, below = (capture_m[..., CMU31.index(n), :] for n in ("top_head", "upper_neck"))
     face = joints_m.copy()
@@ -45,7 +45,7 @@ def with_face(joints_m: Floats, capture_m: Floats) -> Floats:
 def captured(shared: Path) -> Iterator[tuple[str, Floats]]:
     """Yield names and `(num_slots, 17, 3)` motion at 30 Hz."""
     from e3pose.model.skeleton import CMU31, COCO17, PANOPTIC19, convert
-    from e3pose.recording.datasets.motion import import_cmu
+    from e3pose_lab.datasets.motion import import_cmu
 
     for clip in CLIPS:
         truth = import_cmu(shared / "data/cmu_mocap/cmu_mocap_train_30fps.npz", clip).truth
@@ -65,12 +65,12 @@ def seen(joints_m: Floats, fps: float, detector: Any = None) -> Any:
     """Return a recording of one person who moves so, before a ring of cameras."""
     from e3pose.model.skeleton import COCO17
     from e3pose.recording import Recording, Truth
-    from e3pose.recording.datasets.motion import default_ring
     from e3pose.simulate import DetectorSettings
     from e3pose.simulate.detections import detect_people
     from e3pose.simulate.guesses import OUTPUTS
     from e3pose.simulate.scenes import SCENES
     from e3pose.simulate.situations import draw_fields
+    from e3pose_lab.datasets.motion import default_ring
 
     hips = joints_m[:, 11]
     rig = default_ring(hips)

@@ -102,7 +102,7 @@ def pizza(shared: Path) -> Iterator[Any]:
 
 def shelf(shared: Path) -> Iterator[Any]:
     """Yield the Shelf recording."""
-    from e3pose.recording.datasets.shelf import import_shelf
+    from e3pose_lab.datasets.shelf import import_shelf
 
     yield import_shelf(shared / "data/shelf/shelf.npz")
 

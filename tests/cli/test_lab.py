@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from functools import reduce
 from pathlib import Path
 
 import pytest
+from cyclopts import App
 from tests.cases import each_case
 
 from e3pose.cli.app import app
-from e3pose.cli.lab import HUB, LAB, LAB_VERBS
+from e3pose.cli.lab import BELOW, HUB, LAB, LAB_VERBS
 from e3pose.edge.learn.job import LACKS_TORCH
 from e3pose.edge.learn.trainer import main as train
 
@@ -22,16 +24,20 @@ from e3pose.cli.app import main
 main()
 """
 
+MOVED = [(verb,) for verb in LAB_VERBS] + [
+    (a, name) for a, names in BELOW.items() for name in names
+]
+
 
 def without_lab(*words: str) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-c", WITHOUT, *words]
     return subprocess.run(command, capture_output=True, text=True, cwd="/", timeout=120)
 
 
-@each_case("words", [(), ("recording", "--out", "there", "--steps=3"), ("--quick",)])
-@each_case("verb", LAB_VERBS)
-def test_verb_says_in_a_line_what_to_install(verb: str, words: tuple[str, ...]) -> None:
-    ended = without_lab(verb, *words)
+@each_case("words", MOVED)
+def test_verb_says_in_a_line_what_to_install(words: tuple[str, ...]) -> None:
+    options = ("recording", "--out", "there", "--steps=3", "--quick") if words[0] != "each" else ()
+    ended = without_lab(*words, *options)
     assert ended.stderr == "e3pose: e3pose_lab is not installed: pip install 'e3pose[lab]'\n"
     assert (ended.returncode, ended.stdout) == (2, "")
 
@@ -49,7 +55,11 @@ def test_hub_says_in_a_line_what_to_install(words: tuple[str, ...]) -> None:
 def test_help_lists_them_with_what_to_install() -> None:
     said = without_lab("--help").stdout
     assert "Gather the summaries of many sites. Not installed:" in " ".join(said.split())
-    assert all(f"{verb} " in said for verb in LAB_VERBS) and said.count("e3pose[lab]") == 4
+    assert all(f"{verb} " in said for verb in LAB_VERBS)
+    assert said.count("e3pose[lab]") == len(LAB_VERBS)
+    for above, names in BELOW.items():
+        said = without_lab(above, "--help").stdout
+        assert said.count("e3pose[lab]") == len(names) and all(f"{name} " in said for name in names)
 
 
 def test_other_verbs_work_without() -> None:
@@ -58,7 +68,8 @@ def test_other_verbs_work_without() -> None:
 
 
 def test_with_the_lab_its_verbs_are_its_own() -> None:
-    modules = {str(app[verb].default_command.__module__) for verb in LAB_VERBS}
+    found = [reduce(App.__getitem__, words, app) for words in MOVED]
+    modules = {str(verb.default_command.__module__) for verb in found}
     assert {module.partition(".")[0] for module in modules} == {LAB}
     assert (Path(__file__).parents[2] / "lab" / LAB).is_dir()
 

@@ -25,7 +25,7 @@ pytestmark = [
 
 @pytest.fixture(scope="module")
 def shelf() -> Recording:
-    from e3pose.recording.datasets.shelf import import_shelf
+    from e3pose_lab.datasets.shelf import import_shelf
 
     return import_shelf(Path(SHARED or "") / "data" / "shelf" / "shelf.npz")
 

@@ -18,7 +18,7 @@ from cyclopts import App, CycloptsError, Group, MissingArgumentError
 from e3pose import __version__
 from e3pose.base.errors import InputError, reason_of
 from e3pose.base.system import END_SIGNALS
-from e3pose.cli.lab import HUB, LAB, hub_verb, lab_verb
+from e3pose.cli.lab import HUB, LAB, hub_verb, lab_verb, with_lab
 
 VERSION = ["--version", "-V"]
 EXIT_INPUT = 2  # the input or the options are wrong
@@ -157,7 +157,8 @@ def make_app(summary: Callable[[str], str | None] = lambda place: None) -> App:
             if not str(target).endswith(APP):
                 own["version_flags"] = "--version"  # -V is a weight in some
             if isinstance(target, str):
-                target, own["help"] = resolve_name(target, "e3pose.cli"), summary(target)
+                own["help"] = summary(target)
+                target = with_lab(verb, resolve_name(target, "e3pose.cli"))
             made.command(target, name=verb, **own)
     return made
 

@@ -10,7 +10,7 @@ import importlib.util
 from collections.abc import Callable
 from typing import Annotated
 
-from cyclopts import Parameter
+from cyclopts import App, Parameter
 
 LAB, HUB = "e3pose_lab", "e3pose_hub"
 INSTALLED = importlib.util.find_spec(LAB) is not None
@@ -21,12 +21,35 @@ LAB_VERBS = {
     "each": ("eaching:each", "Run a verb over many recordings."),
     "train": ("training:train", "Train the motion predictor."),
 }
+# Verbs of the lab below one of the product: its module of that name in the lab's `cli` adds them.
+BELOW = {
+    "import": {
+        "shelf": "Import the Shelf sequence.",
+        "campus": "Import the Campus sequence.",
+        "human36m": "Import a sequence of Human3.6M.",
+        "panoptic": "Import a CMU Panoptic sequence.",
+        "cmu": "Import CMU motion capture clips.",
+        "bvh": "Import motion capture from a BVH file.",
+    },
+}
 
 
 def lab_verb(verb: str) -> str | Callable[..., None]:
     """Return where a verb of the lab is, or a function in its place that says what to install."""
     place, what = LAB_VERBS[verb]
     return f"{LAB}.cli.{place}" if INSTALLED else _absent(what)
+
+
+def with_lab(verb: str, place: str) -> str:
+    """Return where an app of verbs is, `module:name`: with those of the lab, if it is installed."""
+    return f"{LAB}.cli.{place.rpartition('.')[2]}" if INSTALLED and verb in BELOW else place
+
+
+def add_absent(app: App) -> None:
+    """Give an app the verbs of a lab that is not installed; they say what to install."""
+    if not INSTALLED:
+        for name, what in BELOW[app.name[0]].items():
+            app.command(_absent(what), name=name)
 
 
 def hub_verb() -> str | Callable[..., None]:

@@ -121,7 +121,7 @@ def test_equals_the_reference_when_all_goes_wrong(seed: int) -> None:
 @pytest.mark.skipif(not SHARED, reason="E3POSE_SHARED is not set")
 @pytest.mark.parametrize("cameras", [2, 5])
 def test_equals_the_reference_on_a_real_recording(cameras: int) -> None:
-    from e3pose.recording.datasets.shelf import import_shelf
+    from e3pose_lab.datasets.shelf import import_shelf
 
     recording = import_shelf(Path(SHARED or "") / "data" / "shelf" / "shelf.npz")
     slots = seen(recording, cameras)[REAL_SLOTS]

@@ -11,8 +11,8 @@ import pytest
 from e3pose.base.arrays import Floats
 from e3pose.model.skeleton import CMU31
 from e3pose.predict import PREDICTORS, make_predictor
-from e3pose.recording.datasets.motion import import_cmu
-from e3pose.recording.datasets.panoptic import import_panoptic
+from e3pose_lab.datasets.motion import import_cmu
+from e3pose_lab.datasets.panoptic import import_panoptic
 from e3pose_lab.prediction.compare import evaluate_motion, motion_of, pooled
 from e3pose_lab.prediction.motion import body_errors, body_joints
 from e3pose_lab.prediction.scores import PredictionSettings

@@ -259,7 +259,7 @@ def test_latency_is_the_time_of_calls_alone() -> None:
 @pytest.mark.parity
 def test_baselines_on_motion_capture_match_reference_figures() -> None:
     """All clips, 14 joints, exact histories of 10 frames: leads 1 and 10, by other code."""
-    from e3pose.recording.datasets.motion import cmu_clips, import_cmu
+    from e3pose_lab.datasets.motion import cmu_clips, import_cmu
     from e3pose_lab.prediction.compare import motion_of
 
     reference = {

@@ -14,7 +14,7 @@ from e3pose.model.pose import Poses2D
 from e3pose.model.rigs import ring_rig
 from e3pose.model.skeleton import COCO17
 from e3pose.recording import Recording, ViewSeries, save_recording
-from e3pose.recording.datasets.human36m import import_human36m
+from e3pose_lab.datasets.human36m import import_human36m
 
 RIG = ring_rig(4, 5.0, 1.6, (1000, 1000), np.random.default_rng(0))
 FRAMES = 6

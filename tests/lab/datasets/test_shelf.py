@@ -10,9 +10,9 @@ from tests.cases import each_case
 
 from e3pose.base.errors import InputError
 from e3pose.model.skeleton import BODY25, COCO17
-from e3pose.recording.datasets.shelf import import_shelf
 from e3pose.recording.geometry import truth_distances_px
 from e3pose.recording.problems import find_problems
+from e3pose_lab.datasets.shelf import import_shelf
 
 SHARED = os.environ.get("E3POSE_SHARED")
 needs_shared = pytest.mark.skipif(not SHARED, reason="E3POSE_SHARED is not set")

@@ -16,7 +16,7 @@ from e3pose.model.pose import Poses2D
 from e3pose.model.rigs import ring_rig
 from e3pose.model.skeleton import COCO17
 from e3pose.recording import Recording, ViewSeries, save_recording
-from e3pose.recording.datasets.published import CAMPUS, decomposed, import_published
+from e3pose_lab.datasets.published import CAMPUS, decomposed, import_published
 
 RIG = ring_rig(3, 6.0, 2.5, (360, 288), np.random.default_rng(0))
 FRAMES = 8

@@ -13,7 +13,7 @@ from e3pose.base.errors import InputError
 from e3pose.cli import main
 from e3pose.model.skeleton import CMU31
 from e3pose.recording import load_recording
-from e3pose.recording.datasets.motion import BONES, cmu_clips, default_ring, import_cmu
+from e3pose_lab.datasets.motion import BONES, cmu_clips, default_ring, import_cmu
 
 SHARED = os.environ.get("E3POSE_SHARED")
 needs_shared = pytest.mark.skipif(not SHARED, reason="E3POSE_SHARED is not set")

@@ -11,8 +11,8 @@ from tests.cases import each_case
 
 from e3pose.base.errors import InputError
 from e3pose.recording import Recording
-from e3pose.recording.datasets.panoptic import import_panoptic
 from e3pose.recording.problems import find_problems
+from e3pose_lab.datasets.panoptic import import_panoptic
 
 SHARED = os.environ.get("E3POSE_SHARED")
 needs_shared = pytest.mark.skipif(not SHARED, reason="E3POSE_SHARED is not set")

@@ -18,8 +18,8 @@ from e3pose.model.skeleton import COCO17
 from e3pose.model.take import Take, motion_of
 from e3pose.output.exports import ExportSettings, export
 from e3pose.recording import load_recording
-from e3pose.recording.datasets.bvh import import_bvh
-from e3pose.recording.datasets.bvh_file import places_of, read_bvh
+from e3pose_lab.datasets.bvh import import_bvh
+from e3pose_lab.datasets.bvh_file import places_of, read_bvh
 
 ARM = """HIERARCHY
 ROOT Hips

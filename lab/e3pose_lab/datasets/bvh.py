@@ -11,9 +11,9 @@ from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
 from e3pose.model.skeleton import COCO17
 from e3pose.recording import Recording, Truth, ViewSeries
-from e3pose.recording.datasets.bvh_file import Bvh, places_of, read_bvh
-from e3pose.recording.datasets.motion import default_ring
 from e3pose.recording.datasets.views import check_fps
+from e3pose_lab.datasets.bvh_file import Bvh, places_of, read_bvh
+from e3pose_lab.datasets.motion import default_ring
 
 SOURCE = "Truth only: motion capture; the cameras are made up and saw nothing."
 UNITS_M = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254}
