@@ -18,6 +18,7 @@ from e3pose.base.bounded import parse_toml
 from e3pose.base.table import read_table
 from e3pose.cli.app import GROUPS, VERBS, app
 from e3pose.cli.calibrating import CALIBRATIONS
+from e3pose.cli.lab import BELOW
 from e3pose.cli.options import EnergyOptions, LoopOptions
 from e3pose.edge import roster
 from e3pose.settings.camera_file import NodeTable
@@ -167,7 +168,7 @@ def test_readme_lists_the_verbs_of_each_group() -> None:
     assert listed == {title: tuple(verbs) for title, verbs in GROUPS.items()} | {"Calibrate": ()}
     (calibrations,) = (names for title, names in rows if title == "Calibrate")
     verbs = [name.split()[-1] for name in re.findall(r"`([\w -]+)`", calibrations)]
-    assert verbs == [verb.__name__ for verb in CALIBRATIONS]
+    assert verbs == [*(verb.__name__ for verb in CALIBRATIONS), *BELOW["calibrate"]]
 
 
 def test_a_script_of_the_lab_is_in_the_tree_or_in_a_commit_that_the_page_names() -> None:

@@ -16,12 +16,12 @@ from pathlib import Path
 import numpy as np
 
 from e3pose.base.arrays import Floats
-from e3pose.evaluate.drawing import check_svg
 from e3pose.model.skeleton import COCO17
 from e3pose.predict import PREDICTORS, make_predictor
 from e3pose.predict.attention_lstm import AttentionLstm
 from e3pose.predict.kernels.network import run_network
 from e3pose.predict.normalise import NUM_COMMON, NUM_CONTEXT, NUM_FEATURES
+from e3pose_lab.evaluate.drawing import check_svg
 from e3pose_lab.prediction.normalise import Normalised, normalise, to_common
 from reference import attention_network as runtime
 
@@ -146,7 +146,7 @@ def curves(calls: int) -> Curves:
 
 def draw(path: Path, drawn: Curves) -> None:
     """Draw cost against lead and against people."""
-    from e3pose.evaluate.drawing import COLOURS, MARKERS, legend_above, picture
+    from e3pose_lab.evaluate.drawing import COLOURS, MARKERS, legend_above, picture
     from e3pose_lab.prediction.colours import PREDICTOR_COLOURS
 
     headings = (("4 people", "slots ahead"), ("5 slots ahead", "people"))

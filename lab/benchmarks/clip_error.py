@@ -3,7 +3,7 @@
     python lab/benchmarks/clip_error.py RECORDING --policies round-robin --cameras 1,2,all --leads 4
     python lab/benchmarks/clip_error.py RECORDING --reference FILE --joints hip,knee
 
-The reference is the offline smoother over every view of every camera (`e3pose.evaluate.smoother`).
+The reference is the offline smoother over every view of every camera (`e3pose_lab.noise.smoother`).
 With `--reference` it is read from a file, or written to it if there is none: make it once, at the
 revision to compare with, so that a change is not measured by itself.
 
@@ -40,20 +40,20 @@ from e3pose.estimate.filter.bones import proportions_of
 from e3pose.estimate.filter.tree import grow
 from e3pose.evaluate.faults import downsampled
 from e3pose.evaluate.metrics import mean_errors_m
-from e3pose.evaluate.noise.calibrate import all_camera_tracks, first_slots
-from e3pose.evaluate.noise.residuals import (
-    SUPPORT_S,
-    SUPPORT_VIEWS,
-    assign_detections,
-)
 from e3pose.evaluate.replay import ReplaySettings, replay
-from e3pose.evaluate.smoother import smooth
 from e3pose.model.noise import LEAST_SCORE
 from e3pose.model.noises import detector_of, load_noise
 from e3pose.model.skeleton import Skeleton
 from e3pose.model.uncertainty import distance_within_m
 from e3pose.pipeline import SlotRecord
 from e3pose.recording import Recording, load_recording
+from e3pose_lab.noise.calibrate import all_camera_tracks, first_slots
+from e3pose_lab.noise.residuals import (
+    SUPPORT_S,
+    SUPPORT_VIEWS,
+    assign_detections,
+)
+from e3pose_lab.noise.smoother import smooth
 from limbs import Limbs
 
 LAGS_S = np.arange(-0.04, 0.1201, 0.005)

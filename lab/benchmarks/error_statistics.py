@@ -13,19 +13,19 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from e3pose.base.arrays import Flags, Floats, Integers
-from e3pose.evaluate.noise.calibrate import all_camera_tracks
-from e3pose.evaluate.noise.residuals import (
+from e3pose.model.noise import IMAGE_PX, LEAST_SCORE
+from e3pose.model.noises import detector_of, load_noise
+from e3pose.model.skeleton import COCO17, convert
+from e3pose.recording import Recording
+from e3pose.simulate.hidden_joints import covered_by_others, covered_by_self
+from e3pose_lab.noise.calibrate import all_camera_tracks
+from e3pose_lab.noise.residuals import (
     SUPPORT_S,
     SUPPORT_VIEWS,
     Observed,
     assign_detections,
     leave_one_out,
 )
-from e3pose.model.noise import IMAGE_PX, LEAST_SCORE
-from e3pose.model.noises import detector_of, load_noise
-from e3pose.model.skeleton import COCO17, convert
-from e3pose.recording import Recording
-from e3pose.simulate.hidden_joints import covered_by_others, covered_by_self
 
 LAGS_S = (0.04, 0.2, 1.0, 5.0)
 WINSOR_CM = 15.0  # one wild moment does not decide a mean or a correlation

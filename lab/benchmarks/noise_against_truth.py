@@ -11,13 +11,13 @@ from dataclasses import replace
 import numpy as np
 
 from e3pose.base.arrays import Floats
-from e3pose.evaluate.noise.calibrate import Calibrated, calibrate_noise
-from e3pose.evaluate.noise.statistics import EDGES, RAYLEIGH, fit_memory
 from e3pose.model.noise import LEAST_SCORE, ErrorMemory
 from e3pose.model.pose import Poses2D
 from e3pose.recording import Recording, ViewSeries
 from e3pose.simulate import DetectorSettings, SceneSettings, simulate
 from e3pose.simulate.noise import GROSS_PX, correlated, normal_cdf
+from e3pose_lab.noise.calibrate import Calibrated, calibrate_noise
+from e3pose_lab.noise.statistics import EDGES, RAYLEIGH, fit_memory
 
 KNOTS, SIGMA_PX = np.array([0.1, 0.4, 0.7, 1.0]), np.array([14.0, 9.0, 5.0, 2.5])
 MEMORIES = ((0.45, 0.45), (0.1, 0.2), (0.8, 0.1), (0.1, 0.8))  # lasting, quick

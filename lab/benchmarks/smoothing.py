@@ -85,9 +85,9 @@ def cmu(shared: Path) -> Iterator[Any]:
 def pizza(shared: Path) -> Iterator[Any]:
     """Yield 15 s of pizza; its truth is what the smoother of all views says."""
     from clip_error import references
-    from e3pose.evaluate.noise.calibrate import first_slots
     from e3pose.model.noises import detector_of, load_noise
     from e3pose.recording import Truth, load_recording
+    from e3pose_lab.noise.calibrate import first_slots
 
     recording = load_recording(shared / "data/pizza/recording")
     recording = first_slots(recording, round(PIZZA_S * recording.fps))

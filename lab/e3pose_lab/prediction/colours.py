@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from e3pose.evaluate.drawing import COLOURS, PALE
+from e3pose_lab.evaluate.drawing import COLOURS, PALE
 
 PREDICTOR_COLOURS: Mapping[str, str] = {
     "attention-lstm": COLOURS[0],

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from e3pose.evaluate.drawing import COLOURS, INK, MARKERS, PALE, picture
+from e3pose_lab.evaluate.drawing import COLOURS, INK, MARKERS, PALE, picture
 from e3pose_lab.reproduce.records import Basis, Line, Panel
 
 if TYPE_CHECKING:

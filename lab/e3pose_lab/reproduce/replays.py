@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.base.arrays import Floats
-from e3pose.evaluate.noise.calibrate import first_slots
 from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.evaluate.summary import accuracy
 from e3pose.pipeline import SlotRecord
@@ -19,6 +18,7 @@ from e3pose.select.occlusion import occlusion, person_boxes
 from e3pose.select.policies import PolicySettings, Situation, policy_row
 from e3pose.select.policies.base import Policy, Selection
 from e3pose.simulate import SceneSettings, simulate
+from e3pose_lab.noise.calibrate import first_slots
 from e3pose_lab.reproduce.readings import pcp_readings
 from e3pose_lab.reproduce.simulated import gathered, with_detections
 from e3pose_lab.reproduce.sources import Sources

@@ -65,7 +65,7 @@ GROUPS: dict[str, dict[str, str | Callable[..., Any]]] = {
         "report": ".reporting:report",
     },
     "Evaluate": {
-        "evaluate": ".evaluating:evaluate",
+        "evaluate": lab_verb("evaluate"),
         "each": lab_verb("each"),
         "evaluate-predictor": lab_verb("evaluate-predictor"),
         "reproduce": lab_verb("reproduce"),

@@ -16,6 +16,7 @@ LAB, HUB = "e3pose_lab", "e3pose_hub"
 INSTALLED = importlib.util.find_spec(LAB) is not None
 # Each verb as `module:name` in the lab's `cli`, and what help says of it without the lab.
 LAB_VERBS = {
+    "evaluate": ("evaluating:evaluate", "Compare policies on a recording."),
     "evaluate-predictor": ("predicting:evaluate_predictor", "Evaluate motion predictors."),
     "reproduce": ("reproducing:reproduce", "Redo the tables and figures of the paper."),
     "each": ("eaching:each", "Run a verb over many recordings."),
@@ -31,6 +32,7 @@ BELOW = {
         "cmu": "Import CMU motion capture clips.",
         "bvh": "Import motion capture from a BVH file.",
     },
+    "calibrate": {"noise": "Measure keypoint noise against detection score."},
 }
 
 

@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 
 from e3pose.base.errors import InputError
-from e3pose.evaluate.drawing import check_svg, picture
-from e3pose.evaluate.lead_picture import draw_leads
 from e3pose.model.skeleton import COCO17
 from e3pose.predict import make_predictor
 from e3pose.recording import Recording
 from e3pose.simulate import SceneSettings, simulate
+from e3pose_lab.evaluate.drawing import check_svg, picture
+from e3pose_lab.evaluate.lead_picture import draw_leads
 from e3pose_lab.prediction.motion import BODY_JOINTS, Motion
 from e3pose_lab.prediction.pictures import draw_claims, draw_curves
 from e3pose_lab.prediction.scores import PredictionSettings

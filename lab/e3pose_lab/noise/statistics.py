@@ -11,8 +11,8 @@ from scipy.optimize import nnls
 
 from e3pose.base.arrays import Floats, Integers
 from e3pose.base.errors import InputError
-from e3pose.evaluate.noise.residuals import Residuals
 from e3pose.model.noise import LEAST_SCORE, ErrorMemory
+from e3pose_lab.noise.residuals import Residuals
 
 EDGES = np.array([LEAST_SCORE, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0 + 1e-9])
 LEAST = 400  # keypoints of a bin, whose errors last; bins with fewer are joined

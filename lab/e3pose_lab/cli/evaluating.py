@@ -32,18 +32,18 @@ from e3pose.cli.output import JsonFile, is_stdout, write_json, wrote
 from e3pose.cli.placed import load_placed
 from e3pose.cli.progress import track_progress
 from e3pose.edge.precompile import warm_up
-from e3pose.evaluate.compare import Replay, compare, rows, tasks
 from e3pose.evaluate.detect_again import open_pixels, replay_stored
-from e3pose.evaluate.drawing import check_svg
 from e3pose.evaluate.figures import Summary
 from e3pose.evaluate.held_out import joined, turns
-from e3pose.evaluate.lead_picture import draw_leads
 from e3pose.evaluate.tables import print_comparison
 from e3pose.recording import Recording
 from e3pose.select.policies import BUDGET, COUNT, WEIGHT, PolicyRow
 from e3pose.settings.energy import AWAKE, EnergyPlan
 from e3pose.settings.loop import FEEDBACK, ReplaySettings
 from e3pose.settings.parts import make_pipeline, row_of, warnings_of
+from e3pose_lab.evaluate.compare import Replay, compare, rows, tasks
+from e3pose_lab.evaluate.drawing import check_svg
+from e3pose_lab.evaluate.lead_picture import draw_leads
 
 if TYPE_CHECKING:
     from e3pose.settings.faults import Faults

@@ -13,12 +13,12 @@ from rich.table import Table
 from rich.text import Text
 
 from e3pose.base.quantities import plural
-from e3pose.evaluate.drawing import COLOURS, INK, PALE, legend_above, picture
-from e3pose.evaluate.noise.calibrate import Calibrated
 from e3pose.model.camera import Rig
 from e3pose.model.noise import ErrorMemory
 from e3pose.model.noises import NoiseFile, ViewFigures
 from e3pose.model.noises.file import FORMAT, VERSION
+from e3pose_lab.evaluate.drawing import COLOURS, INK, PALE, legend_above, picture
+from e3pose_lab.noise.calibrate import Calibrated
 
 if TYPE_CHECKING:
     from rich.console import Console

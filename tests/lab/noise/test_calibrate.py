@@ -10,20 +10,20 @@ import pytest
 
 from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
-from e3pose.evaluate.noise.calibrate import calibrate_noise
-from e3pose.evaluate.noise.residuals import Residuals
-from e3pose.evaluate.noise.statistics import (
+from e3pose.model.noise import ErrorMemory
+from e3pose.model.pose import Poses2D
+from e3pose.recording import Recording, ViewSeries
+from e3pose.simulate import DetectorSettings, SceneSettings, simulate
+from e3pose.simulate.noise import correlated, normal_cdf
+from e3pose_lab.noise.calibrate import calibrate_noise
+from e3pose_lab.noise.residuals import Residuals
+from e3pose_lab.noise.statistics import (
     RAYLEIGH,
     autocorrelation,
     describe,
     falling,
     fit_memory,
 )
-from e3pose.model.noise import ErrorMemory
-from e3pose.model.pose import Poses2D
-from e3pose.recording import Recording, ViewSeries
-from e3pose.simulate import DetectorSettings, SceneSettings, simulate
-from e3pose.simulate.noise import correlated, normal_cdf
 
 pytestmark = pytest.mark.slow
 

@@ -12,7 +12,6 @@ import pytest
 from rich.console import Console
 
 from e3pose.energy.queues import load_profile
-from e3pose.evaluate.compare import compare, rows, tasks
 from e3pose.evaluate.figures import Duration, Summary
 from e3pose.evaluate.replay import ReplaySettings
 from e3pose.evaluate.tables import print_comparison, print_summary
@@ -21,6 +20,7 @@ from e3pose.model.pose import Poses3D
 from e3pose.model.skeleton import COCO17
 from e3pose.pipeline import SlotRecord
 from e3pose.recording import Recording, Truth, ViewSeries
+from e3pose_lab.evaluate.compare import compare, rows, tasks
 
 BODY = np.random.default_rng(1).normal(size=(17, 3))
 

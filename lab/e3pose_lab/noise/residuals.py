@@ -16,11 +16,11 @@ from scipy.optimize import linear_sum_assignment
 
 from e3pose.base.arrays import Floats, Integers
 from e3pose.base.known import median_of_known
-from e3pose.evaluate.smoother import smooth
 from e3pose.model.camera import Rig
 from e3pose.model.noise import LEAST_SCORE, Noise
 from e3pose.model.projection import project
 from e3pose.recording import Recording
+from e3pose_lab.noise.smoother import smooth
 
 SHARED_JOINTS = 5  # that a detection and a track have in common, to tell whether they are one
 # The median joint of a detection is nearer than this share of the image to the track it belongs to:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from e3pose.evaluate.drawing import picture
+from e3pose_lab.evaluate.drawing import picture
 
 
 def test_labels_keep_their_digits_and_paths_lose_theirs(tmp_path: Path) -> None:

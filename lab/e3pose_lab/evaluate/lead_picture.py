@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from e3pose.base.errors import InputError
-from e3pose.evaluate.drawing import COLOURS, MARKERS, legend_above, picture
+from e3pose_lab.evaluate.drawing import COLOURS, MARKERS, legend_above, picture
 
 # What tells how good a run was, the first that there is.
 ACCURACIES = (

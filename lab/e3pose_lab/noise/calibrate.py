@@ -15,16 +15,16 @@ import numpy as np
 
 from e3pose.base.arrays import Floats, Integers
 from e3pose.base.errors import InputError
-from e3pose.evaluate.noise.residuals import MIN_SLOTS, Observed, assign_detections, leave_one_out
-from e3pose.evaluate.noise.statistics import Statistics, describe, falling, fit_memory
 from e3pose.evaluate.replay import ReplaySettings, replay
-from e3pose.evaluate.smoother import smooth
 from e3pose.model.camera import Rig
 from e3pose.model.noise import IMAGE_PX, ErrorMemory, Noise
 from e3pose.model.noises import detector_of, load_noise
 from e3pose.model.projection import project
 from e3pose.recording import Recording, ViewSeries
 from e3pose.simulate.noise import GROSS_MEMORY, GROSS_SIGMA_PX, correlated, normal_cdf
+from e3pose_lab.noise.residuals import MIN_SLOTS, Observed, assign_detections, leave_one_out
+from e3pose_lab.noise.smoother import smooth
+from e3pose_lab.noise.statistics import Statistics, describe, falling, fit_memory
 
 if TYPE_CHECKING:
     from e3pose.pipeline import SlotRecord

@@ -8,9 +8,9 @@ from tests.cases import each_case
 from e3pose.base.arrays import Floats
 from e3pose.estimate.filter.bones import proportions_of
 from e3pose.estimate.filter.tree import grow
-from e3pose.evaluate.smoother import smooth
 from e3pose.model.projection import project
 from e3pose.simulate import DetectorSettings, SceneSettings, simulate
+from e3pose_lab.noise.smoother import smooth
 
 RECORDING = simulate(
     SceneSettings(people=1, seconds=4, cameras=4, detector=DetectorSettings(perfect=True)), seed=3
