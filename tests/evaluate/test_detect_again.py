@@ -16,7 +16,7 @@ from e3pose.camera.detect import DetectSettings, detect_videos, partial_folder
 from e3pose.detectors import make_detector
 from e3pose.detectors.base import Image
 from e3pose.detectors.focus import Part
-from e3pose.evaluate.detect_again import PixelViews, open_pixels, replay_stored
+from e3pose.evaluate.detect_again import PixelViews, open_pixels
 from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.evaluate.summary import accuracy
 from e3pose.model.expected import ExpectedView
@@ -24,6 +24,7 @@ from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17
 from e3pose.recording import ProcessorTime, Recording, load_recording
 from e3pose.simulate import SceneSettings, simulate
+from e3pose_lab.evaluate.compare import replay_stored
 
 pytestmark = pytest.mark.slow
 

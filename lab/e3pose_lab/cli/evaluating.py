@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -24,7 +25,6 @@ from e3pose.cli.options import (
     Whole,
     as_typed,
     check_outputs,
-    numbers_of,
     options_of,
     warn,
 )
@@ -32,18 +32,18 @@ from e3pose.cli.output import JsonFile, is_stdout, write_json, wrote
 from e3pose.cli.placed import load_placed
 from e3pose.cli.progress import track_progress
 from e3pose.edge.precompile import warm_up
-from e3pose.evaluate.detect_again import open_pixels, replay_stored
+from e3pose.evaluate.detect_again import open_pixels
 from e3pose.evaluate.figures import Summary
 from e3pose.evaluate.held_out import joined, turns
-from e3pose.evaluate.tables import print_comparison
 from e3pose.recording import Recording
 from e3pose.select.policies import BUDGET, COUNT, WEIGHT, PolicyRow
 from e3pose.settings.energy import AWAKE, EnergyPlan
 from e3pose.settings.loop import FEEDBACK, ReplaySettings
 from e3pose.settings.parts import make_pipeline, row_of, warnings_of
-from e3pose_lab.evaluate.compare import Replay, compare, rows, tasks
+from e3pose_lab.evaluate.compare import Replay, compare, replay_stored, rows, tasks
 from e3pose_lab.evaluate.drawing import check_svg
 from e3pose_lab.evaluate.lead_picture import draw_leads
+from e3pose_lab.evaluate.table import print_comparison
 
 if TYPE_CHECKING:
     from e3pose.settings.faults import Faults
@@ -79,7 +79,7 @@ class GridOptions:
         loops = _balances(loop)
         names = _names(_usual(loops[0].settings()) if self.policies is None else self.policies)
         given = self.cameras
-        counts = [None] if given is None else [*numbers_of("--cameras", given, "1.15,2")]
+        counts = [None] if given is None else [*_numbers("--cameras", given, "1.15,2")]
         ahead = [] if self.leads is None else _counts("--leads", self.leads)
         return [
             each
@@ -226,7 +226,7 @@ def _usual(loop: ReplaySettings) -> str:
 def _balances(loop: LoopOptions) -> list[LoopOptions]:
     """Return the options for every combination of the values of -E and -V."""
     budgets, weights = (
-        [None] if text is None else [f"{value:g}" for value in numbers_of(option, text, such_as)]
+        [None] if text is None else [f"{value:g}" for value in _numbers(option, text, such_as)]
         for option, text, such_as in (
             ("--budget", loop.budget, "0.6,0.8"),
             ("--quality-weight", loop.quality_weight, "1,10"),
@@ -246,6 +246,21 @@ def _that_matter(loops: list[LoopOptions], row: PolicyRow) -> list[LoopOptions]:
         for one in loops
     ]
     return list({(one.budget, one.quality_weight): one for one in used}.values())
+
+
+def _numbers(option: str, text: str, such_as: str) -> list[float]:
+    """Return the numbers in a comma-separated list; raise `InputError` naming the option."""
+    found = []
+    for part in text.split(","):
+        try:
+            value = float(part)
+        except ValueError:
+            value = math.nan
+        if not math.isfinite(value):
+            wanted = f"comma-separated numbers, such as {such_as}"
+            raise InputError(option, repr(part.strip()[:40]), wanted)
+        found.append(int(value) if value == int(value) else value)
+    return list(dict.fromkeys(found))
 
 
 def _counts(option: str, text: str) -> list[int]:

@@ -13,6 +13,7 @@ import numpy as np
 
 from e3pose.energy.profiles import DeviceProfile, Mode
 from e3pose.energy.queues import DEFAULT_BATTERY_WH
+from e3pose.evaluate.detect_again import open_pixels
 from e3pose.evaluate.figures import Summary, as_json
 from e3pose.evaluate.held_out import judge
 from e3pose.evaluate.replay import ReplaySettings, replay
@@ -22,6 +23,8 @@ from e3pose.select.policies import COUNT
 from e3pose.settings.parts import row_of
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from e3pose.pipeline import SlotRecord
 
 Replay = Callable[..., Iterator["SlotRecord"]]
@@ -182,3 +185,23 @@ def _spread(values: Sequence[float], expected: int) -> dict[str, float]:
     if len(values) < expected:
         spread["count"] = len(values)
     return spread
+
+
+def replay_stored(
+    recording: Recording, settings: ReplaySettings, folder: Path, detector: str | None = None
+) -> Iterator[SlotRecord]:
+    """Replay a stored recording; with feedback, detect again in its videos on one thread.
+
+    Args:
+        recording: what is stored.
+        settings: how to run it.
+        folder: where it is stored.
+        detector: detects again, with feedback or without; by default that of the recording with
+            feedback, and none without.
+    """
+    anew = settings.feedback or detector is not None
+    feedback = settings.feedback
+    read_view = (
+        open_pixels(recording, folder, detector, threads=1, feedback=feedback) if anew else None
+    )
+    return replay(recording, settings, read_view=read_view)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -128,21 +127,6 @@ class LoopOptions:
         written = {key: value for key, value in table.items() if value is not None}
         with as_typed(options_of(LoopOptions, more=("cameras", "policy"))):
             return read_table(ReplaySettings, written)
-
-
-def numbers_of(option: str, text: str, such_as: str) -> list[float]:
-    """Return the numbers in a comma-separated list; raise `InputError` naming the option."""
-    found = []
-    for part in text.split(","):
-        try:
-            value = float(part)
-        except ValueError:
-            value = math.nan
-        if not math.isfinite(value):
-            wanted = f"comma-separated numbers, such as {such_as}"
-            raise InputError(option, repr(part.strip()[:40]), wanted)
-        found.append(int(value) if value == int(value) else value)
-    return list(dict.fromkeys(found))
 
 
 def _one(name: str, text: str | None) -> float | None:

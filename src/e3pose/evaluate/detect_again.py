@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from statistics import median
@@ -16,10 +16,8 @@ from e3pose.camera.slot_reader import SlotReader, video_path
 from e3pose.camera.turned import turned
 from e3pose.detectors import make_detector
 from e3pose.detectors.focus import check_feedback, detect_expected
-from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.model.expected import ExpectedView
 from e3pose.model.pose import Poses2D
-from e3pose.pipeline import SlotRecord
 from e3pose.recording import ProcessorTime, Recording
 
 
@@ -147,23 +145,3 @@ def open_pixels(
         check_feedback(detector, name)
     noted = load_provenance(folder)
     return PixelViews(recording, detector, folder, noted.video_starts_s, noted.rotations)
-
-
-def replay_stored(
-    recording: Recording, settings: ReplaySettings, folder: Path, detector: str | None = None
-) -> Iterator[SlotRecord]:
-    """Replay a stored recording; with feedback, detect again in its videos on one thread.
-
-    Args:
-        recording: what is stored.
-        settings: how to run it.
-        folder: where it is stored.
-        detector: detects again, with feedback or without; by default that of the recording with
-            feedback, and none without.
-    """
-    anew = settings.feedback or detector is not None
-    feedback = settings.feedback
-    read_view = (
-        open_pixels(recording, folder, detector, threads=1, feedback=feedback) if anew else None
-    )
-    return replay(recording, settings, read_view=read_view)

@@ -11,7 +11,6 @@ from rich.table import Table
 from e3pose.base.quantities import plural
 from e3pose.energy.saving import AGAINST, NO_SAVINGS, whole
 from e3pose.evaluate.columns import print_tables, table_console
-from e3pose.evaluate.energy_figures import PAPER_SAVINGS
 from e3pose.evaluate.figures import HeldOut, Summary, as_json
 
 if TYPE_CHECKING:
@@ -49,19 +48,12 @@ COLUMNS: tuple[tuple[str, tuple[str, ...], int], ...] = (
     ("spread W", ("energy", "watts_spread"), 2),
     ("ms/slot", ("stage_ms", "slot", "median"), 2),
 )
-ENERGY_TITLE = (
-    "The paper's figure: energy of CPU, GPU, WiFi and memory alone, modelled for xavier-nx and "
-    "tx2. x paper: relative to 3 of 5 cameras on the same profile; in power-saving this is "
-    "(1 - duty) / 0.4 by construction. aggr.: idle cameras do not capture"
-)
 HELD_OUT_TITLE = (
     "Distance from the keypoints of cameras that took no part (mm: across the ray). It includes "
     "their own errors, which last: compare replays, not levels"
 )
 TELLING = 1.5  # how far keypoints may be off what the noise file states, unsaid
 TELLING_PX = 3.0  # of shifts that are worth a line
-OF_ONE_REPLAY = {"p95 mm", "jitter m/s2"}  # a comparison has little room
-PREDICT = ("predict ms", ("stage_ms", "predict", "median"), 3)  # beside leads, which it grows with
 FIGURE_NAMES = {
     "cameras": "active cameras per slot, mean",
     "PCP 1 %": "PCP actor 1, %",
@@ -86,61 +78,6 @@ FIGURE_NAMES = {
 }
 
 
-def print_comparison(rows: Sequence[Mapping[str, Any]], console: Console | None = None) -> None:
-    """Print the rows of a comparison: means, with the spread over seeds where there are several."""
-    console = table_console() if console is None else console
-    keys = {
-        "policy": [str(row["policy"]) for row in rows],
-        "C": [_asked(row) for row in rows],
-    }
-    for heading, name in (("V", "quality_weight"), ("E", "budget")):
-        if len({row.get(name) for row in rows}) > 1:
-            keys[heading] = ["-" if row.get(name) is None else f"{row[name]:g}" for row in rows]
-    leads = len({row["lead"] for row in rows}) > 1
-    if leads:
-        keys["lead"] = [str(row["lead"]) for row in rows]
-    known = (*COLUMNS, PREDICT) if leads else COLUMNS
-    columns = {
-        heading: [_cell(_find(row, path), digits) for row in rows]
-        for heading, path, digits in known
-        if heading not in OF_ONE_REPLAY and any(_find(row, path) for row in rows)
-    }
-    seeds = "/".join(sorted({str(row["seeds"]) for row in rows}))
-    title = "one seed" if seeds == "1" else f"mean +- standard deviation over {seeds} seeds"
-    print_tables(console, keys, columns, title, apart=True)
-    meanings = [f"{name}: {FIGURE_NAMES[name]}" for name in columns if name in FIGURE_NAMES]
-    console.print(f"{'; '.join(meanings)}\n", style="dim", highlight=False)
-    for heading, *_ in SAVED:
-        if heading not in columns:
-            console.print(f"{heading.removesuffix(' %')}: not measured", highlight=False)
-    console.print(f"{ENERGY_TITLE}:", style="italic", highlight=False)
-    print_tables(console, keys, _devices(rows), apart=True)
-
-
-def _devices(rows: Sequence[Mapping[str, Any]]) -> dict[str, list[str]]:
-    """Return what every row saves on the paper's devices, and against the paper's 3 of 5."""
-    return {
-        f"{name} {heading}": [
-            _cell(_find(row, ("energy", "devices", name, key)), d) for row in rows
-        ]
-        for name in PAPER_SAVINGS
-        for heading, key, d in (
-            ("saved %", "saving_percent", 1),
-            ("x paper", "times_paper", 2),
-            ("aggr. %", "aggressive_saving_percent", 1),
-            ("aggr. x paper", "aggressive_times_paper", 2),
-        )
-    }
-
-
-def _asked(row: Mapping[str, Any]) -> str:
-    """Return what was asked for: cameras per slot, or at most so many millimetres."""
-    target_mm = row.get("target_mm")
-    if target_mm is not None:
-        return f"{target_mm:g} mm"
-    return "-" if row["cameras"] is None else f"{row['cameras']:.3g}"
-
-
 def print_summary(summary: Summary, console: Console | None = None) -> None:
     """Print the figures of one replay and what every camera did."""
     console = table_console() if console is None else console
@@ -152,7 +89,7 @@ def print_summary(summary: Summary, console: Console | None = None) -> None:
     figures.add_column(justify="right")
     table = as_json(summary)
     for heading, path, digits in COLUMNS:
-        value = None if path[0] in ("held_out", "savings") else _find(table, path)  # said apart
+        value = None if path[0] in ("held_out", "savings") else find(table, path)  # said apart
         if value is not None:
             figures.add_row(FIGURE_NAMES.get(heading, heading), f"{value:.{digits}f}")
     console.print(figures)
@@ -228,7 +165,8 @@ def noise_lines(summary: Summary) -> list[str]:
     ]
 
 
-def _find(figures: Mapping[str, Any], path: Sequence[str]) -> Any:
+def find(figures: Mapping[str, Any], path: Sequence[str]) -> Any:
+    """Return the figure at a path of keys; None where there is none."""
     value: Any = figures
     for key in path:
         value = value.get(key) if isinstance(value, Mapping) else None
@@ -237,11 +175,3 @@ def _find(figures: Mapping[str, Any], path: Sequence[str]) -> Any:
 
 def _number(value: Any) -> str:
     return "-" if value is None else f"{value:.1f}" if isinstance(value, float) else str(value)
-
-
-def _cell(spread: Mapping[str, float] | None, digits: int) -> str:
-    if spread is None:
-        return "-"
-    mean = f"{spread['mean']:.{digits}f}" if digits else str(whole(spread["mean"]))
-    deviation = f"{spread['sd']:.{digits}f}"
-    return f"{mean} +- {deviation}" if float(deviation) > 0 else mean

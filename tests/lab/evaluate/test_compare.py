@@ -14,13 +14,14 @@ from rich.console import Console
 from e3pose.energy.queues import load_profile
 from e3pose.evaluate.figures import Duration, Summary
 from e3pose.evaluate.replay import ReplaySettings
-from e3pose.evaluate.tables import print_comparison, print_summary
+from e3pose.evaluate.tables import print_summary
 from e3pose.model.camera import Camera, Rig
 from e3pose.model.pose import Poses3D
 from e3pose.model.skeleton import COCO17
 from e3pose.pipeline import SlotRecord
 from e3pose.recording import Recording, Truth, ViewSeries
 from e3pose_lab.evaluate.compare import compare, rows, tasks
+from e3pose_lab.evaluate.table import print_comparison
 
 BODY = np.random.default_rng(1).normal(size=(17, 3))
 
@@ -151,3 +152,38 @@ def _printed(table: list[dict[str, Any]]) -> str:
     console = Console(file=io.StringIO(), width=240)
     print_comparison(table, console)
     return str(console.file.getvalue())  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("width", [80, 200])
+def test_comparison_shows_its_figures_at_80_columns(width: int) -> None:
+    spread = {"mean": 96.9, "sd": 0.2}
+    devices = {
+        key: spread
+        for key in (
+            "saving_percent",
+            "times_paper",
+            "aggressive_saving_percent",
+            "aggressive_times_paper",
+        )
+    }
+    row: dict[str, Any] = {
+        "policy": "information",
+        "cameras": 2,
+        "lead": 4,
+        "seeds": 5,
+        "selection": {"mean_cameras": spread},
+        "metrics": {"pcp": {"average": spread}, "mpjpe_mm": spread, "recall_500mm": spread},
+        "identities": spread,
+        "expected": {"error_mm": spread, "coverage_90": spread},
+        "savings": {"whole_camera": {"percent": spread}},
+        "energy": {"devices": {"xavier-nx": devices, "tx2": devices}},
+        "stage_ms": {"slot": {"median": spread}},
+    }
+    out = io.StringIO()
+    print_comparison([row], Console(file=out, width=width))
+    text = out.getvalue()
+    assert max(map(len, text.splitlines())) <= width and "\u2026" not in text
+    for heading in ("PCP avg %", "MPJPE mm", "expected mm", "ms/slot", "tx2 saved %"):
+        assert heading in text
+    assert text.count("96.9 +- 0.2") >= 8
+    assert "whole camera saved %" in text and "processor time saved: not measured" in text
