@@ -70,7 +70,7 @@ GROUPS: dict[str, dict[str, str | Callable[..., Any]]] = {
         "evaluate-predictor": lab_verb("evaluate-predictor"),
         "reproduce": lab_verb("reproduce"),
     },
-    "Learn": {"train": lab_verb("train"), "learn": ".learning:learn_app"},
+    "Learn": {"train": lab_verb("train"), "learn": lab_verb("learn")},
     "Maintenance": {"models": ".models:models_app", "power": ".metering:power_app"},
 }
 APP = "_app"  # the end of the name of what has verbs of its own

@@ -21,6 +21,7 @@ LAB_VERBS = {
     "reproduce": ("reproducing:reproduce", "Redo the tables and figures of the paper."),
     "each": ("eaching:each", "Run a verb over many recordings."),
     "train": ("training:train", "Train the motion predictor."),
+    "learn": ("learning:learn_app", "Train the predictor online; its versions."),
 }
 # Verbs of the lab below one of the product: its module of that name in the lab's `cli` adds them.
 BELOW = {

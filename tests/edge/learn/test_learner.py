@@ -16,11 +16,11 @@ from tests.manual_clock import ManualClock
 
 from e3pose.base.errors import InputError
 from e3pose.edge.learn import OnlineTrainer
-from e3pose.edge.learn.rehearse import rehearse
 from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.model.skeleton import COCO17
 from e3pose.pipeline import SlotRecord
 from e3pose.simulate import SceneSettings, simulate
+from e3pose_lab.train.rehearse import rehearse
 
 pytestmark = pytest.mark.slow
 

@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 
 from e3pose.base.errors import InputError
-from e3pose.cli.learning import TrainingOptions, learn_replay, list_versions, rollback
 from e3pose.edge.learn.versions import Version, VersionStore
 from e3pose.recording import save_recording
 from e3pose.simulate import SceneSettings, simulate
+from e3pose_lab.cli.learning import TrainingOptions, learn_replay, list_versions, rollback
 
 
 def filled(folder: Path) -> Path:

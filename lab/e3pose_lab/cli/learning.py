@@ -18,10 +18,10 @@ from e3pose.cli.options import Flag, Whole
 from e3pose.cli.placed import load_placed
 from e3pose.cli.progress import track_progress
 from e3pose.edge.learn import LearningSettings, OnlineTrainer
-from e3pose.edge.learn.rehearse import Rehearsed, rehearse
 from e3pose.edge.learn.versions import VersionStore, check_learning_folder
 from e3pose.evaluate.columns import print_tables, table_console
 from e3pose.evaluate.replay import ReplaySettings, make_pipeline
+from e3pose_lab.train.rehearse import Rehearsed, rehearse
 
 if TYPE_CHECKING:
     from e3pose.predict.base import Predictor
