@@ -24,9 +24,8 @@ from e3pose.cli.app import main
 main()
 """
 
-MOVED = [(verb,) for verb in LAB_VERBS] + [
-    (a, name) for a, names in BELOW.items() for name in names
-]
+MOVED = [(verb, "replay") if verb == "learn" else (verb,) for verb in LAB_VERBS]
+MOVED += [(above, name) for above, names in BELOW.items() for name in names]
 
 
 def without_lab(*words: str) -> subprocess.CompletedProcess[str]:
