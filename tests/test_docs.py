@@ -172,7 +172,7 @@ def test_readme_lists_the_verbs_of_each_group() -> None:
 
 
 def test_a_script_of_the_lab_is_in_the_tree_or_in_a_commit_that_the_page_names() -> None:
-    texts = {**BY_PAGE, **{str(p): p.read_text() for p in (ROOT / "src").rglob("*.md")}}
+    texts = {**LINKED, **{str(p): p.read_text() for p in (ROOT / "src").rglob("*.md")}}
     named, in_git = set(), set()
     for page, text in texts.items():
         if page != "CHANGELOG.md":
