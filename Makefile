@@ -108,8 +108,6 @@ bench: $(VENV)/.all  ## run the speed benchmarks, and calibration beside other p
 	$(BIN)/python lab/benchmarks/bench_filter.py
 	$(BIN)/python lab/benchmarks/bench_predict.py
 	$(BIN)/python lab/benchmarks/bench_step.py
-	$(BIN)/python lab/benchmarks/bench_choose.py
-	$(BIN)/python lab/benchmarks/bench_import.py
 	$(BIN)/python lab/benchmarks/bench_store.py
 	$(BIN)/python lab/benchmarks/bench_batteries.py
 	$(BIN)/python lab/benchmarks/bench_live.py

@@ -16,10 +16,6 @@ to one, below 0.5 m on average. `found` is the share of the people of the refere
 `more` that of shown people who are nobody of the reference. Each row is over several phases of the
 turns. `lag ms` is the shift in time at which the estimate fits the reference best, and `at lag` the
 mean error there.
-
-The second table is about limbs as shown, in percent: `range` of all limbs outside what people have
-(`limbs.py`); of each kind those whose left differs from their right by more than 15 %; forearms
-shorter than 15 cm. Its first row is the reference.
 """
 
 from __future__ import annotations
@@ -54,7 +50,6 @@ from e3pose_lab.noise.residuals import (
     assign_detections,
 )
 from e3pose_lab.noise.smoother import smooth
-from limbs import Limbs
 
 LAGS_S = np.arange(-0.04, 0.1201, 0.005)
 SAME_M = 0.5  # an estimate farther than this from everybody is of nobody
@@ -234,13 +229,10 @@ def main() -> None:
         "policy        C lead cameras   mean   95 %   99 %    max  in 90  lag ms  at lag  found"
         "  more"
     )
-    tables = [("reference", Limbs(recording.skeleton))]
-    for each in people:
-        tables[0][1].add(each.joints_m)
     for policy in options.policies.split(","):
         for count in cameras_of(options.cameras, recording):
             for lead in (int(lead) for lead in options.leads.split(",")):
-                errors, limbs = Errors(rows), Limbs(recording.skeleton)
+                errors = Errors(rows)
                 settings = ReplaySettings(
                     pipeline="memory",
                     policy=policy,
@@ -252,9 +244,7 @@ def main() -> None:
                     for record in replay(recording, replace(settings, phase=phase, seed=phase)):
                         if record.slot >= options.warmup + lead - 1:
                             errors.add(record, people, recording.interval_s)
-                            limbs.add(record.poses.joints_m)
                 name = f"{policy:11} {count:3g} {lead:3d}"
-                tables.append((name, limbs))
                 print(f"{name} {errors.line()}", flush=True)
                 if options.by_joint:
                     print("\n".join(errors.by_joint(recording.skeleton)))
@@ -262,9 +252,6 @@ def main() -> None:
                     for off, slot, person, joint in sorted(errors.worst)[: -WORST - 1 : -1]:
                         name = recording.skeleton.joints[joint]
                         print(f"    {1000 * off:5.0f} mm  slot {slot} person {person} {name}")
-    print(f"\nlimbs in %           {Limbs.HEADER}")
-    for name, limbs in tables:
-        print(f"{name:19}  {limbs.line()}")
 
 
 def cameras_of(text: str, recording: Recording) -> list[float]:
