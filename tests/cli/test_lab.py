@@ -35,8 +35,7 @@ def without_lab(*words: str) -> subprocess.CompletedProcess[str]:
 
 @each_case("words", MOVED)
 def test_verb_says_in_a_line_what_to_install(words: tuple[str, ...]) -> None:
-    options = ("recording", "--out", "there", "--steps=3", "--quick") if words[0] != "each" else ()
-    ended = without_lab(*words, *options)
+    ended = without_lab(*words, "recording", "--out", "there", "--steps=3", "--quick")
     assert ended.stderr == "e3pose: e3pose_lab is not installed: pip install 'e3pose[lab]'\n"
     assert (ended.returncode, ended.stdout) == (2, "")
 

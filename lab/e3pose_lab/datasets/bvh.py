@@ -11,7 +11,7 @@ from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
 from e3pose.model.skeleton import COCO17
 from e3pose.recording import Recording, Truth, ViewSeries
-from e3pose.recording.datasets.views import check_fps
+from e3pose.recording.detections.views import check_fps
 from e3pose_lab.datasets.bvh_file import Bvh, places_of, read_bvh
 from e3pose_lab.datasets.motion import default_ring
 

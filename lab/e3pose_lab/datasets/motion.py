@@ -16,8 +16,8 @@ from e3pose.model.camera import Rig
 from e3pose.model.rigs import ring_rig
 from e3pose.model.skeleton import CMU31
 from e3pose.recording import Recording, Truth, ViewSeries
-from e3pose.recording.datasets.arrays import MAX_FILE_BYTES, floats, load_arrays
-from e3pose.recording.datasets.views import MAX_SLOTS, check_fps
+from e3pose.recording.arrays import MAX_FILE_BYTES, floats, load_arrays
+from e3pose.recording.detections.views import MAX_SLOTS, check_fps
 
 FPS = 30.0
 SOURCE = (

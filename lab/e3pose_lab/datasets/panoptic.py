@@ -14,11 +14,11 @@ from e3pose.model.camera import Camera, Rig
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import PANOPTIC19, Skeleton
 from e3pose.recording import Recording, Truth, ViewSeries
+from e3pose.recording.arrays import floats, integers, load_arrays
 from e3pose.recording.calibration import load_rig
 from e3pose.recording.calibration.panoptic import METRES_PER_UNIT, WORLD_FROM_PANOPTIC, world_points
-from e3pose.recording.datasets.arrays import floats, integers, load_arrays
-from e3pose.recording.datasets.openpose import Progress, read_detections
-from e3pose.recording.datasets.views import MAX_SLOTS, poses_from_triples
+from e3pose.recording.detections.openpose import Progress, read_detections
+from e3pose.recording.detections.views import MAX_SLOTS, poses_from_triples
 from e3pose_lab.datasets.panoptic_json import read_bodies
 
 Bodies = Mapping[int, Mapping[int, Floats]]  # frame number -> person -> (19, 4) cm and confidence

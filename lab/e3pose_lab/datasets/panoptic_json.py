@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from e3pose.base.bounded import decode_json, read_bytes
 from e3pose.base.errors import InputError
-from e3pose.recording.datasets.openpose import Progress, frame_number
+from e3pose.recording.detections.openpose import Progress, frame_number
 from e3pose.recording.record import MAX_PEOPLE
 
 MAX_FILE_BYTES = 16 * 2**20

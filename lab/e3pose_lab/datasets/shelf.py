@@ -12,8 +12,8 @@ from e3pose.base.errors import InputError
 from e3pose.model.camera import Camera, Rig
 from e3pose.model.skeleton import SHELF14, skeleton_by_name
 from e3pose.recording import Recording, Truth, ViewSeries
-from e3pose.recording.datasets.arrays import floats, integers, load_arrays
-from e3pose.recording.datasets.views import poses_from_triples
+from e3pose.recording.arrays import floats, integers, load_arrays
+from e3pose.recording.detections.views import poses_from_triples
 from e3pose.recording.json_lines import METRE_LIMIT
 
 FPS = 25.0

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from e3pose.base.errors import InputError
 from e3pose.camera.source import MAX_PIXELS, VideoSource, open_video
-from e3pose.recording.datasets.openpose import frame_number
+from e3pose.recording.detections.openpose import frame_number
 
 KINDS = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 

@@ -14,8 +14,8 @@ from e3pose.base.quantities import plural
 from e3pose.cli.lab import add_absent
 from e3pose.cli.progress import track_progress
 from e3pose.recording import Recording, save_recording
-from e3pose.recording.datasets.coco import import_coco
-from e3pose.recording.datasets.openpose import import_openpose
+from e3pose.recording.detections.coco import import_coco
+from e3pose.recording.detections.openpose import import_openpose
 
 import_app = App(name="import", help="Convert a data set or detections into a recording.")
 

@@ -22,7 +22,7 @@ from e3pose.base.atomic import atomic_file
 from e3pose.base.bounded import open_regular
 from e3pose.base.errors import InputError, reason_of
 from e3pose.pipeline import Pipeline, SlotState, initial_state
-from e3pose.recording.datasets.arrays import BROKEN, read_array
+from e3pose.recording.arrays import BROKEN, read_array
 from e3pose.select.failure_detector import RETRY_LIMIT_S
 
 # 1 lacks the run, 2 what links lose, 3 exits and noise, 4 shifts, 5 sides; 6 had another unit of V,

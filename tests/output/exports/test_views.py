@@ -15,8 +15,8 @@ from e3pose.base.errors import InputError
 from e3pose.model.skeleton import BODY25, COCO17, convert
 from e3pose.output.exports import ExportSettings, export
 from e3pose.recording.calibration import save_rig
-from e3pose.recording.datasets.coco import import_coco
-from e3pose.recording.datasets.openpose import import_openpose
+from e3pose.recording.detections.coco import import_coco
+from e3pose.recording.detections.openpose import import_openpose
 
 TAKE = take()
 FIRST, SECOND = TAKE.motions

@@ -14,7 +14,7 @@ from e3pose.base.errors import InputError
 from e3pose.base.private import make_folder
 from e3pose.model.skeleton import Skeleton
 from e3pose.pipeline import SlotRecord
-from e3pose.recording.datasets.arrays import load_arrays
+from e3pose.recording.arrays import load_arrays
 
 FORMAT_VERSION = 1
 MAX_CHUNK_POSES = 20_000  # a file of 5 MB with 17 joints

@@ -12,7 +12,7 @@ from e3pose.base.errors import InputError
 from e3pose.model.camera import Camera, Rig
 from e3pose.recording import Recording
 from e3pose.recording.calibration import save_rig
-from e3pose.recording.datasets.coco import import_coco
+from e3pose.recording.detections.coco import import_coco
 
 K = [[900, 0, 640], [0, 900, 360], [0, 0, 1]]
 

@@ -11,7 +11,7 @@ from tests.cases import each_case
 from e3pose.base.errors import InputError
 from e3pose.model.camera import Camera, Rig
 from e3pose.recording.calibration import save_rig
-from e3pose.recording.datasets.openpose import frame_number, import_openpose
+from e3pose.recording.detections.openpose import frame_number, import_openpose
 
 K = [[900, 0, 640], [0, 900, 360], [0, 0, 1]]
 

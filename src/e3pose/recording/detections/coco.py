@@ -16,8 +16,8 @@ from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17
 from e3pose.recording import Recording
 from e3pose.recording.calibration import load_rig
-from e3pose.recording.datasets.openpose import frame_number
-from e3pose.recording.datasets.views import check_fps, poses_from_triples, series_from_frames
+from e3pose.recording.detections.openpose import frame_number
+from e3pose.recording.detections.views import check_fps, poses_from_triples, series_from_frames
 
 EXPECTED = "COCO keypoint results"
 MAX_FILE_BYTES = 1 * 2**30

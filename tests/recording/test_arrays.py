@@ -10,7 +10,7 @@ import pytest
 from tests.cases import each_case
 
 from e3pose.base.errors import InputError
-from e3pose.recording.datasets.arrays import Shape, floats, integers, load_arrays
+from e3pose.recording.arrays import Shape, floats, integers, load_arrays
 
 SHAPES: dict[str, Shape] = {"a": ("n", 2), "b": ("n",), "c?": (1,)}
 

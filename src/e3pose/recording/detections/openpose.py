@@ -17,8 +17,8 @@ from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import BODY25, COCO17, COCO18, Skeleton
 from e3pose.recording import Recording
 from e3pose.recording.calibration import load_rig
-from e3pose.recording.datasets.folders import match_folders
-from e3pose.recording.datasets.views import check_fps, poses_from_triples, series_from_frames
+from e3pose.recording.detections.folders import match_folders
+from e3pose.recording.detections.views import check_fps, poses_from_triples, series_from_frames
 
 MAX_FILE_BYTES = 64 * 2**20
 SKELETONS_BY_COUNT = {3 * len(s): s for s in (BODY25, COCO18, COCO17)}

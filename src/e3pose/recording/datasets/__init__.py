@@ -1,1 +1,0 @@
-"""Data sets and detections in other formats, read as recordings."""

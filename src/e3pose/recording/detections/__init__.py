@@ -1,0 +1,1 @@
+"""Files that detectors write, read as recordings."""
