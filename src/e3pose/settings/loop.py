@@ -32,7 +32,7 @@ BUDGET_MARGIN = 0.2  # of the default budget above C/N: the paper's 0.8 for 3 of
 # Of the camera slots that a lifetime affords: the rest lets the choice among the cameras be free.
 LIFETIME_SHARE = 0.95
 MAX_LEAD = 1000
-WHOLE_EVERY = 5  # detections; simulated scenes: docs/research/camera-selection.md
+WHOLE_EVERY = 5  # detections; chosen on simulated scenes
 MAX_WHOLE_EVERY = 1000
 PAPER_ONLY = "Only for --pipeline paper and its policies"  # a group of options
 FEEDBACK = "+feedback"  # after the name of a policy

@@ -12,7 +12,7 @@ import numpy as np
 from e3pose.base.arrays import Floats
 from e3pose.model.take import Motion
 
-# tuned: Hz per m/s | by reasoning: a first guess, docs/research/smoothing.md | not measured
+# tuned: Hz per m/s | by reasoning: a first guess | not measured
 BETA_PER_M = 10.0  # Hz by which each metre per second raises the cut-off
 SPEED_CUTOFF_HZ = 1.0  # definition: of the speed itself, as published
 

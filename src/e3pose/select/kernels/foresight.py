@@ -22,8 +22,8 @@ from e3pose.select.kernels.people import hide
 
 # Of the information about a joint that lies in the box of somebody nearer. A box is about half
 # filled by its body.
-# tuned: share | by reasoning: a box is about half filled; on Shelf 0 is within noise,
-#   docs/research/camera-selection.md | not measured
+# tuned: share | by reasoning: a box is about half filled; on Shelf 0 is within noise |
+#   not measured
 BEHIND_SHARE = 0.5
 # tuned: m | by reasoning | not measured
 BEHIND_M = 0.1  # nearer than this two people stand side by side

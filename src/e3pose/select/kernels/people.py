@@ -5,8 +5,7 @@ from __future__ import annotations
 from e3pose.base.arrays import Flags, Floats
 from e3pose.base.kernel import kernel
 
-# tuned: share | simulated, as for an entrant: 0.75 is no better, docs/research/camera-selection.md
-#   | not measured
+# tuned: share | simulated, as for an entrant: 0.75 is no better | not measured
 FIRST_VIEW = 0.5  # of a start: one view is worth half, a later one the rest
 
 

@@ -26,15 +26,15 @@ from e3pose.select.policies.fixed import RoundRobin
 
 MOST_SUBSETS = 60  # capacity: that are all tried: any count of up to seven cameras, and 2 of 11
 # tuned: nats/s | simulated, five scenes, seeds 101 and 102: 0.1 finds people late, 1 costs 5 % of
-#   error, docs/research/camera-selection.md | not measured
+#   error | not measured
 WATCH_NATS_PER_S = 0.5  # what a camera that has not looked for a second may show that is new
 # tuned: s | not recorded | not measured
 WATCH_LIMIT_S = 5.0
 # tuned: nats | simulated, five scenes, seeds 701 to 708, lead 4, one camera: recall gains 1.5, 2.1,
-#   2.0 points at 0.5, 1, 2, docs/research/camera-selection.md | not measured
+#   2.0 points at 0.5, 1, 2 | not measured
 ENTRANT_NATS = 1.0  # of a person started
 # tuned: nats | simulated dying-cameras, seeds 701 to 720, lead 4, two cameras: recall 95.8 without,
-#   96.5 % with, docs/research/camera-selection.md | not measured
+#   96.5 % with | not measured
 SHOWN_NATS = 1.0  # of a person shown by the look, who would be hidden without it
 # tuned: people | lab/experiments/2026-11-23-detections-that-never-become-a-person.md | not
 #   measured
