@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 
 from e3pose.base.errors import InputError
 from e3pose.base.quantities import age_s, size_bytes
@@ -61,7 +62,7 @@ def test_example_camera_is_of_the_example_site() -> None:
     assert node.endpoint.port == site.link.endpoint.port
 
 
-@pytest.mark.parametrize(
+@each_case(
     "table",
     [
         SiteTable,

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.cases import each_case
 
 from e3pose.base import bounded
 from e3pose.base.bounded import decode_json, read_bytes, read_lines
@@ -26,7 +27,7 @@ def test_a_pipe_and_a_device_are_refused_without_waiting(tmp_path: Path) -> None
             read_bytes(tmp_path / name, 10)
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("path", "message"),
     [("absent", "not found"), ("x" * 5000, "cannot be read"), ("a\0b", "cannot be read")],
 )
@@ -48,7 +49,7 @@ def test_lines_are_numbered_and_bounded(tmp_path: Path, monkeypatch: pytest.Monk
         list(read_lines(tmp_path / "a", 100))
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("kind", "content", "found"),
     [
         (list[int], b" \n", "an empty file"),

@@ -6,12 +6,13 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from tests.cases import each_case
 from tests.manual_clock import ManualClock
 
 from e3pose.base.compiling import Compiling, left_s, words
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("done", "total", "spent_s", "rest_s"),
     [(0, 100, 0, None), (2, 100, 1, None), (25, 100, 10, 30), (100, 100, 40, 0), (0, 0, 0, None)],
 )

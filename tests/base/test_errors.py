@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import pytest
+from tests.cases import each_case
 
 from e3pose.base.errors import InputError, reason_of
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("error", "words"),
     [
         (InputError("/srv/lab/x.db: found no poses"), "found no poses"),
@@ -25,7 +25,7 @@ def test_folders_are_for_this_machine_alone(error: InputError, words: str) -> No
     assert str(error.elsewhere()) == words
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("error", "reason"),
     [
         (

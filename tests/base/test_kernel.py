@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 
 from e3pose.base import kernel_cache
 from e3pose.base.kernel import kernel
@@ -25,7 +26,7 @@ def thrice(values: Any) -> float:
     return 3 * float(values.sum())
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("declared", "taken_over"),
     [
         (step, {"step.py", "update.py", "undistort.py", "triangulate.py", "outliers.py"}),

@@ -16,6 +16,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 import pytest
+from tests.cases import each_case
 from tests.waiting import eventually
 
 from e3pose.base.listener import Bounds, Listener, network_of, open_socket
@@ -159,7 +160,7 @@ def test_flood_of_handshakes_leaves_those_of_others_alone(tmp_path: Path) -> Non
                 flooding.kill()
 
 
-@pytest.mark.parametrize("turns", range(8))
+@each_case("turns", range(8))
 def test_connection_that_comes_as_the_port_closes_does_not_stay_open(turns: int) -> None:
     async def close_after_turns(listening: socket.socket) -> None:
         accepting = asyncio.ensure_future(Listener(listening, Echo, Bounds(5, 5)).run())
@@ -182,7 +183,7 @@ def test_connection_that_comes_as_the_port_closes_does_not_stay_open(turns: int)
     gc.collect()  # a socket that is left open is a warning, and so an error
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("address", "network"),
     [
         ("10.0.0.7", "10.0.0.7"),

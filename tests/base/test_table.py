@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal
 import msgspec
 import pytest
 from msgspec import Meta
+from tests.cases import each_case
 
 from e3pose.base.errors import InputError
 from e3pose.base.quantities import length_m
@@ -35,7 +36,7 @@ class Outer:
 KEYS = "name, lead, parts, by_name, apart"
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("table", "message"),
     [
         ({}, 'missing: name = "a name"'),
@@ -77,7 +78,7 @@ def test_what_fits_is_read() -> None:
     assert read == Outer("a", "adaptive", (Inner(1.0),), None, 0.04)
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("text", "message"),
     [
         ("size = 'x'", "size: found text, expected a number"),
@@ -115,7 +116,7 @@ class Bounded:
         check_bounds(self)
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("table", "message"),
     [
         ({"rate": 0.1}, "rate: found 0.1, expected 0.5 to 100"),
@@ -129,6 +130,6 @@ def test_number_out_of_its_bounds_is_named_by_its_key(table: dict[str, Any], mes
     assert str(error.value) == message
 
 
-@pytest.mark.parametrize("count", [1, 60, "all", None])
+@each_case("count", [1, 60, "all", None])
 def test_bounds_are_of_numbers_alone(count: Any) -> None:
     assert Bounded(100, count).count == count

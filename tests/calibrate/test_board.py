@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from tests.calibrate.board_pictures import facing, render
+from tests.cases import each_case
 
 from e3pose.base.errors import InputError
 from e3pose.calibrate.board import Board, make_finder
@@ -23,7 +24,7 @@ K = np.array([[700.0, 0, 330], [0, 705, 236], [0, 0, 1]])
 CAMERA = Camera("cam1", (640, 480), K, np.eye(4), np.array([-0.2, 0.06, 0.001, -0.001]))
 
 
-@pytest.mark.parametrize("name", ["charuco-5x7-36mm", "charuco-6x8-20mm", "chessboard-5x8-60.5mm"])
+@each_case("name", ["charuco-5x7-36mm", "charuco-6x8-20mm", "chessboard-5x8-60.5mm"])
 def test_board_is_what_its_name_says(name: str) -> None:
     board = Board.parse(name)
     assert board.name == name
@@ -31,8 +32,8 @@ def test_board_is_what_its_name_says(name: str) -> None:
     assert len(board.corners_m) == (board.rows - 1) * (board.columns - 1)
 
 
-@pytest.mark.parametrize("name", ["charuco-5x7-36mm", "charuco-6x8-20mm", "chessboard-5x8-60mm"])
-@pytest.mark.parametrize("roll", [0.0, 0.4, np.pi])
+@each_case("name", ["charuco-5x7-36mm", "charuco-6x8-20mm", "chessboard-5x8-60mm"])
+@each_case("roll", [0.0, 0.4, np.pi])
 def test_corners_are_found_where_they_are(name: str, roll: float) -> None:
     board = Board.parse(name)
     middle = np.array([0.0, 0.0, 12.5 * board.square_m * board.rows / 7])
@@ -44,7 +45,7 @@ def test_corners_are_found_where_they_are(name: str, roll: float) -> None:
     assert np.sqrt(np.mean((found - truth) ** 2)) < 0.12
 
 
-@pytest.mark.parametrize(
+@each_case(
     "name",
     [
         "charuco-8x11-25mm-5x5_250-18mm", "charuco-5x7-36mm-apriltag_36h11-30mm",
@@ -145,7 +146,7 @@ def test_page_refuses_what_does_not_fit() -> None:
         draw_page(Board.parse("charuco-5x7-60mm"), "a4")
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("name", "message"),
     [
         ("charuco", "expected a name as it is printed on the board"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 
 from e3pose.calibrate.pair_shifts import (
     disagreement,
@@ -13,7 +14,7 @@ from e3pose.calibrate.pair_shifts import (
 )
 
 
-@pytest.mark.parametrize("peak", [3.0, 3.3, 2.6])
+@each_case("peak", [3.0, 3.3, 2.6])
 def test_peak_of_a_parabola_is_found_between_samples(peak: float) -> None:
     values = 5.0 - (np.arange(7, dtype=np.float64) - peak) ** 2
     best = int(values.argmax())

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests.calibrate.sounds import film, heard, room
+from tests.cases import each_case
 from tests.cli.commands import run
 
 from e3pose.base.errors import InputError
@@ -20,7 +21,7 @@ BEGAN_S = {"cam0": 2.0, "cam1": 0.317, "cam2": 4.642}
 QUARTER_FRAME_S = 0.25 / 25
 
 
-@pytest.mark.parametrize("seed", [711, 712, 713])
+@each_case("seed", [711, 712, 713])
 def test_sound_tells_when_films_began(seed: int) -> None:
     rng = np.random.default_rng(seed)
     sound = room(rng, 32.0, RATE)
@@ -81,7 +82,7 @@ def test_sync_of_films_prints_offsets(films: Path, capsys: pytest.CaptureFixture
     assert "--offset cam0=0.0000 --offset cam1=-1.68" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("words", "output"),
     [
         (

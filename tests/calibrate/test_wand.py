@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from tests.calibrate.people_scenes import distances
 from tests.calibrate.wand_scenes import carried, ring
+from tests.cases import each_case
 from tests.cli.commands import run
 
 from e3pose.base.errors import InputError
@@ -21,8 +22,8 @@ pytestmark = pytest.mark.slow
 TWO, THREE = "green,red=500mm", "green,blue,red=200mm,500mm"
 
 
-@pytest.mark.parametrize("word", [TWO, THREE])
-@pytest.mark.parametrize("seed", [751, 752, 753])
+@each_case("word", [TWO, THREE])
+@each_case("seed", [751, 752, 753])
 def test_wand_places_cameras_in_metres(word: str, seed: int) -> None:
     rig, wand = ring(seed), Wand.parse(word)
     found = from_wand_seen(rig, wand, carried(rig, wand, seed))
@@ -39,7 +40,7 @@ def test_names_of_a_wand_are_read() -> None:
     assert wand.places_m.tolist() == pytest.approx([0, 0.2, 0.5])
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("word", "output"),
     [
         ("500mm", "found '500mm', expected markers and lengths such as green,red=500mm"),

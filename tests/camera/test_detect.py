@@ -8,6 +8,7 @@ from typing import Any
 import av
 import numpy as np
 import pytest
+from tests.cases import each_case
 
 from e3pose.base.errors import InputError
 from e3pose.base.lock import hold
@@ -118,7 +119,7 @@ def test_settings_choose_the_frames(tmp_path: Path) -> None:
     assert load_video_starts(dest) == pytest.approx({"cam1": 0.2, "cam2": 0.1})
 
 
-@pytest.mark.parametrize("stop_after", [1, 7, 20, 27])
+@each_case("stop_after", [1, 7, 20, 27])
 def test_interrupted_run_continues_to_the_same_recording(tmp_path: Path, stop_after: int) -> None:
     inputs, dest = videos(tmp_path), tmp_path / "out"
     detect_videos(inputs, rig(), Brightness(), tmp_path / "straight")
@@ -140,7 +141,7 @@ def test_interrupted_run_continues_to_the_same_recording(tmp_path: Path, stop_af
     assert not partial_folder(dest).exists()
 
 
-@pytest.mark.parametrize("tail", [b'{"slot":5,"time', b'{"slot":5,"time":0.25,"people":[]}', b"\0"])
+@each_case("tail", [b'{"slot":5,"time', b'{"slot":5,"time":0.25,"people":[]}', b"\0"])
 def test_torn_last_line_is_detected_again(tmp_path: Path, tail: bytes) -> None:
     inputs, dest = videos(tmp_path), tmp_path / "out"
     with pytest.raises(KeyboardInterrupt):
@@ -237,7 +238,7 @@ def test_rates_that_differ_need_a_slot_rate(tmp_path: Path) -> None:
     assert len(noses(tmp_path / "out", "cam1")) == len(noses(tmp_path / "out", "cam2")) == 10
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("settings", "words"),
     [
         ({"fps": 0.0}, "fps"),

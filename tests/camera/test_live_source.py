@@ -11,6 +11,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from tests.cases import each_case
 
 from e3pose.base.clock import WallClock
 from e3pose.base.errors import InputError
@@ -113,7 +114,7 @@ def test_folder_of_images_is_shown_in_order(tmp_path: Path) -> None:
     assert [int(f.image()[0, 0, 0]) for f in frames if f is not None] == [50, 100, 150]
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("name", "message"),
     [
         ("usb:front", "expected usb:NUMBER"),
@@ -127,7 +128,7 @@ def test_source_that_cannot_be_is_refused(name: str, message: str) -> None:
         make_source(name, "cam1", WallClock(), None)
 
 
-@pytest.mark.parametrize("name", ["usb:0", "rtsp://cam.local/1", "gstreamer:videotestsrc"])
+@each_case("name", ["usb:0", "rtsp://cam.local/1", "gstreamer:videotestsrc"])
 def test_camera_that_films_cannot_be_slowed_down(name: str) -> None:
     with pytest.raises(InputError, match=r"pace: found 0\.1, expected 1"):
         make_source(name, "cam1", WallClock(), None, 0.1)

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 
 from e3pose.base.errors import InputError
 from e3pose.camera.pairing import pair_videos
@@ -16,7 +17,7 @@ def rig(*camera_ids: str) -> Rig:
     return Rig(tuple(Camera(name, (64, 48), K, np.eye(4)) for name in camera_ids))
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("camera_ids", "videos", "stems"),
     [
         (["cam1", "cam2"], ["b/cam2.mp4", "a/cam1.mkv"], ["cam1", "cam2"]),
@@ -36,7 +37,7 @@ def test_pairs_by_name(camera_ids: Sequence[str], videos: list[str], stems: list
     assert list(pairs) == order
 
 
-@pytest.mark.parametrize(
+@each_case(
     "videos",
     [
         ["x.mp4", "y.mp4"],

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import msgspec
 import numpy as np
-import pytest
+from tests.cases import each_case
 
 from e3pose.base.clock import SlotTimes
 from e3pose.camera.schedule import KEPT_SLOTS, Schedule, slot_of_frame, take_order
@@ -72,8 +72,8 @@ def slots_of(frame_times_ns: list[int], frame_interval_ns: int) -> list[int]:
     return found
 
 
-@pytest.mark.parametrize("phase", np.linspace(-0.5, 0.5, 11).tolist())
-@pytest.mark.parametrize("seed", range(3))
+@each_case("phase", np.linspace(-0.5, 0.5, 11).tolist())
+@each_case("seed", range(3))
 def test_every_slot_has_one_frame_whatever_the_phase(phase: float, seed: int) -> None:
     jitter = np.random.default_rng(seed).uniform(-3e6, 3e6, 200)
     times = [ORIGIN + round((i + phase) * INTERVAL + jitter[i]) for i in range(200)]
@@ -82,7 +82,7 @@ def test_every_slot_has_one_frame_whatever_the_phase(phase: float, seed: int) ->
     assert set(found) >= set(range(5, 198))  # the first few settle it
 
 
-@pytest.mark.parametrize("fps", [50.0, 60.0, 90.0, 120.0])
+@each_case("fps", [50.0, 60.0, 90.0, 120.0])
 def test_faster_source_gives_a_frame_near_the_middle(fps: float) -> None:
     frame_ns = round(1e9 / fps)
     times = [ORIGIN + i * frame_ns for i in range(200)]

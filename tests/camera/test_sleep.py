@@ -7,6 +7,7 @@ import time
 from pathlib import Path
 
 import pytest
+from tests.cases import each_case
 
 from e3pose.base.errors import InputError
 from e3pose.camera.sleep import SUSPEND, Suspend, open_suspend
@@ -80,7 +81,7 @@ def test_camera_file_says_how_it_may_sleep(tmp_path: Path) -> None:
     assert load_node(file).suspend_command == ("doze", "{seconds}")
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("lines", "message"),
     [
         ('sleep = "deep"', "sleep: found 'deep'"),

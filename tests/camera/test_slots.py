@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import pytest
+from tests.cases import each_case
 
 from e3pose.camera.orientation import Orientation
 from e3pose.camera.slots import SlotGrid, frames_in_slots
@@ -39,7 +40,7 @@ def test_slow_video_leaves_every_second_slot_out() -> None:
     assert chosen([0.0, 0.1, 0.2], SlotGrid(20)) == {0: 0, 2: 1, 4: 2}
 
 
-@pytest.mark.parametrize(("offset_s", "first"), [(0.2, 2), (-0.2, 0), (0.24, 2), (0.26, 3)])
+@each_case(("offset_s", "first"), [(0.2, 2), (-0.2, 0), (0.24, 2), (0.26, 3)])
 def test_offset_moves_a_video_on_the_common_clock(offset_s: float, first: int) -> None:
     slots = chosen([i / 10 for i in range(6)], SlotGrid(10), offset_s)
     assert min(slots) == first

@@ -10,6 +10,7 @@ import av
 import cv2
 import numpy as np
 import pytest
+from tests.cases import each_case
 
 from e3pose.base.errors import InputError
 from e3pose.camera.source import Frame, VideoSource, open_video
@@ -92,7 +93,7 @@ def test_variable_rate_keeps_the_true_times(tmp_path: Path) -> None:
     np.testing.assert_allclose(got, (np.array(times) - 1000) / 1000, atol=1e-6)
 
 
-@pytest.mark.parametrize("rotation", [None, 90, 180, -90])
+@each_case("rotation", [None, 90, 180, -90])
 def test_rotation_agrees_with_opencv(tmp_path: Path, rotation: int | None) -> None:
     path = write_video(tmp_path / "a.mp4", [corners()] * 3, rotation=rotation)
     video = open_video(path)
@@ -107,7 +108,7 @@ def test_rotation_agrees_with_opencv(tmp_path: Path, rotation: int | None) -> No
     assert video.image_size == ((HEIGHT, WIDTH) if turned else (WIDTH, HEIGHT))
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("rotation", "hflip", "order"),
     [
         (0, False, [0, 1, 2, 3]),
@@ -142,7 +143,7 @@ def test_start_jumps_to_the_same_frames(tmp_path: Path) -> None:
     assert list(video.frames(start_s=99.0)) == []
 
 
-@pytest.mark.parametrize("name", ["a.mkv", "a.avi", "a.mp4"])
+@each_case("name", ["a.mkv", "a.avi", "a.mp4"])
 def test_cut_file_yields_what_is_there_and_says_so(tmp_path: Path, name: str) -> None:
     options = {"movflags": "faststart"} if name.endswith("mp4") else None
     path = write_video(tmp_path / name, noisy(40), options=options)
@@ -189,7 +190,7 @@ def no_index(path: Path) -> None:
     path.write_bytes(data[: len(data) // 2])
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("name", "make", "words"),
     [
         ("missing.mp4", lambda path: None, "no file"),

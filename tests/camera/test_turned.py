@@ -6,8 +6,8 @@ from typing import Any
 
 import cv2
 import numpy as np
-import pytest
 from numpy.typing import NDArray
+from tests.cases import each_case
 
 from e3pose.camera.orientation import Orientation
 from e3pose.camera.turned import turned
@@ -68,7 +68,7 @@ class Boxes(Levels):
         return self.detect(image)
 
 
-@pytest.mark.parametrize("degrees", ANGLES)
+@each_case("degrees", ANGLES)
 def test_detector_sees_the_turned_image_and_answers_in_pixels_of_the_other(degrees: int) -> None:
     image, levels = numbered(), Levels()
     found = turned(levels, degrees).detect(image)
@@ -78,7 +78,7 @@ def test_detector_sees_the_turned_image_and_answers_in_pixels_of_the_other(degre
     np.testing.assert_array_equal(found.scores, np.full((1, 17), 0.5))
 
 
-@pytest.mark.parametrize("degrees", ANGLES)
+@each_case("degrees", ANGLES)
 def test_points_go_there_and_back_with_missing_ones_missing(degrees: int) -> None:
     orientation = Orientation.from_degrees(degrees)
     points_px = np.array([[-0.5, -0.5], [6.5, 4.5], [1.25, 3.0], [np.nan, np.nan]])
@@ -88,7 +88,7 @@ def test_points_go_there_and_back_with_missing_ones_missing(degrees: int) -> Non
     np.testing.assert_array_equal(orientation.points_back(there, WIDTH, HEIGHT), points_px)
 
 
-@pytest.mark.parametrize("degrees", ANGLES)
+@each_case("degrees", ANGLES)
 def test_part_and_expected_people_are_turned_too(degrees: int) -> None:
     image, parts, part = numbered(), Parts(), Part(1, 2, 4, 3, 64)
     known_px = np.array([[(j % WIDTH, j // WIDTH) for j in range(17)]], dtype=float)
@@ -105,7 +105,7 @@ def test_part_and_expected_people_are_turned_too(degrees: int) -> None:
     np.testing.assert_array_equal(found.keypoints_px, expected.keypoints_px)
 
 
-@pytest.mark.parametrize("degrees", ANGLES)
+@each_case("degrees", ANGLES)
 def test_boxes_are_turned_too(degrees: int) -> None:
     image, boxes = numbered(), Boxes()
     looks = turned(boxes, degrees)
@@ -127,7 +127,7 @@ def test_detector_without_feedback_stays_without() -> None:
     assert turned(looks, 0) is looks
 
 
-@pytest.mark.parametrize("degrees", ANGLES)
+@each_case("degrees", ANGLES)
 def test_expected_people_are_found_in_turned_images(degrees: int) -> None:
     along = np.linspace(0, 1, 17)
     here, there = (np.stack([x + along * 60, 60 + along * 260], axis=-1) for x in (80, 400))

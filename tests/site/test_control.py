@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import cast
 
 import pytest
+from tests.cases import each_case
 from tests.manual_clock import ManualClock
 from tests.memory_transport import Hub
 from tests.rigs import looking
@@ -109,7 +110,7 @@ def test_budget_of_a_camera_is_its_own_and_stays(tmp_path: Path) -> None:
         assert pipeline.queue.budget.round(3).tolist() == [0.45, 0.3, 0.9, 0.45]
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("control", "messages"),
     [
         (Control(), "control: found nothing to change"),

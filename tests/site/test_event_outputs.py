@@ -14,6 +14,7 @@ import msgspec
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from tests.cases import each_case
 from tests.cli.commands import run
 from tests.events.bodies import doing, seen
 from tests.site.web.watched import STARTED_NS, Watched, poses, record, watched_site
@@ -130,7 +131,7 @@ def read_csv(path: Path) -> list[dict[str, Any]]:
         return list(csv.DictReader(file))
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("form", "read"),
     [
         ("csv", read_csv),

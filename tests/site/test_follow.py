@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 from tests.memory_transport import Hub
 from tests.site.tables import write_site
 
@@ -81,7 +82,7 @@ def test_message_that_makes_no_sense_is_reported_and_changes_nothing(topic: str)
     assert follower.status == status(5)
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("listens", "found"),
     [
         ("tcp/127.0.0.1:7001", "tcp/127.0.0.1:7001"),

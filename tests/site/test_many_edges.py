@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.cases import each_case
 from tests.rigs import looking
 from tests.site.tables import write_site
 from tests.waiting import eventually
@@ -49,7 +50,7 @@ def test_sites_with_all_of_their_own_are_fine(tmp_path: Path) -> None:
     check_apart(house(tmp_path))
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("of_hall", "of_lab", "said"),
     [
         ('name = "lab"', "", "name: found lab"),

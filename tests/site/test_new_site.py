@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 from tests.rigs import looking
 
 from e3pose.base.errors import InputError
@@ -33,7 +34,7 @@ def choice(source: str, times: DetectionTimes | None, **more: object) -> Choice:
     return Choice("lab", probes, "openpose-thin", "cpu", 1, 2, times, **more)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("source", "times", "fps", "pace"),
     [
         ("usb:{}", SLOW, 5 * SPARE, 1.0),
@@ -49,8 +50,8 @@ def test_rate_is_what_the_machine_reaches(
     assert rates(choice(source, times)) == pytest.approx((fps, pace))
 
 
-@pytest.mark.parametrize("source", ["usb:{}", "cam{}.mp4"])
-@pytest.mark.parametrize("times", [SLOW, QUICK])
+@each_case("source", ["usb:{}", "cam{}.mp4"])
+@each_case("times", [SLOW, QUICK])
 def test_site_passes_its_own_check(tmp_path: Path, source: str, times: DetectionTimes) -> None:
     rig = looking((4, 0), (0, 4), (-4, 0), (0, -4))
     path = write_site(tmp_path / "lab", choice(source, times, rig=rig))
@@ -108,7 +109,7 @@ def test_sources_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     }
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("words", "message"),
     [
         (["usb:0"], "SOURCE: found 1 source, expected two or more"),
@@ -126,7 +127,7 @@ def test_site_is_named_after_its_folder(tmp_path: Path) -> None:
     assert site_name(tmp_path / "living room") == "living-room"
 
 
-@pytest.mark.parametrize(("cores", "threads"), [(2, 1), (8, 4), (1, 1)])
+@each_case(("cores", "threads"), [(2, 1), (8, 4), (1, 1)])
 def test_cores_are_shared_by_the_cameras_of_a_slot(cores: int, threads: int) -> None:
     assert threads_for(4, 2, cores) == threads
 

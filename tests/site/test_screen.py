@@ -6,10 +6,10 @@ import io
 import math
 
 import msgspec
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rich.console import Console
+from tests.cases import each_case
 
 from e3pose.site.screen import EVENTS, screen
 from e3pose.wire.bounds import MAX_FIGURE
@@ -158,7 +158,7 @@ def test_screen_marks_what_a_model_says() -> None:
     assert "~62%" in shown[1]
 
 
-@pytest.mark.parametrize("width", [60, 80, 140])
+@each_case("width", [60, 80, 140])
 def test_screen_fits_the_terminal(width: int) -> None:
     camera = CameraStatus(
         "cam0", True, mode="power-saving", last_seen_s=0.2, duty=0.4, power_w=6.25,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import msgspec
-import pytest
+from tests.cases import each_case
 
 from e3pose.base.quantities import plural
 from e3pose.camera.status import CameraCounts
@@ -54,7 +54,7 @@ def test_camera_without_frames_says_why() -> None:
     assert message == "cam0: no frames: source usb:0: found no /dev/video0"
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("done", "orders", "late", "message"),
     [
         (CameraCounts(1, 1, sent=1), 4, 1, "cam0: 1 frame, 1 processed, 1 view sent, 1 late order"),

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from tests.cases import each_case
 from tests.rigs import looking
 from tests.site.tables import resolved_site
 
@@ -46,7 +47,7 @@ def test_edge_reads_the_site_file_and_ends_with_its_parent() -> None:
     assert view_command(Path("lab/site.toml")) == command
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("source", "found"),
     [
         ("walk.mp4", "{folder}/walk.mp4"),
@@ -86,7 +87,7 @@ def test_options_of_a_camera_are_those_of_its_table(tmp_path: Path) -> None:
     assert full["--meter"] == "auto" and full["--pace"] == "0.5"
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("link", "view", "allowed"),
     [
         ("tcp/127.0.0.1:7001", "", True),
@@ -115,7 +116,7 @@ def turned_rig(folder: Path) -> None:
     (folder / "rig.toml").write_text(text.replace("name = ", f"{ROTATED}name = "))
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("calibration", "keys", "degrees"),
     [
         (None, "", None),
@@ -138,13 +139,13 @@ def test_camera_is_turned_as_its_table_says_or_else_the_calibration(
     )
 
 
-@pytest.mark.parametrize("value", ["45", "-90", "90.0", '"90"', "true"])
+@each_case("value", ["45", "-90", "90.0", '"90"', "true"])
 def test_rotation_that_is_no_quarter_turn_is_named(tmp_path: Path, value: str) -> None:
     with pytest.raises(InputError, match=r"rotation: found .*, expected 0 or 90 or 180 or 270"):
         camera(tmp_path, f'source = "usb:0"\nrotation = {value}')
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("listens", "found"),
     [
         ("tcp/127.0.0.1:7001", "tcp/127.0.0.1:7001"),

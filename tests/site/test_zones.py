@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 
 from e3pose.base.errors import InputError
 from e3pose.model.region import distance_m, in_polygon, middles_m
@@ -82,7 +83,7 @@ def test_track_that_is_lost_has_left_after_a_second() -> None:
     assert events == [("leave", 7, 0, 11)]
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("change", "message"),
     [
         ({"name": "a b"}, "name"),

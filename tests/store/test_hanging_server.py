@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pytest
 from sqlalchemy import text
+from tests.cases import each_case
 from tests.postgres import Server, running_server
 from tests.store.writers import Records, Runs, stored_slots, wait_for
 
@@ -75,7 +76,7 @@ def killed(server: Server, url: str) -> Iterator[None]:
     server.start()
 
 
-@pytest.mark.parametrize("away", [frozen, locked, killed])
+@each_case("away", [frozen, locked, killed])
 def test_nothing_is_lost_while_a_server_answers_nothing(
     server: Server, tmp_path: Path, record: Records, run: Runs, away: Callable[..., object]
 ) -> None:

@@ -6,6 +6,7 @@ import sqlite3
 from pathlib import Path
 
 import pytest
+from tests.cases import each_case
 from tests.cli.commands import run as verb
 from tests.store.writers import Records, Runs
 
@@ -118,7 +119,7 @@ def test_who_is_forgotten_is_gone_and_the_others_are_not(stored: Place) -> None:
     assert forget(stored, asked)[1] == 0
 
 
-@pytest.mark.parametrize("form", ["csv", "json", "parquet"])
+@each_case("form", ["csv", "json", "parquet"])
 def test_no_byte_of_who_is_forgotten_is_left(
     tmp_path: Path, run: Runs, record: Records, form: str, capsys: pytest.CaptureFixture[str]
 ) -> None:

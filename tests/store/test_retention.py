@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 from tests.manual_clock import ManualClock
 
 from e3pose.base.errors import InputError
@@ -154,7 +155,7 @@ def test_size_is_kept_by_a_running_writer(tmp_path: Path, record: Records, run: 
     assert first == 0, "the time of arrival is kept as long as the person is present"
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("words", "seconds"),
     [("30d", 30 * 86400), ("12h", 43200), ("90 min", 5400), ("2w", 14 * 86400), ("1.5s", 1.5)],
 )
@@ -162,20 +163,18 @@ def test_ages(words: str, seconds: float) -> None:
     assert age_s(words) == seconds
 
 
-@pytest.mark.parametrize(
-    ("words", "size"), [("20GB", 20 * 10**9), ("500 MB", 5 * 10**8), ("0.5tb", 5 * 10**11)]
-)
+@each_case(("words", "size"), [("20GB", 20 * 10**9), ("500 MB", 5 * 10**8), ("0.5tb", 5 * 10**11)])
 def test_sizes(words: str, size: int) -> None:
     assert size_bytes(words) == size
 
 
-@pytest.mark.parametrize("words", ["30", "d", "-3d", "0d", "3 months", "20GB"])
+@each_case("words", ["30", "d", "-3d", "0d", "3 months", "20GB"])
 def test_what_is_no_age(words: str) -> None:
     with pytest.raises(InputError, match="such as 30d"):
         age_s(words)
 
 
-@pytest.mark.parametrize("words", ["20", "GB", "-3GB", "10KB", "1d"])
+@each_case("words", ["20", "GB", "-3GB", "10KB", "1d"])
 def test_what_is_no_size(words: str) -> None:
     with pytest.raises(InputError, match=r"found .*expected"):
         size_bytes(words)

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from sqlalchemy import update
+from tests.cases import each_case
 from tests.store.conftest import KINDS, make_record, make_run, new_place
 
 from e3pose.base.errors import InputError
@@ -264,7 +265,7 @@ def test_table_on_the_terminal(filled: Place, capsys: pytest.CaptureFixture[str]
     assert "No matching rows" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("options", "named"),
     [
         (["--from", "yesterday"], "yesterday"),

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.cases import each_case
 
 from e3pose.base.errors import InputError
 from e3pose.wire.arrays import pack, poses_2d, unpack
@@ -68,12 +69,12 @@ MESSAGES: list[Message] = [
 ]
 
 
-@pytest.mark.parametrize("message", MESSAGES, ids=lambda m: type(m).__name__)
+@each_case("message", MESSAGES, ids=lambda m: type(m).__name__)
 def test_message_comes_back_equal(message: Message) -> None:
     assert decode(encode(message), type(message), "cam1") == message
 
 
-@pytest.mark.parametrize("message", MESSAGES, ids=lambda m: type(m).__name__)
+@each_case("message", MESSAGES, ids=lambda m: type(m).__name__)
 def test_other_kind_is_refused(message: Message) -> None:
     other = Order if not isinstance(message, Order) else View
     with pytest.raises(InputError, match=rf"^cam1: message: found .*, expected {other.__name__}$"):
@@ -161,7 +162,7 @@ WRONG: dict[str, tuple[Message, str]] = {
 }
 
 
-@pytest.mark.parametrize("name", sorted(WRONG))
+@each_case("name", sorted(WRONG))
 def test_wrong_field_is_named_in_one_line(name: str) -> None:
     message, sent = WRONG[name]
     with pytest.raises(InputError) as error:
@@ -208,7 +209,7 @@ def test_missing_keypoint_is_nan_with_score_0() -> None:
     assert np.isnan(found.keypoints_px[0, :2]).all() and (found.keypoints_px[0, 2] == 5).all()
 
 
-@pytest.mark.parametrize("bits", [0x7F800001, 0xFFA00000, 0x7FC00000])
+@each_case("bits", [0x7F800001, 0xFFA00000, 0x7FC00000])
 def test_every_kind_of_nan_is_a_missing_keypoint(bits: int) -> None:
     keypoints = np.full((1, 3, 2), 5, np.float32)
     keypoints.view(np.uint32)[0, 1, 0] = bits  # signalling ones too, of which NumPy warns
@@ -218,7 +219,7 @@ def test_every_kind_of_nan_is_a_missing_keypoint(bits: int) -> None:
     assert (found.keypoints_px[0, [0, 2]] == 5).all()
 
 
-@pytest.mark.parametrize("dtype", ["f4", "f8", "i8", "b1"])
+@each_case("dtype", ["f4", "f8", "i8", "b1"])
 def test_array_comes_back(dtype: str) -> None:
     array = (np.arange(24).reshape(2, 3, 4) % 2).astype(dtype)
     assert (unpack(pack(array[:, ::-1])) == array[:, ::-1]).all()

@@ -8,6 +8,7 @@ from typing import Any, get_args
 
 import msgspec
 import pytest
+from tests.cases import each_case
 
 from e3pose.wire import topics
 from e3pose.wire.arrays import poses_2d
@@ -28,7 +29,7 @@ def section(kind: Any) -> str:
     return str(text)
 
 
-@pytest.mark.parametrize("kind", [*MESSAGES, CameraStatus], ids=lambda kind: str(kind.__name__))
+@each_case("kind", [*MESSAGES, CameraStatus], ids=lambda kind: str(kind.__name__))
 def test_every_field_has_its_row_in_its_place(kind: Any) -> None:
     rows = re.findall(r"^\| (\d+) \| (\*\*)?`(\w+)`", section(kind), re.M)
     first = 0 if kind is CameraStatus else 1  # place 0 is the tag

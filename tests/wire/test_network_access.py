@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.cases import each_case
 from tests.ports import free_port
 from tests.waiting import eventually
 from tests.wire.certified_site import Site
@@ -204,7 +205,7 @@ def test_few_fixed_keys_are_let_upstream(kind: str) -> None:
         assert said == {"query", "reply"}  # it declares nothing, and is told of nobody
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("role", "endpoint", "orders"),
     [
         ("edge", "tcp/0.0.0.0:7447", "plain tcp beyond this machine"),

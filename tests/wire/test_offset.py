@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 
 from e3pose.wire.offset import (
     LIKELY_DRIFT_PPM,
@@ -49,7 +50,7 @@ def test_even_network_gives_the_exact_offset() -> None:
     assert estimate.offset.error_ns is not None and estimate.offset.error_ns < 1.3e6
 
 
-@pytest.mark.parametrize("seed", range(5))
+@each_case("seed", range(5))
 def test_jitter_of_50_ms_leaves_a_few_milliseconds(seed: int) -> None:
     estimate, now = run(60, jitter_ms=50, seed=seed)
     off = abs(estimate.offset.edge_ns(now) - now - 40e6)
@@ -57,7 +58,7 @@ def test_jitter_of_50_ms_leaves_a_few_milliseconds(seed: int) -> None:
     assert estimate.offset.error_ns is not None and off < 3 * estimate.offset.error_ns + 1e6
 
 
-@pytest.mark.parametrize("drift_ppm", [-80.0, 30.0, 120.0])
+@each_case("drift_ppm", [-80.0, 30.0, 120.0])
 def test_drift_is_found_and_followed(drift_ppm: float) -> None:
     estimate, now = run(100, drift_ppm=drift_ppm, jitter_ms=0.3)
     assert estimate.offset.drift_ppm == pytest.approx(drift_ppm, abs=15)
@@ -81,7 +82,7 @@ def test_memory_is_bounded() -> None:
     assert len(estimate.exchanges) == MAX_EXCHANGES
 
 
-@pytest.mark.parametrize("drift_ppm", [0.0, 45.0, -45.0])
+@each_case("drift_ppm", [0.0, 45.0, -45.0])
 def test_error_grows_with_the_age_of_the_exchange_that_is_believed(drift_ppm: float) -> None:
     quick, slow = 2_000_000, 40_000_000  # of delay; the network got busy after the first
     estimate = OffsetEstimate()

@@ -6,6 +6,7 @@ import socket
 from typing import Any
 
 import pytest
+from tests.cases import each_case
 from tests.ports import free_port
 
 from e3pose.wire.access import Link
@@ -19,7 +20,7 @@ def test_port_at_which_nothing_listens_is_refused() -> None:
     assert (found.outcome, found.reason, found.exchange) == ("refused", "", None)
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("error", "outcome", "reason"),
     [
         (socket.gaierror(-2, "Name or service not known"), "unknown", ""),

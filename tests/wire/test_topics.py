@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from tests.cases import each_case
 
 from e3pose.base.errors import InputError
 from e3pose.model.camera_fields import check_camera_id
@@ -14,7 +15,7 @@ def test_sender_of_a_cameras_topic() -> None:
     assert of_camera("lab", ANY, "view") == "e3pose/lab/camera/*/view"
 
 
-@pytest.mark.parametrize("name", ["", "*", "**", "a/b", "../x", "a b", "a$*", "-x", "x" * 65, "ü"])
+@each_case("name", ["", "*", "**", "a/b", "../x", "a b", "a$*", "-x", "x" * 65, "ü"])
 def test_names_that_would_reach_elsewhere_do_not_enter(name: str) -> None:
     with pytest.raises(InputError, match="site"):
         check_site(name)
@@ -24,7 +25,7 @@ def test_names_that_would_reach_elsewhere_do_not_enter(name: str) -> None:
         sender(of_camera("lab", name, "view"))
 
 
-@pytest.mark.parametrize("topic", ["e3pose/lab/order/cam1", "x/lab/camera/cam1/view", "", "/////"])
+@each_case("topic", ["e3pose/lab/order/cam1", "x/lab/camera/cam1/view", "", "/////"])
 def test_topic_of_no_camera_has_no_sender(topic: str) -> None:
     with pytest.raises(InputError):
         sender(topic)

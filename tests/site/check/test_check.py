@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 from tests.ports import free_port
 from tests.postgres import Server
 from tests.rigs import looking
@@ -137,7 +138,7 @@ def test_turned_camera_that_runs_elsewhere_needs_it_in_its_own_file(tmp_path: Pa
     assert found.advice == "rotation = 90 in its camera file"
 
 
-@pytest.mark.parametrize("source", ["walk.mp4", "recorded:walk", "usb:987"])
+@each_case("source", ["walk.mp4", "recorded:walk", "usb:987"])
 def test_source_that_is_not_there_is_a_problem(tmp_path: Path, source: str) -> None:
     found = wrong(sources(tmp_path, source=source, model="net.onnx"))
     assert {finding.what for finding in found} == {"camera c0"}
@@ -184,7 +185,7 @@ FOLLOWS = "A1B2C3D4,192.0.2.7,3,1700000000.1,0.000012,0.00001,0.00002,1,0,0,0.01
 NOBODY = "00000000,0.0.0.0,0,0.0,0.0,0.0,0.0,0,0,0,1,1,0,Not synchronised"
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("name", "says", "level", "message"),
     [
         ("chronyc", FOLLOWS, "ok", "192.0.2.7"),

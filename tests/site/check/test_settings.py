@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 from tests.rigs import looking
 from tests.site.tables import resolved_site
 
@@ -84,7 +85,7 @@ def test_cameras_that_ignore_feedback_are_named(tmp_path: Path) -> None:
     assert not list(check_feedback(live(tmp_path, films)))
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("detectors", "skeleton"),
     [
         (("openpose-thin",) * 4, "coco18"),
@@ -109,7 +110,7 @@ def test_detector_of_another_skeleton_is_reported_with_what_it_lacks(tmp_path: P
     assert "outputs coco18, converted, without left_big_toe" in found["camera c0"].found
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("budget", "level", "message"),
     [
         ("1W", "problem", "does not even pay for idling"),
@@ -159,7 +160,7 @@ def site(fps: float, deadline_ms: float) -> SiteTable:
 SLOW = DetectionTimes(np.full(4, 0.1), np.full(4, 0.2))  # 20 per second: 10 slots with 2 cameras
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("fps", "deadline_ms", "what", "level"),
     [
         (7.9, 150, "fps", ""),

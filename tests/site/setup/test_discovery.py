@@ -8,7 +8,7 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-import pytest
+from tests.cases import each_case
 
 from e3pose.site.setup.discovery import look_around, read_answer
 
@@ -62,7 +62,7 @@ def test_nobody_answers() -> None:
         assert look_around(0.2, place) == []
 
 
-@pytest.mark.parametrize(
+@each_case(
     "answer",
     [
         ANSWER.format(asked="ours", host="10.0.0.66"),  # sends us to somebody else

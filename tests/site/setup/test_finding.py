@@ -6,6 +6,7 @@ import os
 from pathlib import Path
 
 import pytest
+from tests.cases import each_case
 
 from e3pose.base.errors import InputError
 from e3pose.site.setup.finding import check_typed, find_films, free_name
@@ -28,7 +29,7 @@ def test_sources_are_as_a_site_file_has_them(tmp_path: Path) -> None:
     assert check_typed(str(tmp_path / "a.mp4"), tmp_path) == str(tmp_path / "a.mp4")
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("source", "said"),
     [
         ("../outside.mp4", "a folder above your films"),

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 from tests.output.exports.takes import FPS, NUM_FRAMES, walking
 from tests.site.streams.osc_reader import read_osc
 
@@ -166,8 +167,8 @@ def test_trackers_of_vrchat_are_at_the_joints_and_turn_with_them() -> None:
             np.testing.assert_allclose(facing[:, 0], across / np.linalg.norm(across), atol=0.01)
 
 
-@pytest.mark.parametrize("query", ["?track=x", "?person=1", "?track=1&track=2", "?track=-1"])
-@pytest.mark.parametrize("kind", ["vmc", "vrchat"])
+@each_case("query", ["?track=x", "?person=1", "?track=1&track=2", "?track=-1"])
+@each_case("kind", ["vmc", "vrchat"])
 def test_a_target_names_a_track_or_nothing(kind: str, query: str) -> None:
     with pytest.raises(InputError, match="track=NUMBER"):
         open_stream(f"{kind}://127.0.0.1:9000{query}", SOURCE)

@@ -13,6 +13,7 @@ from typing import Any
 
 import foxglove
 import pytest
+from tests.cases import each_case
 from tests.ports import free_port
 from tests.site.streams.test_streams import EVENT, FELL, SOURCE, TIME_NS, slot, tell
 from websockets.exceptions import InvalidStatus, WebSocketException
@@ -135,7 +136,7 @@ def _channels(client: ClientConnection) -> list[dict[str, Any]]:
     return list(json.loads(client.recv(20))["channels"])
 
 
-@pytest.mark.parametrize(
+@each_case(
     "said",
     [
         "garbage",
@@ -159,7 +160,7 @@ def test_odd_request_is_answered_and_the_client_stays(said: str | bytes) -> None
         assert answer["op"] == "status" and answer["level"] == 2
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("origin", "comes_in"),
     [
         (None, True),  # no browser
@@ -195,7 +196,7 @@ def test_client_of_another_protocol_is_refused() -> None:
         connect_socket(url)
 
 
-@pytest.mark.parametrize("query", ["?origin=evil", "?origins=https://a", "?origin=https://a/"])
+@each_case("query", ["?origin=evil", "?origins=https://a", "?origin=https://a/"])
 def test_origin_that_is_none_is_refused(query: str) -> None:
     with pytest.raises(InputError, match="origin=https://HOST"), served(query):
         pass

@@ -18,6 +18,7 @@ from mcap.reader import make_reader
 from paho.mqtt.enums import CallbackAPIVersion
 from pythonosc.dispatcher import Dispatcher
 from pythonosc.osc_server import ThreadingOSCUDPServer
+from tests.cases import each_case
 from tests.memory_transport import Hub
 from tests.ports import free_port
 from tests.site.streams.broker import broker
@@ -207,7 +208,7 @@ def test_mqtt_is_read_by_paho() -> None:
     assert said == event_words(FELL, lambda track: "Ada") and said["name"] == "Ada"
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("target", "reported"),
     [
         ("smoke://x", "target: found 'smoke://x', expected osc"),
@@ -222,7 +223,7 @@ def test_target_that_is_none_is_refused(target: str, reported: str) -> None:
         open_stream(target, SOURCE)
 
 
-@pytest.mark.parametrize("kind", STREAMS)
+@each_case("kind", STREAMS)
 def test_every_stream_is_named_by_its_form(kind: str) -> None:
     assert STREAMS[kind].startswith(f"{kind}:")
 

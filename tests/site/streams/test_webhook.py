@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.cases import each_case
 from tests.ports import free_port
 from tests.site.streams.test_streams import FELL, WATCH, slot
 from tests.waiting import eventually
@@ -257,7 +258,7 @@ def test_quiet_hours_keep_what_is_not_urgent(receiver: Receiver) -> None:
     assert said[-1].endswith("1 notice delivered, 1 not sent in quiet hours")
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("hours", "at", "quiet"),
     [
         ("", (3, 0), False), ("22:00-06:30", (22, 0), True), ("22:00-06:30", (6, 29), True),
@@ -269,7 +270,7 @@ def test_quiet_hours_may_go_over_midnight(hours: str, at: tuple[int, int], quiet
     assert EventsTable(quiet=hours).is_quiet(*at) is quiet
 
 
-@pytest.mark.parametrize(
+@each_case(
     "place", ["example.org", "ftp://example.org/", "https://", "https://a:b@example.org/",
               "https://example.org:port/", "https://example.org/a b",
               "https://example.org/\r\nX: y"],

@@ -6,6 +6,7 @@ import time
 from pathlib import Path
 
 import pytest
+from tests.cases import each_case
 
 from e3pose.base.errors import InputError
 from e3pose.base.rate_limit import MAX_CLIENTS, Rate
@@ -31,7 +32,7 @@ def bearer(token: str) -> str:
     return f"Bearer {token}"
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("host", "status"),
     [
         ("localhost:8470", 0),
@@ -50,7 +51,7 @@ def test_only_our_own_names_and_addresses_are_hosts(host: str, status: int) -> N
     assert refused(rules(), "/", host=host) == status
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("origin", "status"),
     [
         ("http://localhost:8470", 0),
@@ -96,7 +97,7 @@ def test_control_needs_the_token_for_writing_everywhere() -> None:
     assert refused(made, "/api/control/loop", authorization=bearer(TOKENS.write)) == 0
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("headers", "status"),
     [
         ({"content_length": "100"}, 0),
@@ -111,7 +112,7 @@ def test_body_has_a_length_and_it_is_small(headers: dict[str, str], status: int)
     assert refused(rules(), "/api/control/loop", authorization=authorization, **headers) == status
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("address", "said", "client"),
     [
         ("127.0.0.1", "10.1.2.3", "10.1.2.3"),

@@ -9,6 +9,7 @@ from typing import Any
 import httpx
 import pytest
 from hypothesis import HealthCheck, given, settings
+from tests.cases import each_case
 from tests.site.web.watched import SLOTS, STARTED_NS, Watched
 from tests.waiting import eventually
 
@@ -78,7 +79,7 @@ def test_rows_of_the_store_come_in_pages(client: httpx.Client) -> None:
     assert client.get("/api/runs").json()[0]["cameras"] == ["c0", "c1", "c2"]
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("path", "message"),
     [
         ("/api/poses?start=yesterday", "time: found 'yesterday'"),

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import httpx
 import pytest
+from tests.cases import each_case
 from tests.site.web.watched import Watched, watched_site
 from tests.waiting import eventually
 from websockets.exceptions import ConnectionClosed
@@ -50,7 +51,7 @@ def test_idle_connections_that_were_answered_once_make_room_too(watched: Watched
             assert client.get("/api/site").status_code == 200
 
 
-@pytest.mark.parametrize(
+@each_case(
     "said",
     [b"", HALF, b"POST / HTTP/1.1\r\nHost: localhost\r\nContent-Length: 100\r\n\r\nhalf"],
     ids=["nothing", "half a head", "half a body"],
@@ -78,7 +79,7 @@ def test_request_that_is_not_completed_ends(said: bytes) -> None:
         serving.close()
 
 
-@pytest.mark.parametrize(
+@each_case(
     "body",
     [
         '{"cameras": NaN}',

@@ -11,6 +11,7 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
+from tests.cases import each_case
 from tests.memory_transport import Hub
 from tests.site.web.watched import FPS, Watched, poses, status
 from tests.waiting import eventually
@@ -104,7 +105,7 @@ def test_events_come_one_after_the_other(watched: Watched) -> None:
     assert eventually(lambda: watched.view.feed.followers == 0)
 
 
-@pytest.mark.parametrize(
+@each_case(
     "more",
     [
         {"origin": "http://evil.example"},

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
-import pytest
+from tests.cases import each_case
 from tests.site.web.watched import poses, status
 
 from e3pose.site.connect import live_slot
@@ -26,7 +26,7 @@ def cameras(**last: Any) -> Status:
     return msgspec.structs.replace(FINE, cameras=(*FINE.cameras[:2], third))
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("told", "around", "kind", "words"),
     [
         (msgspec.structs.replace(FINE, overload="too slow"), Around(), "overload", "too slow"),
@@ -45,7 +45,7 @@ def test_one_thing_is_wrong_and_told(told: Status, around: Around, kind: str, wo
     assert found.kind == kind and words in found.text
 
 
-@pytest.mark.parametrize(
+@each_case(
     "told",
     [
         FINE, cameras(online=False, asleep_s=4.0), cameras(online=False, paused=True),

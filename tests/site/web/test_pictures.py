@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from fastapi import FastAPI
 from starlette.testclient import TestClient
+from tests.cases import each_case
 from tests.manual_clock import ManualClock
 from tests.memory_transport import Hub, MemoryTransport
 from tests.site.tables import write_site
@@ -177,7 +178,7 @@ def test_last_picture_of_a_camera_that_sleeps_has_its_age() -> None:
     assert found["slot"] == 2 and len(found["people"]) == 2  # those of its own moment
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("answer", "camera", "why"),
     [
         (None, None, "edge gone"),
@@ -201,7 +202,7 @@ def test_missing_picture_says_why(
 LIES = {lie.name: lie.changes[Picture] for lie in picture_schemes() if lie.name != "late answer"}
 
 
-@pytest.mark.parametrize("name", LIES)
+@each_case("name", LIES)
 def test_camera_that_lies_shows_nothing_and_is_named(name: str) -> None:
     seen = Seen(answer=taken(2))
     seen.publish(2)
@@ -260,7 +261,7 @@ def test_camera_that_never_answers_keeps_nobody_waiting() -> None:
         first.join(20.0)
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("data", "size"),
     [
         (jpeg_header(320, 240), (320, 240)),
@@ -300,7 +301,7 @@ def test_route_knows_its_cameras() -> None:
     assert client.get(f"/api/pictures/c0?have={'x' * 99}").status_code == 422
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("view", "here", "operates", "shown", "why"),
     [
         ("", True, True, True, ""),

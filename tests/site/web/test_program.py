@@ -9,6 +9,7 @@ from pathlib import Path
 
 import httpx
 import pytest
+from tests.cases import each_case
 from tests.memory_transport import Hub
 from tests.rigs import looking
 from tests.site.tables import write_site
@@ -41,7 +42,7 @@ def test_plain_http_beyond_this_machine_is_refused(tmp_path: Path) -> None:
     assert address_of(open_site).certificate is None
 
 
-@pytest.mark.parametrize("listen", ["8470", "localhost", "127.0.0.1:99999", "a b:1"])
+@each_case("listen", ["8470", "localhost", "127.0.0.1:99999", "a b:1"])
 def test_place_that_is_none_is_refused(tmp_path: Path, listen: str) -> None:
     with pytest.raises(InputError, match="HOST:PORT"):
         address_of(write_site(tmp_path), listen)
