@@ -12,7 +12,7 @@ export E3POSE_SHARED ?= $(abspath ../shared)
 endif
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help demo test test-computing test-sites test-fast coverage check docs lint reproduce-quick bench budget claims claims-all mutants soak attack dist lock sbom licences test-all clean
+.PHONY: help demo test test-computing test-sites test-fast coverage nightly check types docs lint reproduce-quick bench budget claims claims-all mutants soak attack dist lock sbom licences test-all clean
 help:  ## list the targets
 	@echo 'make TARGET; each needs only Python 3.10 to 3.13 ($(PYTHON), or PYTHON=...):'
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/; s/^/  /' | expand -t 12
@@ -39,58 +39,67 @@ $(VENV)/.dev: $(PROJECTS) requirements/dev.txt | $(BIN)/python
 demo: $(VENV)/.all  ## run a live site on real videos; results in demo-output/
 	$(BIN)/e3pose demo demo-output --overwrite
 
-# What computes, at a low priority, takes what sites leave of the cores: they mostly wait, and come
-# first whenever they do not. What is timed runs after the other sites, two at a time. Other programs
-# may take the machine: tests of real processes get a second try, whatever fails one more at the end
-# of its part, in new processes, and the run ends with the names of both.
-PYTEST := $(BIN)/python -m pytest -q --dist loadscope --no-loadscope-reorder
+# What computes runs in two processes at a low priority, and takes what sites leave of the cores:
+# these mostly wait, three at a time; what is timed runs after the other sites, two at a time. Other
+# programs may take the machine: tests of sites get a second try, whatever fails one more at the end
+# of its part, in a new process, and the run names both.
+PYTEST := $(BIN)/python -m pytest -q
 COVERAGE := .coverage-data
 COVERED = $(and $(TRACED),--cov --cov-append --cov-report= --cov-fail-under=0)
-RERUN := --reruns 1 --rerun-show-tracebacks
-# Of what the machine's cores do, a process at 5 gets a third of one at 0, and one at 10 a ninth:
-# beside a load of 15 a run at 10 took 70 minutes for 17 of CPU.
+SITES := --reruns 1 --rerun-show-tracebacks --dist loadfile
+# Of what the machine's cores do, a process at 5 gets a third of one at 0.
 COMPUTING_NICE ?= 5
 export RERUNS := $(CURDIR)/.reruns
-# Run tests: the name of their part, what pytest runs under, its options. `@FILE` has more of them.
+# Run tests: the name of their part, what pytest runs under, its options, which marks. `@FILE` has
+# more options.
 define tests
 @rm -f .failed-$(1)
 @echo 'tests: $(1)'
 @export COVERAGE_FILE=$(COVERAGE)/.coverage.$(1) FAILED=$(CURDIR)/.failed-$(1); \
-  $(2) $(PYTEST) $(COVERED) $(3) || { [ -s .failed-$(1) ] && mv .failed-$(1) .again-$(1) && \
-  echo 'once more:' && cat .again-$(1) && cat .again-$(1) >> $(RERUNS) && \
-  $(2) $(PYTEST) $(COVERED) -n 2 @.again-$(1); }
+  $(2) $(PYTEST) $(COVERED) $(3) -m '$(4) $(DAILY)' @.left-out || { [ -s .failed-$(1) ] && \
+  mv .failed-$(1) .again-$(1) && echo 'once more:' && cat .again-$(1) && \
+  cat .again-$(1) >> $(RERUNS) && $(2) $(PYTEST) $(COVERED) @.again-$(1); }
 endef
-# Workers read the rewritten assertions of each other and of the run before.
+# The rewritten assertions are kept for the next run.
 export PYTHONDONTWRITEBYTECODE :=
+DAILY = and not nightly
 
-test: $(VENV)/.dev  ## run the tests; with TRACED=yes as coverage does
+test: $(VENV)/.dev  ## run the tests but for the longest, and but for lab and hub where nothing of theirs changed (BASE=COMMIT)
 	@rm -f $(RERUNS)
 	$(if $(TRACED),rm -rf $(COVERAGE) && mkdir $(COVERAGE))
+	@$(BIN)/python -m tests.prepare .left-out $(EVERYTHING)
 	@echo 'computing beside sites; each shows its results at its end, after some minutes'
 	@$(MAKE) --no-print-directory --keep-going --jobs 2 --output-sync=target test-sites test-computing; \
 	  ended=$$?; [ ! -s $(RERUNS) ] || { echo 'needed another try:'; sort -u $(RERUNS); }; exit $$ended
 	$(if $(TRACED),$(BIN)/coverage combine --quiet $(COVERAGE))
 	$(if $(TRACED),$(BIN)/coverage report)
 
-coverage:  ## run the tests with coverage, which takes a third longer; fails below the floor
+coverage:  ## run the same tests with coverage, which takes a third longer; fails below the floor
 	@$(MAKE) --no-print-directory test TRACED=yes
 
+nightly: check types  ## all that takes long: every test with coverage, types of other systems, all claims, the paper's tables
+	@$(MAKE) --no-print-directory test TRACED=yes EVERYTHING=--all DAILY=
+	@$(MAKE) --no-print-directory budget
+	@$(MAKE) --no-print-directory claims-all
+	@$(MAKE) --no-print-directory reproduce-quick
+
 test-computing: $(VENV)/.dev
-	$(call tests,computing,nice -n $(COMPUTING_NICE),-n 3 -m 'not live and not timed' --ignore tests/live)
+	$(call tests,computing,nice -n $(COMPUTING_NICE),-n 2 --dist loadfile --ignore tests/live,not live and not timed)
 
 test-sites: $(VENV)/.dev
-	$(call tests,sites,,$(RERUN) -n 5 -m 'live and not timed' tests/live)
-	$(call tests,timed,,$(RERUN) -n 2 -m timed tests/live tests/edge)
+	$(call tests,sites,,$(SITES) -n 3 tests/live,live and not timed)
+	$(call tests,timed,,$(SITES) -n 2 tests/live tests/edge,timed)
 
 test-fast: $(VENV)/.dev  ## run the quick tests, in about a minute
-	$(PYTEST) -n 2 -m 'not slow and not live and not timed and not shared and not network'
+	$(PYTEST) -m 'not slow and not live and not timed and not nightly and not shared and not network'
 
-check: $(VENV)/.dev docs  ## check formatting, lint, types, layers and documentation
+check: $(VENV)/.dev docs  ## check formatting, lint, types and documentation
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
+
+types: $(VENV)/.dev  ## check the types of the product for other systems
 	for system in win32 darwin; do $(BIN)/mypy --platform $$system --cache-dir .mypy_cache/$$system src hub || exit 1; done
-	$(BIN)/python -m pytest -q tests/test_imports.py
 
 docs: $(VENV)/.dev  ## build the documentation into site/; warnings are errors
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
@@ -188,4 +197,4 @@ licences: $(VENV)/.dev  ## list the licences of everything installed; fails on A
 	$(BIN)/python requirements/licences.py $(VENV)/sbom.json
 
 clean:  ## remove everything these targets created
-	rm -rf $(VENV) .reruns .nox .mypy_cache .ruff_cache .pytest_cache .hypothesis .coverage* demo-output reproduced site dist $(DISTRIBUTOR) $(LOCKER) $(CONTAINER) $(MUTATOR) .mutants sbom.json
+	rm -rf $(VENV) .reruns .left-out .nox .mypy_cache .ruff_cache .pytest_cache .hypothesis .coverage* demo-output reproduced site dist $(DISTRIBUTOR) $(LOCKER) $(CONTAINER) $(MUTATOR) .mutants sbom.json

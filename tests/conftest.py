@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import fcntl
 import gc
 import os
 import signal
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -35,50 +32,6 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 # seconds to start, beside tests that have the cores. A number of processes that is given counts.
 os.environ["LOKY_MAX_CPU_COUNT"] = "1"
 
-COMPILED = "e3pose/compiled"  # key in pytest's cache
-
-# The loop of an estimator, over a few slots.
-COMPILE = """
-import sys
-from e3pose.evaluate.replay import ReplaySettings, replay
-from e3pose.simulate import SceneSettings, simulate
-recording = simulate(SceneSettings(people=2, seconds=0.5, cameras=3), 0)
-for policy in ("information", "independent"):  # these two use all kernels of selection
-    list(replay(recording, ReplaySettings(pipeline=sys.argv[1], policy=policy, num_selected=3)))
-"""
-
-# `make test` looks for these marks in these rooms only.
-ROOMS = {"live": {"live"}, "timed": {"live", "edge"}}
-# These start first: on a worker of its own at the end, each would keep the whole run waiting.
-LONGEST = (
-    "live/test_four_cameras.py",
-    "live/test_soak.py",
-    "test_docs_commands.py",
-    "test_distributions.py",
-    "wire",
-)
-
-
-@pytest.hookimpl(tryfirst=True)
-def pytest_sessionstart(session: pytest.Session) -> None:
-    """Compile the kernels before workers start, who would each compile all of them."""
-    config = session.config
-    if not config.getoption("numprocesses", None) or hasattr(config, "workerinput"):
-        return
-    from e3pose.base.kernel_cache import stamp_of
-    from e3pose.evaluate import replay
-
-    stamp = stamp_of(Path(replay.__file__).resolve())
-    cache = getattr(config, "cache", None)
-    if cache is None:
-        compile_kernels()
-        return
-    with (cache.mkdir("e3pose") / "lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)  # a run beside this one waits, and finds them compiled
-        if cache.get(COMPILED, None) != stamp:
-            compile_kernels()
-            cache.set(COMPILED, stamp)
-
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
     """Write down for `make test` which tests needed a second try, and which failed."""
@@ -92,14 +45,6 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
                 listed.writelines(f"{name}\n" for name in sorted({one.nodeid for one in reports}))
 
 
-def compile_kernels() -> None:
-    """Compile every kernel to disk: the filter, which takes longest, beside most of the others."""
-    commands = [[sys.executable, "-c", COMPILE, pipeline] for pipeline in ("default", "paper")]
-    for program in [subprocess.Popen(command) for command in commands]:
-        if program.wait() != 0:
-            raise pytest.UsageError("the kernels do not compile")
-
-
 @pytest.hookimpl(wrapper=True)
 def pytest_collection() -> Iterator[None]:
     """Hide from the garbage collector what stays: thousands of tests, and all modules."""
@@ -109,19 +54,6 @@ def pytest_collection() -> Iterator[None]:
     finally:
         gc.enable()
         gc.freeze()
-
-
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Put the longest first; refuse a test that `make test` would not run."""
-    start = f"{Path(__file__).parent}{os.sep}"
-    longest = tuple(f"{start}{name}" for name in LONGEST)
-    items.sort(key=lambda item: not str(item.path).startswith(longest))
-    for item in items:
-        room = str(item.path).removeprefix(start).partition(os.sep)[0]
-        for mark, rooms in ROOMS.items():
-            if room not in rooms and item.get_closest_marker(mark):
-                places = " or ".join(f"tests/{name}" for name in sorted(rooms))
-                raise pytest.UsageError(f"{item.nodeid}: marked {mark}, expected in {places}")
 
 
 @pytest.fixture(scope="session")

@@ -1,4 +1,4 @@
-"""Tables of cases in one test."""
+"""What the tests themselves stand on: tables of cases, and rooms that are left out."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import os
 from pathlib import Path
 
 import pytest
+from tests import prepare
 from tests.cases import each_case
 
 
@@ -50,3 +51,28 @@ def test_a_table_is_skipped_only_where_all_cases_are() -> None:
     skips()
     with pytest.raises(pytest.skip.Exception):
         each_case("number", [1])(lambda number: pytest.skip("nowhere"))()
+
+
+@each_case(
+    "differs, tested",
+    [
+        ("README.md", set()),
+        ("lab/e3pose_lab/__init__.py", {"lab"}),
+        ("tests/lab/test_new.py", {"lab"}),
+        ("tests/live/test_hub_page.py", {"hub"}),
+        ("src/e3pose/calibrate/new.py", {"calibrate"}),
+        ("src/e3pose/simulate/__init__.py", {"lab", "calibrate"}),  # their tests import it
+        ("src/e3pose/model/camera.py", {*prepare.ROOMS}),
+        ("pyproject.toml", {*prepare.ROOMS}),
+    ],
+)
+def test_a_room_is_tested_where_it_or_what_it_imports_differs(
+    differs: str, tested: set[str]
+) -> None:
+    assert {*prepare.ROOMS} - {*prepare.unchanged({differs})} >= tested
+    assert tested or prepare.unchanged({differs}) == [*prepare.ROOMS]
+
+
+def test_everything_is_tested_where_nothing_is_known(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(prepare, "git", lambda *words: None)
+    assert prepare.base() is None

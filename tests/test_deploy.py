@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 from cyclopts import CycloptsError
+from tests.cases import each_case
 from tests.node_packages import installed
 from tests.ports import free_port
 
@@ -60,7 +61,7 @@ def commands() -> list[list[str]]:
     return found
 
 
-@pytest.mark.parametrize("command", commands(), ids=" ".join)
+@each_case("command", commands(), ids=" ".join)
 def test_every_verb_and_option_is_one(command: list[str]) -> None:
     assert command[0] in VERBS
     tokens = [word.replace("%i", "cam1").replace("${EDGE}", "tls/edge:7447") for word in command]
@@ -80,7 +81,7 @@ def test_there_are_units_and_calls_to_look_at() -> None:
     assert verbs == {"edge", "camera", "hub", "router", "top", "check", "models", "keys"}
 
 
-@pytest.mark.parametrize("path", UNITS, ids=lambda path: str(path.name))
+@each_case("path", UNITS, ids=lambda path: str(path.name))
 def test_unit_is_hardened_restarts_and_ends_politely(path: Path) -> None:
     said = unit(path)
     assert said["Service.User"] == ["e3pose"]
@@ -101,7 +102,7 @@ def test_unit_is_hardened_restarts_and_ends_politely(path: Path) -> None:
 
 
 @pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="no systemd-analyze here")
-@pytest.mark.parametrize("path", UNITS, ids=lambda path: str(path.name))
+@each_case("path", UNITS, ids=lambda path: str(path.name))
 def test_systemd_accepts_the_unit(path: Path, tmp_path: Path) -> None:
     copy = tmp_path / path.name.replace("@", "@cam1")
     copy.write_text(path.read_text().replace("/opt/e3pose/bin/e3pose", shutil.which("true") or ""))
@@ -160,7 +161,7 @@ def run(*words: object, **more: str) -> str:
     return ended.stdout
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.network
 def test_the_image_is_built_and_its_program_starts(tmp_path: Path) -> None:
     builds = engine()

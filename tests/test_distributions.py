@@ -67,7 +67,7 @@ def metadata(wheel: Path) -> Message:
         return message_from_bytes(archive.read(name))
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.network
 def test_what_an_index_shows(built: Path) -> None:
     found = {parse_wheel_filename(path.name)[0]: path for path in built.glob("*.whl")}
@@ -98,7 +98,7 @@ def index(built: Path, tmp_path_factory: pytest.TempPathFactory) -> str:
     return folder.as_uri()
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.network
 def test_it_installs_by_name_and_works_in_an_empty_folder(index: str, tmp_path: Path) -> None:
     bin_, empty = tmp_path / "venv" / "bin", tmp_path / "empty"

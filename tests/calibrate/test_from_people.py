@@ -184,7 +184,7 @@ def test_camera_that_disagrees_is_refused_unless_forced(two: Recording) -> None:
     assert "cam1" in disagreeing(two.rig, fit, force=True)[0]
 
 
-@pytest.mark.parametrize("lenses", ["known", "unknown"])
+@pytest.mark.parametrize("lenses", ["known", pytest.param("unknown", marks=pytest.mark.nightly)])
 def test_camera_that_disagrees_is_placed_again_by_the_others(two: Recording, lenses: str) -> None:
     recording = two if lenses == "known" else without_calibration(two)
     scene = _Scene(recording, NOISE, observe_people(recording, NOISE), 1.0)

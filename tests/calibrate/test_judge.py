@@ -39,6 +39,7 @@ def test_camera_that_was_turned_is_found_in_a_few_seconds() -> None:
     )
 
 
+@pytest.mark.nightly
 def test_true_rig_of_an_operating_room_raises_no_alarm() -> None:
     # Staff who stand round a table, keypoints of another detector than declared, 6 per second.
     recording = simulate(SceneSettings(scene="operating-room", seconds=15.0), seed=705)
