@@ -15,6 +15,7 @@ from pathlib import Path
 
 import pytest
 from tests.calibrate.people_scenes import walk
+from tests.cases import each_case
 from tests.cli.commands import run
 from tests.test_docs import BY_PAGE, ROOT, commands_of
 
@@ -46,7 +47,6 @@ RUNS = (
     "calibrate extrinsics walk rig.toml --height 178cm --update",
     "calibrate noise my-recording --out my-noise.toml --plot my-noise.svg",
     "evaluate clip --policies all,round-robin,e3pose --cameras 2,3",
-    "evaluate walk --policies round-robin,information --cameras 1,2 --hold-out each",
     "evaluate walk --policies round-robin,information --cameras 1,2 --lead 4 --seeds 2",
     "export live.db angles.csv --angles --track 0",
     "export live.db archive.parquet --wide",
@@ -98,6 +98,9 @@ RUNS = (
 )
 
 ELSEWHERE = {
+    "evaluate walk --policies round-robin,information --cameras 1,2 --hold-out each": (
+        "tests/evaluate/test_held_out.py"
+    ),
     "archive delete room --day 2026-11-25": "tests/output/archive/test_deleting.py",
     "archive delete room --person 7 --run 3": "tests/output/archive/test_deleting.py",
     "archive room /mnt/archive": "tests/output/archive/test_archive.py",
@@ -310,7 +313,7 @@ def stock(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     yield top
 
 
-@pytest.mark.parametrize("command", RUNS)
+@each_case("command", RUNS)
 def test_command_of_a_page_runs(
     command: str,
     stock: Path,

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from tests.calibrate.people_scenes import distances
+from tests.cases import each_case
 from tests.cli.commands import run
 
 from e3pose.camera.video_file import VideoFile
@@ -96,7 +97,7 @@ def test_ball_places_cameras(rig: Rig, films: Path, capsys: pytest.CaptureFixtur
     assert degrees < 0.1 and millimetres < 10
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("options", "message"),
     [
         (("--ball", "pink", "--distance", "cam0,cam1=3m"), "ball"),

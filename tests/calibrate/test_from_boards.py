@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from tests.calibrate.people_scenes import distances
+from tests.cases import each_case
 
 from e3pose.base.errors import InputError
 from e3pose.calibrate.board import Board
@@ -94,7 +95,7 @@ def thrown(seed: int, cameras: int, noise_px: float) -> tuple[Rig, np.ndarray, n
     return rig, turn, pixels + rng.normal(0, noise_px, pixels.shape)
 
 
-@pytest.mark.parametrize(("cameras", "noise_px"), [(1, 0.2), (1, 0.5), (2, 0.5), (4, 0.5)])
+@each_case(("cameras", "noise_px"), [(1, 0.2), (1, 0.5), (2, 0.5), (4, 0.5)])
 def test_a_small_board_on_the_floor_is_never_mirrored(cameras: int, noise_px: float) -> None:
     refused = 0
     for seed in range(30):

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
+from itertools import cycle
 from math import ceil
 from random import Random
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 from tests.edge.lying_site import FPS, Kept, run
 
 from e3pose.edge.inbox import BEAT_S, NEAR_S
@@ -68,8 +70,7 @@ def check(
     assert len(kept.readings) <= CAMERAS * seconds / BEAT_S
 
 
-@pytest.mark.parametrize("liars", [1, 2])
-@pytest.mark.parametrize("name", SCHEMES)
+@each_case("name, liars", zip(SCHEMES, cycle([1, 2]), strict=False))  # each costs seconds
 def test_schemes_of_cameras_cost_the_others_nothing(name: str, liars: int) -> None:
     idle_mode: CameraMode = "aggressive-power-saving" if "wakes" in name else "power-saving"
     # In 24 s the median of two cameras that look now and then hangs on who crosses whom.
@@ -109,8 +110,7 @@ def swept(kind: type, fields: set[str]) -> tuple[Lie, Callable[[], int]]:
     return Lie(kind.__name__, {kind: change}), lambda: int(ends[-1]) - told
 
 
-@pytest.mark.parametrize("liars", [1, 2])
-@pytest.mark.parametrize("kind", SWEPT_S)
+@each_case("kind, liars", [(Hello, 1), (View, 2), (Heartbeat, 1)])
 def test_extremes_of_every_field_cost_the_others_nothing(kind: type, liars: int) -> None:
     lie, left = swept(kind, {*kind.__struct_fields__} - SHOWN)  # type: ignore[attr-defined]
     kept = run(lie, liars, SWEPT_S[kind], CAMERAS, talkative=True)
