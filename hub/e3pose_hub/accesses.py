@@ -1,4 +1,4 @@
-"""Who came to poses, when and how: written before anything is shown."""
+"""The log of accesses: who opened the live page of which site, written before it is shown."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ MOST_LETTERS = 500  # of what was done
 
 @dataclass(frozen=True, slots=True)
 class Access:
-    """That somebody came to poses of a site.
+    """One access to the live page of a site.
 
     Attributes:
         time_ns: when, nanoseconds since 1970, UTC.
         who: user of the hub.
-        site: whose poses.
-        what: how.
+        site: its name.
+        what: such as `live page, to see`.
     """
 
     time_ns: int
@@ -36,7 +36,7 @@ class Access:
 
 
 def log_accesses(engine: Engine, who: str, sites: Sequence[str], what: str) -> None:
-    """Store that somebody comes to poses of some sites.
+    """Log an access to some sites.
 
     Raises:
         InputError: when it cannot be stored: then nothing may be shown.
@@ -58,7 +58,7 @@ def log_accesses(engine: Engine, who: str, sites: Sequence[str], what: str) -> N
 
 
 def _make_room(connection: Connection) -> None:
-    """Remove the oldest accesses of those who have most: nobody pushes out what others did."""
+    """Remove the oldest accesses of the users with the most: no user displaces those of others."""
     c = accesses.c
     found = connection.execute(select(c.who, func.count()).group_by(c.who))
     counts = {who: count for who, count in found}
@@ -77,7 +77,7 @@ def _keep_newest(connection: Connection, count: int, which: ColumnElement[bool])
 
 
 def share_of(counts: Sequence[int], most: int) -> int:
-    """Return how many each may keep at most so that all keep `most`, and at least one each."""
+    """Return the most entries per user with which all together keep `most`; at least 1."""
     left = most
     for at, count in enumerate(sorted(counts)):
         share = left // (len(counts) - at)
@@ -94,8 +94,8 @@ def read_accesses(
 
     Args:
         database: of a hub: path or URL.
-        site: of which; None for all.
-        who: whose; None for everybody's.
+        site: its name; None for all sites.
+        who: name of the user; None for all users.
         limit: the most to return.
     """
     c = accesses.c

@@ -54,7 +54,7 @@ def run(hub: Path, /) -> None:
 
     found = load_hub(hub)
     if found.archives:
-        print(f"{found.path}: archives is no longer used, remove it: {OPEN_THEM}", flush=True)
+        print(f"{found.path}: remove archives, a hub no longer reads them: {OPEN_THEM}", flush=True)
     if not found.sites:
         raise InputError(f"{found.path}: found no site, expected [[site]] tables")
     check_links(found)
@@ -124,7 +124,7 @@ def query(
     Example: `e3pose hub query house "SELECT site, sum(slots) FROM hours GROUP BY site"`
 
     Tables: `summaries` (a row per site and minute), `hours` (sums of them), `sites` (how each is
-    fetched), `accesses` (who came to poses). One statement that reads, within 30 s, of at most
+    fetched), `accesses` (who opened live pages). One statement that reads, within 30 s, of at most
     10 000 rows; it works while the hub runs.
 
     Parameters
@@ -237,7 +237,7 @@ def accesses(
     csv: Annotated[Path | None, Parameter(group=OUTPUT)] = None,
     json_file: Annotated[JsonFile, Parameter(group=OUTPUT)] = None,
 ) -> None:
-    """List who came to poses through the hub, newest first.
+    """List who opened the live pages of sites through the hub, newest first.
 
     Example: `e3pose hub accesses house --site lab`
 
@@ -274,7 +274,7 @@ def forgotten(
     csv: Annotated[Path | None, Parameter(group=OUTPUT)] = None,
     json_file: Annotated[JsonFile, Parameter(group=OUTPUT)] = None,
 ) -> None:
-    """List what was deleted at sites, and what of it is left at the hub; code 1 if anything is.
+    """List deletions at sites, and what is left of them at the hub; exit code 1 if anything is.
 
     Example: `e3pose hub forgotten house`
 

@@ -1,4 +1,4 @@
-"""The database of a hub: summaries of all sites, and up to where each was asked."""
+"""The database of a hub: summaries of all sites, and a cursor in the outbox of each."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ sites = Table(
     Column("problem", Text, nullable=False),
 )
 
-# What was deleted at sites, and what of it was here.
+# Deletions at sites, and how many summaries each took here.
 forgotten = Table(
     "forgotten",
     metadata,
@@ -117,11 +117,11 @@ accesses = Table(
 
 @dataclass(frozen=True, slots=True)
 class Cursor:
-    """Up to where a hub has the summaries of a site.
+    """Position in the outbox of a site up to which the hub has its summaries.
 
     Attributes:
-        begun_ns: of the outbox.
-        taken: number.
+        begun_ns: when the outbox was begun, nanoseconds since 1970, UTC.
+        taken: number of the last summary or deletion that was fetched.
         lost: summaries that the site no longer had.
     """
 
@@ -156,7 +156,7 @@ def open_hub(database: str, kept: int = 0) -> Engine:
 
 
 def cursor_of(connection: Connection, site: str) -> Cursor:
-    """Return up to where the summaries of a site are here."""
+    """Return the cursor of a site."""
     c = sites.c
     found = connection.execute(select(c.begun_ns, c.taken, c.lost).where(c.site == site)).first()
     return Cursor() if found is None else Cursor(*found)
@@ -168,20 +168,20 @@ def keep(
     rows: Sequence[Summary],
     cursor: Cursor,
     heard_ns: int,
-    told: Sequence[Tombstone] = (),
+    deletions: Sequence[Tombstone] = (),
 ) -> None:
     """Store summaries and the cursor after them in one transaction; one that is there stays.
 
     Args:
         engine: of the hub's database.
-        site: whose.
+        site: its name.
         rows: its summaries.
         cursor: after them.
         heard_ns: the time.
-        told: what was deleted at the site, and so here; nothing of such a day comes back.
+        deletions: at the site, repeated here; no summary of a deleted day comes back.
     """
     with engine.begin() as connection:
-        for one in told:
+        for one in deletions:
             _forget(connection, site, one, cursor.begun_ns, heard_ns)
         rows = _without_forgotten(connection, site, rows)
         if rows:
@@ -231,17 +231,17 @@ def _without_forgotten(connection: Connection, site: str, rows: Sequence[Summary
 
 
 @dataclass(frozen=True, slots=True)
-class HeardOf:
-    """What was deleted at a site, and what is left of it here.
+class Deletion:
+    """A deletion at a site, and what is left of it here.
 
     Attributes:
-        site: of which.
-        start_ns, end_ns: of the time; the end is not included.
-        track_id: of a person; None for everything in that time.
-        run_started_ns: of that person's run.
-        heard_ns: when the hub heard of it.
-        deleted: summaries that it deleted.
-        left: summaries of that time that it has, 0 where a person was deleted, who is in none.
+        site: its name.
+        start_ns, end_ns: the deleted time; the end is not included.
+        track_id: the deleted person; None for everything in that time.
+        run_started_ns: start of that person's run.
+        heard_ns: when the hub was told.
+        deleted: summaries that the hub deleted.
+        left: summaries of that time at the hub; 0 for a person, who is in none.
     """
 
     site: str
@@ -254,8 +254,8 @@ class HeardOf:
     left: int
 
 
-def read_forgotten(database: str) -> list[HeardOf]:
-    """Return what was deleted at sites, newest first, and look what is left of it."""
+def read_forgotten(database: str) -> list[Deletion]:
+    """Return the deletions at sites, newest first, with the summaries that are left now."""
     c, s = forgotten.c, summaries.c
     left = (
         select(func.count())
@@ -268,7 +268,7 @@ def read_forgotten(database: str) -> list[HeardOf]:
     ).order_by(c.heard_ns.desc(), c.number.desc())
     engine = open_hub(database)
     with closing(engine.connect()) as connection:
-        return [HeardOf(*row) for row in connection.execute(asked)]
+        return [Deletion(*row) for row in connection.execute(asked)]
 
 
 def note_problem(engine: Engine, site: str, problem: str) -> None:

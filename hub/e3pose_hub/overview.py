@@ -1,4 +1,4 @@
-"""What the page over sites shows of each: how it is now, and what today brought."""
+"""The state of each site on the hub's page: its newest minute and the last 24 hours."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ COLUMNS = ("site", "time_ns", "span_s", "software", "slots", "people", "error_mm
 
 @dataclass(frozen=True, slots=True)
 class SiteNow:
-    """How a site is.
+    """The state of a site.
 
     Attributes:
         site, group: its names.
@@ -70,7 +70,7 @@ class SiteNow:
 
 
 class Overviews:
-    """How all sites are, found once for whoever asks within some seconds."""
+    """The states of all sites, kept for some seconds for all who ask."""
 
     def __init__(self, engine: Engine, hub: Hub) -> None:
         """Ask nothing yet.
@@ -85,9 +85,9 @@ class Overviews:
         self._coded = dict[tuple[str, ...], msgspec.Raw]()
 
     def of(self, names: Sequence[str], now_ns: int) -> tuple[int, msgspec.Raw]:
-        """Return when it was found, and how some sites were, as JSON.
+        """Return the time of the states, and those of some sites as JSON.
 
-        Where it is too old, one thread finds it anew; others have what was found before, if any.
+        Where they are too old, one thread renews them; others get the old ones, if any.
 
         Args:
             names: of the sites.
@@ -112,7 +112,7 @@ class Overviews:
 
 
 def overview(connection: Connection, hub: Hub, names: Sequence[str], now_ns: int) -> list[SiteNow]:
-    """Return how some sites are, in their order.
+    """Return the states of some sites, in the order of their names.
 
     Args:
         connection: to the hub's database.

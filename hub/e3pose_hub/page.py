@@ -1,4 +1,4 @@
-"""The page over sites: who may, sees how sites are, and goes from there to their own pages."""
+"""The hub's page: users see the state of their sites and open the live pages of these."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ OPEN_PATHS = frozenset(FILES) | {"/favicon.ico"}  # they hold nothing of any sit
 
 
 class Opening(BaseModel):
-    """Which site somebody wants to see."""
+    """A request for the address of a site's live page."""
 
     model_config = ConfigDict(extra="forbid")
     site: str = Field(max_length=100)

@@ -1,4 +1,4 @@
-"""Fetch the summaries of a site by its cursor: once more changes nothing, a break goes on."""
+"""Fetch the summaries of sites from their cursors: what was interrupted continues there."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ MOST_BYTES, BYTES_PER_S = 200_000_000, 2000
 
 
 class Outcome(Enum):
-    """What became of the turn of a site."""
+    """The result of the turn of a site."""
 
     WHOLE = auto()
     MORE = auto()  # is there
@@ -50,14 +50,14 @@ class Outcome(Enum):
 
 @dataclass(slots=True, eq=False)
 class Turn:
-    """The turn of a site: so long, and so many bytes.
+    """The turn of a site, bounded in time and bytes.
 
     Attributes:
-        site: whose.
-        sizes: of what each site may bring.
+        site: its name.
+        sizes: bounds the bytes of each site.
         now_s: a clock.
-        parts: that came.
-        whole: whether it has brought all.
+        parts: answers so far.
+        whole: whether nothing is left to fetch.
     """
 
     site: str
@@ -82,7 +82,7 @@ class Turn:
             raise InputError(f"{self.site}: summaries: {found}, expected more in {wait_s:.0f} s")
 
     def outcome(self) -> Outcome:
-        """Return what became of it."""
+        """Return the result."""
         if self.now_s() - self._begun_s > SLOW_S * (self.parts + 1):
             return Outcome.SLOW
         return Outcome.WHOLE if self.whole else Outcome.MORE
@@ -96,11 +96,11 @@ def pull(
     now_ns: int,
     turn: Turn | None = None,
 ) -> int:
-    """Fetch what a site has and the hub has not; return how many summaries.
+    """Fetch the new summaries of a site; return how many.
 
     Args:
         engine: of the hub's database.
-        site: whose.
+        site: its name.
         ask: sends a question to it and returns the answer, None where none came.
         pause: waits between two questions.
         now_ns: the time.
@@ -122,12 +122,13 @@ def pull(
             if again:
                 pause()
                 continue
-        rows, told = summaries_in(part, cursor.taken, site), tombstones_in(part, cursor.taken, site)
-        came = [*(row.number for row in rows), *(one.number for one in told)]
+        rows = summaries_in(part, cursor.taken, site)
+        deletions = tombstones_in(part, cursor.taken, site)
+        came = [*(row.number for row in rows), *(one.number for one in deletions)]
         taken = max(came) if came else max(part.newest, cursor.taken)
         gone = taken - cursor.taken - len(came)
         cursor = replace(cursor, taken=taken, lost=cursor.lost + max(gone, 0))
-        keep(engine, site, rows, cursor, now_ns, told)
+        keep(engine, site, rows, cursor, now_ns, deletions)
         count += len(rows)
         if cursor.taken >= part.newest:
             if turn is not None:
@@ -223,7 +224,7 @@ class Pulling:
             self._stop.wait(0.05)
 
     def _pull(self, site: str) -> Outcome:
-        """Ask a site; return what became of it."""
+        """Ask a site; return the result of its turn."""
         problem, turn = "", Turn(site, self._sizes)
         try:
             link = self._hub.link(site)

@@ -1,4 +1,4 @@
-"""Summaries as a site sends them: checked, as a site may be anybody."""
+"""Summaries as a site sends them, checked: a site is not trusted."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ _decoder = msgspec.json.Decoder(list[Summary])
 
 
 def summaries_in(part: OutboxPart, after: int, where: str) -> list[Summary]:
-    """Return the summaries of an answer; raise `InputError` for what no edge sends."""
+    """Return the summaries of an answer; raise `InputError` for an answer that no edge sends."""
     try:
         found = _decoder.decode(part.rows)
     except UNDECODABLE as error:
@@ -64,7 +64,7 @@ def summaries_in(part: OutboxPart, after: int, where: str) -> list[Summary]:
 
 
 def tombstones_in(part: OutboxPart, after: int, where: str) -> tuple[Tombstone, ...]:
-    """Return what an answer says was deleted; raise `InputError` for what no edge sends."""
+    """Return the deletions of an answer; raise `InputError` for an answer that no edge sends."""
     before = after
     for one in part.forgotten:
         if not before < one.number <= part.newest or not one.start_ns <= one.end_ns:

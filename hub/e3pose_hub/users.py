@@ -31,10 +31,10 @@ Group = Annotated[str, Meta(min_length=1, max_length=100)]
 
 
 class User(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Somebody who may see sites of a hub.
+    """A user of the hub's page.
 
     Attributes:
-        name: as the log of accesses has it.
+        name: in the log of accesses.
         role: a `viewer` reads the pages of sites; an `operator` also controls the sites.
         token_sha256: of the token, hexadecimal; the token itself is nowhere.
         groups: of sites.
@@ -61,7 +61,7 @@ class UsersFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 @dataclass(slots=True, eq=False)
 class Users:
-    """The users of a hub; asked by the door of its page.
+    """The users of a hub; the access rules of its page ask it.
 
     Attributes:
         path: their file, which is read again when it is another one.
@@ -71,7 +71,7 @@ class Users:
     _read: tuple[Version | None, tuple[User, ...]] = (None, ())
 
     def of_token(self, token: str) -> User | None:
-        """Return whose token it is; every user is compared, so the time it takes tells nothing."""
+        """Return the user of a token; all are compared, so that the time reveals nothing."""
         given = hashlib.sha256(token.encode(errors="replace")).hexdigest()
         found, version = None, version_of([self.path])
         if version is None or version != self._read[0]:
