@@ -157,7 +157,7 @@ def delete(
 
 @archive_app.command
 def deleted(store: StorePlace, /, *, site: str | None = None) -> None:
-    """List what was deleted of a site, and which hubs have heard of it; code 1 if one has not.
+    """List the deletions at a site, and which hubs know of them; exit code 1 if one does not.
 
     Example: `e3pose archive deleted site.toml`
 
@@ -169,20 +169,20 @@ def deleted(store: StorePlace, /, *, site: str | None = None) -> None:
     site
         Of which site of the store. Default: the only one.
     """
-    from e3pose.store.hearing import hearings
+    from e3pose.store.acknowledgements import acknowledgements
 
     with as_typed(OPTIONS):
         named, of_site = store_of(store, site)
-        found = hearings(named, _only_site(named, of_site))
+        found = acknowledgements(named, _only_site(named, of_site))
     for one in found:
         what = one.what
         person = (
             f"person {what.track_id} of the run that began {iso_text(what.run_started_ns or 0)}"
         )
         print(f"day {what.day}" if what.track_id is None else person, end=": ")
-        said = [f"{hub} heard" for hub in one.heard] + [f"{hub} not yet" for hub in one.others]
+        said = [f"{hub} heard" for hub in one.informed] + [f"{hub} not yet" for hub in one.pending]
         print(", ".join(said) or "no hub has asked this site")
-    if any(one.others for one in found):
+    if any(one.pending for one in found):
         sys.exit(1)
 
 

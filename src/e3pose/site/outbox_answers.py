@@ -1,4 +1,4 @@
-"""Answer those who fetch a site's summaries, a few at a time."""
+"""Answer hubs that fetch a site's summaries, a few at a time."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 import msgspec
 
 from e3pose.base.errors import InputError
-from e3pose.store.hearing import Hubs
+from e3pose.store.acknowledgements import Hubs
 from e3pose.store.outbox import Outbox, read_outbox
 from e3pose.wire.codec import decode, encode
 from e3pose.wire.site_messages import OutboxPart, OutboxQuestion, Tombstone
@@ -31,7 +31,7 @@ class OutboxAnswers:
 
         Args:
             store: path or URL.
-            site: whose outbox.
+            site: its name.
             now_s: a clock.
         """
         self._store, self._site, self._now_s = store, site, now_s

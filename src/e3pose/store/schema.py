@@ -222,7 +222,7 @@ archives = Table(
     Column("forgotten", BigInteger, nullable=False),
 )
 
-# Up to which number each hub has the outbox, deletions included: `store.hearing`.
+# Up to which number each hub has the outbox, deletions included: `store.acknowledgements`.
 hubs = Table(
     "hubs",
     metadata,

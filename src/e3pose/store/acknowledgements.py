@@ -1,4 +1,4 @@
-"""Which hubs have heard what was deleted at a site."""
+"""Acknowledgements: which hubs know of the deletions at a site."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ MOST_HUBS = 100  # of a site that are remembered; those that asked last
 
 
 @dataclass(frozen=True, slots=True)
-class Hearing:
-    """A deletion, and which hubs have heard of it.
+class Acknowledgement:
+    """A deletion, and which hubs know of it.
 
     Attributes:
-        what: was deleted.
-        heard: hubs that have fetched the outbox up to it.
-        others: hubs that have not since; they hear of it when they ask next.
+        what: the deletion.
+        informed: hubs that have fetched the outbox up to it.
+        pending: hubs that have not; they are told when they ask next.
     """
 
     what: Forgotten
-    heard: tuple[str, ...]
-    others: tuple[str, ...]
+    informed: tuple[str, ...]
+    pending: tuple[str, ...]
 
 
 def note_taken(store: str | Path, site: str, hub: str, taken: int, now_ns: int) -> None:
@@ -46,30 +46,30 @@ def note_taken(store: str | Path, site: str, hub: str, taken: int, now_ns: int) 
         connection.execute(delete(table).where(mine, table.c.hub.in_(gone)))
 
 
-def hearings(store: str | Path, site: str) -> list[Hearing]:
-    """Return what was deleted of a site, oldest first, and which hubs have heard of it.
+def acknowledgements(store: str | Path, site: str) -> list[Acknowledgement]:
+    """Return the deletions at a site, oldest first, and which hubs know of each.
 
     Raises:
         InputError: when there is no store, or one that cannot be used.
     """
-    table, found = schema.hubs, list[Hearing]()
+    table, found = schema.hubs, list[Acknowledgement]()
     with changing(store) as engine, engine.connect() as connection:
         hubs = connection.execute(select(table).where(table.c.site == site)).all()
         for what in requests(connection, site):
             number = what.outbox_number
-            heard = [row.hub for row in hubs if number <= row.taken]
-            others = [row.hub for row in hubs if number > row.taken]
-            found.append(Hearing(what, tuple(sorted(heard)), tuple(sorted(others))))
+            informed = sorted(row.hub for row in hubs if number <= row.taken)
+            pending = sorted(row.hub for row in hubs if number > row.taken)
+            found.append(Acknowledgement(what, tuple(informed), tuple(pending)))
     return found
 
 
 @dataclass(slots=True, eq=False)
 class Hubs:
-    """Notes what hubs have, where that tells something new; on threads of the transport.
+    """Notes how far hubs have read, where that is new; on threads of the transport.
 
     Attributes:
         store: path or URL.
-        site: whose outbox they have.
+        site: its name.
     """
 
     store: str | Path
