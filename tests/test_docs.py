@@ -18,7 +18,7 @@ from e3pose.base.bounded import parse_toml
 from e3pose.base.table import read_table
 from e3pose.cli.app import GROUPS, VERBS, app
 from e3pose.cli.calibrating import CALIBRATIONS
-from e3pose.cli.lab import BELOW
+from e3pose.cli.distributions import BELOW
 from e3pose.cli.options import EnergyOptions, LoopOptions
 from e3pose.edge import roster
 from e3pose.settings.camera_file import NodeTable

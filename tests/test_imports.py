@@ -70,8 +70,8 @@ FOREIGN = {
 }
 # Files of the product that name the package of another, to say what to install or who reads them.
 NAMED = {
-    "e3pose_hub": {"lab.py"},
-    "e3pose_lab": {"lab.py", "trainer.py", "calibration.py", "weights_file.py"},
+    "e3pose_hub": {"distributions.py"},
+    "e3pose_lab": {"distributions.py", "trainer.py", "calibration.py", "weights_file.py"},
 }
 
 

@@ -18,7 +18,7 @@ from cyclopts import App, CycloptsError, Group, MissingArgumentError
 from e3pose import __version__
 from e3pose.base.errors import InputError, reason_of
 from e3pose.base.system import END_SIGNALS
-from e3pose.cli.lab import HUB, LAB, hub_verb, lab_verb, with_lab
+from e3pose.cli.distributions import HUB, LAB, other_verb, with_lab
 
 VERSION = ["--version", "-V"]
 EXIT_INPUT = 2  # the input or the options are wrong
@@ -61,16 +61,16 @@ GROUPS: dict[str, dict[str, str | Callable[..., Any]]] = {
         "events": ".eventing:events_app",
         "people": ".naming:people_app",
         "archive": ".archiving:archive_app",
-        "hub": hub_verb(),
+        "hub": other_verb("hub"),
         "report": ".reporting:report",
     },
     "Evaluate": {
-        "evaluate": lab_verb("evaluate"),
-        "each": lab_verb("each"),
-        "evaluate-predictor": lab_verb("evaluate-predictor"),
-        "reproduce": lab_verb("reproduce"),
+        "evaluate": other_verb("evaluate"),
+        "each": other_verb("each"),
+        "evaluate-predictor": other_verb("evaluate-predictor"),
+        "reproduce": other_verb("reproduce"),
     },
-    "Learn": {"train": lab_verb("train"), "learn": lab_verb("learn")},
+    "Learn": {"train": other_verb("train"), "learn": other_verb("learn")},
     "Maintenance": {"models": ".models:models_app", "power": ".metering:power_app"},
 }
 APP = "_app"  # the end of the name of what has verbs of its own

@@ -7,7 +7,7 @@ from cyclopts import App
 from e3pose.cli.calibrating_lenses import board, intrinsics
 from e3pose.cli.calibrating_places import extrinsics
 from e3pose.cli.calibrating_worlds import align, check
-from e3pose.cli.lab import add_absent
+from e3pose.cli.distributions import add_absent
 
 calibrate_app = App(
     name="calibrate", help="Calibrate cameras, check a calibration, and measure keypoint noise."

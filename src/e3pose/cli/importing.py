@@ -11,7 +11,7 @@ from cyclopts import App, Parameter
 from e3pose.base.atomic import check_free
 from e3pose.base.errors import InputError
 from e3pose.base.quantities import plural
-from e3pose.cli.lab import add_absent
+from e3pose.cli.distributions import add_absent
 from e3pose.cli.progress import track_progress
 from e3pose.recording import Recording, save_recording
 from e3pose.recording.detections.coco import import_coco
