@@ -64,7 +64,7 @@ endef
 export PYTHONDONTWRITEBYTECODE :=
 DAILY = and not nightly
 
-test: $(VENV)/.dev  ## run the tests but for the longest, and but for lab and hub where nothing of theirs changed (BASE=COMMIT)
+test: $(VENV)/.dev  ## run the tests; not the longest, nor those of lab, hub and calibration where these have not changed (BASE=COMMIT)
 	@rm -f $(RERUNS)
 	$(if $(TRACED),rm -rf $(COVERAGE) && mkdir $(COVERAGE))
 	@$(BIN)/python -m tests.prepare .left-out $(EVERYTHING)
@@ -74,11 +74,11 @@ test: $(VENV)/.dev  ## run the tests but for the longest, and but for lab and hu
 	$(if $(TRACED),$(BIN)/coverage combine --quiet $(COVERAGE))
 	$(if $(TRACED),$(BIN)/coverage report)
 
-coverage:  ## run the same tests with coverage, which takes a third longer; fails below the floor
-	@$(MAKE) --no-print-directory test TRACED=yes
+coverage:  ## run the tests of all rooms with coverage, which takes a third longer; fails below the floor
+	@$(MAKE) --no-print-directory test TRACED=yes EVERYTHING=--all
 
 nightly: check types  ## all that takes long: every test with coverage, types of other systems, all claims, the paper's tables
-	@$(MAKE) --no-print-directory test TRACED=yes EVERYTHING=--all DAILY=
+	@$(MAKE) --no-print-directory coverage DAILY=
 	@$(MAKE) --no-print-directory budget
 	@$(MAKE) --no-print-directory claims-all
 	@$(MAKE) --no-print-directory reproduce-quick
@@ -91,7 +91,7 @@ test-sites: $(VENV)/.dev
 	$(call tests,timed,,$(SITES) -n 2 tests/live tests/edge,timed)
 
 test-fast: $(VENV)/.dev  ## run the quick tests, in about a minute
-	$(PYTEST) -m 'not slow and not live and not timed and not nightly and not shared and not network'
+	$(PYTEST) -n 2 --dist loadfile -m 'not slow and not live and not timed and not nightly and not shared and not network'
 
 check: $(VENV)/.dev docs  ## check formatting, lint, types and documentation
 	$(BIN)/ruff format --check .
