@@ -39,6 +39,7 @@ SLOT_S = 0.04
         ("300 mJ", "joules", 0.3),
         ("4.5W", "watts", 4.5),
         ("until 18:00", "until", datetime(2026, 11, 21, 18, tzinfo=HOME).timestamp()),
+        ("until 23:30", "until", datetime(2026, 11, 21, 23, 30, tzinfo=HOME).timestamp()),
         ("until 14:30", "until", NOW.timestamp() + 86_400),  # the next one
         ("until 09:15", "until", datetime(2026, 11, 22, 9, 15, tzinfo=HOME).timestamp()),
         ("until 2026-11-22T06:00Z", "until", datetime(2026, 11, 22, 7, tzinfo=HOME).timestamp()),

@@ -180,6 +180,24 @@ def test_minutes_of_programs_that_are_killed_are_as_long_as_these_ran(
     assert ran_s - 2 * lives < span_s.sum() <= ran_s
 
 
+def test_part_of_a_minute_that_a_killed_writer_left_is_summed_up_once(
+    tmp_path: Path, record: Records, run: Runs
+) -> None:
+    path, wall = tmp_path / "hall.db", Wall(MINUTE)
+    for begin, end in ((0, 20), (30, 50), (130, 140)):
+        wall.now_ns = MINUTE + begin * NS
+        with StoreWriter(path, run(), SUMMING, wall_ns=wall) as writer:
+            for slot in range(begin, end):
+                wall.now_ns = MINUTE + slot * NS
+                writer.append(record(slot), time_ns=wall.now_ns, wait=True)
+                writer.flush()
+            wall.now_ns += NS // 2
+            if begin == 30:
+                writer._minutes = None  # killed: it sums up nothing
+    found = read_outbox(path, "hall").summaries
+    assert [row["slots"] for row in found] == [20, 20, 10]
+
+
 def test_full_disk_delays_summaries_and_loses_none(
     tmp_path: Path, record: Records, run: Runs, monkeypatch: pytest.MonkeyPatch
 ) -> None:

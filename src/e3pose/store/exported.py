@@ -19,17 +19,16 @@ def forget_rows(path: Path, tracks: Sequence[tuple[int, int]]) -> int:
     """Remove the rows of tracks from a file; return how many there were.
 
     Args:
-        path: a table by `query`, `replay --poses` or `export`. One without runs is of one.
+        path: a table by `query`, `replay --poses` or `export`, with an ending of `FORMS`. One
+            without runs is of one.
         tracks: runs and tracks.
 
     Raises:
-        InputError: for a file of another kind.
+        InputError: for a file with another content.
     """
-    form = path.suffix.lower()
-    if form not in FORMS:
-        raise InputError(str(path), form or "no ending", WANTED)
+    remove = {".csv": _csv, ".json": _json, ".parquet": _parquet}[path.suffix.lower()]
     try:
-        return {".csv": _csv, ".json": _json, ".parquet": _parquet}[form](path, tracks)
+        return remove(path, tracks)
     except (OSError, ValueError, csv.Error) as error:
         raise InputError(str(path), reason_of(error)[:200], WANTED) from None
 

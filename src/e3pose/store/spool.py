@@ -84,14 +84,13 @@ class Spool:
             self._handle = system.open_new(self.path, 0o600)
             # Held as long as we live, so that nobody else adopts the file.
             system.lock(self._handle)
+            # Zeros, so that both halves end where they begin.
             system.reserve(self._handle, HEADER_BYTES + self.capacity_bytes)
             head = MAGIC + frame(msgspec.msgpack.encode(self.run))
             head += frame(msgspec.msgpack.encode(self.capacity_bytes))
             if len(head) > HEADER_BYTES:
                 raise OSError("the run does not fit the head of a spool")
             system.write_at(self._handle, head, 0)
-            for part in self._halves:
-                system.write_at(self._handle, END, part.begin)
         except OSError:
             self.close(keep=False)
 

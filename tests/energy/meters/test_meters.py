@@ -158,6 +158,8 @@ def test_two_batteries_add_up(tmp_path: Path) -> None:
     charge = read_charge(lay_out(tmp_path, tree | other))
     assert charge.energy_j == pytest.approx(20 * 3600)
     assert charge.draining_w == pytest.approx(7.0)
+    (tmp_path / "sys/class/power_supply/BAT1/power_now").unlink()
+    assert read_charge(tmp_path).draining_w is None, "half of what is drawn is not all of it"
 
 
 def test_rails_are_preferred_to_gauge_and_counters(tmp_path: Path) -> None:
@@ -177,6 +179,7 @@ def test_nothing_to_measure_is_modelled_by_mode(tmp_path: Path) -> None:
         reading = meter.read(mode)
         assert not reading.measured
         assert reading.watts == pytest.approx(GENERIC.watts(mode))
+        assert reading.watts == pytest.approx(sum(r.watts for r in reading.rails if r.counted))
         assert all(word in reading.how for word in ("INA3221", "no battery", "counters"))
 
 
