@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from e3pose.base.deferred import names_of, require_module
+from e3pose.base.deferred import names_of
 
 
 def test_names_of_a_package_come_from_their_homes() -> None:
@@ -12,10 +12,3 @@ def test_names_of_a_package_come_from_their_homes() -> None:
     assert find("plural")(2, "slot") == "2 slots"
     with pytest.raises(AttributeError, match=r"module 'e3pose' has no attribute 'absent'"):
         find("absent")
-
-
-def test_missing_module_is_named_before_the_work() -> None:
-    require_module("json")
-    with pytest.raises(ModuleNotFoundError) as raised:
-        require_module("no_such_module")
-    assert raised.value.name == "no_such_module"

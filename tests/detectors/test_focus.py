@@ -19,7 +19,7 @@ from e3pose.detectors.focus import (
     Part,
     check_feedback,
     detect_expected,
-    part_with,
+    look_at,
 )
 from e3pose.model.expected import ExpectedView
 from e3pose.model.pose import Poses2D
@@ -56,13 +56,20 @@ def expected(*people: Any, reach: float = 10.0) -> ExpectedView:
     return ExpectedView(np.array(people).reshape(-1, 17, 2), np.full(len(people), reach))
 
 
+def part_of(view: ExpectedView) -> Part | None:
+    """Return where to look for everybody, for a network of one input size."""
+    look = look_at(view, SIZE, Network())
+    assert look is None or isinstance(look, Part)
+    return look
+
+
 def whole_pixels() -> float:
     return Network.long_side**2 * SIZE[1] / SIZE[0]
 
 
 def test_part_holds_everybody_with_a_margin() -> None:
     view = expected(person(300, 200, 300), person(700, 250, 240))
-    part = part_with(view, SIZE, Network())
+    part = part_of(view)
     assert part is not None
     margin = MARGIN * 300 + 10
     assert part.left == pytest.approx(300 - margin, abs=1)
@@ -71,23 +78,23 @@ def test_part_holds_everybody_with_a_margin() -> None:
 
 
 def test_input_shows_people_at_the_best_size() -> None:
-    part = part_with(expected(person(300, 200, 400)), SIZE, Network())
+    part = part_of(expected(person(300, 200, 400)))
     assert part is not None
     scale = part.long_side / max(part.size)
     assert 400 * scale == pytest.approx(200, rel=0.1)
-    both = part_with(expected(person(500, 100, 350), person(650, 100, 450)), SIZE, Network())
+    both = part_of(expected(person(500, 100, 350), person(650, 100, 450)))
     assert both is not None
     mean_px = (350 * 450) ** 0.5 * both.long_side / max(both.size)
     assert mean_px == pytest.approx(200, rel=0.1)
-    far = part_with(expected(person(300, 200, 150)), SIZE, Network())
+    far = part_of(expected(person(300, 200, 150)))
     assert far is not None and 150 * far.long_side / max(far.size) == pytest.approx(200, rel=0.2)
 
 
 def test_nobody_expected_or_everybody_outside_is_a_whole_look() -> None:
-    assert part_with(expected(), SIZE, Network()) is None
-    assert part_with(expected(person(2000, 200, 300)), SIZE, Network()) is None
+    assert part_of(expected()) is None
+    assert part_of(expected(person(2000, 200, 300))) is None
     unknown = ExpectedView(np.full((1, 17, 2), np.nan), np.array([5.0]))
-    assert part_with(unknown, SIZE, Network()) is None
+    assert part_of(unknown) is None
 
 
 @given(
@@ -101,7 +108,7 @@ def test_nobody_expected_or_everybody_outside_is_a_whole_look() -> None:
 def test_part_is_inside_the_image_and_never_costs_more_than_a_whole_look(
     people: list[tuple[float, float, float]], reach: float
 ) -> None:
-    part = part_with(expected(*(person(*each) for each in people), reach=reach), SIZE, Network())
+    part = part_of(expected(*(person(*each) for each in people), reach=reach))
     if part is None:
         return
     assert part.left >= 0 and part.left + part.width <= SIZE[0] and part.width > 0

@@ -12,7 +12,7 @@ from tests.cases import each_case
 
 from e3pose.camera.turned import turned
 from e3pose.detectors.drawn import Drawn, draw
-from e3pose.detectors.focus import Part, detect_expected, look_at, look_pixels
+from e3pose.detectors.focus import Part, detect_expected, look_at
 from e3pose.detectors.mosaic import GAP, MOST_TILES, Mosaic, Tile, apart, mosaic_of, pack
 from e3pose.model.expected import ExpectedView
 from e3pose.model.pose import Poses2D
@@ -131,7 +131,9 @@ def test_two_people_apart_are_looked_at_in_crops_at_their_best_sizes() -> None:
     assert reach == pytest.approx([30 * 200 / 150, 30 * 200 / 600], rel=0.02)
     alone = Network()
     alone.free_input = False
-    assert mosaic.pixels < 0.6 * look_pixels(look(far, near, network=alone), SIZE, alone)
+    part = look(far, near, network=alone)
+    assert isinstance(part, Part)
+    assert mosaic.pixels < 0.6 * part.long_side**2 * min(part.size) / max(part.size)
 
 
 def test_network_of_one_input_size_looks_at_one_part() -> None:

@@ -8,6 +8,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from tests.cases import each_case
 
 from e3pose.base.errors import InputError
@@ -17,7 +18,7 @@ from e3pose.energy.rest_costs import RestCosts, rest_costs
 from e3pose.evaluate.figures import as_json
 from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.evaluate.summary import accuracy, summarise
-from e3pose.evaluate.waking import asleep_in, awake_again, drawn_w
+from e3pose.evaluate.waking import asleep_in, awake_again
 from e3pose.model.expected import ExpectedView
 from e3pose.model.pose import Poses2D
 from e3pose.model.slot_record import SlotRecord
@@ -59,14 +60,17 @@ def recall(records: list[SlotRecord]) -> float:
     return accuracy(scene(), records).recall_500mm or 0.0
 
 
+def drawn_w(records: list[SlotRecord], what: RestCosts) -> NDArray[np.float64]:
+    """Return `(num_slots, num_cameras)` watts, falling asleep and waking included."""
+    deep = what.deep(asleep_in(records, LEAD), scene().interval_s)
+    return np.asarray(what.drawn_w(np.stack([record.selected for record in records]), deep))
+
+
 def test_sleep_saves_joules() -> None:
     """Most where newcomers may be found late: within 1.5 s both rooms stay watched."""
     usual, sleepy, what = run(scene()), resting(), costs(scene())
     patient = run(scene(), rest="suspended", rest_costs=what, find_within_s=16.0)
-    before, after, least = (
-        drawn_w(records, LEAD, what, scene().interval_s).mean()
-        for records in (usual, sleepy, patient)
-    )
+    before, after, least = (drawn_w(records, what).mean() for records in (usual, sleepy, patient))
     assert asleep_in(sleepy, LEAD).any() and not asleep_in(usual, LEAD).any()
     assert least < 0.9 * before and least < after < 0.95 * before
 
@@ -97,7 +101,7 @@ def test_the_site_draws_the_watts_that_it_may(share: float) -> None:
     what = costs(scene())
     watts = share * (2 * 12.5 + 6 * 6.25)
     records = run(scene(), rest="suspended", rest_costs=what, watts=watts)
-    drawn = drawn_w(records, LEAD, what, scene().interval_s).sum(axis=1)
+    drawn = drawn_w(records, what).sum(axis=1)
     assert drawn[10 + LEAD :].mean() < 1.08 * watts  # of 15 s, over which no more is owed
     assert recall(records) > 0.5
 
@@ -161,7 +165,7 @@ def test_figures_of_a_replay_with_rests_are_json_and_count_what_sleep_saved() ->
     figures = as_json(summarise(recording, settings, records, load_profile("xavier-nx")))
     assert json.loads(json.dumps(figures))["settings"]["rest"] == "suspended"
     watts = [camera["mean_watts"] for camera in figures["energy"]["cameras"].values()]
-    drawn = drawn_w(records, LEAD, costs(recording), recording.interval_s).mean()
+    drawn = drawn_w(records, costs(recording)).mean()
     np.testing.assert_allclose(np.mean(watts), drawn, rtol=0.01)
     saved = figures["savings"]["whole_camera"]["percent"]
     active_w = load_profile("xavier-nx").watts("active")

@@ -16,7 +16,7 @@ from e3pose.model.skeleton import PANOPTIC19, Skeleton
 from e3pose.recording import Recording, Truth, ViewSeries
 from e3pose.recording.arrays import floats, integers, load_arrays
 from e3pose.recording.calibration import load_rig
-from e3pose.recording.calibration.panoptic import METRES_PER_UNIT, WORLD_FROM_PANOPTIC, world_points
+from e3pose.recording.calibration.panoptic import METRES_PER_UNIT, WORLD_FROM_PANOPTIC
 from e3pose.recording.detections.openpose import Progress, read_detections
 from e3pose.recording.detections.views import MAX_SLOTS, poses_from_triples
 from e3pose_lab.datasets.panoptic_json import read_bodies
@@ -116,7 +116,7 @@ def truth_from_bodies(bodies: Bodies, where: str) -> tuple[Floats, tuple[str, ..
     for frame, bodies_of_frame in bodies.items():
         for person, body in bodies_of_frame.items():
             known = (body[:, 3] > MIN_CONFIDENCE) & np.isfinite(body).all(axis=-1)
-            world = world_points(body[:, :3])
+            world = body[:, :3] @ WORLD_FROM_PANOPTIC.T * METRES_PER_UNIT
             joints_m[frame - first, people.index(person)] = np.where(known[:, None], world, np.nan)
     return joints_m, tuple(f"person{person}" for person in people), first
 

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from e3pose.base.atomic import atomic_file
-from e3pose.base.deferred import require_module
 from e3pose.base.errors import InputError
 
 if TYPE_CHECKING:
@@ -57,7 +56,6 @@ def check_svg(option: str, path: Path) -> None:
     """Raise `InputError` unless a picture can be written at `path`."""
     if path.suffix.lower() != ".svg":
         raise InputError(f"{option}: found {path.name!r}, expected a name that ends in .svg")
-    require_module("matplotlib")
 
 
 @contextmanager

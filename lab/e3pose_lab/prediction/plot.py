@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 from e3pose.base.atomic import atomic_file
-from e3pose.base.deferred import require_module
 from e3pose.base.errors import InputError
 
 COLOURS = ("#1f2937", "#b45309", "#1e40af", "#15803d", "#7c3aed", "#be123c", "#0e7490")
@@ -20,7 +19,6 @@ def check_plot(path: Path) -> None:
     """Raise `InputError` unless a page can be written at `path`."""
     if path.suffix.lower() not in (".html", ".htm"):
         raise InputError(f"--plot: found {path.name!r}, expected a name that ends in .html")
-    require_module("plotly")
 
 
 def write_plot(path: Path, figures: Mapping[str, Any], calibration: Mapping[str, Any]) -> None:

@@ -4,17 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from importlib import import_module
-from importlib.util import find_spec
 from typing import Any
-
-
-def require_module(name: str) -> None:
-    """Raise `ModuleNotFoundError` for a module that is not installed, without importing it.
-
-    Verbs ask before the work whose result the module would draw.
-    """
-    if find_spec(name) is None:
-        raise ModuleNotFoundError(f"no module {name}", name=name)
 
 
 def names_of(package: str, homes: Mapping[str, str]) -> Callable[[str], Any]:

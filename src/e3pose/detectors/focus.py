@@ -189,38 +189,18 @@ def look_at(
     return mosaic if better else part
 
 
-def look_pixels(look: Part | Mosaic | None, image_size: tuple[int, int], network: InputSize) -> int:
-    """Return the pixels of a network's input for a look; None is the whole image."""
-    return look.pixels if isinstance(look, Mosaic) else _input_pixels(look, image_size, network)
-
-
-def part_with(
-    expected: ExpectedView, image_size: tuple[int, int], network: InputSize
-) -> Part | None:
-    """Return the part of an image with everybody who is expected.
-
-    It is enlarged or shrunk so that people have the network's size in their geometric mean, as
-    far as that costs no more than detection in the whole image.
-
-    Args:
-        expected: who is expected where.
-        image_size: `(width, height)` in pixels.
-        network: that detects.
-
-    Returns:
-        The part; None for the whole image, as nobody is expected or the part is no smaller.
-    """
-    boxes = _boxes(expected, image_size)
-    return _part(boxes, _sizes_px(expected), image_size, network)[0]
-
-
 def _part(
     boxes: tuple[NDArray[np.float64], NDArray[np.bool_]],
     sizes_px: NDArray[np.float64],
     image_size: tuple[int, int],
     network: InputSize,
 ) -> tuple[Part | None, float]:
-    """Return the same, and the size of people in it to that wanted, at most 1."""
+    """Return the part of an image with everybody who is expected; None for the whole image.
+
+    It is enlarged or shrunk so that people have the network's size in their geometric mean, as
+    far as that costs no more than detection in the whole image. Also returned is the size of people
+    in it to that wanted, at most 1.
+    """
     inside, seen = boxes
     if not seen.any():
         return None, 1.0

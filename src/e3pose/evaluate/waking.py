@@ -1,4 +1,4 @@
-"""Simulated sleep of a replay: cameras that oversleep, and what resting ones draw. Pure."""
+"""Simulated sleep of a replay: cameras that oversleep. Pure."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from e3pose.base.arrays import Flags, Floats, Integers
+from e3pose.base.arrays import Flags, Integers
 from e3pose.energy.rest_costs import RestCosts
 from e3pose.model.slot_record import SlotRecord
 
@@ -48,19 +48,3 @@ def asleep_in(records: Sequence[SlotRecord], lead_slots: int) -> Flags:
     decided = until[: max(len(records) - lead_slots, 0)]
     asleep[lead_slots:] = decided > slots[lead_slots:, None]
     return asleep
-
-
-def drawn_w(
-    records: Sequence[SlotRecord], lead_slots: int, costs: RestCosts, interval_s: float
-) -> Floats:
-    """Return `(num_slots, num_cameras)` watts, falling asleep and waking included.
-
-    Args:
-        records: one per slot, in order.
-        lead_slots: slots between a decision and the slot that it is for.
-        costs: what the cameras draw.
-        interval_s: seconds per slot.
-    """
-    selected = np.stack([record.selected for record in records])
-    deep = costs.deep(asleep_in(records, lead_slots), interval_s)
-    return np.asarray(costs.drawn_w(selected, deep))

@@ -35,11 +35,6 @@ def load(path: Path) -> Rig:
     return fields.make_rig(path, cameras, "centimetres")
 
 
-def world_points(points_cm: Floats) -> Floats:
-    """Bring `(*batch, 3)` Panoptic points to metres with z up."""
-    return np.asarray(points_cm @ WORLD_FROM_PANOPTIC.T * METRES_PER_UNIT, dtype=np.float64)
-
-
 def _camera(path: Path, index: int, entry: object) -> Camera:
     camera = fields.table(entry, f"{path}: camera number {index + 1}")
     name = fields.name_of(fields.field(camera, "name", f"{path}: camera number {index + 1}"))
