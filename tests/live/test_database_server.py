@@ -1,4 +1,4 @@
-"""A database server that is stopped, hangs or is shared; what an edge says that it stored."""
+"""A database server that is stopped; what an edge says that it stored."""
 
 from __future__ import annotations
 
@@ -7,8 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from tests.live.processes import LiveSite, e3pose
-from tests.ports import free_port
+from tests.live.processes import LiveSite
 from tests.postgres import Server, running_server
 from tests.waiting import eventually
 
@@ -64,60 +63,10 @@ def test_nothing_is_lost_while_the_server_is_away(
         assert {row["zone"] for row in zones} == {"all"} and zones[0]["kind"] == "enter"
 
 
-def test_server_that_hangs_loses_nothing_and_second_edge_is_refused(
+def test_what_a_viewer_was_told_is_stored_survives_kill_9(
     server: Server, tmp_path: Path, recording: Path
 ) -> None:
     url = server.new_store()
-    folder = tmp_path / "one"
-    folder.mkdir()
-    (folder / "recording").symlink_to(recording)
-    site = LiveSite(folder, tables=("[store]", f'path = "{url}"'))
-
-    def stored() -> list[int]:
-        return [row["slot"] for row in Store(url).rows("slots")]
-
-    with site.at_work():
-        assert eventually(lambda: len(stored()) > 0), site.diagnostics()
-        server.freeze()
-        try:
-            # Four seconds, and some for a machine that is busy with other things.
-            assert eventually(lambda: site.events("store-trouble"), 12.0), site.diagnostics()
-            (told,) = site.events("store-trouble")
-            assert "/postgres" in told["event"] and "lab.spool-1" in told["event"]
-            count, lost = len(site.poses), site.status().slots_lost
-            site.flows(40)
-            site.unbroken([poses.slot for poses in site.poses[count:]], lost)
-            away = site.poses[-1].slot
-        finally:
-            server.thaw()
-        assert eventually(lambda: site.events("store-recovered")), site.diagnostics()
-        assert eventually(lambda: max(stored(), default=-1) > away), site.diagnostics()
-        found = stored()
-        missing = set(range(found[0], found[-1] + 1)) - set(found)
-        assert len(missing) <= site.status().slots_lost, "only what was never computed"
-        assert not site.events("store-shed"), site.diagnostics()
-        other = tmp_path / "other"
-        other.mkdir()
-        (other / "recording").symlink_to(recording)
-        (other / "keys").symlink_to(folder / "keys")
-        text = site.path.read_text().replace(str(site.port), str(free_port()))
-        (other / "site.toml").write_text(text)
-        site.start("second", *e3pose("edge", str(other / "site.toml"), "--json-logs"))
-        assert site.wait("second") == 2
-        said = site.log("second").read_text()
-        assert "writes site 'lab' there already, expected one edge per site" in said
-        site.send("edge", signal.SIGKILL)
-        site.wait("edge")
-        site.start_edge()
-        last = site.poses[-1].slot
-        assert eventually(lambda: max(stored(), default=-1) > last), site.diagnostics()
-
-
-@pytest.mark.parametrize("kind", ["sqlite", "postgresql"])
-def test_what_a_viewer_was_told_is_stored_survives_kill_9(
-    server: Server, tmp_path: Path, recording: Path, kind: str
-) -> None:
-    url = server.new_store() if kind == "postgresql" else str(tmp_path / "poses.db")
     (tmp_path / "recording").symlink_to(recording)
     tables = ("[store]", f'path = "{url}"')
     site = LiveSite(tmp_path, more=('state = "state.npz"',), tables=tables)

@@ -6,7 +6,7 @@ import signal
 from pathlib import Path
 
 import pytest
-from tests.live.processes import CAMERAS, LiveSite
+from tests.live.processes import LiveSite
 from tests.waiting import eventually
 
 pytestmark = [pytest.mark.live, pytest.mark.timed]
@@ -22,28 +22,9 @@ class PlannedSite(LiveSite):
         self.path.write_text(text.replace("[loop]\n", '[loop]\nrest = "asleep"\nwatts = "17.2W"\n'))
 
 
-def test_cameras_sleep_by_the_plan_of_the_edge_and_come_back(
+def test_cameras_sleep_by_a_plan_that_goes_on_when_edge_or_sleeper_is_killed(
     tmp_path: Path, recording: Path
 ) -> None:
-    (tmp_path / "recording").symlink_to(recording)
-    site = PlannedSite(tmp_path, more=('state = "state.npz"',))
-    with site.at_work():
-
-        def asleep() -> set[str]:
-            return {c.camera_id for c in site.cameras_since(0) if c.mode == "asleep"}
-
-        assert eventually(asleep, 60.0), site.diagnostics()
-        one = min(asleep())
-        since = len(site.statuses)
-        assert eventually(
-            lambda: any(c.camera_id == one and c.online for c in site.cameras_since(since)), 90.0
-        ), site.diagnostics()
-        site.flows(20)
-        assert not site.events("camera-lost"), site.diagnostics()
-        assert set(CAMERAS) >= asleep()
-
-
-def test_plan_goes_on_when_edge_or_sleeper_is_killed(tmp_path: Path, recording: Path) -> None:
     (tmp_path / "recording").symlink_to(recording)
     site = PlannedSite(tmp_path, more=('state = "state.npz"',))
     with site.at_work():
@@ -63,7 +44,9 @@ def test_plan_goes_on_when_edge_or_sleeper_is_killed(tmp_path: Path, recording: 
             assert eventually(there, 90.0), site.diagnostics()
             site.flows(20)
 
-        one = falls_asleep(0)
+        comes_back(falls_asleep(0), len(site.statuses))
+        assert not site.events("camera-lost"), site.diagnostics()
+        one = falls_asleep(len(site.statuses))
         site.send("edge", signal.SIGKILL)
         site.wait("edge")
         since = len(site.statuses)

@@ -1,4 +1,7 @@
-"""Cameras that sleep by order, also through kills of either side, and one that oversleeps."""
+"""Cameras that sleep by order, also through kills of either side and jumps of clocks.
+
+Where the time of day is set, `tests/edge/test_sleep.py` looks at it in one process.
+"""
 
 from __future__ import annotations
 
@@ -15,10 +18,12 @@ from e3pose.wire.site_messages import CameraStatus
 
 pytestmark = [pytest.mark.live, pytest.mark.timed]
 
+HOUR_S = 3600.0
+
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory, recording: Path) -> Iterator[SleepySite]:
-    with sleepy_site(tmp_path_factory.mktemp("sleepy"), recording) as made:
+    with sleepy_site(tmp_path_factory.mktemp("sleepy"), recording, movable=True) as made:
         yield made
 
 
@@ -89,6 +94,65 @@ def test_camera_that_slept_through_a_restart_of_its_router_is_heard_again(
     site.start_router()
     site.comes_back("cam2")
     site.flows(20)
+
+
+def goes_on(site: SleepySite, lost: int) -> None:
+    """Assert that a camera that slept through a jump comes back, sleeps again and is not lost."""
+    site.comes_back("cam2")
+    site.falls_asleep("cam2")
+    site.comes_back("cam2")
+    assert len(site.said_lost("cam2")) == lost, site.diagnostics()
+    site.flows(20)
+
+
+@pytest.mark.parametrize("seconds", [HOUR_S, -HOUR_S])
+def test_clock_of_a_camera_jumps_while_it_sleeps(site: SleepySite, seconds: float) -> None:
+    site.falls_asleep("cam2")
+    lost = len(site.said_lost("cam2"))
+    site.move("cam2", steady_s=seconds)
+    goes_on(site, lost)
+
+
+def test_edge_that_was_suspended_while_a_camera_slept_learns_nothing_of_its_wake(
+    site: SleepySite,
+) -> None:
+    """Its clock jumps; the camera is not late, and needs no earlier alarm from then on."""
+    site.falls_asleep("cam2")
+    before_s = site.camera("cam2").wake_s or 0.0
+    site.move("edge", steady_s=HOUR_S)
+    site.comes_back("cam2")
+    site.falls_asleep("cam2")
+    site.comes_back("cam2")
+    assert (site.camera("cam2").wake_s or 0.0) < before_s + 1.0, site.diagnostics()
+    site.flows(20)
+
+
+def test_edge_is_killed_and_its_clock_set_while_a_camera_sleeps(site: SleepySite) -> None:
+    site.falls_asleep("cam2")
+    site.send("cam2", signal.SIGSTOP)  # as a machine that is suspended: it sees nothing of it
+    site.send("edge", signal.SIGKILL)
+    site.wait("edge")
+    site.move("edge", system_s=-HOUR_S)
+    statuses = len(site.statuses)
+    site.start_edge()
+    assert eventually(lambda: len(site.statuses) > statuses + 1), site.diagnostics()
+    site.send("cam2", signal.SIGCONT)
+    site.comes_back("cam2")
+    site.falls_asleep("cam2")
+    site.comes_back("cam2")
+
+
+def test_all_are_killed_while_a_camera_sleeps(site: SleepySite) -> None:
+    site.falls_asleep("cam2")
+    for name in ("edge", "hall", *CAMERAS):
+        site.send(name, signal.SIGKILL)
+        site.wait(name)
+    site.start_edge()
+    for camera_id in CAMERAS:
+        site.start_camera(camera_id)
+    count = len(site.poses)
+    assert eventually(lambda: len(site.poses) > count + 20, 60.0), site.diagnostics()
+    goes_on(site, len(site.said_lost("cam2")))
 
 
 def test_camera_whose_clock_stood_still_in_its_sleep_comes_back(site: SleepySite) -> None:

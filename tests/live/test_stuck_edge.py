@@ -28,7 +28,7 @@ class StuckSite(LiveSite):
         self.start("edge", sys.executable, str(HERE / "stuck_edge.py"), self.fault, str(self.path))
 
 
-def made(folder: Path, recording: Path, fault: str = "orders-lost") -> StuckSite:
+def made(folder: Path, recording: Path, fault: str = "blocked") -> StuckSite:
     (folder / "recording").symlink_to(recording)
     site = StuckSite(folder)
     site.fault = fault
@@ -38,9 +38,7 @@ def made(folder: Path, recording: Path, fault: str = "orders-lost") -> StuckSite
 @pytest.mark.parametrize(
     ("fault", "why"),
     [
-        ("orders-lost", "orders do not reach the cameras"),
         ("blocked", "a message could not be sent"),
-        ("views-lost", "views do not arrive"),
         ("all-lost", "nothing arrives from cameras that are connected"),
     ],
 )
