@@ -105,6 +105,7 @@ def goes_on(site: SleepySite, lost: int) -> None:
     site.flows(20)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("seconds", [HOUR_S, -HOUR_S])
 def test_clock_of_a_camera_jumps_while_it_sleeps(site: SleepySite, seconds: float) -> None:
     site.falls_asleep("cam2")
@@ -113,6 +114,7 @@ def test_clock_of_a_camera_jumps_while_it_sleeps(site: SleepySite, seconds: floa
     goes_on(site, lost)
 
 
+@pytest.mark.nightly
 def test_edge_that_was_suspended_while_a_camera_slept_learns_nothing_of_its_wake(
     site: SleepySite,
 ) -> None:
@@ -127,6 +129,7 @@ def test_edge_that_was_suspended_while_a_camera_slept_learns_nothing_of_its_wake
     site.flows(20)
 
 
+@pytest.mark.nightly
 def test_edge_is_killed_and_its_clock_set_while_a_camera_sleeps(site: SleepySite) -> None:
     site.falls_asleep("cam2")
     site.send("cam2", signal.SIGSTOP)  # as a machine that is suspended: it sees nothing of it
