@@ -129,8 +129,8 @@ def _alone(
 
 
 @kernel
-def end(num_tracks: int, girdles: Integers, tracks: Tracks, ended: Flags) -> int:
-    """Delete ended tracks; return how many remain, in the first rows."""
+def end(num_tracks: int, girdles: Integers, tracks: Tracks, ended: Flags) -> None:
+    """Fill `ended` `(num_tracks,)`: tracks that are no more."""
     for track in range(num_tracks):
         over = _is_over(tracks.existence[track], tracks.unmeasured_s[track])
         ended[track] = over or is_wide(tracks.state[track], girdles)
@@ -142,53 +142,6 @@ def end(num_tracks: int, girdles: Integers, tracks: Tracks, ended: Flags) -> int
                 same = _middles_apart_m(tracks.state[track], tracks.state[other]) < CHEST_M
             if same:
                 ended[younger] = True
-    left = 0
-    for track in range(num_tracks):
-        if ended[track]:
-            continue
-        if left < track:
-            _move(tracks, track, left)
-        left += 1
-    return left
-
-
-@kernel
-def _move(tracks: Tracks, source: int, target: int) -> None:
-    """Copy the row of a track."""
-    tracks.track_ids[target] = tracks.track_ids[source]
-    tracks.existence[target] = tracks.existence[source]
-    tracks.hits[target] = tracks.hits[source]
-    tracks.alone[target] = tracks.alone[source]
-    tracks.confirmed[target] = tracks.confirmed[source]
-    for limb in range(tracks.mirrored.shape[1]):
-        tracks.mirrored[target, limb] = tracks.mirrored[source, limb]
-    for total in range(tracks.innovations.shape[1]):
-        tracks.innovations[target, total] = tracks.innovations[source, total]
-    for joint in range(tracks.state.shape[1]):
-        tracks.unmeasured_s[target, joint] = tracks.unmeasured_s[source, joint]
-        tracks.drift_share[target, joint] = tracks.drift_share[source, joint]
-        tracks.agility[target, joint] = tracks.agility[source, joint]
-        for axis in range(3):
-            tracks.corrected_m[target, joint, axis] = tracks.corrected_m[source, joint, axis]
-        for a in range(6):
-            tracks.state[target, joint, a] = tracks.state[source, joint, a]
-            for b in range(6):
-                value = tracks.covariance[source, joint, a, b]
-                tracks.covariance[target, joint, a, b] = value
-                value = tracks.shared[source, joint, a, b]
-                tracks.shared[target, joint, a, b] = value
-    for camera in range(tracks.seen_by.shape[1]):
-        tracks.seen_by[target, camera] = tracks.seen_by[source, camera]
-        tracks.last_seen_s[target, camera] = tracks.last_seen_s[source, camera]
-        tracks.delivered[target, camera] = tracks.delivered[source, camera]
-        tracks.missed[target, camera] = tracks.missed[source, camera]
-        for joint in range(tracks.state.shape[1]):
-            for axis in range(2):
-                value = tracks.bias_px[source, camera, joint, axis]
-                tracks.bias_px[target, camera, joint, axis] = value
-    for bone in range(tracks.bones_m.shape[1]):
-        tracks.bones_m[target, bone] = tracks.bones_m[source, bone]
-        tracks.bone_counts[target, bone] = tracks.bone_counts[source, bone]
 
 
 @kernel

@@ -151,10 +151,13 @@ class StepKernel:
             workspace.waiting.keypoints_px[rows],
             workspace.waiting.scores[rows],
         )
-        self._newest = tuple(column[:num_tracks].copy() for column in workspace.tracks)
-        site = leftovers, failed_pairs, detection_map, noise, shifts, next_id
-        columns: tuple[Any, ...] = (*self._newest, *site)
-        belief = Belief(now, *columns)
+        (kept,) = np.nonzero(~workspace.offers.flags[0, :num_tracks])
+        columns: tuple[Any, ...] = tuple(column[kept] for column in workspace.tracks)
+        if len(kept) == num_tracks:
+            self._newest = columns
+        belief = Belief(
+            now, *columns, leftovers, failed_pairs, detection_map, noise, shifts, next_id
+        )
         return belief, estimate_of(belief, model)
 
     def _room_for(self, model: Model, tracks: int, people: int, old: int) -> Workspace:
@@ -205,7 +208,10 @@ def step_slot(
     shifts: Floats,
     room: Held[Workspace],
 ) -> tuple[int, int, int]:
-    """Advance the tracks and leftovers in `room`; return their numbers and the next id."""
+    """Advance the tracks and leftovers in `room`; return their numbers and the next id.
+
+    The first row of `offers.flags` then says which tracks have ended.
+    """
     constants, workspace = held.values, room.values
     views, tracks = workspace.views, workspace.tracks
     predict(num_tracks, dt, constants, tracks, workspace.passes)
@@ -251,7 +257,7 @@ def step_slot(
     num_tracks, num_waiting, next_id = give_birth(
         num_tracks, num_old, time_s, dt, next_id, constants, workspace, failed_pairs
     )
-    num_tracks = end(num_tracks, constants.girdles, tracks, workspace.offers.flags[0])
+    end(num_tracks, constants.girdles, tracks, workspace.offers.flags[0])
     return num_tracks, num_waiting, next_id
 
 
