@@ -1,40 +1,39 @@
-"""What each term of the filter is worth: switched off, one at a time.
+"""What changes of the filter and the policy are worth to judges that share nothing with them.
 
-    E3POSE_SHARED=... python lab/benchmarks/filter_terms.py --clip RECORDING --out terms.jsonl
-    python lab/benchmarks/filter_terms.py --only "agility;shift"
-    python lab/benchmarks/filter_terms.py --numbers --cases Shelf,CMU,two-rooms-,lab+
+    E3POSE_SHARED=... python lab/benchmarks/filter_terms.py 4de5ca09 --out terms.jsonl
+    python lab/benchmarks/filter_terms.py "estimate/filter/agility: RATE = 0.1 => RATE = 0.0"
+    python lab/benchmarks/filter_terms.py HEAD~3 --policy information --cases pizza,one-sided
 
-Every variant is a copy of the package with one rule out of force, or several (`"agility & stays"`),
-compiled and measured in a process of its own; a run that was stopped goes on. With `--numbers`
-every tuned number of the filter is halved and doubled in place of that (those of a name together,
-counts rounded).
+Each argument is a version of the package beside the working tree: a commit, or a text of one module
+and what stands in its place. It is compiled and measured in a process of its own; a run that was
+stopped goes on.
 
-Independent judges come first: a camera of pizza that took no part, each in turn (second half at 30
-slots per second, all of it at 6; median distance across its rays); the labels of Shelf; the truth
-of motion capture and scenes, before cameras that err by situation (`+`) or by score (`-`). Columns
-with `*` are distances from a smoother over the same keypoints, by the package as it is: it shares
-their errors, and decides nothing. Lead 4. Cameras take turns, so that all variants select alike:
-one per slot, in short slots also a half, in scenes also two. `--policy information` selects.
+Judges: a camera of pizza that took no part, each in turn (the first half, or with `--judge` the
+second; median distance across its rays); with `--judge` also the labels of Shelf; the truth of
+motion capture and scenes, before cameras that err by situation (`+`) or by score (`-`). Lead 4.
+Cameras take turns, so that all versions select alike: one per slot, in short slots also a half, in
+scenes also two. `--policy information` selects. `--rare` has what single terms are there for.
 
-A cell is the change of the error in percent (more is worse without the term) with the standard
-error over its replays, which are paired, and after it what else changed: people missed (m) and
-false people (n), in percent of all people; changes of identity (c) per 100 people seconds; joints
-in the stated 90 % radius (i) and limbs of Shelf (PCP), in percent.
+A cell is the change of the error in percent (more is worse in that version) with the standard error
+over its replays, which are paired, and after it what else changed: people missed (m) and false
+people (n), in percent of all people; changes of identity (c) per 100 people seconds; joints in the
+stated 90 % radius (i) and limbs of Shelf (PCP), in percent.
 """
 
 from __future__ import annotations
 
 import argparse
-import ast
+import io
 import json
 import os
 import pickle
-import re
 import shutil
 import subprocess
 import sys
+import tarfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -45,81 +44,11 @@ from scipy.optimize import linear_sum_assignment
 Floats = NDArray[np.float64]
 
 ROOT = Path(__file__).resolve().parents[2]
-FILTER = "estimate/filter"
-OFF = "1e9"
-# Name, and what stands in place of what: a module, and the whole of a constant or other text.
-TERMS: dict[str, tuple[tuple[str, str, str], ...]] = {
-    "as it is": (),
-    "agility": (("agility", "RATE", "0.0"),),
-    "biases": (("bias", "MOST_LEARNED", "1e-9"),),
-    "quick repetition": (("bias", "REPEATED", "0.0"),),
-    "worth of a look again": (("bias", "UNLEARNED", "0.0"),),
-    "detection map": (("blindness", "PRIOR_VIEWS", OFF),),
-    "inflation by person": (("covariance_inflation", "PRIOR_M", OFF),),
-    "leaving at all": (("shown", "LEAVES_HZ", "0.0"),),
-    "failed pairs": (("failed_pairs", "SEVERAL", OFF),),
-    "learned noise": (
-        ("learned_noise", "MOST", "1.0 + 1e-9"),
-        ("learned_noise", "STEEPEST", "1.0 + 1e-9"),
-    ),
-    "noise by score": (("learned_noise", "STEEPEST", "1.0 + 1e-9"),),
-    "noise by camera": (("learned_noise", "ALIKE", OFF),),
-    "noise with a memory": (("outliers", "MEMORY", OFF),),
-    "caution": (("learned_noise", "CAUTION", "1.0"),),
-    "shift": (("learned_shift", "MOST", "0.0"),),
-    "least shift": (("learned_shift", "LEAST", "0.0"),),
-    "joint limit": (("associate", "JOINT_LIMIT", OFF),),
-    "walk between views": (("births", "WALK_MPS", "0.0"),),
-    "score to start": (("births", "SHARED_SCORE", "0.05"),),
-    "rate beyond 25": (("blindness", "FASTEST_S", "1e-9"),),
-    "unseen end": (
-        (
-            "existence",
-            "        seen |= unmeasured_s[joint] <= PROOF_S",
-            "        seen = True",
-        ),
-    ),
-    "two in a chest": (("existence", "CHEST_M", "0.0"),),
-    "wide bodies": (("existence", "MOST_WIDE_M", OFF),),
-    "delivered": (("existence", "DELIVERED_RATE", "0.0"),),
-    "delivered forgotten": (("existence", "DELIVERED_LASTS_S", OFF),),
-    "confirmation by hits": (("existence", "CONFIRM_CAMERAS, CONFIRM_HITS", "3, 3"),),
-    "lone view": (("lone_view", "    if shown != 1:", "    if True:"),),
-    "size of a lone view": (("lone_view", "SIZE_SHARE", "0.0"),),
-    "known slots": (("motion", "LEAST_KNOWN_SLOTS", "1"),),
-    "proportions": (
-        ("bones", "    kinds = ", "    kinds = np.full(len(pairs), -1) if pairs else "),
-    ),
-    "odd limbs": (("proportions", "1.0 / (1.0 + off * ROBUST)", "1.0"),),
-    "contradicted limbs": (
-        (
-            "proportions",
-            "        if squares > MEASURED_SIGMAS**2 * _v",
-            "        if squares > 1e9 * _v",
-        ),
-    ),
-    "stays": (("repeated_errors", "STAYS", "0.0"),),
-    "shown spread": (("shown", "SHOWN_SPREAD_M", OFF),),
-    "sides": (("sides", "ARMS_ODDS, LEGS_ODDS", f"{OFF}, {OFF}"),),
-    "turned tracks": (("sides", "            if share > 0.5:", "            if False:"),),
-    "wild keypoints": (("outliers", "OUTLIER_SIGMAS", OFF),),
-    "measured": (("outliers", "MEASURED_SIGMAS", OFF),),
-    "iterations": (("update", "ITERATIONS", "1"),),
-    "usual feet": (("update", "USUAL_SLACK_M", OFF),),
-    "learned bones": (("update", "BONE_KNOWN_M", "0.0"),),
-    "steering": (("steer", "GAIN", "0.0"),),
-    "one habit of feet": (
-        ("tree", "TOE", "Habit(8.2, 0.2, usual_m=0.2)"),
-        ("tree", "SMALL_TOE", "Habit(8.2, 0.2, usual_m=0.09)"),
-        ("tree", "HEEL", "Habit(8.2, 0.2, usual_m=0.08)"),
-    ),
-    "waiting views": (("state", "WAIT_VIEWS", "0.0"),),
-}
-FACTORS = {"half": 0.5, "twice": 2.0}
 SCENES = ("buffet+", "lab+", "round-table+", "crossing-", "two-rooms-", "one-sided-")
-SHARED = "*"  # after the name of a column that shares keypoints with the estimates
+NOW = "as it is"
 WARMUP, LEAD = 10, 4
 SAME_M = 0.5
+MOVED_PX, IMAGE_PX = 4.0, 1032
 PARTS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
 
 
@@ -144,69 +73,97 @@ class Case:
     counts: tuple[float, ...] = (1.0,)
 
 
-def cases(shared: Path | None, clip: Path | None, seeds: int) -> Iterator[Case]:
-    """Yield what is measured, of the package as it is; independent judges first."""
-    from clip_error import references
+def cases(shared: Path | None, seeds: Sequence[int], judging: bool) -> Iterator[Case]:
+    """Yield what is measured, of the package as it is."""
     from detector_errors import simulated
     from e3pose.evaluate.faults import downsampled
     from e3pose.evaluate.held_out import turns
-    from e3pose.model.noises import detector_of, load_noise
-    from e3pose.recording import ViewSeries, load_recording
+    from e3pose.recording import load_recording
     from e3pose.simulate import DetectorSettings, Guessing
-    from e3pose.simulate.detections import until
     from e3pose_lab.datasets.shelf import import_shelf
     from predictor_in_the_loop import captured, seen
 
-    def start(whole: Any, seconds: float, fps: float) -> Any:
-        slots = min(whole.num_slots, round(seconds / whole.interval_s))
-        views = tuple(until(series, slots) for series in whole.views)
-        cut = replace(whole, num_slots=slots, views=views, truth=None, scored_slots=None)
-        return downsampled(cut, fps) if fps < whole.fps else cut
-
-    def second_half(whole: Any) -> Any:
-        first, views = whole.num_slots // 2, []
-        for series in whole.views:
-            row = int(np.searchsorted(series.slots, first))
-            person = series.starts[row]
-            views.append(
-                ViewSeries(
-                    series.slots[row:] - first, series.times_s[row:], series.starts[row:] - person,
-                    series.keypoints_px[person:], series.scores[person:],
-                )
-            )  # fmt: skip
-        return replace(whole, num_slots=whole.num_slots - first, views=tuple(views), videos={})
-
-    def smoothed(name: str, recording: Any, phases: int) -> Case:
-        people = references(recording, load_noise(detector_of(recording)))
-        expected = [[person.at(slot) for person in people] for slot in range(recording.num_slots)]
-        return Case(name + SHARED, recording, np.array(expected), phases)
-
     if shared is not None:
-        pizza = load_recording(shared / "data/pizza/recording")
-        shelf = import_shelf(shared / "data/shelf/shelf.npz")
-        for rest, by in turns(second_half(pizza), ["each"])[1:]:
-            yield Case("pizza 30", rest, judges=by, counts=(0.5, 1.0))
-        for rest, by in turns(downsampled(pizza, 6.0), ["each"])[1:]:
-            yield Case("pizza 6", rest, judges=by)
-        yield Case("Shelf", shelf, None, 5)
+        pizza = half(load_recording(shared / "data/pizza/recording"), judging)
+        for fps, phases in ((30.0, 1), (12.5, 2), (6.0, 2)):
+            counts = (0.5, 1.0) if fps == 30.0 else (1.0,)
+            slower = downsampled(pizza, fps) if fps < pizza.fps else pizza
+            for rest, by in turns(slower, ["each"])[1:]:
+                yield Case(f"pizza {fps:g}", rest, None, phases, by, counts)
+        if judging:
+            yield Case("Shelf", import_shelf(shared / "data/shelf/shelf.npz"), None, 5)
         for name, joints_m in captured(shared):
-            recording = seen(joints_m[::2][:200], 15.0, DetectorSettings(guessing=Guessing()))
-            yield Case(f"{name}+", recording, truth_of(recording))
+            for slots in (200, 198):  # which draw other errors
+                detector = DetectorSettings(guessing=Guessing())
+                recording = seen(joints_m[::2][:slots], 15.0, detector)
+                yield Case(f"{name}+", recording, truth_of(recording), 2)
     for scene in SCENES:
-        for seed in range(2001, 2001 + seeds):
+        for seed in seeds:
             recording = simulated(scene, seed, seconds=16.0, fps=12.5)
             yield Case(scene, recording, truth_of(recording), counts=(1.0, 2.0))
+
+
+def rare_cases(shared: Path | None) -> Iterator[Case]:
+    """Yield what single terms are there for."""
+    from detector_errors import simulated
+    from e3pose.evaluate.held_out import turns
+    from e3pose.recording import load_recording
+
+    def case(name: str, recording: Any, *counts: float) -> Case:
+        return Case(name, recording, truth_of(recording), counts=counts)
+
     if shared is not None:
-        yield smoothed("pizza 30", start(pizza, 20.0, 30.0), 1)
-        yield smoothed("pizza 6", start(pizza, 31.0, 6.0), 2)
-        yield smoothed("Shelf", start(shelf, 24.0, 25.0), 1)
-    if clip is not None:
-        yield smoothed("clip", start(load_recording(clip), 60.0, 60.0), 2)
+        pizza = half(load_recording(shared / "data/pizza/recording"), second=False)
+        for rest, by in turns(pizza, ["each"])[1:]:
+            yield Case("pizza 30, all", rest, judges=by, counts=(4.0,))
+    for scene, seed in product(("ring-", "lab+"), (2001, 2002)):
+        recording = simulated(scene, seed, seconds=12.0, fps=30)
+        yield case(f"{scene} 30", recording, 2.0, float(len(recording.rig)))
+    for scene in ("ring-", "pillar-", "round-table+", "one-sided-"):
+        recording = simulated(scene, 2001, seconds=30.0, fps=12.5)
+        first, *others = recording.views
+        scale = max(recording.rig.cameras[0].image_size) / IMAGE_PX
+        moved = first.keypoints_px + MOVED_PX * scale * np.array([np.cos(0.6), np.sin(0.6)])
+        views = (replace(first, keypoints_px=moved), *others)
+        yield case("moved 4 px", replace(recording, views=views), 1.0, 2.0)
+    for scene in ("ring-", "pillar-", "round-table+", "crossing-"):
+        recording = simulated(scene, 2001, seconds=16.0, fps=12.5)
+        for name in ("movenet-multipose", "openpose"):
+            yield case("other files", replace(recording, detector=name), 1.0, 2.0)
+    scenes = ("ring-", "crossing-", "round-table+", "buffet+")
+    for share, scene, seed in product((0.06, 0.2), scenes, range(2001, 2005)):
+        recording = simulated(scene, seed, {"swap": share}, seconds=6.0, fps=12.5)
+        yield case(f"exchanged {share:.0%}", recording, 1.0, 2.0)
+    for scene, seed in product(("one-sided-", "shaft-", "l-hall-"), range(2004, 2010)):
+        yield case("one camera", simulated(scene, seed, seconds=16.0, fps=12.5), 1.0)
+    blind = ("dying-cameras-", "l-hall-", "shaft-", "pillar-")
+    for scene, seed in product(blind, (2001, 2002)):
+        yield case("blind cameras", simulated(scene, seed, seconds=16.0, fps=12.5), 1.0, 2.0)
 
 
 def truth_of(recording: Any) -> Floats:
     """Return `Case.expected` of a recording whose truth is known."""
     return np.asarray(recording.truth.joints_m)
+
+
+def half(whole: Any, second: bool) -> Any:
+    """Return one half of a recording, without truth."""
+    from e3pose.recording import ViewSeries
+
+    first, views = whole.num_slots // 2, []
+    begin, end = (first, whole.num_slots) if second else (0, first)
+    for series in whole.views:
+        rows = slice(*np.searchsorted(series.slots, (begin, end)))
+        people = slice(series.starts[rows.start], series.starts[rows.stop])
+        starts = series.starts[rows.start : rows.stop + 1] - people.start
+        views.append(
+            ViewSeries(
+                series.slots[rows] - begin, series.times_s[rows], starts,
+                series.keypoints_px[people], series.scores[people],
+            )
+        )  # fmt: skip
+    short = {"num_slots": end - begin, "truth": None, "scored_slots": None, "videos": {}}
+    return replace(whole, views=tuple(views), **short)
 
 
 def figures(case: Case, policy: str, cameras: float, phase: int) -> dict[str, float]:
@@ -276,64 +233,32 @@ def measure(made: Path, out: Path, policy: str) -> None:
     out.write_text(json.dumps(found))
 
 
-def package(term: str, folder: Path) -> Path:
-    """Return the folder of a copy of the package's source in which a term is off."""
+def package(version: str, folder: Path) -> Path:
+    """Return the folder of the package's source in a version."""
     source = folder / "src"
     shutil.rmtree(source, ignore_errors=True)
-    shutil.copytree(ROOT / "src", source)
-    if term.split()[0] in FACTORS:
-        scale(source / "e3pose" / FILTER, term)
+    if " => " not in version and version != NOW:
+        words = ["git", "-C", str(ROOT), "archive", version, "src"]
+        archive = subprocess.run(words, check=True, stdout=subprocess.PIPE).stdout
+        with tarfile.open(fileobj=io.BytesIO(archive)) as files:
+            files.extractall(folder, filter="data")
         return source
-    for module, old, new in [change for name in term.split(" & ") for change in TERMS[name]]:
-        path = source / "e3pose" / FILTER / f"{module}.py"
+    shutil.copytree(ROOT / "src", source)
+    if version != NOW:
+        module, _, change = version.partition(": ")
+        old, _, new = change.partition(" => ")
+        path = source / "e3pose" / f"{module}.py"
         text = path.read_text()
-        if not re.fullmatch(r"[A-Z_, ]+", old):
-            changed, count = text.replace(old, new), text.count(old)
-        else:
-            changed, count = re.subn(rf"(?m)^{re.escape(old)} = [^#\n]*", f"{old} = {new}  ", text)
-        if count != 1:
-            raise SystemExit(f"{term}: {path.name} has {old!r} {count} times, expected once")
-        path.write_text(changed)
+        if text.count(old) != 1:
+            raise SystemExit(f"{path.name} has {old!r} {text.count(old)} times, expected once")
+        path.write_text(text.replace(old, new))
     return source
 
 
-def marked() -> Iterator[tuple[str, ast.Assign]]:
-    """Yield the tuned constants of the filter: the module, and what assigns them."""
-    for path in sorted((ROOT / "src/e3pose" / FILTER).glob("*.py")):
-        lines = path.read_text().splitlines()
-        for node in ast.parse("\n".join(lines)).body:
-            above = node.lineno - 2
-            while above >= 0 and lines[above].startswith("#   "):
-                above -= 1
-            if isinstance(node, ast.Assign) and lines[above].startswith("# tuned: "):
-                yield path.stem, node
-
-
-def scale(folder: Path, term: str) -> None:
-    """Multiply the numbers of a constant in a copy of the filter; counts stay whole."""
-    factor = FACTORS[term.split()[0]]
-    for module, node in marked():
-        if term.partition(" ")[2] != f"{module}.{ast.unparse(node.targets[0])}":
-            continue
-        path = folder / f"{module}.py"
-        lines = path.read_text().splitlines()
-        for number in ast.walk(node.value):
-            if isinstance(number, ast.Constant):
-                value: Any = number.value
-                if type(value) is int:
-                    number.value = max(1, round(value * factor))
-                elif type(value) is float:
-                    number.value = value * factor
-        lines[node.lineno - 1 : node.end_lineno] = [ast.unparse(node)]
-        path.write_text("\n".join(lines) + "\n")
-        return
-    raise SystemExit(f"{term}: no tuned number of the filter has that name")
-
-
-def run(term: str, made: Path, folder: Path, policy: str) -> dict[str, list[dict[str, float]]]:
-    """Measure the package without a term, in a process of its own."""
+def run(version: str, made: Path, folder: Path, policy: str) -> dict[str, list[dict[str, float]]]:
+    """Measure a version of the package, in a process of its own."""
     out = folder / "figures.json"
-    paths = f"{package(term, folder)}{os.pathsep}{ROOT / 'lab' / 'benchmarks'}"
+    paths = f"{package(version, folder)}{os.pathsep}{ROOT / 'lab' / 'benchmarks'}"
     words = [sys.executable, __file__, "--measure", str(made), str(out), "--policy", policy]
     subprocess.run(words, check=True, env={**os.environ, "PYTHONPATH": paths})
     return dict(json.loads(out.read_text()))
@@ -342,11 +267,11 @@ def run(term: str, made: Path, folder: Path, policy: str) -> dict[str, list[dict
 def report(rows: Sequence[dict[str, Any]]) -> Iterator[str]:
     """Yield a table in Markdown."""
     base = rows[0]["found"]
-    yield f"| without | {' | '.join(base)} |"
+    yield f"| version | {' | '.join(base)} |"
     yield "|---" * (len(base) + 1) + "|"
     for row in rows:
         cells = [_cell(base[name], row["found"][name], row is rows[0]) for name in base]
-        yield f"| {row['term']} | {' | '.join(cells)} |"
+        yield f"| {row['version']} | {' | '.join(cells)} |"
 
 
 def _cell(base: Sequence[dict[str, float]], found: Sequence[dict[str, float]], first: bool) -> str:
@@ -372,46 +297,40 @@ def _short(figure: str) -> str:
 def main() -> None:
     """Measure what is missing and print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("versions", nargs="*", help="commits, or MODULE: OLD => NEW")
     parser.add_argument("--measure", nargs=2, type=Path, help=argparse.SUPPRESS)
     parser.add_argument("--shared", type=Path, default=os.environ.get("E3POSE_SHARED") or None)
-    parser.add_argument("--clip", type=Path, help="a recording of the demo's films")
-    parser.add_argument("--only", help="terms, with semicolons")
-    parser.add_argument("--numbers", action="store_true", help="every tuned number, half and twice")
-    parser.add_argument("--cases", help="names of columns, with commas; all if not given")
+    parser.add_argument("--cases", help="how columns begin, with commas; all if not given")
     parser.add_argument("--policy", default="round-robin", help="who selects")
-    parser.add_argument("--seeds", type=int, default=1, help="of each scene")
+    parser.add_argument("--seeds", type=int, default=3, help="of each scene")
+    parser.add_argument("--first-seed", type=int, default=2001)
+    parser.add_argument("--rare", action="store_true", help="cases that single terms are there for")
+    parser.add_argument("--judge", action="store_true", help="by what no constant was chosen on")
     parser.add_argument("--out", type=Path, default=Path("terms.jsonl"))
     options = parser.parse_args()
     if options.measure:
-        cases_file, figures_file = options.measure
-        measure(cases_file, figures_file, options.policy)
+        made, out = options.measure
+        measure(made, out, options.policy)
         return
-    shared = Path(options.shared) if options.shared else None
     folder = options.out.with_suffix(".work").resolve()
     folder.mkdir(parents=True, exist_ok=True)
     made = folder / "cases.pickle"
     if not made.exists():
-        wanted = options.cases.split(",") if options.cases else None
-        found = [
-            c
-            for c in cases(shared, options.clip, options.seeds)
-            if wanted is None or c.name in wanted
-        ]
-        made.write_bytes(pickle.dumps(found))
+        shared = Path(options.shared) if options.shared else None
+        seeds = range(options.first_seed, options.first_seed + options.seeds)
+        names = tuple(options.cases.split(",")) if options.cases else ("",)
+        every = rare_cases(shared) if options.rare else cases(shared, seeds, options.judge)
+        made.write_bytes(pickle.dumps([c for c in every if c.name.startswith(names)]))
     done = options.out.read_text().splitlines() if options.out.exists() else []
-    rows = [json.loads(line) for line in done]
-    have = {row["term"] for row in rows}
-    named = [f"{module}.{ast.unparse(node.targets[0])}" for module, node in marked()]
-    numbers = [f"{word} {name}" for name in named for word in FACTORS]
-    every = numbers if options.numbers else TERMS
-    terms = ["as it is", *(options.only.split(";") if options.only else every)]
-    for term in dict.fromkeys(terms):
-        if term not in have:
-            print(f"{term} ...", file=sys.stderr, flush=True)
-            rows.append({"term": term, "found": run(term, made, folder, options.policy)})
+    rows = {row["version"]: row for row in map(json.loads, done)}
+    for version in (NOW, *options.versions):
+        if version not in rows:
+            print(f"{version} ...", file=sys.stderr, flush=True)
+            found = run(version, made, folder, options.policy)
+            rows[version] = {"version": version, "found": found}
             with options.out.open("a") as file:
-                file.write(json.dumps(rows[-1]) + "\n")
-    print("\n".join(report(rows)))
+                file.write(json.dumps(rows[version]) + "\n")
+    print("\n".join(report(list(rows.values()))))
 
 
 if __name__ == "__main__":
