@@ -9,7 +9,15 @@ import numpy as np
 from e3pose.base.arrays import Flags, Floats
 from e3pose.base.kernel import kernel
 from e3pose.estimate.filter.existence import INSIDE_JOINTS
-from e3pose.estimate.filter.projected import IN_FRONT, SPREAD, USED_SCORE, U, V
+from e3pose.estimate.filter.projected import (
+    IN_FRONT,
+    SPREAD,
+    USED_SCORE,
+    U,
+    V,
+    projected_variance_px2,
+    shown_at,
+)
 from e3pose.estimate.filter.scratch import Constants, Matches, Offers, Views
 from e3pose.estimate.filter.sides import SIDE_PX, exchange, exchanged_limbs
 from e3pose.estimate.per_slot.assign import assign
@@ -156,34 +164,13 @@ def _look(
     """
     inside = 0
     for joint in range(state.shape[0]):
-        x, y, z = state[joint, 0], state[joint, 1], state[joint, 2]
-        a = projection[0, 0] * x + projection[0, 1] * y + projection[0, 2] * z + projection[0, 3]
-        b = projection[1, 0] * x + projection[1, 1] * y + projection[1, 2] * z + projection[1, 3]
-        depth = (
-            projection[2, 0] * x + projection[2, 1] * y + projection[2, 2] * z + projection[2, 3]
-        )
-        inverse = 1.0 / (depth if abs(depth) >= 1e-6 else 1e-6)
-        u, v = a * inverse, b * inverse
-        ux = (projection[0, 0] - u * projection[2, 0]) * inverse
-        uy = (projection[0, 1] - u * projection[2, 1]) * inverse
-        uz = (projection[0, 2] - u * projection[2, 2]) * inverse
-        vx = (projection[1, 0] - v * projection[2, 0]) * inverse
-        vy = (projection[1, 1] - v * projection[2, 1]) * inverse
-        vz = (projection[1, 2] - v * projection[2, 2]) * inverse
-        spread = (
-            covariance[joint, 0, 0] * (ux * ux + vx * vx)
-            + covariance[joint, 1, 1] * (uy * uy + vy * vy)
-            + covariance[joint, 2, 2] * (uz * uz + vz * vz)
-        )
-        spread += 2.0 * (
-            covariance[joint, 0, 1] * (ux * uy + vx * vy)
-            + covariance[joint, 0, 2] * (ux * uz + vx * vz)
-            + covariance[joint, 1, 2] * (uy * uz + vy * vz)
+        depth, u, v, ux, uy, uz, vx, vy, vz = shown_at(
+            projection, state[joint, 0], state[joint, 1], state[joint, 2]
         )
         in_front = depth > MIN_DEPTH_M
         projected[U, joint] = u
         projected[V, joint] = v
-        projected[SPREAD, joint] = spread / 2
+        projected[SPREAD, joint] = projected_variance_px2(covariance[joint], ux, uy, uz, vx, vy, vz)
         projected[IN_FRONT, joint] = 1.0 if in_front else 0.0
         inside += in_front and 0 < u < size[0] and 0 < v < size[1]
     return inside

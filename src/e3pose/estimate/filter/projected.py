@@ -8,6 +8,7 @@ from e3pose.model.projection import MIN_DEPTH_M
 
 # tuned: score | not recorded | not measured
 USED_SCORE = 0.05  # keypoints below this are not used
+LEAST_DEPTH_M = 1e-6  # numerics: in place of smaller depths, so that no pixel is infinite
 U, V, SPREAD, IN_FRONT = range(4)  # layout: planes of `Offers.projected`
 
 
@@ -28,7 +29,7 @@ def shown_at(
         the camera, at a depth of 0 or less, the rest means nothing.
     """
     depth = projection[2, 0] * x + projection[2, 1] * y + projection[2, 2] * z + projection[2, 3]
-    inverse = 1.0 / depth
+    inverse = 1.0 / (depth if abs(depth) >= LEAST_DEPTH_M else LEAST_DEPTH_M)
     u = inverse * (
         projection[0, 0] * x + projection[0, 1] * y + projection[0, 2] * z + projection[0, 3]
     )

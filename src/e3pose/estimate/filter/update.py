@@ -8,7 +8,7 @@ from e3pose.base.arrays import Flags, Floats, Integers
 from e3pose.base.kernel import kernel
 from e3pose.estimate.filter.bias import inflation
 from e3pose.estimate.filter.outliers import MEASURED_SIGMAS, ROBUST
-from e3pose.estimate.filter.projected import USED_SCORE, shown_at
+from e3pose.estimate.filter.projected import USED_SCORE, projected_variance_px2, shown_at
 from e3pose.estimate.filter.proportions import BONE_MEMORY, BONE_TEACHERS, expect_lengths
 from e3pose.estimate.filter.scratch import Constants, Passes, Tracks, Views
 from e3pose.estimate.filter.tree import eliminate, prepare, spread_out
@@ -174,16 +174,7 @@ def _pull_view(
         variance = variances[row, joint] * factor
         expected = variance
         if first:  # a prediction may be off by more than a keypoint
-            expected += (
-                covariance[joint, 0, 0] * xx
-                + covariance[joint, 1, 1] * yy
-                + covariance[joint, 2, 2] * zz
-            ) / 2
-            expected += (
-                covariance[joint, 0, 1] * xy
-                + covariance[joint, 0, 2] * xz
-                + covariance[joint, 1, 2] * yz
-            )
+            expected += projected_variance_px2(covariance[joint], ux, uy, uz, vx, vy, vz)
         du = pixels[row, joint, 0] - bias_px[joint, 0] - u
         dv = pixels[row, joint, 1] - bias_px[joint, 1] - v
         off = (du * du + dv * dv) / expected

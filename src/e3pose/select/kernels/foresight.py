@@ -16,6 +16,7 @@ from e3pose.estimate.filter.bias import MemoryTerms, inflation, worth_inflation
 from e3pose.estimate.filter.blindness import PLAIN
 from e3pose.estimate.filter.carry import carry
 from e3pose.estimate.filter.existence import INSIDE_JOINTS
+from e3pose.estimate.filter.projected import shown_at
 from e3pose.model.projection import MIN_DEPTH_M
 from e3pose.select.kernels.blind_places import worth
 from e3pose.select.kernels.people import hide
@@ -27,7 +28,6 @@ from e3pose.select.kernels.people import hide
 BEHIND_SHARE = 0.5
 # tuned: m | by reasoning | not measured
 BEHIND_M = 0.1  # nearer than this two people stand side by side
-LEAST_DEPTH_M = 1e-6  # numerics: in place of smaller depths, so that no pixel is infinite
 MOST_PRODUCT = 1e200  # numerics: of ratios before their logarithm is taken
 
 
@@ -169,21 +169,15 @@ def _project(
     `information` `(num_joints, 6)`: J' J of the derivative of the projection.
     """
     left, top, right, bottom, total = np.inf, np.inf, -np.inf, -np.inf, 0.0
-    p = projection
     for joint in range(len(joints_m)):
-        x, y, z = joints_m[joint, 0], joints_m[joint, 1], joints_m[joint, 2]
-        depth = p[2, 3] + p[2, 0] * x + p[2, 1] * y + p[2, 2] * z
+        depth, u, v, ux, uy, uz, vx, vy, vz = shown_at(
+            projection, joints_m[joint, 0], joints_m[joint, 1], joints_m[joint, 2]
+        )
         total += depth
-        scale = 1.0 / (LEAST_DEPTH_M if abs(depth) < LEAST_DEPTH_M else depth)
-        u = (p[0, 3] + p[0, 0] * x + p[0, 1] * y + p[0, 2] * z) * scale
-        v = (p[1, 3] + p[1, 0] * x + p[1, 1] * y + p[1, 2] * z) * scale
         pixels[joint, 0], pixels[joint, 1] = u, v
         inside[joint] = depth > MIN_DEPTH_M and 0 < u < size[0] and 0 < v < size[1]
         left, right = min(left, u), max(right, u)
         top, bottom = min(top, v), max(bottom, v)
-        ux, vx = (p[0, 0] - u * p[2, 0]) * scale, (p[1, 0] - v * p[2, 0]) * scale
-        uy, vy = (p[0, 1] - u * p[2, 1]) * scale, (p[1, 1] - v * p[2, 1]) * scale
-        uz, vz = (p[0, 2] - u * p[2, 2]) * scale, (p[1, 2] - v * p[2, 2]) * scale
         information[joint, 0] = ux * ux + vx * vx
         information[joint, 1] = ux * uy + vx * vy
         information[joint, 2] = ux * uz + vx * vz
