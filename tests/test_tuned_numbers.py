@@ -15,7 +15,7 @@ from tests.test_docs import ROOT
 # what keeps arithmetic finite.
 NO_TUNING = ("layout", "definition", "capacity", "numerics")
 MOST = {
-    "estimate/filter": 137,
+    "estimate/filter": 134,
     "model/proportions.py": 9,
     "estimate/per_slot": 12,
     "estimate/smooth": 6,

@@ -89,7 +89,7 @@ def gather(recording: Recording, first: int = 0, num_slots: int | None = None) -
         num_slots: how much of it; all by default.
     """
     num_slots = recording.num_slots if num_slots is None else num_slots
-    tracks, _, _ = all_camera_tracks(recording, num_slots)
+    tracks, _ = all_camera_tracks(recording, num_slots)
     people = list(assign_detections(recording, tracks, num_slots))
     people = [_in_coco17(person, recording) for person in people]
     rig = recording.rig

@@ -210,7 +210,6 @@ def step(
         reasons=_reasons(situation, decision, state.rest.words()),
         stage_s={**people.stage_s, **_spent_s(times)},
         noise_factors=people.noise_factors,
-        shifts_px=people.shifts_px,
         expected=expected,
         dynamics=shown.dynamics,
         asleep_until=state.asleep_until,

@@ -198,7 +198,7 @@ def test_forgotten_people_leave_what_was_learned_of_the_site(
     memory = pipeline.estimator.forget_people(state.memory)
     kept, was = flatten(memory), flatten(state.memory)
     kept_of_site = (
-        "next_id", "failed_pairs", "detection_map", "noise", "shifts", "time_s",
+        "next_id", "failed_pairs", "detection_map", "noise", "time_s",
         "lasting.total", "lasting.seconds",
     )  # fmt: skip
     assert kept.keys() == was.keys()

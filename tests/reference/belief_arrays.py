@@ -21,7 +21,6 @@ def belief_to_arrays(belief: Belief) -> dict[str, NDArray[np.generic]]:
         "failed_pairs": belief.failed_pairs,
         "detection_map": belief.detection_map,
         "noise": belief.noise,
-        "shifts": belief.shifts,
         **belief.columns(),
         **{f"leftover_{item.name}": getattr(waiting, item.name) for item in fields(waiting)},
     }
@@ -56,6 +55,5 @@ def belief_from_arrays(arrays: Mapping[str, NDArray[np.generic]], model: Model) 
         failed_pairs=np.array(arrays["failed_pairs"]),
         detection_map=np.array(arrays["detection_map"]),
         noise=np.array(arrays["noise"]),
-        shifts=np.array(arrays["shifts"]),
         **columns,
     )

@@ -20,8 +20,6 @@ from e3pose.estimate.filter.learned_noise import (
     SLOPE,
     STEEPEST,
 )
-from e3pose.estimate.filter.learned_shift import COUNT, LEAST, PRIOR
-from e3pose.estimate.filter.learned_shift import MOST as FURTHEST
 from e3pose.estimate.filter.outliers import MEMORY, OUTLIER_SIGMAS
 from e3pose.estimate.filter.projected import USED_SCORE
 from e3pose.estimate.filter.state import Belief, Model
@@ -52,15 +50,6 @@ def knots_px(model: Model, noise: Floats) -> Floats:
     stated, weight = model.noise, model.noise.weight
     leant = stated.sigma_px * np.exp(tilt(noise, weight) * leaning(stated.scores))
     return np.asarray((model.scales * factors(noise, weight))[:, None] * leant)
-
-
-def shifts_px(shifts: Floats, model: Model) -> Floats:
-    """See `e3pose.estimate.filter.learned_shift.shifts_px`."""
-    mean = shifts[:, :COUNT] * (shifts[:, COUNT:] / (shifts[:, COUNT:] + PRIOR))
-    least = LEAST * model.rig.image_sizes.max(axis=1)
-    squares = (mean**2).sum(axis=1)
-    kept = np.where(squares > least**2, 1 - least**2 / np.maximum(squares, 1e-12), 0.0)
-    return np.asarray(mean * kept[:, None])
 
 
 def own_share(since_s: Floats, terms: bias.MemoryTerms) -> Floats:
@@ -119,35 +108,7 @@ def learn(belief: Belief, seen: Sightings, cameras: Integers, dt: float, model: 
     sharpness = (sharpness * counts + newest * fresh) / np.maximum(total_count, 1e-9)
     learned = (np.clip(mean, -most, most), np.minimum(total_count, MEMORY), sharpness)
     noise = np.stack(learned, axis=-1)
-    biased = error + np.where(usable[..., None], np.swapaxes(belief.bias_px[:, cameras], 0, 1), 0.0)
-    shifts = _shifts(belief.shifts, cameras, biased / left[..., None], share, total, model)
-    return replace(belief, noise=np.where(fresh[:, None] > 0, noise, belief.noise), shifts=shifts)
-
-
-def _shifts(
-    shifts: Floats,
-    cameras: Integers,
-    residual_px: Floats,
-    share: Floats,
-    total: Floats,
-    model: Model,
-) -> Floats:
-    """Return `Belief.shifts` after a slot; residuals are those of the views of `cameras`."""
-    off = np.linalg.norm(residual_px, axis=-1) / np.sqrt(total) / OUTLIER_SIGMAS
-    weight = share**2 / np.maximum(off, 1.0)
-    fresh = weight.sum(axis=(1, 2))
-    taught = fresh > 0
-    cameras, fresh = cameras[taught], fresh[taught]
-    found = (weight[..., None] * residual_px).sum(axis=(1, 2))[taught]
-    found += fresh[:, None] * shifts_px(shifts, model)[cameras]
-    counts = shifts[cameras, COUNT]
-    mean = (counts[:, None] * shifts[cameras, :COUNT] + found) / (counts + fresh)[:, None]
-    furthest = FURTHEST * model.rig.image_sizes[cameras].max(axis=1)
-    mean /= np.maximum(np.linalg.norm(mean, axis=1) / furthest, 1.0)[:, None]
-    shifts = shifts.copy()
-    shifts[cameras, :COUNT] = mean
-    shifts[cameras, COUNT] = np.minimum(counts + fresh, MEMORY)
-    return shifts
+    return replace(belief, noise=np.where(fresh[:, None] > 0, noise, belief.noise))
 
 
 def proved(belief: Belief, seen: Sightings, cameras: Integers, since_s: Floats) -> Flags:

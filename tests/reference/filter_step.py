@@ -66,8 +66,7 @@ def step(
     belief = predict(replace(belief, time_s=now), dt, model)
     looks = {camera: view for camera, view in views.items() if view.unchanged_s <= 0}
     still = {camera: view for camera, view in views.items() if view.unchanged_s > 0}
-    shifts_px = filter_learned_noise.shifts_px(belief.shifts, model)
-    cameras, keypoints, scores = _sorted(model, looks, shifts_px)
+    cameras, keypoints, scores = _sorted(model, looks)
     knots_px = filter_learned_noise.knots_px(model, belief.noise)
     found = [
         associate(belief, k, s, camera, model, knots_px[camera])
@@ -78,7 +77,7 @@ def step(
     fits = np.array([fit for _, fit, _ in found]).reshape(shape)
     exchanged = np.array([turned for _, _, turned in found], dtype=np.int64).reshape(shape)
     predicted = belief
-    stills = _stills(belief, still, shifts_px, knots_px, model)
+    stills = _stills(belief, still, knots_px, model)
     belief, exchanged = turn_round(belief, exchanged, assigned >= 0, cameras, dt, model)
     joints = order(exchanged, model)
     seen = _sightings(belief, cameras, keypoints, scores, assigned, joints, dt, model, knots_px)
@@ -98,16 +97,15 @@ def step(
 
 
 def _sorted(
-    model: Model, views: Mapping[int, Poses2D], shifts_px: Floats
+    model: Model, views: Mapping[int, Poses2D]
 ) -> tuple[Integers, list[Floats], list[Floats]]:
-    """Return cameras in rig order and their people, without lenses and shifts."""
+    """Return cameras in rig order and their people, without lenses."""
     cameras = np.array(sorted(views), dtype=np.int64)
     keypoints, scores = [], []
     for camera in cameras.tolist():
         pixels, certainty = bounded(views[camera])
         usable = (certainty >= MISSING_SCORE) & (np.abs(pixels) <= MAX_PIXEL).all(axis=-1)
         pixels = model.rig.cameras[camera].undistort(np.where(usable[..., None], pixels, np.nan))
-        pixels = pixels - shifts_px[camera]
         usable = (np.abs(pixels) <= MAX_PIXEL).all(axis=-1)
         keypoints.append(np.where(usable[..., None], pixels, np.nan))
         scores.append(np.where(usable, certainty, 0.0))
@@ -117,13 +115,12 @@ def _sorted(
 def _stills(
     belief: Belief,
     views: Mapping[int, Poses2D],
-    shifts_px: Floats,
     knots_px: Floats,
     model: Model,
 ) -> list[Still]:
     """Return who is seen in the views of unchanged images."""
     found = []
-    cameras, *seen = _sorted(model, views, shifts_px)
+    cameras, *seen = _sorted(model, views)
     for camera, keypoints_px, scores in zip(cameras.tolist(), *seen, strict=True):
         rows, _, exchanged = associate(
             belief, keypoints_px, scores, camera, model, knots_px[camera]

@@ -88,9 +88,7 @@ def noise(
         draw_noise(plot, file, correlations, shipped)
         wrote(plot)
     console = table_console(160)
-    lengths_px = (calibrated.learned_px**2).sum(axis=-1) ** 0.5
-    found = zip(calibrated.learned.tolist(), lengths_px.tolist(), strict=True)
-    learned = dict(zip(source.rig.camera_ids, found, strict=True))
+    learned = dict(zip(source.rig.camera_ids, calibrated.learned.tolist(), strict=True))
     print_noise(file, correlations, console, learned, shipped.detector)
 
 

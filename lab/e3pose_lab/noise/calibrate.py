@@ -53,7 +53,6 @@ class Calibrated:
         slots: of the recording.
         learned: `(num_cameras,)` what the estimator found while it ran, over the noise file of the
             detector that the recording names; NaN where it saw too little.
-        learned_px: `(num_cameras, 2)` the shifts that it learned then; NaN likewise.
     """
 
     noise: Noise
@@ -62,7 +61,6 @@ class Calibrated:
     people: int
     slots: int
     learned: Floats
-    learned_px: Floats
 
 
 def calibrate_noise(
@@ -93,7 +91,7 @@ def calibrate_noise(
             "a view is compared with what two others say"
         )
     num_slots = min(recording.num_slots, max(1, round(seconds / recording.interval_s)))
-    tracks, learned, learned_px = all_camera_tracks(recording, num_slots, replayed)
+    tracks, learned = all_camera_tracks(recording, num_slots, replayed)
     people = list(assign_detections(recording, tracks, num_slots))
     image_px = float(max(max(camera.image_size) for camera in rig.cameras))
     noise = load_noise(detector_of(recording)).in_images_of(image_px)
@@ -130,17 +128,17 @@ def calibrate_noise(
         checks.append(again)
     memory = _corrected(corrected.memory, measured, checks)
     corrected = replace(corrected, memory=memory)
-    return Calibrated(corrected, measured, shifts, len(people), num_slots, learned, learned_px)
+    return Calibrated(corrected, measured, shifts, len(people), num_slots, learned)
 
 
 def all_camera_tracks(
     recording: Recording, num_slots: int, replayed: Replayed = iter
-) -> tuple[list[tuple[Integers, Floats]], Floats, Floats]:
+) -> tuple[list[tuple[Integers, Floats]], Floats]:
     """Return what the estimator with a memory finds with all cameras on.
 
     Returns:
         The slots and joints of everybody who stays; `(num_cameras,)` the noise that it learned,
-        over that of the noise file; `(num_cameras, 2)` the shifts that it learned, in pixels.
+        over that of the noise file.
     """
     part = first_slots(recording, num_slots)
     settings = ReplaySettings(
@@ -149,17 +147,14 @@ def all_camera_tracks(
     slots: dict[int, list[int]] = {}
     poses: dict[int, list[Floats]] = {}
     learned = np.full(len(recording.rig), np.nan)
-    shifts_px = np.full((len(recording.rig), 2), np.nan)
     for record in replayed(replay(part, settings)):
         if record.noise_factors is not None:
             learned = record.noise_factors
-        if record.shifts_px is not None:
-            shifts_px = record.shifts_px
         for track, joints_m in zip(record.track_ids.tolist(), record.poses.joints_m, strict=True):
             slots.setdefault(track, []).append(record.slot)
             poses.setdefault(track, []).append(joints_m)
     long = [track for track, there in slots.items() if len(there) >= MIN_SLOTS]
-    return [(np.array(slots[track]), np.stack(poses[track])) for track in long], learned, shifts_px
+    return [(np.array(slots[track]), np.stack(poses[track])) for track in long], learned
 
 
 def _corrected(

@@ -69,7 +69,7 @@ def print_noise(
     file: NoiseFile,
     correlations: dict[float, float],
     console: Console,
-    learned: Mapping[str, tuple[float, float]],
+    learned: Mapping[str, float],
     shipped: str,
 ) -> None:
     """Print sigma and gross errors by score, the memory of errors, and every camera.
@@ -79,7 +79,7 @@ def print_noise(
         correlations: by lag in seconds.
         console: where to.
         learned: by camera, what the estimator found while it ran: sigma over that of the shipped
-            noise, and the length of the shift in pixels; NaN where it saw too little.
+            noise; NaN where it saw too little.
         shipped: the name of that noise.
     """
     table = Table("score", "keypoints", "sigma, px", "measured, px", "gross, %")
@@ -111,22 +111,16 @@ def print_noise(
             f"{view.bias_px:.2f}",
             f"{right:+.1f} right, {down:+.1f} down",
             f"{100 * view.gross_share:.1f}",
-            _live(*learned[name], shipped),
+            f"{learned[name]:.1f}x {shipped}" if learned[name] > 0 else "",
         )
     _print(views, "by camera, measured, all scores", console)
     console.print(
         Text(
             "sigma: of either coordinate, corrected for the error of the reference; gross: beyond "
             "40 px of 1032; bias: mean over time; "
-            "live: noise learned online relative to the initial model, and the corrected shift"
+            "live: noise learned online relative to the initial model"
         )
     )
-
-
-def _live(factor: float, shift_px: float, shipped: str) -> str:
-    """Return what was learned of a camera, empty where that is nothing."""
-    parts = [f"{factor:.1f}x {shipped}"] if factor > 0 else []
-    return ", ".join(parts + ([f"{shift_px:.0f} px"] if shift_px >= 0 else []))
 
 
 def draw_noise(

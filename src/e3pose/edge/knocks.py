@@ -3,8 +3,8 @@
 Every pair of a person and a 2D pose whose joints differ by a constant offset votes for that offset,
 whether they are the same person or not. If the camera stands as calibrated, votes cluster around
 zero; if it was turned, around one small rotation, which explains them over the whole image. Votes
-of different people scatter. Raw detections are compared, so neither the estimator's correction of
-small shifts nor its outlier rejection hides a displaced camera.
+of different people scatter. Raw detections are compared, so that the estimator's outlier rejection
+hides no displaced camera.
 """
 
 from __future__ import annotations

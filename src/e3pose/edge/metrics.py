@@ -214,11 +214,6 @@ def _of_cameras(
             [c.noise_factor for c in cameras],
         ),
         (
-            "camera_shift_pixels",
-            "learned constant shift of its keypoints, which is subtracted",
-            [c.shift_px for c in cameras],
-        ),
-        (
             "camera_turned_degrees",
             "least rotation since calibration",
             [c.turned_deg or 0.0 for c in cameras],

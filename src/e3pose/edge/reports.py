@@ -152,7 +152,7 @@ def camera_status(snapshot: SiteSnapshot, index: int) -> CameraStatus:
     record, counts, wakes = snapshot.record, snapshot.counts, snapshot.rests.wakes[index]
     beat, capacity_wh = camera.beat, camera.hello.battery_wh if camera.hello else None
     late, turned = int(snapshot.late[index]), snapshot.turned
-    reasons, shifts_px = (record.reasons, record.shifts_px) if record else (None, None)
+    reasons = record.reasons if record else None
     occlusion = _at(index, record.occlusion if record else None)
     return CameraStatus(
         camera_id=camera.camera_id,
@@ -170,7 +170,6 @@ def camera_status(snapshot: SiteSnapshot, index: int) -> CameraStatus:
         clock_offset_ms=beat.clock_offset_ns / 1e6 if beat else 0.0,
         gauge=bool(beat and beat.gauge),
         noise_factor=_at(index, record.noise_factors if record else None),
-        shift_px=_at(index, None if shifts_px is None else np.hypot(*shifts_px.T)),
         occlusion=None if occlusion is None else min(max(occlusion, 0.0), 1.0),
         gain_nats=_at(index, reasons.gain_nats if reasons else None),
         price=_at(index, reasons.price if reasons else None),

@@ -94,8 +94,6 @@ class People:
         noise_factors: `(num_cameras,)` sigma of each camera's keypoints relative to the noise
             file; NaN where too little is seen, None if the estimator does not learn it.
         posterior: of all tracks, for a smoother; None if the estimator has no memory.
-        shifts_px: `(num_cameras, 2)` pixels right and down, the common offset of a camera's
-            keypoints, learned and subtracted; NaN and None as in `noise_factors`.
     """
 
     poses: Poses3D
@@ -107,7 +105,6 @@ class People:
     stage_s: Mapping[str, float]
     noise_factors: NDArray[np.float64] | None = None
     posterior: Posterior | None = None
-    shifts_px: NDArray[np.float64] | None = None
 
     @property
     def dynamics(self) -> NDArray[np.float64] | None:

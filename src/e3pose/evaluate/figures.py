@@ -202,12 +202,10 @@ class NoiseFound:
     Attributes:
         file: its name.
         factors: by camera, sigma of its keypoints over what the file states.
-        shifts_px: by camera, how far all its keypoints are off, right and down.
     """
 
     file: str
     factors: Mapping[str, float]
-    shifts_px: Mapping[str, tuple[float, float]]
 
 
 @dataclass(frozen=True, slots=True)

@@ -237,18 +237,12 @@ def _noise(
 ) -> NoiseFound | None:
     """Return the noise file that was used, and what was learned of each camera by the last slot."""
     factors = records[-1].noise_factors if records else None
-    shifts_px = records[-1].shifts_px if records else None
-    if factors is None or shifts_px is None:
+    if factors is None:
         return None
     learned = _by_camera(recording, factors)
     return NoiseFound(
         file=settings.noise or detector_of(recording),
         factors={camera: round(factor, 3) for camera, factor in learned.items() if factor > 0},
-        shifts_px={
-            camera: (round(float(right), 2), round(float(down), 2))
-            for camera, (right, down) in zip(recording.rig.camera_ids, shifts_px, strict=True)
-            if np.isfinite((right, down)).all()
-        },
     )
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -53,7 +52,6 @@ HELD_OUT_TITLE = (
     "their own errors, which last: compare replays, not levels"
 )
 TELLING = 1.5  # how far keypoints may be off what the noise file states, unsaid
-TELLING_PX = 3.0  # of shifts that are worth a line
 FIGURE_NAMES = {
     "cameras": "active cameras per slot, mean",
     "PCP 1 %": "PCP actor 1, %",
@@ -152,16 +150,10 @@ def noise_lines(summary: Summary) -> list[str]:
     noise = summary.noise
     if noise is None:
         return []
-    lines = [
+    return [
         f"{camera_id}: keypoint noise {factor:.1f}x what {noise.file} states"
         for camera_id, factor in noise.factors.items()
         if not 1 / TELLING <= factor <= TELLING
-    ]
-    return lines + [
-        f"{camera_id}: all keypoints shifted by {length:.0f} px ({right:+.0f} right, "
-        f"{down:+.0f} down), corrected; check its calibration"
-        for camera_id, (right, down) in noise.shifts_px.items()
-        if (length := math.hypot(right, down)) >= TELLING_PX
     ]
 
 

@@ -56,8 +56,6 @@ class SlotRecord:
         stage_s: seconds spent in the estimator's stages, predict, occlusion, select.
         noise_factors: `(num_cameras,)` sigma of each camera's keypoints over what the noise file
             states; NaN where too little is seen, None of an estimator that does not learn it.
-        shifts_px: `(num_cameras, 2)` pixels right and down that every keypoint of a camera is off,
-            as learned and taken off; NaN and None as above.
         expected: `(num_cameras,)` what each camera is expected to see in slot + lead, for those
             selected to look in part of their image; None without feedback, and where they look at
             all of it.
@@ -83,7 +81,6 @@ class SlotRecord:
     reasons: Reasons | None = None
     stage_s: Mapping[str, float] = field(default_factory=dict)
     noise_factors: Floats | None = None
-    shifts_px: Floats | None = None
     expected: tuple[ExpectedView, ...] | None = None
     blind: str = ""
     dynamics: Floats | None = None

@@ -26,7 +26,6 @@ MODES = {
     "asleep": ("asleep", "blue"),
     "suspended": ("suspended", "blue"),
 }
-TELLING_SHIFT_PX = 3.0
 BAR = 10
 LOW_BATTERY = 0.2
 MISSED = 1.1  # times the target error
@@ -246,10 +245,7 @@ def _remark(camera: CameraStatus) -> str:
         return ""
     if camera.turned_deg is not None and not camera.why:
         return moved_words(_within(camera.turned_deg, 180.0), camera.camera_id)
-    shift_px = _within(camera.shift_px or 0.0, 999.0)
-    if camera.why or shift_px < TELLING_SHIFT_PX:
-        return camera.why
-    return f"keypoints {shift_px:.0f} px off, check its calibration"
+    return camera.why
 
 
 def _duration(seconds: float) -> str:

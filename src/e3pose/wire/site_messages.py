@@ -82,7 +82,6 @@ class CameraStatus(msgspec.Struct, array_like=True, frozen=True):
         clock_offset_ms: edge time minus camera time.
         gauge: whether a gauge measures `battery`; otherwise a model estimates it.
         noise_factor: sigma of its keypoints over the noise file's, as learned; None if unknown.
-        shift_px: common offset of its keypoints, learned and subtracted; None if unknown.
         occlusion: of the people in its view, predicted for the slot decided last, [0, 1].
         gain_nats: information per joint that it adds to the others; None if not computed.
         price: of its energy queue, on the same scale.
@@ -120,7 +119,6 @@ class CameraStatus(msgspec.Struct, array_like=True, frozen=True):
     clock_offset_ms: SignedFigure = 0.0
     gauge: bool = False
     noise_factor: float | None = None
-    shift_px: float | None = None
     occlusion: Share | None = None
     gain_nats: SignedFigure | None = None
     price: SignedFigure | None = None

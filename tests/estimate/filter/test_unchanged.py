@@ -85,7 +85,7 @@ def test_an_unchanged_image_holds_people_where_they_are() -> None:
 
 def test_it_neither_teaches_nor_counts_as_a_look() -> None:
     before, after = standing()[0], repeated(5, still=True)
-    for name in ("noise", "shifts", "detection_map", "existence", "hits", "missed"):
+    for name in ("noise", "detection_map", "existence", "hits", "missed"):
         np.testing.assert_array_equal(getattr(after, name), getattr(before, name), err_msg=name)
     np.testing.assert_allclose(after.last_seen_s, before.last_seen_s + 0.2)
     assert (after.unmeasured_s == 0).any(axis=1).all()

@@ -145,8 +145,6 @@ def _detectors(cameras: int, knots: int) -> Detectors:
         fresh=np.zeros(cameras + 1),
         steps=np.zeros(cameras + 1),
         sharpness=np.zeros((cameras, 2)),
-        shifts_px=np.zeros((cameras, 2)),
-        residuals=np.zeros((cameras, 3)),
     )
 
 

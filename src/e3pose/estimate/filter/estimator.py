@@ -14,7 +14,6 @@ from e3pose.estimate.filter import (
     Estimate,
     Model,
     learned_noise,
-    learned_shift,
     outlook,
 )
 from e3pose.estimate.filter.allocation import held_constants
@@ -103,7 +102,6 @@ class Filtered:
             {"estimate": clock() - start},
             learned_noise.found(belief.noise, self.model.noise.weight),
             posterior_of(memory.belief, belief, everybody, rows, grades, lasting.excess),
-            learned_shift.found_px(belief.shifts, self.model),
         )
         factor = _factor(belief, estimate.covariance_m2, grades.stated_m2)
         memory = FilterMemory(belief, identities, estimate.track_ids, history, factor, lasting)

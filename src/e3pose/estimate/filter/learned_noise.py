@@ -22,7 +22,6 @@ from e3pose.base.arrays import Floats
 from e3pose.base.kernel import kernel
 from e3pose.estimate.filter.bias import inflation, left_over
 from e3pose.estimate.filter.blindness import PROOF_CAMERAS, PROOF_S
-from e3pose.estimate.filter.learned_shift import compare_shift
 from e3pose.estimate.filter.outliers import LEAST_KNOWN, MEMORY, ROBUST
 from e3pose.estimate.filter.projected import beside
 from e3pose.estimate.filter.scratch import Constants, Detectors, Matches, Tracks, Views
@@ -244,14 +243,6 @@ def _compare(
         own = views.variances[row, joint] * own_share
         total = own + variance_px2 / left
         share = own / total
-        compare_shift(
-            camera,
-            share,
-            (du + bias_px[joint, 0]) / left,
-            (dv + bias_px[joint, 1]) / left,
-            total,
-            detectors,
-        )
         lean = _leaning(views.weights[row, joint])
         beyond = squares / (left * left) > MEDIAN * total
         surprise = share * (0.5 if beyond else -0.5) / SLOPE

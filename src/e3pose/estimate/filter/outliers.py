@@ -5,7 +5,6 @@ OUTLIER_SIGMAS = 2.0  # where the weight of a residual is halved
 ROBUST = 1 / OUTLIER_SIGMAS**2  # definition
 # tuned: standard deviations | not recorded | measured
 MEASURED_SIGMAS = 3.0  # a joint counts as measured if a keypoint was this near
-# tuned: keypoints | three times the 5000 chosen with a third of the prior of shifts, so that in the
-#   end as much of a shift is taken off | noise with a memory
+# tuned: keypoints | chosen for shifts of cameras, which are no longer learned | noise with a memory
 MEMORY = 15_000.0  # keypoints of a camera: some minutes of two people who are seen all the time
 LEAST_KNOWN = 50.0  # definition: keypoints from which on what a camera taught is worth telling

@@ -120,8 +120,6 @@ class Detectors(NamedTuple):
     fresh: Floats  # (num_cameras + 1,) keypoints that teach
     steps: Floats  # (num_cameras + 1,) how much they are beyond their median
     sharpness: Floats  # (num_cameras, 2) of the keypoints that teach: sum, number
-    shifts_px: Floats  # (num_cameras, 2) what is taken off all keypoints
-    residuals: Floats  # (num_cameras, 3) weighted sums of what is left, right and down; weights
 
 
 class Offers(NamedTuple):

@@ -26,7 +26,6 @@ OF_THE_SITE = (
     "failed_pairs",
     "detection_map",
     "noise",
-    "shifts",
     "next_id",
 )
 # tuned: s | first guess: 0.25 s finds simulated people sooner and adds false ones on Shelf | not
@@ -195,8 +194,6 @@ class Belief:
             camera's keypoints showed, how many taught it, and their mean sharpness: the variance
             of a keypoint of the best score over theirs, by score alone. Last the same of the tilt
             by score, without a sharpness (`learned_noise`).
-        shifts: `(num_cameras, 3)` pixels of the undistorted image by which each camera's keypoints
-            are too far right and down, and how many keypoints taught it (`learned_shift`).
         next_id: the id that the next new person gets.
     """
 
@@ -226,7 +223,6 @@ class Belief:
     failed_pairs: Floats
     detection_map: Floats
     noise: Floats
-    shifts: Floats
     next_id: int = 0
 
     def __len__(self) -> int:
@@ -268,7 +264,6 @@ class Belief:
             failed_pairs=failed_pairs.nothing_known(model.rig),
             detection_map=blindness.nothing_known(model.rig),
             noise=np.zeros((len(model.rig) + 1, 3)),
-            shifts=np.zeros((len(model.rig), 3)),
         )
 
     def without_people(self) -> Belief:

@@ -22,7 +22,6 @@ from e3pose.estimate.filter.blindness import learn_detection_map
 from e3pose.estimate.filter.covariance_inflation import compare_predicted
 from e3pose.estimate.filter.existence import attend, end
 from e3pose.estimate.filter.learned_noise import compare_noise, learn_noise, recall_noise
-from e3pose.estimate.filter.learned_shift import learn_shifts, recall_shifts
 from e3pose.estimate.filter.lone_view import update_by_views
 from e3pose.estimate.filter.predict import predict
 from e3pose.estimate.filter.scratch import (
@@ -125,12 +124,10 @@ class StepKernel:
             workspace.waiting.keypoints_px[:num_old] = waiting.keypoints_px
             workspace.waiting.scores[:num_old] = waiting.scores
         self._newest = (None,) * len(workspace.tracks)  # until the kernel returns
-        failed_pairs, detection_map, noise, shifts = (
+        failed_pairs, detection_map, noise = (
             np.array(of_site, order="C")
-            for of_site in (
-                belief.failed_pairs, belief.detection_map, belief.noise, belief.shifts,
-            )
-        )  # fmt: skip
+            for of_site in (belief.failed_pairs, belief.detection_map, belief.noise)
+        )
         num_tracks, num_waiting, next_id = self._call(
             num_tracks,
             num_old,
@@ -141,7 +138,6 @@ class StepKernel:
             failed_pairs,
             detection_map,
             noise,
-            shifts,
             self._held_workspace,
         )
         rows = workspace.waiting.order[:num_waiting]
@@ -155,9 +151,7 @@ class StepKernel:
         columns: tuple[Any, ...] = tuple(column[kept] for column in workspace.tracks)
         if len(kept) == num_tracks:
             self._newest = columns
-        belief = Belief(
-            now, *columns, leftovers, failed_pairs, detection_map, noise, shifts, next_id
-        )
+        belief = Belief(now, *columns, leftovers, failed_pairs, detection_map, noise, next_id)
         return belief, estimate_of(belief, model)
 
     def _room_for(self, model: Model, tracks: int, people: int, old: int) -> Workspace:
@@ -205,7 +199,6 @@ def step_slot(
     failed_pairs: Floats,
     detection_map: Floats,
     noise: Floats,
-    shifts: Floats,
     room: Held[Workspace],
 ) -> tuple[int, int, int]:
     """Advance the tracks and leftovers in `room`; return their numbers and the next id.
@@ -219,7 +212,6 @@ def step_slot(
         for axis in range(2):
             workspace.matches.places_m[track, axis] = tracks.state[track, constants.order[0], axis]
     recall_noise(noise, constants, workspace.detectors)
-    recall_shifts(shifts, constants.sizes, workspace.detectors)
     _prepare(constants, workspace.detectors, views)
     num_views = 0
     for camera in range(len(views.counts)):
@@ -239,7 +231,6 @@ def step_slot(
     turn_round(num_tracks, dt, constants, views, workspace.matches, tracks)
     _revise(num_tracks, num_views, dt, constants, workspace)
     learn_noise(noise, workspace.detectors)
-    learn_shifts(shifts, constants.sizes, workspace.detectors)
     attend(
         num_tracks,
         dt,
@@ -310,7 +301,7 @@ def _revise(
 
 @kernel
 def _prepare(constants: Constants, detectors: Detectors, views: Views) -> None:
-    """Undistort and shift keypoints and look up their noise; no detection is explained yet."""
+    """Undistort keypoints and look up their noise; no detection is explained yet."""
     undistort_slot(
         views.keypoints_px,
         views.scores,
@@ -328,8 +319,6 @@ def _prepare(constants: Constants, detectors: Detectors, views: Views) -> None:
             views.cameras[row] = camera
             views.free[row] = True
             for joint in range(views.scores.shape[2]):
-                for axis in range(2):
-                    views.pixels[row, joint, axis] -= detectors.shifts_px[camera, axis]
                 u, v = views.pixels[row, joint, 0], views.pixels[row, joint, 1]
                 score = views.scores[camera, person, joint]
                 if not (score >= MISSING_SCORE and abs(u) <= MAX_PIXEL and abs(v) <= MAX_PIXEL):
