@@ -11,14 +11,10 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from e3pose.base.arrays import Floats
 from e3pose.base.kernel import kernel
-from e3pose.estimate.filter.bias import inflation
 from e3pose.estimate.filter.outliers import ROBUST
-from e3pose.estimate.filter.projected import beside
-from e3pose.estimate.filter.scratch import Constants, Matches, Tracks, Views
+from e3pose.estimate.filter.projected import Beside
 
 # tuned: per keypoint | not recorded | agility
 RATE = 0.1  # of one keypoint that confirms, or takes back, all of the correction before it
@@ -29,74 +25,28 @@ LASTS_S = 3.0  # until what was learned is down to 1/e: people who stood begin t
 
 
 @kernel
-def learn_agility(
-    track: int, dt: float, constants: Constants, views: Views, matches: Matches, tracks: Tracks
-) -> None:
-    """Compare the keypoints of a track that is about to be updated with the correction before."""
-    agility = tracks.agility[track]
-    newest_s = np.inf
-    for camera in range(len(views.counts)):
-        newest_s = min(newest_s, tracks.last_seen_s[track, camera])
+def fade_agility(agility: Floats, newest_s: float, dt: float) -> bool:
+    """Forget a part of `agility` `(num_joints,)`; return whether the look before still tells.
+
+    `newest_s` is the age of that look when the slot before was computed, `dt` the time since.
+    """
     for joint in range(len(agility)):
         agility[joint] *= math.exp(-dt / LASTS_S)
-    if newest_s + dt > LASTS_S:
-        return
-    for camera in range(len(views.counts)):
-        person = matches.assigned[camera, track]
-        since_s = tracks.last_seen_s[track, camera]
-        if views.arrived[camera] and person >= 0 and since_s > newest_s:
-            _compare(
-                views.starts[camera] + person,
-                inflation(since_s + dt, constants.memory),
-                tracks.state[track],
-                tracks.covariance[track],
-                tracks.corrected_m[track],
-                constants.projections[camera],
-                views,
-                tracks.bias_px[track, camera],
-                agility,
-            )
+    return newest_s + dt <= LASTS_S
 
 
 @kernel
-def _compare(
-    row: int,
-    factor: float,
-    state: Floats,
-    covariance: Floats,
-    corrected_m: Floats,
-    projection: Floats,
-    views: Views,
-    bias_px: Floats,
-    agility: Floats,
+def confirm(
+    found: Beside, variance: float, corrected_m: Floats, joint: int, agility: Floats
 ) -> None:
-    """Let one detection teach `agility`; `factor` is on its variances."""
-    for joint in range(len(state)):
-        known, du, dv, variance_px2, ux, uy, uz, vx, vy, vz = beside(
-            row, joint, state, covariance, projection, views.pixels, views.weights, bias_px
-        )
-        if not known:
-            continue
-        variance = views.variances[row, joint] * factor + variance_px2
-        x, y, z = corrected_m[joint, 0], corrected_m[joint, 1], corrected_m[joint, 2]
-        alike = du * (ux * x + uy * y + uz * z) + dv * (vx * x + vy * y + vz * z)
-        alike /= variance + (du * du + dv * dv) * ROBUST
-        learned = agility[joint] + RATE * min(max(alike, -1.0), 1.0)
-        agility[joint] = min(max(learned, -FURTHEST), FURTHEST)
+    """Let one keypoint teach `agility`: does it confirm the correction of the look before?
 
-
-@kernel
-def note_place(track: int, tracks: Tracks) -> None:
-    """Keep where a look finds each joint, until `note_correction`."""
-    for joint in range(tracks.state.shape[1]):
-        for axis in range(3):
-            tracks.corrected_m[track, joint, axis] = tracks.state[track, joint, axis]
-
-
-@kernel
-def note_correction(track: int, tracks: Tracks) -> None:
-    """Fill how far the look moved each joint from there."""
-    for joint in range(tracks.state.shape[1]):
-        for axis in range(3):
-            before_m = tracks.corrected_m[track, joint, axis]
-            tracks.corrected_m[track, joint, axis] = tracks.state[track, joint, axis] - before_m
+    `variance` is of the keypoint, px2; `corrected_m` `(3,)` the correction of its joint.
+    """
+    x, y, z = corrected_m[0], corrected_m[1], corrected_m[2]
+    du, dv = found.du, found.dv
+    alike = du * (found.ux * x + found.uy * y + found.uz * z)
+    alike += dv * (found.vx * x + found.vy * y + found.vz * z)
+    alike /= variance + found.variance_px2 + (du * du + dv * dv) * ROBUST
+    learned = agility[joint] + RATE * min(max(alike, -1.0), 1.0)
+    agility[joint] = min(max(learned, -FURTHEST), FURTHEST)

@@ -14,7 +14,7 @@ from typing import NamedTuple
 from e3pose.base.arrays import Floats
 from e3pose.base.kernel import kernel
 from e3pose.estimate.filter.outliers import MEASURED_SIGMAS
-from e3pose.estimate.filter.projected import beside
+from e3pose.estimate.filter.projected import Beside
 from e3pose.model.noise import DIGITS, ErrorMemory
 
 # tuned: s | simulated: 0.6, 1.2, 2 s within 1 % | biases
@@ -113,42 +113,19 @@ def left_over(since_s: float, terms: MemoryTerms) -> float:
 
 
 @kernel
-def learn_bias(
-    row: int,
-    since_s: float,
-    terms: MemoryTerms,
-    state: Floats,
-    covariance: Floats,
-    projection: Floats,
-    pixels: Floats,
-    weights: Floats,
-    variances: Floats,
-    bias_px: Floats,
-) -> None:
-    """Compare the detection in `row` with the updated track that it is of.
+def learning_rate(since_s: float, terms: MemoryTerms) -> float:
+    """Return the share of a residual that a bias learns, so long after the view looked before."""
+    return float(min(1.0 - math.exp(-since_s / LEARNED_S), terms.most))
 
-    Args:
-        row: of the detection in `pixels`, `weights` and `variances`.
-        since_s: seconds since the view saw the person before; inf if never.
-        terms: how long errors last.
-        state: `(num_joints, 6)`.
-        covariance: `(num_joints, 6, 6)`.
-        projection: `(3, 4)`.
-        pixels: `(num_rows, num_joints, 2)`.
-        weights: `(num_rows, num_joints)`.
-        variances: `(num_rows, num_joints)`.
-        bias_px: `(num_joints, 2)`, of this view, moved.
+
+@kernel
+def learn_bias(found: Beside, rate: float, variance: float, bias_px: Floats) -> None:
+    """Let one keypoint beside its updated joint teach the bias `(2,)` of its view.
+
+    The less sure a joint, the less is the view to blame. `rate` is of `learning_rate`, `variance`
+    of the keypoint in px2.
     """
-    rate = 1.0 - math.exp(-since_s / LEARNED_S)
-    rate = rate if rate < terms.most else terms.most
-    for joint in range(len(state)):
-        known, du, dv, variance_px2, _, _, _, _, _, _ = beside(
-            row, joint, state, covariance, projection, pixels, weights, bias_px
-        )
-        if not known:
-            continue
-        variance = variances[row, joint]
-        off = math.sqrt((du * du + dv * dv) / variance) / MEASURED_SIGMAS
-        blame = rate * variance / (variance + variance_px2) / (off if off > 1.0 else 1.0)
-        bias_px[joint, 0] += blame * du
-        bias_px[joint, 1] += blame * dv
+    off = math.sqrt((found.du * found.du + found.dv * found.dv) / variance) / MEASURED_SIGMAS
+    blame = rate * variance / (variance + found.variance_px2) / max(off, 1.0)
+    bias_px[0] += blame * found.du
+    bias_px[1] += blame * found.dv

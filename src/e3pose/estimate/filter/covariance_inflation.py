@@ -18,10 +18,8 @@ import math
 
 from e3pose.base.arrays import Floats
 from e3pose.base.kernel import kernel
-from e3pose.estimate.filter.bias import left_over
-from e3pose.estimate.filter.learned_noise import MEDIAN, NORMAL, proved
-from e3pose.estimate.filter.projected import beside
-from e3pose.estimate.filter.scratch import Constants, Matches, Tracks, Views
+from e3pose.estimate.filter.learned_noise import MEDIAN, NORMAL
+from e3pose.estimate.filter.projected import Beside
 
 # Mean error over mean stated error. A predictor explains a part of the motion of the joints that it
 # steers.
@@ -55,65 +53,25 @@ MEAN = math.pi / 2  # definition: squared mean of a distance over the variance o
 
 
 @kernel
-def compare_predicted(
-    track: int, dt: float, constants: Constants, views: Views, matches: Matches, tracks: Tracks
-) -> None:
-    """Compare the keypoints of a track that is about to be updated with its prediction.
-
-    Advances its row of `Belief.innovations`.
-    """
-    sums_m = tracks.innovations[track]
-    left = math.exp(-dt / MEMORY_S)
-    sums_m[ACTUAL] *= left
-    sums_m[EXPECTED] *= left
-    if not proved(track, dt, views, matches, tracks):
-        return
-    for camera in range(len(views.counts)):
-        person = matches.assigned[camera, track]
-        if views.arrived[camera] and person >= 0:
-            since_s = tracks.last_seen_s[track, camera] + dt
-            _compare(
-                views.starts[camera] + person,
-                OWN_SHARE * left_over(since_s, constants.memory),
-                tracks.state[track],
-                tracks.covariance[track],
-                tracks.drift_share[track],
-                constants.projections[camera],
-                views,
-                tracks.bias_px[track, camera],
-                sums_m,
-            )
+def fade_sums(sums_m: Floats, dt: float) -> None:
+    """Forget a part of the sums of a row of `Belief.innovations`."""
+    for total in range(len(sums_m)):
+        sums_m[total] *= math.exp(-dt / MEMORY_S)
 
 
 @kernel
-def _compare(
-    row: int,
-    own_share: float,
-    state: Floats,
-    covariance: Floats,
-    drift_share: Floats,
-    projection: Floats,
-    views: Views,
-    bias_px: Floats,
-    sums_m: Floats,
-) -> None:
-    """Add the innovations of one detection; `own_share` is on its variances."""
-    for joint in range(len(state)):
-        known, du, dv, variance_px2, ux, uy, uz, vx, vy, vz = beside(
-            row, joint, state, covariance, projection, views.pixels, views.weights, bias_px
-        )
-        if not known:
-            continue
-        factor = spread_factor(drift_share[joint], 1.0)
-        variance_px2 *= factor**2
-        total = variance_px2 + own_share * views.variances[row, joint]
-        if variance_px2 > LEAST_SHARE * total:
-            expected_px = math.sqrt(MEAN * total)
-            off = math.sqrt(du * du + dv * dv) / expected_px
-            squares = ux * ux + uy * uy + uz * uz + vx * vx + vy * vy + vz * vz
-            expected_m = min(expected_px / math.sqrt(squares / 2.0), MOST_M)
-            sums_m[ACTUAL] += min(off, CLIP) * expected_m
-            sums_m[EXPECTED] += expected_m
+def add_innovation(found: Beside, own_px2: float, drift_share: float, sums_m: Floats) -> None:
+    """Add that of one keypoint, whose own variance beside its bias is `own_px2`."""
+    variance_px2 = found.variance_px2 * spread_factor(drift_share, 1.0) ** 2
+    total = variance_px2 + own_px2
+    if variance_px2 > LEAST_SHARE * total:
+        expected_px = math.sqrt(MEAN * total)
+        off = math.sqrt(found.du * found.du + found.dv * found.dv) / expected_px
+        squares = found.ux * found.ux + found.uy * found.uy + found.uz * found.uz
+        squares += found.vx * found.vx + found.vy * found.vy + found.vz * found.vz
+        expected_m = min(expected_px / math.sqrt(squares / 2.0), MOST_M)
+        sums_m[ACTUAL] += min(off, CLIP) * expected_m
+        sums_m[EXPECTED] += expected_m
 
 
 @kernel

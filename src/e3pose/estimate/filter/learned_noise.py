@@ -20,10 +20,9 @@ import numpy as np
 
 from e3pose.base.arrays import Floats
 from e3pose.base.kernel import kernel
-from e3pose.estimate.filter.bias import inflation, left_over
 from e3pose.estimate.filter.blindness import PROOF_CAMERAS, PROOF_S
 from e3pose.estimate.filter.outliers import LEAST_KNOWN, MEMORY, ROBUST
-from e3pose.estimate.filter.projected import beside
+from e3pose.estimate.filter.projected import Beside
 from e3pose.estimate.filter.scratch import Constants, Detectors, Matches, Tracks, Views
 
 LOG, COUNT, SHARPNESS = 0, 1, 2  # layout: of the last axis of `Belief.noise`
@@ -181,77 +180,35 @@ def proved(track: int, dt: float, views: Views, matches: Matches, tracks: Tracks
 
 
 @kernel
-def compare_noise(
-    track: int,
-    dt: float,
-    constants: Constants,
-    views: Views,
-    matches: Matches,
-    tracks: Tracks,
-    detectors: Detectors,
-) -> None:
-    """Compare the keypoints of a track just updated with the other cameras."""
-    if not proved(track, dt, views, matches, tracks):
-        return
-    for camera in range(len(views.counts)):
-        person = matches.assigned[camera, track]
-        if views.arrived[camera] and person >= 0:
-            since_s = tracks.last_seen_s[track, camera] + dt
-            _compare(
-                camera,
-                views.starts[camera] + person,
-                left_over(since_s, constants.memory),
-                inflation(since_s, constants.memory),
-                tracks.state[track],
-                tracks.covariance[track],
-                constants.projections[camera],
-                views,
-                tracks.bias_px[track, camera],
-                detectors,
-            )
-
-
-@kernel
-def _compare(
+def add_evidence(
     camera: int,
-    row: int,
+    found: Beside,
+    score: float,
+    variance: float,
     own_share: float,
     factor: float,
-    state: Floats,
-    covariance: Floats,
-    projection: Floats,
-    views: Views,
-    bias_px: Floats,
     detectors: Detectors,
 ) -> None:
-    """Add the evidence of one detection, and how much of it lies beyond the median.
+    """Add that of one keypoint, and how much of it lies beyond the median.
 
-    `own_share` is the share of its variances beside the learned bias, `factor` that of the update.
+    Of its `variance`, `own_share` is left beside the learned bias; the update had `factor` of it.
     """
-    tilt = len(detectors.logs) - 1
-    best_px2 = (detectors.noise_px.min() * detectors.scales[camera]) ** 2
-    for joint in range(len(state)):
-        known, du, dv, variance_px2, _, _, _, _, _, _ = beside(
-            row, joint, state, covariance, projection, views.pixels, views.weights, bias_px
-        )
-        if not known:
-            continue
-        squares = du * du + dv * dv
-        variance = views.variances[row, joint] * factor
-        leverage = variance_px2 / (variance * (1.0 + squares / variance * ROBUST))
-        left = 1.0 - (leverage if leverage < MOST_LEVERAGE else MOST_LEVERAGE)
-        own = views.variances[row, joint] * own_share
-        total = own + variance_px2 / left
-        share = own / total
-        lean = _leaning(views.weights[row, joint])
-        beyond = squares / (left * left) > MEDIAN * total
-        surprise = share * (0.5 if beyond else -0.5) / SLOPE
-        detectors.fresh[camera] += share * share
-        detectors.sharpness[camera, 0] += best_px2 / views.variances[row, joint]
-        detectors.sharpness[camera, 1] += 1.0
-        detectors.steps[camera] += surprise
-        detectors.fresh[tilt] += (share * lean) ** 2
-        detectors.steps[tilt] += surprise * lean
+    tilt, lean = len(detectors.logs) - 1, _leaning(score)
+    squares, counted = found.du * found.du + found.dv * found.dv, variance * factor
+    leverage = found.variance_px2 / (counted * (1.0 + squares / counted * ROBUST))
+    left = 1.0 - min(leverage, MOST_LEVERAGE)
+    own = variance * own_share
+    total = own + found.variance_px2 / left
+    share = own / total
+    beyond = squares / (left * left) > MEDIAN * total
+    surprise = share * (0.5 if beyond else -0.5) / SLOPE
+    best_px = detectors.noise_px.min() * detectors.scales[camera]
+    detectors.sharpness[camera, 0] += best_px**2 / variance
+    detectors.sharpness[camera, 1] += 1.0
+    detectors.fresh[camera] += share * share
+    detectors.steps[camera] += surprise
+    detectors.fresh[tilt] += (share * lean) ** 2
+    detectors.steps[tilt] += surprise * lean
 
 
 @kernel

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from e3pose.base.arrays import Floats
 from e3pose.base.kernel import kernel
 from e3pose.model.projection import MIN_DEPTH_M
@@ -77,6 +79,21 @@ def projected_variance_px2(
     return float(variance_px2)
 
 
+class Beside(NamedTuple):
+    """A keypoint beside the joint that it is of; without `known` the rest means nothing."""
+
+    known: bool  # whether both are there
+    du: float  # how far the keypoint is right of the joint, pixels
+    dv: float  # and below it
+    variance_px2: float  # the mean one of the joint's pixel coordinates
+    ux: float  # gradients of the pixel by the place of the joint, pixels per metre
+    uy: float
+    uz: float
+    vx: float
+    vy: float
+    vz: float
+
+
 @kernel
 def beside(
     row: int,
@@ -87,7 +104,7 @@ def beside(
     pixels: Floats,
     weights: Floats,
     bias_px: Floats,
-) -> tuple[bool, float, float, float, float, float, float, float, float, float]:
+) -> Beside:
     """Compare a keypoint with the joint that it is of.
 
     Args:
@@ -99,19 +116,11 @@ def beside(
         pixels: `(num_rows, num_joints, 2)`.
         weights: `(num_rows, num_joints)`.
         bias_px: `(num_joints, 2)` learned of the view, taken off.
-
-    Returns:
-        Whether both are there; how far the keypoint is right of the joint and below it, pixels; the
-        mean variance of the joint's pixel, px2; the gradients of `shown_at`. Without the first, the
-        rest means nothing.
     """
-    if not weights[row, joint] > USED_SCORE:
-        return False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     x, y, z = state[joint, 0], state[joint, 1], state[joint, 2]
     depth, u, v, ux, uy, uz, vx, vy, vz = shown_at(projection, x, y, z)
-    if not depth > MIN_DEPTH_M:
-        return False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    known = weights[row, joint] > USED_SCORE and depth > MIN_DEPTH_M
     du = pixels[row, joint, 0] - bias_px[joint, 0] - u
     dv = pixels[row, joint, 1] - bias_px[joint, 1] - v
     variance_px2 = projected_variance_px2(covariance[joint], ux, uy, uz, vx, vy, vz)
-    return True, du, dv, variance_px2, ux, uy, uz, vx, vy, vz
+    return Beside(known, du, dv, variance_px2, ux, uy, uz, vx, vy, vz)

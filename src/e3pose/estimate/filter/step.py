@@ -13,15 +13,13 @@ from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
 from e3pose.base.held import Held, hold
 from e3pose.base.kernel import kernel
-from e3pose.estimate.filter.agility import learn_agility, note_correction, note_place
 from e3pose.estimate.filter.allocation import held_constants, make_workspace
 from e3pose.estimate.filter.associate import associate
-from e3pose.estimate.filter.bias import learn_bias
 from e3pose.estimate.filter.births import give_birth
 from e3pose.estimate.filter.blindness import learn_detection_map
-from e3pose.estimate.filter.covariance_inflation import compare_predicted
+from e3pose.estimate.filter.compare import compare_predicted, compare_updated
 from e3pose.estimate.filter.existence import attend, end
-from e3pose.estimate.filter.learned_noise import compare_noise, learn_noise, recall_noise
+from e3pose.estimate.filter.learned_noise import learn_noise, recall_noise
 from e3pose.estimate.filter.lone_view import update_by_views
 from e3pose.estimate.filter.predict import predict
 from e3pose.estimate.filter.scratch import (
@@ -260,34 +258,11 @@ def _revise(
     views, tracks, passes = workspace.views, workspace.tracks, workspace.passes
     for track in range(num_tracks):
         compare_predicted(track, dt, constants, views, workspace.matches, tracks)
-        learn_agility(track, dt, constants, views, workspace.matches, tracks)
-        shown = False
-        for camera in range(len(views.counts)):
-            shown |= views.arrived[camera] and workspace.matches.assigned[camera, track] >= 0
-        if shown:
-            note_place(track, tracks)
         if num_views:
             update_by_views(track, dt, constants, views, workspace.matches.assigned, tracks, passes)
-            compare_noise(
+            compare_updated(
                 track, dt, constants, views, workspace.matches, tracks, workspace.detectors
             )
-        if shown:
-            note_correction(track, tracks)
-        for camera in range(len(views.counts)):
-            person = workspace.matches.assigned[camera, track]
-            if views.arrived[camera] and person >= 0:
-                learn_bias(
-                    views.starts[camera] + person,
-                    tracks.last_seen_s[track, camera] + dt,
-                    constants.memory,
-                    tracks.state[track],
-                    tracks.covariance[track],
-                    constants.projections[camera],
-                    views.pixels,
-                    views.weights,
-                    views.variances,
-                    tracks.bias_px[track, camera],
-                )
         learn_bones(
             tracks.state[track],
             tracks.covariance[track],
