@@ -5,7 +5,12 @@ Everything is a structure of arrays: one array per quantity, a row per track, de
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections import namedtuple
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+
+from numpy.typing import NDArray
 
 from e3pose.base.arrays import Flags, Floats, Integers
 from e3pose.estimate.filter.bias import MemoryTerms
@@ -63,8 +68,43 @@ class Views(NamedTuple):
     lanes: Floats
 
 
-class Tracks(NamedTuple):
-    """The columns of `filter.Belief`, in its order, with room for more tracks."""
+@dataclass(frozen=True, slots=True, eq=False)
+class Columns:
+    """What is believed of people, a row for each track.
+
+    Attributes:
+        track_ids: `(num_tracks,)` unique within a run, rising.
+        state: `(num_tracks, num_joints, 6)` position in metres, velocity in metres per second.
+        covariance: `(num_tracks, num_joints, 6, 6)` of `state`.
+        shared: `(num_tracks, num_joints, 6, 6)` covariance of each joint's `state` with that of its
+            parent in `Model.tree`; 0 at the root.
+        unmeasured_s: `(num_tracks, num_joints)` seconds since a joint was measured; inf if never.
+        drift_share: `(num_tracks, num_joints)` share of the process noise that is left where a
+            predictor foretells the motion (`steer`); 1 where none does.
+        existence: `(num_tracks,)` in [0, 1]: recent share of the views that should show the
+            person and did.
+        hits: `(num_tracks,)` detections so far.
+        alone: `(num_tracks,)` looks that showed this track or the one that it overlaps most, since
+            one showed both; 0 for those who overlap nobody.
+        seen_by: `(num_tracks, num_cameras)` cameras that have shown the person.
+        last_seen_s: `(num_tracks, num_cameras)` seconds since each did; inf if never.
+        delivered: `(num_tracks, num_cameras)` in [0, 1]: what the recent views of a camera added
+            about the person, as a share of what a view with every joint in plain sight would
+            (`existence.DELIVERED_PRIOR` before it looked, and again long after).
+        missed: `(num_tracks, num_cameras)` looks that missed the person since one did not.
+        bias_px: `(num_tracks, num_cameras, num_joints, 2)` how far a view's keypoints of the person
+            are off for seconds.
+        confirmed: `(num_tracks,)` whether the person is believed to exist, and is shown.
+        mirrored: `(num_tracks, 2)` in [0, 1]: recent share of the looks at arms and at legs that
+            showed left and right exchanged (`filter.sides`).
+        bones_m: `(num_tracks, num_bones)` lengths learned; 0 where none is.
+        bone_counts: `(num_tracks, num_bones)` slots that taught them.
+        innovations: `(num_tracks, 2)` sums of the last seconds, in metres: how far keypoints were
+            from where they were predicted, and how far was expected (`covariance_inflation`).
+        agility: `(num_tracks, num_joints)` logarithm of the factor on the process noise that is
+            left (`filter.agility`).
+        corrected_m: `(num_tracks, num_joints, 3)` by how much the newest look moved each joint.
+    """
 
     track_ids: Integers
     state: Floats
@@ -87,6 +127,20 @@ class Tracks(NamedTuple):
     innovations: Floats
     agility: Floats
     corrected_m: Floats
+
+
+if TYPE_CHECKING:
+
+    class Tracks(Columns):
+        """The columns as kernels take them, with room for more tracks."""
+
+        _fields: ClassVar[tuple[str, ...]]
+
+        def __iter__(self) -> Iterator[NDArray[Any]]: ...
+        def __len__(self) -> int: ...
+
+else:
+    Tracks = namedtuple("Tracks", [item.name for item in fields(Columns)])
 
 
 class Waiting(NamedTuple):

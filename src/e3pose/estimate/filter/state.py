@@ -15,19 +15,12 @@ from e3pose.base.arrays import Flags, Floats, Integers
 from e3pose.estimate.filter import blindness, failed_pairs
 from e3pose.estimate.filter.bones import GIRDLES, SIDES, Proportions, proportions_of
 from e3pose.estimate.filter.motion import alone
+from e3pose.estimate.filter.scratch import Columns
 from e3pose.estimate.filter.tree import Tree, grow
 from e3pose.model.camera import Rig
 from e3pose.model.noise import Noise
 from e3pose.model.skeleton import Skeleton
 
-OF_THE_SITE = (
-    "time_s",
-    "leftovers",
-    "failed_pairs",
-    "detection_map",
-    "noise",
-    "next_id",
-)
 # tuned: s | first guess: 0.25 s finds simulated people sooner and adds false ones on Shelf | not
 #   measured
 WAIT_S = 0.14  # three slots of 1/25 s
@@ -149,42 +142,11 @@ class Leftovers:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Belief:
+class Belief(Columns):
     """The belief about all people; a value, never changed in place.
 
     Attributes:
         time_s: of the newest slot; NaN before the first.
-        track_ids: `(num_tracks,)` unique within a run, rising.
-        state: `(num_tracks, num_joints, 6)` position in metres, velocity in metres per second.
-        covariance: `(num_tracks, num_joints, 6, 6)` of `state`.
-        shared: `(num_tracks, num_joints, 6, 6)` covariance of each joint's `state` with that of its
-            parent in `Model.tree`; 0 at the root.
-        unmeasured_s: `(num_tracks, num_joints)` seconds since a joint was measured; inf if never.
-        drift_share: `(num_tracks, num_joints)` share of the process noise that is left where a
-            predictor foretells the motion (`steer`); 1 where none does.
-        existence: `(num_tracks,)` in [0, 1]: recent share of the views that should show the
-            person and did.
-        hits: `(num_tracks,)` detections so far.
-        alone: `(num_tracks,)` looks that showed this track or the one that it overlaps most, since
-            one showed both; 0 for those who overlap nobody.
-        seen_by: `(num_tracks, num_cameras)` cameras that have shown the person.
-        last_seen_s: `(num_tracks, num_cameras)` seconds since each did; inf if never.
-        delivered: `(num_tracks, num_cameras)` in [0, 1]: what the recent views of a camera added
-            about the person, as a share of what a view with every joint in plain sight would
-            (`existence.DELIVERED_PRIOR` before it looked, and again long after).
-        missed: `(num_tracks, num_cameras)` looks that missed the person since one did not.
-        bias_px: `(num_tracks, num_cameras, num_joints, 2)` how far a view's keypoints of the person
-            are off for seconds.
-        confirmed: `(num_tracks,)` whether the person is believed to exist, and is shown.
-        mirrored: `(num_tracks, 2)` in [0, 1]: recent share of the looks at arms and at legs that
-            showed left and right exchanged (`filter.sides`).
-        bones_m: `(num_tracks, num_bones)` lengths learned; 0 where none is.
-        bone_counts: `(num_tracks, num_bones)` slots that taught them.
-        innovations: `(num_tracks, 2)` sums of the last seconds, in metres: how far keypoints were
-            from where they were predicted, and how far was expected (`covariance_inflation`).
-        agility: `(num_tracks, num_joints)` logarithm of the factor on the process noise that is
-            left (`filter.agility`).
-        corrected_m: `(num_tracks, num_joints, 3)` by how much the newest look moved each joint.
         leftovers: detections that wait for a second view.
         failed_pairs: `(num_cameras, ROWS, COLUMNS)` looks of other cameras that met no detection
             waiting there, by its place in the image, lately (`failed_pairs`).
@@ -198,27 +160,6 @@ class Belief:
     """
 
     time_s: float
-    track_ids: Integers
-    state: Floats
-    covariance: Floats
-    shared: Floats
-    unmeasured_s: Floats
-    drift_share: Floats
-    existence: Floats
-    hits: Integers
-    alone: Floats
-    seen_by: Flags
-    last_seen_s: Floats
-    delivered: Floats
-    missed: Floats
-    bias_px: Floats
-    confirmed: Flags
-    mirrored: Floats
-    bones_m: Floats
-    bone_counts: Floats
-    innovations: Floats
-    agility: Floats
-    corrected_m: Floats
     leftovers: Leftovers
     failed_pairs: Floats
     detection_map: Floats
@@ -274,11 +215,7 @@ class Belief:
 
     def columns(self) -> dict[str, NDArray[np.generic]]:
         """Return the arrays that have one row per track."""
-        return {
-            item.name: getattr(self, item.name)
-            for item in fields(self)
-            if item.name not in OF_THE_SITE
-        }
+        return {item.name: getattr(self, item.name) for item in fields(Columns)}
 
 
 class Known(NamedTuple):

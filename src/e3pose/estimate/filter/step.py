@@ -146,10 +146,12 @@ class StepKernel:
             workspace.waiting.scores[rows],
         )
         (kept,) = np.nonzero(~workspace.offers.flags[0, :num_tracks])
-        columns: tuple[Any, ...] = tuple(column[kept] for column in workspace.tracks)
+        newest = tuple(column[kept] for column in workspace.tracks)
         if len(kept) == num_tracks:
-            self._newest = columns
-        belief = Belief(now, *columns, leftovers, failed_pairs, detection_map, noise, next_id)
+            self._newest = newest
+        site = now, leftovers, failed_pairs, detection_map, noise, next_id
+        arrays: tuple[Any, ...] = (*newest, *site)
+        belief = Belief(*arrays)
         return belief, estimate_of(belief, model)
 
     def _room_for(self, model: Model, tracks: int, people: int, old: int) -> Workspace:
