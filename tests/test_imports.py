@@ -54,7 +54,7 @@ PURE = (
     "estimate", "estimate.base", "estimate.filter", "estimate.filter.step",
     "estimate.per_slot.fuse", "predict", "select",
     "estimate.per_slot.track", "select.policies", "select.expected_information", "select.occlusion",
-    "select.motion_2d", "select.newcomers", "select.hidden_people",
+    "select.motion_2d", "select.newcomers",
     "select.camera_order", "select.failure_detector", "select.feedback", "model.expected",
     "energy.queues", "energy.learned_cost",
     "energy.budgets", "energy.site_energy", "estimate.smooth", "model.take", "pipeline",

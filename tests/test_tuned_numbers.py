@@ -15,11 +15,11 @@ from tests.test_docs import ROOT
 # what keeps arithmetic finite.
 NO_TUNING = ("layout", "definition", "capacity", "numerics")
 MOST = {
-    "estimate/filter": 134,
+    "estimate/filter": 132,
     "model/proportions.py": 9,
     "estimate/per_slot": 12,
     "estimate/smooth": 6,
-    "select": 68,
+    "select": 67,
     "calibrate/resection.py": 3,
 }
 

@@ -8,14 +8,11 @@ from tests.reference.filter_bias import inflation, worth_inflation
 from e3pose.base.arrays import Flags, Floats
 from e3pose.estimate.base import Outlook
 from e3pose.estimate.filter.bias import memory_terms
-from e3pose.estimate.filter.blindness import PLAIN
 from e3pose.estimate.filter.carry import carry
-from e3pose.estimate.filter.existence import INSIDE_JOINTS
 from e3pose.model.camera import Rig
 from e3pose.model.projection import MIN_DEPTH_M, project
 from e3pose.model.uncertainty import mean_distance
 from e3pose.select.expected_information import Foresight
-from e3pose.select.hidden_people import HiddenPeople
 from e3pose.select.kernels.blind_places import INFORMATION_RATIO
 from e3pose.select.kernels.foresight import (
     BEHIND_M,
@@ -49,8 +46,6 @@ def foresee(rig: Rig, outlook: Outlook, interval_s: float, ordered: Flags) -> Fo
         since_s,
         prior,
     )
-    useful = shown_by(outlook, inside, in_front) * outlook.needed.T
-    hidden = (1 - ordered[:, :, None] * useful).prod(axis=1).prod(axis=0)
     return Foresight(
         track_ids=outlook.track_ids,
         confirmed=outlook.confirmed,
@@ -59,7 +54,6 @@ def foresee(rig: Rig, outlook: Outlook, interval_s: float, ordered: Flags) -> Fo
         counted=1 / inflation(since_s.T, terms),
         new=1 / worth_inflation(since_s.T, terms),
         weights=delivered.max(axis=1, initial=0.0),
-        hidden=HiddenPeople(hidden, useful),
         entrants=Entrants.nobody(len(rig)),
     )
 
@@ -84,15 +78,6 @@ def _after(foresight: Foresight, shares: Floats, subsets: Flags) -> Floats:
     views = (foresight.views * shares[..., None, None]).reshape(subsets.shape[1], -1)
     added = subsets.astype(np.float64) @ views
     return np.asarray((added + foresight.prior.reshape(-1)).reshape(len(subsets), -1, 6))
-
-
-def shown_by(outlook: Outlook, inside: Flags, in_front: Floats) -> Floats:
-    """Return `(num_cameras, num_tracks)`: how likely a view shows a person who is present.
-
-    As the filter counts: a view should show a person of whom enough joints lie inside the image.
-    """
-    enough = inside.sum(axis=-1) >= INSIDE_JOINTS
-    return np.asarray(PLAIN * outlook.shows.T * enough * in_front.mean(axis=-1))
 
 
 def _inside(rig: Rig, pixels: Floats, depth: Floats) -> Flags:

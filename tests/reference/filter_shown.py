@@ -10,7 +10,7 @@ from tests.reference.filter_motion import places
 
 from e3pose.base.arrays import Flags, Floats, Integers
 from e3pose.estimate.filter.blindness import PLAIN
-from e3pose.estimate.filter.shown import ALONE_S, LEAVES_HZ, SHOWN_SPREAD_M, WALK_MPS
+from e3pose.estimate.filter.shown import LEAVES_HZ, SHOWN_SPREAD_M
 from e3pose.estimate.filter.state import Belief, Model
 from e3pose.estimate.filter.steer import GAIN
 from e3pose.estimate.filter.tree import Tree
@@ -36,14 +36,7 @@ def shown(belief: Belief, model: Model) -> Flags:
     trace = np.trace(belief.covariance[..., :3, :3], axis1=-2, axis2=-1)
     certain = np.sqrt(trace.min(axis=-1)) < SHOWN_SPREAD_M
     there = left_odds(belief, model) < 1.0
-    return np.asarray(belief.confirmed & certain & there & ~led_alone(belief))
-
-
-def led_alone(belief: Belief, ahead_s: float = 0.0) -> Flags:
-    """See `kernels.shown.led_alone`."""
-    second_s = np.sort(belief.last_seen_s, axis=1)[:, 1:2].min(axis=1, initial=np.inf) + ahead_s
-    speed_mps = np.linalg.norm(belief.state[..., 3:].mean(axis=1), axis=-1)
-    return np.asarray((second_s > ALONE_S) & (speed_mps > WALK_MPS))
+    return np.asarray(belief.confirmed & certain & there)
 
 
 def steer(

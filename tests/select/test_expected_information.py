@@ -47,7 +47,6 @@ def outlook(joints_m: Floats, rig: Rig = RIG, sigma_m: float = 0.1) -> Outlook:
         shows=np.ones(shape),
         detection_map=None,
         last_seen_s=np.full(shape, np.inf),
-        needed=np.zeros(shape, dtype=bool),
         sigma_px=np.full(len(rig), 3.0),
         memory=ErrorMemory(),
         bias_share=0.4,

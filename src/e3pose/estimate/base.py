@@ -140,8 +140,6 @@ class Outlook:
             that showed them (`filter.blindness`); None without a memory.
         last_seen_s: `(num_tracks, num_cameras)` seconds since each camera detected the person; inf
             if never.
-        needed: `(num_tracks, num_cameras)` cameras of which one must detect the person by then, or
-            the person is not published; none for people who are published anyway.
         sigma_px: `(num_cameras,)` error of a visible keypoint; as a share of its image the same of
             all cameras.
         memory: how long such errors persist.
@@ -164,7 +162,6 @@ class Outlook:
     shows: NDArray[np.float64]
     detection_map: NDArray[np.float64] | None
     last_seen_s: NDArray[np.float64]
-    needed: NDArray[np.bool_]
     sigma_px: NDArray[np.float64]
     memory: ErrorMemory
     bias_share: float

@@ -24,7 +24,6 @@ from e3pose.estimate.filter.lasting import MOST, excess_of
 from e3pose.estimate.filter.repeated_errors import MOST_LASTING_M, MOST_M, STAYS
 from e3pose.model.camera import Rig
 from e3pose.model.noise import ErrorMemory
-from e3pose.select.hidden_people import HiddenPeople
 from e3pose.select.kernels import foresight as kernels
 from e3pose.select.newcomers import Entrants, expected_entrants
 
@@ -50,7 +49,6 @@ class Foresight:
         weights: `(num_tracks,)` weight of each person. One whom no camera showed recently may be
             away, so the information that cameras would have about them counts for less.
         entrants: people who are not tracked yet.
-        hidden: people who are followed and hidden unless one more camera shows them.
         repeats: variance of what all looks of a camera repeat, over that of a keypoint.
         free_m: standard deviation of a joint along an axis on which no camera tells anything.
         places_m: `(num_tracks, 2)` on the floor, where people will be.
@@ -65,7 +63,6 @@ class Foresight:
     new: Floats
     weights: Floats
     entrants: Entrants
-    hidden: HiddenPeople
     repeats: float = 1.0
     free_m: float = MOST_LASTING_M
     places_m: Floats = field(default_factory=lambda: np.zeros((0, 2)))
@@ -143,8 +140,6 @@ def foresee(
         counted=np.empty(per_view),
         new=np.empty(per_view),
         weights=np.empty(num_tracks),
-        shown=np.empty(per_view),
-        hidden=np.empty(num_tracks),
     )
     kernels.foresee_views(
         kernels.Expected(
@@ -156,14 +151,12 @@ def foresee(
             outlook.drift_m2ps3,
             outlook.velocity_lasts_s,
             outlook.last_seen_s,
-            outlook.needed,
         ),
         rig.projections,
         rig.image_sizes,
         terms,
         interval_s,
         ordered if outlook.has_memory else np.zeros_like(ordered),
-        ordered,
         foreseen,
     )
     return Foresight(
@@ -178,7 +171,6 @@ def foresee(
         places_m=outlook.joints_m[..., :2].mean(axis=1),
         detection_map=outlook.detection_map,
         weights=foreseen.weights,
-        hidden=HiddenPeople(foreseen.hidden, foreseen.shown),
         entrants=expected_entrants(
             rig,
             outlook.unexplained,

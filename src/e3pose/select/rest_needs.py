@@ -50,7 +50,7 @@ def needs_of(rig: Rig, situation: Situation, later: Sequence[Foresight], asleep:
 
     def worth(sets: Flags) -> Floats:
         nats = np.mean([each.information(sets) for each in settled], axis=0)
-        nats += foresight.hidden.reveals(sets) + foresight.entrants.starts(sets)
+        nats += foresight.entrants.starts(sets)
         one, two = showing(sight, sets)
         return np.asarray(nats + FLOOR_NATS * 0.5 * (one + two) @ likely)
 

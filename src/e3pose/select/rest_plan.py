@@ -5,7 +5,7 @@ comes back by itself, and takes time to wake. So a plan says of every camera tha
 it stays so, and of one that may rest for how long. Of all sets A of cameras that stay awake, and
 mean numbers c of cameras that look in a slot, a plan has the largest
 
-    information(A) + LOOK_NATS log c + starts(A) + reveals(A) + FLOOR_NATS watched(A)
+    information(A) + LOOK_NATS log c + starts(A) + FLOOR_NATS watched(A)
         - price * watts(A, c)
 
 `information(A)` is that of all of A together: cameras that repeat each other are worth less.

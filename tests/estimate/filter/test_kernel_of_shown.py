@@ -13,7 +13,7 @@ from tests.reference import filter_motion, filter_shown
 
 from e3pose.estimate.filter import Belief
 from e3pose.estimate.filter.motion import places
-from e3pose.estimate.filter.shown import led_alone, shown
+from e3pose.estimate.filter.shown import shown
 from e3pose.estimate.filter.steer import steer
 
 PEOPLE = 6
@@ -49,8 +49,6 @@ def drawn(follower: Belief, seed: int) -> Belief:
 def test_who_is_shown_is_as_in_numpy(follower: Belief, seed: int) -> None:
     belief = drawn(follower, seed)
     np.testing.assert_array_equal(shown(belief, MODEL), filter_shown.shown(belief, MODEL))
-    alone = [led_alone(*p, 0.5) for p in zip(belief.state, belief.last_seen_s, strict=True)]
-    np.testing.assert_array_equal(alone, filter_shown.led_alone(belief, 0.5))
 
 
 @each_case("seed", range(5))

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from tests.estimate.filter.room import MODEL, run, see, standing
 
-from e3pose.estimate.filter import Belief, outlook
+from e3pose.estimate.filter import Belief
 from e3pose.estimate.filter.shown import shown
 from e3pose.model.pose import Poses2D
 
@@ -43,44 +43,12 @@ def test_nobody_is_hidden_because_no_camera_looks() -> None:
     assert [len(estimate) for estimate in estimates] == [1, 1]
 
 
-def test_who_walks_is_hidden_when_one_camera_alone_has_led_for_long() -> None:
-    assert shown(led_by_one_camera(1.0, 0.5), MODEL).tolist() == [True]
-    assert shown(led_by_one_camera(1.0, 2.0), MODEL).tolist() == [False]
-    assert shown(led_by_one_camera(0.1, 9.0), MODEL).tolist() == [True]  # stands
-
-
-def test_a_second_camera_ends_the_doubt() -> None:
-    belief = led_by_one_camera(1.0, 3.0)
-    assert not shown(belief, MODEL).any()
-    assert shown(replace(belief, last_seen_s=belief.last_seen_s[:, ::-1] * 0), MODEL).all()
-
-
 def test_nobody_is_shown_of_nobody() -> None:
     assert shown(Belief.empty(MODEL), MODEL).shape == (0,)
-
-
-def test_who_is_hidden_without_a_second_camera_needs_one() -> None:
-    belief = led_by_one_camera(1.0, 1.0)
-    assert not outlook(MODEL, belief, 0.1).needed.any()
-    assert outlook(MODEL, belief, 0.3).needed.tolist() == [[False, True, True, True, True]]
-    assert not outlook(MODEL, led_by_one_camera(0.1, 9.0), 0.3).needed.any()  # stands
 
 
 def test_somebody_new_needs_a_third_camera() -> None:
     belief, estimates = run([see(PLACE, (0, 2))], FPS)
     assert len(estimates[0]) == 0
-    assert outlook(MODEL, belief, 0.3).needed.tolist() == [[False, True, False, True, True]]
     _, estimates = run([see(PLACE, (3,))], FPS, belief=belief)
     assert len(estimates[0]) == 1
-
-
-def test_a_needed_camera_has_the_person_shown() -> None:
-    """What is asked of cameras is what decides who is shown."""
-    belief = led_by_one_camera(1.0, 1.19)
-    assert shown(belief, MODEL).all()
-    later = replace(belief, last_seen_s=belief.last_seen_s + [[0.0, 0.1, 0.1, 0.1, 0.1]])
-    assert not shown(later, MODEL).any()
-    for camera in np.flatnonzero(outlook(MODEL, belief, 0.1).needed[0]):
-        seen = later.last_seen_s.copy()
-        seen[0, camera] = 0.0
-        assert shown(replace(later, last_seen_s=seen), MODEL).all()

@@ -11,7 +11,6 @@ from tests.cases import each_case
 
 from e3pose.energy.queues import advance_deficit, price
 from e3pose.select.expected_information import Foresight
-from e3pose.select.hidden_people import HiddenPeople
 from e3pose.select.newcomers import Entrants
 from e3pose.select.policies import Selection, Situation
 from e3pose.select.policies.information import MAX_PAUSE_S, Information
@@ -34,7 +33,6 @@ def foresight(added: list[float], sigma_m: float = 0.1, **more: object) -> Fores
         new=np.ones((len(added), 1)),
         weights=np.ones(1),
         entrants=Entrants.nobody(len(added)),
-        hidden=HiddenPeople.nobody(len(added)),
     )
     return replace(plain, **more)  # type: ignore[arg-type]
 
@@ -104,14 +102,6 @@ def test_somebody_unexplained_pulls_in_cameras_that_see_the_same_ground() -> Non
     assert chosen(aiming.select(situation(met))) == []
 
 
-def test_somebody_about_to_be_hidden_pulls_in_a_camera_that_keeps_the_person_shown() -> None:
-    led = HiddenPeople(np.ones(1), np.array([[0.0], [0.0], [0.9]]))
-    seen = foresight([30, 25, 0], sigma_m=0.05, hidden=led)
-    assert chosen(Information(1).select(situation(seen))) == [2]
-    met = replace(led, hidden=np.array([0.05]))  # looks in flight will do
-    assert chosen(Information(1, phase=2).select(situation(replace(seen, hidden=met)))) == [0]
-
-
 def test_cameras_whose_turn_it_is_win_unless_others_are_clearly_better() -> None:
     for turn in range(3):
         alike = situation(foresight([100, 95, 98]), slot=turn)
@@ -148,7 +138,6 @@ def test_many_cameras_are_chosen_greedily_within_the_guarantee(seed: int, count:
         new=np.ones((12, 2)),
         weights=np.array([1.0, 0.4]),
         entrants=Entrants.nobody(12),
-        hidden=HiddenPeople.nobody(12),
     )
     now = situation(seen, price=rng.uniform(0, 5, 12))
     selection = Information(count, quality_weight=10).select(now)
@@ -218,7 +207,7 @@ def test_at_a_lower_rate_more_cameras_are_needed() -> None:
 def test_with_a_target_somebody_always_looks_now_and_then() -> None:
     nobody = Foresight(
         np.zeros(0, np.int64), np.zeros(0, bool), np.zeros((0, 1, 6)), np.zeros((3, 0, 1, 6)),
-        np.zeros((3, 0)), np.zeros((3, 0)), np.zeros(0), Entrants.nobody(3), HiddenPeople.nobody(3),
+        np.zeros((3, 0)), np.zeros((3, 0)), np.zeros(0), Entrants.nobody(3),
     )  # fmt: skip
     policy = Information(3, target_error_m=0.04)
     assert not policy.select(situation(nobody)).any()

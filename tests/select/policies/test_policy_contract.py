@@ -12,7 +12,6 @@ from tests.cases import each_case
 
 from e3pose.energy.queues import advance_deficit
 from e3pose.select.expected_information import Foresight
-from e3pose.select.hidden_people import HiddenPeople
 from e3pose.select.newcomers import Entrants
 from e3pose.select.policies import POLICIES, PolicySettings, Promise, Selection, Situation
 
@@ -35,7 +34,6 @@ def foresight(rng: np.random.Generator, num_cameras: int) -> Foresight:
         new=np.ones((num_cameras, 2)),
         weights=np.ones(2),
         entrants=Entrants.nobody(num_cameras),
-        hidden=HiddenPeople.nobody(num_cameras),
     )
 
 

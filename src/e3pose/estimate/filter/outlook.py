@@ -17,7 +17,7 @@ from e3pose.estimate.filter.lasting import USUAL
 from e3pose.estimate.filter.learned_noise import expect_alike
 from e3pose.estimate.filter.motion import move
 from e3pose.estimate.filter.scratch import Constants
-from e3pose.estimate.filter.shown import find_needed, likely_shown
+from e3pose.estimate.filter.shown import likely_shown
 from e3pose.estimate.filter.state import Belief, Known, Model, known_of
 
 
@@ -28,7 +28,6 @@ class Expected(NamedTuple):
     covariance: Floats
     drift_m2ps3: Floats
     shows: Floats
-    needed: Flags
     delivered: Floats
     sigma_px: Floats
 
@@ -59,7 +58,6 @@ def outlook(
         covariance=np.empty((*people, 6, 6)),
         drift_m2ps3=np.empty(people),
         shows=np.empty(pairs),
-        needed=np.empty(pairs, dtype=bool),
         delivered=np.empty(pairs),
         sigma_px=np.empty(num_cameras),
     )
@@ -87,7 +85,6 @@ def outlook(
         shows=expected.shows,
         detection_map=belief.detection_map,
         last_seen_s=belief.last_seen_s,
-        needed=expected.needed,
         sigma_px=expected.sigma_px,
         memory=model.noise.memory,
         bias_share=bias_share,
@@ -148,7 +145,6 @@ def expect(
         for camera in range(len(known.detection_map)):
             shown = likely_shown(known.detection_map[camera], root, constants.corner_m)
             expected.shows[track, camera] = shown
-    find_needed(state, known.last_seen_s, known.confirmed, known.seen_by, ahead_s, expected.needed)
     worth = np.empty(len(sigma_px))
     expect_alike(known.noise, constants, sigma_px, worth)
     for camera in range(len(sigma_px)):

@@ -28,13 +28,9 @@ from e3pose.estimate.filter.state import Belief, Known, Model
 
 HALF_SCORE_M = 0.1  # definition: standard deviation of a joint at which its score is a half
 LEAST_SCORE = 1e-3  # definition: a joint that is known at all is not missing
-# tuned: s, m/s | simulated, seeds 701 to 706, `ring`, `poor-view`, `dying-cameras`, `l-hall`,
-#   `shaft`: 0.8, 1, 1.2, 1.5 s leave 0.21, 0.25, 0.30, 0.36 of 0.57 % false people and cost 0.36,
-#   0.23, 0.16, 0.10 points of recall; 0.4 m/s leaves more | not measured
-ALONE_S, WALK_MPS = 1.2, 0.3  # who walks, led for so long by one camera alone, is not shown
 # tuned: m | simulated, seeds 701 to 706: fewer misses with one camera than 20 cm, fewer false
 #   people than 45 cm, lab/experiments/2026-11-23-one-camera.md | shown spread
-SHOWN_SPREAD_M = 0.3  # nor who has no joint that is more certain
+SHOWN_SPREAD_M = 0.3  # who has no joint that is more certain is not shown
 # tuned: 1/s | first guess | leaving at all
 LEAVES_HZ = 0.03  # of somebody who is there: once in half a minute
 
@@ -112,7 +108,7 @@ def who_is_shown(
 ) -> None:
     """Fill `shown` `(num_tracks,)`; other arguments are those of `Belief`."""
     for track in range(len(shown)):
-        shown[track] = confirmed[track] and not led_alone(state[track], last_seen_s[track], 0.0)
+        shown[track] = confirmed[track]
         if shown[track]:
             least = np.inf
             for joint in range(state.shape[1]):
@@ -128,30 +124,6 @@ def who_is_shown(
                 corner_m,
             )
             shown[track] = odds < 1.0  # who has more likely left than not is followed only
-
-
-@kernel
-def led_alone(state: Floats, last_seen_s: Floats, ahead_s: float) -> bool:
-    """Return which moving people will by then long have been seen by at most one camera.
-
-    Args:
-        state: `(num_joints, 6)`.
-        last_seen_s: `(num_cameras,)`.
-        ahead_s: seconds without a look.
-    """
-    first_s, second_s = np.inf, np.inf
-    for camera in range(len(last_seen_s)):
-        second_s = min(second_s, max(first_s, last_seen_s[camera]))
-        first_s = min(first_s, last_seen_s[camera])
-    if not second_s + ahead_s > ALONE_S:
-        return False
-    squares = 0.0
-    for a in range(3, 6):
-        total = 0.0
-        for joint in range(len(state)):
-            total += state[joint, a]
-        squares += (total / len(state)) ** 2
-    return math.sqrt(squares) > WALK_MPS
 
 
 @kernel
@@ -189,32 +161,6 @@ def left_odds(
 def likely_shown(detection_map: Floats, root_m: Floats, corner_m: Floats) -> float:
     """Return the probability that a camera detects a person at a place, see `Outlook.shows`."""
     return float(min(chance(detection_map, root_m, corner_m) / PLAIN, 1.0))
-
-
-@kernel
-def find_needed(
-    state: Floats,
-    last_seen_s: Floats,
-    confirmed: Flags,
-    seen_by: Flags,
-    ahead_s: float,
-    needed: Flags,
-) -> None:
-    """Fill `needed` `(num_tracks, num_cameras)`, see `Outlook.needed`.
-
-    Somebody new is shown once a third camera has seen the person, and who walks while a second one
-    does. Nobody else needs a camera.
-
-    All but the last two are of `Belief`; `ahead_s` seconds pass without a look.
-    """
-    for track in range(len(needed)):
-        alone = led_alone(state[track], last_seen_s[track], ahead_s)
-        newest_s = last_seen_s[track].min()
-        for camera in range(needed.shape[1]):
-            if confirmed[track]:
-                needed[track, camera] = alone and last_seen_s[track, camera] > newest_s
-            else:
-                needed[track, camera] = not seen_by[track, camera]
 
 
 @kernel

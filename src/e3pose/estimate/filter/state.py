@@ -226,7 +226,6 @@ class Known(NamedTuple):
     drift_share: Floats
     innovations: Floats
     last_seen_s: Floats
-    seen_by: Flags
     delivered: Floats
     confirmed: Flags
     bias_px: Floats

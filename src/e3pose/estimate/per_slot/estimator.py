@@ -110,7 +110,6 @@ class PerSlot:
             shows=np.ones(shape),
             detection_map=None,
             last_seen_s=np.full(shape, np.inf),
-            needed=np.zeros(shape, dtype=bool),
             sigma_px=self.noise.sigma_px.min() * sizes / self.noise.image_px,
             memory=self.noise.memory,
             bias_share=0.0,

@@ -13,13 +13,10 @@ import numpy as np
 from e3pose.base.arrays import Flags, Floats
 from e3pose.base.kernel import kernel
 from e3pose.estimate.filter.bias import MemoryTerms, inflation, worth_inflation
-from e3pose.estimate.filter.blindness import PLAIN
 from e3pose.estimate.filter.carry import carry
-from e3pose.estimate.filter.existence import INSIDE_JOINTS
 from e3pose.estimate.filter.projected import shown_at
 from e3pose.model.projection import MIN_DEPTH_M
 from e3pose.select.kernels.blind_places import worth
-from e3pose.select.kernels.people import hide
 
 # Of the information about a joint that lies in the box of somebody nearer. A box is about half
 # filled by its body.
@@ -42,19 +39,16 @@ class Expected(NamedTuple):
     drift_m2ps3: Floats  # (num_tracks, num_joints)
     velocity_lasts_s: Floats  # (num_joints,)
     last_seen_s: Floats  # (num_tracks, num_cameras)
-    needed: Flags  # (num_tracks, num_cameras)
 
 
 class Foreseen(NamedTuple):
-    """What each camera is expected to add: as in `Foresight`, the last two as in `HiddenPeople`."""
+    """What each camera is expected to add: as in `Foresight`."""
 
     views: Floats  # (num_cameras, num_tracks, num_joints, 6)
     prior: Floats  # (num_tracks, num_joints, 6)
     counted: Floats  # (num_cameras, num_tracks)
     new: Floats  # (num_cameras, num_tracks)
     weights: Floats  # (num_tracks,)
-    shown: Floats  # (num_cameras, num_tracks)
-    hidden: Floats  # (num_tracks,)
 
 
 @kernel
@@ -65,7 +59,6 @@ def foresee_views(
     terms: MemoryTerms,
     interval_s: float,
     carried: Flags,
-    ordered: Flags,
     foreseen: Foreseen,
 ) -> None:
     """Fill `foreseen`.
@@ -79,7 +72,6 @@ def foresee_views(
         terms: how the filter counts repeated looks.
         interval_s: seconds per slot.
         carried: `(num_ordered, num_cameras)` the looks that will be known by then.
-        ordered: `(num_ordered, num_cameras)` the looks until then.
         foreseen: filled.
     """
     views, weights = foreseen.views, foreseen.weights
@@ -94,7 +86,6 @@ def foresee_views(
             expected.shows[:, camera],
             views[camera],
             weights,
-            foreseen.shown[camera],
         )
     since_s = expected.last_seen_s.copy()
     steps = (
@@ -109,7 +100,6 @@ def foresee_views(
         for track in range(len(weights)):
             foreseen.counted[camera, track] = 1.0 / inflation(since_s[track, camera], terms)
             foreseen.new[camera, track] = 1.0 / worth_inflation(since_s[track, camera], terms)
-    hide(foreseen.shown, expected.needed, ordered, foreseen.hidden)
 
 
 @kernel
@@ -122,9 +112,8 @@ def _expect(
     shows: Floats,
     information: Floats,
     weights: Floats,
-    shown: Floats,
 ) -> None:
-    """Fill what a camera is expected to show: `information` `(num_tracks, num_joints, 6)`, `shown`.
+    """Fill what a camera is expected to show: `information` `(num_tracks, num_joints, 6)`.
 
     Raises `weights` to what it delivers. Joints outside the image or behind others count less.
     """
@@ -141,16 +130,11 @@ def _expect(
         expected = delivered[track] * worth(shows[track])
         weights[track] = max(weights[track], expected)
         weight = expected / sigma_px**2
-        count, front = 0, 0.0
         for joint in range(num_joints):
             u, v = pixels[track, joint, 0], pixels[track, joint, 1]
             share = _in_front(u, v, depths[track], boxes, depths)
-            count += inside[track, joint]
-            front += share
             for entry in range(6):
                 information[track, joint, entry] *= share * weight * inside[track, joint]
-        enough = count >= INSIDE_JOINTS
-        shown[track] = PLAIN * shows[track] * enough * front / num_joints
 
 
 @kernel

@@ -1,7 +1,6 @@
 """Policy: the cameras with the most expected information, under energy budgets.
 
-    maximise  V * (information(S) + entrants(S) + reveals(S) + sum_{c in S} watch_c)
-              - sum_{c in S} price_c
+    maximise  V * (information(S) + entrants(S) + sum_{c in S} watch_c) - sum_{c in S} price_c
 
 `information` grows with diminishing returns, prices and watches add up: where nobody comes in, a
 greedy choice of a given number of cameras, whose objective is shifted to be zero for no camera and
@@ -33,9 +32,6 @@ WATCH_LIMIT_S = 5.0
 # tuned: nats | simulated, five scenes, seeds 701 to 708, lead 4, one camera: recall gains 1.5, 2.1,
 #   2.0 points at 0.5, 1, 2 | not measured
 ENTRANT_NATS = 1.0  # of a person started
-# tuned: nats | simulated dying-cameras, seeds 701 to 720, lead 4, two cameras: recall 95.8 without,
-#   96.5 % with | not measured
-SHOWN_NATS = 1.0  # of a person shown by the look, who would be hidden without it
 # tuned: people | lab/experiments/2026-11-23-detections-that-never-become-a-person.md | not
 #   measured
 UNMET_PEOPLE = 0.5  # with a target, two cameras look while so many wait to be started
@@ -154,9 +150,9 @@ def affordable(situation: Situation) -> Flags:
 
 
 def worth_nats(foresight: Foresight, subsets: Flags) -> Floats:
-    """Return `(num_subsets,)` value of sets: information, tracks started, hidden people shown."""
-    worth = foresight.information(subsets) + ENTRANT_NATS * foresight.entrants.starts(subsets)
-    return np.asarray(worth + SHOWN_NATS * foresight.hidden.reveals(subsets))
+    """Return `(num_subsets,)` value of sets: information, and tracks started."""
+    starts = ENTRANT_NATS * foresight.entrants.starts(subsets)
+    return np.asarray(foresight.information(subsets) + starts)
 
 
 def watch_nats(situation: Situation) -> Floats:
