@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from operator import attrgetter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +28,7 @@ from e3pose.model.noise import ErrorMemory
 from e3pose.select.kernels import foresight as kernels
 from e3pose.select.newcomers import Entrants, expected_entrants
 
+_expected = attrgetter(*kernels.Expected._fields)
 ON_DIAGONAL = [0, 3, 5]  # layout: of the six entries of a symmetric matrix
 
 
@@ -142,16 +144,7 @@ def foresee(
         weights=np.empty(num_tracks),
     )
     kernels.foresee_views(
-        kernels.Expected(
-            np.ascontiguousarray(outlook.joints_m),
-            outlook.sigma_px,
-            np.ascontiguousarray(outlook.delivered),
-            np.ascontiguousarray(outlook.shows),
-            outlook.covariance,
-            outlook.drift_m2ps3,
-            outlook.velocity_lasts_s,
-            outlook.last_seen_s,
-        ),
+        kernels.Expected(*map(np.ascontiguousarray, _expected(outlook))),
         rig.projections,
         rig.image_sizes,
         terms,
@@ -162,15 +155,10 @@ def foresee(
     return Foresight(
         track_ids=outlook.track_ids,
         confirmed=outlook.confirmed,
-        prior=foreseen.prior,
-        views=foreseen.views,
-        counted=foreseen.counted,
-        new=foreseen.new,
         repeats=min(STAYS * terms.most + outlook.bias_share, 1.0),
         free_m=MOST_M + (MOST_LASTING_M - MOST_M) * excess_of(outlook.bias_share) / MOST,
         places_m=outlook.joints_m[..., :2].mean(axis=1),
         detection_map=outlook.detection_map,
-        weights=foreseen.weights,
         entrants=expected_entrants(
             rig,
             outlook.unexplained,
@@ -179,6 +167,7 @@ def foresee(
             interval_s,
             ordered,
         ),
+        **foreseen._asdict(),
     )
 
 

@@ -76,21 +76,16 @@ def outlook(
     return Outlook(
         track_ids=belief.track_ids if track_ids is None else track_ids,
         confirmed=belief.confirmed,
-        joints_m=expected.joints_m,
-        covariance=expected.covariance,
-        drift_m2ps3=expected.drift_m2ps3,
         velocity_lasts_s=lasts_s,
         has_memory=True,
-        delivered=expected.delivered,
-        shows=expected.shows,
         detection_map=belief.detection_map,
         last_seen_s=belief.last_seen_s,
-        sigma_px=expected.sigma_px,
         memory=model.noise.memory,
         bias_share=bias_share,
         unexplained=unexplained,
         unexplained_s=belief.time_s - times_s,
         wait_s=model.wait_s,
+        **expected._asdict(),
     )
 
 
