@@ -16,12 +16,11 @@ from e3pose.estimate.filter.projected import (
     U,
     V,
     projected_variance_px2,
-    shown_at,
 )
 from e3pose.estimate.filter.scratch import Constants, Matches, Offers, Views
 from e3pose.estimate.filter.sides import SIDE_PX, exchange, exchanged_limbs
 from e3pose.estimate.per_slot.assign import assign
-from e3pose.model.projection import MIN_DEPTH_M
+from e3pose.model.projection import MIN_DEPTH_M, shown_at
 
 # tuned: px | simulated: 8, 14, 20 within 1 %; on Shelf without labels identities at 1.15 cameras 7
 #   to 10, 5 to 8, 5 to 7 | not measured

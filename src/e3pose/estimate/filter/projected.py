@@ -1,4 +1,4 @@
-"""Projection of a point into a view, its derivatives, and how far a keypoint is from it."""
+"""How sure the pixel of a joint is, and how far a keypoint is from it."""
 
 from __future__ import annotations
 
@@ -6,49 +6,11 @@ from typing import NamedTuple
 
 from e3pose.base.arrays import Floats
 from e3pose.base.kernel import kernel
-from e3pose.model.projection import MIN_DEPTH_M
+from e3pose.model.projection import MIN_DEPTH_M, shown_at
 
 # tuned: score | not recorded | not measured
 USED_SCORE = 0.05  # keypoints below this are not used
-LEAST_DEPTH_M = 1e-6  # numerics: in place of smaller depths, so that no pixel is infinite
 U, V, SPREAD, IN_FRONT = range(4)  # layout: planes of `Offers.projected`
-
-
-@kernel
-def shown_at(
-    projection: Floats, x: float, y: float, z: float
-) -> tuple[float, float, float, float, float, float, float, float, float]:
-    """Return the depth of a point, its pixel, and the gradients of both pixel coordinates.
-
-    Args:
-        projection: `(3, 4)`.
-        x: of the point in the world, metres, as `y` and `z`.
-        y: see `x`.
-        z: see `x`.
-
-    Returns:
-        `depth, u, v, u_x, u_y, u_z, v_x, v_y, v_z`: metres, pixels, and pixels per metre. Behind
-        the camera, at a depth of 0 or less, the rest means nothing.
-    """
-    depth = projection[2, 0] * x + projection[2, 1] * y + projection[2, 2] * z + projection[2, 3]
-    inverse = 1.0 / (depth if abs(depth) >= LEAST_DEPTH_M else LEAST_DEPTH_M)
-    u = inverse * (
-        projection[0, 0] * x + projection[0, 1] * y + projection[0, 2] * z + projection[0, 3]
-    )
-    v = inverse * (
-        projection[1, 0] * x + projection[1, 1] * y + projection[1, 2] * z + projection[1, 3]
-    )
-    return (
-        depth,
-        u,
-        v,
-        (projection[0, 0] - u * projection[2, 0]) * inverse,
-        (projection[0, 1] - u * projection[2, 1]) * inverse,
-        (projection[0, 2] - u * projection[2, 2]) * inverse,
-        (projection[1, 0] - v * projection[2, 0]) * inverse,
-        (projection[1, 1] - v * projection[2, 1]) * inverse,
-        (projection[1, 2] - v * projection[2, 2]) * inverse,
-    )
 
 
 @kernel

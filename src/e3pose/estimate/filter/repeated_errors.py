@@ -12,8 +12,7 @@ import math
 from e3pose.base.arrays import Floats
 from e3pose.base.kernel import kernel
 from e3pose.estimate.filter.bias import MemoryTerms
-from e3pose.estimate.filter.projected import shown_at
-from e3pose.model.projection import MIN_DEPTH_M
+from e3pose.model.projection import MIN_DEPTH_M, shown_at
 
 # tuned: share | lab/experiments/2026-11-23-errors-that-views-repeat.md | stays
 STAYS = 0.3  # of the variance of lasting errors: what learned biases leave

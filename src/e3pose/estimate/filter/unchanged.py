@@ -17,10 +17,10 @@ from __future__ import annotations
 from e3pose.base.arrays import Floats
 from e3pose.base.kernel import kernel
 from e3pose.estimate.filter.outliers import MEASURED_SIGMAS, ROBUST
-from e3pose.estimate.filter.projected import USED_SCORE, projected_variance_px2, shown_at
+from e3pose.estimate.filter.projected import USED_SCORE, projected_variance_px2
 from e3pose.estimate.filter.scratch import Passes
 from e3pose.model.pose import MOST_UNCHANGED_S
-from e3pose.model.projection import MIN_DEPTH_M
+from e3pose.model.projection import MIN_DEPTH_M, shown_at
 
 # tuned: px | first guess: what moves an edge of 20 grey levels across a third of a small pixel |
 #   not measured

@@ -8,12 +8,12 @@ from e3pose.base.arrays import Flags, Floats, Integers
 from e3pose.base.kernel import kernel
 from e3pose.estimate.filter.bias import inflation
 from e3pose.estimate.filter.outliers import MEASURED_SIGMAS, ROBUST
-from e3pose.estimate.filter.projected import USED_SCORE, projected_variance_px2, shown_at
+from e3pose.estimate.filter.projected import USED_SCORE, projected_variance_px2
 from e3pose.estimate.filter.proportions import BONE_MEMORY, BONE_TEACHERS, expect_lengths
 from e3pose.estimate.filter.scratch import Constants, Passes, Tracks, Views
 from e3pose.estimate.filter.tree import eliminate, prepare, spread_out
 from e3pose.estimate.filter.unchanged import pull_still
-from e3pose.model.projection import MIN_DEPTH_M
+from e3pose.model.projection import MIN_DEPTH_M, shown_at
 
 ITERATIONS = 3  # numerics: of Gauss-Newton
 # tuned: m | not recorded | usual feet

@@ -20,6 +20,7 @@ import numpy as np
 from e3pose.base.arrays import Floats, Integers
 from e3pose.base.kernel import kernel
 from e3pose.estimate.per_slot.nullspace import null_vector
+from e3pose.model.projection import shown_at
 
 MIN_VIEWS = 2  # definition: of a triangulation
 # Standard deviation in pixels of a keypoint by its score. Detectors guess below a score of about
@@ -107,8 +108,7 @@ def triangulate_person(
         usable = math.isfinite(x + y + z)
         for index in range(len(group)):
             if scores[group[index], joint] > 0:
-                k = cameras[group[index]]
-                usable &= _depth(projections, k, x, y, z) > 0
+                usable &= shown_at(projections[cameras[group[index]]], x, y, z)[0] > 0
         if usable:
             joints_m[joint, 0], joints_m[joint, 1], joints_m[joint, 2] = x, y, z
             found += 1
@@ -188,22 +188,8 @@ def _gauss_newton_step(
         weight = precisions[pose] ** 2
         if weight == 0:
             continue
-        k = cameras[pose]
-        depth = _depth(projections, k, x, y, z)
+        depth, u, v, ua, ub, uc, va, vb, vc = shown_at(projections[cameras[pose]], x, y, z)
         far_enough &= depth >= MIN_DEPTH_M
-        inverse = 1.0 / depth
-        u = inverse * (
-            projections[k, 0, 0] * x
-            + projections[k, 0, 1] * y
-            + projections[k, 0, 2] * z
-            + projections[k, 0, 3]
-        )
-        v = inverse * (
-            projections[k, 1, 0] * x
-            + projections[k, 1, 1] * y
-            + projections[k, 1, 2] * z
-            + projections[k, 1, 3]
-        )
         error_u, error_v = u - pixels[pose, 0], v - pixels[pose, 1]
         squares = weight * (error_u * error_u + error_v * error_v)
         total += squares
@@ -212,12 +198,6 @@ def _gauss_newton_step(
             weight /= 1.0 + robust * squares
         if last:
             continue
-        ua = (projections[k, 0, 0] - u * projections[k, 2, 0]) * inverse
-        ub = (projections[k, 0, 1] - u * projections[k, 2, 1]) * inverse
-        uc = (projections[k, 0, 2] - u * projections[k, 2, 2]) * inverse
-        va = (projections[k, 1, 0] - v * projections[k, 2, 0]) * inverse
-        vb = (projections[k, 1, 1] - v * projections[k, 2, 1]) * inverse
-        vc = (projections[k, 1, 2] - v * projections[k, 2, 2]) * inverse
         n00 += weight * (ua * ua + va * va)
         n01 += weight * (ua * ub + va * vb)
         n02 += weight * (ua * uc + va * vc)
@@ -269,28 +249,9 @@ def score_person(
             if scores[pose, joint] <= 0:
                 continue
             num_views += 1
-            k = cameras[pose]
-            inverse = 1.0 / _depth(projections, k, x, y, z)
-            squares = 0.0
-            for axis in range(2):
-                at = inverse * (
-                    projections[k, axis, 0] * x
-                    + projections[k, axis, 1] * y
-                    + projections[k, axis, 2] * z
-                    + projections[k, axis, 3]
-                )
-                squares += (at - pixels[pose, joint, axis]) ** 2
+            _, u, v, _, _, _, _, _, _ = shown_at(projections[cameras[pose]], x, y, z)
+            squares = (u - pixels[pose, joint, 0]) ** 2 + (v - pixels[pose, joint, 1]) ** 2
             error_sum += math.sqrt(squares)
             total += scores[pose, joint] / (1.0 + squares * robust * precisions[pose, joint] ** 2)
         joint_scores[joint] = total / num_views
         errors_px[joint] = error_sum / num_views
-
-
-@kernel
-def _depth(projections: Floats, k: int, x: float, y: float, z: float) -> float:
-    return float(
-        projections[k, 2, 0] * x
-        + projections[k, 2, 1] * y
-        + projections[k, 2, 2] * z
-        + projections[k, 2, 3]
-    )

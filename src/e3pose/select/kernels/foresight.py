@@ -14,8 +14,7 @@ from e3pose.base.arrays import Flags, Floats
 from e3pose.base.kernel import kernel
 from e3pose.estimate.filter.bias import MemoryTerms, inflation, worth_inflation
 from e3pose.estimate.filter.carry import carry
-from e3pose.estimate.filter.projected import shown_at
-from e3pose.model.projection import MIN_DEPTH_M
+from e3pose.model.projection import MIN_DEPTH_M, shown_at
 from e3pose.select.kernels.blind_places import worth
 
 # Of the information about a joint that lies in the box of somebody nearer. A box is about half
