@@ -235,23 +235,24 @@ def measure(made: Path, out: Path, policy: str) -> None:
 
 def package(version: str, folder: Path) -> Path:
     """Return the folder of the package's source in a version."""
+    if version == NOW:
+        return ROOT / "src"  # whose kernels may be compiled
     source = folder / "src"
     shutil.rmtree(source, ignore_errors=True)
-    if " => " not in version and version != NOW:
+    if " => " not in version:
         words = ["git", "-C", str(ROOT), "archive", version, "src"]
         archive = subprocess.run(words, check=True, stdout=subprocess.PIPE).stdout
         with tarfile.open(fileobj=io.BytesIO(archive)) as files:
             files.extractall(folder, filter="data")
         return source
     shutil.copytree(ROOT / "src", source)
-    if version != NOW:
-        module, _, change = version.partition(": ")
-        old, _, new = change.partition(" => ")
-        path = source / "e3pose" / f"{module}.py"
-        text = path.read_text()
-        if text.count(old) != 1:
-            raise SystemExit(f"{path.name} has {old!r} {text.count(old)} times, expected once")
-        path.write_text(text.replace(old, new))
+    module, _, change = version.partition(": ")
+    old, _, new = change.partition(" => ")
+    path = source / "e3pose" / f"{module}.py"
+    text = path.read_text()
+    if text.count(old) != 1:
+        raise SystemExit(f"{path.name} has {old!r} {text.count(old)} times, expected once")
+    path.write_text(text.replace(old, new))
     return source
 
 
