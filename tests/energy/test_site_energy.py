@@ -266,6 +266,15 @@ def test_made_up_costs_do_not_change_the_price_of_others(times: float, liars: in
     np.testing.assert_allclose(estimate.budget[: 4 - liars], 0.5)
 
 
+def test_costs_half_learned_do_not_change_the_price_of_others() -> None:
+    """A camera of which little is measured costs what its likes do, not what it seems to so far."""
+    vague = lived(new_camera(PROFILE), active_w=5.5, idle_w=3.0, beats=8)
+    cameras = [*[lived(new_camera(PROFILE))] * 3, vague]
+    estimate = estimate_energy(cameras, [Budget("duty", 0.5)] * 4, 0.04, 0.0, 2)
+    assert [slot.measured for slot in estimate.slots] == [True] * 3 + [False]
+    np.testing.assert_allclose(estimate.cost_j, estimate.cost_j[0])
+
+
 def test_meters_that_drift_never_move_what_the_other_half_costs() -> None:
     """Of two cameras one, of four two: in days their meters come to say five times as much."""
     true = drifting = lived(new_camera(PROFILE))

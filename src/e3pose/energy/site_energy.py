@@ -187,19 +187,26 @@ def _slot_cost(camera: CameraEnergy, interval_s: float) -> SlotCost:
     return replace(cost, active_j=cost.active_j + video_j, idle_j=cost.idle_j + video_j)
 
 
-def _credible_cost_j(cameras: Sequence[CameraEnergy], cost_j: Floats, interval_s: float) -> Floats:
+def _credible_cost_j(
+    cameras: Sequence[CameraEnergy], slots: Sequence[SlotCost], interval_s: float
+) -> Floats:
     """Return `(num_cameras,)` costs of active slots, without those that one camera makes up.
 
     Prices are relative to the mean cost of all cameras, so that one that reports a megawatt would
     make the others' free. Devices may all differ from their profiles by the same factor; one that
-    differs from the others by more than `STRANGE_TIMES` is taken to cost what theirs do.
+    differs from the others by more than `STRANGE_TIMES`, or whose cost is not measured while that
+    of others is, is taken to cost what theirs do.
     """
     profile_w = np.array([camera.cost.profile_watts() for camera in cameras])
     assumed_j = np.maximum((profile_w[:, 0] - profile_w[:, 1]) * interval_s, LEAST_COST_J)
+    cost_j = np.array([slot.active_j - slot.idle_j for slot in slots])
     times = np.maximum(cost_j, LEAST_COST_J) / assumed_j
-    typical = np.sort(times)[(len(times) - 1) // 2]
+    measured = np.array([slot.measured for slot in slots])
+    known = np.sort(times[measured] if measured.any() else times)
+    typical = known[(len(known) - 1) // 2]
     strange = (times > STRANGE_TIMES * typical) | (times < typical / STRANGE_TIMES)
-    return np.asarray(np.where(strange, typical, times) * assumed_j)
+    unknown = ~measured & measured.any()
+    return np.asarray(np.where(strange | unknown, typical, times) * assumed_j)
 
 
 def estimate_energy(
@@ -228,7 +235,7 @@ def estimate_energy(
     enough = affordable >= num_selected - 1e-6
     return EnergyEstimate(
         budget=budget,
-        cost_j=_credible_cost_j(cameras, active_j - idle_j, interval_s),
+        cost_j=_credible_cost_j(cameras, slots, interval_s),
         slots=slots,
         num_selected=num_selected if enough else AFFORD_SHARE * affordable,
         starved=(allowed_j <= idle_j) & (active_j > idle_j),
