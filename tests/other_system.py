@@ -124,7 +124,7 @@ def pretend(system: str) -> None:
             setattr(os, name, _refusing(name, getattr(os, name)))
     warnings.filterwarnings("error", category=EncodingWarning, module=r"e3pose")
     here, sys.platform = sys.platform, system
-    for name in ("system", "apart"):
+    for name in ("system", "child_process"):
         module = importlib.import_module(f"e3pose.base.{name}")
         module.sys = types.SimpleNamespace(platform=system)  # type: ignore[attr-defined]
     sys.platform = here

@@ -31,7 +31,7 @@ def thrice(values: Any) -> float:
     [
         (step, {"step.py", "update.py", "undistort.py", "triangulate.py", "outliers.py"}),
         (slot, {"slot.py", "pairs.py", "triangulate.py", "undistort.py", "distortion.py"}),
-        (foresight, {"foresight.py", "people.py", "carry.py", "blindness.py"}),
+        (foresight, {"foresight.py", "bias.py", "carry.py", "blind_places.py", "projection.py"}),
         (prediction, {"network.py", "layers.py", "history.py"}),
     ],
 )

@@ -1,7 +1,7 @@
 """What Linux, macOS and Windows do differently with files, cores and addresses.
 
-The platform is asked here and in `base.apart`, and nowhere else; `make check` looks at the types
-with the eyes of each of the three.
+The platform is asked here and in `base.child_process`, and nowhere else; `make types` looks at the
+types with the eyes of each of the three.
 """
 
 from __future__ import annotations
