@@ -92,3 +92,4 @@ def test_saving_of_many_slots_is_estimated_though_cameras_take_turns(
     found = charged.saved(STARTED_NS, STARTED_NS + 20 * SECOND, ACTIVE_W)
     assert found is not None and found.percent == pytest.approx(100 * (1 - 14 / 24), abs=1)
     assert found.always == pytest.approx(270 / FPS * 24, rel=0.05)
+    assert found.always != pytest.approx(270 / FPS * 24, rel=1e-6), "all slots were looked at"
