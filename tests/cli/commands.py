@@ -13,3 +13,11 @@ def run(*words: object) -> int:
         main([str(word) for word in words])
         raise SystemExit(0)
     return int(ended.value.code or 0)
+
+
+def refused(capsys: pytest.CaptureFixture[str], *words: object) -> str:
+    """Return the one line with which a command of wrong input ends."""
+    assert run(*words) == 2
+    error = capsys.readouterr().err
+    assert len(error.strip().splitlines()) == 1
+    return error

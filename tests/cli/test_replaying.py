@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests.cases import each_case
-from tests.cli.commands import run
+from tests.cli.commands import refused, run
 from tests.cli.one_person import one_person
 
 from e3pose.model.skeleton import COCO17
@@ -120,10 +120,7 @@ def test_wrong_option_is_one_line_and_nothing_is_written(
     named: str,
 ) -> None:
     figures = tmp_path / "figures.json"
-    assert run("replay", str(folder), "--json", str(figures), *options) == 2
-    error = capsys.readouterr().err
-    assert named in error
-    assert len(error.strip().splitlines()) == 1
+    assert named in refused(capsys, "replay", str(folder), "--json", str(figures), *options)
     assert not figures.exists()
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from tests.cases import each_case
-from tests.cli.commands import run
+from tests.cli.commands import refused, run
 from tests.cli.one_person import one_person
 
 from e3pose.recording import save_recording
@@ -122,10 +122,8 @@ def test_wrong_option_is_one_line_and_nothing_is_written(
     named: str,
 ) -> None:
     figures = tmp_path / "figures.json"
-    assert run("evaluate", str(folder), "--jobs", "1", "--json", str(figures), *options) == 2
-    error = capsys.readouterr().err
-    assert named in error
-    assert len(error.strip().splitlines()) == 1
+    words = ["--jobs", "1", "--json", figures, *options]
+    assert named in refused(capsys, "evaluate", folder, *words)
     assert not figures.exists()
 
 

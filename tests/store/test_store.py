@@ -12,10 +12,11 @@ import numpy as np
 import pytest
 from sqlalchemy import update
 from tests.cases import each_case
+from tests.cli.commands import refused
+from tests.cli.commands import run as run_cli
 from tests.store.conftest import KINDS, make_record, make_run, new_place
 
 from e3pose.base.errors import InputError
-from e3pose.cli import main
 from e3pose.model.skeleton import COCO17
 from e3pose.model.zone_event import ZoneEvent
 from e3pose.pipeline import SlotRecord
@@ -212,13 +213,6 @@ def test_record_that_does_not_fit_is_refused_and_reported(
     assert "store-refused" in kinds
 
 
-def run_cli(*tokens: str) -> int:
-    with pytest.raises(SystemExit) as stop:
-        main([*tokens])
-        raise SystemExit(0)
-    return int(stop.value.code or 0)
-
-
 def test_query_writes_the_same_rows_in_every_format(filled: Place, tmp_path: Path) -> None:
     from pyarrow import parquet
 
@@ -283,8 +277,5 @@ def test_wrong_question_is_one_line(
 ) -> None:
     words = [str(filled_file) if word == "STORE" else word for word in options]
     before = filled_file.read_bytes()
-    assert run_cli("query", str(filled_file), *words) == 2
-    error = capsys.readouterr().err
-    assert named in error
-    assert len(error.strip().splitlines()) == 1
+    assert named in refused(capsys, "query", filled_file, *words)
     assert filled_file.read_bytes() == before

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests.cases import each_case
-from tests.cli.commands import run
+from tests.cli.commands import refused, run
 from tests.cli.one_person import one_person
 
 from e3pose.energy.queues import load_profile
@@ -74,8 +74,5 @@ def test_wrong_store_is_one_line(
     monkeypatch.chdir(tmp_path)
     words = [word.replace("RECORDING", str(recording)) for word in options]
     before = (recording / "recording.toml").read_bytes()
-    assert run("replay", str(recording), "--cameras", "2", *words) == 2
-    error = capsys.readouterr().err
-    assert named in error
-    assert len(error.strip().splitlines()) == 1
+    assert named in refused(capsys, "replay", recording, "--cameras", "2", *words)
     assert (recording / "recording.toml").read_bytes() == before
