@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import re
-import zipfile
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from e3pose.base.arrays import Floats
-from e3pose.base.bounded import open_regular
 from e3pose.base.errors import InputError
 from e3pose.model.camera import Rig
 from e3pose.model.rigs import ring_rig
 from e3pose.model.skeleton import CMU31
 from e3pose.recording import Recording, Truth, ViewSeries
-from e3pose.recording.arrays import MAX_FILE_BYTES, floats, load_arrays
+from e3pose.recording.arrays import floats, load_arrays, open_archive
 from e3pose.recording.detections.views import MAX_SLOTS, check_fps
 
 FPS = 30.0
@@ -43,11 +41,8 @@ IMAGE_SIZE = (1032, 776)
 
 def cmu_clips(source: Path) -> list[str]:
     """Return the names of the clips in an .npz; raise `InputError` if it holds none."""
-    with open_regular(source, MAX_FILE_BYTES) as file:
-        try:
-            members = zipfile.ZipFile(file).namelist()
-        except (zipfile.BadZipFile, ValueError, OSError, NotImplementedError):
-            raise InputError(f"{source}: found no .npz archive, or a truncated one") from None
+    with open_archive(source) as archive:
+        members = archive.namelist()
     names = [name.removesuffix(".npy") for name in members if name != f"{NAMES_KEY}.npy"]
     if not names or len(names) > MAX_CLIPS:
         raise InputError(f"{source}: found {len(names)} clips, expected 1 to {MAX_CLIPS}")

@@ -18,7 +18,8 @@ from cyclopts import App, CycloptsError, Group, MissingArgumentError
 from e3pose import __version__
 from e3pose.base.errors import InputError, reason_of
 from e3pose.base.system import END_SIGNALS
-from e3pose.cli.distributions import HUB, LAB, other_verb, with_lab
+from e3pose.cli.distributions import EXTRAS as DISTRIBUTIONS
+from e3pose.cli.distributions import other_verb, with_lab
 
 VERSION = ["--version", "-V"]
 EXIT_INPUT = 2  # the input or the options are wrong
@@ -122,10 +123,9 @@ EXTRAS = {
     "distributed": "lab",
     "joblib": "lab",
     "fsspec": "archive",
-    LAB: "lab",
-    HUB: "hub",
     "motmetrics": "lab",
     "torch": "train",
+    **DISTRIBUTIONS,
 }
 
 

@@ -13,7 +13,7 @@ from typing import Annotated
 from cyclopts import App, Parameter
 
 LAB, HUB = "e3pose_lab", "e3pose_hub"
-EXTRAS = {LAB: "lab", HUB: "hub"}
+EXTRAS = {LAB: "lab", HUB: "hub"}  # and the extra that brings each
 INSTALLED = {name for name in EXTRAS if importlib.util.find_spec(name) is not None}
 # Each verb: its package, `module:name` in that, and its help where that is not installed.
 VERBS = {

@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.base.arrays import Floats
+from e3pose.base.arrays import Flags, Floats
 from e3pose.energy.budgets import Budget, Supply, allowance_j, slot_shares
 from e3pose.energy.learned_cost import LearnedCost, SlotCost, learn, slot_cost, unlearned
 from e3pose.energy.profiles import DeviceProfile, Mode
@@ -17,7 +17,8 @@ from e3pose.energy.profiles import DeviceProfile, Mode
 SUN_S = 600.0  # over which charging is averaged: a cloud is no evening
 LEAST_COST_J = 1e-6
 # Of the time between two heartbeats, in which a camera is still called awake: the one on falling
-# asleep is made a moment after, and has the looks before in it.
+# asleep has the looks before in it, and is made 0.1 ms after on live sites. Where it taught
+# nothing, cameras that sleep after each look were not measured within two minutes.
 ASLEEP_SHARE = 0.01
 # Measured costs beside a profile's, of most cameras: what differs from it by more is not believed.
 STRANGE_TIMES = 2.0
@@ -188,7 +189,7 @@ def _slot_cost(camera: CameraEnergy, interval_s: float) -> SlotCost:
 
 
 def _credible_cost_j(
-    cameras: Sequence[CameraEnergy], slots: Sequence[SlotCost], interval_s: float
+    cameras: Sequence[CameraEnergy], cost_j: Floats, measured: Flags, interval_s: float
 ) -> Floats:
     """Return `(num_cameras,)` costs of active slots, without those that one camera makes up.
 
@@ -199,9 +200,7 @@ def _credible_cost_j(
     """
     profile_w = np.array([camera.cost.profile_watts() for camera in cameras])
     assumed_j = np.maximum((profile_w[:, 0] - profile_w[:, 1]) * interval_s, LEAST_COST_J)
-    cost_j = np.array([slot.active_j - slot.idle_j for slot in slots])
     times = np.maximum(cost_j, LEAST_COST_J) / assumed_j
-    measured = np.array([slot.measured for slot in slots])
     known = np.sort(times[measured] if measured.any() else times)
     typical = known[(len(known) - 1) // 2]
     strange = (times > STRANGE_TIMES * typical) | (times < typical / STRANGE_TIMES)
@@ -228,6 +227,7 @@ def estimate_energy(
     slots = tuple(_slot_cost(camera, interval_s) for camera in cameras)
     active_j = np.array([slot.active_j for slot in slots])
     idle_j = np.array([slot.idle_j for slot in slots])
+    measured = np.array([slot.measured for slot in slots])
     supplies = [camera.supply() for camera in cameras]
     allowed_j = allowance_j(budgets, supplies, active_j, idle_j, interval_s, now_s, num_selected)
     budget = slot_shares(allowed_j, active_j, idle_j)
@@ -235,7 +235,7 @@ def estimate_energy(
     enough = affordable >= num_selected - 1e-6
     return EnergyEstimate(
         budget=budget,
-        cost_j=_credible_cost_j(cameras, slots, interval_s),
+        cost_j=_credible_cost_j(cameras, active_j - idle_j, measured, interval_s),
         slots=slots,
         num_selected=num_selected if enough else AFFORD_SHARE * affordable,
         starved=(allowed_j <= idle_j) & (active_j > idle_j),

@@ -9,7 +9,7 @@ from e3pose.events.people import Person, heirs_in
 from e3pose.events.rules.fall import why_not
 from e3pose.events.states import LYING, STATES, UNKNOWN
 from e3pose.events.watch import Watch
-from e3pose.model.person_event import NOBODY, PersonEvent
+from e3pose.model.person_event import PersonEvent, who
 from e3pose.settings.events_table import EventsTable
 
 SETTLED_NS = 1_000_000_000  # a state is said when it has been so for so long
@@ -81,7 +81,7 @@ def advance(
         elif why == NOBODY_DOWN and person.surface_m and person.lies >= DOWN:
             why = f"person {track} lay on a zone with a height, which is no floor."
     lines += [
-        f"{event.kind.upper()} {event.phase}: {_who(event)}{event.says}, told "
+        f"{event.kind.upper()} {event.phase}: {f'{who(event)} {event.says}'.strip()}, told "
         f"{(told_ns - event.start_ns) / 1e9:.1f} s after it began (score {event.score:.2f})"
         for event in events
     ]
@@ -103,10 +103,6 @@ def account(trial: Trial, table: EventsTable) -> str:
     if table.kinds and "fall" not in table.kinds:
         return "No fall was told: [events] of the site file does not list it in kinds."
     return f"No fall was told: {trial.why}"
-
-
-def _who(event: PersonEvent) -> str:
-    return "" if event.track == NOBODY else f"Person {event.track} "
 
 
 def _why(person: Person, watch: Watch, down_s: float) -> str:

@@ -55,6 +55,11 @@ class PersonEvent:
         return (self.time_ns - self.start_ns) / 1e9
 
 
+def who(event: PersonEvent) -> str:
+    """Return how an event names its person; empty where it is of nobody."""
+    return "" if event.track == NOBODY else event.name or f"Person {event.track}"
+
+
 def sentence(event: PersonEvent, zone: tzinfo = timezone.utc) -> str:
     """Return an event as a caregiver reads it.
 
@@ -63,7 +68,6 @@ def sentence(event: PersonEvent, zone: tzinfo = timezone.utc) -> str:
         zone: time zone to tell the time in.
     """
     at = datetime.fromtimestamp(event.start_ns / 1e9, zone).strftime("%H:%M")
-    who = "" if event.track == NOBODY else event.name or f"Person {event.track}"
     where = f" ({event.zone})" if event.zone else ""
-    text = f"{who} {event.says}{where} at {at}".strip()
+    text = f"{who(event)} {event.says}{where} at {at}".strip()
     return text[0].upper() + text[1:]

@@ -5,7 +5,8 @@ from __future__ import annotations
 import tokenize
 import zipfile
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
 
@@ -39,6 +40,17 @@ BROKEN = (
 )
 
 
+@contextmanager
+def open_archive(path: Path) -> Iterator[zipfile.ZipFile]:
+    """Open an .npz of at most `MAX_FILE_BYTES`; raise `InputError` for what is none."""
+    with open_regular(path, MAX_FILE_BYTES) as file:
+        try:
+            archive = zipfile.ZipFile(file)
+        except (zipfile.BadZipFile, ValueError, OSError, NotImplementedError):
+            raise InputError(f"{path}: found no .npz archive, or a truncated one") from None
+        yield archive
+
+
 def load_arrays(path: Path, shapes: Mapping[str, Shape]) -> dict[str, NDArray[np.generic]]:
     """Load named arrays of an .npz and check that their shapes fit together.
 
@@ -53,11 +65,7 @@ def load_arrays(path: Path, shapes: Mapping[str, Shape]) -> dict[str, NDArray[np
     """
     arrays: dict[str, NDArray[np.generic]] = {}
     lengths: dict[str, int] = {}
-    with open_regular(path, MAX_FILE_BYTES) as file:
-        try:
-            archive = zipfile.ZipFile(file)
-        except (zipfile.BadZipFile, ValueError, OSError, NotImplementedError):
-            raise InputError(f"{path}: found no .npz archive, or a truncated one") from None
+    with open_archive(path) as archive:
         members = {entry.filename: entry for entry in archive.infolist()}
         for key, shape in shapes.items():
             name = key.removesuffix("?")
