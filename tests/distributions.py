@@ -15,9 +15,9 @@ ROOT = Path(__file__).parents[1]
 PRODUCT = "e3pose"
 
 
-def read(folder: Path) -> dict[str, Any]:
-    """Return the pyproject.toml of a folder."""
-    return tomllib.loads((folder / "pyproject.toml").read_text())
+def read(folder: Path, name: str = "pyproject.toml") -> dict[str, Any]:
+    """Return what a TOML file of a folder says."""
+    return tomllib.loads((folder / name).read_text())
 
 
 # Folders of the others by their package; the project file of the product lists them.
