@@ -56,7 +56,7 @@ PURE = (
     "estimate.per_slot.track", "select.policies", "select.expected_information", "select.occlusion",
     "select.motion_2d", "select.newcomers",
     "select.camera_order", "select.failure_detector", "select.feedback", "model.expected",
-    "energy.queues", "energy.learned_cost",
+    "energy.queues",
     "energy.budgets", "energy.site_energy", "estimate.smooth", "model.take", "pipeline",
     "recording.record",
     "evaluate.metrics", "wire.codec", "wire.offset", "base.clock", "edge.lead", "edge.roster",
@@ -71,7 +71,7 @@ FOREIGN = {
 # Files of the product that name the package of another, to say what to install or who reads them.
 NAMED = {
     "e3pose_hub": {"distributions.py"},
-    "e3pose_lab": {"distributions.py", "trainer.py", "calibration.py", "weights_file.py"},
+    "e3pose_lab": {"distributions.py", "trainer.py", "attention_lstm.py", "weights_file.py"},
 }
 
 

@@ -21,7 +21,7 @@ TEXTS = {
 # The rooms for what differs, and what each file that names a place of Linux does elsewhere.
 ASKS = {"base/system.py", "base/child_process.py"}
 PLACES = {
-    "base/thread_name.py": "names no thread",
+    "base/threads.py": "names no thread",
     "camera/live_source.py": "refused by require_linux",
     "camera/probe.py": "finds no device",
     "detectors/weights/index.py": "finds no settings of pip",

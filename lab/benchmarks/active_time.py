@@ -40,11 +40,10 @@ from e3pose.camera.base import LiveDetector, LiveFrame, LiveSource
 from e3pose.camera.live_source import make_source
 from e3pose.cli.app import main as e3pose
 from e3pose.energy.activity import ModeClock
-from e3pose.energy.learned_cost import slot_cost
 from e3pose.energy.meters.base import Reading
 from e3pose.energy.meters.sampler import PowerSampler
 from e3pose.energy.profiles import load_profile
-from e3pose.energy.site_energy import new_camera, observe
+from e3pose.energy.site_energy import new_camera, observe, slot_cost
 from e3pose.model.pose import Poses2D
 from e3pose.site import camera_program
 from e3pose.site.up import Program

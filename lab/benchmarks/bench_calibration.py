@@ -49,7 +49,7 @@ from e3pose.recording import load_recording
 from e3pose.recording.calibration.world import assumed_rig
 from e3pose.recording.record import Recording
 from e3pose.simulate import SceneSettings, simulate
-from e3pose.simulate.gatherings import GUESSES
+from e3pose.simulate.scenes import GUESSES
 
 sys.path.append(str(Path(__file__).resolve().parents[2]))  # scenes of the tests
 

@@ -21,8 +21,7 @@ from scipy.spatial.transform import Rotation
 from e3pose.calibrate.board import Board
 from e3pose.calibrate.from_boards import solve_boards
 from e3pose.calibrate.places import KnownLength, from_points_seen, from_wand_seen
-from e3pose.calibrate.sound import RATE, onsets, shift_of
-from e3pose.calibrate.synchronise import synchronise
+from e3pose.calibrate.synchronise import RATE, onsets, shift_of, synchronise
 from e3pose.calibrate.wand import Wand
 from e3pose.model.camera import Rig
 from e3pose.model.noises import load_noise

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from e3pose.evaluate.replay import ReplaySettings
-from e3pose.simulate.homes import ORDINARY
+from e3pose.simulate.scenes import ORDINARY
 from e3pose.simulate.settings import SceneSettings
 from event_detection import Tally, home, rate_bound
 

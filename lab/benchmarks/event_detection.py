@@ -45,8 +45,8 @@ from e3pose.recording import Recording, load_recording
 from e3pose.settings.energy import AWAKE, EnergySettings, RestChoice
 from e3pose.settings.events_table import EventsTable
 from e3pose.settings.site_file import ZoneTable
-from e3pose.simulate.episode_kinds import BED_M, FALLS, SOFA_M
-from e3pose.simulate.homes import BED, SOFA
+from e3pose.simulate.episodes import BED_M, FALLS, SOFA_M
+from e3pose.simulate.scenes import BED, SOFA
 from e3pose.simulate.settings import DetectorSettings, Guessing, SceneSettings
 from e3pose.simulate.simulation import lives_of, simulate
 from e3pose.site.event_sink import seen_in

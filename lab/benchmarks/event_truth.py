@@ -9,8 +9,7 @@ import numpy as np
 
 from e3pose.model.person_event import PersonEvent
 from e3pose.settings.events_table import EventsTable
-from e3pose.simulate.episode_kinds import FALLS
-from e3pose.simulate.episodes import LOW, Episode
+from e3pose.simulate.episodes import FALLS, LOW, Episode
 from e3pose.simulate.gestures import RAMP_S, Gesturing
 
 SOON_S = 1.0  # something may be told so long before a body has got there

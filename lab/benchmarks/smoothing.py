@@ -64,7 +64,7 @@ def panoptic(shared: Path) -> Iterator[Any]:
 def situations() -> Iterator[Any]:
     """Yield scenes whose detector errs by situation, so that its errors last."""
     from e3pose.simulate import SceneSettings, simulate
-    from e3pose.simulate.gatherings import GUESSES
+    from e3pose.simulate.scenes import GUESSES
 
     for scene, seed in (("ring", 701), ("ring", 702), ("pillar", 701)):
         settings = SceneSettings(scene=scene, seconds=SECONDS, fps=FPS, detector=GUESSES)
@@ -112,8 +112,7 @@ def figures(
 ) -> dict[str, dict[str, float]]:
     """Return the figures of one replay by way of smoothing."""
     from e3pose.estimate.smooth import SmoothSettings
-    from e3pose.evaluate.expected_figures import expected_figures
-    from e3pose.evaluate.figures import plain
+    from e3pose.evaluate.figures import expected_figures, plain
     from e3pose.evaluate.replay import ReplaySettings, replay
     from e3pose.evaluate.smoothed import smooth_poses, smooth_records
     from e3pose.evaluate.summary import accuracy

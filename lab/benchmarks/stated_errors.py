@@ -50,7 +50,7 @@ def run(
     target_mm: float | None = None,
 ) -> Run:
     """Replay once; the count of cameras is left aside where there is a target."""
-    from e3pose.evaluate.expected_figures import expected_figures
+    from e3pose.evaluate.figures import expected_figures
     from e3pose.evaluate.replay import ReplaySettings, replay
 
     settings = ReplaySettings(

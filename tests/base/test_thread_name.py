@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from e3pose.base import thread_name
+from e3pose.base import threads
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="Linux shows the names of threads in /proc")
@@ -16,7 +16,7 @@ def test_a_thread_is_shown_by_its_name() -> None:
     shown: list[str] = []
 
     def work() -> None:
-        thread_name.show_thread_name()
+        threads.show_thread_name()
         number = threading.current_thread().native_id
         shown.append(Path(f"/proc/self/task/{number}/comm").read_text().strip())
 
@@ -27,5 +27,5 @@ def test_a_thread_is_shown_by_its_name() -> None:
 
 
 def test_where_there_is_no_such_file_nothing_happens(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(thread_name, "Path", lambda name: Path("/nowhere") / name.lstrip("/"))
-    thread_name.show_thread_name()
+    monkeypatch.setattr(threads, "Path", lambda name: Path("/nowhere") / name.lstrip("/"))
+    threads.show_thread_name()

@@ -12,7 +12,7 @@ from tests.calibrate.people_scenes import distances
 from tests.cases import each_case
 from tests.cli.commands import run
 
-from e3pose.camera.video_file import VideoFile
+from e3pose.camera.video_recorder import VideoFile
 from e3pose.model.camera import Rig
 from e3pose.model.rigs import ring_rig
 from e3pose.recording.calibration import load_rig, save_rig

@@ -13,8 +13,7 @@ from tests.calibrate.board_pictures import facing, render
 from tests.cases import each_case
 
 from e3pose.base.errors import InputError
-from e3pose.calibrate.board import Board, make_finder
-from e3pose.calibrate.board_page import as_pdf, as_svg, draw_page, largest_square_mm
+from e3pose.calibrate.board import Board, as_pdf, as_svg, draw_page, largest_square_mm, make_finder
 from e3pose.calibrate.board_views import find_board
 from e3pose.model.camera import Camera
 

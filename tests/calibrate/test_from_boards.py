@@ -10,8 +10,15 @@ from tests.cases import each_case
 
 from e3pose.base.errors import InputError
 from e3pose.calibrate.board import Board
-from e3pose.calibrate.from_boards import board_on_floor, both_places, solve_boards
-from e3pose.calibrate.view_graph import Edge, chain, connected, robust_mean
+from e3pose.calibrate.from_boards import (
+    Edge,
+    board_on_floor,
+    both_places,
+    chain,
+    connected,
+    robust_mean,
+    solve_boards,
+)
 from e3pose.model.camera import Rig
 from e3pose.model.rigs import ring_rig
 

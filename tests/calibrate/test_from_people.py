@@ -18,20 +18,21 @@ from tests.calibrate.people_scenes import (
 from e3pose.base.errors import InputError
 from e3pose.calibrate import from_people as from_people_module
 from e3pose.calibrate import moved_cameras
-from e3pose.calibrate.fit import CameraFit, disagreeing
 from e3pose.calibrate.from_people import (
     FOCALS,
     NOISE_FACTORS,
+    CameraFit,
+    Progress,
     _finish,
     _rounds,
     _Scene,
+    disagreeing,
     solve_people,
 )
 from e3pose.calibrate.judge import judge
 from e3pose.calibrate.matched_people import Joints, observe_people
 from e3pose.calibrate.people_places import _check_far, _too_wild, from_people
 from e3pose.calibrate.places import KnownLength
-from e3pose.calibrate.progress import Progress
 from e3pose.calibrate.synchronise import synchronise, with_offsets
 from e3pose.model.camera import Rig
 from e3pose.model.noises import detector_of, load_noise

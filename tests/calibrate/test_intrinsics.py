@@ -8,8 +8,7 @@ from tests.calibrate.board_pictures import corner_views, facing
 
 from e3pose.base.errors import InputError
 from e3pose.calibrate.board import Board
-from e3pose.calibrate.intrinsics import fit_intrinsics, resect
-from e3pose.calibrate.view_choice import advice, choose_views
+from e3pose.calibrate.intrinsics import advice, choose_views, fit_intrinsics, resect
 from e3pose.model.camera import Camera
 
 pytestmark = pytest.mark.slow

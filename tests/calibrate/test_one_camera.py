@@ -7,7 +7,7 @@ import pytest
 from tests.calibrate.people_scenes import knocked, walk
 
 from e3pose.base.errors import InputError
-from e3pose.calibrate.one_camera import place_one
+from e3pose.calibrate.people_places import place_one
 from e3pose.calibrate.recordings import first_seconds, last_seconds
 from e3pose.model.noises import load_noise
 from e3pose.model.rotations import angles_between

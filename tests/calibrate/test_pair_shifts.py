@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from tests.cases import each_case
 
-from e3pose.calibrate.pair_shifts import (
+from e3pose.calibrate.synchronise import (
     disagreement,
     incidence,
     spanning_tree_offsets,

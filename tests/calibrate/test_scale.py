@@ -8,8 +8,16 @@ from numpy.typing import NDArray
 from tests.rigs import looking
 
 from e3pose.base.errors import InputError
-from e3pose.calibrate.people_3d import MIN_LIMBS, SHANK, SPINE, THIGH, People3D
-from e3pose.calibrate.scale import from_distance, from_limb, from_stature
+from e3pose.calibrate.people_3d import (
+    MIN_LIMBS,
+    SHANK,
+    SPINE,
+    THIGH,
+    People3D,
+    from_distance,
+    from_limb,
+    from_stature,
+)
 from e3pose.model.skeleton import COCO17
 
 TAPE_M = 0.01  # by which a distance between lenses is measured wrong

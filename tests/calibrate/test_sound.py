@@ -12,7 +12,7 @@ from tests.cases import each_case
 from tests.cli.commands import run
 
 from e3pose.base.errors import InputError
-from e3pose.calibrate.sound import RATE, shifts_by_sound
+from e3pose.calibrate.synchronise import RATE, shifts_by_sound
 from e3pose.camera.source import open_video
 
 pytestmark = pytest.mark.slow

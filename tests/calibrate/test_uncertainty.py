@@ -13,7 +13,7 @@ from e3pose.calibrate.moved_cameras import distances
 from e3pose.calibrate.uncertainty import camera_errors, likely_rigs
 from e3pose.model.noises import detector_of, load_noise
 from e3pose.simulate import SceneSettings, simulate
-from e3pose.simulate.gatherings import GUESSES
+from e3pose.simulate.scenes import GUESSES
 
 WALK = SceneSettings(people=2, seconds=20.0, fps=5.0, cameras=4)
 CASES = {

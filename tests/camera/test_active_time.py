@@ -20,9 +20,8 @@ from tests.memory_transport import Hub
 
 from e3pose.base.clock import SlotTimes
 from e3pose.camera.base import LiveFrame, LiveSource, NodeSettings
-from e3pose.camera.live import CameraNode
+from e3pose.camera.live import CameraNode, Spending, pause_ns
 from e3pose.camera.schedule import Schedule
-from e3pose.camera.spending import Spending, pause_ns
 from e3pose.edge.energy_ledger import EnergyLedger
 from e3pose.energy.activity import ModeClock
 from e3pose.energy.budgets import Budget

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 
-from e3pose.camera.box import Box
+from e3pose.camera.live import Box
 
 
 def test_newest_wins_and_the_rest_is_counted() -> None:

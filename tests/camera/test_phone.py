@@ -19,7 +19,7 @@ from tests.waiting import eventually
 
 from e3pose.base.clock import WallClock
 from e3pose.base.errors import InputError
-from e3pose.camera import phone, phone_server
+from e3pose.camera import phone
 from e3pose.camera import probe as phone_probe
 from e3pose.camera.live_source import make_source
 from e3pose.camera.phone import PhoneSource
@@ -161,7 +161,7 @@ def test_who_is_not_the_phone_sends_nothing(
         (b"", 415, "no JPEG"),
         (b"GIF89a" + bytes(100), 415, "no JPEG"),
         (b"\xff\xd8\xff\xc0\x00\x11\x08\xff\xff\xff\xff", 415, "65535 x 65535"),
-        (bytes(phone_server.MAX_FRAME_BYTES + 1), 413, "more than 1048576 bytes"),
+        (bytes(phone.MAX_FRAME_BYTES + 1), 413, "more than 1048576 bytes"),
     ],
 )
 def test_what_is_no_frame_is_refused(
@@ -214,7 +214,7 @@ def test_silent_connections_make_room_for_the_phone(
             assert client.get("/time", headers=secret).status_code == 200
         server = source._server
         assert server is not None
-        assert eventually(lambda: len(server._held) <= phone_server.PER_ADDRESS)
+        assert eventually(lambda: len(server._held) <= phone.PER_ADDRESS)
         assert sum(known for _, known, _ in server._held.values()) == 1  # it never was cut
     finally:
         for one in silent:

@@ -8,8 +8,7 @@ from typing import Any
 from tests.manual_clock import ManualClock
 from tests.waiting import eventually
 
-from e3pose.camera.box import Box
-from e3pose.camera.spending import SLOT_WAIT_S, Spending, pause_ns
+from e3pose.camera.live import SLOT_WAIT_S, Box, Spending, pause_ns
 from e3pose.energy.activity import ModeClock
 
 SLOT_NS = 40_000_000

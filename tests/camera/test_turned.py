@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tests.cases import each_case
 
-from e3pose.camera.orientation import Orientation
-from e3pose.camera.turned import turned
+from e3pose.camera.orientation import Orientation, turned
 from e3pose.detectors.drawn import Drawn, draw
 from e3pose.detectors.focus import Focusing, InBoxes, Part, detect_expected
 from e3pose.model.expected import ExpectedView

@@ -16,8 +16,7 @@ from e3pose.base.clock import SlotTimes
 from e3pose.camera import video_recorder
 from e3pose.camera.base import LiveFrame
 from e3pose.camera.source import open_video
-from e3pose.camera.video_file import VideoFile
-from e3pose.camera.video_recorder import QUEUE_FRAMES, VideoRecorder, VideoSettings
+from e3pose.camera.video_recorder import QUEUE_FRAMES, VideoFile, VideoRecorder, VideoSettings
 from e3pose.model.pose import Poses2D
 from e3pose.recording.videos import begin_of, videos_in
 
@@ -151,7 +150,7 @@ KILLED = """
 import sys, time
 from pathlib import Path
 import numpy as np
-from e3pose.camera.video_file import VideoFile
+from e3pose.camera.video_recorder import VideoFile
 video = VideoFile(Path(sys.argv[1]), (96, 64), 20.0)
 for slot in range(200):
     video.add(np.full((64, 96, 3), slot, dtype=np.uint8), slot / 20)

@@ -10,10 +10,20 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.cases import each_case
 
-from e3pose.camera.turned import turned
+from e3pose.camera.orientation import turned
 from e3pose.detectors.drawn import Drawn, draw
-from e3pose.detectors.focus import Part, detect_expected, look_at
-from e3pose.detectors.mosaic import GAP, MOST_TILES, Mosaic, Tile, apart, mosaic_of, pack
+from e3pose.detectors.focus import (
+    GAP,
+    MOST_TILES,
+    Mosaic,
+    Part,
+    Tile,
+    apart,
+    detect_expected,
+    look_at,
+    mosaic_of,
+    pack,
+)
 from e3pose.model.expected import ExpectedView
 from e3pose.model.pose import Poses2D
 

@@ -14,8 +14,7 @@ from tests.cases import each_case
 
 from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
-from e3pose.detectors.openpose import OpenPose
-from e3pose.detectors.part_affinity import HEAT, Prior, decode, expected_heat, find_peaks
+from e3pose.detectors.openpose import HEAT, OpenPose, Prior, decode, expected_heat, find_peaks
 from e3pose.detectors.topology import OPENPOSE_THIN, TOPOLOGIES, TRT_POSE
 
 Maps = NDArray[np.float32]

@@ -16,9 +16,7 @@ from e3pose.base.errors import InputError
 from e3pose.detectors import identify, make_detector, skeleton_of
 from e3pose.detectors.focus import detect_expected
 from e3pose.detectors.inference import load_network
-from e3pose.detectors.keypoint_heads import read_heatmaps, read_simcc
-from e3pose.detectors.person_boxes import PersonBoxes
-from e3pose.detectors.top_down import crop, different_people
+from e3pose.detectors.top_down import PersonBoxes, crop, different_people, read_heatmaps, read_simcc
 from e3pose.model.expected import ExpectedView
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17, HALPE26

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from tests.cases import each_case
 
-from e3pose.energy.learned_cost import LearnedCost, learn, slot_cost, unlearned
 from e3pose.energy.profiles import load_profile
+from e3pose.energy.site_energy import LearnedCost, learn, slot_cost, unlearned
 
 pytestmark = pytest.mark.slow
 

@@ -7,8 +7,7 @@ from tests.cases import each_case
 
 from e3pose.base.errors import InputError
 from e3pose.energy.modes import RESTS
-from e3pose.energy.profiles import PROFILES, load_profile, modes_of
-from e3pose.energy.profiles.write import profile_text
+from e3pose.energy.profiles import PROFILES, load_profile, modes_of, profile_text
 
 BASE = """
 format = "e3pose-power-profile"

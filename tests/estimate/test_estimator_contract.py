@@ -11,7 +11,7 @@ import pytest
 from e3pose.base.errors import InputError
 from e3pose.estimate import ESTIMATORS, EstimatorSettings, People, estimator_maker
 from e3pose.estimate.per_slot.fuse import FusionSettings
-from e3pose.evaluate.expected_figures import expected_figures
+from e3pose.evaluate.figures import expected_figures
 from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.model.noises import load_noise
 from e3pose.model.pose import Poses2D

@@ -24,7 +24,7 @@ from e3pose.model.pose import Poses2D
 from e3pose.pipeline import Pipeline
 from e3pose.predict import Prediction
 from e3pose.predict.attention_lstm import AttentionLstm
-from e3pose.predict.constant_velocity import ConstantVelocity
+from e3pose.predict.velocities import ConstantVelocity
 from e3pose.recording import Recording
 from e3pose.settings.parts import STEERING_SLOTS
 from e3pose.simulate import SceneSettings, simulate

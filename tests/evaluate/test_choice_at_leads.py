@@ -7,7 +7,7 @@ import functools
 import numpy as np
 import pytest
 
-from e3pose.evaluate.expected_figures import expected_figures
+from e3pose.evaluate.figures import expected_figures
 from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.evaluate.summary import accuracy
 from e3pose.recording import Recording

@@ -6,9 +6,14 @@ import numpy as np
 import pytest
 
 from e3pose.energy.profiles import DeviceProfile, load_profile
-from e3pose.evaluate.energy_figures import PAPER_SAVINGS, energy_figures, modelled_watts
-from e3pose.evaluate.expected_figures import expected_figures
-from e3pose.evaluate.figures import Energy, Expected
+from e3pose.evaluate.figures import (
+    PAPER_SAVINGS,
+    Energy,
+    Expected,
+    energy_figures,
+    expected_figures,
+    modelled_watts,
+)
 from e3pose.model.camera import Camera, Rig
 from e3pose.model.pose import Poses3D
 from e3pose.model.skeleton import COCO17, PANOPTIC19, Skeleton

@@ -6,7 +6,7 @@ import numpy as np
 from tests.cases import each_case
 
 from e3pose.base.arrays import Floats
-from e3pose.evaluate.pcp import GROUPS, LIMBS, count_parts, group_percent, pcp_percent
+from e3pose.evaluate.metrics import GROUPS, LIMBS, count_parts, group_percent, pcp_percent
 
 BODY = np.array(
     [

@@ -11,8 +11,8 @@ from e3pose.base.arrays import Floats
 from e3pose.events.people import Seen
 from e3pose.simulate.activities import Life
 from e3pose.simulate.body import draw_body
-from e3pose.simulate.episode_kinds import plan_episode
-from e3pose.simulate.motion import move
+from e3pose.simulate.episodes import plan_episode
+from e3pose.simulate.simulation import move
 
 FPS = 12.5
 START_S = 3.0

@@ -19,7 +19,7 @@ from e3pose.model.person_event import PersonEvent, sentence
 from e3pose.model.skeleton import COCO17
 from e3pose.settings.events_table import EventsTable
 from e3pose.settings.site_file import ZoneTable
-from e3pose.simulate.episode_kinds import BED_M
+from e3pose.simulate.episodes import BED_M
 
 EVERYWHERE = ((-3.0, -3.0), (3.0, -3.0), (3.0, 3.0), (-3.0, 3.0))
 BED = ZoneTable("bed", EVERYWHERE, height_m=BED_M)

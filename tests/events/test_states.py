@@ -12,7 +12,7 @@ from e3pose.events.watch import advance, begin_watch
 from e3pose.model.skeleton import COCO17
 from e3pose.settings.events_table import EventsTable
 from e3pose.settings.site_file import ZoneTable
-from e3pose.simulate.episode_kinds import BED_M
+from e3pose.simulate.episodes import BED_M
 
 EVERYWHERE = ((-3.0, -3.0), (3.0, -3.0), (3.0, 3.0), (-3.0, 3.0))
 

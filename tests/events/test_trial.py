@@ -13,7 +13,7 @@ from e3pose.events.trial import NOBODY_DOWN, NOBODY_SEEN, Trial, account, advanc
 from e3pose.model.skeleton import COCO17
 from e3pose.settings.events_table import EventsTable
 from e3pose.settings.site_file import ZoneTable
-from e3pose.simulate.episode_kinds import BED_M
+from e3pose.simulate.episodes import BED_M
 
 LATE_NS = 100_000_000
 

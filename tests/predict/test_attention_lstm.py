@@ -15,7 +15,7 @@ from e3pose.base.errors import InputError
 from e3pose.model.skeleton import BODY25, CMU31, COCO17, SKELETONS, Skeleton, convert
 from e3pose.predict import Prediction, make_predictor, make_predictor_or_fallback
 from e3pose.predict.attention_lstm import MAX_LEADS, SHIPPED, AttentionLstm
-from e3pose.predict.constant_velocity import ConstantVelocity
+from e3pose.predict.velocities import ConstantVelocity
 
 pytestmark = pytest.mark.slow
 

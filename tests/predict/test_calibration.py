@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from tests.cases import each_case
 
-from e3pose.predict.calibration import read_curves
+from e3pose.predict.attention_lstm import read_curves
 from e3pose.predict.kernels.tracks import Curves, calibrated
 
 

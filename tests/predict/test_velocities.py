@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from e3pose.base.arrays import Floats
-from e3pose.predict.damped_velocity import DampedVelocity
 from e3pose.predict.newest import newest_known
-from e3pose.predict.zero_velocity import ZeroVelocity
+from e3pose.predict.velocities import DampedVelocity, ZeroVelocity
 
 
 def _uniform(num_slots: int, step_m: float) -> Floats:

@@ -12,8 +12,7 @@ from tests.cases import each_case
 from e3pose.model.camera import Camera, Rig
 from e3pose.recording import Recording, Truth, ViewSeries
 from e3pose.recording.description import describe
-from e3pose.recording.geometry import epipolar_distances_px, truth_distances_px
-from e3pose.recording.problems import find_problems
+from e3pose.recording.problems import epipolar_distances_px, find_problems, truth_distances_px
 
 Change = Callable[[Recording], Recording]
 

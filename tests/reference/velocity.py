@@ -9,7 +9,7 @@ from e3pose.base.arrays import Floats
 
 
 def constant_velocity(history_m: Floats, lead_slots: int) -> Floats:
-    """See `e3pose.predict.constant_velocity`; returns the joints."""
+    """See `e3pose.predict.velocities`; returns the joints."""
     newest = history_m[-1]
     before = history_m[-2] if len(history_m) > 1 else np.full_like(newest, np.nan)
     motion = newest - before

@@ -8,7 +8,7 @@ from tests.cases import each_case
 from tests.events.bodies import FPS, doing
 
 from e3pose.base.errors import InputError
-from e3pose.simulate.episode_kinds import EPISODES, FALLS, plan_episode
+from e3pose.simulate.episodes import EPISODES, FALLS, plan_episode
 from e3pose.simulate.settings import SceneSettings
 from e3pose.simulate.simulation import lives_of, simulate
 

@@ -10,8 +10,8 @@ import pytest
 from e3pose.base.arrays import Floats
 from e3pose.recording import Recording
 from e3pose.simulate import DetectorSettings, SceneSettings, simulate
+from e3pose.simulate.detections import episodes, merge_people, swap_sides
 from e3pose.simulate.hidden_joints import covered_by_others
-from e3pose.simulate.mistakes import episodes, merge_people, swap_sides
 
 pytestmark = pytest.mark.slow
 

@@ -9,7 +9,7 @@ import numpy as np
 from tests.memory_transport import Hub
 
 from e3pose.base.clock import WallClock
-from e3pose.camera.turned import Turned
+from e3pose.camera.orientation import Turned
 from e3pose.detectors.base import Image
 from e3pose.detectors.drawn import Drawn
 from e3pose.model.pose import Poses2D

@@ -12,8 +12,7 @@ import pytest
 from e3pose.base.errors import InputError
 from e3pose.camera.base import LiveFrame
 from e3pose.energy.meters.base import Reading
-from e3pose.energy.profiles import PROFILES, Activity, load_profile, modes_of
-from e3pose.energy.profiles.write import profile_text
+from e3pose.energy.profiles import PROFILES, Activity, load_profile, modes_of, profile_text
 from e3pose.model.pose import Poses2D
 from e3pose.site import measure_modes as measuring
 from e3pose.site.measure_modes import measure_modes, measured_profile

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from e3pose.energy.saving import whole
 from e3pose.evaluate.columns import print_tables, table_console
-from e3pose.evaluate.energy_figures import PAPER_SAVINGS
+from e3pose.evaluate.figures import PAPER_SAVINGS
 from e3pose.evaluate.tables import COLUMNS, FIGURE_NAMES, SAVED, find
 
 if TYPE_CHECKING:

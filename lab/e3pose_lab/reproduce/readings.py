@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from e3pose.evaluate.pcp import count_parts, pcp_percent
+from e3pose.evaluate.metrics import count_parts, pcp_percent
 from e3pose.evaluate.summary import in_skeleton
 from e3pose.model.pose import Poses3D
 from e3pose.model.skeleton import SHELF14

@@ -12,7 +12,7 @@ from scipy.optimize import linear_sum_assignment
 from e3pose.base.arrays import Floats
 from e3pose.estimate.per_slot.fuse import Fuser
 from e3pose.evaluate import metrics
-from e3pose.evaluate.pcp import LIMBS
+from e3pose.evaluate.metrics import LIMBS
 from e3pose.evaluate.replay import selected_views
 from e3pose.model.skeleton import convert
 from e3pose_lab.reproduce.replays import SHELF, Asked, recording_of

@@ -11,9 +11,9 @@ from e3pose.model.rigs import watched_area
 from e3pose.model.skeleton import COCO17, PANOPTIC19, convert
 from e3pose.recording import Recording, Truth
 from e3pose.simulate.detections import detect_people
-from e3pose.simulate.gatherings import GUESSES
 from e3pose.simulate.guesses import OUTPUTS
 from e3pose.simulate.place import Habits, Scene
+from e3pose.simulate.scenes import GUESSES
 from e3pose.simulate.situations import draw_fields
 
 HIPS = [11, 12]  # of COCO-17

@@ -12,7 +12,7 @@ import numpy as np
 
 from e3pose.estimate.per_slot.fuse import Fuser, FusionSettings
 from e3pose.evaluate import metrics
-from e3pose.evaluate.pcp import AVERAGED_ACTORS, count_parts
+from e3pose.evaluate.metrics import AVERAGED_ACTORS, count_parts
 from e3pose.evaluate.replay import selected_views
 from e3pose.model.skeleton import convert
 from e3pose.settings.parts import PAPER_MATCHER, PAPER_REFINE_STEPS

@@ -7,17 +7,165 @@ judged by its reprojection error in those; the simplest that is about as good as
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.base.arrays import Floats
+from e3pose.base.atomic import atomic_file
 from e3pose.base.errors import InputError
+from e3pose.calibrate.board_views import BoardViews
 from e3pose.calibrate.bundle import AdjustOptions, adjust_boards
-from e3pose.calibrate.view_choice import choose_views, tilted_views
 from e3pose.model.camera import Camera, Rig
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+BLURRED = 0.6  # a view less sharp than this share of the median is left out while others are there
+GRID = (4, 3)  # parts of the picture, across and down, in which corners are asked for
+TILTS = 0.05  # log of the ratio of opposite sides from which a board counts as tilted
+TILT_SCALE = 1.5  # of a tilt beside places and sizes, when views are told apart
+ENOUGH_VIEWS = 15
+SMALL = 0.25  # a board this share of the picture's width is small
+
+
+def choose_views(
+    corners_m: Floats,
+    corners_px: Floats,
+    image_size: tuple[int, int],
+    sharpness: Floats,
+    max_views: int,
+) -> NDArray[np.int64]:
+    """Return which views to use, rising.
+
+    Views are taken farthest first: each is the one least like those taken, by place in the picture,
+    size and tilt, so that a minute of holding still in the middle counts once.
+
+    Args:
+        corners_m: `(num_corners, 3)` on the board.
+        corners_px: `(num_views, num_corners, 2)`; NaN where not found.
+        image_size: `(width, height)` in pixels.
+        sharpness: `(num_views,)` larger is sharper.
+        max_views: how many at most.
+    """
+    features = view_features(corners_m, corners_px, image_size)
+    good = np.isfinite(features).all(axis=1)
+    sharp = good & (sharpness >= BLURRED * np.median(sharpness))
+    candidates = np.flatnonzero(sharp if sharp.sum() >= max_views // 2 else good)
+    if len(candidates) <= max_views:
+        return np.asarray(candidates, dtype=np.int64)
+    seen = np.isfinite(corners_px[candidates, :, 0]).sum(axis=1)
+    chosen = [int(np.argmax(seen * sharpness[candidates]))]
+    distance = np.full(len(candidates), np.inf)
+    while len(chosen) < max_views:
+        newest = features[candidates[chosen[-1]]]
+        distance = np.minimum(distance, np.linalg.norm(features[candidates] - newest, axis=1))
+        chosen.append(int(np.argmax(distance)))
+    return np.asarray(np.sort(candidates[chosen]), dtype=np.int64)
+
+
+def view_features(corners_m: Floats, corners_px: Floats, image_size: tuple[int, int]) -> Floats:
+    """Return `(num_views, 5)`: centre x and y, size, and two tilts, each of the order of one."""
+    low, high = corners_m[:, :2].min(axis=0), corners_m[:, :2].max(axis=0)
+    outline = np.array([[low[0], low[1]], [high[0], low[1]], [high[0], high[1]], [low[0], high[1]]])
+    features = np.full((len(corners_px), 5), np.nan)
+    for index, view in enumerate(corners_px):
+        seen = np.isfinite(view[:, 0])
+        H = homography(corners_m[seen, :2], view[seen])
+        homogeneous = np.column_stack([outline, np.ones(4)]) @ H.T
+        if not np.isfinite(H).all() or not (homogeneous[:, 2] > 1e-9).all():
+            continue
+        quad = homogeneous[:, :2] / homogeneous[:, 2:]
+        sides = np.linalg.norm(np.roll(quad, -1, axis=0) - quad, axis=1)
+        middle = view[seen].mean(axis=0) / np.array(image_size)
+        size = float(np.sqrt(sides.max() * sides.min()) / max(image_size))
+        tilts = np.log(sides[[0, 1]] / sides[[2, 3]])
+        features[index] = [*middle, size, *np.clip(TILT_SCALE * tilts, -1, 1)]
+    return features
+
+
+def tilted_views(
+    corners_m: Floats, corners_px: Floats, image_size: tuple[int, int]
+) -> NDArray[np.bool_]:
+    """Return `(num_views, 2)` whether the board is tilted, forwards and to the side.
+
+    Args:
+        corners_m: `(num_corners, 3)` on the board.
+        corners_px: `(num_views, num_corners, 2)`; NaN where not found.
+        image_size: `(width, height)` in pixels.
+    """
+    tilts = view_features(corners_m, corners_px, image_size)[:, 3:]
+    return np.asarray(np.abs(tilts) > TILT_SCALE * TILTS)
+
+
+def homography(source: Floats, target: Floats) -> Floats:
+    """Return `(3, 3)` H with `target ~ H source` for `(n, 2)` points (Hartley-Zisserman 4.1)."""
+    if len(source) < 4:
+        return np.full((3, 3), np.nan)
+    mean, spread = target.mean(axis=0), float(target.std()) or 1.0
+    origin, width = source.mean(axis=0), float(source.std()) or 1.0
+    x, y = ((source - origin) / width).T
+    u, v = ((target - mean) / spread).T
+    zero, one = np.zeros_like(x), np.ones_like(x)
+    rows_u = np.stack([x, y, one, zero, zero, zero, -u * x, -u * y, -u], axis=-1)
+    rows_v = np.stack([zero, zero, zero, x, y, one, -v * x, -v * y, -v], axis=-1)
+    H = np.linalg.svd(np.concatenate([rows_u, rows_v]))[2][-1].reshape(3, 3)
+    into = np.array(
+        [[1 / width, 0, -origin[0] / width], [0, 1 / width, -origin[1] / width], [0, 0, 1]]
+    )
+    back = np.array([[spread, 0, mean[0]], [0, spread, mean[1]], [0, 0, 1]])
+    H = back @ H @ into
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(H / H[2, 2])
+
+
+def covered(corners_px: Floats, image_size: tuple[int, int]) -> NDArray[np.int64]:
+    """Return `(3, 4)` counts of corners by part of the picture, top row first."""
+    seen = corners_px[np.isfinite(corners_px[..., 0])]
+    x = np.clip(seen[:, 0] / image_size[0] * GRID[0], 0, GRID[0] - 1).astype(int)
+    y = np.clip(seen[:, 1] / image_size[1] * GRID[1], 0, GRID[1] - 1).astype(int)
+    counts = np.zeros((GRID[1], GRID[0]), dtype=np.int64)
+    np.add.at(counts, (y, x), 1)
+    return counts
+
+
+def advice(corners_m: Floats, corners_px: Floats, image_size: tuple[int, int]) -> list[str]:
+    """Return what to record next for a better calibration, as sentences.
+
+    Args:
+        corners_m: `(num_corners, 3)` on the board.
+        corners_px: `(num_views, num_corners, 2)` pixels; NaN where not seen.
+        image_size: `(width, height)` pixels.
+    """
+    words = []
+    if len(corners_px) < ENOUGH_VIEWS:
+        words.append(f"record longer: {len(corners_px)} usable views, {ENOUGH_VIEWS} or more help")
+    counts = covered(corners_px, image_size)
+    rows, columns = ("top", "middle", "bottom"), ("left", "middle", "middle", "right")
+    empty = {
+        f"{rows[y]} {columns[x]}".replace("middle middle", "middle")
+        for y, x in np.argwhere(counts < 4).tolist()
+    }
+    if empty:
+        places = [f"{r} {c}" for r in rows for c in ("left", "middle", "right")]
+        named = [p.replace("middle middle", "middle") for p in places]
+        words.append("hold the board to the " + ", ".join(p for p in named if p in empty))
+    features = view_features(corners_m, corners_px, image_size)
+    features = features[np.isfinite(features).all(axis=1)]
+    if len(features):
+        tilted = tilted_views(corners_m, corners_px, image_size)
+        for axis, how in ((0, "forwards and backwards"), (1, "to the left and to the right")):
+            if tilted[:, axis].sum() < 4:
+                words.append(f"tilt the board {how} by 20 to 40 degrees")
+        if np.quantile(features[:, 2], 0.8) < SMALL:
+            words.append("hold the board nearer: it should fill a third of the picture or more")
+    return words
+
 
 MODELS = ("pinhole", "pinhole-k3", "fisheye")  # simplest first
 MIN_VIEW_CORNERS = 6
@@ -310,3 +458,146 @@ def _focal_sigma(camera: Camera, corners_m: Floats, corners_px: Floats, fit_px: 
         AdjustOptions(np.inf, np.zeros(1, dtype=bool), np.diag([1.0, 0, 0, 0]).reshape(1, 4, 1, 4)),
     )  # fmt: skip
     return float(np.sqrt(result.covariance[0, 6, 0, 6]))
+
+
+GOOD_PX = 0.5  # a sharp board seen by a still camera is below this
+POOR_PX = 1.5
+UNSURE_FOCAL = 0.005
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LensReport:
+    """One camera's intrinsics and the views behind them.
+
+    Attributes:
+        views: where the board was found.
+        fit: what they say.
+        next_steps: what to record for a better result, in words.
+    """
+
+    views: BoardViews
+    fit: Intrinsics
+    next_steps: list[str]
+
+
+def make_report(views: BoardViews, fit: Intrinsics, corners_m: Floats) -> LensReport:
+    """Judge a fit and say what to record next."""
+    words = advice(corners_m, views.corners_px[fit.used], views.image_size)
+    error = fit.held_out_px[fit.model]
+    if error > POOR_PX:
+        words.insert(
+            0,
+            f"the error of {error:.1f} px is high: keep the board flat (glue it to a plate), move "
+            "it slowly or hold it still, and lock focus and zoom",
+        )
+    if fit.focal_sigma > UNSURE_FOCAL and not words:
+        words.append("the focal length is unsure: add views with the board tilted and near")
+    return LensReport(views, fit, words)
+
+
+def as_values(report: LensReport) -> dict[str, Any]:
+    """Return a report as plain values for JSON."""
+    fit, views = report.fit, report.views
+    K = fit.camera.K
+    return {
+        "camera": views.camera_id,
+        "image_size": list(views.image_size),
+        "model": fit.model,
+        "focal_px": [float(K[0, 0]), float(K[1, 1])],
+        "focal_sigma_px": float(fit.focal_sigma * K[0, 0]),
+        "principal_point_px": [float(K[0, 2]), float(K[1, 2])],
+        "distortion": fit.camera.distortion.tolist(),
+        "known_to_deg": None
+        if fit.camera.known_to is None
+        else float(np.degrees(fit.camera.known_to)),
+        "reprojection_error_px": fit.fit_px,
+        "held_out_error_px": {
+            name: None if np.isnan(value) else value for name, value in fit.held_out_px.items()
+        },
+        "frames_searched": views.searched,
+        "frames_with_board": len(views.times_s),
+        "frames_used": len(fit.used),
+        "corners_by_part": covered(views.corners_px[fit.used], views.image_size).tolist(),
+        "next": report.next_steps,
+    }
+
+
+def as_lines(report: LensReport) -> list[str]:
+    """Return a report as lines of at most about 100 characters."""
+    fit, views = report.fit, report.views
+    K, (width, height) = fit.camera.K, views.image_size
+    view = np.degrees(2 * np.arctan(width / 2 / K[0, 0]))
+    parts = covered(views.corners_px[fit.used], views.image_size)
+    others = ", ".join(
+        f"{name} {'no fit' if np.isnan(value) else f'{value:.2f}'}"
+        for name, value in fit.held_out_px.items()
+        if name != fit.model
+    )
+    angle = "fisheye lens" if fit.model == "fisheye" else f"{view:.0f} degrees across"
+    lines = [
+        f"{views.camera_id}: {width} x {height}, {angle}",
+        f"  focal length {K[0, 0]:.1f} +- {fit.focal_sigma * K[0, 0]:.1f} px, "
+        f"principal point {K[0, 2]:.1f} {K[1, 2]:.1f}",
+        f"  reprojection error {fit.held_out_px[fit.model]:.2f} px in held-out views "
+        f"({fit.fit_px:.2f} in the fit): {_verdict(fit.held_out_px[fit.model])}",
+        f"  lens {fit.model}{f' (held-out px of others: {others})' if others else ''}",
+        f"  board in {len(views.times_s)} of {views.searched} frames, {len(fit.used)} used; "
+        f"corners in {int((parts >= 4).sum())} of {GRID[0] * GRID[1]} parts of the picture",
+    ]
+    if fit.camera.known_to is not None:
+        lines.append(
+            f"  known up to {np.degrees(fit.camera.known_to):.0f} degrees off the axis, where the "
+            "board was seen; farther out nothing is placed"
+        )
+    lines += [f"  next: {words}" for words in report.next_steps]
+    return lines
+
+
+def _verdict(error_px: float) -> str:
+    if error_px <= GOOD_PX:
+        return "good"
+    return "usable" if error_px <= POOR_PX else "poor"
+
+
+def draw_coverage(path: Path, reports: Sequence[LensReport]) -> None:
+    """Draw where each picture was covered and how large errors are there, as .png or .svg."""
+    from matplotlib.figure import Figure
+
+    columns = min(len(reports), 3)
+    rows = -(-len(reports) // columns)
+    figure = Figure(figsize=(4.2 * columns, 3.6 * rows), layout="constrained")
+    axes = figure.subplots(rows, columns, squeeze=False).ravel()
+    for place, report in zip(axes, reports, strict=False):
+        _draw_one(place, report)
+    for place in axes[len(reports) :]:
+        place.set_axis_off()
+    with atomic_file(path) as temporary:
+        figure.savefig(temporary, dpi=130)
+
+
+def _draw_one(axes: Axes, report: LensReport) -> None:
+    fit, (width, height) = report.fit, report.views.image_size
+    used = report.views.corners_px[fit.used]
+    seen = used[np.isfinite(used[..., 0])]
+    errors = fit.errors_px[np.isfinite(used[..., 0])]
+    dots = axes.scatter(
+        seen[:, 0], seen[:, 1], c=errors, s=7, cmap="viridis", vmin=0, vmax=max(1.0, 2 * fit.fit_px)
+    )
+    figure = axes.get_figure()
+    assert figure is not None
+    figure.colorbar(dots, ax=axes, label="error, px", shrink=0.8)
+    for share in range(1, GRID[0]):
+        axes.axvline(width * share / GRID[0], color="#d1d5db", lw=0.8)
+    for share in range(1, GRID[1]):
+        axes.axhline(height * share / GRID[1], color="#d1d5db", lw=0.8)
+    for y, x in np.argwhere(covered(used, report.views.image_size) < 4).tolist():
+        axes.text(
+            (x + 0.5) * width / GRID[0], (y + 0.5) * height / GRID[1], "no\ncorners",
+            ha="center", va="center", color="#d55e00", fontsize=8,
+        )  # fmt: skip
+    axes.set(xlim=(0, width), ylim=(height, 0), aspect="equal")
+    axes.set_title(
+        f"{report.views.camera_id}: {fit.model}, {len(fit.used)} views, "
+        f"{fit.held_out_px[fit.model]:.2f} px", fontsize=9,
+    )  # fmt: skip
+    axes.tick_params(labelsize=7)

@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
 from e3pose.calibrate.expected_error import ErrorMap, error_map
-from e3pose.calibrate.from_people import PeopleRig, solve_people
+from e3pose.calibrate.from_people import PeopleRig, Progress, silent, solve_people
 from e3pose.calibrate.matched_people import match_people
 from e3pose.calibrate.people_3d import place_people
-from e3pose.calibrate.progress import Progress, silent
 from e3pose.calibrate.triangulation import place_points
 from e3pose.calibrate.uncertainty import CameraErrors, camera_errors, likely_rigs
 from e3pose.model.camera import Rig

@@ -19,7 +19,7 @@ from e3pose.calibrate.bundle import root_mean_square
 from e3pose.calibrate.from_boards import check_connected, solve_boards
 from e3pose.calibrate.from_points import MIN_SHARED, PointRig, pair_poses, solve_points
 from e3pose.calibrate.lenses import expected_lenses
-from e3pose.calibrate.scale import Scale, from_distance
+from e3pose.calibrate.people_3d import Scale, from_distance
 from e3pose.calibrate.uncertainty import CameraErrors
 from e3pose.calibrate.wand import Wand, adjust_wand
 from e3pose.camera.source import open_video

@@ -12,24 +12,24 @@ from __future__ import annotations
 
 import random
 import threading
-from collections.abc import Callable
+import time
+from collections import deque
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 from e3pose.base.clock import Clock
 from e3pose.base.errors import InputError
 from e3pose.base.threads import ThreadGroup
 from e3pose.camera.base import LiveDetector, LiveFrame, LiveSource
 from e3pose.camera.base import NodeSettings as NodeSettings
-from e3pose.camera.box import Box
 from e3pose.camera.frame_rate import FrameRate
 from e3pose.camera.gate import Gate
 from e3pose.camera.pictures import Pictures
-from e3pose.camera.processor_time import ProcessorTime
 from e3pose.camera.schedule import Schedule, slot_of_frame, take_order
 from e3pose.camera.sleep import LEAST_SUSPEND_S, Suspend
-from e3pose.camera.spending import Spending, pause_ns
 from e3pose.camera.status import CameraCounts, heartbeat_message, hello_message, view_message
 from e3pose.camera.video_recorder import VideoRecorder
 from e3pose.detectors.focus import uses_feedback
@@ -41,6 +41,159 @@ from e3pose.wire.codec import decode, encode
 from e3pose.wire.messages import Activity, Heartbeat, Order, View
 from e3pose.wire.offset import OffsetEstimate, take_in
 from e3pose.wire.transport import Transport
+
+Thing = TypeVar("Thing")
+
+
+class Box(Generic[Thing]):
+    """A queue of one item: a newer one replaces it, and replaced ones are counted.
+
+    Attributes:
+        dropped: things that a newer one replaced.
+    """
+
+    def __init__(self) -> None:
+        self.dropped = 0
+        self._thing: Thing | None = None
+        self._closed = self._dealing = False
+        self._change = threading.Condition()
+
+    @property
+    def busy(self) -> bool:
+        """Whether something is in it, or who took the last thing has not come back for another."""
+        return self._thing is not None or self._dealing
+
+    def put(self, thing: Thing) -> None:
+        """Put an item into the box, replacing one that was not taken."""
+        with self._change:
+            self.dropped += self._thing is not None
+            self._thing = thing
+            self._change.notify()
+
+    def take(self) -> Thing | None:
+        """Wait for a thing and take it; None once the box is closed."""
+        with self._change:
+            self._dealing = False
+            while self._thing is None and not self._closed:
+                self._change.wait()
+            self._dealing = True
+            thing, self._thing = self._thing, None
+            return None if self._closed else thing
+
+    def close(self) -> None:
+        """Wake up all waiting threads."""
+        with self._change:
+            self._closed = True
+            self._change.notify_all()
+
+
+class ProcessorTime:
+    """Seconds of all threads since the camera began to capture, and what part of them looking took.
+
+    What the capture thread takes while the network runs belongs to capturing.
+    """
+
+    def __init__(self) -> None:
+        """Begin."""
+        self._begun_ns = time.process_time_ns()
+        self._look_ns = self._capture_ns = 0
+
+    @property
+    def total_s(self) -> float:
+        """Seconds so far."""
+        return (time.process_time_ns() - self._begun_ns) / 1e9
+
+    @property
+    def look_s(self) -> float:
+        """Seconds that looking took so far."""
+        return self._look_ns / 1e9
+
+    def capturing(self) -> None:
+        """Note what the capture thread took so far; call it on that thread."""
+        self._capture_ns = time.thread_time_ns()
+
+    @contextmanager
+    def looking(self) -> Iterator[None]:
+        """Count what the program takes meanwhile as looking, but for the capture thread."""
+        begun_ns, capture_ns = time.process_time_ns(), self._capture_ns
+        try:
+            yield
+        finally:
+            took_ns = time.process_time_ns() - begun_ns - (self._capture_ns - capture_ns)
+            self._look_ns += max(took_ns, 0)
+
+
+# What a camera has spent, time and energy of one moment: that at which a slot begins.
+#
+# A heartbeat is made between two slots and two looks, as nobody knows how much of a look is drawn
+# in the middle of one, and not always after as many: in turns, each would hold the same share of
+# looks.
+
+PAUSE_NS = 450_000_000  # from heartbeat to heartbeat on average, without the wait for a slot
+SPREAD = 0.2
+SLOT_WAIT_S = 0.2  # at most, for a slot to begin
+WAITS = 3  # of these at most, while a look goes on
+
+
+def pause_ns(draw: float) -> int:
+    """Return how long to wait before the next heartbeat.
+
+    Args:
+        draw: a random number in [0, 1).
+    """
+    return round(PAUSE_NS * (1 + SPREAD * (2 * draw - 1)))
+
+
+class Spending:
+    """Takes what a camera spent for one thread, as another one says that a slot begins.
+
+    Attributes:
+        told: cleared while a slot is waited for.
+    """
+
+    def __init__(
+        self,
+        modes: ModeClock,
+        meter: Callable[[Activity], dict[str, Any]],
+        looks: Callable[[], bool] = lambda: False,
+    ) -> None:
+        """Begin.
+
+        Args:
+            modes: the time in each mode.
+            meter: the power fields of a heartbeat, and those of time if it took them itself.
+            looks: whether a look goes on.
+        """
+        self._modes, self._meter, self._looks = modes, meter, looks
+        self.told = threading.Event()
+        self.told.set()
+        self._taken: deque[dict[str, Any]] = deque(maxlen=1)
+
+    def now(self) -> dict[str, Any]:
+        """Return the fields of a heartbeat on mode, time, power and energy."""
+        times = self._modes.times()
+        return {**times.fields(), **self._meter(times.mode)}
+
+    def begin_slot(self, active: bool) -> None:
+        """Take what was spent, if somebody waits; call it before the slot's look.
+
+        Args:
+            active: whether the camera is to look: what it does from now on.
+        """
+        if not self.told.is_set() and not self._looks():
+            self._taken.append({**self.now(), **({"mode": "active"} if active else {})})
+            self.told.set()
+
+    def by_next_slot(self) -> dict[str, Any]:
+        """Return what was spent when the next slot began; until now if none begins in time."""
+        self._taken.clear()
+        self.told.clear()
+        for _ in range(WAITS):
+            if self.told.wait(SLOT_WAIT_S) or not self._looks():
+                break
+        self.told.set()
+        return self._taken.pop() if self._taken else self.now()
+
 
 HELLO_EVERY = 4  # heartbeats
 REOPEN_S = 1.0  # after a source failed

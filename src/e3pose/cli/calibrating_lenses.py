@@ -13,8 +13,7 @@ from rich.progress import Progress
 from e3pose.base.atomic import check_output, write_file
 from e3pose.base.errors import InputError
 from e3pose.base.quantities import check_within, plural
-from e3pose.calibrate.board import Board
-from e3pose.calibrate.board_page import as_pdf, as_svg, draw_page, largest_square_mm
+from e3pose.calibrate.board import Board, as_pdf, as_svg, draw_page, largest_square_mm
 from e3pose.calibrate.board_views import find_board
 from e3pose.camera.pairing import name_videos
 from e3pose.cli.options import Flag, Whole
@@ -120,11 +119,12 @@ def intrinsics(
     json_output
         Write the result here as JSON; - is standard output, which then contains nothing else.
     """
-    from e3pose.calibrate.intrinsics import MODELS, fit_intrinsics
-    from e3pose.calibrate.intrinsics_report import (
+    from e3pose.calibrate.intrinsics import (
+        MODELS,
         as_lines,
         as_values,
         draw_coverage,
+        fit_intrinsics,
         make_report,
     )
 

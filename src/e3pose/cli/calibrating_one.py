@@ -38,7 +38,7 @@ def place_again(
         noise: name or file of the noise model; by default the detector's.
         json_path: where to write the result as JSON; `-` is standard output.
     """
-    from e3pose.calibrate.one_camera import place_one
+    from e3pose.calibrate.people_places import place_one
 
     if not 1 <= len(paths) <= 2:
         given = plural(len(paths), "path")

@@ -175,7 +175,7 @@ def check(
     json_output
         Write the result here as JSON; - is standard output, which then contains nothing else.
     """
-    from e3pose.calibrate.error_picture import draw_error
+    from e3pose.calibrate.expected_error import draw_error
     from e3pose.calibrate.judge import judge
 
     if not 0 < seconds <= 3600:

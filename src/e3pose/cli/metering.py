@@ -24,8 +24,7 @@ from e3pose.detectors import make_detector
 from e3pose.energy.meters.base import MeterError, Reading
 from e3pose.energy.meters.battery import Charge, read_charge
 from e3pose.energy.meters.choose import choose_meter
-from e3pose.energy.profiles import load_profile, modes_of
-from e3pose.energy.profiles.write import profile_text
+from e3pose.energy.profiles import load_profile, modes_of, profile_text
 from e3pose.evaluate.columns import print_tables, table_console
 from e3pose.settings.sources import is_recorded
 from e3pose.site.measure_modes import measure_modes, measured_profile

@@ -88,7 +88,7 @@ def sync(
 def _by_sound(
     paths: Sequence[str], max_shift: float, seconds: float, json_output: Path | None
 ) -> None:
-    from e3pose.calibrate.sound import RATE, shifts_by_sound
+    from e3pose.calibrate.synchronise import RATE, shifts_by_sound
 
     videos = {name: open_video(path) for name, path in name_videos(paths).items()}
     if len(videos) < 2:

@@ -2,17 +2,166 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+import mmap
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.base.errors import InputError
-from e3pose.detectors.external_data import check_external_data
 from e3pose.detectors.weights import cache_folder
+
+VARINT, FIXED64, BYTES, FIXED32 = 0, 1, 2, 5
+GRAPH, NODE = 7, 1  # of a model, of a graph
+INPUT, OUTPUT, OPERATOR = 1, 2, 4  # of a node
+GRAPH_INPUT, NAME = 11, 1
+UNCHANGED = ("Cast", "Identity")  # operators that hand an image on as it is
+
+
+@contextmanager
+def mapped(path: Path) -> Iterator[mmap.mmap]:
+    """Yield the bytes of a file without reading all of them."""
+    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
+        yield content
+
+
+def first_operators(path: Path) -> frozenset[str]:
+    """Return the operators that the image goes through first, such as `Conv`.
+
+    Empty where the file is no such network, or does not look at its image.
+    """
+    with mapped(path) as content:
+        try:
+            return _first_operators(content)
+        except IndexError:
+            return frozenset()
+
+
+def _first_operators(content: mmap.mmap) -> frozenset[str]:
+    graph = next(span for number, *span in fields_of(content, 0, len(content)) if number == GRAPH)
+    images: set[bytes] = set()
+    nodes: list[tuple[set[bytes], set[bytes], str]] = []
+    for number, begin, end in fields_of(content, *graph):
+        if number == GRAPH_INPUT:
+            images.update(content[a:b] for n, a, b in fields_of(content, begin, end) if n == NAME)
+        elif number == NODE:
+            parts = list(fields_of(content, begin, end))
+            read = {content[a:b] for n, a, b in parts if n == INPUT}
+            made = {content[a:b] for n, a, b in parts if n == OUTPUT}
+            kind = next((content[a:b] for n, a, b in parts if n == OPERATOR), b"")
+            nodes.append((read, made, kind.decode(errors="replace")))
+    found = set()
+    for read, made, operator in nodes:  # in the order in which they run
+        if read & images:
+            if operator in UNCHANGED:
+                images |= made
+            else:
+                found.add(operator)
+    return frozenset(found)
+
+
+def fields_of(content: mmap.mmap, at: int, end: int) -> Iterator[tuple[int, int, int]]:
+    """Yield number, begin and end of each field of a message that holds bytes.
+
+    Args:
+        content: the file.
+        at: where the message begins.
+        end: where it ends.
+
+    Raises:
+        IndexError: where this is no such message.
+    """
+    while at < end:
+        key, at = _varint(content, at)
+        wire = key & 7
+        if wire == VARINT:
+            _, at = _varint(content, at)
+        elif wire in (FIXED64, FIXED32):
+            at += 8 if wire == FIXED64 else 4
+        elif wire == BYTES:
+            size, at = _varint(content, at)
+            if at + size > end:
+                raise IndexError
+            yield key >> 3, at, at + size
+            at += size
+        else:
+            raise IndexError
+
+
+def _varint(content: mmap.mmap, at: int) -> tuple[int, int]:
+    value = shift = 0
+    while shift < 64:
+        byte = content[at]
+        value |= (byte & 0x7F) << shift
+        at, shift = at + 1, shift + 7
+        if byte < 0x80:
+            return value, at
+    raise IndexError
+
+
+# The files beside an ONNX file that hold its weights, and whether they may be read.
+#
+# Not every version of ONNX Runtime refuses paths that leave the folder.
+
+# Fields that lead from a model to its tensors: numbers of `onnx.proto`, by the message they are in.
+INTO = {
+    "model": {7: "graph", 20: "training", 25: "function"},
+    "training": {1: "graph", 2: "graph"},
+    "function": {7: "node"},
+    "graph": {1: "node", 5: "tensor", 15: "sparse"},
+    "node": {5: "attribute"},
+    "attribute": {5: "tensor", 6: "graph", 10: "tensor", 11: "graph", 22: "sparse", 23: "sparse"},
+    "sparse": {1: "tensor", 2: "tensor"},
+    "tensor": {13: "entry"},
+    "entry": {1: "text", 2: "text"},
+}
+MAX_DEPTH = 100
+
+
+def check_external_data(path: Path) -> None:
+    """Raise `InputError` where weights are to be read from a file that is not in the folder."""
+    with mapped(path) as content:
+        try:
+            named = sorted(set(_locations(content, 0, len(content), "model", 0)))
+        except (IndexError, RecursionError):
+            return  # no such file: ONNX Runtime says what is wrong with it
+    for location in named:
+        _check_location(path, location)
+
+
+def _check_location(path: Path, location: str) -> None:
+    name = repr(location[:80])
+    parts = PurePosixPath(location).parts + PureWindowsPath(location).parts
+    absolute = PurePosixPath(location).is_absolute() or PureWindowsPath(location).is_absolute()
+    folder = path.parent.resolve()
+    if absolute or ".." in parts or "\0" in location:
+        inside = False
+    else:
+        inside = (folder / location).resolve().is_relative_to(folder)
+    if not inside:
+        raise InputError(f"{path}: weights: found the file {name}, expected one in its folder")
+    if not (folder / location).is_file():
+        raise InputError(f"{path}: weights: found no file {name} beside it, expected its weights")
+
+
+def _locations(content: mmap.mmap, begin: int, end: int, kind: str, depth: int) -> Iterator[str]:
+    """Yield the locations of the tensors in a message from byte `begin` to `end`."""
+    if depth > MAX_DEPTH:
+        raise RecursionError
+    if kind == "entry":
+        fields = {number: content[a:b] for number, a, b in fields_of(content, begin, end)}
+        if fields.get(1) == b"location":
+            yield fields.get(2, b"").decode(errors="replace")
+        return
+    for number, first, stop in fields_of(content, begin, end):
+        inner = INTO[kind].get(number)
+        if inner is not None:
+            yield from _locations(content, first, stop, inner, depth + 1)
+
 
 # Best first; `auto` takes every one that this installation of ONNX Runtime has, in this order.
 PROVIDERS = {

@@ -6,14 +6,224 @@ is None in a record and absent in JSON, never 0.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, is_dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from e3pose.energy.saving import NO_SAVINGS, Savings
+import numpy as np
+
+from e3pose.base.arrays import Flags, Floats
+from e3pose.energy.profiles import DeviceProfile, Mode, load_profile
+from e3pose.energy.queues import mean_watts, paper_percent
+from e3pose.energy.saving import NO_SAVINGS, Saving, Savings, charged, saving
+from e3pose.evaluate.metrics import MATCH_LIMIT_M, mean_errors_m
+from e3pose.model.blind_slot import duty as duty_of
+from e3pose.model.blind_slot import seeing
+from e3pose.model.uncertainty import distance_within_m, expected_distance_m
+from e3pose.recording import Recording
 from e3pose.settings.energy import AWAKE
 from e3pose.settings.faults import Faults
 from e3pose.settings.loop import LoopSettings
+
+if TYPE_CHECKING:
+    from e3pose.pipeline import SlotRecord
+
+
+# The devices of the paper, and what 3 of 5 cameras per slot save on each of them: percent of the
+# power of CPU, GPU, WiFi and memory, lowest and highest.
+PAPER_SAVINGS = {"xavier-nx": (20.66, 31.21), "tx2": (17.72, 28.67)}
+PAPER_DUTY = 3 / 5
+
+
+def modelled_watts(
+    records: Sequence[SlotRecord],
+    profiles: Sequence[DeviceProfile],
+    idle_mode: Mode,
+    sends_boxes: bool = False,
+    slept_w: Floats | None = None,
+) -> tuple[Floats, Floats]:
+    """Return `(num_cameras,)` mean power by profiles, and that of an active camera, watts.
+
+    With `sends_boxes` every idle camera sends in each slot that is decided for: its WiFi draws what
+    it does in an active slot. `slept_w` `(num_cameras,)` is what sleep took off the mean draw.
+    """
+    counted = seeing(records)
+    duty = duty_of(counted, len(profiles))
+    watts = mean_watts(
+        duty, profiles, idle_mode, _sending(counted) if sends_boxes and counted else 0.0
+    )
+    if slept_w is not None:
+        watts = watts - slept_w
+    return watts, np.array([each.watts("active") for each in profiles])
+
+
+def charged_watts(
+    records: Sequence[SlotRecord],
+    charged_j: Floats,
+    profiles: Sequence[DeviceProfile],
+    interval_s: float,
+) -> tuple[Floats, Floats]:
+    """Return the same of slots that were stored with the joules they are charged with.
+
+    Args:
+        records: one per slot, of which those that are not blind count.
+        charged_j: `(num_slots, num_cameras)` joules.
+        profiles: `(num_cameras,)` what the cameras draw.
+        interval_s: of a slot.
+    """
+    sees = np.array([not record.blind for record in records])
+    selected = np.stack([record.selected for record in records])
+    active_j = interval_s * np.array([each.watts("active") for each in profiles])
+    spent_j, always_j = charged(selected[sees], charged_j[sees], active_j)
+    seconds = max(int(sees.sum()), 1) * interval_s
+    return spent_j / seconds, always_j / seconds
+
+
+def energy_figures(
+    recording: Recording,
+    records: Sequence[SlotRecord],
+    profiles: Sequence[DeviceProfile],
+    idle_mode: Mode,
+    battery_wh: float | Sequence[float],
+    drawn: tuple[Floats, Floats],
+    sends_boxes: bool = False,
+) -> Energy | None:
+    """Return the figures of `docs/explanation/energy.md`; None without a slot, or if all are blind.
+
+    Blind slots are charged as the mean of the others is. `drawn` is mean and active power of each
+    camera, watts.
+    """
+    counted = seeing(records)
+    if not counted:
+        return None
+    watts, active_w = drawn
+    batteries_wh = np.broadcast_to(np.asarray(battery_wh, dtype=np.float64), watts.shape)
+    duty = float(duty_of(counted, len(watts)).mean())
+    sending = float(_sending(counted).mean()) if sends_boxes else 0.0
+    seconds = len(records) * recording.interval_s
+    return Energy(
+        profile=", ".join(dict.fromkeys(each.name for each in profiles)),
+        idle_mode=idle_mode,
+        watts_spread=float(np.std(watts, ddof=1)) if len(watts) > 1 else 0.0,
+        cameras={
+            camera_id: CameraEnergy(
+                mean_watts=float(watts[n]),
+                active_watts=float(active_w[n]),
+                energy_j=float(watts[n] * seconds),
+                battery_wh=float(batteries_wh[n]),
+                battery_hours=float(batteries_wh[n] / watts[n]),
+            )
+            for n, camera_id in enumerate(recording.rig.camera_ids)
+        },
+        battery_wh=float(batteries_wh.mean()),
+        battery_hours_always_active=float((batteries_wh / active_w).mean()),
+        devices={name: _on_device(duty, sending, name) for name in PAPER_SAVINGS},
+    )
+
+
+def _sending(counted: Sequence[SlotRecord]) -> Floats:
+    """Return `(num_cameras,)` share of the slots in which a camera is idle, but others look."""
+    selected = np.stack([record.selected for record in counted])
+    return np.asarray((selected.any(axis=1, keepdims=True) & ~selected).mean(axis=0))
+
+
+def _on_device(duty: float, sending: float, name: str) -> DeviceSaving:
+    """Return what cameras of one kind that are active in a share `duty` of the slots save.
+
+    In a share `sending` of the slots they are idle but send.
+
+    `times_paper` is against the paper's 3 of 5 cameras, both by the same profile.
+    """
+    profile = load_profile(name)
+    modes: tuple[Mode, Mode] = ("power-saving", "aggressive-power-saving")
+    idle, aggressive = (paper_percent(duty, profile, mode, sending) for mode in modes)
+    paper = paper_percent(PAPER_DUTY, profile)
+    return DeviceSaving(idle, aggressive, idle / paper, aggressive / paper)
+
+
+def processor_saving(
+    recording: Recording, records: Sequence[SlotRecord], asleep: Flags | None, idle_mode: Mode
+) -> Saving | None:
+    """Return what a selection saves of processor time, by looks and frames that were measured.
+
+    Args:
+        recording: with `processor`; None unless all cameras have it.
+        records: one per slot, of which those that are not blind count.
+        asleep: `(num_slots, num_cameras)` who captured nothing; None where everybody is awake.
+        idle_mode: what cameras do that are not selected.
+    """
+    measured = [recording.processor.get(camera_id) for camera_id in recording.rig.camera_ids]
+    known = [each for each in measured if each is not None]
+    sees = np.array([not record.blind for record in records], dtype=bool)
+    if not sees.any() or not known or len(known) < len(measured):
+        return None
+    look_s = np.array([each.look_s for each in known])
+    frame_s = np.array([each.frame_s for each in known])
+    looks = np.stack([record.selected for record in records])
+    captures = looks if idle_mode == "aggressive-power-saving" else np.ones_like(looks)
+    if asleep is not None:
+        captures = (captures & ~asleep) | looks
+    spent_s = (looks * look_s + captures * frame_s)[sees].sum(axis=0)
+    return saving(spent_s, sees.sum() * (look_s + frame_s), measured=False)
+
+
+MM = 1000.0
+BAND = 0.9
+
+
+def expected_figures(recording: Recording, records: Sequence[SlotRecord]) -> Expected:
+    """Return the expected error of shown joints, against the actual one where truth is known.
+
+    With truth in the recording's own skeleton also of the joints of people matched within 500 mm.
+    """
+    known = [record for record in records if np.isfinite(record.covariance_m2).any()]
+    error_mm = foreseen_mm = None
+    if known:
+        covariance = np.concatenate([_joints(record.covariance_m2) for record in known])
+        error_mm = MM * float(np.nanmean(expected_distance_m(covariance)))
+    foreseen = [record.reasons.error_m for record in records if record.reasons is not None]
+    if np.isfinite(foreseen).any():
+        foreseen_mm = MM * float(np.nanmean(foreseen))
+    truth = recording.truth
+    if truth is None or truth.skeleton != recording.skeleton or not known:
+        return Expected(error_mm, foreseen_mm)
+    first, stop = recording.scored_slots or (0, recording.num_slots)
+    pairs = [
+        _matched(record, truth.joints_m[record.slot])
+        for record in known
+        if first <= record.slot < stop
+    ]
+    expected, within, actual = (np.concatenate(part) for part in zip(*pairs, strict=True))
+    if not len(actual):
+        return Expected(error_mm, foreseen_mm)
+    return Expected(
+        error_mm,
+        foreseen_mm,
+        matched_mm=MM * float(expected.mean()),
+        actual_mm=MM * float(actual.mean()),
+        coverage_90=100 * float((actual <= within).mean()),
+    )
+
+
+def _matched(record: SlotRecord, truth_m: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return expected errors, 90 % distances and actual errors of the joints of matched people."""
+    from scipy.optimize import linear_sum_assignment
+
+    joints_m = record.poses.joints_m
+    gain = np.maximum(MATCH_LIMIT_M - mean_errors_m(joints_m, truth_m), 0.0)
+    persons, actors = linear_sum_assignment(gain, maximize=True)
+    right = gain[persons, actors] > 0
+    persons, actors = persons[right], actors[right]
+    actual = np.linalg.norm(joints_m[persons] - truth_m[actors], axis=-1)
+    covariance = record.covariance_m2[persons]
+    known = np.isfinite(actual) & np.isfinite(covariance).all(axis=(-1, -2))
+    spread = covariance[known]
+    return expected_distance_m(spread), distance_within_m(spread, BAND), actual[known]
+
+
+def _joints(covariance_m2: Floats) -> Floats:
+    return covariance_m2.reshape(-1, 3, 3)
+
 
 FORMAT = "e3pose-figures"
 VERSION = 2  # 1 had other savings, in `energy` and `processor`

@@ -13,13 +13,6 @@ from e3pose.energy.profiles import DeviceProfile, Mode
 from e3pose.energy.queues import DEFAULT_BATTERY_WH
 from e3pose.energy.saving import Savings, saving
 from e3pose.evaluate import metrics
-from e3pose.evaluate.energy_figures import (
-    charged_watts,
-    energy_figures,
-    modelled_watts,
-    processor_saving,
-)
-from e3pose.evaluate.expected_figures import expected_figures
 from e3pose.evaluate.figures import (
     Accuracy,
     Deficits,
@@ -28,8 +21,13 @@ from e3pose.evaluate.figures import (
     Pcp,
     Selected,
     Summary,
+    charged_watts,
+    energy_figures,
+    expected_figures,
+    modelled_watts,
+    processor_saving,
 )
-from e3pose.evaluate.pcp import count_parts, group_percent, pcp_percent
+from e3pose.evaluate.metrics import count_parts, group_percent, pcp_percent
 from e3pose.evaluate.waking import asleep_in
 from e3pose.model.blind_slot import count_blind, duty, seeing
 from e3pose.model.noises import detector_of

@@ -11,9 +11,7 @@ from e3pose.model.skeleton import COCO17, Skeleton
 from e3pose.predict.attention_lstm import PUBLISHED, AttentionLstm
 from e3pose.predict.base import Prediction as Prediction
 from e3pose.predict.base import Predictor as Predictor
-from e3pose.predict.constant_velocity import ConstantVelocity
-from e3pose.predict.damped_velocity import DampedVelocity
-from e3pose.predict.zero_velocity import ZeroVelocity
+from e3pose.predict.velocities import ConstantVelocity, DampedVelocity, ZeroVelocity
 
 GROUP = "e3pose.predictors"  # the entry points of other packages
 FALLBACK = "constant-velocity"

@@ -14,9 +14,9 @@ from e3pose.base.clock import Clock, WallClock
 from e3pose.camera.base import LiveDetector, NodeSettings
 from e3pose.camera.live import CameraNode
 from e3pose.camera.live_source import RecordedDetector, make_source
+from e3pose.camera.orientation import turned
 from e3pose.camera.pictures import Pictures
 from e3pose.camera.sleep import open_suspend
-from e3pose.camera.turned import turned
 from e3pose.camera.video_recorder import VideoRecorder, VideoSettings
 from e3pose.detectors import make_detector
 from e3pose.detectors.base import Detector

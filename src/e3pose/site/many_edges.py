@@ -11,7 +11,7 @@ from pathlib import Path
 
 from e3pose.base.clock import WallClock
 from e3pose.base.errors import InputError
-from e3pose.base.thread_name import show_thread_name
+from e3pose.base.threads import show_thread_name
 from e3pose.settings.resolved import ResolvedSite
 from e3pose.site.edge_program import Edge, start_edge
 from e3pose.site.interpreter import reduce_pauses

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 
-from e3pose.base.thread_name import show_thread_name
+from e3pose.base.threads import show_thread_name
 
 
 class Caller:

@@ -17,7 +17,7 @@ from pathlib import Path
 from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
 from e3pose.base.quantities import plural
-from e3pose.base.thread_name import show_thread_name
+from e3pose.base.threads import show_thread_name
 from e3pose.model.zone_event import ZoneEvent
 from e3pose.pipeline import SlotRecord
 from e3pose.store.database import database_path, database_url

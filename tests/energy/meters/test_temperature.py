@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from e3pose.energy.meters.temperature import read_temperature_c
+from e3pose.energy.meters.sampler import read_temperature_c
 
 
 def zone(root: Path, number: int, text: str) -> None:

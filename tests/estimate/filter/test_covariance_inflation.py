@@ -24,7 +24,7 @@ from e3pose.estimate.filter.covariance_inflation import (
     spread_factor,
 )
 from e3pose.estimate.filter.outlook import stated_factor
-from e3pose.evaluate.expected_figures import expected_figures
+from e3pose.evaluate.figures import expected_figures
 from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.simulate import SceneSettings, simulate
 

@@ -10,8 +10,7 @@ from tests.cases import each_case
 
 from e3pose.base.errors import InputError
 from e3pose.model.skeleton import BODY25, COCO17
-from e3pose.recording.geometry import truth_distances_px
-from e3pose.recording.problems import find_problems
+from e3pose.recording.problems import find_problems, truth_distances_px
 from e3pose_lab.datasets.shelf import import_shelf
 
 SHARED = os.environ.get("E3POSE_SHARED")

@@ -14,8 +14,7 @@ from e3pose.base.errors import InputError
 from e3pose.model.camera import Camera, Rig
 from e3pose.model.skeleton import COCO17
 from e3pose.predict.base import Prediction, Predictor
-from e3pose.predict.constant_velocity import ConstantVelocity
-from e3pose.predict.zero_velocity import ZeroVelocity
+from e3pose.predict.velocities import ConstantVelocity, ZeroVelocity
 from e3pose_lab.prediction.compare import evaluate_motion, pooled
 from e3pose_lab.prediction.motion import Motion
 from e3pose_lab.prediction.scores import (

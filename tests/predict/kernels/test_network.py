@@ -11,8 +11,7 @@ from tests.cases import each_case
 from tests.reference import attention_network as runtime
 
 from e3pose.model.skeleton import COCO17
-from e3pose.predict.attention_lstm import AttentionLstm
-from e3pose.predict.calibration import read_curves
+from e3pose.predict.attention_lstm import AttentionLstm, read_curves
 from e3pose.predict.kernels.half import in_half
 from e3pose.predict.kernels.layers import linear, sigmoid, soften, tanh
 from e3pose.predict.kernels.network import run_network

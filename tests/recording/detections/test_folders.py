@@ -7,7 +7,7 @@ import pytest
 from tests.cases import each_case
 
 from e3pose.base.errors import InputError
-from e3pose.recording.detections.folders import match_folders
+from e3pose.recording.detections.openpose import match_folders
 
 
 def _source(tmp_path: Path, *names: str) -> Path:

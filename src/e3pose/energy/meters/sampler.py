@@ -15,9 +15,25 @@ from e3pose.energy.meters.base import Meter, MeterError, Reading
 from e3pose.energy.meters.battery import Charge, read_charge
 from e3pose.energy.meters.charge_file import ChargeFile
 from e3pose.energy.meters.choose import ModelMeter, choose_meter
-from e3pose.energy.meters.temperature import read_temperature_c
+from e3pose.energy.meters.sysfs import number_or_none
 from e3pose.energy.modes import RESTING
 from e3pose.energy.profiles import Activity, DeviceProfile
+
+PLAUSIBLE_C = (-40.0, 150.0)  # unconnected zones show 0 K or the largest number there is
+
+
+def read_temperature_c(root: Path = Path("/")) -> float | None:
+    """Return the temperature of the hottest thermal zone in degrees Celsius; None without one.
+
+    Args:
+        root: above `sys`.
+    """
+    zones = (root / "sys" / "class" / "thermal").glob("thermal_zone*/temp")
+    found = [number_or_none(zone) for zone in sorted(zones)]
+    celsius = [value / 1000 for value in found if value is not None]  # the kernel's millidegrees
+    low, high = PLAUSIBLE_C
+    return max((value for value in celsius if low < value < high), default=None)
+
 
 PERIOD_S = 0.1  # on average: readings at equal distances would meet every slot at the same place
 CHARGE_PERIOD_S = 2.0  # gauges say something new every few seconds

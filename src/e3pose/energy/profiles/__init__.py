@@ -2,16 +2,91 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
+
+from msgspec import Meta
 
 from e3pose.base.errors import InputError
 from e3pose.base.shipped import read_shipped
-from e3pose.base.table import read_table
-from e3pose.energy.modes import LOOKS, RESTS, SLOT_S, WAKE_S, CameraModes, Look, Rest
-from e3pose.energy.profiles.file import ComponentTable, ProfileFile
+from e3pose.base.table import check_bounds, entry, read_table
+from e3pose.energy.modes import LOOKS, RESTS, SLOT_S, WAKE_S, CameraModes, Look, Rest, RestName
+
+MAX_TEXT = 1000
+Watts = Annotated[float, Meta(ge=0, le=10_000)]
+Joules = Annotated[float, Meta(ge=0, le=10_000)]
+Seconds = Annotated[float, Meta(ge=0, le=3600)]
+MeasuredLook = Literal["whole", "part", "tracked", "gate"]
+POWER = "{ watts = 1.0, source = '...' }"
+
+
+def _text(found: Any) -> str:
+    if not isinstance(found, str) or not 1 <= len(found) <= MAX_TEXT:
+        raise InputError("", repr(str(found)[:80]), f"a text of 1 to {MAX_TEXT} characters")
+    return found
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Row:
+    """Figures, and where they are from."""
+
+    source: str = entry(read=_text)
+
+    def __post_init__(self) -> None:
+        """Check the figures."""
+        check_bounds(self)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PowerRow(Row):
+    """What a component draws in one mode."""
+
+    watts: Watts
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RestRow(Row):
+    """One `[rests.NAME]`: `modes.Rest` without its name."""
+
+    watts: Watts
+    enter_s: Seconds
+    wake_s: Seconds
+    wake_sd_s: Seconds
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LookRow(Row):
+    """One `[looks.NAME]`: `modes.Look` without its name."""
+
+    joules: Joules
+    latency_s: Seconds
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ComponentTable:
+    """One `[components.NAME]`."""
+
+    group: Literal["cpu_gpu", "wifi", "ddr", "rest"]
+    active: PowerRow = entry(write=POWER)
+    power_saving: PowerRow = entry(write=POWER)
+    aggressive_power_saving: PowerRow = entry(write=POWER)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ProfileFile:
+    """All of the file."""
+
+    format: Literal["e3pose-power-profile"]
+    version: Literal[1, 2] = entry(write="2")
+    name: str = entry(read=_text)
+    title: str = entry(read=_text)
+    components: Mapping[str, ComponentTable]
+    rests: Mapping[RestName, RestRow] = field(default_factory=dict)
+    looks: Mapping[MeasuredLook, LookRow] = field(default_factory=dict)
+
 
 Mode = Literal["active", "power-saving", "aggressive-power-saving"]
 Activity = Mode | Literal["asleep", "suspended"]  # what a camera does; components have no sleep
@@ -165,3 +240,46 @@ def _component(name: str, table: ComponentTable) -> Component:
     watts = {mode: row.watts for mode, row in zip(MODES, rows, strict=True)}
     sources = {mode: row.source for mode, row in zip(MODES, rows, strict=True)}
     return Component(name, table.group, watts, sources)
+
+
+def profile_text(profile: DeviceProfile) -> str:
+    """Return the file of a profile, which `load_profile` reads as the same profile."""
+    lines = [
+        f"format = {_quoted(FORMAT)}",
+        f"version = {VERSION}",
+        f"name = {_quoted(profile.name)}",
+        f"title = {_quoted(profile.title)}",
+    ]
+    for part in profile.components:
+        lines += ["", f"[components.{_quoted(part.name)}]", f"group = {_quoted(part.group)}"]
+        lines += [
+            f"{mode} = {{ watts = {part.watts[mode]!r}, source = {_quoted(part.sources[mode])} }}"
+            for mode in MODES
+        ]
+    for rest in profile.rests:
+        lines += ["", f"[rests.{rest.name}]", *_rest(rest)]
+    for look in profile.looks:
+        lines += ["", f"[looks.{look.name}]", *_look(look)]
+    return "\n".join(lines) + "\n"
+
+
+def _rest(rest: Rest) -> list[str]:
+    return [
+        f"watts = {float(rest.watts)!r}",
+        f"enter_s = {float(rest.enter_s)!r}",
+        f"wake_s = {float(rest.wake_s)!r}",
+        f"wake_sd_s = {float(rest.wake_sd_s)!r}",
+        f"source = {_quoted(rest.source)}",
+    ]
+
+
+def _look(look: Look) -> list[str]:
+    return [
+        f"joules = {float(look.joules)!r}",
+        f"latency_s = {float(look.latency_s)!r}",
+        f"source = {_quoted(look.source)}",
+    ]
+
+
+def _quoted(text: str) -> str:
+    return json.dumps(text)  # a basic string of TOML has the escapes of JSON

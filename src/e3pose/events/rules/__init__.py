@@ -14,10 +14,8 @@ from e3pose.events.body import Joints
 from e3pose.events.rules.base import Moment as Moment
 from e3pose.events.rules.base import Rule as Rule
 from e3pose.events.rules.base import inherited as inherited
-from e3pose.events.rules.fall import Fall
-from e3pose.events.rules.left import Left
-from e3pose.events.rules.on_floor import GotUp, OnFloor
-from e3pose.events.rules.presence import nobody, too_many
+from e3pose.events.rules.fall import Fall, GotUp, OnFloor
+from e3pose.events.rules.presence import Left, nobody, too_many
 from e3pose.events.rules.wave import Waved
 from e3pose.settings.events_table import EventsTable
 

@@ -1,4 +1,4 @@
-"""The baseline that is hard to beat: recent velocity that dies away."""
+"""Predictors without weights: a person stays, goes on as now, or slows down."""
 
 from __future__ import annotations
 
@@ -9,7 +9,34 @@ import numpy as np
 
 from e3pose.base.arrays import Floats
 from e3pose.predict.base import Prediction
+from e3pose.predict.kernels import velocity as kernels
 from e3pose.predict.newest import newest_known
+
+
+@dataclass(frozen=True, slots=True)
+class ConstantVelocity:
+    """Carry every joint on with its motion between the two newest slots (paper section 4.3).
+
+    A joint that is missing in one of the two moves with the mean motion of the person's other
+    joints, from where it was last known.
+    """
+
+    def predict(self, history_m: Floats, interval_s: float, lead_slots: int) -> Prediction:
+        """See `Predictor.predict`."""
+        joints_m = np.empty((lead_slots, *history_m.shape[1:]))
+        kernels.go_on(np.ascontiguousarray(history_m, dtype=np.float64), joints_m)
+        return Prediction.of_unknown_error(joints_m)
+
+
+@dataclass(frozen=True, slots=True)
+class ZeroVelocity:
+    """Leave every joint where it was last known."""
+
+    def predict(self, history_m: Floats, interval_s: float, lead_slots: int) -> Prediction:
+        """See `Predictor.predict`."""
+        position, _ = newest_known(history_m)
+        return Prediction.of_unknown_error(np.repeat(position[None], lead_slots, axis=0))
+
 
 FRAME_S = 1 / 30  # the time unit of span and decay
 SPAN_FRAMES = 3
