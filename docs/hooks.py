@@ -1,6 +1,7 @@
 """Pages that the documentation makes of the code.
 
-One per verb of the command line, the Python API, and the tuned numbers of the filter.
+One per verb of the command line, the Python API, the tuned numbers of the filter, and the tables of
+messages.
 """
 
 from __future__ import annotations
@@ -9,14 +10,19 @@ import ast
 import re
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, get_args
 
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
+from mkdocs.structure.pages import Page
+from msgspec import inspect
 
 import e3pose
 from e3pose import _HOMES
 from e3pose.cli.app import GROUPS, app
+from e3pose.wire.codec import Message
+from e3pose.wire.messages import Array, fields
+from e3pose.wire.site_messages import CameraStatus
 
 SOURCE = Path(e3pose.__file__).parent
 # Where every number that somebody chose is marked: folders and files of `src/e3pose/`.
@@ -32,6 +38,19 @@ DIARY = Path(__file__).parent.parent / "lab" / "experiments"
 TERMS = "2026-11-24-terms-of-the-filter.md"  # what each term is worth, measured
 NUMBERS = "2026-11-27-numbers-halved-and-doubled.md"
 NOT_MEASURED = "not measured"
+
+MESSAGES: dict[str, Any] = {kind.__name__: kind for kind in (*get_args(Message), CameraStatus)}
+# Where words of the tables of messages lead.
+LINKS = {
+    "active seconds": "../explanation/energy.md#what-active-time-is",
+    "why the slot is blind": "#blind-slots",
+    "blind slots by cause": "#blind-slots",
+    "energy budget": "../how-to/power.md#set-a-budget",
+    "what rests cost": "../explanation/energy.md#who-stays-awake",
+    "all cameras been active in every slot": "../explanation/energy.md#savings",
+    "processor time saved": "../explanation/energy.md#savings",
+    "the store's `runs`": "store.md",
+}
 
 # Pages of the Python API: title, what it is for, and the names to show.
 API: dict[str, tuple[str, str, tuple[str, ...]]] = {
@@ -114,6 +133,66 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     text = numbers_page()
     files.append(File.generated(config, "research/tuned-numbers.md", content=text))
     return files
+
+
+def on_page_markdown(markdown: str, page: Page, **_: Any) -> str:
+    """Fill in the tables of messages."""
+    if page.file.src_uri != "reference/messages.md":
+        return markdown
+    return re.sub(r"<!-- fields of (\w+) -->", lambda found: fields_table(found[1]), markdown)
+
+
+def fields_table(name: str) -> str:
+    """Return the table of a message's fields."""
+    kind: Any = MESSAGES[name]
+    typed: Any = inspect.type_info(kind)
+    told = fields(kind)
+    columns = {
+        "": [str(place) for place in range(1, len(told) + 1)],
+        "field": [
+            f"**`{field.name}`**" if field.required else f"`{field.name}`" for field in typed.fields
+        ],
+        "type": [type_words(field.type) for field in typed.fields],
+        "meaning": [_linked(field.meaning) for field in told],
+        "metric": [field.uses.metric and f"`{field.uses.metric}`" for field in told],
+        "`e3pose top`": [field.uses.column[0] if field.uses.column else "" for field in told],
+    }
+    if not kind.__struct_config__.array_like:
+        del columns[""]  # a map by names
+    shown = {head: cells for head, cells in columns.items() if any(cells)}
+    rows = [list(shown), ["---"] * len(shown), *zip(*shown.values(), strict=True)]
+    return "\n".join(f"| {' | '.join(row)} |" for row in rows)
+
+
+def _linked(meaning: str) -> str:
+    """Return the meaning of a field with links, and with nil for None."""
+    for words, target in LINKS.items():
+        meaning = meaning.replace(words, f"[{words}]({target})")
+    return meaning.replace(". None", ". Nil").replace("None", "nil")
+
+
+def type_words(typed: Any) -> str:
+    """Return a type as the page on messages has it."""
+    match typed:
+        case inspect.Metadata():
+            return type_words(typed.type)
+        case inspect.UnionType():
+            return " or ".join(type_words(each) for each in typed.types)
+        case inspect.LiteralType():
+            return "mode"
+        case inspect.NoneType():
+            return "nil"
+        case inspect.StructType():
+            return "Array" if typed.cls is Array else str(typed.cls.__name__)
+        case inspect.VarTupleType():
+            return f"list of {type_words(typed.item_type)}"
+        case inspect.TupleType():
+            return f"[{', '.join(map(type_words, typed.item_types))}]"
+        case inspect.DictType():
+            return f"map of {type_words(typed.key_type)} to {type_words(typed.value_type)}"
+        case inspect.BytesType():
+            return "bin"
+    return type(typed).__name__.removesuffix("Type").lower()
 
 
 class Mark(NamedTuple):

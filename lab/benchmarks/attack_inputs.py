@@ -60,7 +60,7 @@ def messages() -> list[Message]:
     joints = ("nose", "neck", "hip")
     keypoints = pack(rng.uniform(0, 900, (2, 3, 2)).astype(np.float32))
     scores = pack(np.full((2, 3), 0.5, np.float32))
-    cameras = (CameraStatus("cam1", True, "", "active", 0.1, 0.5, 5.0, True, 0.5),)
+    cameras = (CameraStatus("cam1", True, mode="active", duty=0.5, power_w=5.0, battery=0.5),)
     return [
         Hello("cam1", 7, joints, (1920, 1080), 25.0, 0.4, "movenet", "0.1", 50.0),
         View("cam1", 7, 12, 5, keypoints, scores, 1, 2, 3),
@@ -77,7 +77,11 @@ def messages() -> list[Message]:
 
 
 def odd(value: Any, dice: random.Random) -> Any:
-    """Return a message as plain lists with one or a few of its values changed."""
+    """Return a message as plain lists and maps with one or a few of its values changed."""
+    if isinstance(value, dict) and value and dice.random() > 0.1:
+        name = dice.choice(sorted(value))
+        kept = {key: each for key, each in value.items() if key != name or dice.random() > 0.1}
+        return {**kept, dice.choice([name, "a name of tomorrow"]): odd(value[name], dice)}
     if not isinstance(value, list) or not value or dice.random() < 0.1:
         return dice.choice(NUMBERS)
     changed = list(value)

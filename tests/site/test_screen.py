@@ -101,8 +101,8 @@ def test_head_says_whether_the_target_error_is_kept() -> None:
 
 def test_row_of_a_camera_that_is_there_and_of_one_that_is_not() -> None:
     here = CameraStatus(
-        "cam0", True, "views come late", "power-saving", 0.25, 0.5, 4.25, True, deficit=1.5,
-        late=3, lost=4, clock_offset_ms=-2.5, noise_factor=1.25,
+        "cam0", True, "views come late", "power-saving", last_seen_s=0.25, duty=0.5, power_w=4.25,
+        measured=True, deficit=1.5, late=3, lost=4, clock_offset_ms=-2.5, noise_factor=1.25,
     )  # fmt: skip
     cells = ["cam0", "saving", "50%", "4.2", "1.5", "0.2", "s", "3", "4", "-2.5", "1.2x"]
     assert row(here) == cells
@@ -178,8 +178,8 @@ def test_screen_draws_whatever_numbers_a_status_has(
     uptime_s: float, fps: float, error_mm: float, step_ms: float,
 ) -> None:  # fmt: skip
     camera = CameraStatus(
-        "cam0", True, "", "active", seen_s, duty, power_w, True, battery, deficit,
-        clock_offset_ms=offset_ms,
+        "cam0", True, mode="active", last_seen_s=seen_s, duty=duty, power_w=power_w, measured=True,
+        battery=battery, deficit=deficit, clock_offset_ms=offset_ms,
     )  # fmt: skip
     status = Status(
         "lab", 1, fps, 1, 2, (camera,), (step_ms, step_ms), (step_ms, step_ms), uptime_s,

@@ -1,4 +1,4 @@
-"""The page on messages names every field of every message, and its examples are messages."""
+"""The page on messages has every field of every message, and its examples are messages."""
 
 from __future__ import annotations
 
@@ -9,34 +9,34 @@ from typing import Any, get_args
 import msgspec
 import pytest
 from tests.cases import each_case
+from tests.test_tuned_numbers import hooks
 
 from e3pose.wire import topics
 from e3pose.wire.arrays import poses_2d
 from e3pose.wire.codec import MAX_BYTES, Message, decode
-from e3pose.wire.messages import VERSION, Order, View
+from e3pose.wire.messages import VERSION, Order, View, fields
 from e3pose.wire.site_messages import CameraStatus
 
 TEXT = (Path(__file__).parents[2] / "docs" / "reference" / "messages.md").read_text()
 MESSAGES: tuple[Any, ...] = get_args(Message)
 
 
-def section(kind: Any) -> str:
-    """The part of the page that is about one message."""
-    if kind is CameraStatus:
-        return TEXT.partition("(CameraStatus)")[2]
-    (text,) = re.findall(rf"### {kind.__name__}, tag .*?(?=\n### |\n`cameras`|\Z)", TEXT, re.S)
-    assert f"tag `{kind.__struct_config__.tag}`" in text
-    return str(text)
-
-
 @each_case("kind", [*MESSAGES, CameraStatus], ids=lambda kind: str(kind.__name__))
-def test_every_field_has_its_row_in_its_place(kind: Any) -> None:
-    rows = re.findall(r"^\| (\d+) \| (\*\*)?`(\w+)`", section(kind), re.M)
-    first = 0 if kind is CameraStatus else 1  # place 0 is the tag
-    assert [(int(place), name, bool(bold)) for place, bold, name in rows] == [
-        (place, field.name, field.required)
-        for place, field in enumerate(msgspec.structs.fields(kind), first)
-    ]
+def test_every_message_has_its_table_and_every_field_its_meaning(kind: Any) -> None:
+    """The documentation fills the tables in from the docstrings, where they are marked."""
+    tag = kind.__struct_config__.tag
+    head = f"### {kind.__name__}, tag `{tag}`" if tag else f"#### {kind.__name__}"
+    below = TEXT.partition(f"{head}\n")[2].partition("\n### ")[0]
+    assert below.count(f"<!-- fields of {kind.__name__} -->") == 1
+    table = hooks.fields_table(kind.__name__)
+    for field in fields(kind):
+        assert f"`{field.name}`" in table
+        assert field.meaning != field.name, f"{kind.__name__}: {field.name} has no meaning"
+
+
+def test_links_of_the_tables_are_used() -> None:
+    tables = "".join(map(hooks.fields_table, hooks.MESSAGES))
+    assert [words for words in hooks.LINKS if f"[{words}](" not in tables] == []
 
 
 def example(name: str) -> bytes:
@@ -46,7 +46,7 @@ def example(name: str) -> bytes:
 
 def test_the_order_of_the_page_is_one() -> None:
     order = decode(example("order"), Order, "the page")
-    (line,) = re.findall(r"^\[1, \[.*\]\]$", TEXT, re.M)
+    (line,) = re.findall(rf"^\[{VERSION}, \[.*\]\]$", TEXT, re.M)
     assert msgspec.msgpack.decode(example("order")) == msgspec.json.decode(line)
     assert order.slot == 42 and order.active and order.lead == 2
 

@@ -14,6 +14,7 @@ from e3pose.base.listener import Bounds, Listener, is_own_host, open_socket
 from e3pose.edge.reports import savings
 from e3pose.edge.server import EdgeServer
 from e3pose.model.blind_slot import CAUSES
+from e3pose.wire.messages import Heartbeat, fields
 from e3pose.wire.site_messages import CameraStatus
 
 CONNECTIONS = 16
@@ -72,12 +73,9 @@ class EdgeCollector:
                 saved.add_metric([name, one.basis], one.percent / 100)
         yield saved
         yield from _store(self._edge)
-        for name, text, values in _of_cameras(self._edge, status.cameras):
-            family = GaugeMetricFamily(f"e3pose_{name}", text, labels=["camera"])
-            for camera, found in zip(status.cameras, values, strict=True):
-                if found is not None:
-                    family.add_metric([camera.camera_id], float(found))
-            yield family
+        yield from _of_cameras(CameraStatus, status.cameras, status.cameras)
+        beats = [camera.beat for camera in inbox.roster.cameras]
+        yield from _of_cameras(Heartbeat, status.cameras, beats)
 
 
 def _store(edge: EdgeServer) -> Iterator[Any]:
@@ -96,6 +94,27 @@ def _store(edge: EdgeServer) -> Iterator[Any]:
         ("store_spooled_rows", "rows that wait for the store", kept.spooled),
     ):
         yield GaugeMetricFamily(f"e3pose_{name}", text, value=level)
+
+
+def _of_cameras(
+    kind: type[CameraStatus | Heartbeat],
+    cameras: Sequence[CameraStatus],
+    told: Sequence[CameraStatus | Heartbeat | None],
+) -> Iterator[Any]:
+    """Yield the metrics that a message of each camera has."""
+    from prometheus_client.core import GaugeMetricFamily
+
+    for name, text, uses in fields(kind):
+        if not uses.metric:
+            continue
+        text = text.replace("None", "absent" if uses.unknown is None else f"{uses.unknown:g}")
+        family = GaugeMetricFamily(f"e3pose_camera_{uses.metric}", text, labels=["camera"])
+        for camera, message in zip(cameras, told, strict=True):
+            value = None if message is None else getattr(message, name)
+            value = uses.unknown if value is None else value
+            if value is not None:
+                family.add_metric([camera.camera_id], value / uses.per)
+        yield family
 
 
 class MetricsServer:
@@ -195,74 +214,3 @@ def serve_metrics(edge: EdgeServer, port: int) -> MetricsServer:
             f"metrics_port: {port}: {reason_of(error)}, expected a free port"
         ) from None
     return MetricsServer(listening, answer)
-
-
-def _of_cameras(
-    edge: EdgeServer, cameras: Sequence[CameraStatus]
-) -> tuple[tuple[str, str, Sequence[float | None]], ...]:
-    """Return name, help text and value by camera of each metric; None where it is unknown."""
-    counts, beats = edge.counts, [camera.beat for camera in edge.inbox.roster.cameras]
-    return (
-        ("camera_online", "whether the camera can be selected", [c.online for c in cameras]),
-        ("camera_duty", "share of slots selected, last minute", [c.duty for c in cameras]),
-        ("camera_deficit", "energy deficit queue", [c.deficit for c in cameras]),
-        ("camera_late_views", "views that arrived too late", [c.late for c in cameras]),
-        ("camera_lost_views", "views that never arrived", [c.lost for c in cameras]),
-        (
-            "camera_noise_factor",
-            "learned keypoint sigma over that of the noise file",
-            [c.noise_factor for c in cameras],
-        ),
-        (
-            "camera_turned_degrees",
-            "least rotation since calibration",
-            [c.turned_deg or 0.0 for c in cameras],
-        ),
-        ("camera_watts", "power draw", [c.power_w for c in cameras]),
-        ("camera_cpu_seconds", "processor time of its program", [c.cpu_s for c in cameras]),
-        (
-            "camera_cpu_saved",
-            "processor time saved, as a share of what looking in every slot would take",
-            [c.cpu_saved for c in cameras],
-        ),
-        (
-            "camera_unchanged",
-            "share of looks for which its image was unchanged",
-            [c.unchanged for c in cameras],
-        ),
-        (
-            "camera_asleep_seconds",
-            "until it is expected back from an ordered sleep; negative while it oversleeps",
-            [c.asleep_s for c in cameras],
-        ),
-        ("camera_wake_seconds", "mean time to wake, as learned", [c.wake_s for c in cameras]),
-        ("camera_battery", "remaining share of the battery", [c.battery for c in cameras]),
-        (
-            "camera_delivered",
-            "share of the newest ordered views that arrived in time",
-            [c.delivered for c in cameras],
-        ),
-        ("camera_source_fps", "frames per second of its source", [c.source_fps for c in cameras]),
-        ("camera_ordered_views", "views ordered in time", counts.ordered.tolist()),
-        ("camera_orders", "orders received", [None if b is None else b.orders for b in beats]),
-        (
-            "camera_late_orders",
-            "orders received too late",
-            [None if b is None else b.late_orders for b in beats],
-        ),
-        (
-            "camera_order_margin_seconds",
-            "shortest time from an order to its slot, last half second",
-            [None if b is None else b.order_margin_ns / 1e9 for b in beats],
-        ),
-        (
-            "camera_dropped",
-            "frames and views replaced by newer ones",
-            [None if b is None else b.dropped for b in beats],
-        ),
-        (
-            "camera_clock_drift_ppm",
-            "clock drift against the edge",
-            [None if b is None else b.clock_drift_ppm for b in beats],
-        ),
-    )

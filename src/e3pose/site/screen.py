@@ -17,6 +17,7 @@ from e3pose.edge.reports import savings
 from e3pose.edge.rests import sleeps_as_told
 from e3pose.energy.saving import NO_SAVINGS
 from e3pose.model.blind_slot import blind_words
+from e3pose.wire.messages import fields
 from e3pose.wire.site_messages import CameraStatus, Status
 
 MODES = {
@@ -34,23 +35,9 @@ EVENTS = 8
 LONGEST_S = 3.2e9  # a century: what a clock that was set may say is drawn as no more
 
 
+FIELDS = {field.name: field.uses.column for field in fields(CameraStatus) if field.uses.column}
 # Heading, and how early the column gives way where a terminal is narrow (0: never).
-COLUMNS = (
-    ("camera", 0),
-    ("mode", 0),
-    ("duty", 0),
-    ("W", 0),
-    ("CPU s", 2),
-    ("CPU saved", 1),
-    ("battery", 0),
-    ("deficit", 5),
-    ("age", 6),
-    ("late", 0),
-    ("lost", 0),
-    ("got", 7),
-    ("clock ms", 4),
-    ("noise", 3),
-)
+COLUMNS = (("camera", 0), ("mode", 0), *FIELDS.values())
 GAP = 1  # between two columns
 
 
@@ -200,43 +187,46 @@ def _row(camera: CameraStatus, bars: bool) -> list[Text]:
         mode = Text(word, style=style)
     else:
         mode = Text("offline", style="red")
-    watts = f"{camera.power_w:.1f}" if _draws(camera) and camera.power_w is not None else ""
-    if watts and not camera.measured:
-        watts = f"~{watts}"  # modelled
-    battery = Text("")
-    if camera.battery is not None:
-        charge = _within(camera.battery, 1.0)
-        full = round(charge * BAR) if bars else 0
-        style = "red" if charge < LOW_BATTERY else "green"
-        battery = Text("|" * full + "." * (BAR - full) if bars else "", style=style)
-        share = f"{charge:.0%}" if camera.gauge else f"~{charge:.0%}"
-        battery.append(f" {share:>5}" if bars else share, style="" if bars else style)
-    age = "never"
-    if camera.last_seen_s is not None:
-        age = f"{_within(camera.last_seen_s, LONGEST_S):.1f} s"
-    return [
-        Text(camera.camera_id, style="bold"),
-        mode,
-        Text(f"{_within(camera.duty, 1.0):.0%}"),
-        Text(watts),
-        Text("" if camera.cpu_s is None else f"{_within(camera.cpu_s, LONGEST_S):.0f}"),
-        Text("" if camera.cpu_saved is None else f"{camera.cpu_saved:.0%}"),
-        battery,
-        Text(f"{camera.deficit:.1f}"),
-        Text(age),
-        Text(str(camera.late), style="yellow" if camera.late else ""),
-        Text(str(camera.lost), style="yellow" if camera.lost else ""),
-        _delivered(camera),
-        Text("" if camera.last_seen_s is None else f"{camera.clock_offset_ms:+.1f}"),
-        Text("" if camera.noise_factor is None else f"{camera.noise_factor:.1f}x"),
-    ]
+    cells = [_cell(camera, name, bars) for name in FIELDS]
+    return [Text(camera.camera_id, style="bold"), mode, *cells]
 
 
-def _delivered(camera: CameraStatus) -> Text:
-    if camera.delivered is None:
-        return Text("")
-    share = _within(camera.delivered, 1.0)
-    return Text(f"{share:.0%}", style="yellow" if share < SHORT else "")
+def _cell(camera: CameraStatus, name: str, bars: bool) -> Text:
+    """Return a field of a camera; empty where it is unknown."""
+    value = getattr(camera, name)
+    match name:
+        case "last_seen_s":
+            return Text("never" if value is None else f"{_within(value, LONGEST_S):.1f} s")
+        case "late" | "lost":
+            return Text(str(value), style="yellow" if value else "")
+        case "clock_offset_ms":
+            return Text("" if camera.last_seen_s is None else f"{value:+.1f}")
+        case _ if value is None:
+            return Text("")
+        case "power_w":
+            watts = f"{value:.1f}" if camera.measured else f"~{value:.1f}"  # ~ is modelled
+            return Text(watts if _draws(camera) else "")
+        case "battery":
+            return _battery(camera, _within(value, 1.0), bars)
+        case "cpu_s":
+            return Text(f"{_within(value, LONGEST_S):.0f}")
+        case "cpu_saved":
+            return Text(f"{value:.0%}")
+        case "duty" | "delivered":
+            share = _within(value, 1.0)
+            short = name == "delivered" and share < SHORT
+            return Text(f"{share:.0%}", style="yellow" if short else "")
+        case "noise_factor":
+            return Text(f"{value:.1f}x")
+    return Text(f"{value:.1f}")
+
+
+def _battery(camera: CameraStatus, charge: float, bars: bool) -> Text:
+    full = round(charge * BAR) if bars else 0
+    style = "red" if charge < LOW_BATTERY else "green"
+    battery = Text("|" * full + "." * (BAR - full) if bars else "", style=style)
+    share = f"{charge:.0%}" if camera.gauge else f"~{charge:.0%}"
+    return battery.append(f" {share:>5}" if bars else share, style="" if bars else style)
 
 
 def _remark(camera: CameraStatus) -> str:

@@ -25,7 +25,8 @@ Figure = Annotated[float, Meta(ge=0, le=MAX_FIGURE)]
 SignedFigure = Annotated[float, Meta(ge=-MAX_FIGURE, le=MAX_FIGURE)]
 TemperatureC = Annotated[float, Meta(ge=-273.15, le=1000)]
 
-_OUTSIDE = re.compile(r"Expected `(?:int|float)` [<>]=? \S+ - at `\$((?:\[[^\]]*\])+)`")
+_PLACE = r"\[([^\]]*)\]|\.(\w+)"  # in an array; in a map
+_OUTSIDE = re.compile(rf"Expected `(?:int|float)` [<>]=? \S+ - at `\$((?:{_PLACE})+)`")
 
 
 def out_of_bounds(error: msgspec.ValidationError, body: bytes, kinds: tuple[Any, ...]) -> str:
@@ -52,11 +53,15 @@ def out_of_bounds(error: msgspec.ValidationError, body: bytes, kinds: tuple[Any,
     (kind,) = (each for each in kinds if each.__struct_config__.tag == found[0])
     typed: Any = inspect.type_info(kind)
     where, name = [kind.__name__.lower()], ""
-    for place in re.findall(r"\[([^\]]*)\]", outside[1]):
+    for place, key in re.findall(_PLACE, outside[1]):
         typed = _plain(typed)
         if isinstance(typed, inspect.DictType):
             typed = typed.value_type
             found = next(value for value in found.values() if not _is_inside(typed, value))
+            continue
+        if key:
+            name, found = key, found[key]
+            (typed,) = (item.type for item in typed.fields if item.name == key)
             continue
         if isinstance(typed, inspect.StructType):
             item = typed.fields[int(place) - (typed.tag is not None)]
@@ -64,8 +69,8 @@ def out_of_bounds(error: msgspec.ValidationError, body: bytes, kinds: tuple[Any,
         else:
             typed = getattr(typed, "item_type", None) or typed.item_types[int(place)]
         found = found[int(place)]
-        if isinstance(_plain(typed), inspect.StructType):
-            where.append(f"camera {check_camera_id(found[0])}")
+        if isinstance(found, dict) and "camera_id" in found:
+            where.append(f"camera {check_camera_id(found['camera_id'])}")
     number = _plain(typed)
     whole = isinstance(number, inspect.IntType)
     low, high = (str(end) if whole else f"{end:g}" for end in (number.ge, number.le))

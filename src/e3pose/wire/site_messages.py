@@ -1,9 +1,11 @@
 """Messages of a site to its users and operators: poses, status, control, pictures.
 
-Append fields only, with defaults, as in `messages`.
+Append fields only, with defaults, as in `messages`; `CameraStatus` goes by names.
 """
 
 from __future__ import annotations
+
+from typing import Annotated
 
 import msgspec
 
@@ -16,7 +18,7 @@ from e3pose.wire.bounds import (
     TemperatureC,
     TimeNs,
 )
-from e3pose.wire.messages import Activity, Array
+from e3pose.wire.messages import Activity, Array, Uses
 
 
 class Poses(msgspec.Struct, array_like=True, frozen=True, tag="poses"):
@@ -25,23 +27,23 @@ class Poses(msgspec.Struct, array_like=True, frozen=True, tag="poses"):
     Replaced by a newer one.
 
     Attributes:
-        slot: which.
-        time_edge_ns: when the slot was.
+        slot: number of the slot.
+        time_edge_ns: middle of the slot.
         joints: names of the joints, in order.
         track_ids: `(num_persons,)` i8.
         joints_m: `(num_persons, num_joints, 3)` f4 world metres; NaN where unknown.
         sigma_m: `(num_persons, num_joints)` f4 standard deviation along an axis; NaN where unknown.
-        measured: `(num_persons, num_joints)` b1; the others are predicted from earlier slots.
-        published_edge_ns: when the message left.
-        selected: cameras selected for the slot; empty for delayed poses.
-        arrived: those of them whose views are in the poses.
-        blind: why no view arrived although one was due, one of `blind_slot.CAUSES`; empty if the
-            slot is not blind.
+        measured: `(num_persons, num_joints)` b1; false: predicted from earlier slots.
+        published_edge_ns: send time.
+        selected: cameras ordered to detect in the slot.
+        arrived: those whose views the poses are made from.
+        blind: why the slot is blind; empty if it is not.
         stored_from: oldest slot of this edge program that its store holds or is to hold; -1 where
-            nothing is stored yet, and for delayed poses.
-        stored_to: newest slot up to which the store holds all that were published from
-            `stored_from` on; smaller than `stored_from` while it holds none.
-        store_shed: records that the store gave up since the edge was started.
+            nothing is stored yet.
+        stored_to: the store holds every slot that this program published from `stored_from` to this
+            one; none while it is smaller.
+        store_shed: records that the store gave up since the edge started, each reported by an event
+            `store-shed` or `store-refused`.
         delay_ms: of delayed poses: how much later they are published, smoothed with the slots in
             between; 0 of those at once.
     """
@@ -63,78 +65,91 @@ class Poses(msgspec.Struct, array_like=True, frozen=True, tag="poses"):
     delay_ms: float = 0.0
 
 
-class CameraStatus(msgspec.Struct, array_like=True, frozen=True):
-    """The status of a camera.
+class CameraStatus(msgspec.Struct, frozen=True):
+    """The status of a camera, by the names of its fields.
+
+    A name keeps its meaning for good; a new one has a default, and stands where it reads best.
 
     Attributes:
-        camera_id: of the camera.
+        camera_id: the camera.
         online: whether it can be selected.
-        why: why it is not; else its impairment.
-        mode: of its last heartbeat.
-        last_seen_s: seconds since its last message; None if never.
+        why: reason if it cannot be selected; otherwise a warning.
+        mode: last reported mode; None before the first.
         duty: share of the last minute's slots in which it was selected, blind slots left out.
-        power_w: reported power.
-        measured: whether that was measured.
-        battery: state of charge in [0, 1]; None on mains or where unknown.
-        deficit: its energy deficit queue.
-        late: views that arrived after their slot was closed, since the start.
-        lost: views that were ordered and never arrived.
-        clock_offset_ms: edge time minus camera time.
-        gauge: whether a gauge measures `battery`; otherwise a model estimates it.
-        noise_factor: sigma of its keypoints over the noise file's, as learned; None if unknown.
-        occlusion: of the people in its view, predicted for the slot decided last, [0, 1].
-        gain_nats: information per joint that it adds to the others; None if not computed.
-        price: of its energy queue, on the same scale.
-        temperature_c: of the device, by its own sensor; None where there is none.
-        paused: whether an operator paused it.
-        budget: share of the slots in which it may be active, as a mean.
-        turned_deg: lower bound of its rotation since calibration; None if none is detected.
-        focused: frames with an expected view, since it started.
-        ordered: views ordered in time, since the edge was started.
-        delivered: share of the newest of these that arrived in time, [0, 1]; None while they are
+        power_w: reported power; None if unknown.
+        measured: whether the power is measured; otherwise a model estimates it.
+        cpu_s: processor time of its program since it started to capture; None if unknown.
+        cpu_saved: processor time saved, as a share of what looking in every slot would take; None
+            while too little is known.
+        battery: remaining charge, 0 to 1; None on mains or if unknown.
+        gauge: whether the charge comes from a gauge, not a model.
+        deficit: energy-deficit queue: what it spent beyond its budget so far, in slots.
+        last_seen_s: seconds since its last message; None if never.
+        late: views that arrived after their slot was closed.
+        lost: ordered views that never arrived.
+        ordered: views ordered in time since the edge started.
+        delivered: share of the newest ordered views that arrived in time; None while they are
             too few.
-        source_fps: frames per second that its source brings, measured; None where unknown.
-        asleep_s: seconds until it is expected back from a sleep that it was told to take; negative
-            while it oversleeps, None while it is awake.
-        wake_s: what it takes to wake, mean as the edge learned it; None before its first wake.
-        cpu_s: processor time of its program since it started to capture; None where unknown.
-        cpu_saved: processor time saved, as a share of what looking in every slot would take, by
-            its own time of a look and of a frame, [0, 1]; None while too little is known.
-        unchanged: share of its looks for which its image was unchanged, so that the network did
-            not run, [0, 1]; None without any.
+        clock_offset_ms: edge time minus camera time.
+        noise_factor: learned sigma of its keypoints over that of the noise model; None if unknown.
+        occlusion: predicted overlap of the people in its view in the slot decided last, eq. (4);
+            None if unknown.
+        gain_nats: expected information per joint that its view adds to the other cameras; None if
+            the policy does not use it.
+        price: what selecting it costs, on the scale of the information: grows with its deficit;
+            None if the policy does not use it.
+        temperature_c: hottest sensor of the device, degrees Celsius; None without one.
+        paused: whether an operator paused it.
+        budget: share of slots in which it may be active, as a mean.
+        turned_deg: by how much, at least, it was turned since it was calibrated; None if it stands
+            as calibrated, as far as can be seen.
+        focused: frames it processed with feedback since it started.
+        source_fps: frames per second that its source brings, measured; None if unknown.
+        asleep_s: seconds until it is expected back from an ordered sleep; negative while it
+            oversleeps, None while it is awake.
+        wake_s: seconds it takes to wake, mean as learned; None before its first wake.
+        unchanged: share of its looks in which its image was unchanged, so that the network did not
+            run; None without any.
     """
 
     camera_id: str
-    online: bool
+    online: Annotated[bool, Uses(metric="online")]
     why: str = ""
     mode: Activity | None = None
-    last_seen_s: SignedFigure | None = None
-    duty: Share = 0.0
-    power_w: Figure | None = None
+    duty: Annotated[Share, Uses(metric="duty", column=("duty", 0))] = 0.0
+    power_w: Annotated[Figure | None, Uses(metric="watts", column=("W", 0))] = None
     measured: bool = False
-    battery: Share | None = None
-    deficit: SignedFigure = 0.0
-    late: Count = 0
-    lost: Count = 0
-    clock_offset_ms: SignedFigure = 0.0
+    cpu_s: Annotated[Figure | None, Uses(metric="cpu_seconds", column=("CPU s", 2))] = None
+    cpu_saved: Annotated[Share | None, Uses(metric="cpu_saved", column=("CPU saved", 1))] = None
+    battery: Annotated[
+        Share | None,
+        Uses(
+            metric="battery",
+            column=("battery", 0),
+            home=("Battery of", {"device_class": "battery", "unit_of_measurement": "%"}),
+        ),
+    ] = None
     gauge: bool = False
-    noise_factor: float | None = None
+    deficit: Annotated[SignedFigure, Uses(metric="deficit", column=("deficit", 5))] = 0.0
+    last_seen_s: Annotated[SignedFigure | None, Uses(column=("age", 6))] = None
+    late: Annotated[Count, Uses(metric="late_views", column=("late", 0))] = 0
+    lost: Annotated[Count, Uses(metric="lost_views", column=("lost", 0))] = 0
+    ordered: Annotated[Count, Uses(metric="ordered_views")] = 0
+    delivered: Annotated[Share | None, Uses(metric="delivered", column=("got", 7))] = None
+    clock_offset_ms: Annotated[SignedFigure, Uses(column=("clock ms", 4))] = 0.0
+    noise_factor: Annotated[float | None, Uses(metric="noise_factor", column=("noise", 3))] = None
     occlusion: Share | None = None
     gain_nats: SignedFigure | None = None
     price: SignedFigure | None = None
     temperature_c: TemperatureC | None = None
     paused: bool = False
     budget: Share | None = None
-    turned_deg: float | None = None
+    turned_deg: Annotated[float | None, Uses(metric="turned_degrees", unknown=0.0)] = None
     focused: Count = 0
-    ordered: Count = 0
-    delivered: Share | None = None
-    source_fps: Figure | None = None
-    asleep_s: SignedFigure | None = None
-    wake_s: Figure | None = None
-    cpu_s: Figure | None = None
-    cpu_saved: Share | None = None
-    unchanged: Share | None = None
+    source_fps: Annotated[Figure | None, Uses(metric="source_fps")] = None
+    asleep_s: Annotated[SignedFigure | None, Uses(metric="asleep_seconds")] = None
+    wake_s: Annotated[Figure | None, Uses(metric="wake_seconds")] = None
+    unchanged: Annotated[Share | None, Uses(metric="unchanged")] = None
 
 
 class Control(msgspec.Struct, array_like=True, frozen=True, tag="control"):
@@ -143,13 +158,14 @@ class Control(msgspec.Struct, array_like=True, frozen=True, tag="control"):
     What is None or empty stays as it is.
 
     Attributes:
-        cameras: cameras per slot, as a mean; ends aiming at an error.
-        target_error_mm: wake as few as keep the expected error below this; in place of `cameras`.
-        quality_weight: the paper's V.
-        camera_id: of the camera that the rest is about.
-        paused: whether that camera is left out.
-        budget: what it may spend, as people write it: `60%`, `4W`, `until 18:00`.
-        reread: take zones, the usual budget and what is kept from the site file as it is now.
+        cameras: cameras per slot; replaces a target error.
+        target_error_mm: target for the expected error; replaces `cameras`.
+        quality_weight: quality weight V.
+        camera_id: camera of the following fields.
+        paused: whether to exclude it.
+        budget: its energy budget, such as `60%` or `4W`.
+        reread: take zones, the usual budget, `keep` and `max_size` from the site file as it is now;
+            default false.
     """
 
     cameras: Figure | None = None
@@ -165,8 +181,8 @@ class Controlled(msgspec.Struct, array_like=True, frozen=True, tag="controlled")
     """The edge's answer to a `Control`.
 
     Attributes:
-        said: what it does, for operators; empty if it refuses.
-        problem: why it refuses; empty where it does not.
+        said: what changed; empty if refused.
+        problem: why it is refused; empty if it is not.
     """
 
     said: str = ""
@@ -178,7 +194,7 @@ class PictureQuestion(msgspec.Struct, array_like=True, frozen=True, tag="picture
 
     Attributes:
         have_ns: `captured_edge_ns` of the picture that the operator has; it is not sent again.
-        large: whether a larger picture is asked for.
+        large: 960 pixels wide instead of 320.
     """
 
     have_ns: TimeNs = 0
@@ -189,15 +205,16 @@ class Picture(msgspec.Struct, array_like=True, frozen=True, tag="picture"):
     """The newest image in which a camera detected, for an operator.
 
     Attributes:
-        camera_id: of the camera.
-        slot: in which it detected in that image.
-        image_size: `(width, height)` in pixels of the image it looked at.
-        jpeg: of the image, made small; empty if there is none, or the operator has it.
-        count: pictures made since its program started.
-        energy_j: modelled energy of making them, all of them together.
-        captured_edge_ns: when the image was captured, by the edge's clock.
-        drawn: whether it is drawn from keypoints, as the source has no images.
-        why: there is no picture; empty if there is one.
+        camera_id: sender.
+        slot: slot in which it detected in the image.
+        image_size: `(width, height)` of that image in pixels.
+        jpeg: the image, at most 320 pixels wide, or 960 if asked; empty if there is none, or the
+            operator has it.
+        count: pictures made since the program started.
+        energy_j: modelled energy of making them.
+        captured_edge_ns: time of capture by the edge's clock, nanoseconds since 1970.
+        drawn: whether it is drawn from keypoints, as the source plays keypoints without images.
+        why: why there is no picture; empty otherwise.
     """
 
     camera_id: str
@@ -215,7 +232,7 @@ class OutboxQuestion(msgspec.Struct, array_like=True, frozen=True, tag="outbox-q
     """Request of a hub for summaries of the site.
 
     Attributes:
-        after: the number up to which it has them.
+        after: number up to which it has them.
     """
 
     after: Count = 0
@@ -243,12 +260,13 @@ class OutboxPart(msgspec.Struct, array_like=True, frozen=True, tag="outbox-part"
     """The edge's answer to an `OutboxQuestion`.
 
     Attributes:
-        begun_ns: when the outbox was begun: another value is another outbox.
-        newest: the number given last.
+        begun_ns: when the outbox was begun; another value is another outbox.
+        newest: number given last.
         shed: summaries up to this number had to make room.
-        rows: JSON list of summaries after the number asked for, oldest first, as many as fit.
+        rows: JSON list of summaries after that number, oldest first, at most 100.
         problem: why there are none; empty where there is no problem.
-        forgotten: what was deleted after the number asked for and before that of the last row.
+        forgotten: what was deleted after that number: `[number, start_ns, end_ns, run_started_ns,
+            track_id]`, the last two null for a day.
     """
 
     begun_ns: TimeNs = 0
@@ -263,33 +281,36 @@ class Status(msgspec.Struct, array_like=True, frozen=True, tag="status"):
     """Status of the site; once a second. Replaced by a newer one.
 
     Attributes:
-        site: its name.
-        slot: the newest slot that was closed.
+        site: site name.
+        slot: newest closed slot.
         fps: slots per second, measured.
         lead: slots between an order and the slot it is for.
-        people: how many were there in that slot.
-        cameras: of the whole rig, in its order.
-        step_ms: median and 99th percentile of a slot's computing.
+        people: people in that slot.
+        cameras: all cameras of the rig, in its order.
+        step_ms: median and 99th percentile of computing time per slot.
         latency_ms: median and 99th percentile from the last view's arrival to the poses.
-        uptime_s: since the edge was started.
-        events: the newest things worth telling, newest last.
-        expected_error_mm: what the estimator expects of itself; None where unknown.
-        slots_lost: slots that were never computed.
-        num_selected: cameras a slot that the policy is to wake; None where it has no number.
-        target_error_mm: the expected error that it aims at instead; None where it does not.
-        quality_weight: its V; None where it has none.
-        slots: that were computed since the edge was started.
-        blind: of these, blind slots by cause, one of `blind_slot.CAUSES`.
-        blind_share: of the last minute's slots, [0, 1].
-        overload: that the edge is too slow for its slots, for operators; empty if it is not.
-        events_ns: when each of `events` happened, by the edge's clock.
-        compiling_s: seconds until the kernels are compiled, 0 while unknown; None if they are.
-        check: the cost of rests so far, for operators; empty while that is unknown.
-        run_ns: when the run began that its slots and tracks belong to, as the store names it.
-        spent_j: joules that slots since the edge was started are charged with, all cameras
-            together, blind slots left out.
-        always_j: likewise, had all cameras been active in every slot.
-        energy_measured: whether both are learned from meters; otherwise a model says so.
+        uptime_s: since the edge started.
+        events: recent events, newest last.
+        expected_error_mm: expected joint error; None if unknown.
+        slots_lost: skipped slots.
+        num_selected: cameras per slot of the policy; None if it has no number.
+        target_error_mm: the error it aims at instead; None if it does not.
+        quality_weight: its quality weight V; None if it has none.
+        slots: slots computed since the edge started.
+        blind: of these, blind slots by cause; causes that did not occur are absent.
+        blind_share: blind slots, as a share of the last minute's slots.
+        overload: what an overloaded edge says of itself; empty if it is not overloaded.
+        events_ns: when each of `events` happened, by the edge's clock, nanoseconds since 1970.
+        compiling_s: seconds until the edge has compiled its kernels and orders cameras, 0 while
+            unknown; None if it has.
+        check: what rests cost so far, and whether nobody rests because of it; empty while nothing
+            is known.
+        run_ns: when the run began that its slots and tracks belong to, nanoseconds since 1970:
+            `started_ns` of the store's `runs`; 0 if unknown.
+        spent_j: joules that slots since the edge started are charged with, all cameras together,
+            blind slots left out.
+        always_j: the same had all cameras been active in every slot.
+        energy_measured: whether both are learned from meters; otherwise modelled.
     """
 
     site: str

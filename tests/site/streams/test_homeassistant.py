@@ -44,7 +44,7 @@ CLASSES = {
 
 
 def test_every_component_is_as_documented() -> None:
-    topic, message = discovery(SOURCE, frozenset({"c0"}))
+    topic, message = discovery(SOURCE, frozenset({("c0", "battery")}))
     assert topic == "homeassistant/device/e3pose_lab/config"
     assert set(message) == {"device", "origin", "availability_topic", "components"}
     assert message["device"]["identifiers"] and message["origin"]["name"]

@@ -3,7 +3,7 @@
 homeassistant/device/e3pose_SITE/config  what there is, retained: one device with its components
 e3pose/SITE/home/online                  `online` or `offline`, retained; the broker says the latter
 e3pose/SITE/home/state                   people, people by state and by zone, cameras: retained
-e3pose/SITE/home/cameras                 what each camera does, and its battery, retained
+e3pose/SITE/home/cameras                 what each camera does, and its `SENSORS`, retained
 e3pose/SITE/home/alarm                   `on` for each kind of event that goes on, retained
 e3pose/SITE/home/told                    the last event: its sentence, kind, zone, score; retained
                                          unless names are told, which no broker is to keep
@@ -35,6 +35,7 @@ from e3pose.site.connect import LiveSlot, nobody
 from e3pose.site.streams.as_json import event_words
 from e3pose.site.streams.base import Source
 from e3pose.site.streams.mqtt import PORT, SECURE_PORT, broker_trouble, connected_client
+from e3pose.wire.messages import fields
 from e3pose.wire.site_messages import CameraStatus, Status
 
 EVERY_S = 1.0  # states are sent at most so often
@@ -48,6 +49,8 @@ ALARMS = {
     "nobody": ("Nobody seen", None), "too-many": ("Too many people", "problem"),
 }  # fmt: skip
 DOES = ("awake", "asleep", "paused", "away")  # of a camera; away: it is not heard
+# Of a camera's status: title before its name, and keys of discovery.
+SENSORS = {field.name: field.uses.home for field in fields(CameraStatus) if field.uses.home}
 FALL_ENDS = "got-up"  # a fall is told once; its alarm goes off with this
 
 
@@ -89,19 +92,24 @@ def does(camera: CameraStatus) -> str:
     return "awake" if camera.online else "away"
 
 
-def percent(battery: float | None) -> int | None:
-    """Return a state of charge as Home Assistant shows it."""
-    return None if battery is None else round(100 * battery)
+def sensors(camera: CameraStatus) -> dict[str, float | None]:
+    """Return what a camera has for each of `SENSORS`, in the unit that Home Assistant is told."""
+    values: dict[str, float | None] = {name: getattr(camera, name) for name in SENSORS}
+    for name, (_, keys) in SENSORS.items():
+        share = values[name]
+        if share is not None and keys.get("unit_of_measurement") == "%":
+            values[name] = round(100 * share)
+    return values
 
 
 def discovery(
-    source: Source, batteries: frozenset[str] = frozenset()
+    source: Source, told: frozenset[tuple[str, str]] = frozenset()
 ) -> tuple[str, dict[str, Any]]:
     """Return topic and message by which Home Assistant learns what a site has.
 
     Args:
         source: the site.
-        batteries: cameras that have told how full their battery is.
+        told: camera and field of each of `SENSORS` that was known once.
     """
     node, base = f"e3pose_{identifier(source.site)}", prefix(source.site)
     parts: dict[str, dict[str, Any]] = {}
@@ -135,13 +143,13 @@ def discovery(
             f"value_json[{index}].does", device_class="enum", options=list(DOES),
             entity_category="diagnostic", state_topic=f"{base}/cameras",
         )  # fmt: skip
-        if camera in batteries:
-            add(
-                f"battery_{identifier(camera)}", "sensor", f"Battery of {camera}",
-                f"value_json[{index}].battery", device_class="battery", unit_of_measurement="%",
-                state_class="measurement", entity_category="diagnostic",
-                state_topic=f"{base}/cameras",
-            )  # fmt: skip
+        for field, (title, keys) in SENSORS.items():
+            if (camera, field) in told:
+                add(
+                    f"{field}_{identifier(camera)}", "sensor", f"{title} {camera}",
+                    f"value_json[{index}].{field}", state_class="measurement",
+                    entity_category="diagnostic", state_topic=f"{base}/cameras", **keys,
+                )  # fmt: skip
     for kind in source.kinds:
         key = identifier(kind)
         if kind in ALARMS:
@@ -180,7 +188,7 @@ class HomeAssistantStream:
         self._zones = dict.fromkeys(source.zones, 0)
         self._arrived_ns = dict.fromkeys(source.cameras, 0)
         self._alarms = {kind: set[int]() for kind in source.kinds if kind in ALARMS}
-        self._batteries = frozenset[str]()
+        self._told = frozenset[tuple[str, str]]()
         self._announced_s = time.monotonic()
         client.on_message = lambda _client, _data, message: self._hear(bytes(message.payload))
         client.subscribe(BIRTH, qos=1)
@@ -195,7 +203,7 @@ class HomeAssistantStream:
 
     def _announce(self) -> None:
         """Say what there is, and that it is there; again when Home Assistant starts."""
-        topic, message = discovery(self._source, self._batteries)
+        topic, message = discovery(self._source, self._told)
         self._client.publish(topic, json.dumps(message), qos=1, retain=True)
         self._client.publish(f"{self._base}/online", "online", qos=1, retain=True)
         for topic, text in self._sent.copy().items():
@@ -234,15 +242,18 @@ class HomeAssistantStream:
         self._zones[event.zone] = event.count
 
     def cameras(self, status: Status) -> None:
-        """See `TellsCameras.cameras`; a battery that is told for the first time is announced."""
+        """See `TellsCameras.cameras`; a sensor that is known for the first time is announced."""
         known = {camera.camera_id: camera for camera in status.cameras}
-        told = frozenset(name for name, one in known.items() if one.battery is not None)
-        if not told <= self._batteries:
-            self._batteries |= told
+        told = frozenset(
+            (name, field) for name, one in known.items()
+            for field, value in sensors(one).items() if value is not None
+        )  # fmt: skip
+        if not told <= self._told:
+            self._told |= told
             self._announce()
         self._retain("cameras", [
-            {"does": does(known[name]), "battery": percent(known[name].battery)}
-            if name in known else {"does": "away", "battery": None}
+            {"does": does(known[name]), **sensors(known[name])}
+            if name in known else {"does": "away", **dict.fromkeys(SENSORS)}
             for name in self._source.cameras
         ])  # fmt: skip
 

@@ -22,6 +22,7 @@ from e3pose.site.web.schemas import (
     people,
     slots_of_rows,
     status_body,
+    status_schema,
 )
 from e3pose.store import Store, StoredPoses
 
@@ -62,7 +63,9 @@ def make_api(
     def site(request: Request) -> dict[str, Any]:
         return describe(getattr(request.state, "scope", "read"))
 
-    @api.get("/status", summary="How the site is, by the second")
+    answer = {"content": {"application/json": {"schema": status_schema()}}}
+
+    @api.get("/status", summary="How the site is, by the second", responses={200: answer})
     def status() -> dict[str, Any]:
         if feed.status is None:
             raise HTTPException(404, "no status yet: the edge does not run, or just started")

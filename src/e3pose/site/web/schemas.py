@@ -23,7 +23,8 @@ from e3pose.site.streams.as_json import zone_words
 from e3pose.site.web.doing import doing, told
 from e3pose.site.web.notices import Notice
 from e3pose.site.zones import Zones
-from e3pose.wire.site_messages import Status
+from e3pose.wire.messages import fields
+from e3pose.wire.site_messages import CameraStatus, Status
 
 DECIMALS_M = 4  # a tenth of a millimetre
 
@@ -178,15 +179,24 @@ def event_of_zone(event: ZoneEvent) -> Encoded:
 
 def status_body(status: Status) -> dict[str, Any]:
     """Return a status by field name."""
-    return {
-        name: getattr(status, name) for name in status.__struct_fields__ if name != "cameras"
-    } | {
-        "saved": asdict(savings(status)),
-        "cameras": [
-            {name: getattr(camera, name) for name in camera.__struct_fields__}
-            for camera in status.cameras
-        ],
-    }
+    cameras = [msgspec.structs.asdict(camera) for camera in status.cameras]
+    saved = asdict(savings(status))
+    return {**msgspec.structs.asdict(status), "saved": saved, "cameras": cameras}
+
+
+def status_schema() -> dict[str, Any]:
+    """Return the JSON schema of `status_body`, each field with its meaning."""
+    named = [(field.name, field.type) for field in msgspec.structs.fields(Status)]
+    _, parts = msgspec.json.schema_components([msgspec.defstruct("Site", named), CameraStatus])
+    for name, kind in (("Site", Status), ("CameraStatus", CameraStatus)):
+        parts[name]["description"] = (kind.__doc__ or "").partition("\n")[0]
+        for field in fields(kind):
+            parts[name]["properties"][field.name]["description"] = field.meaning.replace(
+                "None", "null"
+            )
+    site: dict[str, Any] = parts["Site"]
+    site["properties"]["cameras"]["items"] = parts["CameraStatus"]
+    return site
 
 
 def people(

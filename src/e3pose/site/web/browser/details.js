@@ -1,5 +1,6 @@
 // Details, for engineers: figures of the loop, which cameras looked, the table of cameras, the log.
 import { html } from "./vendor/preact.js";
+import { MEANINGS } from "./camera_status.js";
 import { CameraControls, mayControl } from "./control.js";
 import { known } from "./known.js";
 import { Strips } from "./strips.js";
@@ -7,19 +8,20 @@ import { causeWords, clock, number, percent, sleeps } from "./words.js";
 
 const MODES = { active: "active", "power-saving": "saving", "aggressive-power-saving": "sleeping" };
 const modeOf = (c) => (c.paused ? "paused" : c.online ? MODES[c.mode] || "–" : sleeps(c) ? `asleep ${Math.max(c.asleep_s, 0).toFixed(0)} s` : "offline");
+const means = (...names) => names.map((name) => MEANINGS[name]).join("; ");
 const COLUMNS = [ // name, text of a camera, what it means
   ["camera", (c) => c.camera_id, ""],
   ["mode", modeOf, "active; saving: idle, but capturing; sleeping: idle, not capturing; asleep by order until it is expected back; paused by an operator; offline"],
-  ["duty", (c) => `${percent(c.duty)}${c.unchanged == null ? "" : `, ${percent(c.unchanged)} of looks unchanged`}`, "share of the last slots in which the camera was active; with a motion gate, the share of its looks in which its image was unchanged, so that the network rested"],
-  ["occlusion", (c) => percent(c.occlusion), "predicted overlap of the people in its view"],
-  ["information, nats", (c) => number(c.gain_nats, 2), "expected information of its view at the last decision, per joint"],
-  ["price", (c) => number(c.price, 1), "what selecting it costs: grows with its deficit, compared with the information"],
-  ["deficit", (c) => number(c.deficit, 1), "energy spent beyond its budget so far, in slots"],
-  ["power", (c) => (c.power_w === null ? "–" : `${c.measured ? "" : "~"}${c.power_w.toFixed(1)} W`), "mean power; ~ is modelled, not measured"],
-  ["CPU", (c) => (c.cpu_s == null ? "–" : `${c.cpu_s.toFixed(0)} s${c.cpu_saved == null ? "" : `, ${percent(c.cpu_saved)} saved`}`), "measured processor time of its program, and the share saved compared with looking in every slot"],
-  ["battery", (c) => (c.battery === undefined ? "–" : c.battery === null ? "mains" : `${c.gauge ? "" : "~"}${percent(c.battery)}`), "charge; ~ is modelled"],
-  ["temperature", (c) => number(c.temperature_c, 0, " °C"), "of the camera's processor"],
-  ["late, lost", (c) => (c.late === null ? "–" : `${c.late}, ${c.lost}`), "views that arrived after their slot was closed, and views that did not arrive"],
+  ["duty", (c) => `${percent(c.duty)}${c.unchanged == null ? "" : `, ${percent(c.unchanged)} of looks unchanged`}`, means("duty", "unchanged")],
+  ["occlusion", (c) => percent(c.occlusion), means("occlusion")],
+  ["information, nats", (c) => number(c.gain_nats, 2), means("gain_nats")],
+  ["price", (c) => number(c.price, 1), means("price")],
+  ["deficit", (c) => number(c.deficit, 1), means("deficit")],
+  ["power", (c) => (c.power_w === null ? "–" : `${c.measured ? "" : "~"}${c.power_w.toFixed(1)} W`), `${means("power_w")}; ~ is modelled`],
+  ["CPU", (c) => (c.cpu_s == null ? "–" : `${c.cpu_s.toFixed(0)} s${c.cpu_saved == null ? "" : `, ${percent(c.cpu_saved)} saved`}`), means("cpu_s", "cpu_saved")],
+  ["battery", (c) => (c.battery === undefined ? "–" : c.battery === null ? "mains" : `${c.gauge ? "" : "~"}${percent(c.battery)}`), `${means("battery")}; ~ is modelled`],
+  ["temperature", (c) => number(c.temperature_c, 0, " °C"), means("temperature_c")],
+  ["late, lost", (c) => (c.late === null ? "–" : `${c.late}, ${c.lost}`), means("late", "lost")],
 ];
 
 // Slots for which no view arrived although one was due: of the last minute, and since the start.
@@ -43,6 +45,7 @@ function Figures({ told }) {
   </dl>`;
 }
 
+/** @param {{ camera: import("./camera_status.js").CameraStatus }} row */
 function Row({ camera }) {
   return html`<tr>${COLUMNS.map(([head, text], index) => (index ? html`<td data-head=${head}>${text(camera)}</td>` : html`<th scope="row" data-head=${head}>${text(camera)}</th>`))}
     ${mayControl() && known.mode === "live" && html`<${CameraControls} camera=${camera} />`}

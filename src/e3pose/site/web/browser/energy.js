@@ -37,6 +37,7 @@ function Saved() {
 }
 
 // The hours that a battery lasts at the present power; null on mains or where unknown.
+/** @param {import("./camera_status.js").CameraStatus} camera */
 function leftHours(camera) {
   const capacity_wh = known.room.battery_wh[known.room.cameras.indexOf(camera.camera_id)];
   return camera.battery == null || !camera.power_w || !capacity_wh ? null : (camera.battery * capacity_wh) / camera.power_w;

@@ -71,6 +71,7 @@ export function unsureWords({ unsure }) {
 
 export const sleeps = (camera) => camera.asleep_s != null && camera.asleep_s > -2 && !camera.online && !camera.paused;
 
+/** @param {import("./camera_status.js").CameraStatus} camera */
 export function cameraWords(camera) {
   if (!camera) return "";
   if (camera.paused) return "paused";
