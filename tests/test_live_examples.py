@@ -113,7 +113,7 @@ def test_made_example_is_a_site_that_can_be_started(tmp_path: Path) -> None:
     recording = simulate(scene, 0)
     path = write_recorded(tmp_path / "try", recording)
     site = resolve_site(path)
-    assert site.fps == 10 and str(site.link.endpoint).startswith("tcp/127.0.0.1:")
+    assert site.file.fps == 10 and str(site.file.link.endpoint).startswith("tcp/127.0.0.1:")
     command = camera_command(site, "cam1")
     source = command[command.index("--source") + 1]
     assert source.startswith("recorded:")

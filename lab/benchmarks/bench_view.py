@@ -53,9 +53,9 @@ def record(slot: int, rng: np.random.Generator, cameras: int = 4) -> SlotRecord:
 def fill(site: Path, started_ns: int, rng: np.random.Generator) -> Path:
     """Write ten minutes into the store of a site that does not run yet; return its place."""
     resolved = resolve_site(site)
-    assert resolved.store is not None and isinstance(resolved.store.place, Path)
-    place, cameras = resolved.store.place, resolved.rig.camera_ids
-    run = Run(resolved.name, "before", started_ns, 1 / FPS, "coco17", COCO17.joints, cameras)
+    assert resolved.file.store is not None and isinstance(resolved.file.store.place, Path)
+    place, cameras = resolved.file.store.place, resolved.rig.camera_ids
+    run = Run(resolved.file.name, "before", started_ns, 1 / FPS, "coco17", COCO17.joints, cameras)
     with StoreWriter(place, run) as writer:
         for slot in range(MINUTES * 60 * FPS):
             writer.append(record(slot, rng, len(cameras)), wait=True)

@@ -215,7 +215,7 @@ def live_site(
             command = [*view_command(path), "--listen", f"127.0.0.1:{page_port}"]
             programs.append(Program(PAGE, command, folder / "page.log"))
         follower = Follower("bench")
-        transport = open_network(viewer_link(site, None))
+        transport = open_network(viewer_link(site.file, None))
         follower.listen(transport)
         for program in programs:
             change(program)

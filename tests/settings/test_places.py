@@ -26,10 +26,16 @@ def test_every_name_in_a_site_file_is_a_place_once_it_is_read(tmp_path: Path) ->
         '[[camera]]\nid = "c1"\nsource = "recorded:walk"\n'
         'detector = "own.onnx"\nmodel = "m.onnx"\n',
     )
-    assert (site.calibration, site.state) == (tmp_path / "rig.toml", tmp_path / "state.npz")
-    assert (site.learn, site.link.keys) == (tmp_path / "learned", tmp_path / "keys")
-    assert site.store is not None and site.store.place == tmp_path / "live.db"
-    assert (site.view.tokens, site.record.path) == (tmp_path / "view-tokens.toml", Path("/videos"))
+    assert (site.file.calibration, site.file.state) == (
+        tmp_path / "rig.toml",
+        tmp_path / "state.npz",
+    )
+    assert (site.file.learn, site.file.link.keys) == (tmp_path / "learned", tmp_path / "keys")
+    assert site.file.store is not None and site.file.store.place == tmp_path / "live.db"
+    assert (site.file.view.tokens, site.file.record.path) == (
+        tmp_path / "view-tokens.toml",
+        Path("/videos"),
+    )
     camera = site.cameras["c1"]
     assert (camera.source, camera.model) == (f"recorded:{tmp_path}/walk", tmp_path / "m.onnx")
     assert camera.detector == str(tmp_path / "own.onnx")

@@ -214,4 +214,4 @@ def test_a_file_that_is_wrong_changes_nothing(tmp_path: Path) -> None:
         (tmp_path / "site.toml").write_text(f'{HEAD}budget = "often"\n{STORE}{ZONE}')
         with pytest.raises(InputError, match="budget"):
             controls(made).take(Control(reread=True))
-        assert controls(made)._site.zone == ()
+        assert controls(made)._site.file.zone == ()

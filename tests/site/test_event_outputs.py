@@ -95,7 +95,7 @@ def watched(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Watched]:
         run_of = Run("lab", "lab", BEGIN_NS, 0.08, "coco17", COCO17.joints, ("c0", "c1", "c2"))
         with StoreWriter(folder / "lab.db", run_of) as writer:
             site = resolve_site(folder / "site.toml")
-            sink = EventSink(writer, Zones(site.zone), site_watch(site))
+            sink = EventSink(writer, Zones(site.file.zone), site_watch(site))
             for slot, time_ns in fallen():
                 sink.append(slot, time_ns=time_ns, wait=True)
         yield made

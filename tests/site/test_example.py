@@ -25,7 +25,7 @@ def test_site_of_a_recording_passes_its_own_check(tmp_path: Path) -> None:
     recording = simulate(SceneSettings(people=1, seconds=0.2, cameras=3), 0)
     path = write_recorded(tmp_path, recording, "hall")
     site, rig = resolve_site(path), load_rig(tmp_path / "rig.toml")
-    assert (site.name, site.fps, site.skeleton_name) == (
+    assert (site.file.name, site.file.fps, site.file.skeleton_name) == (
         "hall",
         recording.fps,
         recording.skeleton.name,

@@ -104,7 +104,7 @@ def test_edge_that_cannot_start_is_tried_again_less_and_less_often_and_told(
     monkeypatch.setattr(many_edges, "FIRST_WAIT_S", 0.01)
     told = Told()
     site = house(tmp_path)[0]
-    keeper = Keeper(site.path, lambda _: site, told, threading.Lock())
+    keeper = Keeper(site.file.path, lambda _: site, told, threading.Lock())
     keeper.start()
     assert eventually(lambda: len(told.lines) >= 4)
     keeper.stop()
@@ -128,7 +128,7 @@ def test_site_that_starts_forever_keeps_no_other_from_starting(
     monkeypatch.setattr(many_edges, "START_S", 0.1)
     site, starting = house(tmp_path)[0], threading.Lock()
     with starting:  # another site is starting, and does not end
-        keeper = Keeper(site.path, lambda _: site, Told(), starting)
+        keeper = Keeper(site.file.path, lambda _: site, Told(), starting)
         keeper.start()
         assert begun.wait(30.0)
         keeper.stop()
@@ -152,7 +152,7 @@ main()
 
 def test_ctrl_c_ends_sites_that_start_at_once_and_says_so(tmp_path: Path) -> None:
     """A compiling thread cannot be asked to end, and would abort a process that ends by itself."""
-    paths = [str(site.path) for site in house(tmp_path)]
+    paths = [str(site.file.path) for site in house(tmp_path)]
     command = [sys.executable, "-c", STARTING, *paths]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as program:
         assert program.stdout is not None and program.stdout.readline() == "starting\n"

@@ -58,7 +58,7 @@ def test_site_passes_its_own_check(tmp_path: Path, source: str, times: Detection
     site = resolve_site(path)
     check_edge(site)
     assert site.skeleton.name == "coco18" and site.loop.num_selected == 2
-    found = list(check_speed(site, times, 2))
+    found = list(check_speed(site.file, times, 2))
     assert [finding.level for finding in found] == ["ok"], found
     kept = measure_detections(site, again=False)
     assert kept is not None and (kept.together_s == times.together_s).all()
@@ -70,7 +70,7 @@ def test_turned_camera_stays_turned_though_the_new_calibration_does_not_say_so(
     rig = looking((4, 0), (0, 4), (-4, 0), (0, -4))
     made = choice("usb:{}", QUICK, rig=rig, rotations={"c1": 270})
     site = resolve_site(write_site(tmp_path / "lab", made))
-    assert [camera.rotation for camera in site.camera] == [None, 270, None, None]
+    assert [camera.rotation for camera in site.file.camera] == [None, 270, None, None]
     sizes = [workload.image_size for workload in workloads_of(site).values()]
     assert sizes[1] == sizes[0][::-1]
 
@@ -92,7 +92,7 @@ def test_recording_with_all_cameras_takes_its_time(
 ) -> None:
     site = resolve(load_site(write_site(tmp_path / "lab", choice(source, SLOW))), placed=False)
     slower = with_time_for_all(site, SLOW)
-    assert (slower.fps, slower.pace) == pytest.approx((fps, pace))
+    assert (slower.file.fps, slower.file.pace) == pytest.approx((fps, pace))
     assert with_time_for_all(slower, SLOW) is slower
 
 

@@ -15,9 +15,9 @@ from e3pose.evaluate import metrics
 from e3pose.evaluate.metrics import LIMBS
 from e3pose.evaluate.replay import selected_views
 from e3pose.model.skeleton import convert
+from e3pose.settings.parts import PAPER_FUSION
 from e3pose_lab.reproduce.replays import SHELF, Asked, recording_of
 from e3pose_lab.reproduce.sources import Sources
-from e3pose_lab.reproduce.subsets import PAPER
 
 Limbs = list[list[float]]  # of one person: both ends of each limb that is known
 
@@ -71,7 +71,7 @@ def scene(sources: Sources, asked: SceneAsked) -> Scene:
     recording = recording_of(sources, Asked(SHELF, "all"))
     truth = recording.truth
     assert truth is not None, "Shelf is labelled"
-    fuser, count = Fuser(recording.rig, len(recording.skeleton), PAPER), len(recording.rig)
+    fuser, count = Fuser(recording.rig, len(recording.skeleton), PAPER_FUSION), len(recording.rig)
     best: tuple[float, int, tuple[int, ...], list[float]] | None = None
 
     def fused(slot: int, cameras: tuple[int, ...]) -> tuple[Floats, Floats]:

@@ -96,20 +96,21 @@ def running_site(
     """
     path = write_example(folder, example, rig)
     site = resolve_site(path)
-    run = SiteRun([Program("edge", edge_command(path), folder / "edge.log")], Follower(site.name))
+    run = SiteRun(
+        [Program("edge", edge_command(path), folder / "edge.log")], Follower(site.file.name)
+    )
     with ExitStack() as stack:
         through = site
         if round_trip_s:
-            port = site.link.endpoint.port
+            port = site.file.link.endpoint.port
             near = stack.enter_context(relay(port, round_trip_s))
-            through = replace(
-                site, link=replace(site.link, endpoint=Endpoint("tcp", "127.0.0.1", near))
-            )
+            link = replace(site.file.link, endpoint=Endpoint("tcp", "127.0.0.1", near))
+            through = replace(site, file=replace(site.file, link=link))
         run.programs += [
             Program(camera_id, camera_command(through, camera_id), folder / f"{camera_id}.log")
             for camera_id in rig.camera_ids
         ]
-        transport = open_network(viewer_link(site, None))
+        transport = open_network(viewer_link(site.file, None))
         stack.callback(transport.close)
         run.ask = transport.ask
         run.follower.listen(transport, run.take)

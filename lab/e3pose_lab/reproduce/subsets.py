@@ -10,16 +10,14 @@ from itertools import combinations
 
 import numpy as np
 
-from e3pose.estimate.per_slot.fuse import Fuser, FusionSettings
+from e3pose.estimate.per_slot.fuse import Fuser
 from e3pose.evaluate import metrics
 from e3pose.evaluate.metrics import AVERAGED_ACTORS, count_parts
 from e3pose.evaluate.replay import selected_views
 from e3pose.model.skeleton import convert
-from e3pose.settings.parts import PAPER_MATCHER, PAPER_REFINE_STEPS
+from e3pose.settings.parts import PAPER_FUSION
 from e3pose_lab.reproduce.replays import Asked, recording_of, seen_occlusion
 from e3pose_lab.reproduce.sources import Sources
-
-PAPER = FusionSettings(refine_steps=PAPER_REFINE_STEPS, matcher=PAPER_MATCHER)
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +72,7 @@ def subset_figures(sources: Sources, asked: SubsetsAsked) -> SubsetFigures:
     recording = recording_of(sources, place)
     truth = recording.truth
     assert truth is not None, "labelled recordings only"
-    fuser = Fuser(recording.rig, len(recording.skeleton), PAPER)
+    fuser = Fuser(recording.rig, len(recording.skeleton), PAPER_FUSION)
     count = len(recording.rig)
     subsets = [list(c) for size in range(1, count + 1) for c in combinations(range(count), size)]
     hidden = seen_occlusion(recording)

@@ -111,19 +111,22 @@ def _live(source: Path, keys: Path | None) -> tuple[str, EventsTable, Watch, Ite
     from e3pose.wire.network import open_network
 
     site = resolve_site(source)
-    asked, table = site_watch(site), site.events or EventsTable()
-    watch = asked or begin_watch(table, site.skeleton.joints, site.zone)
+    asked, table = site_watch(site), site.file.events or EventsTable()
+    watch = asked or begin_watch(table, site.skeleton.joints, site.file.zone)
     if asked is None:
-        warn(f"{site.path}: no [events], so the site itself tells nothing; tested with the usual")
-    link = viewer_link(site, keys)
+        warn(
+            f"{site.file.path}: no [events], so the site itself tells nothing; "
+            "tested with the usual"
+        )
+    link = viewer_link(site.file, keys)
 
     def looks() -> Iterator[Look]:
-        with Connection(site.name, open_network(link)) as connection:
+        with Connection(site.file.name, open_network(link)) as connection:
             for slot in connection:
                 yield seen_of(slot), slot.published_ns
 
     lies = f"lie still for {max(table.fall_s, table.lies_s) + 5:.0f} s"
-    return f"Watching site {site.name}. Go down, {lies}, get up.", table, watch, looks()
+    return f"Watching site {site.file.name}. Go down, {lies}, get up.", table, watch, looks()
 
 
 def _replayed(

@@ -75,7 +75,7 @@ def edge(
         return
     with as_typed(DELAY):
         resolved = resolve_site(site[0], later_ms)
-    log = open_log("edge", json_logs, site=resolved.name)
+    log = open_log("edge", json_logs, site=resolved.file.name)
     with start_edge(resolved, log, WallClock()) as opened:
         opened.run(for_s)
         counts = opened.server.counts

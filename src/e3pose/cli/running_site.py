@@ -74,7 +74,7 @@ def up(
     later_ms = delay_ms(delay)
     with as_typed(DELAY):
         resolved = resolve_site(site, later_ms)
-    folder = logs or resolved.folder / "logs"
+    folder = logs or resolved.file.folder / "logs"
     if folder.exists() and not folder.is_dir():
         raise InputError(f"--logs: found a file, expected a folder: {folder}")
     options = () if delay is None else ("--delay", delay)
@@ -84,13 +84,13 @@ def up(
     if view:
         from e3pose.site.web.program import address_of, page_links
 
-        programs.append(Program("view", view_command(resolved.path), folder / "view.log"))
-        address = address_of(resolved)
-        print("\n".join(page_links(resolved, address)), flush=True)
+        programs.append(Program("view", view_command(resolved.file.path), folder / "view.log"))
+        address = address_of(resolved.file)
+        print("\n".join(page_links(resolved.file, address)), flush=True)
     make_folder(folder)
-    link = viewer_link(resolved, None)
+    link = viewer_link(resolved.file, None)
     with closing(open_network(link)) as transport:
-        follower = Follower(resolved.name)
+        follower = Follower(resolved.file.name)
         follower.listen(transport)
         _run_shown(programs, follower, console, for_s, show=console.is_terminal and not quiet)
     console.print(f"Stopped. Logs: {folder}", highlight=False)

@@ -74,20 +74,22 @@ def stream(
     resolved = resolve_site(site)
     watch = site_watch(resolved)
     source = _source(resolved, watch)
-    link = viewer_link(resolved, keys)
+    link = viewer_link(resolved.file, keys)
     with ExitStack() as stack:
         streams = []
         for one in target:
-            streams.append(open_stream(one, naming(source, resolved, one)))
+            streams.append(open_stream(one, naming(source, resolved.file, one)))
             stack.callback(streams[-1].close)
         connection = stack.enter_context(
-            Connection(resolved.name, open_network(link), delayed=delayed)
+            Connection(resolved.file.name, open_network(link), delayed=delayed)
         )
-        sender = stack.enter_context(Sender(connection, streams, Zones(resolved.zone), warn, watch))
-        troubles = stack.enter_context(closing(TroubleFile(resolved.path)))
-        answerer = stack.enter_context(closing(Answerer(resolved.path, streams)))
+        sender = stack.enter_context(
+            Sender(connection, streams, Zones(resolved.file.zone), warn, watch)
+        )
+        troubles = stack.enter_context(closing(TroubleFile(resolved.file.path)))
+        answerer = stack.enter_context(closing(Answerer(resolved.file.path, streams)))
         what = "smoothed poses of site" if delayed else "site"
-        print(f"Streaming {what} {resolved.name} to {', '.join(target)}", flush=True)
+        print(f"Streaming {what} {resolved.file.name} to {', '.join(target)}", flush=True)
         begun_s = time.monotonic()
 
         def runs() -> bool:
@@ -104,14 +106,14 @@ def stream(
 def _source(site: ResolvedSite, watch: Watch | None) -> Source:
     """Return what is streamed, without names."""
     return Source(
-        site.name,
+        site.file.name,
         site.skeleton,
-        site.fps,
+        site.file.fps,
         warn,
         site.rig.camera_ids,
-        tuple(zone.name for zone in site.zone),
+        tuple(zone.name for zone in site.file.zone),
         () if watch is None else tuple(watch.rules),
-        site.events or EventsTable(),
+        site.file.events or EventsTable(),
     )
 
 

@@ -53,6 +53,6 @@ def view(
         look_after_parent()
     resolved = resolve_site(site)
     with open_view(resolved, listen, keys, report=warn) as opened:
-        print("\n".join(page_links(resolved, opened.address)), flush=True)
+        print("\n".join(page_links(resolved.file, opened.address)), flush=True)
         reduce_pauses()
         run_until_stopped(opened.running, for_s)

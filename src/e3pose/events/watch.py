@@ -65,12 +65,12 @@ def site_watch(site: ResolvedSite) -> Watch | None:
     Raises:
         InputError: for a kind of event that is not known.
     """
-    if site.events is None:
+    if site.file.events is None:
         return None
     try:
-        return begin_watch(site.events, site.skeleton.joints, site.zone)
+        return begin_watch(site.file.events, site.skeleton.joints, site.file.zone)
     except InputError as error:
-        raise error.under("events").at(site.path) from None
+        raise error.under("events").at(site.file.path) from None
 
 
 def advance(watch: Watch, seen: Seen) -> tuple[Watch, list[PersonEvent]]:

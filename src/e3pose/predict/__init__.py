@@ -53,16 +53,13 @@ def make_predictor_or_fallback(name: str, skeleton: Skeleton = COCO17) -> Predic
         return PREDICTORS[FALLBACK](skeleton)
 
 
-def make_predictors(
-    name: str, steering: str | None, skeleton: Skeleton = COCO17
-) -> tuple[Predictor, Predictor | None]:
-    """Return the predictor called `name` and the one that steers, if any: the same if so named.
+def make_predictors(name: str, steering: str, skeleton: Skeleton) -> tuple[Predictor, Predictor]:
+    """Return the predictor called `name` and the one that steers: one object if they are the same.
 
     Each has a stand-in where it cannot be had.
     """
-    names = dict.fromkeys((name, steering or name))
-    found = {each: make_predictor_or_fallback(each, skeleton) for each in names}
-    return found[name], found[steering] if steering else None
+    found = {each: make_predictor_or_fallback(each, skeleton) for each in {name, steering}}
+    return found[name], found[steering]
 
 
 @lru_cache(maxsize=64)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,19 +14,23 @@ from e3pose.base.errors import InputError
 from e3pose.base.quantities import plural
 from e3pose.energy.queues import Queue
 from e3pose.energy.rest_costs import RestCosts
-from e3pose.estimate import EstimatorSettings, estimator_maker
+from e3pose.estimate import Estimator, EstimatorSettings, estimator_maker
 from e3pose.estimate.per_slot.fusion import (
     EPIPOLAR_PX,
     MATCHERS,
     MAX_EPIPOLAR_PX,
     FusionSettings,
-    Matcher,
 )
 from e3pose.model.camera import Rig
 from e3pose.model.noises import DEFAULT, detector_of, load_noise
 from e3pose.model.skeleton import Skeleton
 from e3pose.pipeline import Pipeline
-from e3pose.predict import Predictor, make_predictor, make_predictors
+from e3pose.predict import (
+    Predictor,
+    make_predictor,
+    make_predictor_or_fallback,
+    make_predictors,
+)
 from e3pose.select.awake import RestPlanner
 from e3pose.select.camera_order import spread_order
 from e3pose.select.feedback import Feedback
@@ -49,8 +53,8 @@ from e3pose.settings.loop import LoopSettings, pipeline_row
 STEERING = "attention-lstm"  # steers the filter by default
 STEERING_SLOTS = 10  # of history, which the network of `STEERING` looks back on
 PAPER_PREDICTOR = "attention-lstm-paper"  # in place of `STEERING`, which has more parts
-PAPER_MATCHER: Matcher = "epipolar"
-PAPER_REFINE_STEPS = 0  # the paper places joints by its weighted DLT, eq. (1)-(3), and no more
+# The paper places joints by its weighted DLT, eq. (1)-(3), and no more.
+PAPER_FUSION = FusionSettings(refine_steps=0, matcher="epipolar")
 
 
 class Place(Protocol):
@@ -95,28 +99,15 @@ def make_pipeline(
     row = row_of(settings)
     settings = settings.for_rig(len(place.rig))
     _check(settings, row, len(place.rig))
-    name = pipeline_row(settings.pipeline)[0]
     queue = Queue(
         budget=shares(settings, row, len(place.rig)),
         cost_j=None if settings.cost_j is None else np.array(settings.cost_j),
-        as_published=name == "paper",
+        as_published=_is_paper(settings),
     )
     rests = _rests(place, settings)
-    asked = _estimating(place, settings)
-    wanted, steered = settings.predictor, _is_steered(settings)
-    # The policies of a pipeline share one estimator, whichever predictor is their own.
-    usual = PAPER_PREDICTOR if row.predictor == STEERING and not steered else row.predictor
     policy, waking = _policy(settings, row, place.rig)
-    estimator = settings.estimator
-    if estimator is None:
-        estimator = estimator_maker(name)(asked)
-    steering: Predictor | None
-    if wanted is None:  # one by default has a stand-in
-        steers = STEERING if steered else None
-        predictor, steering = make_predictors(usual, steers, place.skeleton)
-    else:
-        predictor = make_predictor(wanted, place.skeleton) if isinstance(wanted, str) else wanted
-        steering = predictor if steered else None
+    parts = _paper_parts if _is_paper(settings) and settings.estimator is None else _product_parts
+    estimator, predictor, steering = parts(place, settings, row)
     return Pipeline(
         rig=place.rig,
         num_joints=len(place.skeleton),
@@ -229,14 +220,48 @@ def _policy(
     return policy, waking if COUNT in row.uses else None
 
 
-def _estimating(place: Place, settings: LoopSettings) -> EstimatorSettings:
-    """Return what the estimator of the pipeline is asked for."""
+Parts = tuple[Estimator[Any], Predictor, Predictor | None]
+
+
+def _product_parts(place: Place, settings: LoopSettings, row: PolicyRow) -> Parts:
+    """Return an estimator with a memory, the policy's predictor, and what steers the estimator."""
+    for thing, value in _only_paper(settings).items():
+        if value is not None and not _is_paper(settings):
+            raise InputError(
+                thing,
+                f"with the pipeline {settings.pipeline}, which matches views to people it follows",
+                "the pipeline paper",
+            )
+    asked = _asked(place, settings, max(settings.warmup_slots, STEERING_SLOTS))
+    estimator = settings.estimator
+    if estimator is None:
+        estimator = estimator_maker(pipeline_row(settings.pipeline)[0])(asked)
+    wanted = settings.predictor
+    if wanted is None:  # one by default has a stand-in
+        return estimator, *make_predictors(row.predictor, STEERING, place.skeleton)
+    predictor = make_predictor(wanted, place.skeleton) if isinstance(wanted, str) else wanted
+    return estimator, predictor, predictor
+
+
+def _paper_parts(place: Place, settings: LoopSettings, row: PolicyRow) -> Parts:
+    """Return the estimator and the predictor of the published system; nothing is steered."""
+    estimator = estimator_maker("paper")(_asked(place, settings, settings.warmup_slots))
+    # The policies share one estimator, whichever predictor is their own.
+    usual = PAPER_PREDICTOR if row.predictor == STEERING else row.predictor
+    wanted = settings.predictor
+    if wanted is None:
+        return estimator, make_predictor_or_fallback(usual, place.skeleton), None
+    predictor = make_predictor(wanted, place.skeleton) if isinstance(wanted, str) else wanted
+    return estimator, predictor, None
+
+
+def _asked(place: Place, settings: LoopSettings, history_slots: int) -> EstimatorSettings:
     aims = settings.target_error_m is not None
     return EstimatorSettings(
         rig=place.rig,
         skeleton=place.skeleton,
         interval_s=place.interval_s,
-        history_slots=max(settings.warmup_slots, STEERING_SLOTS * _is_steered(settings)),
+        history_slots=history_slots,
         fusion=_fusion(settings),
         noise=load_noise(settings.noise or detector_of(place)),
         num_selected=1.0 if aims else float(settings.num_selected or 0),
@@ -244,39 +269,31 @@ def _estimating(place: Place, settings: LoopSettings) -> EstimatorSettings:
     )
 
 
-def _is_steered(settings: LoopSettings) -> bool:
-    """Return whether a predictor steers the estimator: one that has a memory."""
-    return settings.estimator is not None or pipeline_row(settings.pipeline)[0] != "paper"
+def _is_paper(settings: LoopSettings) -> bool:
+    return pipeline_row(settings.pipeline)[0] == "paper"
 
 
-def _fusion(settings: LoopSettings) -> FusionSettings:
-    """Return how the pipeline `paper` matches and places; raise `InputError` for another's."""
-    matcher = settings.matcher or PAPER_MATCHER
-    asked = {
+def _only_paper(settings: LoopSettings) -> dict[str, object]:
+    """Return by its key what only the pipeline `paper` can be asked for; None where it is not."""
+    return {
         "matcher": settings.matcher,
         "match_distance": settings.match_distance_m,
         "epipolar_px": settings.epipolar_px,
         "fill": settings.fill,
     }
-    paper = pipeline_row(settings.pipeline)[0] == "paper"
-    for thing, value in asked.items():
-        if value is not None and not paper:
-            raise InputError(
-                thing,
-                f"with the pipeline {settings.pipeline}, which matches views to people it follows",
-                "the pipeline paper",
-            )
+
+
+def _fusion(settings: LoopSettings) -> FusionSettings:
+    """Return how the pipeline `paper` matches and places; raise `InputError` for what cannot be."""
+    matcher = settings.matcher or PAPER_FUSION.matcher
     if matcher not in MATCHERS:
         raise InputError("matcher", repr(matcher)[:60], " or ".join(MATCHERS))
+    asked = _only_paper(settings)
     for thing, wanted in (("match_distance", ("rays",)), ("epipolar_px", tuple(EPIPOLAR_PX))):
         if asked[thing] is not None and matcher not in wanted:
             found = f"with the matcher {matcher}"
             raise InputError(thing, found, f"the matcher {' or '.join(wanted)}")
-    usual = FusionSettings(
-        refine_steps=PAPER_REFINE_STEPS,
-        reject_outliers=settings.reject_outliers,
-        matcher=matcher,
-    )
+    usual = replace(PAPER_FUSION, reject_outliers=settings.reject_outliers, matcher=matcher)
     if settings.epipolar_px is not None:
         if not 0 < settings.epipolar_px <= MAX_EPIPOLAR_PX:
             found = f"{settings.epipolar_px:g} px"
@@ -296,7 +313,7 @@ def _fusion(settings: LoopSettings) -> FusionSettings:
 
 def noise_warning(place: Place, settings: LoopSettings) -> str:
     """Return what to say where the detector is not stated, or not known; empty if it is."""
-    if settings.noise or pipeline_row(settings.pipeline)[0] == "paper":
+    if settings.noise or _is_paper(settings):
         return ""
     name = detector_of(place)
     if name != DEFAULT and place.detector:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 from typing import cast
@@ -21,6 +21,7 @@ from e3pose.recording.calibration.world import assumed_rig, world_problem
 from e3pose.recording.folder import read_detector, read_skeleton
 from e3pose.settings.energy import EnergyPlan
 from e3pose.settings.limits import Rotation
+from e3pose.settings.loop import LoopSettings
 from e3pose.settings.parts import make_pipeline
 from e3pose.settings.site_file import (
     DEFAULT_DETECTOR,
@@ -37,10 +38,12 @@ NOTHING: tuple[str, Skeleton | None] = ("", None)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class ResolvedSite(SiteTable):
+class ResolvedSite:
     """A site file with all that it names; also where its loop runs, see `settings.parts.Place`.
 
     Attributes:
+        file: what a person wrote.
+        loop: how the loop runs, with all that follows from the rig and its energy.
         rig: the cameras: with their places, or, of a site that is not calibrated yet, with their
             lenses, or with their names alone.
         cameras: what the file says of each, in the order of the rig: rotations are those of the
@@ -55,6 +58,8 @@ class ResolvedSite(SiteTable):
         source: nothing, as `detector` says it.
     """
 
+    file: SiteTable
+    loop: LoopSettings
     rig: Rig
     cameras: Mapping[str, CameraTable]
     skeletons: Mapping[str, Skeleton]
@@ -74,7 +79,7 @@ class ResolvedSite(SiteTable):
     @property
     def interval_s(self) -> float:
         """Seconds per slot."""
-        return 1 / self.fps
+        return 1 / self.file.fps
 
     @property
     def named_detector(self) -> str:
@@ -92,7 +97,7 @@ class ResolvedSite(SiteTable):
         Raises:
             InputError: naming the file and the key that asks for what cannot be had.
         """
-        with _in_file(self.path):
+        with _in_file(self.file.path):
             return make_pipeline(self, self.loop)
 
     def budgets(self) -> list[Budget | None]:
@@ -171,7 +176,8 @@ def resolve(site: SiteTable, placed: bool = True) -> ResolvedSite:
         except InputError as error:
             stated.append(error.at(site.path, f"camera {name}: budget"))
     return ResolvedSite(
-        **{item.name: getattr(replace(site, loop=loop), item.name) for item in fields(SiteTable)},
+        file=site,
+        loop=loop,
         rig=rig,
         cameras=cameras,
         skeletons=skeletons,

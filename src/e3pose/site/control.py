@@ -124,20 +124,21 @@ class SiteControls:
         """Reload the site file: what a running edge can change."""
         if control != Control(reread=True):
             raise InputError("reread", "with another setting", "one of them at a time")
-        new, old = resolve_site(self._site.path), self._site
+        new, old = resolve_site(self._site.file.path), self._site
         new.budgets()  # its error first
-        store = old.store
-        if store is not None and new.store is not None and self._sink is not None:
-            store = replace(store, keep_s=new.store.keep_s, max_bytes=new.store.max_bytes)
-            if store != old.store:
+        store = old.file.store
+        if store is not None and new.file.store is not None and self._sink is not None:
+            store = replace(store, keep_s=new.file.store.keep_s, max_bytes=new.file.store.max_bytes)
+            if store != old.file.store:
                 self._sink.writer.keep(store.keep_s, store.max_bytes)
-        words = ["storage"] if store != old.store else []
-        if new.zone != old.zone:
+        words = ["storage"] if store != old.file.store else []
+        if new.file.zone != old.file.zone:
             words.insert(0, "zones")
             if self._sink is not None:
                 self._sink.rezone(new)
-        self._site = replace(old, zone=new.zone, store=store, budget=new.budget, stated=new.stated)
-        if new.budget != old.budget:
+        file = replace(old.file, zone=new.file.zone, store=store, budget=new.file.budget)
+        self._site = replace(old, file=file, stated=new.stated)
+        if new.file.budget != old.file.budget:
             words.append("budget")
             self._budget(dict(self._own), self._loop)
         return f"{', '.join(words) or 'nothing new'} from the site file"

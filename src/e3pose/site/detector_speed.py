@@ -60,7 +60,7 @@ def measure_detections(site: ResolvedSite, again: bool = True) -> DetectionTimes
     workloads = workloads_of(site)
     if not workloads:
         return None
-    kept, asked = site.folder / KEPT, _asked(workloads)
+    kept, asked = site.file.folder / KEPT, _asked(workloads)
     if not again and (known := _read(kept, asked)) is not None:
         return known
     times = time_detections(list(workloads.values()))
@@ -149,11 +149,14 @@ def with_time_for_all(site: ResolvedSite, times: DetectionTimes) -> ResolvedSite
     Films are played slower; cameras that film get longer slots.
     """
     reach = suggested_fps(times, len(times.together_s))
-    if site.fps * site.pace <= reach:
+    file = site.file
+    if file.fps * file.pace <= reach:
         return site
-    if site.pace < 1:
-        return replace(site, pace=max(float(f"{reach / site.fps:.2g}"), 0.001))
-    return replace(site, fps=max(reach, 0.1))
+    if file.pace < 1:
+        slower = replace(file, pace=max(float(f"{reach / file.fps:.2g}"), 0.001))
+    else:
+        slower = replace(file, fps=max(reach, 0.1))
+    return replace(site, file=slower)
 
 
 def suggested_fps(times: DetectionTimes, num_selected: float) -> float:

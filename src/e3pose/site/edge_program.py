@@ -171,22 +171,22 @@ def check_edge(site: ResolvedSite) -> EdgeParts:
     """
     written = list[tuple[Path, str]]()
     try:
-        if site.learn is not None:
-            check_learning_folder(site.learn)
+        if site.file.learn is not None:
+            check_learning_folder(site.file.learn)
         watch = site_watch(site)
-        if site.store is not None:
+        if site.file.store is not None:
             from e3pose.store.database import check_place, database_path, database_url
 
-            url = database_url(site.store.place)
+            url = database_url(site.file.store.place)
             check_place(url)
             if (file := database_path(url)) is not None:
-                written.append((file, site.name))  # other sites may share it
+                written.append((file, site.file.name))  # other sites may share it
         budgets, pipeline = site.budgets(), site.pipeline()
-        if site.state is not None:
-            check_file_free(site.state)
-            written.insert(0, (site.state, ""))
+        if site.file.state is not None:
+            check_file_free(site.file.state)
+            written.insert(0, (site.file.state, ""))
     except InputError as error:
-        raise error.at(site.path) from None
+        raise error.at(site.file.path) from None
     return EdgeParts(pipeline, budgets, watch, written)
 
 
@@ -202,22 +202,22 @@ def start_edge(site: ResolvedSite, log: Log, clock: Clock) -> Edge:
 
     with ExitStack() as stack:
         hold_all(parts.written, stack)
-        link, roll = edge_link(site)
+        link, roll = edge_link(site.file)
         refused = not_admitted(roll, site.rig.camera_ids)
         transport = open_network(link, roll)
         stack.callback(transport.close)
         server = make_edge(site, parts, transport, clock, report, stack)
         server.inbox.not_admitted = refused
-        if site.metrics_port is not None:
-            stack.callback(serve_metrics(server, site.metrics_port).close)
+        if site.file.metrics_port is not None:
+            stack.callback(serve_metrics(server, site.file.metrics_port).close)
         stack.callback(server.stop)
-        admission = Admission(site, server, open_network, log.info)
+        admission = Admission(site.file, server, open_network, log.info)
         watchdog = server.housekeeping.watchdog
-        watchdog.prepare, watchdog.folder = admission.prepare, site.folder / "logs"
+        watchdog.prepare, watchdog.folder = admission.prepare, site.file.folder / "logs"
         log.info("getting ready; the very first time this compiles for a minute or two")
         server.start()
         log.info("waiting for cameras", endpoint=str(link.endpoint), cameras=len(site.rig))
-        expiry = ExpiryWatch(site.link.keys, server.event_log.report)
+        expiry = ExpiryWatch(site.file.link.keys, server.event_log.report)
         return Edge(server, admission, expiry, stack.pop_all())
     raise AssertionError("an exit stack lets no error pass")
 
@@ -241,20 +241,22 @@ def make_edge(
         stack: closes what is opened here.
     """
     outbox = None
-    if site.store is not None:
+    if site.file.store is not None:
         from e3pose.site.outbox_answers import OutboxAnswers
 
-        outbox = OutboxAnswers(site.store.place, site.name).answer
+        outbox = OutboxAnswers(site.file.store.place, site.file.name).answer
     pipeline, event_log = parts.pipeline, EventLog(clock, report)
-    state_file = StateFile(pipeline, site.state, event_log.report, clock.now_ns())
+    state_file = StateFile(pipeline, site.file.state, event_log.report, clock.now_ns())
     state_file.take_up()
     sink = open_store(site, state_file.run_ns, event_log, stack)
-    kept = None if sink is None else EventSink(sink, Zones(site.zone), parts.watch)
+    kept = None if sink is None else EventSink(sink, Zones(site.file.zone), parts.watch)
     controls = SiteControls(site, kept)
     recorder = open_recorder(site, event_log, stack)
     learner = None
-    if site.learn is not None:
-        learner = OnlineTrainer(site.learn, site.skeleton, LearningSettings(site.interval_s), clock)
+    if site.file.learn is not None:
+        learner = OnlineTrainer(
+            site.file.learn, site.skeleton, LearningSettings(site.interval_s), clock
+        )
         stack.callback(learner.close)
     idle_modes = [camera.idle_mode for camera in site.cameras.values()]
     budgets = zip(parts.budgets, pipeline.queue.budget.tolist(), strict=True)
@@ -270,13 +272,13 @@ def make_edge(
         [WH_J * (camera.battery_wh or np.inf) for camera in site.cameras.values()],
     )
     settings = EdgeSettings(
-        site=site.name,
+        site=site.file.name,
         joints=site.skeleton.joints,
-        deadline_s=site.deadline_ms / 1e3,
+        deadline_s=site.file.deadline_ms / 1e3,
         idle_modes=idle_modes,
-        adaptive_lead=site.lead == "adaptive",
-        pace=site.pace,
-        smooth_delay_s=site.smooth_delay_ms / 1e3,
+        adaptive_lead=site.file.lead == "adaptive",
+        pace=site.file.pace,
+        smooth_delay_s=site.file.smooth_delay_ms / 1e3,
         wakes_s=[camera.wake_s for camera in site.cameras.values()],
     )
     watch = KnockWatch(site.rig)
@@ -297,13 +299,13 @@ def open_store(
         event_log: called with events of saving.
         stack: closes it.
     """
-    if site.store is None:
+    if site.file.store is None:
         return None
     from e3pose.store import Retention, StoreWriter, WriterSettings
 
     run = Run(
-        site=site.name,
-        name=site.name,
+        site=site.file.name,
+        name=site.file.name,
         started_ns=started_ns,
         interval_s=site.interval_s,
         skeleton=site.skeleton.name,
@@ -312,13 +314,15 @@ def open_store(
         software=f"e3pose {__version__}",
     )
     keeping = WriterSettings(
-        retention=Retention(site.store.keep_s, site.store.max_bytes),
-        spool_bytes=site.store.spool_bytes,
-        spool_beside=site.folder / site.name,
+        retention=Retention(site.file.store.keep_s, site.file.store.max_bytes),
+        spool_bytes=site.file.store.spool_bytes,
+        spool_beside=site.file.folder / site.file.name,
         one_writer=True,
-        summaries=round(site.store.outbox_s / 60),
+        summaries=round(site.file.store.outbox_s / 60),
     )
-    return stack.enter_context(StoreWriter(site.store.place, run, keeping, report=event_log.add))
+    return stack.enter_context(
+        StoreWriter(site.file.store.place, run, keeping, report=event_log.add)
+    )
 
 
 def open_recorder(site: ResolvedSite, event_log: EventLog, stack: ExitStack) -> Recorder | None:
@@ -333,15 +337,15 @@ def open_recorder(site: ResolvedSite, event_log: EventLog, stack: ExitStack) -> 
     if not any(cameras):
         return None
     settings = RecorderSettings(
-        folder=site.record.path,
-        site=site.name,
+        folder=site.file.record.path,
+        site=site.file.name,
         cameras=cameras,
-        fps=site.fps,
-        pace=site.pace,
+        fps=site.file.fps,
+        pace=site.file.pace,
         skeleton=site.skeleton.name,
         detector=site.named_detector,
-        part_s=site.record.part_s or PART_S,
-        max_bytes=site.record.max_bytes or MAX_BYTES,
+        part_s=site.file.record.part_s or PART_S,
+        max_bytes=site.file.record.max_bytes or MAX_BYTES,
         filmed=[name for name, camera in site.cameras.items() if camera.record == "both"],
         rotations=site.rotations,
     )

@@ -56,9 +56,9 @@ class EventSink:
         taken = self.writer.append(record, time_ns=time_ns, energy_j=energy_j, wait=wait)
         if self._wanted is not None:
             site, self._wanted = self._wanted, None
-            self.zones = Zones(site.zone)
+            self.zones = Zones(site.file.zone)
             if self.watch is not None:
-                self.watch = replace(self.watch, zones=site.zone)
+                self.watch = replace(self.watch, zones=site.file.zone)
         if time_ns is not None and (self.zones.tables or self.watch is not None):
             seen = seen_in(record, time_ns)
             self.zones, events = advance(self.zones, seen)

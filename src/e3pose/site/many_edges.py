@@ -153,26 +153,26 @@ def check_apart(sites: Sequence[ResolvedSite]) -> None:
         for thing, kind, value, shown in _own(site):
             owner = owners.setdefault((kind, value), site)
             if owner is not site:
-                found = f"{shown}, which {owner.path} has as well"
-                raise InputError(thing, found, "one for each site").at(site.path)
+                found = f"{shown}, which {owner.file.path} has as well"
+                raise InputError(thing, found, "one for each site").at(site.file.path)
 
 
 def _own(site: ResolvedSite) -> list[tuple[str, str, object, str]]:
     """Return what must be a site's alone: the key in its file, its kind, its value, as text."""
-    port = site.link.endpoint.port
+    port = site.file.link.endpoint.port
     own: list[tuple[str, str, object, str]] = [
-        ("name", "name", site.name, site.name),
+        ("name", "name", site.file.name, site.file.name),
         ("link.endpoint", "port", port, f"port {port}"),
     ]
-    if site.metrics_port is not None:
-        shown = f"port {site.metrics_port}"
-        own.append(("metrics_port", "port", site.metrics_port, shown))
+    if site.file.metrics_port is not None:
+        shown = f"port {site.file.metrics_port}"
+        own.append(("metrics_port", "port", site.file.metrics_port, shown))
     records = any(camera.record for camera in site.cameras.values())
     for thing, place in (
-        ("link.keys", site.link.keys),
-        ("state", site.state),
-        ("learn", site.learn),
-        ("record.path", site.record.path if records else None),
+        ("link.keys", site.file.link.keys),
+        ("state", site.file.state),
+        ("learn", site.file.learn),
+        ("record.path", site.file.record.path if records else None),
     ):
         if place is not None:
             own.append((thing, thing, os.path.realpath(place), str(place)))

@@ -37,17 +37,17 @@ def site_programs(
     """
     require_sources(site)
     check_edge(site)
-    link, _ = edge_link(site)
+    link, _ = edge_link(site.file)
     check_port(link.endpoint)
     warn(site.warning)
     with measuring or nullcontext():
         times = measure_detections(site, again=False)
     if times is not None:
         selected = site.loop.num_selected or len(site.rig)
-        for finding in hopeless(site, times, selected):
-            raise InputError(f"{site.path}: {finding.what}: {finding.found}: {finding.advice}")
-        for finding in check_speed(site, times, selected):
+        for finding in hopeless(site.file, times, selected):
+            raise InputError(f"{site.file.path}: {finding.what}: {finding.found}: {finding.advice}")
+        for finding in check_speed(site.file, times, selected):
             if finding.level != "ok":
                 warn(f"{finding.what}: {finding.found}: {finding.advice}")
-    edge = Program("edge", edge_command(site.path, *options), logs / "edge.log")
+    edge = Program("edge", edge_command(site.file.path, *options), logs / "edge.log")
     return [edge] + [Program(i, camera_command(site, i), logs / f"{i}.log") for i in site.cameras]

@@ -56,13 +56,13 @@ def record_site(
     require_sources(resolved)
     times = measure_detections(resolved, again=False)
     if times is not None and (slower := with_time_for_all(resolved, times)) is not resolved:
-        rate, pace = f"{slower.fps:.3g} slots per second", f" at pace {slower.pace:g}"
-        report(f"With all cameras active: {rate}{pace if slower.pace != 1 else ''}")
+        rate, pace = f"{slower.file.fps:.3g} slots per second", f" at pace {slower.file.pace:g}"
+        report(f"With all cameras active: {rate}{pace if slower.file.pace != 1 else ''}")
         resolved = slower
-    folder = logs or resolved.folder / "logs"
+    folder = logs or resolved.file.folder / "logs"
     local = [name for name, camera in resolved.cameras.items() if camera.source]
     programs = [Program(i, camera_command(resolved, i), folder / f"{i}.log") for i in local]
-    transport = open_network(*edge_link(resolved))
+    transport = open_network(*edge_link(resolved.file))
     make_folder(folder)
     looked_s = time.monotonic()
     plan = _plan(resolved, dest, for_s)
@@ -98,11 +98,11 @@ def waiting_words(server: RecordServer) -> str:
 def _plan(site: ResolvedSite, dest: Path, for_s: float | None) -> RecordingPlan:
     return RecordingPlan(
         dest,
-        site.name,
+        site.file.name,
         site.rig,
         site.skeleton,
-        site.fps,
-        site.pace,
+        site.file.fps,
+        site.file.pace,
         site.named_detector,
         for_s,
     )

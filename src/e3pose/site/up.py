@@ -42,15 +42,15 @@ def camera_command(site: ResolvedSite, camera_id: str) -> list[str]:
     camera = site.cameras[camera_id]
     if camera.source is None:
         wanted = "what it sees, such as a video or recorded:RECORDING"
-        raise InputError(f"camera {camera_id}: source", "none", wanted, str(site.path))
+        raise InputError(f"camera {camera_id}: source", "none", wanted, str(site.file.path))
     shown = _allow_pictures(site)
     videos = _video_options(site, camera_id) if camera.record in ("video", "both") else []
-    endpoint = site.link.endpoint
+    endpoint = site.file.link.endpoint
     if endpoint.host in ANY_HOST or endpoint.encrypted:
         endpoint = replace(endpoint, host="localhost")
     command = [
         sys.executable, "-m", "e3pose", "camera",
-        "--site", site.name, "--name", camera_id, "--source", camera.source,
+        "--site", site.file.name, "--name", camera_id, "--source", camera.source,
         "--endpoint", str(endpoint), "--wake-s", str(camera.wake_s),
         # On one machine every camera would measure the same watts, those of all together.
         "--provider", camera.provider, "--meter", camera.meter or "model", CHILD,
@@ -60,47 +60,47 @@ def camera_command(site: ResolvedSite, camera_id: str) -> list[str]:
     if camera.gate:
         command += ["--gate"]
     if endpoint.encrypted:
-        command += ["--keys", str(site.keys / "cameras" / camera_id)]
+        command += ["--keys", str(site.file.keys / "cameras" / camera_id)]
     for option, value in (
         ("--detector", camera.detector),
         ("--model", camera.model),
         ("--threads", camera.threads),
         ("--rotation", camera.rotation or None),
         ("--delay-ms", camera.delay_ms or None),
-        ("--pace", None if site.pace == 1 else site.pace),
+        ("--pace", None if site.file.pace == 1 else site.file.pace),
         ("--battery-wh", camera.battery_wh),
     ):
         if value is not None:
             command += [option, str(value)]
     command += videos
     if camera.battery_wh is not None:
-        command += ["--state", str(site.folder / BATTERIES / f"{camera_id}.json")]
-    if site.link.insecure:
+        command += ["--state", str(site.file.folder / BATTERIES / f"{camera_id}.json")]
+    if site.file.link.insecure:
         command.append("--insecure")
     return command
 
 
 def _allow_pictures(site: ResolvedSite) -> bool:
     """Return whether cameras on this machine show pictures; unless asked, to nobody beyond it."""
-    if site.view.pictures is not None:
-        return site.view.pictures
-    here = site.view.listen.here_alone and site.link.endpoint.here_alone
-    return here and not site.view.proxies
+    if site.file.view.pictures is not None:
+        return site.file.view.pictures
+    here = site.file.view.listen.here_alone and site.file.link.endpoint.here_alone
+    return here and not site.file.view.proxies
 
 
 def _video_options(site: ResolvedSite, camera_id: str) -> list[str]:
     """Return the options of a camera that records videos; all share the size that is allowed."""
-    cameras = sum(camera.record in ("video", "both") for camera in site.camera)
-    folder = site.record.path / VIDEOS / camera_id
-    size = (site.record.max_bytes or MAX_BYTES) // cameras
+    cameras = sum(camera.record in ("video", "both") for camera in site.file.camera)
+    folder = site.file.record.path / VIDEOS / camera_id
+    size = (site.file.record.max_bytes or MAX_BYTES) // cameras
     options = [
         "--videos",
         str(folder),
         "--videos-max-size",
         f"{max(size, LEAST_SIZE_BYTES) / 1e6:.6f}MB",
     ]
-    if site.record.part_s is not None:
-        options += ["--videos-part", f"{site.record.part_s:g}s"]
+    if site.file.record.part_s is not None:
+        options += ["--videos-part", f"{site.file.record.part_s:g}s"]
     return options
 
 

@@ -54,13 +54,13 @@ def write_stretch(
         InputError: when nothing was stored in that time, too much for a page, or of other cameras.
     """
     ids = site.rig.camera_ids
-    runs = [one for one in store.runs() if one.run.site == site.name]
+    runs = [one for one in store.runs() if one.run.site == site.file.name]
     for run in reversed(runs):
         rows = store.rows("slots", start, end, run=run.run_id)
         if rows:
             break
     else:
-        raise InputError(f"{store.where}: no slot of site {site.name} was stored in that time")
+        raise InputError(f"{store.where}: no slot of site {site.file.name} was stored in that time")
     if len(rows) > MOST_SLOTS:
         slots = plural(len(rows), "slot")
         raise InputError("time", slots, f"at most {MOST_SLOTS}: name a shorter time", store.where)
@@ -75,14 +75,14 @@ def write_stretch(
         datetime.fromtimestamp(time_ns / 1e9, timezone.utc) for time_ns in (began_ns, ended_ns)
     )
     recording = Recording(
-        name=f"{site.name}, {began:%Y-%m-%d %H:%M:%S} to {ended:%H:%M:%S} UTC",
+        name=f"{site.file.name}, {began:%Y-%m-%d %H:%M:%S} to {ended:%H:%M:%S} UTC",
         rig=site.rig,
         fps=1 / run.run.interval_s,
         num_slots=records[-1].slot + 1,
         skeleton=skeleton,
         views=tuple(_arrived(records, index, len(skeleton)) for index in range(len(ids))),
-        source=f"Stored live by the site {site.name}, run {run.run_id}.",
-        processor=processor_of(site.record.path, ids, began_ns),
+        source=f"Stored live by the site {site.file.name}, run {run.run_id}.",
+        processor=processor_of(site.file.record.path, ids, began_ns),
     )
     loop = {item.name: getattr(site.loop, item.name) for item in fields(site.loop)}
     summary = summarise(
@@ -99,8 +99,11 @@ def write_stretch(
     if smoothing.method is not None:
         records = smooth_poses(records, skeleton, run.run.interval_s, smoothing)
         summary = replace(summary, smooth=smoothing.method)
-    lead = ADAPTIVE if site.lead == "adaptive" else None
-    with filmed(recording, site.record.path, began_ns, ended_ns, site.pace) as (shown, folder):
+    lead = ADAPTIVE if site.file.lead == "adaptive" else None
+    with filmed(recording, site.file.record.path, began_ns, ended_ns, site.file.pace) as (
+        shown,
+        folder,
+    ):
         write_report(shown, records, summary, path, lead, folder=folder)
     return len(records)
 

@@ -18,34 +18,34 @@ from e3pose.wire.keys.renewal import SOON_DAYS
 def check_link_of(site: ResolvedSite) -> Iterator[Finding]:
     """Check the endpoint and the certificates."""
     try:
-        _, roll = edge_link(site)
+        _, roll = edge_link(site.file)
     except InputError as error:
         advice = ""
-        if site.link.endpoint.encrypted:
-            folder = site.keys
+        if site.file.link.endpoint.encrypted:
+            folder = site.file.keys
             if not (folder / "keys.toml").exists():
-                advice = f"e3pose keys init {site.name} --out {folder}"
-            if site.link.keys is None:
+                advice = f"e3pose keys init {site.file.name} --out {folder}"
+            if site.file.link.keys is None:
                 advice += f"{', and ' if advice else ''}keys = 'keys' in [link]"
         yield Finding("problem", "link", str(error), advice)
         return
-    yield Finding("ok", "link", str(site.link.endpoint))
-    if not site.link.endpoint.encrypted:
-        if site.link.insecure:
+    yield Finding("ok", "link", str(site.file.link.endpoint))
+    if not site.file.link.endpoint.encrypted:
+        if site.file.link.insecure:
             yield Finding(
                 "warning",
                 "link",
                 "unencrypted tcp: anyone on the network can read and forge messages",
-                f"e3pose keys init {site.name}, and endpoint = 'tls/...'",
+                f"e3pose keys init {site.file.name}, and endpoint = 'tls/...'",
             )
         return
-    if site.link.endpoint.host in ("127.0.0.1", "localhost"):
+    if site.file.link.endpoint.host in ("127.0.0.1", "localhost"):
         yield Finding(
             "warning", "link", "reachable from this machine only", "endpoint = 'tls/0.0.0.0:7447'"
         )
-    folder = site.keys
+    folder = site.file.keys
     now = datetime.datetime.now(datetime.timezone.utc)
-    yield from _lasting(folder, site.name, roll, now)
+    yield from _lasting(folder, site.file.name, roll, now)
     for camera_id in site.rig.camera_ids:
         if roll is None or camera_id not in roll.cameras:
             yield Finding(

@@ -18,9 +18,9 @@ APART_M = 0.1  # cameras nearer to each other than this see the same
 
 def uncalibrated(site: ResolvedSite) -> Finding:
     """Return the finding of a site without camera positions."""
-    file = site.calibration
+    file = site.file.calibration
     found = f"{file} has lenses, but no places" if file.exists() else f"{file} is missing"
-    return Finding("problem", "calibration", found, calibrate_advice(site))
+    return Finding("problem", "calibration", found, calibrate_advice(site.file))
 
 
 def check_calibration(rig: Rig) -> Iterator[Finding]:

@@ -23,7 +23,7 @@ ENOUGH = 1e-6
 
 def check_skeletons(site: ResolvedSite) -> Iterator[Finding]:
     """Check what the cameras' detectors output, and what of it the site needs."""
-    own = "" if site.skeleton_name else ", that of the detectors"
+    own = "" if site.file.skeleton_name else ", that of the detectors"
     yield Finding(
         "ok", "skeleton", f"{site.skeleton.name}{own if site.skeletons else ', the default'}"
     )
@@ -71,7 +71,7 @@ def _uses_feedback(detector: str) -> bool:
 
 def check_events(site: ResolvedSite) -> Iterator[Finding]:
     """Check that somebody hears of the events of people that the site asks for."""
-    if site.events is not None and site.store is None:
+    if site.file.events is not None and site.file.store is None:
         yield Finding(
             "warning",
             "events",
@@ -147,7 +147,7 @@ def _starved(
     return Finding(
         "problem",
         f"camera {name}",
-        f"budget {camera.budget or site.budget!r} does not even pay for idling: it draws "
+        f"budget {camera.budget or site.file.budget!r} does not even pay for idling: it draws "
         f"{idle_w:.2g} W idle and {active_w:.2g} W active (profile {profile.name}), so it would "
         "never be selected",
         f"a budget above {idle_w:.2g} W"

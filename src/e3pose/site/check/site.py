@@ -72,13 +72,13 @@ def examine_site(
             *check_watts(site),
             *check_budgets(site, parts, datetime.now().astimezone()),
         ]
-    found += [*check_link_of(site), *check_places(site), *sources]
+    found += [*check_link_of(site), *check_places(site.file), *sources]
     if isinstance(times, InputError):
         found.append(Finding("problem", "network", str(times)))
     elif times is not None:
         selected = min(site.loop.num_selected or len(site.rig), len(site.rig))
-        found += check_speed(site, times, selected)
-    return [*found, check_clock(site.link.endpoint), *edge]
+        found += check_speed(site.file, times, selected)
+    return [*found, check_clock(site.file.link.endpoint), *edge]
 
 
 def _ask_edge(
@@ -86,7 +86,7 @@ def _ask_edge(
 ) -> tuple[list[Finding], bool]:
     """Return what is found of the edge, and whether it runs."""
     try:
-        link = viewer_link(site, keys)
+        link = viewer_link(site.file, keys)
         status = status_of(link, timeout_s)
     except InputError as error:
         return [Finding("warning", "edge", f"cannot connect: {error}")], False

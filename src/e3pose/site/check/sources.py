@@ -27,7 +27,7 @@ def require_sources(site: ResolvedSite) -> None:
     for finding in check_sources(site):
         if finding.level == "problem":
             advice = f": {finding.advice}" if finding.advice else ""
-            raise InputError(f"{site.path}: {finding.what}: {finding.found}{advice}")
+            raise InputError(f"{site.file.path}: {finding.what}: {finding.found}{advice}")
 
 
 def check_sources(site: ResolvedSite) -> Iterator[Finding]:
@@ -62,7 +62,7 @@ def check_rates(site: ResolvedSite, progress: Callable[[int, int], None]) -> Ite
         if isinstance(seen, InputError):
             yield Finding("problem", f"camera {camera_id}", str(seen))
     found = {name: seen for name, seen in tried.items() if isinstance(seen, Probe)}
-    yield from compare_rates(found, site.fps)
+    yield from compare_rates(found, site.file.fps)
 
 
 def compare_rates(found: Mapping[str, Probe], fps: float) -> Iterator[Finding]:
@@ -115,7 +115,7 @@ def _source(site: ResolvedSite, camera: CameraTable, source: str) -> Iterator[Fi
     elif source.startswith("usb:") and not Path(f"/dev/video{source.partition(':')[2]}").exists():
         yield Finding("problem", what, f"{source}: no such device", "connect the camera")
     else:
-        yield Finding("ok", what, f"source {shown_source(source, site.folder)}")
+        yield Finding("ok", what, f"source {shown_source(source, site.file.folder)}")
 
 
 def _network(camera: CameraTable) -> Iterator[Finding]:

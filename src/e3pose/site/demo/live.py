@@ -125,13 +125,13 @@ def run_live(
     logs = site_file.parent / "logs"
     logs.mkdir()
     programs = [Program("edge", edge_command(site_file), logs / "edge.log")]
-    heard, follower = Heard(), Follower(site.name)
-    link = viewer_link(site, None)
+    heard, follower = Heard(), Follower(site.file.name)
+    link = viewer_link(site.file, None)
     transport = open_network(link)
     follower.listen(transport, heard.poses)
-    heard.listen(site.name, transport)
+    heard.listen(site.file.name, transport)
     begun_s = newest_s = shown_s = time.monotonic()
-    slot_ns = round(1e9 / site.fps / site.pace)
+    slot_ns = round(1e9 / site.file.fps / site.file.pace)
     edge_s, newest = 0.0, 0  # how long the edge took to be there; the newest slot
 
     def stopped() -> bool:

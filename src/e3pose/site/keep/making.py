@@ -35,18 +35,18 @@ def make(wish: Wish, site_file: Path, folder: Path, say: Say) -> tuple[list[str]
         OSError: when the disk takes no more.
     """
     site = resolve_site(site_file)
-    if site.store is None:
+    if site.file.store is None:
         raise InputError("the site stores nothing: add [store] to its site file")
     smoothing = SmoothSettings("rts" if wish.smooth else None)
     dest = folder / wish.file_name
     say("reading", None)
     if wish.form == "report":
-        store = Store(site.store.place)
+        store = Store(site.file.store.place)
         slots = write_stretch(site, store, dest, wish.start_ns, wish.end_ns, smoothing)
         return [dest.name], plural(slots, "slot")
     if wish.form == "mcap":
         return [dest.name], write_mcap(wish, site, dest, say)
-    return _exported(wish, str(site.store.place), site.name, dest, smoothing, say)
+    return _exported(wish, str(site.file.store.place), site.file.name, dest, smoothing, say)
 
 
 def _exported(

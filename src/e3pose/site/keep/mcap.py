@@ -46,12 +46,12 @@ def write_mcap(
     except ModuleNotFoundError as error:
         missing = f"MCAP: found no module {error.name}, expected it: pip install 'e3pose[foxglove]'"
         raise InputError(missing) from None
-    assert site.store is not None
-    store = Store(site.store.place)
+    assert site.file.store is not None
+    store = Store(site.file.store.place)
     bounds: dict[str, Any] = {
         "start": wish.start_ns,
         "end": wish.end_ns,
-        "site": site.name,
+        "site": site.file.name,
         "run": wish.run,
     }
     chunks = store.read(**bounds)
@@ -61,7 +61,7 @@ def write_mcap(
         ((e.time_ns, 2, e) for e in _person_events(store.rows("events", **bounds), wish)),
         key=lambda timed: timed[:2],
     )
-    source = Source(site.name, site.skeleton, site.fps, cameras=site.rig.camera_ids)
+    source = Source(site.file.name, site.skeleton, site.file.fps, cameras=site.rig.camera_ids)
     watch = begin_watch(EventsTable(), site.skeleton.joints)
     stream, count = open_stream(str(dest), source), 0
     try:

@@ -119,16 +119,18 @@ class LiveSite:
 
     def _run(self, site: ResolvedSite) -> None:
         try:
-            logs = site.folder / "logs"
+            logs = site.file.folder / "logs"
             programs = site_programs(site, logs, warn=self._say)
             address, options = _free_address(site)
-            programs.append(Program("view", view_command(site.path, *options), logs / "view.log"))
+            programs.append(
+                Program("view", view_command(site.file.path, *options), logs / "view.log")
+            )
             make_folder(logs)
-            with closing(open_network(viewer_link(site, None, operates=True))) as transport:
-                self._follower = Follower(site.name)
+            with closing(open_network(viewer_link(site.file, None, operates=True))) as transport:
+                self._follower = Follower(site.file.name)
                 self._follower.listen(transport)
                 self._transport, self._site = transport, site
-                self.url = page_links(site, address)[1].partition(": ")[2].strip()
+                self.url = page_links(site.file, address)[1].partition(": ")[2].strip()
                 self.state = "ending" if self._stop.is_set() else "running"
                 run_site(programs, self._stop.is_set, self._say)
             self.state = "off"
@@ -144,7 +146,7 @@ class LiveSite:
 def runs_elsewhere(site: ResolvedSite) -> bool:
     """Return whether another program of this machine listens where the edge of a site does."""
     try:
-        check_port(site.link.endpoint)
+        check_port(site.file.link.endpoint)
     except InputError:
         return True
     return False
@@ -152,7 +154,7 @@ def runs_elsewhere(site: ResolvedSite) -> bool:
 
 def ask_elsewhere(site: ResolvedSite, control: Control) -> str:
     """Ask an edge that another program started; see `LiveSite.ask`."""
-    link = viewer_link(site, None, operates=True)
+    link = viewer_link(site.file, None, operates=True)
     operator = operator_of(link)
     if operator is None:
         raise InputError("the running edge takes orders of operators only: e3pose keys add desk "
@@ -163,7 +165,7 @@ def ask_elsewhere(site: ResolvedSite, control: Control) -> str:
 
 def ask_edge(transport: Transport, site: ResolvedSite, operator: str, control: Control) -> str:
     """Return what an edge says to an order; raise `InputError` where it refuses."""
-    answer = transport.ask(of_control(site.name, operator), encode(control), ASK_S)
+    answer = transport.ask(of_control(site.file.name, operator), encode(control), ASK_S)
     if answer is None:
         raise InputError("the edge does not answer: it is still starting, or allows no control")
     said = decode(answer, Controlled, "edge")
@@ -174,9 +176,9 @@ def ask_edge(transport: Transport, site: ResolvedSite, operator: str, control: C
 
 def _free_address(site: ResolvedSite) -> tuple[Address, tuple[str, ...]]:
     """Return where the live page listens: as the file says, or on a free port of loopback."""
-    address = address_of(site)
+    address = address_of(site.file)
     with suppress(InputError):
         check_port(Endpoint("tcp", address.host, address.port))
         return address, ()
     listen = f"127.0.0.1:{free_port()}"
-    return address_of(site, listen), ("--listen", listen)
+    return address_of(site.file, listen), ("--listen", listen)

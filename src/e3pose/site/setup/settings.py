@@ -76,7 +76,10 @@ def present(desk: Desk) -> dict[str, Any]:
         "keep": store.get("keep", ""),
         "max_size": store.get("max_size", ""),
         "stored": bool(store),
-        "zones": [{"name": z.name, "corners": [list(c) for c in z.corners]} for z in site.zone],
+        "zones": [
+            {"name": zone.name, "corners": [list(corner) for corner in zone.corners]}
+            for zone in site.file.zone
+        ],
         "floor": _floor(site),
         "centers": [
             {"id": camera.camera_id, "x": round(float(camera.center_m[0]), 3),

@@ -54,11 +54,11 @@ class Snapshots:
     def take(self, site: ResolvedSite, stop: threading.Event) -> None:
         """Ask every camera about once a second until told to stop."""
         with suppress(InputError):  # no operator's certificate: no pictures
-            transport = open_network(viewer_link(site, None, operates=True))
+            transport = open_network(viewer_link(site.file, None, operates=True))
             try:
                 while not stop.wait(PICTURE_EVERY_S):
                     for name in site.rig.camera_ids:
-                        topic = of_camera(site.name, name, "picture")
+                        topic = of_camera(site.file.name, name, "picture")
                         answer = transport.ask(topic, encode(PictureQuestion()), PICTURE_S)
                         if answer is not None and not stop.is_set():
                             self._keep(name, answer)
@@ -129,7 +129,7 @@ def start_walk(desk: Desk, which: Which, snapshots: Snapshots) -> Coverage:
     if which == "second" and not site.rig.placed:
         raise InputError("calibration", "none", "one before the second walk: solve first")
     name = desk.free_folder(which)
-    covered = Coverage(site.rig, site.skeleton, site.fps)
+    covered = Coverage(site.rig, site.skeleton, site.file.fps)
     sizes = [
         camera.image_size if site.rig.placed else _size(desk, camera.camera_id)
         for camera in site.rig.cameras

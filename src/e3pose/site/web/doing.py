@@ -36,7 +36,7 @@ def page_watch(site: ResolvedSite) -> Watch:
     asked = site_watch(site)
     if asked is not None:
         return asked
-    watch = begin_watch(EventsTable(), site.skeleton.joints, site.zone)
+    watch = begin_watch(EventsTable(), site.skeleton.joints, site.file.zone)
     return replace(watch, rules={}, memories={})
 
 

@@ -20,9 +20,9 @@ def describe(site: ResolvedSite) -> dict[str, Any]:
     low[2] = min(low[2], 0.0)
     size_m = FRUSTUM_SHARE * float((high - low).max())
     return {
-        "site": site.name,
-        "fps": site.fps,
-        "slots_per_s": site.fps * site.pace,
+        "site": site.file.name,
+        "fps": site.file.fps,
+        "slots_per_s": site.file.fps * site.file.pace,
         "skeleton": site.skeleton.name,
         "joints": list(site.skeleton.joints),
         "limbs": [list(limb) for limb in site.skeleton.limbs],
@@ -34,6 +34,6 @@ def describe(site: ResolvedSite) -> dict[str, Any]:
         "high": millimetres(high),
         "floor": 0,
         "battery_wh": list(site.plan.battery_wh),
-        "tells": site.events is not None,
-        "zones": [{"name": z.name, "corners": z.corners} for z in site.zone],
+        "tells": site.file.events is not None,
+        "zones": [{"name": z.name, "corners": z.corners} for z in site.file.zone],
     }

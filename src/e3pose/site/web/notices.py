@@ -109,8 +109,8 @@ class Surroundings:
 
 def surroundings(site: ResolvedSite) -> Surroundings:
     """Return what looks around a site."""
-    place = None if site.store is None else database_path(database_url(site.store.place))
-    return Surroundings(place, site.link.keys, site=site.path)
+    place = None if site.file.store is None else database_path(database_url(site.file.store.place))
+    return Surroundings(place, site.file.link.keys, site=site.file.path)
 
 
 def _gone(camera: CameraStatus) -> bool:

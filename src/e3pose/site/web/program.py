@@ -134,9 +134,9 @@ class Shown:
     def rezone(self) -> None:
         """Take the zones of a site file that was changed."""
         with suppress(InputError):  # half written, or wrong: the edge says so
-            zones = load_site(self.site.path).zone
-            if zones != self.site.zone:
-                self.site = replace(self.site, zone=zones)
+            zones = load_site(self.site.file.path).zone
+            if zones != self.site.file.zone:
+                self.site = replace(self.site, file=replace(self.site.file, zone=zones))
                 self.feed.rezone(zones)
 
 
@@ -179,23 +179,25 @@ def open_view(
     Raises:
         InputError: for a port that is taken, and all that is wrong in the file.
     """
-    address = address_of(site, listen)
-    tokens = open_tokens(site.view.tokens)
+    address = address_of(site.file, listen)
+    tokens = open_tokens(site.file.view.tokens)
     listening = listening_at(address.host, address.port)
     address = replace(address, port=listening.getsockname()[1])
-    rules = rules_of(site, address, tokens)
+    rules = rules_of(site.file, address, tokens)
     rules.guesses.report = report
     feed = Feed(
-        site.name,
-        zones=Zones(site.zone),
+        site.file.name,
+        zones=Zones(site.file.zone),
         doing=page_watch(site),
         around=surroundings(site),
         names=StoredNames(
-            None if site.store is None else site.store.place, site.name, kept_s=NAMES_S
+            None if site.file.store is None else site.file.store.place,
+            site.file.name,
+            kept_s=NAMES_S,
         ),
     )
     shown = Shown(site, feed)
-    secure, watched = None, [Watched((site.path,), shown.rezone, lambda why: None)]
+    secure, watched = None, [Watched((site.file.path,), shown.rezone, lambda why: None)]
     with ExitStack() as stack:
         stack.callback(listening.close)
         if address.certificate is not None and address.key is not None:
@@ -203,23 +205,25 @@ def open_view(
             watched.append(renewal)
         operator: str | None = LOCAL_OPERATOR
         if transport is None:
-            link = viewer_link(site, keys, operates=True)
+            link = viewer_link(site.file, keys, operates=True)
             operator, transport = operator_of(link), open_network(link)
         stack.callback(transport.close)
         feed.listen(transport)
-        store = None if site.store is None else Store(site.store.place)
+        store = None if site.file.store is None else Store(site.file.store.place)
 
         def asking(topic: str, seconds: float) -> Ask:
             return lambda payload: transport.ask(topic, payload, seconds)
 
-        ask = asking(of_control(site.name, operator), ASK_S) if operator is not None else None
-        who, pictures = picture_rules(site, rules, operator is not None), None
+        ask = asking(of_control(site.file.name, operator), ASK_S) if operator is not None else None
+        who, pictures = picture_rules(site.file, rules, operator is not None), None
         if who.shown:
-            names = {i: of_camera(site.name, i, "picture") for i in site.rig.camera_ids}
+            names = {i: of_camera(site.file.name, i, "picture") for i in site.rig.camera_ids}
             asks = {i: asking(name, PICTURE_S) for i, name in names.items()}
-            pictures = make_pictures(site.rig, feed, asks, site.interval_s / site.pace, who.per_s)
+            pictures = make_pictures(
+                site.rig, feed, asks, site.interval_s / site.file.pace, who.per_s
+            )
         keep = keeping(site, report, stack)
-        test = None if site.events is None else partial(send_test, site.path)
+        test = None if site.file.events is None else partial(send_test, site.file.path)
         made = PageContent(
             feed, store, shown.body, ask, pictures, who, report, keep, test, site.active_w
         )
@@ -238,15 +242,15 @@ def keeping(site: ResolvedSite, report: Callable[[str], object], stack: ExitStac
         stack: ends what is being made.
     """
     place, jobs = None, None
-    if site.store is not None:
+    if site.file.store is not None:
         place, jobs = (
-            site.store.place,
-            Jobs(site.folder.resolve() / FILES, site.path.resolve(), report),
+            site.file.store.place,
+            Jobs(site.file.folder.resolve() / FILES, site.file.path.resolve(), report),
         )
         stack.callback(jobs.close)
     recorded = any(camera.record is not None for camera in site.cameras.values())
-    folder = site.record.path if recorded or site.record.path.is_dir() else None
-    return Keeping(place, site.name, jobs, folder, report)
+    folder = site.file.record.path if recorded or site.file.record.path.is_dir() else None
+    return Keeping(place, site.file.name, jobs, folder, report)
 
 
 def rules_of(site: SiteTable, address: Address, tokens: Tokens) -> Rules[Tokens]:
