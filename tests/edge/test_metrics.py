@@ -18,12 +18,22 @@ from tests.waiting import eventually
 from e3pose.base.errors import InputError
 from e3pose.base.listener import open_socket
 from e3pose.edge.consumers import Consumers
-from e3pose.edge.metrics import MetricsServer, http_answer, serve_metrics
+from e3pose.edge.metrics import MetricsServer, _of_cameras, http_answer, serve_metrics
 from e3pose.model.blind_slot import CAUSES
 from e3pose.pipeline import SlotRecord
 from e3pose.store import Event, WriterStatus
+from e3pose.wire.messages import Heartbeat
+from e3pose.wire.site_messages import CameraStatus
 
 pytest.importorskip("prometheus_client")
+
+# What dashboards of users ask for.
+OF_CAMERAS = (
+    "online", "duty", "deficit", "late_views", "lost_views", "noise_factor", "turned_degrees",
+    "watts", "cpu_seconds", "cpu_saved", "unchanged", "asleep_seconds", "wake_seconds", "battery",
+    "delivered", "source_fps", "ordered_views", "orders", "late_orders", "order_margin_seconds",
+    "dropped", "clock_drift_ppm",
+)  # fmt: skip
 
 
 class Kept:
@@ -89,6 +99,21 @@ def test_metrics_are_what_was_counted(tmp_path: Path) -> None:
             assert 0 <= of["lost_views"] <= of["ordered_views"]
             assert 0 <= of["late_orders"] < of["orders"]
             assert "battery" not in of  # on mains
+
+
+def test_metrics_of_cameras_keep_their_names_and_units() -> None:
+    status = CameraStatus("cam1", True, power_w=4.25)
+    beat = Heartbeat("cam1", 7, 99, "active", order_margin_ns=123_456_789)
+    families = [*_of_cameras(CameraStatus, [status], [status])]
+    families += _of_cameras(Heartbeat, [status], [beat])
+    found = {family.name.removeprefix("e3pose_camera_"): family for family in families}
+    assert sorted(found) == sorted(OF_CAMERAS)
+    values = {name: sample.value for name, one in found.items() for sample in one.samples}
+    assert (values["watts"], values["order_margin_seconds"]) == (4.25, 0.123456789)
+    assert values["turned_degrees"] == 0 and "battery" not in values
+    assert (
+        found["battery"].documentation == "remaining charge, 0 to 1; absent on mains or if unknown"
+    )
 
 
 def test_crowd_at_the_metrics_makes_no_threads_and_keeps_no_scrape_out(tmp_path: Path) -> None:
