@@ -1,12 +1,13 @@
 """Pages that the documentation makes of the code.
 
 One per verb of the command line, the Python API, the tuned numbers of the filter, and the tables of
-messages.
+messages. `python docs/hooks.py` writes what the browser's page and the tests know of these.
 """
 
 from __future__ import annotations
 
 import ast
+import json
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -21,8 +22,8 @@ import e3pose
 from e3pose import _HOMES
 from e3pose.cli.app import GROUPS, app
 from e3pose.wire.codec import Message
-from e3pose.wire.messages import Array, fields
-from e3pose.wire.site_messages import CameraStatus
+from e3pose.wire.messages import VERSION, Array, fields
+from e3pose.wire.site_messages import CameraStatus, Tombstone
 
 SOURCE = Path(e3pose.__file__).parent
 # Where every number that somebody chose is marked: folders and files of `src/e3pose/`.
@@ -195,6 +196,86 @@ def type_words(typed: Any) -> str:
     return type(typed).__name__.removesuffix("Type").lower()
 
 
+BROWSER_TYPES = SOURCE / "site" / "web" / "browser" / "camera_status.js"
+_JAVASCRIPT = {
+    "int": "number",
+    "float": "number",
+    "bool": "boolean",
+    "nil": "null",
+    "str": "string",
+}
+
+
+def browser_types() -> str:
+    """Return the module of the live page that has the types and meanings of a camera's fields."""
+    typed: Any = inspect.type_info(CameraStatus)
+    lines = [
+        "// What a camera reports: types and meanings of its fields, made of `CameraStatus`.",
+        "// `python docs/hooks.py` writes this file.",
+        "",
+        "/**",
+        " * @typedef {object} CameraStatus",
+    ]
+    told = {field.name: field.meaning for field in fields(CameraStatus)}
+    for field in typed.fields:
+        words = told[field.name].replace("None", "null")
+        lines.append(f" * @property {{{_javascript(field.type)}}} {field.name} {words}")
+    shown = {name: words.replace("None", "–") for name, words in told.items()}
+    meanings = json.dumps(shown, indent=2, ensure_ascii=False)
+    return "\n".join((*lines, " */", "", f"export const MEANINGS = {meanings};", ""))
+
+
+def _javascript(typed: Any) -> str:
+    """Return a type as JSDoc has it."""
+    match typed:
+        case inspect.Metadata():
+            return _javascript(typed.type)
+        case inspect.UnionType():
+            return "|".join(_javascript(each) for each in typed.types)
+        case inspect.LiteralType():
+            return "|".join(json.dumps(value) for value in typed.values)
+    return _JAVASCRIPT[type_words(typed)]
+
+
+MESSAGE_SHAPES = Path(__file__).parent.parent / "tests" / "wire" / "fields.json"
+OPTIONAL = " = default"
+Shapes = dict[str, list[str]]
+
+
+def message_shapes() -> Shapes:
+    """Return of each message its form, and its fields in order."""
+    found = {}
+    for name, kind in {**MESSAGES, "Tombstone": Tombstone, "Array": Array}.items():
+        typed: Any = inspect.type_info(kind)
+        form = f"array {typed.tag}" if kind.__struct_config__.array_like else "map"
+        found[name] = [form]
+        for field in typed.fields:
+            ending = "" if field.required else OPTIONAL
+            found[name].append(f"{field.name}: {type_words(field.type)}{ending}")
+    return found
+
+
+def broken_messages(before: Shapes, after: Shapes) -> list[str]:
+    """Return the messages that a reader or a writer of before would trip over."""
+    found = []
+    for name, old in before.items():
+        new = after.get(name, [])
+        kept = set(old) <= set(new) if old[0] == "map" else new[: len(old)] == old
+        if not kept or not all(added.endswith(OPTIONAL) for added in set(new) - set(old)):
+            found.append(name)
+    return found
+
+
+def write_shapes() -> None:
+    """Note the messages of this version; end where one of the same version would be broken."""
+    version, known = json.loads(MESSAGE_SHAPES.read_text())
+    if version == VERSION and (broken := broken_messages(known, message_shapes())):
+        raise SystemExit(f"{', '.join(broken)}: a field went, moved or changed: raise VERSION")
+    shapes = message_shapes().items()
+    rows = ",\n".join(f"{json.dumps(name)}: {json.dumps(one)}" for name, one in shapes)
+    MESSAGE_SHAPES.write_text(f"[{VERSION}, {{\n{rows}\n}}]\n")
+
+
 class Mark(NamedTuple):
     """A comment above a tuned number: `# tuned: UNIT | CHOSEN ON | WORTH`.
 
@@ -322,3 +403,8 @@ def command_page(verb: str) -> str:
     text = re.sub(r"^ {8}", "    ", text, flags=re.MULTILINE)
     text = text.replace(f"e3pose {verb} {verb} ", f"e3pose {verb} ", 1)  # a usage of its own
     return text.replace(f"# {verb}\n", f"# e3pose {verb}\n", 1)
+
+
+if __name__ == "__main__":
+    BROWSER_TYPES.write_text(browser_types())
+    write_shapes()

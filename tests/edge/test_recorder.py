@@ -108,17 +108,20 @@ def test_what_a_kill_cut_off_is_finished_by_the_next_run(tmp_path: Path) -> None
     assert load_recording(part).num_slots == 5
 
 
-def test_folder_that_cannot_be_written_is_reported_once(tmp_path: Path) -> None:
-    folder = tmp_path / "recordings"
-    messages: list[str] = []
-    recorder = Recorder(
-        settings(folder), RIG, lambda kind, line: messages.append(f"{kind}: {line}")
-    )
+def in_trouble(folder: Path) -> tuple[Recorder, list[str]]:
+    """Return a recorder whose folder became a file, and what it has said of that."""
+    said: list[str] = []
+    recorder = Recorder(settings(folder), RIG, lambda kind, line: said.append(f"{kind}: {line}"))
     folder.rmdir()
     folder.write_text("in the way")
-    poses = Poses2D.empty(17)
-    recorder.keep(0, BEGIN_NS, {0: Arrival(poses, BEGIN_NS, 0)})
-    assert eventually(lambda: messages)
+    recorder.keep(0, BEGIN_NS, {0: Arrival(Poses2D.empty(17), BEGIN_NS, 0)})
+    assert eventually(lambda: said)
+    return recorder, said
+
+
+def test_folder_that_cannot_be_written_is_reported_once(tmp_path: Path) -> None:
+    folder, poses = tmp_path / "recordings", Poses2D.empty(17)
+    recorder, messages = in_trouble(folder)
     recorder.keep(1, BEGIN_NS, {0: Arrival(poses, BEGIN_NS, 0)})
     recorder.close()
     assert [line.partition(":")[0] for line in messages] == ["record-trouble"]
@@ -191,16 +194,8 @@ def test_slots_beyond_the_queue_are_counted(
 ) -> None:
     monkeypatch.setattr("e3pose.edge.recorder.RETRY_S", 1.0)
     monkeypatch.setattr("e3pose.edge.recorder.QUEUE_SLOTS", 50)
-    folder = tmp_path / "recordings"
-    messages: list[str] = []
-    recorder = Recorder(
-        settings(folder), RIG, lambda kind, line: messages.append(f"{kind}: {line}")
-    )
-    folder.rmdir()
-    folder.write_text("in the way")
-    poses = Poses2D.empty(17)
-    recorder.keep(0, BEGIN_NS, {0: Arrival(poses, BEGIN_NS, 0)})
-    assert eventually(lambda: messages)
+    folder, poses = tmp_path / "recordings", Poses2D.empty(17)
+    recorder, messages = in_trouble(folder)
     for slot in range(1, 70):
         recorder.keep(slot, BEGIN_NS, {0: Arrival(poses, BEGIN_NS, 0)})
     folder.unlink()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import psutil
@@ -64,21 +64,22 @@ def cluster(
     """Yield a scheduler and its workers."""
     head = ("distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", str(port))
     one = ("distributed.cli.dask_worker", f"tcp://127.0.0.1:{port}", "--no-nanny", "--nthreads")
-    with program(folder, *head, "--no-dashboard") as scheduler:
-        made = [program(folder, *one, "1", "--no-dashboard") for _ in range(workers)]
-        started = [each.__enter__() for each in made]
-        try:
-            yield scheduler, started
-        finally:
-            for each in made:
-                each.__exit__(None, None, None)
+    with program(folder, *head, "--no-dashboard") as scheduler, ExitStack() as stack:
+        made = (program(folder, *one, "1", "--no-dashboard") for _ in range(workers))
+        yield scheduler, [stack.enter_context(each) for each in made]
 
 
-def each(dest: Path, recordings: list[Path], port: int) -> subprocess.Popen[str]:
+@contextmanager
+def each(dest: Path, recordings: list[Path], port: int) -> Iterator[subprocess.Popen[str]]:
+    """Run the verb until the block ends."""
     words = [sys.executable, "-m", "e3pose", "each", str(dest), *map(str, recordings)]
     words += ["--verb", VERB, "--cluster", f"tcp://127.0.0.1:{port}"]
     pipe = subprocess.PIPE
-    return subprocess.Popen(words, stdout=pipe, stderr=pipe, text=True)
+    command = subprocess.Popen(words, stdout=pipe, stderr=pipe, text=True)
+    try:
+        yield command
+    finally:
+        command.kill()
 
 
 def results(dest: Path) -> dict[str, int]:
@@ -89,14 +90,10 @@ def test_killed_worker_loses_no_result_and_leaves_nothing_at_work(
     recordings: list[Path], tmp_path: Path
 ) -> None:
     dest, port = tmp_path / "results", free_port()
-    with cluster(tmp_path, port, 2) as (_, workers):
-        command = each(dest, recordings, port)
-        try:
-            assert eventually(lambda: results(dest), END_S), (tmp_path / "dask.log").read_text()
-            children = kill(workers[0])
-            out, err = command.communicate(timeout=END_S)
-        finally:
-            command.kill()
+    with cluster(tmp_path, port, 2) as (_, workers), each(dest, recordings, port) as command:
+        assert eventually(lambda: results(dest), END_S), (tmp_path / "dask.log").read_text()
+        children = kill(workers[0])
+        out, err = command.communicate(timeout=END_S)
     assert command.returncode == 0, err
     assert f"{COUNT} results, 0 failed" in out and len(results(dest)) == COUNT
     assert eventually(lambda: not any(child.is_running() for child in children))
@@ -106,24 +103,16 @@ def test_killed_scheduler_is_told_and_the_same_command_goes_on(
     recordings: list[Path], tmp_path: Path
 ) -> None:
     dest, port = tmp_path / "results", free_port()
-    with cluster(tmp_path, port, 1) as (scheduler, _):
-        command = each(dest, recordings, port)
-        try:
-            assert eventually(lambda: results(dest), END_S), (tmp_path / "dask.log").read_text()
-            kill(scheduler)
-            _, err = command.communicate(timeout=END_S)
-        finally:
-            command.kill()
+    with cluster(tmp_path, port, 1) as (scheduler, _), each(dest, recordings, port) as command:
+        assert eventually(lambda: results(dest), END_S), (tmp_path / "dask.log").read_text()
+        kill(scheduler)
+        _, err = command.communicate(timeout=END_S)
     assert command.returncode == 2 and "the same command goes on" in err, err
     before = results(dest)
     assert 0 < len(before) < COUNT
     port = free_port()
-    with cluster(tmp_path, port, 2):
-        command = each(dest, recordings, port)
-        try:
-            out, err = command.communicate(timeout=END_S)
-        finally:
-            command.kill()
+    with cluster(tmp_path, port, 2), each(dest, recordings, port) as command:
+        out, err = command.communicate(timeout=END_S)
     assert command.returncode == 0, err
     assert f"done: {len(before)}" in out
     after = results(dest)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,6 +15,11 @@ from e3pose.base.errors import InputError
 from e3pose_lab.workers import ROUND, Workers
 
 pytestmark = pytest.mark.slow
+
+
+def distributed_here() -> Any:
+    reason = "distributed is not installed: pip install e3pose[lab]"
+    return pytest.importorskip("distributed", reason=reason)
 
 
 def draw(shift: float, seed: int) -> tuple[float, int]:
@@ -65,9 +71,7 @@ def test_impossible_numbers_of_processes_are_refused(jobs: int) -> None:
 
 
 def test_a_dask_cluster_gives_the_same() -> None:
-    pytest.importorskip(
-        "distributed", reason="distributed is not installed: pip install e3pose[lab]"
-    )
+    distributed_here()
     results = [value for value, _ in Workers(2, "local").run(draw, 5.0, range(8))]
     assert results == [draw(5.0, seed)[0] for seed in range(8)]
 
@@ -75,9 +79,7 @@ def test_a_dask_cluster_gives_the_same() -> None:
 @pytest.fixture(scope="module")
 def one_worker() -> Iterator[str]:
     """A cluster of one worker, which is another process; yields the address of its scheduler."""
-    distributed = pytest.importorskip(
-        "distributed", reason="distributed is not installed: pip install e3pose[lab]"
-    )
+    distributed = distributed_here()
     with distributed.LocalCluster(
         n_workers=1, threads_per_worker=1, dashboard_address="127.0.0.1:0"
     ) as cluster:
@@ -101,9 +103,7 @@ def test_an_error_on_a_cluster_reaches_who_takes_the_results(ready: bool, one_wo
 
 
 def test_a_cluster_without_a_worker_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    distributed = pytest.importorskip(
-        "distributed", reason="distributed is not installed: pip install e3pose[lab]"
-    )
+    distributed = distributed_here()
     monkeypatch.setattr("e3pose_lab.workers.WAIT_S", 2.0)
     with (
         distributed.LocalCluster(n_workers=0, dashboard_address="127.0.0.1:0") as cluster,
@@ -113,8 +113,6 @@ def test_a_cluster_without_a_worker_is_named(monkeypatch: pytest.MonkeyPatch) ->
 
 
 def test_a_scheduler_that_is_none_is_named() -> None:
-    pytest.importorskip(
-        "distributed", reason="distributed is not installed: pip install e3pose[lab]"
-    )
+    distributed_here()
     with pytest.raises(InputError, match="--dask: found 'nonsense'"):
         list(Workers(2, "nonsense").run(draw, 0.0, range(2)))

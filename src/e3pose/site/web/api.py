@@ -36,6 +36,7 @@ REFUSALS: dict[int | str, dict[str, Any]] = {
     422: {"model": Refused, "description": "what is asked for cannot be read or found"},
     429: {"model": Refused, "description": "too many requests"},
 }
+STATUS = {"content": {"application/json": {"schema": status_schema()}}}
 TIME = (
     "such as `-10s`, `14:00`, `2026-11-21T14:00`, seconds of the newest run such as `12.5`, or "
     "nanoseconds since 1970"
@@ -63,9 +64,7 @@ def make_api(
     def site(request: Request) -> dict[str, Any]:
         return describe(getattr(request.state, "scope", "read"))
 
-    answer = {"content": {"application/json": {"schema": status_schema()}}}
-
-    @api.get("/status", summary="How the site is, by the second", responses={200: answer})
+    @api.get("/status", summary="How the site is, by the second", responses={200: STATUS})
     def status() -> dict[str, Any]:
         if feed.status is None:
             raise HTTPException(404, "no status yet: the edge does not run, or just started")

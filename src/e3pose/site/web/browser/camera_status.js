@@ -1,5 +1,5 @@
 // What a camera reports: types and meanings of its fields, made of `CameraStatus`.
-// `python -m tests.site.web.test_camera_status_js` writes this file.
+// `python docs/hooks.py` writes this file.
 
 /**
  * @typedef {object} CameraStatus
