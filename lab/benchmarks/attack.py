@@ -119,7 +119,7 @@ class Pace:
         slots = sum(begun_s <= at_s < now_s for at_s, *_ in list(seen.poses))
         return cls(found.poses, found.views * slots / (now_s - begun_s))
 
-    def words(self) -> str:
+    def summary(self) -> str:
         return f"{self.poses:.1f} poses per second from {self.views:.1f} honest views"
 
 
@@ -155,7 +155,7 @@ def under(
     found = Pace.since(seen, begun_s)
     most, left = max(most, edge.memory_info().rss), edge.memory_info().rss
     figures = (
-        f"{said[0] if said else 'did not end'}; {found.words()}, edge "
+        f"{said[0] if said else 'did not end'}; {found.summary()}, edge "
         f"{rss / 1e6:.0f} MB before, {most / 1e6:.0f} MB at most, {left / 1e6:.0f} MB after"
     )
     flows = found.poses > RATE_SHARE * usual.poses and found.views > RATE_SHARE * usual.views
@@ -260,7 +260,7 @@ def live(seconds: float) -> list[Result]:
         target, begun_s = Target(site), time.monotonic()
         wait(max(5.0, seconds * 0.1))
         usual = Pace.since(seen, begun_s)
-        results = [Result("site at rest", usual.words(), usual.poses > RATE_SHARE * FPS)]
+        results = [Result("site at rest", usual.summary(), usual.poses > RATE_SHARE * FPS)]
         attacks = (
             ("flood of a revoked camera", 0.15, flood(target, "stray")),
             ("flood of a camera", 0.15, flood(target, target.camera_id)),

@@ -110,7 +110,7 @@ class Got:
     lead: int
     deficit: float
 
-    def words(self) -> str:
+    def summary(self) -> str:
         return (
             f"{self.poses:.1f} poses per second with {self.views:.2f} honest views, "
             f"{1000 * self.latency_s:.0f} ms after their slot, {self.people:.0f} people, "
@@ -203,20 +203,20 @@ def tell(seconds: float, report: Callable[[Result], None]) -> list[Result]:
                 _while_distrusted(seen, set(ids[-2:]))
                 honest = set(ids[: CAMERAS - number])
                 usual = _while(transports, HONEST, number, 6.0, seen, honest)
-                add(f"{number} liars, honest", usual.words(), usual.poses > POSES_SHARE * FPS)
+                add(f"{number} liars, honest", usual.summary(), usual.poses > POSES_SHARE * FPS)
                 gone = _while(transports, _gone(), number, 6.0, seen, honest)
-                add(f"{number} liars, gone", gone.words(), gone.poses > POSES_SHARE * FPS)
+                add(f"{number} liars, gone", gone.summary(), gone.poses > POSES_SHARE * FPS)
                 _while(transports, HONEST, number, 4.0, seen, honest)
                 for lie, each_s in lies_to_tell(seconds):
                     name = f"{number} liars, {lie.name}"
                     found = _while(transports, lie, number, each_s, seen, honest)
                     _while(transports, HONEST, number, PAUSE_S, seen, honest)
                     if not _held(found, usual, gone):
-                        report(Result(name, found.words(), False))
+                        report(Result(name, found.summary(), False))
                         name = f"{name}, a second time"
                         found = _while(transports, lie, number, each_s, seen, honest)
                         _while(transports, HONEST, number, PAUSE_S, seen, honest)
-                    add(name, found.words(), _held(found, usual, gone))
+                    add(name, found.summary(), _held(found, usual, gone))
             show(site, ids[-2:], transports, seen, add)
         _kept(site, seen, ids[:3], add)
     return results

@@ -207,7 +207,7 @@ def step(
         next_selection=decision,
         covariance_m2=shown.covariance_m2,
         measured=shown.measured,
-        reasons=_reasons(situation, decision, state.rest.words()),
+        reasons=_reasons(situation, decision, state.rest.operator_note()),
         stage_s={**people.stage_s, **_spent_s(times)},
         noise_factors=people.noise_factors,
         expected=expected,

@@ -9,7 +9,7 @@ import pytest
 from tests.cases import each_case
 from tests.manual_clock import ManualClock
 
-from e3pose.base.compiling import Compiling, left_s, words
+from e3pose.base.compiling import Compiling, left_s, progress_text
 
 
 @each_case(
@@ -23,9 +23,9 @@ def test_rest_is_at_the_pace_so_far(
 
 
 def test_rest_is_told_in_steps_of_five_seconds() -> None:
-    assert words(None) == "compiling for this machine, once"
-    assert words(41.3) == "compiling: 40 s left"
-    assert words(0.2) == "compiling: 5 s left"
+    assert progress_text(None) == "compiling for this machine, once"
+    assert progress_text(41.3) == "compiling: 40 s left"
+    assert progress_text(0.2) == "compiling: 5 s left"
 
 
 def test_work_between_two_kernels_does_not_count() -> None:

@@ -58,9 +58,9 @@ def test_errors_are_unknown_where_people_put_a_camera_elsewhere() -> None:
     turned = true.rig.cameras[0]
     turned = replace(turned, T_world_camera=turned.T_world_camera @ np.diag([-1.0, 1, -1, 1]))
     far = replace(true.rig, cameras=(turned, *true.rig.cameras[1:]))
-    assert camera_errors(true.rig, found, likely).words(0) != "unknown"
-    assert "rays" not in camera_errors(true.rig, found, likely).words(0)
-    assert camera_errors(far, found, likely).words(0) == "unknown"
+    assert camera_errors(true.rig, found, likely).expected_text(0) != "unknown"
+    assert "rays" not in camera_errors(true.rig, found, likely).expected_text(0)
+    assert camera_errors(far, found, likely).expected_text(0) == "unknown"
     pair = true.rig.subset([0, 1])
-    assert camera_errors(pair, found, likely).words(0) == "unknown"
+    assert camera_errors(pair, found, likely).expected_text(0) == "unknown"
     assert distances(true.rig, true.rig)[0].max() < 1e-6

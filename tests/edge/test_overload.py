@@ -80,16 +80,16 @@ def test_it_does_not_flutter_where_less_load_is_due_to_leaving_out() -> None:
 
 def test_overload_is_told_and_no_camera_judged_until_its_delays_are_gone() -> None:
     slow = {FULL: 1.5 * INTERVAL_S, ROUND_ROBIN: 0.6 * INTERVAL_S}
-    assert not any(load.overloaded() or load.words() for load in run({FULL: 0.01}, 60))
+    assert not any(load.overloaded() or load.message() for load in run({FULL: 0.01}, 60))
     busy = run(slow, 1.2)[-1]
     assert busy.overloaded() and busy.level == FULL
-    assert busy.words().startswith("edge overloaded, computing takes 1")
+    assert busy.message().startswith("edge overloaded, computing takes 1")
     shed = run(slow, 40, busy)[-1]  # it keeps up since it selects by round robin
     assert shed.level == ROUND_ROBIN and not shed.overloaded()
-    assert shed.words().endswith("60% of a slot: cameras are selected by round robin")
+    assert shed.message().endswith("60% of a slot: cameras are selected by round robin")
     calm = run(dict.fromkeys(slow, 0.01), BLAMED_S - 1, busy)[-1]
-    assert calm.overloaded() and "re-checking cameras" in calm.words()
-    assert run(dict.fromkeys(slow, 0.01), BLAMED_S + 2, busy)[-1].words() == ""
+    assert calm.overloaded() and "re-checking cameras" in calm.message()
+    assert run(dict.fromkeys(slow, 0.01), BLAMED_S + 2, busy)[-1].message() == ""
 
 
 def test_edge_that_is_behind_is_overloaded_though_it_computes_little() -> None:
@@ -97,7 +97,7 @@ def test_edge_that_is_behind_is_overloaded_though_it_computes_little() -> None:
     for _ in range(50):  # another program takes the machine
         load = after_work(load, 0.01, INTERVAL_S, 2, behind_s=0.5)
     assert load.overloaded() and load.level == FULL
-    assert load.words() == "edge overloaded, computing takes 22% of a slot, 0.4 s behind"
+    assert load.message() == "edge overloaded, computing takes 22% of a slot, 0.4 s behind"
 
 
 def test_shed_load_takes_turns_without_a_foresight() -> None:

@@ -59,7 +59,7 @@ def test_without_figures_there_is_no_saving(spent: object, always: object) -> No
 
 
 def test_both_are_named_in_one_sentence_of_which_one_may_be_unknown() -> None:
-    said = Savings(saving(3.0, 4.0, measured=False)).words()
+    said = Savings(saving(3.0, 4.0, measured=False)).sentence()
     assert said == (
         "Saved, compared with all cameras active in every slot: whole camera 25 % (modelled), "
         "processor time not measured"

@@ -256,7 +256,7 @@ def test_processor_time_is_of_the_looks_and_frames_that_were_measured() -> None:
     assert found.processor_time.spent == pytest.approx(3 * 0.2 + 2 * 0.1 + 4 * 0.03)
     assert found.processor_time.always == pytest.approx(4 * 0.33)
     assert found.processor_time.percent == pytest.approx(100 * (1 - 0.92 / 1.32))
-    assert found.words().endswith("processor time 30 % (modelled)")
+    assert found.sentence().endswith("processor time 30 % (modelled)")
     none_captured = summarise(
         told,
         ReplaySettings(),
@@ -274,5 +274,5 @@ def test_processor_time_that_was_not_measured_of_all_is_said_to_be_so(
 ) -> None:
     found = summarise(measured(**cameras), ReplaySettings(), played(), load_profile("xavier-nx"))
     assert found.savings.processor_time is None
-    assert found.savings.words().endswith("processor time not measured")
+    assert found.savings.sentence().endswith("processor time not measured")
     assert "processor_time" not in as_json(found)["savings"]

@@ -54,7 +54,7 @@ def foresee(rig: Rig, outlook: Outlook, interval_s: float, ordered: Flags) -> Fo
         counted=1 / inflation(since_s.T, terms),
         new=1 / worth_inflation(since_s.T, terms),
         weights=delivered.max(axis=1, initial=0.0),
-        entrants=Entrants.nobody(len(rig)),
+        entrants=Entrants.none(len(rig)),
     )
 
 

@@ -38,7 +38,7 @@ def expected_entrants(
     """See `e3pose.select.newcomers.expected_entrants`."""
     sources = np.flatnonzero(unexplained)
     if len(sources) == 0:
-        return Entrants.nobody(len(rig))
+        return Entrants.none(len(rig))
     shares = np.maximum(overlap(rig), np.eye(len(rig)))[sources]
     others, weights = np.zeros_like(shares), unexplained[sources].astype(np.float64)
     ages_s = [interval_s * (len(ordered) - ahead) for ahead in range(len(ordered))]

@@ -304,7 +304,7 @@ def test_who_is_awake_while_nobody_is_there_has_watts_left_to_look() -> None:
 def test_operators_are_told_where_nobody_can_rest() -> None:
     planner, memory = RestPlanner(RIG, costs(), PRICED), NONE
     for slot in range(60):
-        assert memory.words() == ""
+        assert memory.operator_note() == ""
         memory = planner.checked(memory, slot, 1.0, ~ALL, 0.03)
-    assert "no camera rests" in memory.words()
-    assert planner.checked(memory, 61, 1.0, np.arange(N) == 2, 0.03).words() == ""
+    assert "no camera rests" in memory.operator_note()
+    assert planner.checked(memory, 61, 1.0, np.arange(N) == 2, 0.03).operator_note() == ""

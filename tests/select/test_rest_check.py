@@ -45,12 +45,12 @@ def test_nobody_rests_where_rests_cost_more_than_a_tenth_until_they_do_not() -> 
     dear = after_rounds(RestCheck(), 6, 1.3)
     assert dear.idle
     assert np.expm1(dear.mean) == pytest.approx(0.3, abs=0.02)
-    assert "nobody rests" in dear.words() and "+30% ± 2%" in dear.words()
+    assert "nobody rests" in dear.operator_note() and "+30% ± 2%" in dear.operator_note()
     first = dear.round * ROUND
     awake = [dear.wakes(slot, SLOT_S) for slot in range(first, first + ROUND)]
     assert np.mean(awake) == pytest.approx(1 - 1 / STRETCHES)  # and is tried again
     again = after_rounds(dear, 40, 1.0)
-    assert not again.idle and "nobody rests" not in again.words()
+    assert not again.idle and "nobody rests" not in again.operator_note()
 
 
 @each_case("ratio", [0.9, 1.0, 1.05])
@@ -64,7 +64,7 @@ def test_who_sleeps_when_nobody_should_and_who_is_not_there_say_nothing() -> Non
     for slot in range(8 * ROUND):
         late = late.after(slot, SLOT_S, True, 0.03)
         unknown = unknown.after(slot, SLOT_S, not unknown.wakes(slot, SLOT_S), np.nan)
-    assert late.rounds == unknown.rounds == 0 and late.words() == ""
+    assert late.rounds == unknown.rounds == 0 and late.operator_note() == ""
 
 
 def test_no_rest_outlasts_the_time_until_everybody_is_awake() -> None:

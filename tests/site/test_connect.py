@@ -23,7 +23,7 @@ from e3pose.site.connect import (
     LiveSlot,
     certified_site,
     names_for,
-    nobody,
+    no_name,
     take_of_slots,
 )
 from e3pose.site.streams import STREAMS, Source, naming
@@ -199,7 +199,7 @@ def test_events_of_people_are_told_as_they_happen() -> None:
 def test_names_go_only_where_the_site_file_lists_it(tmp_path: Path) -> None:
     place = site_file(tmp_path)
     write_week(tmp_path / "poses.db")
-    assert names_for(load_site(place), "mqtt") is nobody, "without [events]"
+    assert names_for(load_site(place), "mqtt") is no_name, "without [events]"
     place.write_text(place.read_text() + '[events]\nnames = ["mqtt", "python"]\n')
     site = load_site(place)
     assert names_for(site, "mqtt")(10) == names_for(site, "python")(10) == "Ada"

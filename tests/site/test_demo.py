@@ -34,7 +34,7 @@ from e3pose.recording.calibration import save_rig
 from e3pose.settings.site_file import load_site
 from e3pose.simulate import DetectorSettings, SceneSettings
 from e3pose.site.demo import job as jobs
-from e3pose.site.demo import run_demo, words
+from e3pose.site.demo import printed_lines, run_demo
 from e3pose.site.demo.clip import CALIBRATION, TOP, VIDEOS, Clip, Member, extract_members, find_clip
 from e3pose.site.demo.live import Heard, Show
 from e3pose.site.demo.pictures import fullest
@@ -162,7 +162,7 @@ def test_what_the_run_left_is_laid_out(tmp_path: Path) -> None:
 @pytest.mark.usefixtures("without_processes")
 def test_offline_says_what_it_could_not_fetch_and_where_to_look(tmp_path: Path) -> None:
     dest = tmp_path / "demo"
-    said = words(run_demo(dest, offline=True, stand_in=SMALL))
+    said = printed_lines(run_demo(dest, offline=True, stand_in=SMALL))
     assert said[0].startswith("Could not download the four-camera recording: not in the cache")
     assert said[1].startswith("Could not download the network openpose-thin: not in the cache")
     assert said[2].startswith("Ran a live site on a simulated scene instead: an edge server and 4")
@@ -189,7 +189,7 @@ def test_failed_download_is_reported_in_one_line(
         phases.append(name)
         yield lambda done, total: None
 
-    said = words(run_demo(tmp_path / "demo", stand_in=SMALL, phase=phase))
+    said = printed_lines(run_demo(tmp_path / "demo", stand_in=SMALL, phase=phase))
     assert said[0] == (
         "Could not download the four-camera recording: wheel of pose2sim==0.10.49: not found in "
         "https://index.example/simple."
@@ -249,7 +249,7 @@ def test_videos_become_a_slower_site_poses_and_a_movie(
     monkeypatch.setattr("os.sched_getaffinity", lambda pid: {0, 1})
     report = run_demo(tmp_path / "demo")
     assert report.real and report.not_fetched == ()
-    said = words(report)
+    said = printed_lines(report)
     assert said[0].startswith(
         "Ran a live site: an edge server and 4 camera processes that play real"
     )

@@ -23,7 +23,7 @@ from e3pose.recording import ProcessorTime, load_recording
 from e3pose.recording.processor import save_processor
 from e3pose.settings.resolved import resolve_site
 from e3pose.simulate import DetectorSettings, SceneSettings
-from e3pose.site.demo import run_demo, words
+from e3pose.site.demo import printed_lines, run_demo
 from e3pose.site.demo.live import Heard
 from e3pose.site.screen import screen
 from e3pose.site.web.program import open_view
@@ -95,7 +95,7 @@ def demo(tmp_path_factory: pytest.TempPathFactory) -> Demo:
         patch.setattr("e3pose.site.demo.live.run_live", live)
         patch.setenv("E3POSE_CACHE", str(tmp_path_factory.mktemp("cache")))
         dest = tmp_path_factory.mktemp("out") / "demo"
-        printed = "\n".join(words(run_demo(dest, offline=True, stand_in=SMALL)))
+        printed = "\n".join(printed_lines(run_demo(dest, offline=True, stand_in=SMALL)))
     return Demo(dest, printed, heard[0])
 
 

@@ -85,7 +85,7 @@ def expected_s(piece: AnyPiece) -> float:
     return factor * EXPECTED_S.get(piece.name, OTHERS_S)
 
 
-def words(seconds: float) -> str:
+def duration_text(seconds: float) -> str:
     """Return a time left for people, coarse enough not to pretend."""
     if seconds < 90:
         return f"about {max(10 * math.ceil(seconds / 10), 10)} s left"
@@ -99,7 +99,7 @@ class _Column(ProgressColumn):
         self._left = left
 
     def render(self, task: Task) -> Text:
-        return Text(words(self._left.left_s()))
+        return Text(duration_text(self._left.left_s()))
 
 
 def tracked(
@@ -116,6 +116,6 @@ def tracked(
             progress(left.done_s, left.total_s)
             if not sys.stderr.isatty() and time.monotonic() > next_s and number < len(pieces):
                 next_s = time.monotonic() + LINE_S
-                rest = words(left.left_s())
+                rest = duration_text(left.left_s())
                 print(f"e3pose: {number} of {len(pieces)} pieces, {rest}", file=sys.stderr)
             yield piece, result

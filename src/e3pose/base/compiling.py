@@ -27,7 +27,7 @@ def left_s(done: float, total: float, spent_s: float) -> float | None:
     return spent_s * max(total - done, 0.0) / done
 
 
-def words(rest_s: float | None) -> str:
+def progress_text(rest_s: float | None) -> str:
     """Return how long the rest takes, for people: `compiling: 40 s left`."""
     if rest_s is None:
         return "compiling for this machine, once"
@@ -89,7 +89,7 @@ class Compiling:
         return left_s(done, sum(self._expected.values()), spent_s)
 
     def _log(self) -> None:
-        _LOG.info(words(self.left_s()))
+        _LOG.info(progress_text(self.left_s()))
 
 
 COMPILING = Compiling()

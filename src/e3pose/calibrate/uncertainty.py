@@ -84,7 +84,7 @@ class CameraErrors:
         """`(num_cameras,)` expected error of the rays in the middle half of the image."""
         return np.hypot(self.moved_rays_deg, self.sure_rays_deg)
 
-    def words(self, camera: int) -> str:
+    def expected_text(self, camera: int) -> str:
         """Return the expected error of a camera in words."""
         if np.isnan(self.expected_deg[camera]):
             return "unknown"

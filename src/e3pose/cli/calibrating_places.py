@@ -374,7 +374,7 @@ def _table(places: Places, names: Sequence[str]) -> list[str]:
     if places.expected is not None:
         lines.append(f"{'camera':{width}}  expected error")
         lines += [
-            f"{name:{width}}  {places.expected.words(i)}{_focal(places, i)}"
+            f"{name:{width}}  {places.expected.expected_text(i)}{_focal(places, i)}"
             for i, name in enumerate(names)
         ]
     return lines

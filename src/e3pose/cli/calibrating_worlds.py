@@ -284,7 +284,7 @@ def _lines(rig: Rig, found: Judgement) -> list[str]:
     lines = [f"{'camera':{max(width, 6)}}  error px  shift px       expected error"]
     for i, name in enumerate(rig.camera_ids):
         shift = f"({found.shifts_px[i, 0]:+.1f}, {found.shifts_px[i, 1]:+.1f})"
-        words = found.errors.words(i)
+        words = found.errors.expected_text(i)
         lines.append(f"{name:{max(width, 6)}}  {found.errors_px[i]:8.1f}  {shift:13}  {words}")
     total = found.room.total_mm
     if np.isfinite(total).any():

@@ -15,7 +15,7 @@ from rich.text import Text
 
 from e3pose.cli.options import Flag
 from e3pose.cli.progress import bar
-from e3pose.site.demo import run_demo, words
+from e3pose.site.demo import printed_lines, run_demo
 from e3pose.site.screen import screen
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ def demo(
         Replace the output of an earlier demo.
     """
     report = run_demo(dest, offline=offline, overwrite=overwrite, phase=phase_bar, watch=top)
-    for line in words(report):
+    for line in printed_lines(report):
         print(line)
 
 

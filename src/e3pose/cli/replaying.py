@@ -191,7 +191,7 @@ def replay(
         [judge(judges, records) if judges else None]
         + [judge(by, each.records(f"without {by.rig.camera_ids[0]}")) for each, by in left_out]
     )
-    notes = () if main.read_view is None else (main.read_view.words(),)
+    notes = () if main.read_view is None else (main.read_view.summary(),)
     summary = main.summary(records, notes, held_out)
     outputs.write(source, records, summary, notes, store.file(), recording)
 

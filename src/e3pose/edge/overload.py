@@ -66,7 +66,7 @@ class Load:
         """
         return self.blamed_s < BLAMED_S
 
-    def words(self) -> str:
+    def message(self) -> str:
         """Return that the edge is overloaded and what it does about it; empty if it is not."""
         if self.level == FULL and self.blamed_s >= BLAMED_S:
             return ""

@@ -37,7 +37,7 @@ END_S = 5.0
 Watch = Callable[[int, Mapping[int, Arrival]], object]  # takes a slot and its views by camera
 
 
-def nobody(slot: int, arrivals: Mapping[int, Arrival]) -> None:
+def ignore_views(slot: int, arrivals: Mapping[int, Arrival]) -> None:
     """Watch nothing."""
 
 
@@ -70,7 +70,7 @@ class RecordServer:
     """Records until stopped or for a given time. Use as a context manager."""
 
     def __init__(
-        self, plan: RecordingPlan, transport: Transport, clock: Clock, watch: Watch = nobody
+        self, plan: RecordingPlan, transport: Transport, clock: Clock, watch: Watch = ignore_views
     ) -> None:
         """Create a recorder for a site.
 

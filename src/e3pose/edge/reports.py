@@ -228,7 +228,7 @@ def site_status(snapshot: SiteSnapshot) -> Status:
         slots=counts.slots,
         blind=counts.blind,
         blind_share=counts.blind_share(),
-        overload=snapshot.health.load.words(),
+        overload=snapshot.health.load.message(),
         check=record.reasons.check if record and record.reasons else "",
         events_ns=tuple(event.time_ns for event in snapshot.events),
         run_ns=snapshot.run_ns,

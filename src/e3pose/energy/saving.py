@@ -60,7 +60,7 @@ class Savings:
         """Return both with their names."""
         return (WHOLE_CAMERA, self.whole_camera), (PROCESSOR_TIME, self.processor_time)
 
-    def words(self) -> str:
+    def sentence(self) -> str:
         """Return both figures in a sentence, without its full stop."""
         said = [f"{name} {one or 'not measured'}" for name, one in self.named()]
         return f"{AGAINST}: {', '.join(said)}"

@@ -93,7 +93,7 @@ class PixelViews:
             if c in before
         }
 
-    def words(self) -> str:
+    def summary(self) -> str:
         """Return how many detections were in parts of images, and how long detections took."""
         parts = [seconds for _, _, part, seconds in self.detections_s if part]
         wholes = [seconds for _, _, part, seconds in self.detections_s if not part]

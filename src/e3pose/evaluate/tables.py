@@ -93,7 +93,7 @@ def print_summary(summary: Summary, console: Console | None = None) -> None:
     console.print(figures)
     if summary.held_out is not None:
         print_held_out(summary.held_out, console)
-    for line in (f"{summary.savings.words()}.", *warmup_lines(summary), *noise_lines(summary)):
+    for line in (f"{summary.savings.sentence()}.", *warmup_lines(summary), *noise_lines(summary)):
         console.print(line)
     selection, energy = summary.selection, summary.energy
     if selection is None or energy is None:

@@ -35,7 +35,7 @@ class Entrants:
     weights: Floats
 
     @classmethod
-    def nobody(cls, num_cameras: int) -> Entrants:
+    def none(cls, num_cameras: int) -> Entrants:
         """Return the value for when every detection is explained."""
         return cls(np.zeros((0, num_cameras)), np.zeros((0, num_cameras)), np.zeros(0))
 
@@ -71,7 +71,7 @@ def expected_entrants(
     """
     sources = [camera for camera, waiting in enumerate(unexplained.tolist()) if waiting]
     if not sources:
-        return Entrants.nobody(len(rig))
+        return Entrants.none(len(rig))
     shares = reach(rig)[sources]
     others, weights = np.zeros_like(shares), unexplained[sources].astype(np.float64)
     ages_s = np.empty(1 + len(ordered))

@@ -115,7 +115,7 @@ class RestCheck:
         sure = BACK * check.error
         return replace(check, idle=above > -sure if check.idle else above > sure)
 
-    def words(self) -> str:
+    def operator_note(self) -> str:
         """Return what was found, for operators; empty before enough rounds."""
         if self.rounds < LEAST_ROUNDS:
             return ""

@@ -113,9 +113,9 @@ class RestMemory:
     check: RestCheck = field(default_factory=RestCheck)
     awake_s: float = 0.0
 
-    def words(self) -> str:
+    def operator_note(self) -> str:
         """Return what was found, for operators; empty where there is nothing to say."""
-        found = self.check.words()
+        found = self.check.operator_note()
         if self.awake_s < TOLD_S or self.check.idle:
             return found
         why = "no camera rests: each is needed to follow or find people"

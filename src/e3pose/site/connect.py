@@ -33,7 +33,7 @@ EVERY_KIND = EventsTable()
 Names = Callable[[int], str]  # of people, by track; empty where one has none
 
 
-def nobody(track: int) -> str:
+def no_name(track: int) -> str:
     """Return no name: for whom none is told."""
     return ""
 
@@ -159,7 +159,7 @@ class Connection:
         delayed: bool = False,
         told: EventsTable = EVERY_KIND,
         zones: Sequence[ZoneTable] = (),
-        names: Names = nobody,
+        names: Names = no_name,
     ) -> None:
         """Follow a site.
 
@@ -373,7 +373,7 @@ def names_for(site: SiteTable, where: str) -> Names:
     Nobody's where `[events]` does not list `where` in its `names`, or the site has no store.
     """
     if site.events is None or where not in site.events.names or site.store is None:
-        return nobody
+        return no_name
     from e3pose.store.names import StoredNames
 
     return StoredNames(site.store.place, site.name)

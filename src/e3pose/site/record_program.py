@@ -11,7 +11,7 @@ from e3pose.base.atomic import check_free
 from e3pose.base.clock import WallClock
 from e3pose.base.errors import InputError
 from e3pose.base.private import make_folder
-from e3pose.edge.record_server import RecordingPlan, RecordServer, Watch, nobody
+from e3pose.edge.record_server import RecordingPlan, RecordServer, Watch, ignore_views
 from e3pose.settings.resolved import ResolvedSite, resolve
 from e3pose.settings.site_file import SiteTable
 from e3pose.site.admission import edge_link
@@ -32,7 +32,7 @@ def record_site(
     logs: Path | None = None,
     report: Callable[[str], None],
     look: Callable[[RecordServer], object],
-    watch: Watch = nobody,
+    watch: Watch = ignore_views,
 ) -> RecordServer:
     """Record all cameras of a site until Ctrl-C, `for_s`, or an exception of `look`.
 

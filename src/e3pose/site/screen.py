@@ -99,7 +99,7 @@ def _head(status: Status, stale_s: float) -> Text:
         modelled = "" if all(c.measured for c in status.cameras if _draws(c)) else " (modelled)"
         head.append(f"\n{sum(watts):.1f} W, all online cameras{modelled}")
     if (saved := savings(status)) != NO_SAVINGS:
-        head.append(f"\n{saved.words()}")
+        head.append(f"\n{saved.sentence()}")
     still = [camera.unchanged for camera in status.cameras if camera.unchanged is not None]
     if still:
         mean = _within(sum(still) / len(still), 1.0)

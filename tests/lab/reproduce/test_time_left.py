@@ -10,7 +10,7 @@ from tests.manual_clock import ManualClock
 
 from e3pose_lab.reproduce import time_left
 from e3pose_lab.reproduce.sources import Sources
-from e3pose_lab.reproduce.time_left import TimeLeft, words
+from e3pose_lab.reproduce.time_left import TimeLeft, duration_text
 from e3pose_lab.reproduce.work import AnyPiece, Piece
 
 
@@ -81,7 +81,7 @@ def test_time_left_never_vanishes_during_a_long_piece() -> None:
 
 
 def test_words_are_coarse() -> None:
-    assert [words(s) for s in (0.2, 34.0, 355.0, 4885.0, 9000.0)] == [
+    assert [duration_text(s) for s in (0.2, 34.0, 355.0, 4885.0, 9000.0)] == [
         "about 10 s left", "about 40 s left", "about 6 min left", "about 81 min left",
         "about 2.5 h left",
     ]  # fmt: skip

@@ -32,7 +32,7 @@ def foresight(added: list[float], sigma_m: float = 0.1, **more: object) -> Fores
         counted=np.ones((len(added), 1)),
         new=np.ones((len(added), 1)),
         weights=np.ones(1),
-        entrants=Entrants.nobody(len(added)),
+        entrants=Entrants.none(len(added)),
     )
     return replace(plain, **more)  # type: ignore[arg-type]
 
@@ -137,7 +137,7 @@ def test_many_cameras_are_chosen_greedily_within_the_guarantee(seed: int, count:
         counted=np.ones((12, 2)),
         new=np.ones((12, 2)),
         weights=np.array([1.0, 0.4]),
-        entrants=Entrants.nobody(12),
+        entrants=Entrants.none(12),
     )
     now = situation(seen, price=rng.uniform(0, 5, 12))
     selection = Information(count, quality_weight=10).select(now)
@@ -207,7 +207,7 @@ def test_at_a_lower_rate_more_cameras_are_needed() -> None:
 def test_with_a_target_somebody_always_looks_now_and_then() -> None:
     nobody = Foresight(
         np.zeros(0, np.int64), np.zeros(0, bool), np.zeros((0, 1, 6)), np.zeros((3, 0, 1, 6)),
-        np.zeros((3, 0)), np.zeros((3, 0)), np.zeros(0), Entrants.nobody(3),
+        np.zeros((3, 0)), np.zeros((3, 0)), np.zeros(0), Entrants.none(3),
     )  # fmt: skip
     policy = Information(3, target_error_m=0.04)
     assert not policy.select(situation(nobody)).any()

@@ -33,7 +33,7 @@ def foresight(rng: np.random.Generator, num_cameras: int) -> Foresight:
         counted=np.ones((num_cameras, 2)),
         new=np.ones((num_cameras, 2)),
         weights=np.ones(2),
-        entrants=Entrants.nobody(num_cameras),
+        entrants=Entrants.none(num_cameras),
     )
 
 

@@ -22,7 +22,7 @@ from tests.waiting import eventually
 from e3pose.base.errors import InputError
 from e3pose.model.skeleton import COCO17
 from e3pose.settings.events_table import EventsTable
-from e3pose.site.connect import Names, nobody
+from e3pose.site.connect import Names, no_name
 from e3pose.site.streams import Source, open_stream
 from e3pose.site.streams.as_json import event_words
 from e3pose.site.streams.webhook import MAX_WAITING, Patience, WebhookStream, address
@@ -69,7 +69,7 @@ def sending(
     receiver: Receiver,
     patience: Patience = QUICK,
     told: EventsTable | None = None,
-    names: Names = nobody,
+    names: Names = no_name,
 ) -> Iterator[tuple[WebhookStream, list[str]]]:
     said: list[str] = []
     source = Source(

@@ -15,7 +15,7 @@ from e3pose.events.rules.base import Moment as Moment
 from e3pose.events.rules.base import Rule as Rule
 from e3pose.events.rules.base import inherited as inherited
 from e3pose.events.rules.fall import Fall, GotUp, OnFloor
-from e3pose.events.rules.presence import Left, nobody, too_many
+from e3pose.events.rules.presence import Left, nobody_seen, too_many
 from e3pose.events.rules.wave import Waved
 from e3pose.settings.events_table import EventsTable
 
@@ -25,7 +25,7 @@ RULES: dict[str, Callable[[EventsTable, Joints], Rule]] = {
     "on-floor": lambda table, joints: OnFloor(table),
     "got-up": lambda table, joints: GotUp(table),
     "left": lambda table, joints: Left(table),
-    "nobody": lambda table, joints: nobody(table),
+    "nobody": lambda table, joints: nobody_seen(table),
     "too-many": lambda table, joints: too_many(table),
     "waved": lambda table, joints: Waved(joints),
 }

@@ -69,7 +69,7 @@ class Presence:
         return turned.intervals, begun + ended
 
 
-def nobody(table: EventsTable) -> Presence:
+def nobody_seen(table: EventsTable) -> Presence:
     """Return `nobody`: begun after `nobody_s` without anybody, ended when somebody comes."""
     bounds = Bounds(after_s=table.nobody_s, ends_s=0.5)
     return Presence(

@@ -36,7 +36,7 @@ def headline(recording: Recording, records: Sequence[SlotRecord], summary: Summa
     seen = "found" if max(counts) == 0 else f"followed in {plural(num_cameras, 'camera')}"
     mean = duty(records, num_cameras).sum()
     looked = f"On average {mean:.1f} of {num_cameras} cameras were active."
-    saved = "" if summary.savings == NO_SAVINGS else f" {summary.savings.words()}."
+    saved = "" if summary.savings == NO_SAVINGS else f" {summary.savings.sentence()}."
     return [f"{who} {seen}, for {long}.", f"{looked}{saved}"]
 
 

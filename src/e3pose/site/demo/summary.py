@@ -96,7 +96,7 @@ class DemoReport:
     seconds: float
 
 
-def words(report: DemoReport) -> list[str]:
+def printed_lines(report: DemoReport) -> list[str]:
     """Return what the demo did, what it saved and which files to open."""
     where = [f"  {report.dest / name}: {what}" for name, what in _files(report.dest).items()]
     return [*story(report), f"Finished in {report.seconds:.0f} s. Wrote:", *where]
@@ -132,7 +132,7 @@ def story(report: DemoReport) -> list[str]:
         f"{settings.warmup_slots} slots, then {_selected(live.selected)}"
         f"(goal: {settings.num_selected:g}).",
         f"On average {selection.mean_cameras:.1f} of {report.num_cameras} cameras were active. "
-        f"{summary.savings.words()}.",
+        f"{summary.savings.sentence()}.",
         *processor_words(live),
         *delivery_words(live),
         f"Found {report.people:.1f} people per slot on average. A new track is confirmed by three "

@@ -77,7 +77,7 @@ def streams_of(service: str, login: Login | None = None) -> list[Stream]:
         url = _text(answer, "Uri")
         if not _own_stream(url, host):
             raise InputError(f"{host}: names the stream {url[:80]!r}, expected one of its own")
-        found.append(Stream(_words(profile), _with_login(url, login)))
+        found.append(Stream(_describe(profile), _with_login(url, login)))
     if not found:
         raise InputError(f"{host}: has no stream: set one up on the camera's own page")
     return found
@@ -206,7 +206,7 @@ def _with_login(url: str, login: Login) -> str:
     return f"{scheme}://{who}@{rest.rpartition('@')[2] if '@' in rest.split('/')[0] else rest}"
 
 
-def _words(profile: ElementTree.Element) -> str:
+def _describe(profile: ElementTree.Element) -> str:
     """Return what a profile is: its name, the size of its pictures, and its rate."""
     encoder = (_all(profile, "VideoEncoderConfiguration") or [profile])[0]
     width, height = _text(encoder, "Width"), _text(encoder, "Height")

@@ -10,7 +10,7 @@ import numpy as np
 
 from e3pose.model.person_event import PersonEvent, sentence
 from e3pose.model.zone_event import ZoneEvent
-from e3pose.site.connect import LiveSlot, Names, called, nobody
+from e3pose.site.connect import LiveSlot, Names, called, no_name
 
 DECIMALS = 4
 
@@ -40,7 +40,7 @@ def zone_words(event: ZoneEvent) -> dict[str, Any]:
     return {"event" if key == "kind" else key: value for key, value in asdict(event).items()}
 
 
-def event_words(event: PersonEvent, names: Names = nobody) -> dict[str, Any]:
+def event_words(event: PersonEvent, names: Names = no_name) -> dict[str, Any]:
     """Return an event of a person as JSON can hold it, with its sentence in local time.
 
     Args:

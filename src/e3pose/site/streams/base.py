@@ -11,7 +11,7 @@ from e3pose.model.person_event import PersonEvent
 from e3pose.model.skeleton import Skeleton
 from e3pose.model.zone_event import ZoneEvent
 from e3pose.settings.events_table import EventsTable
-from e3pose.site.connect import LiveSlot, Names, nobody
+from e3pose.site.connect import LiveSlot, Names, no_name
 from e3pose.wire.endpoint import read_host_port
 from e3pose.wire.site_messages import Status
 
@@ -40,7 +40,7 @@ class Source:
     zones: tuple[str, ...] = ()
     kinds: tuple[str, ...] = ()
     told: EventsTable = field(default_factory=EventsTable)
-    names: Names = nobody
+    names: Names = no_name
 
 
 @runtime_checkable

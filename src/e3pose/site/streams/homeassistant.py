@@ -31,7 +31,7 @@ from e3pose.events.states import STATES
 from e3pose.events.watch import Watch
 from e3pose.model.person_event import PersonEvent
 from e3pose.model.zone_event import ZoneEvent
-from e3pose.site.connect import LiveSlot, nobody
+from e3pose.site.connect import LiveSlot, no_name
 from e3pose.site.streams.as_json import event_words
 from e3pose.site.streams.base import Source
 from e3pose.site.streams.mqtt import PORT, SECURE_PORT, broker_trouble, connected_client
@@ -217,7 +217,7 @@ class HomeAssistantStream:
             self._publish(topic, text)
 
     def _publish(self, topic: str, text: str) -> None:
-        named = topic.endswith("/told") and self._source.names is not nobody
+        named = topic.endswith("/told") and self._source.names is not no_name
         self._client.publish(topic, text, qos=1, retain=not named)
 
     def _tell_last(self) -> dict[str, Any]:
