@@ -55,6 +55,8 @@ sys.path.append(str(Path(__file__).resolve().parents[2]))  # scenes of the tests
 
 from tests.calibrate.people_scenes import decentred, disturbed, without_calibration
 
+from e3pose_lab.datasets import shared_folder
+
 COLUMNS = (
     "case", "lenses", "degrees", "rays", "mm", "focal %", "of stated", "cost", "from truth",
 )  # fmt: skip
@@ -85,7 +87,7 @@ def recordings(names: list[str], real: bool, seed: int | None) -> Iterator[tuple
     if real:
         from e3pose_lab.datasets.shelf import import_shelf
 
-        shared = Path(os.environ["E3POSE_SHARED"]) / "data"
+        shared = shared_folder() / "data"
         yield "pizza", load_recording(shared / "pizza" / "recording")
         yield "Shelf", import_shelf(shared / "shelf" / "shelf.npz")
 

@@ -27,7 +27,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -54,6 +53,7 @@ from e3pose.model.uncertainty import distance_within_m, expected_distance_m
 from e3pose.pipeline import SlotRecord
 from e3pose.recording import Recording, load_recording
 from e3pose.simulate.detections import until
+from e3pose_lab.datasets import shared_folder
 from predictor_in_the_loop import captured, seen
 
 Row = dict[str, Any]
@@ -304,9 +304,7 @@ def recorded(place: str) -> bool:
 def made(place: str, fps: float, seconds: float, seed: int) -> Recording:
     """Return the recording: simulated, or the first seconds of a real one."""
     if place.startswith(MOTION):
-        motions = [
-            m for kind, m in captured(Path(os.environ["E3POSE_SHARED"])) if kind == "Panoptic"
-        ]
+        motions = [m for kind, m in captured(shared_folder()) if kind == "Panoptic"]
         return downsampled(seen(motions[int(place.removeprefix(MOTION)) - 1], 30.0), min(fps, 30.0))
     if not recorded(place):
         return simulated(place, seed, seconds=seconds, fps=fps)

@@ -45,6 +45,7 @@ MARK = re.compile(r"([-+]?\d+(?:\.\d+)?)(?=\**<!-- claim: ([a-z0-9.-]+) -->)")
 ANY_MARK = re.compile(r"<!--\s*claim\b")
 TAKEN: dict[str, Callable[[Sequence[float]], float]] = {"least": min, "most": max, "mean": fmean}
 UNFOUND = (InputError, LookupError, ValueError, TypeError)  # in an output of another form
+RECORDINGS = "recordings"
 LIMIT_S = 4 * 3600  # of one command
 
 
@@ -79,7 +80,7 @@ class Run(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
         cpu_s: what it took; written by `--write`.
         checked: the day on which its figures were measured last; written by `--write`.
         quick: whether it is among those that run in CI.
-        needs: what it needs beside the recordings: `network`, or a sentence.
+        needs: `recordings` that no command names, `network`, or a sentence.
         file: the output to search, or a pattern of several; what the commands print if not given.
     """
 
@@ -95,9 +96,10 @@ class Run(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
 
     def lacks(self, everything: bool) -> str:
         """Return why it cannot run here; nothing if it can."""
-        if "$E3POSE_SHARED" in " ".join(self.commands) and "E3POSE_SHARED" not in os.environ:
+        recordings = self.needs == RECORDINGS or "$E3POSE_SHARED" in " ".join(self.commands)
+        if recordings and "E3POSE_SHARED" not in os.environ:
             return "needs E3POSE_SHARED, a folder with the real recordings"
-        return "" if everything or not self.needs else f"needs {self.needs}"
+        return "" if everything or self.needs in ("", RECORDINGS) else f"needs {self.needs}"
 
 
 class Mark(NamedTuple):

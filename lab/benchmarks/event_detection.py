@@ -20,7 +20,6 @@ from __future__ import annotations
 
 import argparse
 import csv
-import os
 import time
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Sequence
@@ -50,6 +49,7 @@ from e3pose.simulate.scenes import BED, SOFA
 from e3pose.simulate.settings import DetectorSettings, Guessing, SceneSettings
 from e3pose.simulate.simulation import lives_of, simulate
 from e3pose.site.event_sink import seen_in
+from e3pose_lab.datasets import shared_folder
 from event_truth import LATE_S, Due, due_of, waves_of
 from predictor_in_the_loop import captured, seen
 
@@ -178,7 +178,7 @@ def placed(settings: ReplaySettings, recording: Recording) -> ReplaySettings:
 
 def captured_people(tally: Tally) -> Iterator[str]:
     """Follow the people of motion capture as it has them, and yield the falls that are told."""
-    for number, (kind, joints_m) in enumerate(captured(Path(os.environ["E3POSE_SHARED"]))):
+    for number, (kind, joints_m) in enumerate(captured(shared_folder())):
         watch, sigma_m = begin_watch(EventsTable(), COCO17.joints), np.full((1, 17), 0.02)
         for slot, pose_m in enumerate(joints_m):
             shown = Seen(slot, round(slot / 30 * 1e9), np.array([1]), pose_m[None], sigma_m)

@@ -11,13 +11,14 @@ alone and steered by the learned predictor.
 from __future__ import annotations
 
 import argparse
-import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from e3pose_lab.datasets import shared_folder
 
 Floats = NDArray[np.float64]
 
@@ -133,10 +134,9 @@ def run(
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--shared", type=Path, default=os.environ.get("E3POSE_SHARED"))
     parser.add_argument("--cameras", type=int, nargs="+", default=(1, 2, 4))
     options = parser.parse_args()
-    motions = list(captured(options.shared))
+    motions = list(captured(shared_folder()))
     print(f"| motion, slots per second, cameras | predictor | {' | '.join(map(str, LEADS))} |")
     print("|---" * (len(LEADS) + 2) + "|")
     alone: dict[tuple[str, int, int], tuple[float, float]] = {}

@@ -15,7 +15,6 @@ with errors by situation, CMU motion capture, and 15 s of pizza against the smoo
 from __future__ import annotations
 
 import argparse
-import os
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -23,6 +22,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from e3pose_lab.datasets import shared_folder
 
 SCENES = (
     "two-rooms",
@@ -193,7 +194,6 @@ def cost() -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--shared", type=Path, default=os.environ.get("E3POSE_SHARED"))
     parser.add_argument("--seeds", type=int, nargs="+", default=(701, 702, 703, 704))
     parser.add_argument("--policy", default="information")
     parser.add_argument("--lag", type=float, default=0.2, help="seconds")
@@ -206,6 +206,8 @@ def main() -> None:
     if "cost" in options.what:
         cost()
         return
+    real = {"panoptic": panoptic, "cmu": cmu, "pizza": pizza, "shelf": shelf}
+    shared = shared_folder() if set(real) & set(options.what) and not options.held_out else None
     print("| what, cameras | poses | MPJPE | | p95 | acceleration | | in 90 % | PCP |")
     print("|---" * 9 + "|")
     seeds = (1003, 1004) if options.held_out else options.seeds
@@ -214,12 +216,11 @@ def main() -> None:
         table("ten scenes", list(simulated(seeds)), (1,), *how)
     if "situations" in options.what:
         table("errors by situation", list(situations()), (1,), *how)
-    if options.shared is not None and not options.held_out:
-        real = {"panoptic": panoptic, "cmu": cmu, "pizza": pizza, "shelf": shelf}
+    if shared is not None:
         names = {"panoptic": "Panoptic motion", "cmu": "CMU motion", "shelf": "Shelf"}
         phases = {"shelf": (0, 1, 2, 3, 4)}
         for name in [each for each in real if each in options.what]:
-            found = list(real[name](options.shared))
+            found = list(real[name](shared))
             table(names.get(name, name), found, phases.get(name, (0, 1)), *how)
 
 
