@@ -45,7 +45,6 @@ MARK = re.compile(r"([-+]?\d+(?:\.\d+)?)(?=\**<!-- claim: ([a-z0-9.-]+) -->)")
 ANY_MARK = re.compile(r"<!--\s*claim\b")
 TAKEN: dict[str, Callable[[Sequence[float]], float]] = {"least": min, "most": max, "mean": fmean}
 UNFOUND = (InputError, LookupError, ValueError, TypeError)  # in an output of another form
-RECORDINGS = "recordings"
 LIMIT_S = 4 * 3600  # of one command
 
 
@@ -96,10 +95,10 @@ class Run(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
 
     def lacks(self, everything: bool) -> str:
         """Return why it cannot run here; nothing if it can."""
-        recordings = self.needs == RECORDINGS or "$E3POSE_SHARED" in " ".join(self.commands)
+        recordings = self.needs == "recordings" or "$E3POSE_SHARED" in " ".join(self.commands)
         if recordings and "E3POSE_SHARED" not in os.environ:
             return "needs E3POSE_SHARED, a folder with the real recordings"
-        return "" if everything or self.needs in ("", RECORDINGS) else f"needs {self.needs}"
+        return "" if everything or self.needs in ("", "recordings") else f"needs {self.needs}"
 
 
 class Mark(NamedTuple):
