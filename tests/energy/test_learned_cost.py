@@ -72,6 +72,11 @@ def test_joules_and_seconds_give_what_slots_give() -> None:
     assert found.idle_j == pytest.approx(IDLE_W, rel=0.01)
 
 
+def test_a_perfect_meter_is_taken_to_be_a_thousandth_off() -> None:
+    cost = fed(unlearned(PROFILE), 4000, noise_w=0.0)
+    assert cost.noise**0.5 == pytest.approx(1e-3 * ACTIVE_W, rel=0.01)
+
+
 def test_broken_measurements_pull_little() -> None:
     clean = slot_cost(fed(unlearned(PROFILE), 400), 1.0)
     broken = slot_cost(fed(unlearned(PROFILE), 400, broken=0.03), 1.0)

@@ -50,6 +50,7 @@ def test_a_profile_without_rows_has_only_what_its_components_say(tmp_path: Path)
         assert [rest.name for rest in modes.rests] == ["idle", "not-capturing"]
         whole, idle = modes.look("whole"), modes.rest("idle")
         assert whole is not None and whole.joules == pytest.approx((8 - 4) * 0.08)
+        assert whole.source == "active less power-saving, 80 ms"
         assert idle is not None and (idle.watts, idle.wake_s) == (4.0, 0.0)
         assert modes.rest("suspended") is None and modes.look("tracked") is None
 

@@ -79,6 +79,19 @@ def test_platform_counter_contains_the_others(tmp_path: Path) -> None:
     assert "RAPL psys (the platform)" in reading.how
 
 
+def test_counter_is_believed_up_to_ten_kilowatts(tmp_path: Path) -> None:
+    now_s = [0.0]
+    lay_out(tmp_path, rapl(**{"0": ("package-0", 0.0)}))
+    meter = RaplMeter(tmp_path, lambda: now_s[0])
+    now_s[0] += 4.0
+    lay_out(tmp_path, rapl(**{"0": ("package-0", 36e9)}))
+    assert meter.read("active").watts == pytest.approx(9000)
+    now_s[0] += 4.0
+    lay_out(tmp_path, rapl(**{"0": ("package-0", 80e9)}))
+    with pytest.raises(MeterError, match="package-0: found 44000 J in 4 s"):
+        meter.read("active")
+
+
 def test_counters_that_were_away_are_begun_again(tmp_path: Path) -> None:
     now_s = [0.0]
     lay_out(tmp_path, rapl(**{"0": ("package-0", 1e6)}))
