@@ -92,7 +92,7 @@ def scanned(page: Page) -> str:
 def test_a_phone_is_a_camera_in_set_up_in_the_walk_and_live(
     served: SetupServer, films: list[Path], tmp_path: Path
 ) -> None:
-    desk = served.table.desk
+    desk = served.table.setup
     with ExitStack() as stack:
         page = stack.enter_context(browser(tmp_path / "desk"))
         page.open(served.url, 1440, 900)
@@ -135,7 +135,7 @@ def test_a_phone_is_a_camera_in_set_up_in_the_walk_and_live(
         second.open("about:blank", 390, 844)
 
         click(page, "#next")
-        served.table.desk.change(lambda plan: plan)
+        served.table.setup.change(lambda plan: plan)
         answer = page.run(
             "import('/setup/state.js').then((m) => m.order('networks/drawn/use'))"
             ".then((found) => Boolean(found))"
@@ -174,7 +174,7 @@ def test_a_phone_is_a_camera_in_set_up_in_the_walk_and_live(
 
 
 def seconds_of(served: SetupServer) -> float:
-    task = served.table.desk.tasks.newest
+    task = served.table.setup.tasks.newest
     assert task is not None and not task.problem, task and task.problem
     return float(task.shown.get("seconds", 0))
 

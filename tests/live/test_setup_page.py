@@ -80,13 +80,13 @@ def judged(page: Page, served: SetupServer) -> None:
 
 
 def done(served: SetupServer, kind: str) -> bool:
-    task = served.table.desk.tasks.newest
+    task = served.table.setup.tasks.newest
     assert task is None or not task.problem, task.problem
     return task is not None and task.kind == kind and task.state == "done"
 
 
 def recorded(served: SetupServer, kind: str, seconds: float) -> bool:
-    task = served.table.desk.tasks.newest
+    task = served.table.setup.tasks.newest
     assert task is None or not task.problem, task.problem
     return task is not None and task.kind == kind and task.shown.get("seconds", 0) >= seconds
 
@@ -99,7 +99,7 @@ def test_without_the_token_there_is_nothing(page: Page, served: SetupServer) -> 
 
 @pytest.mark.timeout(2400)
 def test_first_click_to_live_people(page: Page, served: SetupServer) -> None:
-    desk = served.table.desk
+    desk = served.table.setup
     page.messages.clear()
     page.open(served.url, *SIZES["wide"])
     assert there(page, "#create") and "token" not in page.run("location.href")
@@ -187,7 +187,7 @@ def placed_within(films: Path, calibration: Path) -> float:
 
 def origin_by_a_click(page: Page, served: SetupServer) -> None:
     """Click the middle of the lower edge of a picture: what it shows becomes the origin."""
-    desk = served.table.desk
+    desk = served.table.setup
     before = load_rig(desk.calibration)
     push(page, "#aim-origin")
     box = page.run(
@@ -213,7 +213,7 @@ def origin_by_a_click(page: Page, served: SetupServer) -> None:
 
 def change_while_it_runs(page: Page, served: SetupServer) -> None:
     """Another goal and a zone are taken at once; a battery waits for a restart, with one click."""
-    folder = served.table.desk.folder
+    folder = served.table.setup.folder
     push(page, "#to-change")
     judged(page, served)
     type_into(page, "#cameras-count", "3")

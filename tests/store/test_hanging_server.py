@@ -21,9 +21,9 @@ from tests.store.writers import Records, Runs, stored_slots, wait_for
 from e3pose.base.errors import InputError
 from e3pose.store import Event, Store, StoreWriter, WriterSettings
 from e3pose.store.database import database_url, writing_engine
-from e3pose.store.patience import Caller
 from e3pose.store.postgres import ANSWER_S, Line
 from e3pose.store.spool import spools_of
+from e3pose.store.timed_calls import TimedCalls
 
 pytestmark = pytest.mark.slow
 SITE = "hall"
@@ -233,7 +233,7 @@ def test_sessions_of_writers_have_deadlines_unless_the_url_says_otherwise(server
 
 def test_call_that_hangs_is_given_up_and_cut() -> None:
     cut, caller_is_free = threading.Event(), threading.Event()
-    caller = Caller(0.1, cut.set)
+    caller = TimedCalls(0.1, cut.set)
     with pytest.raises(TimeoutError, match=r"no answer in 0\.1 s"):
         caller.call(caller_is_free.wait)  # type: ignore[arg-type]
     assert cut.is_set()

@@ -19,10 +19,10 @@ from e3pose.settings.resolved import ResolvedSite, resolve_site
 from e3pose.site.connect import Connection
 from e3pose.site.follow import viewer_link
 from e3pose.site.run import run_until_stopped
+from e3pose.site.stream_problems import ProblemFile
 from e3pose.site.streams import Source, naming, open_stream
 from e3pose.site.streams.send import Sender
 from e3pose.site.trial_notices import Answerer
-from e3pose.site.troubles import TroubleFile
 from e3pose.site.zones import Zones
 
 FIRST_SLOT_S = 60.0  # to wait for what --for counts from
@@ -86,14 +86,14 @@ def stream(
         sender = stack.enter_context(
             Sender(connection, streams, Zones(resolved.file.zone), warn, watch)
         )
-        troubles = stack.enter_context(closing(TroubleFile(resolved.file.path)))
+        problems = stack.enter_context(closing(ProblemFile(resolved.file.path)))
         answerer = stack.enter_context(closing(Answerer(resolved.file.path, streams)))
         what = "smoothed poses of site" if delayed else "site"
         print(f"Streaming {what} {resolved.file.name} to {', '.join(target)}", flush=True)
         begun_s = time.monotonic()
 
         def runs() -> bool:
-            troubles.update(streams)
+            problems.update(streams)
             answerer.update()
             return sender.running() and not _over(sender, begun_s, for_s)
 

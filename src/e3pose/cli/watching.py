@@ -14,7 +14,7 @@ from e3pose.cli.options import Flag
 from e3pose.settings.site_file import load_site
 from e3pose.site.follow import Follower, viewer_link
 from e3pose.site.screen import screen
-from e3pose.site.troubles import troubles_of
+from e3pose.site.stream_problems import problems_of
 
 
 def top(
@@ -61,7 +61,7 @@ def top(
                     f"endpoint {link.endpoint}: the edge of site {table.name} does not answer; "
                     "is it running? e3pose up or e3pose edge starts it"
                 )
-            console.print(screen(follower.status, 0.0, troubles_of(table.path)))
+            console.print(screen(follower.status, 0.0, problems_of(table.path)))
             return
         came_s = time.monotonic()
         with Live(screen(None, 0.0), console=console, screen=True, auto_refresh=False) as live:
@@ -70,7 +70,7 @@ def top(
                     follower.fresh.clear()
                     came_s = time.monotonic()
                 stale_s = time.monotonic() - came_s
-                live.update(screen(follower.status, stale_s, troubles_of(table.path)), refresh=True)
+                live.update(screen(follower.status, stale_s, problems_of(table.path)), refresh=True)
     except KeyboardInterrupt:
         pass
     finally:

@@ -41,19 +41,19 @@ COLUMNS = (("camera", 0), ("mode", 0), *FIELDS.values())
 GAP = 1  # between two columns
 
 
-def screen(status: Status | None, stale_s: float, troubles: Sequence[str] = ()) -> RenderableType:
+def screen(status: Status | None, stale_s: float, problems: Sequence[str] = ()) -> RenderableType:
     """Return the picture of a site.
 
     Args:
         status: the newest; None before the first.
         stale_s: seconds since it came.
-        troubles: of streams, a line each.
+        problems: of streams, a line each.
     """
     if status is None:
         said = "Waiting for the edge (Ctrl-C quits)."
         return Text(said, style="yellow")
     lines: list[RenderableType] = [_head(status, stale_s), _Cameras(status)]
-    lines += [Text(f"stream: {trouble}", style="red") for trouble in troubles]
+    lines += [Text(f"stream: {problem}", style="red") for problem in problems]
     for camera in status.cameras:
         if remark := _remark(camera):
             style = "red" if camera.why else "yellow"

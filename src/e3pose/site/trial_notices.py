@@ -1,7 +1,7 @@
 """A test of notices: the page asks, webhooks on the same machine send one and say how it went.
 
 A stream is a viewer of the site and hears no operator. So the question and the answers are files
-beside the site file, in the folder of `troubles`:
+beside the site file, in the folder of `stream_problems`:
 
     test.asked   a random word, new with each question
     PID.answer   that word, then how each webhook fared, a line each
@@ -21,7 +21,7 @@ from typing import Protocol, runtime_checkable
 from e3pose.base.atomic import write_file
 from e3pose.base.errors import InputError, reason_of
 from e3pose.base.private import make_folder
-from e3pose.site.troubles import FOLDER, MOST_FILES, MOST_LINES, lines_of
+from e3pose.site.stream_problems import FOLDER, MOST_FILES, MOST_LINES, lines_of
 
 ASKED, ANSWER = "test.asked", ".answer"
 WAIT_S = 12.0  # for the first answer: a receiver may take 10 s

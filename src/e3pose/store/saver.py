@@ -23,11 +23,11 @@ from e3pose.store.database import (
 )
 from e3pose.store.delivery import Delivery
 from e3pose.store.integrity import IntegrityWatch
-from e3pose.store.patience import Caller
 from e3pose.store.postgres import ANSWER_S
 from e3pose.store.retention import Retention
 from e3pose.store.rows import Row, Run
 from e3pose.store.spool import new_spool
+from e3pose.store.timed_calls import TimedCalls
 
 RETRY_S = 1.0
 SPOOL_S = 1.0  # of delivering from the spool before what came in meanwhile is looked at
@@ -79,7 +79,7 @@ class Saver:
         self._path, self._where = database_path(url), shown(url)
         beside, spool_bytes = spool
         self._delivery = Delivery(url, beside, run.site if one_writer else None, summaries)
-        self._caller = None if self._path else Caller(ANSWER_S, self._delivery.cut)
+        self._caller = None if self._path else TimedCalls(ANSWER_S, self._delivery.cut)
         self._watch = None if self._path is None else IntegrityWatch(self._path, check_s)
         self._next_try_s = 0.0
         self._delivered = 0  # rows, from the spool

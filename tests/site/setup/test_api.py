@@ -92,7 +92,7 @@ def test_films_become_cameras_and_a_site_that_the_command_line_reads(
     found = asking.get("found").json()
     assert found["films"] == [f"films/{path.name}" for path in films]
     assert asking.post("cameras", sources=found["films"]).status_code == 200
-    asking.server.table.desk.tasks.wait(WAIT_S)
+    asking.server.table.setup.tasks.wait(WAIT_S)
     state = asking.get("state").json()
     assert state["task"]["state"] == "done", state["task"]
     assert [camera["id"] for camera in state["cameras"]] == ["a", "b"]
@@ -109,7 +109,7 @@ def test_films_become_cameras_and_a_site_that_the_command_line_reads(
     assert picture["size"] == [64, 48] and picture["jpeg"], picture
     assert asking.post("networks/nonsense/use").status_code == 409
     assert asking.post("networks/drawn/use").status_code == 200
-    asking.server.table.desk.tasks.wait(WAIT_S)
+    asking.server.table.setup.tasks.wait(WAIT_S)
     state = asking.get("state").json()
     assert state["task"]["state"] == "done", state["task"]
     assert state["task"]["command"].startswith("e3pose init room door=films/a.mp4 b=films/b.mp4")
@@ -127,12 +127,12 @@ def test_what_was_chosen_is_there_after_a_restart(
 ) -> None:
     asking.post("site", name="room", kind="new")
     asking.post("cameras", sources=["films/a.mp4"])
-    asking.server.table.desk.tasks.wait(WAIT_S)
+    asking.server.table.setup.tasks.wait(WAIT_S)
     asking.server.close()
     assert [camera.id for camera in load_plan(asking.root / "room").cameras] == ["a"]
     with open_setup(asking.root / "room", "127.0.0.1:0") as again:
-        desk = again.table.desk
-        assert desk.name == "room" and [c.id for c in desk.plan().cameras] == ["a"]
+        setup = again.table.setup
+        assert setup.name == "room" and [c.id for c in setup.plan().cameras] == ["a"]
 
 
 def test_steps_that_cannot_begin_say_why(asking: Asking) -> None:

@@ -14,10 +14,10 @@ from e3pose.recording.calibration import load_rig, save_rig
 from e3pose.settings.resolved import ResolvedSite
 from e3pose.settings.site_file import load_site
 from e3pose.site.setup import settings
-from e3pose.site.setup.desk import Desk
 from e3pose.site.setup.editing import apply_cameras, restore_before
 from e3pose.site.setup.going_live import LiveSite
 from e3pose.site.setup.plan import ChosenCamera, Plan
+from e3pose.site.setup.session import SetupSession
 from e3pose.site.setup.settings import Wanted, Zone, change_settings, present
 from e3pose.wire.site_messages import Control
 
@@ -57,40 +57,40 @@ RIG = looking((4, 0), (0, 4), (-4, 0))
 
 
 @pytest.fixture
-def desk(tmp_path: Path) -> Desk:
+def setup(tmp_path: Path) -> SetupSession:
     folder = tmp_path / "lab"
     folder.mkdir()
     (folder / "site.toml").write_text(SITE)
     save_rig(RIG, folder / "rig.toml")
-    return Desk(tmp_path, "lab")
+    return SetupSession(tmp_path, "lab")
 
 
-def change(desk: Desk, **wanted: object) -> str:
-    return str(change_settings(desk, LiveSite(), Wanted(**wanted))["said"])  # type: ignore[arg-type]
+def change(setup: SetupSession, **wanted: object) -> str:
+    return str(change_settings(setup, LiveSite(), Wanted(**wanted))["said"])  # type: ignore[arg-type]
 
 
-def test_goals_zones_batteries_and_storage_are_written_and_comments_stay(desk: Desk) -> None:
+def test_goals_zones_batteries_and_storage_are_written(setup: SetupSession) -> None:
     corners = [(0.0, 0.0), (1.0, 0.0), (1.0, 2.0)]
     said = change(
-        desk, target_error="40mm", budget="4W", batteries={"c1": 50.0, "c0": 0.0}, keep="7d",
+        setup, target_error="40mm", budget="4W", batteries={"c1": 50.0, "c0": 0.0}, keep="7d",
         max_size="2GB", zones=[Zone("door", corners)],
     )  # fmt: skip
     assert said == "Wrote lab/site.toml; the file of before is site.toml.before."
-    site = load_site(desk.folder)
+    site = load_site(setup.folder)
     assert site.loop.target_error_m == pytest.approx(0.04) and site.loop.num_selected is None
     assert site.budget == "4W" and site.store is not None and site.store.max_bytes == 2e9
     assert [camera.battery_wh for camera in site.camera] == [None, 50.0, None]
     assert site.zone[0].name == "door" and list(site.zone[0].corners) == corners
-    text = desk.site_file.read_text()
+    text = setup.site_file.read_text()
     assert "# my site" in text and "# at the door" in text and "fps = 10  # as measured" in text
-    assert (desk.folder / "site.toml.before").read_text() == SITE
-    shown = present(desk)
+    assert (setup.folder / "site.toml.before").read_text() == SITE
+    shown = present(setup)
     assert shown["target_error"] == "40mm" and shown["zones"][0]["name"] == "door"
-    assert change(desk, cameras=1.5, zones=[]) and load_site(desk.folder).zone == ()
-    assert load_site(desk.folder).loop.num_selected == 1.5
+    assert change(setup, cameras=1.5, zones=[]) and load_site(setup.folder).zone == ()
+    assert load_site(setup.folder).loop.num_selected == 1.5
 
 
-def test_what_is_wrong_is_said_and_nothing_is_written(desk: Desk) -> None:
+def test_what_is_wrong_is_said_and_nothing_is_written(setup: SetupSession) -> None:
     for wanted, said in (
         ({"cameras": 99.0}, "loop.cameras"),
         ({"target_error": "1"}, "target_error"),
@@ -102,25 +102,25 @@ def test_what_is_wrong_is_said_and_nothing_is_written(desk: Desk) -> None:
         ({"cameras": 1.0, "target_error": "40mm"}, "found both"),
     ):
         with pytest.raises(InputError, match=said):
-            change(desk, **wanted)
-        assert desk.site_file.read_text() == SITE
-    assert not (desk.folder / "site.toml.before").exists()
-    assert change(desk, cameras=2) == "Nothing changed."
+            change(setup, **wanted)
+        assert setup.site_file.read_text() == SITE
+    assert not (setup.folder / "site.toml.before").exists()
+    assert change(setup, cameras=2) == "Nothing changed."
 
 
-def test_the_file_of_before_comes_back_and_goes_again(desk: Desk) -> None:
+def test_the_file_of_before_comes_back_and_goes_again(setup: SetupSession) -> None:
     with pytest.raises(InputError, match="file not found"):
-        restore_before(desk.site_file)
-    change(desk, cameras=1)
-    changed = desk.site_file.read_text()
-    restore_before(desk.site_file)
-    assert desk.site_file.read_text() == SITE
-    restore_before(desk.site_file)
-    assert desk.site_file.read_text() == changed
+        restore_before(setup.site_file)
+    change(setup, cameras=1)
+    changed = setup.site_file.read_text()
+    restore_before(setup.site_file)
+    assert setup.site_file.read_text() == SITE
+    restore_before(setup.site_file)
+    assert setup.site_file.read_text() == changed
 
 
 def test_a_running_site_takes_at_once_what_it_can(
-    desk: Desk, monkeypatch: pytest.MonkeyPatch
+    setup: SetupSession, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     live, asked = LiveSite(state="running"), list[Control]()
 
@@ -129,21 +129,21 @@ def test_a_running_site_takes_at_once_what_it_can(
         return "1 camera per slot"
 
     monkeypatch.setattr(live, "ask", ask)
-    found = change_settings(desk, live, Wanted(cameras=1.0))
+    found = change_settings(setup, live, Wanted(cameras=1.0))
     assert asked == [Control(1.0, None)] and not found["restart"]
     assert "At once: 1 camera per slot." in found["said"]
-    found = change_settings(desk, live, Wanted(target_error="40mm", keep="3d"))
+    found = change_settings(setup, live, Wanted(target_error="40mm", keep="3d"))
     assert asked[-2].target_error_mm == pytest.approx(40.0) and not found["restart"]
     assert asked[-1] == Control(reread=True)
     batteries, door = {"c0": 50.0}, Zone("door", [(0, 0), (1, 0), (1, 1)])
-    found = change_settings(desk, live, Wanted(batteries=batteries, zones=[door], budget="60%"))
+    found = change_settings(setup, live, Wanted(batteries=batteries, zones=[door], budget="60%"))
     assert asked[-1] == Control(reread=True) and len(asked) == 4
     assert "The running site takes batteries at its next start" in found["said"]
     assert found["restart"], "one click"
 
 
 def test_what_a_running_edge_refuses_waits_for_its_restart(
-    desk: Desk, monkeypatch: pytest.MonkeyPatch
+    setup: SetupSession, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     live = LiveSite(state="running")
 
@@ -151,12 +151,12 @@ def test_what_a_running_edge_refuses_waits_for_its_restart(
         raise InputError("the edge does not answer")
 
     monkeypatch.setattr(live, "ask", ask)
-    found = change_settings(desk, live, Wanted(keep="3d"))
+    found = change_settings(setup, live, Wanted(keep="3d"))
     assert found["restart"] and "takes storage at its next start" in found["said"]
 
 
 def test_a_site_that_another_program_runs_is_asked_too(
-    desk: Desk, monkeypatch: pytest.MonkeyPatch
+    setup: SetupSession, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     asked = list[Control]()
 
@@ -169,8 +169,8 @@ def test_a_site_that_another_program_runs_is_asked_too(
         listening.bind(("127.0.0.1", 0))
         listening.listen()
         port = listening.getsockname()[1]
-        desk.site_file.write_text(SITE.replace(f":{PORT}", f":{port}"))
-        found = change_settings(desk, LiveSite(), Wanted(cameras=1.0))
+        setup.site_file.write_text(SITE.replace(f":{PORT}", f":{port}"))
+        found = change_settings(setup, LiveSite(), Wanted(cameras=1.0))
     assert asked == [Control(1.0, None)] and not found["restart"]
     assert "cameras: found 1, expected more" in found["said"]
     assert "takes the goal at its next start, where you started it." in found["said"]
@@ -184,29 +184,28 @@ def seen(camera_id: str, source: str, was: str, rotation: int = 0) -> ChosenCame
     return ChosenCamera(camera_id, source, rotation, 1000, 800, 8.0, 0.0, was)  # type: ignore[arg-type]
 
 
-def apply(desk: Desk, plan: Plan) -> None:
+def apply(setup: SetupSession, plan: Plan) -> None:
     from e3pose.site.new_site import Choice
 
-    desk.change(lambda _: plan)
+    setup.change(lambda _: plan)
     probes = {camera.id: camera.probe for camera in plan.cameras}
-    apply_cameras(desk, Choice("lab", probes, "drawn", "auto", 1, 2, None))
+    apply_cameras(setup, Choice("lab", probes, "drawn", "auto", 1, 2, None))
 
 
-def test_cameras_that_stay_keep_their_place_when_renamed_or_fewer(desk: Desk) -> None:
-    apply(desk, chosen(seen("left", "usb:0", "c0", 90), seen("c2", "usb:2", "c2")))
-    site, rig = load_site(desk.folder), load_rig(desk.folder / "rig.toml")
+def test_cameras_that_stay_keep_their_place_when_renamed_or_fewer(setup: SetupSession) -> None:
+    apply(setup, chosen(seen("left", "usb:0", "c0", 90), seen("c2", "usb:2", "c2")))
+    site, rig = load_site(setup.folder), load_rig(setup.folder / "rig.toml")
     assert [camera.id for camera in site.camera] == ["left", "c2"] and site.fps == 8
     assert site.camera[0].rotation == 90 and rig.camera_ids == ("left", "c2") and rig.placed
     assert rig.centers_m[0] == pytest.approx(RIG.centers_m[0])
-    assert "# at the door" in desk.site_file.read_text()
-    assert load_rig(desk.folder / "rig.toml.before").camera_ids == ("c0", "c1", "c2")
+    assert "# at the door" in setup.site_file.read_text()
+    assert load_rig(setup.folder / "rig.toml.before").camera_ids == ("c0", "c1", "c2")
 
 
-def test_a_new_camera_asks_for_a_new_walk_and_the_calibration_is_put_aside(desk: Desk) -> None:
-    desk.keep_result("solve", {"cameras": []})
-    apply(
-        desk, chosen(seen("c0", "usb:0", "c0"), seen("c1", "usb:1", "c1"), seen("n", "usb:7", ""))
-    )
-    assert not desk.placed() and (desk.folder / "rig.toml.before").exists()
-    assert desk.plan().walk == "" and desk.results()["solve"] is None
-    assert load_site(desk.folder).camera[2].source == "usb:7"
+def test_a_new_camera_asks_for_a_new_walk(setup: SetupSession) -> None:
+    setup.keep_result("solve", {"cameras": []})
+    cameras = seen("c0", "usb:0", "c0"), seen("c1", "usb:1", "c1"), seen("n", "usb:7", "")
+    apply(setup, chosen(*cameras))
+    assert not setup.placed() and (setup.folder / "rig.toml.before").exists()
+    assert setup.plan().walk == "" and setup.results()["solve"] is None
+    assert load_site(setup.folder).camera[2].source == "usb:7"

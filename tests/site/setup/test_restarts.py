@@ -11,10 +11,10 @@ from tests.site.setup.conftest import Asking
 
 from e3pose.base.errors import InputError
 from e3pose.site.setup import cameras
-from e3pose.site.setup.desk import AT_WORK, Desk
 from e3pose.site.setup.discovery import NetworkCamera
 from e3pose.site.setup.finding import check_typed
 from e3pose.site.setup.onvif import Denied, Login, Stream
+from e3pose.site.setup.session import AT_WORK, SetupSession
 from e3pose.site.setup.tasks import Task
 from e3pose.site.setup.walking import PICTURES, Snapshots, forget_pictures
 from e3pose.wire.codec import encode
@@ -55,18 +55,18 @@ def encoded(made: Picture) -> bytes:
 
 
 def test_work_that_was_cut_off_is_said(tmp_path: Path) -> None:
-    desk = Desk(tmp_path)
-    desk.choose("room", new=True)
-    desk.start(Task("solve", "Finding the cameras"), lambda task: None)
-    desk.tasks.wait(10)
-    assert desk.results()[AT_WORK] is None
-    desk.keep_result(AT_WORK, {"kind": "solve", "title": "Finding the cameras"})  # and it is killed
-    again = Desk(tmp_path)
+    setup = SetupSession(tmp_path)
+    setup.choose("room", new=True)
+    setup.start(Task("solve", "Finding the cameras"), lambda task: None)
+    setup.tasks.wait(10)
+    assert setup.results()[AT_WORK] is None
+    setup.keep_result(AT_WORK, {"kind": "solve", "title": "Finding the cameras"})  # then killed
+    again = SetupSession(tmp_path)
     again.choose("room")
     task = again.tasks.newest
     assert task is not None and (task.kind, task.state) == ("solve", "failed")
     assert "interrupted" in task.problem and "start it again" in task.problem
-    once_more = Desk(tmp_path)
+    once_more = SetupSession(tmp_path)
     once_more.choose("room")
     assert once_more.tasks.newest is None
 
@@ -83,7 +83,7 @@ def test_cameras_of_the_network_are_asked_for_their_streams(
     monkeypatch.setattr(cameras, "streams_of", streams)
     asking.post("site", name="room", kind="new")
     asking.post("look")
-    asking.server.table.desk.tasks.wait(20)
+    asking.server.table.setup.tasks.wait(20)
     (found,) = asking.get("found").json()["network"]
     assert found["streams"] == [] and "wants a user" in found["why"]
     refused = asking.post("streams", host="10.0.0.7", user="admin", password="wrong")

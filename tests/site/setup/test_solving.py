@@ -16,8 +16,8 @@ from e3pose.calibrate.uncertainty import CameraErrors
 from e3pose.detectors.timing import DetectionTimes
 from e3pose.recording.calibration import load_rig, save_rig
 from e3pose.site.setup import networks
-from e3pose.site.setup.desk import Desk
 from e3pose.site.setup.judging import result, verdict
+from e3pose.site.setup.session import SetupSession
 from e3pose.site.setup.solving import floor_at, grade, move_world
 from e3pose.site.setup.walking import Snapshots, newest_view
 from e3pose.wire.codec import encode
@@ -45,16 +45,16 @@ def test_a_click_at_the_sky_or_beside_the_picture_is_refused() -> None:
 
 def test_clicks_set_the_origin_and_the_axis(tmp_path: Path) -> None:
     (tmp_path / "lab").mkdir()
-    desk = Desk(tmp_path, "lab")
-    save_rig(RIG, desk.folder / "rig.toml")
+    setup = SetupSession(tmp_path, "lab")
+    save_rig(RIG, setup.folder / "rig.toml")
     seen = RIG.cameras[0].project(np.array([[1.0, 1.0, 0.0]]))[0].tolist()
-    command = move_world(desk, "c0", seen[0], seen[1], "origin")
+    command = move_world(setup, "c0", seen[0], seen[1], "origin")
     assert command == "e3pose calibrate align lab/rig.toml lab/rig.toml --origin=1.000,1.000"
-    moved = load_rig(desk.folder / "rig.toml")
+    moved = load_rig(setup.folder / "rig.toml")
     assert moved.centers_m == pytest.approx(RIG.centers_m - [1, 1, 0], abs=2e-3)
     seen = moved.cameras[0].project(np.array([[-1.0, -1.0, 0.0]]))[0].tolist()
-    assert "--x-axis=-1.000,-1.000" in move_world(desk, "c0", seen[0], seen[1], "x-axis")
-    turned = load_rig(desk.folder / "rig.toml")
+    assert "--x-axis=-1.000,-1.000" in move_world(setup, "c0", seen[0], seen[1], "x-axis")
+    turned = load_rig(setup.folder / "rig.toml")
     middle = turned.cameras[0].project(np.array([[np.sqrt(2), 0.0, 0.0]]))[0]
     assert middle == pytest.approx(seen, abs=1.0), "it lies on the x axis now"
 
@@ -100,21 +100,21 @@ def test_a_download_tells_how_far_it_is(tmp_path: Path, monkeypatch: pytest.Monk
         progress(2000, 4000)
         told.append((task.stage, task.done, task.total))
 
-    desk = Desk(tmp_path)
+    setup = SetupSession(tmp_path)
     monkeypatch.setattr(networks, "pull_weights", pull)
-    start = desk.start
-    monkeypatch.setattr(desk, "start", lambda made, work: start(made, lambda _: work(task)))
+    start = setup.start
+    monkeypatch.setattr(setup, "start", lambda made, work: start(made, lambda _: work(task)))
     from e3pose.site.setup.tasks import Task
 
     task = Task("pull", "")
-    networks.start_pulling(desk, "openpose-thin")
-    desk.tasks.wait(WAIT_S)
+    networks.start_pulling(setup, "openpose-thin")
+    setup.tasks.wait(WAIT_S)
     words = "downloading openpose-thin"
     assert told == [(words, 1000, 0), (words, 2000, 4000)]
-    assert desk.tasks.newest is not None
-    assert desk.tasks.newest.command == "e3pose models pull openpose-thin"
+    assert setup.tasks.newest is not None
+    assert setup.tasks.newest.command == "e3pose models pull openpose-thin"
     with pytest.raises(InputError, match="one that can be downloaded"):
-        networks.start_pulling(desk, "../../etc")
+        networks.start_pulling(setup, "../../etc")
 
 
 def test_pictures_that_no_honest_camera_sends_are_left_out() -> None:

@@ -25,13 +25,13 @@ from e3pose.settings.events_table import EventsTable
 from e3pose.site.connect import Names, no_name
 from e3pose.site.streams import Source, open_stream
 from e3pose.site.streams.as_json import event_words
-from e3pose.site.streams.webhook import MAX_WAITING, Patience, WebhookStream, address
+from e3pose.site.streams.webhook import MAX_WAITING, RetryPolicy, WebhookStream, address
 from e3pose.site.trial_notices import Answerer, send_test
 
 HERE = Path(__file__).parent
 PAGE = HERE.parents[2] / "docs" / "how-to" / "events.md"
 SECRET = b"correct horse battery staple"
-QUICK = Patience(answer_s=0.5, first_s=0.05, most_s=0.1, give_up_s=20.0)
+QUICK = RetryPolicy(answer_s=0.5, first_s=0.05, most_s=0.1, give_up_s=20.0)
 IMPATIENT = replace(QUICK, give_up_s=0.3)
 
 
@@ -67,7 +67,7 @@ def receiver(tmp_path: Path) -> Iterator[Receiver]:
 @contextmanager
 def sending(
     receiver: Receiver,
-    patience: Patience = QUICK,
+    retry: RetryPolicy = QUICK,
     told: EventsTable | None = None,
     names: Names = no_name,
 ) -> Iterator[tuple[WebhookStream, list[str]]]:
@@ -76,7 +76,7 @@ def sending(
         "lab", COCO17, 12.5, said.append, kinds=("fall",), told=told or EventsTable(), names=names
     )
     url = address(f"http://127.0.0.1:{receiver.port}/hook?room=2")
-    stream = WebhookStream(url, SECRET, source, patience)
+    stream = WebhookStream(url, SECRET, source, retry)
     try:
         yield stream, said
     finally:
@@ -137,14 +137,14 @@ def test_the_page_tests_webhooks_and_is_told_how_they_fared(
             ended.set()
             thread.join()
             answerer.close()
-        assert stream.delivered == 0 and not stream.trouble, "no event is counted"
+        assert stream.delivered == 0 and not stream.problem, "no event is counted"
     how = "delivered" if habit == "takes" else "not delivered (status 404)"
     assert said == f"webhook 127.0.0.1:{receiver.port}: test notice {how}"
     (one,) = receiver.got()[before:]
     body = json.loads(one["body"])
     assert body["kind"] == "test" and "nothing happened" in body["sentence"]
     assert checker()(one["body"].encode(), one["signature"], SECRET)
-    assert not list((tmp_path / "troubles").glob("*.answer"))
+    assert not list((tmp_path / "stream-problems").glob("*.answer"))
 
 
 def test_an_old_question_is_not_answered(receiver: Receiver, tmp_path: Path) -> None:
@@ -165,14 +165,14 @@ def test_a_notice_that_waits_has_the_name_of_the_moment_it_is_delivered(
     with sending(receiver, names=lambda track: known.get(track, "")) as (stream, said):
         stream.people(WATCH, [FELL])
         assert eventually(lambda: bool(receiver.got())), "it was tried"
-        assert eventually(lambda: "1 notice waiting" in stream.trouble), stream.trouble
-        assert stream.trouble.startswith("webhook 127.0.0.1") and "hook?" not in stream.trouble
+        assert eventually(lambda: "1 notice waiting" in stream.problem), stream.problem
+        assert stream.problem.startswith("webhook 127.0.0.1") and "hook?" not in stream.problem
         tried = json.loads(receiver.got()[0]["body"])
         assert tried["name"] == "Ada" and tried["sentence"].startswith("Ada fell")
         known.clear()  # forgotten meanwhile
         receiver.end()
         receiver.start("takes")
-        assert eventually(lambda: stream.delivered == 1 and not stream.trouble)
+        assert eventually(lambda: stream.delivered == 1 and not stream.problem)
     last = receiver.got()[-1]["body"]
     assert "Ada" not in last and json.loads(last)["id"] == tried["id"]
     assert not any("Ada" in line for line in said), "what is printed is kept"

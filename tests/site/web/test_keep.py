@@ -18,7 +18,7 @@ import e3pose.site.keep.jobs as limits
 from e3pose.base.errors import InputError
 from e3pose.model.zone_event import ZoneEvent
 from e3pose.site.keep.jobs import CUT_OFF, KEPT_S, Jobs
-from e3pose.site.keep.wish import FORMS, Wish
+from e3pose.site.keep.request import FORMS, ExportRequest
 from e3pose.store import Event, Run, Store, StoreWriter
 
 END_NS = STARTED_NS + 1_200_000_000
@@ -270,7 +270,7 @@ def site(tmp_path: Path) -> Iterator[Path]:
         yield tmp_path
 
 
-WISH = Wish("csv", "walk", STARTED_NS, END_NS)
+WISH = ExportRequest("csv", "walk", STARTED_NS, END_NS)
 
 
 def state_of(jobs: Jobs, number: str) -> str:
@@ -407,7 +407,7 @@ def test_what_lies_among_jobs_and_is_none_is_left_alone(site: Path) -> None:
     folder = site / "files"
     odd: dict[str, Callable[[dict[str, Any]], object]] = {
         "0" * 16: lambda job: {**job, "files": [["../../lab.db", 1]]},
-        "1" * 16: lambda job: {**job, "wish": {**job["wish"], "form": "exe"}},
+        "1" * 16: lambda job: {**job, "request": {**job["request"], "form": "exe"}},
         "2" * 16: lambda job: [],
         "not-a-job": lambda job: job,
     }

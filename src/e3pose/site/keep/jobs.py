@@ -25,7 +25,7 @@ from e3pose.base.bounded import bytes_of, read_bytes
 from e3pose.base.errors import InputError
 from e3pose.base.lock import hold
 from e3pose.base.private import make_folder
-from e3pose.site.keep.wish import Wish
+from e3pose.site.keep.request import ExportRequest
 
 KEPT_S = 86_400.0  # files are removed a day after they were made
 MOST_BYTES = 2 * 10**9  # of all files together
@@ -42,11 +42,11 @@ State = Literal["waiting", "working", "done", "failed"]
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """One wish and what became of it.
+    """One request and what became of it.
 
     Attributes:
         number: random, hexadecimal.
-        wish: what is wanted.
+        request: what is wanted.
         made_s: when it was asked for, seconds since 1970.
         state: how far it is.
         share: how much is done, [0, 1]; None if unknown.
@@ -55,7 +55,7 @@ class Job:
     """
 
     number: str
-    wish: Wish
+    request: ExportRequest
     made_s: float
     state: State = "waiting"
     share: float | None = None
@@ -105,8 +105,8 @@ class Jobs:
         with self._lock:
             return sorted(self._jobs.values(), key=lambda job: -job.made_s)
 
-    def add(self, wish: Wish) -> Job:
-        """Queue a wish.
+    def add(self, request: ExportRequest) -> Job:
+        """Queue a request.
 
         Raises:
             InputError: when there are too many, no room, or another program makes files here.
@@ -120,7 +120,7 @@ class Jobs:
                                  "fewer: remove some, or wait")  # fmt: skip
             if why := self._full():
                 raise InputError(why)
-            job = Job(secrets.token_hex(8), wish, self._now_s())
+            job = Job(secrets.token_hex(8), request, self._now_s())
             try:
                 make_folder(self.folder / job.number)
                 self._keep(job)
@@ -255,7 +255,7 @@ class Jobs:
         """Tell the child what is wanted and take what it says; return its last word."""
         assert child.stdin is not None and child.stdout is not None
         with suppress(BrokenPipeError):
-            child.stdin.write(json.dumps(asdict(job.wish)))
+            child.stdin.write(json.dumps(asdict(job.request)))
             child.stdin.close()
         end: dict[str, Any] = {}
         for line in child.stdout:
@@ -295,7 +295,7 @@ class Jobs:
             with suppress(OSError, InputError):  # the next program calls it cut off
                 self._keep(ended)
         self._log(
-            f"page: {job.wish.file_name} {state}" + (f": {doing}" if state == "failed" else "")
+            f"page: {job.request.file_name} {state}" + (f": {doing}" if state == "failed" else "")
         )
 
 
@@ -306,12 +306,14 @@ def _jobs_in(folder: Path) -> Iterator[Job]:
             continue
         with suppress(InputError, OSError, ValueError, KeyError, TypeError):
             told = json.loads(read_bytes(path, MAX_JOB_BYTES))
-            wish = Wish(**{**told["wish"], "tracks": tuple(told["wish"]["tracks"])})
+            request = ExportRequest(
+                **{**told["request"], "tracks": tuple(told["request"]["tracks"])}
+            )
             files = tuple((str(name), int(size)) for name, size in told["files"])
             if any(Path(name).name != name for name, _ in files):
                 continue
             yield Job(
-                path.parent.name, wish, float(told["made_s"]), told["state"], None,
+                path.parent.name, request, float(told["made_s"]), told["state"], None,
                 str(told["doing"]), files,
             )  # fmt: skip
 

@@ -1,4 +1,4 @@
-"""Make the files of one wish: those of `e3pose export` and `e3pose report`."""
+"""Make the files of one request: those of `e3pose export` and `e3pose report`."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from e3pose.output.exports.source import Asked, take_from_store
 from e3pose.output.report.stored import write_stretch
 from e3pose.settings.resolved import resolve_site
 from e3pose.site.keep.mcap import write_mcap
-from e3pose.site.keep.wish import Wish
+from e3pose.site.keep.request import ExportRequest
 from e3pose.store import Store
 
 Say = Callable[[str, float | None], None]
 
 
-def make(wish: Wish, site_file: Path, folder: Path, say: Say) -> tuple[list[str], str]:
-    """Make the files of a wish in a folder; return their names and a note.
+def make(request: ExportRequest, site_file: Path, folder: Path, say: Say) -> tuple[list[str], str]:
+    """Make the files of a request in a folder; return their names and a note.
 
     Args:
-        wish: what is wanted.
+        request: what is wanted.
         site_file: of the site.
         folder: that the files are made in.
         say: called with what is being done, and how much of it is, [0, 1]; None if unknown.
@@ -37,27 +37,27 @@ def make(wish: Wish, site_file: Path, folder: Path, say: Say) -> tuple[list[str]
     site = resolve_site(site_file)
     if site.file.store is None:
         raise InputError("the site stores nothing: add [store] to its site file")
-    smoothing = SmoothSettings("rts" if wish.smooth else None)
-    dest = folder / wish.file_name
+    smoothing = SmoothSettings("rts" if request.smooth else None)
+    dest = folder / request.file_name
     say("reading", None)
-    if wish.form == "report":
+    if request.form == "report":
         store = Store(site.file.store.place)
-        slots = write_stretch(site, store, dest, wish.start_ns, wish.end_ns, smoothing)
+        slots = write_stretch(site, store, dest, request.start_ns, request.end_ns, smoothing)
         return [dest.name], plural(slots, "slot")
-    if wish.form == "mcap":
-        return [dest.name], write_mcap(wish, site, dest, say)
-    return _exported(wish, str(site.file.store.place), site.file.name, dest, smoothing, say)
+    if request.form == "mcap":
+        return [dest.name], write_mcap(request, site, dest, say)
+    return _exported(request, str(site.file.store.place), site.file.name, dest, smoothing, say)
 
 
 def _exported(
-    wish: Wish, place: str, site: str, dest: Path, smoothing: Any, say: Say
+    request: ExportRequest, place: str, site: str, dest: Path, smoothing: Any, say: Say
 ) -> tuple[list[str], str]:
     def progress(items: Iterable[Any], total: int, label: str) -> Iterator[Any]:
         for done, item in enumerate(items):
             say(label, done / max(total, 1))
             yield item
 
-    asked = Asked(wish.start_ns, wish.end_ns, wish.tracks, site, wish.run)
+    asked = Asked(request.start_ns, request.end_ns, request.tracks, site, request.run)
     take = take_from_store(place, asked)
     if smoothing.method is not None:
         motions: list[Any] = []
@@ -65,6 +65,6 @@ def _exported(
             motions += smoothed(replace(take, motions=(motion,)), smoothing).motions
         take = replace(take, motions=tuple(motions))
     settings = ExportSettings(progress=progress)
-    made = list(export(take, dest, wish.form, settings))
+    made = list(export(take, dest, request.form, settings))
     notes = [note for _, note in made if note]
     return [path.name for path, _ in made], notes[0] if len(set(notes)) == 1 else ""

@@ -19,7 +19,7 @@ from e3pose.model.zone_event import ZoneEvent
 from e3pose.settings.events_table import EventsTable
 from e3pose.settings.resolved import ResolvedSite
 from e3pose.site.connect import LiveSlot
-from e3pose.site.keep.wish import Wish
+from e3pose.site.keep.request import ExportRequest
 from e3pose.site.stored import stored_slots
 from e3pose.site.streams import Source
 from e3pose.store import Store
@@ -28,12 +28,12 @@ SENTENCE = re.compile(r"(?:Person \d+ )?(.+?)(?: \(.*\))? at \d\d:\d\d")
 
 
 def write_mcap(
-    wish: Wish, site: ResolvedSite, dest: Path, say: Callable[[str, float | None], None]
+    request: ExportRequest, site: ResolvedSite, dest: Path, say: Callable[[str, float | None], None]
 ) -> str:
     """Write a stretch of a store; return a note about it.
 
     Args:
-        wish: the time, run and people.
+        request: the time, run and people.
         site: whose store it is.
         dest: the file to make.
         say: see `making.make`.
@@ -49,16 +49,21 @@ def write_mcap(
     assert site.file.store is not None
     store = Store(site.file.store.place)
     bounds: dict[str, Any] = {
-        "start": wish.start_ns,
-        "end": wish.end_ns,
+        "start": request.start_ns,
+        "end": request.end_ns,
         "site": site.file.name,
-        "run": wish.run,
+        "run": request.run,
     }
     chunks = store.read(**bounds)
-    slots = ((s.time_ns, 0, s) for _, one in stored_slots(chunks) if len(s := _chosen(one, wish)))
+    slots = (
+        (s.time_ns, 0, s) for _, one in stored_slots(chunks) if len(s := _chosen(one, request))
+    )
     told = heapq.merge(
-        ((row["time_ns"], 1, _zone_event(row)) for row in _of(store.rows("zones", **bounds), wish)),
-        ((e.time_ns, 2, e) for e in _person_events(store.rows("events", **bounds), wish)),
+        (
+            (row["time_ns"], 1, _zone_event(row))
+            for row in _of(store.rows("zones", **bounds), request)
+        ),
+        ((e.time_ns, 2, e) for e in _person_events(store.rows("events", **bounds), request)),
         key=lambda timed: timed[:2],
     )
     source = Source(site.file.name, site.skeleton, site.file.fps, cameras=site.rig.camera_ids)
@@ -69,7 +74,7 @@ def write_mcap(
             if isinstance(what, LiveSlot):
                 stream.slot(what)
                 count += 1
-                say("writing", (time_ns - wish.start_ns) / (wish.end_ns - wish.start_ns))
+                say("writing", (time_ns - request.start_ns) / (request.end_ns - request.start_ns))
             elif isinstance(what, ZoneEvent):
                 stream.zone(what)
             elif isinstance(what, PersonEvent):
@@ -82,17 +87,17 @@ def write_mcap(
     return f"{plural(count, 'slot')}, metres, z up"
 
 
-def _chosen(slot: LiveSlot, wish: Wish) -> LiveSlot:
+def _chosen(slot: LiveSlot, request: ExportRequest) -> LiveSlot:
     """Return a slot with the people who are wanted."""
-    if not wish.tracks:
+    if not request.tracks:
         return slot
-    rows = np.isin(slot.track_ids, wish.tracks)
+    rows = np.isin(slot.track_ids, request.tracks)
     names = ("track_ids", "joints_m", "sigma_m", "measured")
     return replace(slot, **{name: getattr(slot, name)[rows] for name in names})
 
 
-def _of(rows: list[dict[str, Any]], wish: Wish) -> Iterator[dict[str, Any]]:
-    return (row for row in rows if not wish.tracks or row["track_id"] in wish.tracks)
+def _of(rows: list[dict[str, Any]], request: ExportRequest) -> Iterator[dict[str, Any]]:
+    return (row for row in rows if not request.tracks or row["track_id"] in request.tracks)
 
 
 def _zone_event(row: dict[str, Any]) -> ZoneEvent:
@@ -102,8 +107,8 @@ def _zone_event(row: dict[str, Any]) -> ZoneEvent:
     )  # fmt: skip
 
 
-def _person_events(rows: list[dict[str, Any]], wish: Wish) -> Iterator[PersonEvent]:
-    for row in _of([row for row in rows if row["phase"] is not None], wish):
+def _person_events(rows: list[dict[str, Any]], request: ExportRequest) -> Iterator[PersonEvent]:
+    for row in _of([row for row in rows if row["phase"] is not None], request):
         yield PersonEvent(
             row["kind"], row["phase"], row["track_id"], row["zone"] or "", row["start_ns"],
             row["time_ns"], -1, row["score"] or 0.0, _says(row["message"]),

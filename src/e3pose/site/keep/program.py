@@ -1,8 +1,8 @@
-"""The program that makes the files of one wish: `python -m e3pose.site.keep.program FOLDER SITE`.
+"""Make the files of one request: `python -m e3pose.site.keep.program FOLDER SITE`.
 
-It reads the wish as JSON from standard input and says on standard output, a line of JSON each, how
-far it is, and at the end what it made or why not. A process of its own keeps the page answering,
-and can be ended whatever it does.
+It reads the request as JSON from standard input and reports progress on standard output, one JSON
+object per line, at the end with the files or the reason for none. A separate process keeps the page
+answering, and can be killed at any time.
 """
 
 from __future__ import annotations
@@ -33,10 +33,10 @@ def main(arguments: list[str]) -> int:
     try:
         # Here, where loading them stands back and has words for what is missing.
         from e3pose.site.keep.making import make
-        from e3pose.site.keep.wish import Wish
+        from e3pose.site.keep.request import ExportRequest
 
-        wish = Wish(**{**told, "tracks": tuple(told["tracks"])})
-        names, note = make(wish, site_file, folder, say)
+        request = ExportRequest(**{**told, "tracks": tuple(told["tracks"])})
+        names, note = make(request, site_file, folder, say)
     except InputError as error:
         print(json.dumps({"problem": str(error.elsewhere())}), flush=True)
         return 1

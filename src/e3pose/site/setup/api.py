@@ -16,8 +16,8 @@ from e3pose import __version__
 from e3pose.base.errors import InputError
 from e3pose.site.setup import cameras, judging, networks, phoning, settings, solving, walking
 from e3pose.site.setup.coverage import Coverage
-from e3pose.site.setup.desk import Desk
 from e3pose.site.setup.going_live import LiveSite
+from e3pose.site.setup.session import SetupSession
 from e3pose.site.setup.state import state_of
 from e3pose.site.web.app import unreadable
 from e3pose.site.web.page import BROWSER, FILES, make_page
@@ -115,13 +115,13 @@ class Table:
     """All that the API works with.
 
     Attributes:
-        desk: the site that is set up.
+        setup: the site that is set up.
         live: its programs.
         snapshots: pictures of the newest walk.
         covered: what that walk covers; None before one.
     """
 
-    desk: Desk
+    setup: SetupSession
     live: LiveSite = field(default_factory=LiveSite)
     snapshots: walking.Snapshots = field(default_factory=walking.Snapshots)
     covered: Coverage | None = None
@@ -133,19 +133,19 @@ class Table:
 
     def start_live(self) -> None:
         """Start the site; the pictures of its walk have served."""
-        self.live.start(self.desk)
+        self.live.start(self.setup)
         self.snapshots.pictures.clear()
-        walking.forget_pictures(self.desk.folder)
+        walking.forget_pictures(self.setup.folder)
 
     def state(self) -> dict[str, Any]:
         """Return where the set-up stands, which is the answer to all that changes it."""
-        return state_of(self.desk, self.live)
+        return state_of(self.setup, self.live)
 
     def close(self) -> None:
         """End all work, all programs, and all sources."""
-        self.desk.tasks.close()
+        self.setup.tasks.close()
         self.live.close()
-        self.desk.thumbnails.close()
+        self.setup.thumbnails.close()
 
 
 def setup_app(table: Table) -> FastAPI:
@@ -179,7 +179,7 @@ async def _refused(_: Request, error: Exception) -> JSONResponse:
 
 
 def _sites(table: Table) -> APIRouter:
-    api, desk = APIRouter(prefix="/api/setup"), table.desk
+    api, setup = APIRouter(prefix="/api/setup"), table.setup
 
     @api.get("/state")
     def state() -> dict[str, Any]:
@@ -189,9 +189,9 @@ def _sites(table: Table) -> APIRouter:
     def choose(asked: ChosenSite) -> dict[str, Any]:
         table.free()
         if asked.kind == "example":
-            cameras.make_example_site(desk, asked.name)
+            cameras.make_example_site(setup, asked.name)
         else:
-            desk.choose(asked.name, asked.kind == "new")
+            setup.choose(asked.name, asked.kind == "new")
         table.covered = None
         table.snapshots.pictures.clear()
         return table.state()
@@ -199,19 +199,19 @@ def _sites(table: Table) -> APIRouter:
     @api.post("/site/leave")
     def leave() -> dict[str, Any]:
         table.free()
-        desk.tasks.check_free()
-        desk.thumbnails.close()
-        desk.name = ""
+        setup.tasks.check_free()
+        setup.thumbnails.close()
+        setup.name = ""
         return table.state()
 
     @api.post("/stop")
     def stop() -> dict[str, Any]:
-        desk.tasks.stop()
+        setup.tasks.stop()
         return table.state()
 
     @api.get("/settings")
     def present() -> dict[str, Any]:
-        return settings.present(desk)
+        return settings.present(setup)
 
     @api.post("/settings")
     def change(asked: SettingsBody) -> dict[str, Any]:
@@ -221,18 +221,18 @@ def _sites(table: Table) -> APIRouter:
             asked.max_size,
             None if zones is None else [settings.Zone(z.name, z.corners) for z in zones],
         )  # fmt: skip
-        return settings.change_settings(desk, table.live, wanted)
+        return settings.change_settings(setup, table.live, wanted)
 
     @api.post("/settings/before")
     def before() -> dict[str, Any]:
-        return settings.take_before(desk, table.live)
+        return settings.take_before(setup, table.live)
 
     @api.post("/live")
     def live(asked: LiveOrder) -> dict[str, Any]:
         orders: dict[str, Callable[[], None]] = {
             "start": table.start_live,
             "stop": table.live.stop,
-            "restart": lambda: table.live.restart(desk),
+            "restart": lambda: table.live.restart(setup),
         }
         orders[asked.order]()
         return table.state()
@@ -241,65 +241,65 @@ def _sites(table: Table) -> APIRouter:
 
 
 def _cameras(table: Table) -> APIRouter:
-    api, desk = APIRouter(prefix="/api/setup"), table.desk
+    api, setup = APIRouter(prefix="/api/setup"), table.setup
 
     @api.get("/found")
     def found() -> dict[str, Any]:
-        return cameras.found(desk)
+        return cameras.found(setup)
 
     @api.post("/cameras")
     def add(asked: Sources) -> dict[str, Any]:
         table.free()
-        cameras.start_adding(desk, asked.sources)
+        cameras.start_adding(setup, asked.sources)
         return table.state()
 
     @api.post("/cameras/{camera_id}")
     def change(camera_id: str, asked: CameraChange) -> dict[str, Any]:
         table.free()
-        cameras.change_camera(desk, camera_id, asked.name, asked.rotation, asked.remove)
+        cameras.change_camera(setup, camera_id, asked.name, asked.rotation, asked.remove)
         return table.state()
 
     @api.post("/phones")
     def add_phone(asked: Phone) -> dict[str, Any]:
         table.free()
-        return phoning.add_phone(desk, asked.name)
+        return phoning.add_phone(setup, asked.name)
 
     @api.post("/phones/{camera_id}")
     def show_code(camera_id: str) -> dict[str, Any]:
-        return phoning.show_code(desk, camera_id)
+        return phoning.show_code(setup, camera_id)
 
     @api.get("/cameras/{camera_id}/picture")
     def picture(camera_id: str) -> dict[str, Any]:
-        task = desk.tasks.newest
-        if desk.tasks.busy and task is not None and task.kind in ("walk", "second"):
+        task = setup.tasks.newest
+        if setup.tasks.busy and task is not None and task.kind in ("walk", "second"):
             return walking.newest_view(table.covered, table.snapshots, camera_id)
-        if desk.tasks.busy or table.live.on:
+        if setup.tasks.busy or table.live.on:
             raise HTTPException(409, "other work has the cameras at present")
-        return cameras.thumbnail_of(desk, camera_id)
+        return cameras.thumbnail_of(setup, camera_id)
 
     @api.post("/look")
     def look() -> dict[str, Any]:
-        cameras.start_looking(desk)
+        cameras.start_looking(setup)
         return table.state()
 
     @api.post("/streams")
     def streams(asked: NetworkLogin) -> dict[str, Any]:
-        return cameras.ask_streams(desk, asked.host, asked.user, asked.password)
+        return cameras.ask_streams(setup, asked.host, asked.user, asked.password)
 
     @api.post("/simulate")
     def simulate() -> dict[str, Any]:
-        cameras.start_simulating(desk)
+        cameras.start_simulating(setup)
         return table.state()
 
     return api
 
 
 def _steps(table: Table) -> APIRouter:
-    api, desk = APIRouter(prefix="/api/setup"), table.desk
+    api, setup = APIRouter(prefix="/api/setup"), table.setup
 
     @api.get("/networks")
     def listed() -> list[dict[str, Any]]:
-        return networks.networks(desk)
+        return networks.networks(setup)
 
     @api.post("/networks/{name}/{order}")
     def network(name: str, order: Literal["pull", "time", "use"]) -> dict[str, Any]:
@@ -310,13 +310,13 @@ def _steps(table: Table) -> APIRouter:
             "time": networks.start_timing,
             "use": networks.start_using,
         }
-        start[order](desk, name)
+        start[order](setup, name)
         return table.state()
 
     @api.post("/record/{which}")
     def record(which: walking.Which) -> dict[str, Any]:
         table.free()
-        table.covered = walking.start_walk(desk, which, table.snapshots)
+        table.covered = walking.start_walk(setup, which, table.snapshots)
         return table.state()
 
     @api.get("/covered")
@@ -327,24 +327,24 @@ def _steps(table: Table) -> APIRouter:
 
     @api.post("/solve")
     def solve(asked: Height) -> dict[str, Any]:
-        solving.start_solving(desk, asked.height_cm)
+        solving.start_solving(setup, asked.height_cm)
         return table.state()
 
     @api.get("/overlays")
     def overlays() -> dict[str, Any]:
         if not table.snapshots.pictures:  # `e3pose setup` was started again after the walk
-            table.snapshots.load(desk.folder)
-        return solving.overlays(desk, table.snapshots)
+            table.snapshots.load(setup.folder)
+        return solving.overlays(setup, table.snapshots)
 
     @api.post("/world")
     def world(asked: Click) -> dict[str, Any]:
         table.free()
-        command = solving.move_world(desk, asked.camera, asked.x, asked.y, asked.what)
+        command = solving.move_world(setup, asked.camera, asked.x, asked.y, asked.what)
         return {"command": command}
 
     @api.post("/check")
     def check() -> dict[str, Any]:
-        judging.start_checking(desk)
+        judging.start_checking(setup)
         return table.state()
 
     return api

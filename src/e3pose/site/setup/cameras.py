@@ -16,11 +16,11 @@ from e3pose.settings.sources import is_recorded, place_of
 from e3pose.simulate import SceneSettings
 from e3pose.simulate import simulate as run
 from e3pose.site.example import make_example
-from e3pose.site.setup.desk import Desk
 from e3pose.site.setup.discovery import look_around
 from e3pose.site.setup.finding import check_typed, find_films, free_name
 from e3pose.site.setup.onvif import Login, streams_of
 from e3pose.site.setup.plan import ChosenCamera, Plan
+from e3pose.site.setup.session import SetupSession
 from e3pose.site.setup.tasks import Task
 from e3pose.site.simulated_films import FOLDER, write_films
 from e3pose.wire.topics import check_site
@@ -32,38 +32,38 @@ MOST_ASKED = 16  # cameras at a time
 TURNS: tuple[Rotation, ...] = (0, 90, 180, 270)
 
 
-def found(desk: Desk) -> dict[str, Any]:
+def found(setup: SetupSession) -> dict[str, Any]:
     """Return what could be a camera: devices, films and what the network told of."""
-    used = {camera.source for camera in desk.plan().cameras}
-    films = [name for name in find_films(desk.root) if str(desk.root / name) not in used]
+    used = {camera.source for camera in setup.plan().cameras}
+    films = [name for name in find_films(setup.root) if str(setup.root / name) not in used]
     devices = [
         {"source": source, "title": title}
         for source, title in find_devices().items()
         if source not in used
     ]
-    return {"devices": devices, "films": films, "network": desk.found}
+    return {"devices": devices, "films": films, "network": setup.found}
 
 
-def start_adding(desk: Desk, sources: Sequence[str]) -> None:
+def start_adding(setup: SetupSession, sources: Sequence[str]) -> None:
     """Look at sources in the background, and add those that film.
 
     Raises:
         InputError: for what is no source, or one that is a camera already.
     """
-    plan = desk.chosen_plan()
-    checked = [check_typed(source, desk.root.resolve()) for source in sources]
+    plan = setup.chosen_plan()
+    checked = [check_typed(source, setup.root.resolve()) for source in sources]
     for source in checked:
         if any(camera.source == source for camera in plan.cameras):
             raise InputError("source", repr(source[:80]), "one that is no camera of the site yet")
     if not checked or len(set(checked)) < len(checked):
         raise InputError("source", "none, or one twice", "sources")
     title = "Looking at " + ("a source" if len(checked) == 1 else f"{len(checked)} sources")
-    desk.start(Task("cameras", title), lambda task: _add(desk, checked, task))
+    setup.start(Task("cameras", title), lambda task: _add(setup, checked, task))
 
 
-def _add(desk: Desk, sources: Sequence[str], task: Task) -> None:
+def _add(setup: SetupSession, sources: Sequence[str], task: Task) -> None:
     if len(sources) == 1:
-        desk.thumbnails.close(sources[0])
+        setup.thumbnails.close(sources[0])
     stage = "reading a frame of each, and counting those of live cameras for three seconds"
     tried = probe_all(
         {source: partial(probe, source) for source in sources},
@@ -74,7 +74,7 @@ def _add(desk: Desk, sources: Sequence[str], task: Task) -> None:
         if isinstance(seen, InputError):
             problems.append(str(seen))
             continue
-        desk.change(partial(_with, seen))
+        setup.change(partial(_with, seen))
         if seen.dark:
             task.say(f"{source}: its picture is dark; is the lens covered?")
         if seen.nominal_fps is not None and seen.fps < seen.nominal_fps:
@@ -104,21 +104,21 @@ def looked_again(camera: ChosenCamera) -> ChosenCamera:
 
 
 def change_camera(
-    desk: Desk, camera_id: str, name: str | None, rotation: int | None, remove: bool
+    setup: SetupSession, camera_id: str, name: str | None, rotation: int | None, remove: bool
 ) -> None:
     """Rename, turn or remove a camera of the plan.
 
     Raises:
         InputError: for another camera, a name that is none or taken, or another turn.
     """
-    desk.tasks.check_free()
+    setup.tasks.check_free()
     if rotation is not None and rotation not in TURNS:
         raise InputError("rotation", f"{rotation}", "0, 90, 180 or 270 degrees")
 
     def changed(plan: Plan) -> Plan:
         camera = plan.camera(camera_id)
         if remove:
-            desk.thumbnails.close(camera.source)
+            setup.thumbnails.close(camera.source)
             return replace(plan, cameras=tuple(c for c in plan.cameras if c.id != camera_id))
         changes: dict[str, Any] = {}
         if name is not None:
@@ -127,16 +127,16 @@ def change_camera(
             changes["rotation"] = rotation
         return plan.with_camera(camera_id, **changes)
 
-    desk.change(changed)
+    setup.change(changed)
 
 
-def start_looking(desk: Desk) -> None:
+def start_looking(setup: SetupSession) -> None:
     """Ask the local network for cameras, and each for its streams, in the background."""
 
     def look(task: Task) -> None:
         task.progress("asking the local network", 0, 0)
         cameras = look_around()
-        desk.found = [
+        setup.found = [
             {
                 "host": each.host,
                 "name": each.name,
@@ -147,7 +147,7 @@ def start_looking(desk: Desk) -> None:
             for each in cameras
         ]
         with ThreadPoolExecutor(MOST_ASKED) as pool:
-            asked = [pool.submit(_ask_streams, one, Login()) for one in desk.found]
+            asked = [pool.submit(_ask_streams, one, Login()) for one in setup.found]
             for done, _ in enumerate(as_completed(asked), 1):
                 task.progress("asking each for its streams", done, len(asked))
         if not cameras:
@@ -156,16 +156,16 @@ def start_looking(desk: Desk) -> None:
                 "paste its address instead."
             )
 
-    desk.start(Task("network-look", "Looking for cameras in the network"), look)
+    setup.start(Task("network-look", "Looking for cameras in the network"), look)
 
 
-def ask_streams(desk: Desk, host: str, user: str, password: str) -> dict[str, Any]:
+def ask_streams(setup: SetupSession, host: str, user: str, password: str) -> dict[str, Any]:
     """Ask a camera that was found for its streams, with user and password; return them.
 
     Raises:
         InputError: for a host that was not found, or where the camera refuses.
     """
-    for one in desk.found:
+    for one in setup.found:
         if one["host"] == host:
             if error := _ask_streams(one, Login(user, password)):
                 raise error
@@ -184,25 +184,25 @@ def _ask_streams(one: dict[str, Any], login: Login) -> InputError | None:
     return None
 
 
-def simulated_folder(desk: Desk) -> Path:
+def simulated_folder(setup: SetupSession) -> Path:
     """Return where the simulated films of a site lie."""
-    return desk.root / f"{desk.name}-{SIMULATED}"
+    return setup.root / f"{setup.name}-{SIMULATED}"
 
 
-def simulate_command(desk: Desk) -> str:
+def simulate_command(setup: SetupSession) -> str:
     """Return the command line that makes the simulated films."""
     width, height = SIMULATED_SIZE
     return (
-        f"e3pose simulate {desk.shown(simulated_folder(desk))} --people 1 --cameras 4 --seconds "
+        f"e3pose simulate {setup.shown(simulated_folder(setup))} --people 1 --cameras 4 --seconds "
         f"{SIMULATED_S:g} --fps {SIMULATED_FPS:g} --resolution {width}x{height} --seed "
         f"{SIMULATED_SEED} --videos"
     )
 
 
-def start_simulating(desk: Desk) -> None:
+def start_simulating(setup: SetupSession) -> None:
     """Make four films of a simulated person, in the background, and add them as cameras."""
-    dest = simulated_folder(desk)
-    if desk.chosen_plan().cameras:
+    dest = simulated_folder(setup)
+    if setup.chosen_plan().cameras:
         raise InputError("cameras", "some already", "a site without cameras, for simulated films")
 
     def simulate(task: Task) -> None:
@@ -218,33 +218,33 @@ def start_simulating(desk: Desk) -> None:
             )
             words = "drawing four films"
             write_films(recording, dest, lambda p: task.progress(words, round(100 * p), 100))
-        _add(desk, [str(path) for path in sorted(films.glob("*.mp4"))], task)
-        desk.change(lambda plan: replace(plan, detector=plan.detector or "drawn"))
+        _add(setup, [str(path) for path in sorted(films.glob("*.mp4"))], task)
+        setup.change(lambda plan: replace(plan, detector=plan.detector or "drawn"))
 
-    desk.start(Task("cameras", "Making simulated films", simulate_command(desk)), simulate)
+    setup.start(Task("cameras", "Making simulated films", simulate_command(setup)), simulate)
 
 
-def make_example_site(desk: Desk, name: str) -> None:
+def make_example_site(setup: SetupSession, name: str) -> None:
     """Make a finished site that plays a simulated scene, and turn to it."""
-    desk.tasks.check_free()
-    make_example(desk.root / check_site(name))
-    desk.choose(name)
+    setup.tasks.check_free()
+    make_example(setup.root / check_site(name))
+    setup.choose(name)
 
 
-def thumbnail_of(desk: Desk, camera_id: str) -> dict[str, Any]:
+def thumbnail_of(setup: SetupSession, camera_id: str) -> dict[str, Any]:
     """Return the newest picture of a camera that no program of the site has."""
-    camera = desk.plan().camera(camera_id)
+    camera = setup.plan().camera(camera_id)
     if not camera.source:
         return {"jpeg": None, "size": (0, 0), "fps": None, "why": "it runs on its own machine"}
     if is_recorded(camera.source):
         return {"jpeg": None, "size": (0, 0), "fps": None, "why": "it plays keypoints, no images"}
-    return desk.thumbnails.look(camera.source, camera.rotation).body()
+    return setup.thumbnails.look(camera.source, camera.rotation).body()
 
 
-def shown_source(desk: Desk, source: str) -> str:
+def shown_source(setup: SetupSession, source: str) -> str:
     """Return a source as a person types it in the root."""
     place = place_of(source) if source else None
     if place is None:
         return source
     prefix = source[: len(source) - len(place)]
-    return f"{prefix}{desk.shown(Path(place))}"
+    return f"{prefix}{setup.shown(Path(place))}"

@@ -21,8 +21,8 @@ from e3pose.settings.resolved import ResolvedSite, resolve
 from e3pose.settings.site_file import MAX_BYTES, SITE_FILE, read_site
 from e3pose.site.detector_speed import KEPT, save_times, suggested_deadline_ms, workloads_of
 from e3pose.site.new_site import LEAST_DEADLINE_MS, Choice, rates
-from e3pose.site.setup.desk import BEFORE, Desk, keep_before
 from e3pose.site.setup.plan import Plan
+from e3pose.site.setup.session import BEFORE, SetupSession, keep_before
 
 Change = Callable[[Any], object]  # takes the document of a site file, and changes it
 
@@ -66,14 +66,14 @@ def checked(text: str, path: Path) -> ResolvedSite:
     return site
 
 
-def apply_cameras(desk: Desk, choice: Choice) -> None:
+def apply_cameras(setup: SetupSession, choice: Choice) -> None:
     """Write the cameras, the network and the rates of a choice into a site file that exists.
 
     A calibration stays where its cameras do: those that were removed leave it, those that were
     renamed keep their place in it. With a new camera it is put aside, and a walk is due.
     """
-    plan = desk.plan()
-    path, before = desk.calibration, None
+    plan = setup.plan()
+    path, before = setup.calibration, None
     if path.exists():
         before = path.read_bytes()
         rig = _kept_rig(load_rig(path), plan)
@@ -83,17 +83,17 @@ def apply_cameras(desk: Desk, choice: Choice) -> None:
         else:
             save_rig(rig, path)
     try:
-        site = edit_site(desk.folder, lambda document: _cameras(document, plan, choice))
+        site = edit_site(setup.folder, lambda document: _cameras(document, plan, choice))
     except InputError:
         if before is not None:
             path.write_bytes(before)
         raise
     if before is not None and not path.exists():
-        desk.change(lambda now: replace(now, walk="", second="", picked_origin=False))
-        desk.keep_result("solve", None)
-        desk.keep_result("check", None)
+        setup.change(lambda now: replace(now, walk="", second="", picked_origin=False))
+        setup.keep_result("solve", None)
+        setup.keep_result("check", None)
     if choice.times is not None:
-        save_times(desk.folder / KEPT, workloads_of(site), choice.times)
+        save_times(setup.folder / KEPT, workloads_of(site), choice.times)
 
 
 def _kept_rig(rig: Rig, plan: Plan) -> Rig | None:

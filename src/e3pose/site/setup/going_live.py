@@ -13,7 +13,7 @@ from e3pose.settings.resolved import ResolvedSite, resolve_site
 from e3pose.site.example import free_port
 from e3pose.site.follow import LOCAL_OPERATOR, Follower, operator_of, viewer_link
 from e3pose.site.ready import site_programs
-from e3pose.site.setup.desk import Desk
+from e3pose.site.setup.session import SetupSession
 from e3pose.site.up import Program, run_site, view_command
 from e3pose.site.web.program import Address, address_of, page_links
 from e3pose.wire.codec import decode, encode
@@ -54,17 +54,17 @@ class LiveSite:
         """Whether its programs run, or begin or end to."""
         return self.state in ("starting", "running", "ending")
 
-    def start(self, desk: Desk) -> None:
-        """Start the site of a desk.
+    def start(self, setup: SetupSession) -> None:
+        """Start the site of a setup.
 
         Raises:
             InputError: while it runs, or other work does.
         """
         if self.on:
             raise InputError("the site is running: stop it first")
-        desk.tasks.check_free()
-        site = resolve_site(desk.folder)
-        desk.thumbnails.close()
+        setup.tasks.check_free()
+        site = resolve_site(setup.folder)
+        setup.thumbnails.close()
         self.state, self.problem, self.lines, self._stop = "starting", "", [], threading.Event()
         self._thread = threading.Thread(
             target=self._run, args=(site,), name="setup-live", daemon=True
@@ -83,10 +83,10 @@ class LiveSite:
         if self._thread is not None:
             self._thread.join(END_S)
 
-    def restart(self, desk: Desk) -> None:
+    def restart(self, setup: SetupSession) -> None:
         """End the site if it runs, and start it with the file as it is now."""
         self.close()
-        self.start(desk)
+        self.start(setup)
 
     def ask(self, control: Control) -> str:
         """Ask the running edge to change something, and return what it says.
@@ -157,7 +157,7 @@ def ask_elsewhere(site: ResolvedSite, control: Control) -> str:
     link = viewer_link(site.file, None, operates=True)
     operator = operator_of(link)
     if operator is None:
-        raise InputError("the running edge takes orders of operators only: e3pose keys add desk "
+        raise InputError("the running edge takes orders of operators only: e3pose keys add setup "
                          "--operator")  # fmt: skip
     with closing(open_network(link)) as transport:
         return ask_edge(transport, site, operator, control)

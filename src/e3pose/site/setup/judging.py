@@ -14,40 +14,40 @@ from e3pose.model.camera import Rig
 from e3pose.model.noises import detector_of, load_noise
 from e3pose.recording import load_recording
 from e3pose.recording.calibration import load_rig
-from e3pose.site.setup.desk import Desk
+from e3pose.site.setup.session import SetupSession
 from e3pose.site.setup.solving import GOOD_MM, POOR_MM, SECONDS, grade
 from e3pose.site.setup.tasks import Task
 
 
-def check_command(desk: Desk) -> str:
+def check_command(setup: SetupSession) -> str:
     """Return the command line that checks."""
-    walk = desk.shown(desk.folder / (desk.plan().second or "second"))
+    walk = setup.shown(setup.folder / (setup.plan().second or "second"))
     return (
-        f"e3pose calibrate check {walk} --calibration {desk.shown(desk.calibration)} "
+        f"e3pose calibrate check {walk} --calibration {setup.shown(setup.calibration)} "
         "--picture error.png"
     )
 
 
-def start_checking(desk: Desk) -> None:
+def start_checking(setup: SetupSession) -> None:
     """Judge the calibration by the second walk, in the background.
 
     Raises:
         InputError: where no second walk was recorded.
     """
-    plan = desk.plan()
+    plan = setup.plan()
     if not plan.second:
         raise InputError("second walk", "none", "one that the calibration was not made from")
 
     def check(task: Task) -> None:
         task.progress("reading the second walk", 0, 0)
-        recording = first_seconds(load_recording(desk.folder / plan.second), SECONDS)
-        rig = load_rig(desk.calibration)
+        recording = first_seconds(load_recording(setup.folder / plan.second), SECONDS)
+        rig = load_rig(setup.calibration)
         rig = rig.subset([rig.index(name) for name in recording.rig.camera_ids])
         noise = load_noise(detector_of(recording))
         found = judge(replace(recording, rig=rig), noise, task.progress)
-        desk.keep_result("check", result(rig, found))
+        setup.keep_result("check", result(rig, found))
 
-    desk.start(Task("check", "Checking the calibration", check_command(desk)), check)
+    setup.start(Task("check", "Checking the calibration", check_command(setup)), check)
 
 
 def result(rig: Rig, found: Judgement) -> dict[str, Any]:

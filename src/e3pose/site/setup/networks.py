@@ -26,9 +26,9 @@ from e3pose.site.new_site import (
     threads_for,
 )
 from e3pose.site.setup.cameras import looked_again, shown_source
-from e3pose.site.setup.desk import Desk
 from e3pose.site.setup.editing import apply_cameras
 from e3pose.site.setup.plan import ChosenCamera, Plan
+from e3pose.site.setup.session import SetupSession
 from e3pose.site.setup.tasks import Task
 
 NUM_SELECTED = 2  # active cameras per slot, as `e3pose init` has it
@@ -36,10 +36,10 @@ DRAWN = "drawn"
 NUMBERS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten")
 
 
-def networks(desk: Desk) -> list[dict[str, Any]]:
+def networks(setup: SetupSession) -> list[dict[str, Any]]:
     """Return the networks that can be had: title, licence, size, whether installed, and speed."""
-    number = len(desk.plan().cameras)
-    films = any("films" in camera.source for camera in desk.plan().cameras)
+    number = len(setup.plan().cameras)
+    films = any("films" in camera.source for camera in setup.plan().cameras)
     found = [
         {
             "name": model.name,
@@ -48,7 +48,7 @@ def networks(desk: Desk) -> list[dict[str, Any]]:
             "mb": round(model.size_bytes / 1e6, 1),
             "installed": is_installed(model.name),
             "usual": model.name in NETWORKS,
-            "speed": desk.times.get((model.name, number), ""),
+            "speed": setup.times.get((model.name, number), ""),
         }
         for model in MODELS.values()
         if model.source is not None
@@ -56,12 +56,12 @@ def networks(desk: Desk) -> list[dict[str, Any]]:
     drawn = {
         "name": DRAWN, "title": "reads the coloured joints of simulated films, no network",
         "licence": "Apache-2.0", "mb": 0.0, "installed": True, "usual": films,
-        "speed": desk.times.get((DRAWN, number), ""),
+        "speed": setup.times.get((DRAWN, number), ""),
     }  # fmt: skip
     return [drawn, *found] if films else [*found, drawn]
 
 
-def start_pulling(desk: Desk, name: str) -> None:
+def start_pulling(setup: SetupSession, name: str) -> None:
     """Download a network in the background."""
     if name not in MODELS or MODELS[name].source is None:
         raise InputError("network", repr(name[:60]), "one that can be downloaded")
@@ -70,28 +70,28 @@ def start_pulling(desk: Desk, name: str) -> None:
         words = f"downloading {name}"
         pull_weights(name, lambda done, total: task.progress(words, done, total))
 
-    desk.start(Task("pull", f"Downloading {name}", f"e3pose models pull {name}"), pull)
+    setup.start(Task("pull", f"Downloading {name}", f"e3pose models pull {name}"), pull)
 
 
-def start_timing(desk: Desk, name: str) -> None:
+def start_timing(setup: SetupSession, name: str) -> None:
     """Measure in the background how fast a network is with all cameras of the plan."""
     check_network(name)
-    cameras = _local(desk.plan())
+    cameras = _local(setup.plan())
 
     def measure(task: Task) -> None:
-        desk.thumbnails.close()
+        setup.thumbnails.close()
         task.progress(f"measuring {name} with all cameras at work", 0, 0)
-        _timed(desk, name, cameras)
+        _timed(setup, name, cameras)
 
-    desk.start(Task("timing", f"Measuring {name}", f"e3pose models bench {name}"), measure)
+    setup.start(Task("timing", f"Measuring {name}", f"e3pose models bench {name}"), measure)
 
 
-def start_using(desk: Desk, name: str) -> None:
+def start_using(setup: SetupSession, name: str) -> None:
     """Choose a network: measure it, and write the site file, all in the background."""
     check_network(name)
-    _local(desk.plan())
-    task = Task("site", "Writing the site", init_command(desk, name))
-    desk.start(task, lambda running: _use(desk, name, running))
+    _local(setup.plan())
+    task = Task("site", "Writing the site", init_command(setup, name))
+    setup.start(task, lambda running: _use(setup, name, running))
 
 
 def check_network(name: str) -> None:
@@ -102,40 +102,40 @@ def check_network(name: str) -> None:
         raise InputError(f"network {name} is not installed: e3pose models pull {name}")
 
 
-def _use(desk: Desk, name: str, task: Task) -> None:
-    desk.thumbnails.close()
-    plan = desk.plan()
+def _use(setup: SetupSession, name: str, task: Task) -> None:
+    setup.thumbnails.close()
+    plan = setup.plan()
     cameras = list(plan.cameras)
     for index, camera in enumerate(cameras):
         if camera.source and not is_recorded(camera.source) and not camera.width:
             task.progress("looking at the cameras", index, len(cameras))
             cameras[index] = looked_again(camera)
-    plan = desk.change(lambda now: replace(now, cameras=tuple(cameras), detector=name))
+    plan = setup.change(lambda now: replace(now, cameras=tuple(cameras), detector=name))
     task.progress(f"measuring {name} with all cameras at work", 0, 0)
-    choice = _choice(desk, plan, name)
+    choice = _choice(setup, plan, name)
     task.progress("writing the site file", 0, 0)
-    if desk.has_site:
-        apply_cameras(desk, choice)
+    if setup.has_site:
+        apply_cameras(setup, choice)
     else:
-        _fill(desk, choice)
-    desk.change(lambda now: replace(now, cameras=tuple(replace(c, was=c.id) for c in now.cameras)))
+        _fill(setup, choice)
+    setup.change(lambda now: replace(now, cameras=tuple(replace(c, was=c.id) for c in now.cameras)))
     fps, pace = rates(choice)
     slow = "" if pace == 1 else f", films played at {pace:g} of their speed"
     task.say(f"{plural(fps, 'slot')} per second{slow}, {NUM_SELECTED} of {len(cameras)} cameras "
             "active in each")  # fmt: skip
 
 
-def _choice(desk: Desk, plan: Plan, name: str) -> Choice:
+def _choice(setup: SetupSession, plan: Plan, name: str) -> Choice:
     cameras = _local(plan)
     return Choice(
-        name=desk.site().name if desk.has_site else site_name(desk.folder),
+        name=setup.site().name if setup.has_site else site_name(setup.folder),
         probes={camera.id: camera.probe for camera in cameras},
         detector=name,
         provider="auto",
         threads=_threads(len(cameras)),
         num_selected=min(NUM_SELECTED, len(cameras)),
-        times=_timed(desk, name, cameras),
-        rig=load_rig(desk.calibration) if desk.placed() else None,
+        times=_timed(setup, name, cameras),
+        rig=load_rig(setup.calibration) if setup.placed() else None,
         rotations={camera.id: camera.rotation for camera in cameras if camera.rotation},
     )
 
@@ -156,7 +156,7 @@ def _threads(number: int) -> int:
     return threads_for(number, min(NUM_SELECTED, number), num_cores())
 
 
-def _timed(desk: Desk, name: str, cameras: list[ChosenCamera]) -> DetectionTimes:
+def _timed(setup: SetupSession, name: str, cameras: list[ChosenCamera]) -> DetectionTimes:
     """Measure a network with all cameras at work, and note its speed in words."""
     workloads = [
         Workload(name, None, "auto", _threads(len(cameras)),
@@ -165,7 +165,7 @@ def _timed(desk: Desk, name: str, cameras: list[ChosenCamera]) -> DetectionTimes
         for camera in cameras
     ]  # fmt: skip
     times = time_detections(workloads)
-    desk.times[name, len(cameras)] = speed_words(times, len(cameras))
+    setup.times[name, len(cameras)] = speed_words(times, len(cameras))
     return times
 
 
@@ -179,18 +179,18 @@ def speed_words(times: DetectionTimes, number: int) -> str:
     )
 
 
-def _fill(desk: Desk, choice: Choice) -> None:
+def _fill(setup: SetupSession, choice: Choice) -> None:
     """Write the files of a new site into its folder, which has the plan already."""
-    with tempfile.TemporaryDirectory(prefix=".setup.", dir=desk.folder) as made:
-        fill_site(Path(made), choice, Path(desk.name))
+    with tempfile.TemporaryDirectory(prefix=".setup.", dir=setup.folder) as made:
+        fill_site(Path(made), choice, Path(setup.name))
         for path in sorted(Path(made).iterdir(), key=lambda p: p.name == "site.toml"):
-            os.replace(path, desk.folder / path.name)  # the site file last: it makes the site
+            os.replace(path, setup.folder / path.name)  # the site file last: it makes the site
 
 
-def init_command(desk: Desk, detector: str) -> str:
+def init_command(setup: SetupSession, detector: str) -> str:
     """Return the command line that writes the site file."""
-    words = [f"{c.id}={shown_source(desk, c.source)}" for c in desk.plan().cameras]
-    turned = [f"{c.id}: {c.rotation}" for c in desk.plan().cameras if c.rotation]
+    words = [f"{c.id}={shown_source(setup, c.source)}" for c in setup.plan().cameras]
+    turned = [f"{c.id}: {c.rotation}" for c in setup.plan().cameras if c.rotation]
     more = f"  # then rotation = ... in site.toml ({', '.join(turned)})" if turned else ""
     network = f" --detector {detector}" if detector else ""
-    return f"e3pose init {desk.name} {' '.join(words)}{network}{more}"
+    return f"e3pose init {setup.name} {' '.join(words)}{network}{more}"

@@ -9,7 +9,7 @@ from pathlib import Path
 from e3pose.base.errors import InputError
 from e3pose.settings.site_file import SITE_FILE
 from e3pose.site.setup.api import Table, setup_app
-from e3pose.site.setup.desk import Desk
+from e3pose.site.setup.session import SetupSession
 from e3pose.site.web.access import Rules
 from e3pose.site.web.server import PageServer, listening_at, serve
 from e3pose.site.web.tokens import Tokens, make_tokens
@@ -50,7 +50,7 @@ def open_setup(site: Path | None = None, listen: str | None = None) -> SetupServ
     at = read_host_port(listen or LISTEN, "--listen", LISTEN)
     if not at.here_alone:
         raise InputError("--listen", at.place, "an address of loopback: set-up is for this machine")
-    desk = desk_of(site)
+    setup = desk_of(site)
     listening = listening_at(at.host, at.port, "such as another `e3pose setup`, ")
     address = f"{at.host}:{listening.getsockname()[1]}"
     # Every question needs the token: the page lists files and shows what cameras see.
@@ -58,7 +58,7 @@ def open_setup(site: Path | None = None, listen: str | None = None) -> SetupServ
         make_tokens(), frozenset({"localhost", at.host.lower()}), open_reading=False,
         printed_by="e3pose setup",
     )  # fmt: skip
-    table, ends = Table(desk), ExitStack()
+    table, ends = Table(setup), ExitStack()
     ends.callback(table.close)
     serving = serve(setup_app(table), rules, listening)
     ends.callback(serving.close)
@@ -66,18 +66,18 @@ def open_setup(site: Path | None = None, listen: str | None = None) -> SetupServ
     return SetupServer(url, serving, ends, (), table, rules, address)
 
 
-def desk_of(site: Path | None) -> Desk:
-    """Return the desk of a site's folder, or one on which none was chosen yet."""
+def desk_of(site: Path | None) -> SetupSession:
+    """Return the setup of a site's folder, or one on which none was chosen yet."""
     if site is None:
-        return Desk(Path.cwd())
+        return SetupSession(Path.cwd())
     path = site.parent if site.name == SITE_FILE and site.is_file() else site
     path = path.resolve()
     if path.is_file():
         raise InputError(f"{site}: found a file, expected the folder of a site")
-    desk = Desk(path.parent)
+    setup = SetupSession(path.parent)
     with suppress(FileNotFoundError):
         if not path.exists() or not any(path.iterdir()):
-            desk.choose(path.name, new=True)
-            return desk
-    desk.choose(path.name)
-    return desk
+            setup.choose(path.name, new=True)
+            return setup
+    setup.choose(path.name)
+    return setup

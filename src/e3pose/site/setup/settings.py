@@ -18,9 +18,9 @@ from e3pose.base.errors import InputError
 from e3pose.base.quantities import length_m
 from e3pose.settings.resolved import ResolvedSite, resolve
 from e3pose.settings.site_file import MAX_CORNERS
-from e3pose.site.setup.desk import BEFORE, Desk
 from e3pose.site.setup.editing import edit_site, restore_before
 from e3pose.site.setup.going_live import LiveSite, ask_elsewhere, runs_elsewhere
+from e3pose.site.setup.session import BEFORE, SetupSession
 from e3pose.wire.site_messages import Control
 
 MOST_ZONES = 32
@@ -62,10 +62,10 @@ class Wanted:
     zones: Sequence[Zone] | None = None
 
 
-def present(desk: Desk) -> dict[str, Any]:
+def present(setup: SetupSession) -> dict[str, Any]:
     """Return the settings of a site as the page shows and changes them."""
-    document = tomlkit.parse(desk.site_file.read_text(encoding="utf-8")).unwrap()
-    site = resolve(desk.site(), placed=False)
+    document = tomlkit.parse(setup.site_file.read_text(encoding="utf-8")).unwrap()
+    site = resolve(setup.site(), placed=False)
     loop, store = document.get("loop", {}), document.get("store", {})
     return {
         "cameras": loop.get("cameras"),
@@ -86,7 +86,7 @@ def present(desk: Desk) -> dict[str, Any]:
              "y": round(float(camera.center_m[1]), 3)}
             for camera in site.rig.cameras
         ] if site.rig.placed else [],
-        "before": desk.site_file.with_name(desk.site_file.name + BEFORE).exists(),
+        "before": setup.site_file.with_name(setup.site_file.name + BEFORE).exists(),
     }  # fmt: skip
 
 
@@ -99,7 +99,7 @@ def _floor(site: ResolvedSite) -> list[list[float]]:
     return [low.round(2).tolist(), high.round(2).tolist()]
 
 
-def change_settings(desk: Desk, live: LiveSite, wanted: Wanted) -> dict[str, Any]:
+def change_settings(setup: SetupSession, live: LiveSite, wanted: Wanted) -> dict[str, Any]:
     """Write what a person wants into the site file, and ask a running edge to take it.
 
     Returns:
@@ -108,14 +108,14 @@ def change_settings(desk: Desk, live: LiveSite, wanted: Wanted) -> dict[str, Any
     Raises:
         InputError: for what is wrong; the file stays as it is then.
     """
-    desk.tasks.check_free()
+    setup.tasks.check_free()
     _check(wanted)
-    desk.site()  # an error where there is none
-    before = desk.site_file.read_bytes()
-    site = edit_site(desk.folder, lambda document: _edit(document, wanted))
-    if desk.site_file.read_bytes() == before:
+    setup.site()  # an error where there is none
+    before = setup.site_file.read_bytes()
+    site = edit_site(setup.folder, lambda document: _edit(document, wanted))
+    if setup.site_file.read_bytes() == before:
         return {"said": "Nothing changed.", "restart": False}
-    said = [f"Wrote {desk.shown(desk.site_file)}; the file of before is site.toml{BEFORE}."]
+    said = [f"Wrote {setup.shown(setup.site_file)}; the file of before is site.toml{BEFORE}."]
     if not (live.on or runs_elsewhere(site)):
         return {"said": " ".join(said), "restart": False}
     ask = live.ask if live.on else partial(ask_elsewhere, site)
@@ -221,8 +221,8 @@ def _zones(document: Any, zones: Sequence[Zone]) -> None:
         document.pop("zone", None)
 
 
-def take_before(desk: Desk, live: LiveSite) -> dict[str, Any]:
+def take_before(setup: SetupSession, live: LiveSite) -> dict[str, Any]:
     """Exchange the site file with the one of before the last change."""
-    desk.tasks.check_free()
-    restore_before(desk.site_file)
+    setup.tasks.check_free()
+    restore_before(setup.site_file)
     return {"said": "The site file of before is back.", "restart": live.on}

@@ -18,7 +18,7 @@ from e3pose.model.camera import Rig
 from e3pose.model.noises import detector_of, load_noise
 from e3pose.recording import Recording, load_recording
 from e3pose.recording.calibration import load_rig, save_rig
-from e3pose.site.setup.desk import Desk, keep_before
+from e3pose.site.setup.session import SetupSession, keep_before
 from e3pose.site.setup.tasks import Task
 from e3pose.site.setup.walking import Snapshots
 
@@ -28,9 +28,12 @@ GOOD_MM, POOR_MM = 40.0, 80.0  # expected errors below the first are good, above
 RECORDED_RIG = "calibration.toml"
 
 
-def solve_command(desk: Desk, height_cm: float) -> str:
+def solve_command(setup: SetupSession, height_cm: float) -> str:
     """Return the command lines that solve."""
-    walk, rig = desk.shown(desk.folder / (desk.plan().walk or "walk")), desk.shown(desk.calibration)
+    walk, rig = (
+        setup.shown(setup.folder / (setup.plan().walk or "walk")),
+        setup.shown(setup.calibration),
+    )
     height = f" --height {height_cm:g}cm" if height_cm else ""
     return (
         f"e3pose calibrate extrinsics {walk} {rig}{height} --update\n"
@@ -38,11 +41,11 @@ def solve_command(desk: Desk, height_cm: float) -> str:
     )
 
 
-def start_solving(desk: Desk, height_cm: float) -> None:
+def start_solving(setup: SetupSession, height_cm: float) -> None:
     """Calibrate from the newest walk in the background.
 
     Args:
-        desk: whose site.
+        setup: whose site.
         height_cm: of the person who walked; 0 if nobody knows.
 
     Raises:
@@ -50,14 +53,14 @@ def start_solving(desk: Desk, height_cm: float) -> None:
     """
     if height_cm and not LEAST_CM <= height_cm <= MOST_CM:
         raise InputError("height", f"{height_cm:g} cm", f"{LEAST_CM:g} to {MOST_CM:g} cm")
-    plan = desk.plan()
+    plan = setup.plan()
     if not plan.walk:
         raise InputError("walk", "none", "a recorded walk first")
-    command = solve_command(desk, height_cm)
-    desk.change(lambda now: replace(now, height_cm=height_cm))
+    command = solve_command(setup, height_cm)
+    setup.change(lambda now: replace(now, height_cm=height_cm))
 
     def solve(task: Task) -> None:
-        path = desk.folder / plan.walk
+        path = setup.folder / plan.walk
         task.progress("reading the walk", 0, 0)
         recording = first_seconds(load_recording(path), SECONDS)
         noise = load_noise(detector_of(recording))
@@ -65,14 +68,14 @@ def start_solving(desk: Desk, height_cm: float) -> None:
         places = from_people(recording, noise, None, known, task.progress)
         task.progress("finding the floor", 0, 0)
         rig, notes = _levelled(recording, known_lenses(places.rig), height_cm, places.notes)
-        keep_before(desk.calibration)
-        save_rig(rig, desk.calibration)
+        keep_before(setup.calibration)
+        save_rig(rig, setup.calibration)
         save_rig(rig, path / RECORDED_RIG)
-        desk.change(lambda now: replace(now, picked_origin=False, second=""))
-        desk.keep_result("check", None)
-        desk.keep_result("solve", _result(replace(places, rig=rig, notes=notes)))
+        setup.change(lambda now: replace(now, picked_origin=False, second=""))
+        setup.keep_result("check", None)
+        setup.keep_result("solve", _result(replace(places, rig=rig, notes=notes)))
 
-    desk.start(Task("solve", "Finding the cameras", command), solve)
+    setup.start(Task("solve", "Finding the cameras", command), solve)
 
 
 def _levelled(
@@ -126,11 +129,11 @@ def grade(expected_mm: float) -> str:
     return "good" if expected_mm <= GOOD_MM else "fair" if expected_mm <= POOR_MM else "poor"
 
 
-def move_world(desk: Desk, camera_id: str, x: float, y: float, what: str) -> str:
+def move_world(setup: SetupSession, camera_id: str, x: float, y: float, what: str) -> str:
     """Put the origin, or the direction of the x axis, where somebody clicked in a picture.
 
     Args:
-        desk: whose site.
+        setup: whose site.
         camera_id: in whose picture.
         x: of the click, pixels of the full image.
         y: likewise.
@@ -142,27 +145,27 @@ def move_world(desk: Desk, camera_id: str, x: float, y: float, what: str) -> str
     Raises:
         InputError: where the click meets no floor, or nothing is calibrated.
     """
-    desk.tasks.check_free()
-    rig = load_rig(desk.calibration)
+    setup.tasks.check_free()
+    rig = load_rig(setup.calibration)
     place = floor_at(rig, camera_id, (x, y))
     words = f"{place[0]:.3f},{place[1]:.3f}"
     origin, facing = (words, "keep") if what == "origin" else ("keep", words)
     move = with_origin(rig, origin, facing)
-    keep_before(desk.calibration)
-    save_rig(move.rig(rig), desk.calibration)
-    _move_recording(desk, move)
-    desk.change(lambda plan: replace(plan, picked_origin=True))
-    results = desk.results()
+    keep_before(setup.calibration)
+    save_rig(move.rig(rig), setup.calibration)
+    _move_recording(setup, move)
+    setup.change(lambda plan: replace(plan, picked_origin=True))
+    results = setup.results()
     if results.get("check"):  # its map is of the world of before
-        desk.keep_result("check", None)
+        setup.keep_result("check", None)
     option = "--origin" if what == "origin" else "--x-axis"
-    file = desk.shown(desk.calibration)
+    file = setup.shown(setup.calibration)
     return f"e3pose calibrate align {file} {file} {option}={words}"
 
 
-def _move_recording(desk: Desk, move: Move) -> None:
-    path = desk.folder / desk.plan().walk / RECORDED_RIG
-    if desk.plan().walk and path.exists():
+def _move_recording(setup: SetupSession, move: Move) -> None:
+    path = setup.folder / setup.plan().walk / RECORDED_RIG
+    if setup.plan().walk and path.exists():
         rig = load_rig(path)
         if rig.placed:
             save_rig(move.rig(rig), path)
@@ -187,17 +190,17 @@ def floor_at(rig: Rig, camera_id: str, pixel: tuple[float, float]) -> tuple[floa
     return float(x), float(y)
 
 
-def overlays(desk: Desk, snapshots: Snapshots) -> dict[str, Any]:
+def overlays(setup: SetupSession, snapshots: Snapshots) -> dict[str, Any]:
     """Return for each camera a picture with the people that were solved, and those it measured.
 
     Raises:
         InputError: where nothing is solved.
     """
-    plan = desk.plan()
-    if not plan.walk or not desk.placed():
+    plan = setup.plan()
+    if not plan.walk or not setup.placed():
         raise InputError("calibration", "none", "a solved walk first")
-    recording = first_seconds(load_recording(desk.folder / plan.walk), SECONDS)
-    recording = replace(recording, rig=load_rig(desk.calibration))
+    recording = first_seconds(load_recording(setup.folder / plan.walk), SECONDS)
+    recording = replace(recording, rig=load_rig(setup.calibration))
     people = people_of(recording)
     return {
         "limbs": [list(limb) for limb in recording.skeleton.limbs],

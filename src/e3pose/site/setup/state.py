@@ -6,35 +6,35 @@ from typing import Any
 
 from e3pose.base.quantities import plural
 from e3pose.site.setup.cameras import shown_source, simulate_command
-from e3pose.site.setup.desk import Desk
 from e3pose.site.setup.going_live import LiveSite
 from e3pose.site.setup.judging import check_command
 from e3pose.site.setup.networks import init_command
 from e3pose.site.setup.plan import Plan
+from e3pose.site.setup.session import SetupSession
 from e3pose.site.setup.solving import solve_command
 from e3pose.site.setup.walking import record_command
 
 
-def state_of(desk: Desk, live: LiveSite) -> dict[str, Any]:
+def state_of(setup: SetupSession, live: LiveSite) -> dict[str, Any]:
     """Return all that the page shows but pictures, lists of networks, and settings."""
-    task = desk.tasks.newest
+    task = setup.tasks.newest
     body: dict[str, Any] = {
-        "root": str(desk.root),
-        "sites": desk.sites(),
-        "site": desk.name,
+        "root": str(setup.root),
+        "sites": setup.sites(),
+        "site": setup.name,
         "task": None if task is None else task.body(),
         "live": live.body(),
     }
-    if not desk.name:
+    if not setup.name:
         return body
-    plan = desk.plan()
-    results = desk.results()
+    plan = setup.plan()
+    results = setup.results()
     return {
         **body,
-        "made": desk.has_site,
+        "made": setup.has_site,
         "cameras": [
             {
-                "id": c.id, "source": shown_source(desk, c.source), "rotation": c.rotation,
+                "id": c.id, "source": shown_source(setup, c.source), "rotation": c.rotation,
                 "width": c.width, "height": c.height, "fps": c.fps, "announced": c.announced,
             }
             for c in plan.cameras
@@ -45,32 +45,34 @@ def state_of(desk: Desk, live: LiveSite) -> dict[str, Any]:
         "second": results.get("second"),
         "solve": results.get("solve"),
         "check": results.get("check"),
-        "commands": {"simulate": simulate_command(desk)},
-        "steps": _steps(desk, plan, results, live),
+        "commands": {"simulate": simulate_command(setup)},
+        "steps": _steps(setup, plan, results, live),
     }  # fmt: skip
 
 
-def _steps(desk: Desk, plan: Plan, results: dict[str, Any], live: LiveSite) -> list[dict[str, Any]]:
+def _steps(
+    setup: SetupSession, plan: Plan, results: dict[str, Any], live: LiveSite
+) -> list[dict[str, Any]]:
     """Return the steps: whether each is done, whether it can begin, its command, and words."""
-    written = desk.has_site and [c.was for c in plan.cameras] == [c.id for c in plan.cameras]
-    placed = written and desk.placed()
+    written = setup.has_site and [c.was for c in plan.cameras] == [c.id for c in plan.cameras]
+    placed = written and setup.placed()
     walked = bool(plan.walk) or placed
     checked = results.get("check") is not None
     few = len(plan.cameras) < 2
     rows = (
-        ("cameras", "Cameras", not few, True, init_command(desk, plan.detector),
+        ("cameras", "Cameras", not few, True, init_command(setup, plan.detector),
          plural(len(plan.cameras), "camera") if plan.cameras else "none yet"),
-        ("network", "Network", written, not few, init_command(desk, plan.detector),
-         plan.detector if written else "changes are not written yet" if desk.has_site else ""),
-        ("walk", "Walk", walked, written, record_command(desk, "walk"),
+        ("network", "Network", written, not few, init_command(setup, plan.detector),
+         plan.detector if written else "changes are not written yet" if setup.has_site else ""),
+        ("walk", "Walk", walked, written, record_command(setup, "walk"),
          "recorded" if plan.walk else "calibrated already" if placed else ""),
-        ("solve", "Solve", placed, bool(plan.walk) or placed, solve_command(desk, plan.height_cm),
+        ("solve", "Solve", placed, bool(plan.walk) or placed, solve_command(setup, plan.height_cm),
          "cameras placed" if placed else ""),
-        ("check", "Check", checked, placed, f"{record_command(desk, 'second')}\n"
-         f"{check_command(desk)}", "" if not checked else results["check"]["grade"]),
-        ("live", "Go live", live.body()["live"], placed, f"e3pose up {desk.name} --view",
+        ("check", "Check", checked, placed, f"{record_command(setup, 'second')}\n"
+         f"{check_command(setup)}", "" if not checked else results["check"]["grade"]),
+        ("live", "Go live", live.body()["live"], placed, f"e3pose up {setup.name} --view",
          live.state if live.on else ""),
-        ("change", "Change", False, desk.has_site, f"e3pose check {desk.name}", ""),
+        ("change", "Change", False, setup.has_site, f"e3pose check {setup.name}", ""),
     )  # fmt: skip
     return [
         {"id": key, "title": title, "done": done, "open": opened, "command": command, "words": says}

@@ -24,8 +24,8 @@ from e3pose.settings.resolved import ASSUMED_SIZE, ResolvedSite, resolve
 from e3pose.site.follow import viewer_link
 from e3pose.site.record_program import record_site, waiting_words
 from e3pose.site.setup.coverage import CELL_M, Coverage, hints
-from e3pose.site.setup.desk import Desk
 from e3pose.site.setup.plan import MAX_CAMERAS
+from e3pose.site.setup.session import SetupSession
 from e3pose.site.setup.tasks import Task
 from e3pose.wire.codec import decode, encode
 from e3pose.wire.network import open_network
@@ -108,30 +108,30 @@ def forget_pictures(folder: Path) -> None:
     shutil.rmtree(folder / PICTURES, ignore_errors=True)
 
 
-def record_command(desk: Desk, which: Which) -> str:
+def record_command(setup: SetupSession, which: Which) -> str:
     """Return the command line that records the next walk."""
-    folder = desk.folder / desk.free_folder(which)
-    return f"e3pose record {desk.name} {desk.shown(folder)} --for {60 if which == 'walk' else 30}"
+    folder = setup.folder / setup.free_folder(which)
+    return f"e3pose record {setup.name} {setup.shown(folder)} --for {60 if which == 'walk' else 30}"
 
 
-def start_walk(desk: Desk, which: Which, snapshots: Snapshots) -> Coverage:
+def start_walk(setup: SetupSession, which: Which, snapshots: Snapshots) -> Coverage:
     """Record a walk in the background until somebody stops it; what it covers grows meanwhile.
 
     Args:
-        desk: whose site.
+        setup: whose site.
         which: to calibrate from, or to check with.
         snapshots: takes the pictures of its cameras.
 
     Raises:
         InputError: where there is no site file yet, or the site cannot be recorded.
     """
-    site = resolve(desk.site(), placed=False)
+    site = resolve(setup.site(), placed=False)
     if which == "second" and not site.rig.placed:
         raise InputError("calibration", "none", "one before the second walk: solve first")
-    name = desk.free_folder(which)
+    name = setup.free_folder(which)
     covered = Coverage(site.rig, site.skeleton, site.file.fps)
     sizes = [
-        camera.image_size if site.rig.placed else _size(desk, camera.camera_id)
+        camera.image_size if site.rig.placed else _size(setup, camera.camera_id)
         for camera in site.rig.cameras
     ]
     snapshots.pictures.clear()
@@ -147,7 +147,7 @@ def start_walk(desk: Desk, which: Which, snapshots: Snapshots) -> Coverage:
         covered.add(views, sizes)
 
     def record(task: Task) -> None:
-        desk.thumbnails.close()
+        setup.thumbnails.close()
         stop = threading.Event()
         taking = threading.Thread(target=snapshots.take, args=(site, stop), daemon=True)
         task.stage = "starting the cameras"
@@ -162,26 +162,26 @@ def start_walk(desk: Desk, which: Which, snapshots: Snapshots) -> Coverage:
 
         try:
             record_site(
-                desk.site(), desk.folder / name, for_s=MOST_S, report=task.say, look=look,
+                setup.site(), setup.folder / name, for_s=MOST_S, report=task.say, look=look,
                 watch=watch,
             )  # fmt: skip
         finally:
             stop.set()
             taking.join(PICTURE_S * (len(ids) + 1))
         if which == "walk":
-            snapshots.save(desk.folder)
-            desk.change(lambda plan: replace(plan, walk=name))
+            snapshots.save(setup.folder)
+            setup.change(lambda plan: replace(plan, walk=name))
         else:
-            desk.change(lambda plan: replace(plan, second=name))
-        desk.keep_result(which, body(covered))
+            setup.change(lambda plan: replace(plan, second=name))
+        setup.keep_result(which, body(covered))
 
     title = "Recording the walk" if which == "walk" else "Recording the second walk"
-    desk.start(Task(which, title, record_command(desk, which)), record)
+    setup.start(Task(which, title, record_command(setup, which)), record)
     return covered
 
 
-def _size(desk: Desk, camera_id: str) -> tuple[int, int]:
-    camera = desk.plan().camera(camera_id)
+def _size(setup: SetupSession, camera_id: str) -> tuple[int, int]:
+    camera = setup.plan().camera(camera_id)
     return (camera.width, camera.height) if camera.width else ASSUMED_SIZE
 
 

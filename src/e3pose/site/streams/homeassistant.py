@@ -34,7 +34,7 @@ from e3pose.model.zone_event import ZoneEvent
 from e3pose.site.connect import LiveSlot, no_name
 from e3pose.site.streams.as_json import event_words
 from e3pose.site.streams.base import Source
-from e3pose.site.streams.mqtt import PORT, SECURE_PORT, broker_trouble, connected_client
+from e3pose.site.streams.mqtt import PORT, SECURE_PORT, broker_problem, connected_client
 from e3pose.wire.messages import fields
 from e3pose.wire.site_messages import CameraStatus, Status
 
@@ -228,9 +228,9 @@ class HomeAssistantStream:
         return words
 
     @property
-    def trouble(self) -> str:
-        """See `troubles.HasTrouble`."""
-        return broker_trouble(self._client)
+    def problem(self) -> str:
+        """See `stream_problems.HasProblem`."""
+        return broker_problem(self._client)
 
     def slot(self, slot: LiveSlot) -> None:
         """See `Stream.slot`."""

@@ -103,7 +103,7 @@ def connected_client(
     return client
 
 
-def broker_trouble(client: mqtt.Client) -> str:
+def broker_problem(client: mqtt.Client) -> str:
     """Return that a broker is away, in words; empty where it is not."""
     return "" if client.is_connected() else f"broker {client.host}:{client.port} is away"
 
@@ -128,9 +128,9 @@ class MqttStream:
         self._client, self._prefix, self._names = client, f"e3pose/{source.site}", source.names
 
     @property
-    def trouble(self) -> str:
-        """See `troubles.HasTrouble`."""
-        return broker_trouble(self._client)
+    def problem(self) -> str:
+        """See `stream_problems.HasProblem`."""
+        return broker_problem(self._client)
 
     def slot(self, slot: LiveSlot) -> None:
         """See `Stream.slot`."""

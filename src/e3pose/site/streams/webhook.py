@@ -47,7 +47,7 @@ AGAIN = (408, 425, 429)  # of the answers below 500, those that may be others la
 
 
 @dataclass(frozen=True, slots=True)
-class Patience:
+class RetryPolicy:
     """How long to try.
 
     Attributes:
@@ -138,26 +138,26 @@ class WebhookStream:
     """
 
     def __init__(
-        self, url: SplitResult, secret: bytes, source: Source, patience: Patience | None = None
+        self, url: SplitResult, secret: bytes, source: Source, retry: RetryPolicy | None = None
     ) -> None:
         """Post to an address."""
         self.delivered = self.given_up = self.silent = 0
         self._url, self._secret, self._source = url, secret, source
-        self._patience = patience or Patience()
+        self._retry = retry or RetryPolicy()
         self._secure = ssl.create_default_context() if url.scheme == "https" else None
         self._waiting: deque[Notice] = deque()
-        self._trouble = ""
+        self._problem = ""
         self._ends_s = float("inf")
         self._changed = threading.Condition()
         self._thread = threading.Thread(target=self._run, name="webhook", daemon=True)
         self._thread.start()
 
     @property
-    def trouble(self) -> str:
-        """See `troubles.HasTrouble`: what cannot be delivered now, and what never was."""
-        waits = f"cannot deliver ({self._trouble}), {plural(len(self._waiting), 'notice')} waiting"
+    def problem(self) -> str:
+        """See `stream_problems.HasProblem`: what cannot be delivered now, and what never was."""
+        waits = f"cannot deliver ({self._problem}), {plural(len(self._waiting), 'notice')} waiting"
         lost = f"{plural(self.given_up, 'notice')} given up"
-        parts = [waits] * bool(self._trouble) + [lost] * bool(self.given_up)
+        parts = [waits] * bool(self._problem) + [lost] * bool(self.given_up)
         return f"webhook {self._url.netloc}: {', '.join(parts)}" if parts else ""
 
     def slot(self, slot: LiveSlot) -> None:
@@ -200,7 +200,7 @@ class WebhookStream:
         self._thread.join(END_S + 1.0)
         with self._changed:
             while self._waiting:
-                self._give_up(self._waiting.popleft(), self._trouble or "the stream ended")
+                self._give_up(self._waiting.popleft(), self._problem or "the stream ended")
         counts = [f"{plural(self.delivered, 'notice')} delivered"]
         counts += [f"{self.given_up} not delivered"] * (self.given_up > 0)
         counts += [f"{self.silent} not sent in quiet hours"] * (self.silent > 0)
@@ -225,9 +225,9 @@ class WebhookStream:
                 notice = self._waiting[0]
             problem, again = self._post(body_of(notice.event, self._source))
             attempts += 1
-            late = time.monotonic() - notice.since_s >= self._patience.give_up_s
+            late = time.monotonic() - notice.since_s >= self._retry.give_up_s
             if problem and again and not late:
-                self._is_in_trouble(problem)
+                self._set_problem(problem)
                 self._rest(attempts)
                 continue
             attempts = 0
@@ -239,7 +239,7 @@ class WebhookStream:
             if self._ends_s < float("inf"):
                 self._changed.wait(SOON_S)
             else:
-                wait_s = self._patience.wait_s(attempts)
+                wait_s = self._retry.wait_s(attempts)
                 self._changed.wait_for(lambda: self._ends_s < float("inf"), wait_s)
 
     def _done(self, notice: Notice, problem: str) -> None:
@@ -253,11 +253,11 @@ class WebhookStream:
             else:
                 self.delivered += 1
         if not problem:
-            self._is_in_trouble("")
+            self._set_problem("")
 
-    def _is_in_trouble(self, problem: str) -> None:
+    def _set_problem(self, problem: str) -> None:
         """Say once that deliveries fail, and once that they succeed again."""
-        before, self._trouble = self._trouble, problem
+        before, self._problem = self._problem, problem
         if problem and not before:
             self._say(f"cannot deliver ({problem}): trying again")
         elif before and not problem:
@@ -269,7 +269,7 @@ class WebhookStream:
         Redirects are answers like others: a signed notice goes nowhere else. Of an answer the
         status alone is read.
         """
-        url, seconds = self._url, self._patience.answer_s
+        url, seconds = self._url, self._retry.answer_s
         host, port = str(url.hostname), url.port
         if self._secure is None:
             connection = http.client.HTTPConnection(host, port, timeout=seconds)

@@ -17,7 +17,7 @@ from e3pose.base.quantities import plural
 from e3pose.output.archive.deleting import delete_everywhere
 from e3pose.site.keep.jobs import KEPT_S, Jobs
 from e3pose.site.keep.recordings import kept_recordings, remove_recording
-from e3pose.site.keep.wish import FORMS, MOST_TRACKS, Wish
+from e3pose.site.keep.request import FORMS, MOST_TRACKS, ExportRequest
 from e3pose.site.web.api import LARGEST, REFUSALS, asked
 from e3pose.site.web.control import REFUSALS as CONTROL_REFUSALS
 from e3pose.site.web.control import Changes, Done
@@ -170,10 +170,10 @@ def _add_jobs(api: APIRouter, keep: Keeping, jobs: Jobs) -> None:
     def new(request: Request, asks: NewJob) -> dict[str, Any]:
         def add() -> dict[str, Any]:
             given = asks.model_dump()
-            return jobs.add(Wish(**{**given, "tracks": tuple(asks.tracks)})).body()
+            return jobs.add(ExportRequest(**{**given, "tracks": tuple(asks.tracks)})).body()
 
         made = asked(add)
-        _log(keep, request, f"asked for {made['wish']['form']} of {made['number']}")
+        _log(keep, request, f"asked for {made['request']['form']} of {made['number']}")
         return made
 
     @api.delete("/control/jobs/{number}", summary="End a job, and remove its files",

@@ -14,7 +14,7 @@ from e3pose.base.errors import InputError
 from e3pose.base.quantities import plural
 from e3pose.settings.resolved import ResolvedSite
 from e3pose.site.connect import LiveSlot
-from e3pose.site.troubles import troubles_of
+from e3pose.site.stream_problems import problems_of
 from e3pose.store.database import database_path, database_url
 from e3pose.wire.keys.renewal import expiring, renewal_advice
 from e3pose.wire.site_messages import CameraStatus, Status
@@ -40,7 +40,7 @@ class Around(NamedTuple):
 
     free: int | None = None
     certificates: Sequence[tuple[str, datetime.datetime]] = ()
-    troubles: Sequence[str] = ()
+    problems: Sequence[str] = ()
 
 
 def notices(
@@ -63,7 +63,7 @@ def notices(
         found.append(Notice("disk", left + "Make room, or keep less: [store] of the site file."))
     if slot is not None and (kept := _store_words(slot, status)):
         found.append(Notice("store", kept))
-    found += [Notice("stream", f"{one[0].upper()}{one[1:]}.") for one in around.troubles if one]
+    found += [Notice("stream", f"{one[0].upper()}{one[1:]}.") for one in around.problems if one]
     if flat := [camera.camera_id for camera in status.cameras if _almost_empty(camera)]:
         found.append(Notice("battery", f"Battery almost empty: {_listed(flat)}."))
     for name, until in around.certificates:
@@ -102,8 +102,8 @@ class Surroundings:
                 certificates = tuple(expiring(self.keys, now))
             except InputError:  # being replaced, or not on this machine
                 certificates = ()
-        troubles = () if self.site is None else tuple(troubles_of(self.site))
-        self._seen = Around(free, certificates, troubles)
+        problems = () if self.site is None else tuple(problems_of(self.site))
+        self._seen = Around(free, certificates, problems)
         return self._seen
 
 

@@ -14,7 +14,7 @@ from e3pose.events.body import joints_of
 from e3pose.events.watch import Watch, advance
 from e3pose.site.connect import LiveSlot, seen_of
 from e3pose.site.stored import stored_slots
-from e3pose.site.web.doing import posture, unsure_parts
+from e3pose.site.web.postures import posture, unsure_parts
 from e3pose.store import Store, StoredPoses
 from e3pose.store.overview import StoredStay
 

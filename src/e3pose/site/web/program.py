@@ -20,12 +20,12 @@ from e3pose.site.trial_notices import send_test
 from e3pose.site.web.access import Rules
 from e3pose.site.web.app import PageContent, make_app
 from e3pose.site.web.control import Ask
-from e3pose.site.web.doing import page_watch
 from e3pose.site.web.feed import Feed
 from e3pose.site.web.keep import Keeping
 from e3pose.site.web.layout import describe
 from e3pose.site.web.notices import surroundings
 from e3pose.site.web.pictures import PictureRules, make_pictures
+from e3pose.site.web.postures import page_watch
 from e3pose.site.web.server import PageServer, https_of, listening_at, serve
 from e3pose.site.web.tokens import Tokens, open_tokens
 from e3pose.site.zones import Zones

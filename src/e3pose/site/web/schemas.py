@@ -20,8 +20,8 @@ from e3pose.model.person_event import PersonEvent
 from e3pose.model.zone_event import ZoneEvent
 from e3pose.site.connect import LiveSlot
 from e3pose.site.streams.as_json import zone_words
-from e3pose.site.web.doing import doing, told
 from e3pose.site.web.notices import Notice
+from e3pose.site.web.postures import doing, told
 from e3pose.site.zones import Zones
 from e3pose.wire.messages import fields
 from e3pose.wire.site_messages import CameraStatus, Status

@@ -82,20 +82,20 @@ export function Making({ stretch }) {
   </form>`;
 }
 
-const asked = ({ wish }) => {
-  const people = wish.tracks.length ? `, ${plural(wish.tracks.length, "track")}` : "";
-  return `${clock(wish.start_ns / 1e9)}, ${duration((wish.end_ns - wish.start_ns) / 1e9)}${people}${wish.smooth ? ", smoothed" : ""}`;
+const asked = ({ request }) => {
+  const people = request.tracks.length ? `, ${plural(request.tracks.length, "track")}` : "";
+  return `${clock(request.start_ns / 1e9)}, ${duration((request.end_ns - request.start_ns) / 1e9)}${people}${request.smooth ? ", smoothed" : ""}`;
 };
 
 function Job({ job }) {
-  const { number, wish, state, share, doing } = job, goes_on = state === "waiting" || state === "working", may = known.room.scope === "write";
-  const title = `${wish.name} · ${wish.form === "report" ? "report page" : wish.form.toUpperCase()}`;
+  const { number, request, state, share, doing } = job, goes_on = state === "waiting" || state === "working", may = known.room.scope === "write";
+  const title = `${request.name} · ${request.form === "report" ? "report page" : request.form.toUpperCase()}`;
   const words = { waiting: "waiting for those before", working: `${doing || "starting"}${share === null ? "" : `, ${percent(share)}`}`, done: doing, failed: `Not made: ${doing}` }[state];
   return html`<li class="clip job ${state}"><b>${title}</b><span class="soft">${asked(job)}</span>
     ${state === "working" && html`<progress aria-label=${`Progress of ${title}`} max="1" value=${share ?? undefined}></progress>`}
     <p class=${state === "failed" ? "bad" : "soft"}>${words}</p>
     <div class="row">${job.files.map((file) => html`<button type="button" class="get" onClick=${() => download(number, file.name)}>↓ ${file.name} <small>${bytesWords(file.bytes)}</small></button>`)}
-      ${may && state === "failed" && html`<button type="button" onClick=${() => send("/api/control/jobs", { ...wish, tracks: wish.tracks })}>Try again</button>`}
+      ${may && state === "failed" && html`<button type="button" onClick=${() => send("/api/control/jobs", { ...request, tracks: request.tracks })}>Try again</button>`}
       ${may && html`<button type="button" aria-label=${`${goes_on ? "Stop" : "Remove"} ${title}`} onClick=${() => send(`/api/control/jobs/${number}`, undefined, "DELETE")}>${goes_on ? "Stop" : "Remove"}</button>`}
       ${state === "done" && html`<span class="soft">kept until ${hourOf(job.until_s)}</span>`}</div>
   </li>`;

@@ -12,7 +12,7 @@ from e3pose.model.person_event import PersonEvent
 from e3pose.model.skeleton import COCO17
 from e3pose.settings.site_file import ZoneTable
 from e3pose.site.connect import LiveSlot, live_slot
-from e3pose.site.web.doing import doing, posture, told, unsure_parts
+from e3pose.site.web.postures import doing, posture, told, unsure_parts
 from e3pose.site.zones import Zones, advance
 
 

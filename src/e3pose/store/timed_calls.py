@@ -8,7 +8,7 @@ from collections.abc import Callable
 from e3pose.base.threads import show_thread_name
 
 
-class Caller:
+class TimedCalls:
     """Makes one call at a time, on a thread that it stops waiting for after a while."""
 
     def __init__(self, limit_s: float, cut: Callable[[], None]) -> None:

@@ -1,7 +1,7 @@
-"""What goes wrong in streams, for those who look at the site: small files beside the site file.
+"""Problems of streams, shown to operators: small files beside the site file.
 
 A stream is a viewer of the site: it can tell the edge nothing. It keeps a file in the folder
-`troubles` while something is wrong; `e3pose top` and the page on the same machine read it.
+`stream-problems` while something is wrong; `e3pose top` and the page on the same machine read it.
 """
 
 from __future__ import annotations
@@ -17,24 +17,24 @@ from e3pose.base.atomic import write_file
 from e3pose.base.errors import InputError
 from e3pose.base.private import make_folder
 
-FOLDER = "troubles"
+FOLDER = "stream-problems"
 EVERY_S = 5.0  # a file is written again, so that one of a killed program is known to be old
 FRESH_S = 20.0
 MOST_FILES, MOST_LINES, MOST_TEXT = 16, 4, 200
 
 
 @runtime_checkable
-class HasTrouble(Protocol):
-    """Something that may be in trouble."""
+class HasProblem(Protocol):
+    """A stream that may have a problem."""
 
     @property
-    def trouble(self) -> str:
-        """What is wrong, a line; empty where nothing is."""
+    def problem(self) -> str:
+        """The problem in one line; empty without one."""
         ...
 
 
-class TroubleFile:
-    """The file of this program; where it cannot be written, nothing is told."""
+class ProblemFile:
+    """The file of this program; if it cannot be written, nothing is reported."""
 
     def __init__(self, site: Path) -> None:
         """Name the site file beside which it is."""
@@ -43,8 +43,8 @@ class TroubleFile:
         self._due_s = -float("inf")
 
     def update(self, parts: Sequence[object]) -> None:
-        """Say what is wrong with some streams now; to be called often."""
-        lines = tuple(one.trouble for one in parts if isinstance(one, HasTrouble) and one.trouble)
+        """Write the present problems of the streams; to be called often."""
+        lines = tuple(one.problem for one in parts if isinstance(one, HasProblem) and one.problem)
         if lines == self._lines and (not lines or time.monotonic() < self._due_s):
             return
         self._lines, self._due_s = lines, time.monotonic() + EVERY_S
@@ -56,12 +56,12 @@ class TroubleFile:
             write_file(self._path, "\n".join(lines) + "\n", private=True)
 
     def close(self) -> None:
-        """Say nothing any more."""
+        """Remove the file."""
         self.update(())
 
 
-def troubles_of(site: Path) -> list[str]:
-    """Return what is wrong with the streams of a site on this machine, a line each."""
+def problems_of(site: Path) -> list[str]:
+    """Return the problems of a site's streams on this machine, a line each."""
     found: list[str] = []
     with suppress(OSError):
         paths = sorted((site.parent / FOLDER).glob("*.txt"))[:MOST_FILES]

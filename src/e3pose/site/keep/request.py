@@ -36,7 +36,7 @@ FORMS = {
 
 
 @dataclass(frozen=True, slots=True)
-class Wish:
+class ExportRequest:
     """What is to be made.
 
     Attributes:

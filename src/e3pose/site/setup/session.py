@@ -1,4 +1,4 @@
-"""What is on the table while a site is set up: its folder, its plan, the work in the background."""
+"""A set-up setup: the site's folder, its plan, and the jobs in the background."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ BEFORE = ".before"  # after the name of a file that was replaced
 
 
 @dataclass(eq=False)
-class Desk:
-    """One page's site; its methods may be called on any thread.
+class SetupSession:
+    """The set-up of one site; methods may be called on any thread.
 
     Attributes:
         root: folder in which sites lie and films are looked for.
