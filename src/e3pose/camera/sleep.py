@@ -14,7 +14,9 @@ from e3pose.settings.limits import SECONDS, Sleep
 from e3pose.wire.codec import one_line
 
 SUSPEND = ("rtcwake", "-m", "mem", "-s", SECONDS)
-LEAST_SUSPEND_S = 2.0  # tuned: s | not recorded, alarms count whole seconds | not measured
+# Alarms count whole seconds: one that goes off within the next second may pass before the machine
+# is suspended, which then wakes by no alarm; more keeps machines awake that could be suspended.
+LEAST_SUSPEND_S = 2.0
 POLL_S = 0.1
 OVERTIME_S = 600.0  # a command that takes so much longer than asked hangs
 

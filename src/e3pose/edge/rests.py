@@ -22,8 +22,12 @@ from e3pose.wire.messages import RESTING, Heartbeat
 from e3pose.wire.site_messages import CameraStatus
 
 ASLEEP = "asleep"  # begins what is said of a camera that is expected back
-PRIOR_SHARE = 0.5  # tuned: share of the mean | not recorded, boards of a kind vary | not measured
-MEMORY_WAKES = 20  # tuned: wakes | not recorded, heat and networks change | not measured
+# Of the stated time to wake, its spread before the first wake: with less a slow board is late for
+# its first order, with more a quick one idles for longer before it. Twenty wakes later it is gone.
+PRIOR_SHARE = 0.5
+# Wakes that the mean remembers: of fewer one odd wake moves every alarm, with more a board that
+# grew slow in the heat is late for as many orders.
+MEMORY_WAKES = 20
 LONGEST_WAKE_S = 60.0  # a camera that comes later was away for other reasons
 OVERSLEPT_S = 1.0  # late by so much is told
 

@@ -12,18 +12,19 @@ from e3pose.events.watch import Watch
 from e3pose.model.look_request import NO_REQUEST, LookRequest
 
 CAMERAS = 2.0  # definition: a second camera
-# tuned: looks a second | by reasoning: who rolls off a bed is down half a second later | not
-#   measured
+# Looks a second while everybody lies: who rolls off a bed is down half a second later, and two
+# looks show it; more are spent on people who sleep.
 ENOUGH_PER_S = 4.0
 # tuned: s, share of the stature | by reasoning: half way down to a fall's least drop, in the time
 #   that a fall takes | `home-fall`, seeds 0 to 5, 26 W, with all of `is_unsure`: 25 of 29 found
 #   and not 22
 WITHIN_S, SINKS = 0.8, 0.08
-# tuned: probability | by reasoning: a third of what begins a fall | not measured
+# Probability of being on the floor from which on a fall is possible, a third of what `rules.fall`
+# begins one with: a larger one asks for looks when it is decided, a smaller one for whoever sits.
 PERHAPS_DOWN = 0.2
-# tuned: probability | by reasoning | not measured
-SURELY_LIES = 0.9
-# tuned: s | by reasoning: a fall is told after `fall_s`, two seconds as a rule | not measured
+SURELY_LIES = 0.9  # probability; with less the looks become few while somebody gets up
+# Seconds down for which looks are asked: a fall is told after `fall_s`, two by default, and the
+# looks before it decide whether it is one; later ones change nothing and take from the budget.
 LASTS_S = 3.0
 
 
