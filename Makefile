@@ -114,8 +114,6 @@ reproduce-quick: $(VENV)/.dev  ## redo the paper's tables and figures with few s
 
 bench: $(VENV)/.all  ## run the speed benchmarks, and calibration beside other programs (OTHERS=their python)
 	$(BIN)/python lab/benchmarks/bench_fuse.py
-	$(BIN)/python lab/benchmarks/bench_filter.py
-	$(BIN)/python lab/benchmarks/bench_predict.py
 	$(BIN)/python lab/benchmarks/bench_step.py
 	$(BIN)/python lab/benchmarks/bench_store.py
 	$(BIN)/python lab/benchmarks/bench_batteries.py

@@ -1,13 +1,11 @@
-"""Calibration from people against known truth: simulated scenes and published rigs, in one table.
+"""Calibration from people against known truth: simulated scenes and published rigs.
 
     python lab/benchmarks/bench_calibration.py [--cases "NAME;..."] [--lenses known] [--real]
         [--others PYTHON]
-    python lab/benchmarks/bench_calibration.py --cases operating-room --noise "0.5;2;4;simulated"
 
 `--real` adds the rigs of `E3POSE_SHARED`, against their published calibration. `--others` names the
 interpreter of an environment with caliscope 0.11.8 and aniposelib 0.8.0, which calibrate from the
 points that e3pose matched; aniposelib from a start 5 degrees and 20 cm off, as it has no other.
-`--noise` declares keypoint errors so many times as large, or those of another detector.
 
 Errors are the largest over the cameras, after the similarity transform that fits the cameras best.
 `rays` is how far the rays of the image's middle half are turned, which is what places people: where
@@ -28,7 +26,6 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from dataclasses import replace
-from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -42,7 +39,6 @@ from e3pose.calibrate.from_points import OUTLIER_SIGMAS, adjust_all
 from e3pose.calibrate.moved_cameras import LENS, NUM_PARAMETERS, Cameras, distances
 from e3pose.calibrate.uncertainty import camera_errors, likely_rigs, rays_apart
 from e3pose.model.camera import Rig
-from e3pose.model.noise import Noise
 from e3pose.model.noises import detector_of, load_noise
 from e3pose.model.rotations import similarity
 from e3pose.recording import load_recording
@@ -90,16 +86,6 @@ def recordings(names: list[str], real: bool, seed: int | None) -> Iterator[tuple
         shared = shared_folder() / "data"
         yield "pizza", load_recording(shared / "pizza" / "recording")
         yield "Shelf", import_shelf(shared / "shelf" / "shelf.npz")
-
-
-def declared(word: str, recording: Recording) -> Noise:
-    """Return the noise of the recording's detector times a number, or of a detector by name."""
-    try:
-        factor = float(word)
-    except ValueError:
-        return load_noise(word)
-    noise = load_noise(detector_of(recording))
-    return replace(noise, sigma_px=factor * noise.sigma_px)
 
 
 def cost(adjusted: Adjusted, lenses: Floats | None) -> float:
@@ -200,7 +186,6 @@ def by_others(python: str, tool: str, truth: Rig, found: PeopleRig, known: bool,
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--cases", default=";".join(CASES))
-    parser.add_argument("--noise", default="1")
     parser.add_argument("--lenses", default="known;unknown")
     parser.add_argument("--real", action="store_true")
     parser.add_argument("--seed", type=int, help="of simulated cases, in place of their own")
@@ -213,12 +198,11 @@ def main() -> None:
     print("|---" * len(columns) + "|")
     for name, recording in recordings(names, options.real, options.seed):
         truth, recording = recording.rig, replace(recording, truth=None)
-        for lenses, word in product(options.lenses.split(";"), options.noise.split(";")):
-            known = lenses == "known"
-            label = f"{name} | {lenses}" if word == "1" else f"{name}, noise {word} | {lenses}"
+        for lenses in options.lenses.split(";"):
+            known, label = lenses == "known", f"{name} | {lenses}"
             seen = recording if known else without_calibration(recording)
             try:
-                found = solve_people(seen, declared(word, recording), None)
+                found = solve_people(seen, load_noise(detector_of(recording)), None)
             except InputError as error:
                 print(f"| {label} | refused: {str(error)[:80]} |", flush=True)
                 continue

@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import sys
 import time
 from collections.abc import Container, Iterable, Iterator
 from dataclasses import dataclass, replace
@@ -23,7 +24,10 @@ from e3pose.estimate.per_slot.fuse import Fuser, FusionSettings
 from e3pose.estimate.per_slot.fusion import MATCHERS
 from e3pose.model.camera import Camera, Rig
 from e3pose.model.pose import Poses3D
-from reference import ReferenceFuser
+
+sys.path.append(str(Path(__file__).resolve().parents[2]))  # plain forms of the tests
+
+from tests.reference.fuse import ReferenceFuser
 
 SIZES = ((5, 4), (5, 8), (5, 16), (12, 8), (28, 8))
 DISTORTED = ((5, 4), (12, 8))

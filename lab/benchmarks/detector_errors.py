@@ -1,13 +1,11 @@
 """Errors of simulated detectors beside those of real ones, from detections alone.
 
-    E3POSE_SHARED=... python lab/benchmarks/detector_errors.py --figure docs/images/unkind.svg
+    python lab/benchmarks/detector_errors.py --scenes buffet,round-table,ring-
     python lab/benchmarks/detector_errors.py --recording clip=FOLDER --scenes buffet --seed 901
-    python lab/benchmarks/detector_errors.py --without
 
 A scene with `+` has errors by situation, one with `-` errors by score alone; without either, its
 own. In one with `~` those of the first camera last for seconds and look consistent; with `^` that
-camera gives all of them a score of 0.99 besides. `--without` sets one figure of the errors after
-the other to nothing and shows what goes wrong.
+camera gives all of them a score of 0.99 besides. Real ones are those of `E3POSE_SHARED`.
 """
 
 from __future__ import annotations
@@ -51,7 +49,6 @@ GROUPS: dict[str, Callable[[Keypoints], Flags]] = {
 }
 LEAST = 100  # keypoints of a figure
 BENT_PX, BENT_S, SURE_SCORE = 4.0, 4.0, 0.99  # of the camera whose errors last
-SHARES = np.concatenate([np.linspace(0, 0.9, 91), np.linspace(0.902, 1, 50)])  # of a drawn curve
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -227,123 +224,22 @@ def _text(value: float) -> str:
     return "" if np.isnan(value) else f"{value:.2f}" if abs(value) < 10 else f"{value:.1f}"
 
 
-# What each figure of the errors is for: what to set it to, and the statistics that change.
-WITHOUT: dict[str, tuple[dict[str, float], tuple[str, ...]]] = {
-    "sigma_m": ({"sigma_m": 0.0}, ("clear: median cm",)),
-    "lasting": ({"lasting": 0.0}, ("all: correlation after 1 s", "all: correlation after 5 s")),
-    "view_rad": ({"view_rad": 10.0}, ("two views at one time: correlation",)),
-    "posture_m": ({"posture_m": 10.0}, ("all: correlation after 5 s",)),
-    "joint_miss": ({"joint_miss": 0.0}, ("clear: missed, %",)),
-    "own_trunk_miss": ({"own_trunk_miss": 0.4}, ("hips: missed, %",)),
-    "own_arm_miss": ({"own_arm_miss": 0.07}, ("wrists: missed, %",)),
-    "own_face_miss": ({"own_face_miss": 0.07}, ("face: missed, %",)),
-    "other_miss": ({"other_miss": 0.02}, ("behind another: missed, %",)),
-    "guess_factor": (
-        {"guess_factor": 1.0}, ("behind the own body: median cm", "behind another: median cm")
-    ),
-    "taken": (
-        {"taken": 0.0},
-        (
-            "behind another: beyond 15 cm, %",
-            "behind another: of gross errors of limbs on the one before, %",
-        ),
-    ),
-    "mirrored": (
-        {"mirrored": 0.0}, ("behind the own body: of gross errors of limbs on the other side, %",)
-    ),
-    "hidden_odds": (
-        {"hidden_odds": 0.0}, ("behind another: score, 50 % below", "all: scores below .3, %")
-    ),
-    "swap": ({"swap": 0.0}, ("clear: of gross errors of limbs on the other side, %",)),
-    "person_miss": ({"person_miss": 0.0}, ("people met by a view, %",)),
-}  # fmt: skip
-
-
-def without(scene: str, seed: int, columns: Mapping[str, Mapping[str, float]]) -> Iterator[str]:
-    """Yield a table of what goes wrong without each figure, beside the real recordings."""
-    usual = simulated(scene, seed)
-    before = figures(gather(usual), usual.interval_s)
-    yield f"| without | statistic | {' | '.join(columns)} | {scene} | {scene} without |"
-    yield "|---|---|" + "---|" * (len(columns) + 2)
-    for name, (changes, rows) in WITHOUT.items():
-        recording = simulated(scene, seed, changes)
-        after = figures(gather(recording), recording.interval_s)
-        for row in rows:
-            cells = [_text(c[row]) for c in (*columns.values(), before, after)]
-            yield f"| `{name}` | {row} | {' | '.join(cells)} |"
-
-
-def draw(columns: Sequence[Column], path: Path) -> None:
-    """Draw distributions of errors and scores, correlation over time, and missed joints."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(11, 7.5), layout="constrained")
-    axes = figure.subplots(2, 3)
-    for axis, (group, chosen) in zip(axes[0], list(GROUPS.items())[:3], strict=True):
-        for column in columns:
-            mine = column.keypoints.only(chosen(column.keypoints) & column.keypoints.seen)
-            cm = np.linalg.norm(mine.error_cm, axis=-1)
-            axis.plot(np.quantile(cm, SHARES), 100 * (1 - SHARES), **_style(column))
-        axis.set(title=group, xlabel="error, cm", ylabel="% beyond", xscale="log", yscale="log")
-        axis.set(xlim=(0.5, 60), ylim=(0.5, 100))
-    hidden = GROUPS["behind another"]
-    for column in columns:
-        seen = column.keypoints.only(column.keypoints.seen)
-        lags = np.geomspace(0.04, 5, 12)
-        lags = lags[lags >= column.interval_s]
-        values = remembered(seen, column.interval_s, lags.tolist())
-        axes[1][0].plot(lags, values, **_style(column))
-        scores = np.quantile(seen.score[hidden(seen)], SHARES)
-        axes[1][1].plot(scores, 100 * SHARES, **_style(column))
-        found = figures(column.keypoints, column.interval_s)
-        bias = [found[f"{part}: mean error by direction of view, cm"] for part in PARTS]
-        axes[1][2].plot(list(PARTS), bias, marker="o", **_style(column))
-    axes[1][0].set(title="errors last", xlabel="seconds later", ylabel="correlation", xscale="log")
-    axes[1][1].set(title="scores of joints behind another", xlabel="score", ylabel="% below")
-    axes[1][2].set(title="mean error by direction of view", ylabel="cm")
-    axes[1][2].tick_params(axis="x", rotation=45)
-    handles, labels = axes[1][0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=4)
-    figure.savefig(path)
-
-
-def _style(column: Column) -> dict[str, object]:
-    """Real recordings black and grey, errors by score dashed."""
-    name, old = column.name, column.name.endswith("-")
-    if name[0].isupper() or name.startswith(("pizza", "clip")):
-        style = {"Shelf": "-", "pizza, first half": "--"}.get(name, ":")
-        return {"label": name, "color": "black", "linestyle": style, "linewidth": 1.8}
-    label = f"{name[:-1]}, by score" if old else f"{name.rstrip('+')}, by situation"
-    return {"label": label, "linestyle": "--" if old else "-", "linewidth": 1.1}
-
-
 def main() -> None:
-    """Print the table; draw the figure if asked."""
+    """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--scenes", help=f"default: {SCENES}; with --without, buffet")
+    parser.add_argument("--scenes", default=SCENES)
     parser.add_argument("--recording", action="append", default=[], metavar="NAME=FOLDER")
     parser.add_argument("--seed", type=int, default=SEED)
-    parser.add_argument("--figure", type=Path, help="file to draw to")
-    parser.add_argument("--without", action="store_true", help="what each figure is for")
     options = parser.parse_args()
-    if options.scenes is None:
-        options.scenes = "buffet" if options.without else SCENES
     columns = [
         Column(name, gather(recording, num_slots=slots), recording.interval_s)
         for name, recording, slots in real(options.recording)
     ]
-    if options.without:
-        found = {c.name: figures(c.keypoints, c.interval_s) for c in columns}
-        for line in without(options.scenes.split(",")[0], options.seed, found):
-            print(line, flush=True)
-        return
     for word in options.scenes.split(","):
         recording = simulated(word, options.seed)
         columns.append(Column(word, gather(recording), recording.interval_s))
     for line in table({c.name: figures(c.keypoints, c.interval_s) for c in columns}):
         print(line)
-    if options.figure:
-        draw(columns, options.figure)
 
 
 if __name__ == "__main__":
