@@ -15,11 +15,17 @@ from e3pose.base.errors import InputError
 from e3pose.base.quantities import duration_s, size_bytes
 from e3pose.base.table import convert, entry, read_table
 from e3pose.model.camera_fields import check_camera_id
-from e3pose.settings.camera_machine import DETECTION, CameraMachine
-from e3pose.settings.limits import Pace, Rotation, Sleep, check_sleep, check_source
-from e3pose.settings.places import beside, near, placed
+from e3pose.settings.limits import (
+    DETECTION,
+    CameraMachine,
+    Pace,
+    Rotation,
+    Sleep,
+    check_sleep,
+    check_source,
+)
 from e3pose.settings.site_file import DEFAULT_DETECTOR, DEFAULT_ENDPOINT, MAX_BYTES
-from e3pose.settings.sources import located
+from e3pose.settings.sources import beside, located, near, placed
 from e3pose.wire.endpoint import Endpoint, read_endpoint
 from e3pose.wire.topics import check_site
 

@@ -273,7 +273,9 @@ class LoopSettings:
         if plan is None:
             count = self.num_selected
             if count is None:
-                return replace(self, num_selected=min(default_cameras(self.pipeline), num_cameras))
+                paper = pipeline_row(self.pipeline)[0] == "paper"
+                usual = PAPER_CAMERAS if paper else USUAL_CAMERAS
+                return replace(self, num_selected=min(usual, num_cameras))
             if not 0 < count <= num_cameras:
                 wanted = f"more than 0 and at most the rig's {num_cameras}"
                 raise InputError("cameras", f"{count:g} per slot", wanted)
@@ -321,11 +323,6 @@ class ReplaySettings(LoopSettings):
 def pipeline_row(name: str) -> tuple[str, str]:
     """Return the estimator and the policy of a pipeline; one of one's own has the usual policy."""
     return PIPELINES.get(name, (name, PIPELINES["default"][1]))
-
-
-def default_cameras(pipeline: str) -> int:
-    """Return the default number of cameras per slot."""
-    return PAPER_CAMERAS if pipeline_row(pipeline)[0] == "paper" else USUAL_CAMERAS
 
 
 def default_budget(num_selected: float, num_cameras: int) -> float:

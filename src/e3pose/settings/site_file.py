@@ -21,18 +21,17 @@ from e3pose.base.plugins import beside as own_beside
 from e3pose.base.quantities import age_s, check_within, duration_s, size_bytes
 from e3pose.base.table import check_bounds, convert, entry, read_table
 from e3pose.model.camera_fields import check_camera_id
-from e3pose.settings.camera_machine import CameraMachine
 from e3pose.settings.energy import EnergySettings, IdleMode
 from e3pose.settings.events_table import EventsTable
 from e3pose.settings.limits import (
+    CameraMachine,
     Pace,
     Rotation,
     check_smooth_delay,
     check_source,
 )
 from e3pose.settings.loop import LoopSettings
-from e3pose.settings.places import beside, near, placed
-from e3pose.settings.sources import located
+from e3pose.settings.sources import beside, located, near, placed
 from e3pose.wire.endpoint import Endpoint, read_endpoint, read_endpoints, read_host_port
 from e3pose.wire.topics import check_site
 
