@@ -52,6 +52,19 @@ STYLE: Mapping[str, Any] = {
 }
 
 
+PREDICTOR_COLOURS: Mapping[str, str] = {
+    "attention-lstm": COLOURS[0],
+    "constant-velocity": COLOURS[1],
+    "damped-velocity": COLOURS[2],
+    "zero-velocity": PALE,
+}
+
+
+def colour_of(predictor: str, index: int) -> str:
+    """Return the colour of a predictor, the same in every picture."""
+    return PREDICTOR_COLOURS.get(predictor, COLOURS[3 + index % 3])
+
+
 def check_svg(option: str, path: Path) -> None:
     """Raise `InputError` unless a picture can be written at `path`."""
     if path.suffix.lower() != ".svg":

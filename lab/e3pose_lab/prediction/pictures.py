@@ -6,8 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from e3pose_lab.evaluate.drawing import INK, MARKERS, legend_above, picture
-from e3pose_lab.prediction.colours import colour_of
+from e3pose_lab.evaluate.drawing import INK, MARKERS, colour_of, legend_above, picture
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

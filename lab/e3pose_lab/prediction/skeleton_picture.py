@@ -12,8 +12,7 @@ from e3pose.base.arrays import Floats
 from e3pose.base.quantities import plural
 from e3pose.model.skeleton import BODY_LIMBS, Skeleton
 from e3pose.predict.base import Predictor
-from e3pose_lab.evaluate.drawing import INK, legend_above, picture
-from e3pose_lab.prediction.colours import colour_of
+from e3pose_lab.evaluate.drawing import INK, colour_of, legend_above, picture
 from e3pose_lab.prediction.motion import BODY_JOINTS, body_joints
 from e3pose_lab.prediction.windows import Window, foresee
 

@@ -11,7 +11,7 @@ import pytest
 from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.evaluate.summary import accuracy
 from e3pose_lab.datasets.shelf import import_shelf
-from e3pose_lab.reproduce.readings import pcp_readings
+from e3pose_lab.reproduce.replays import pcp_readings
 
 SHARED = os.environ.get("E3POSE_SHARED")
 
