@@ -35,11 +35,9 @@ GROUP_S = 5.0  # of one person's walk, where few people are there
 MIN_PEOPLE = 3  # to leave out one after the other
 SAMPLES = 32
 SEED = 7
-# tuned: rays along either side of an image | by reasoning, to compare two lenses | not measured
-RAYS = 5
+RAYS = 5  # along either side of an image: more in all than a lens has coefficients
 RANK = 1e-10  # of the normal equations: the scale is free
-# tuned: share of a focal length | by reasoning: rounding of a known one | not measured
-KNOWN_SHARE = 1e-6
+KNOWN_SHARE = 1e-6  # of a focal length: what rounding does to a known one, no search ends so near
 FAR_DEG = 15.0  # from a calibration, farther is more likely wrong than right
 
 

@@ -12,7 +12,9 @@ RESTS: tuple[RestName, ...] = ("idle", "not-capturing", "asleep", "suspended")
 RESTING: tuple[Literal["asleep", "suspended"], ...] = ("asleep", "suspended")
 LOOKS: tuple[LookName, ...] = ("whole", "part", "tracked", "gate", "nothing")
 
-WAKE_S = 0.5  # tuned: s | not recorded, what a USB camera takes to its first frame | not measured
+# Seconds to the first frame where a profile states none, as of USB cameras: with less the first
+# view after a rest is late, with more cameras rest less; an edge learns each camera's own.
+WAKE_S = 0.5
 SLOT_S = 0.04  # of a look whose joules a profile states by its power alone: 25 slots per second
 NOT_STATED = "not stated"
 
