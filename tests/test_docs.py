@@ -20,7 +20,7 @@ from e3pose.cli.app import GROUPS, VERBS, app
 from e3pose.cli.calibrating import CALIBRATIONS
 from e3pose.cli.distributions import BELOW
 from e3pose.cli.options import EnergyOptions, LoopOptions
-from e3pose.edge import roster
+from e3pose.edge.camera_state import QUARANTINE_S, WRONG_LIMIT, WRONG_S
 from e3pose.settings.camera_file import NodeTable
 from e3pose.settings.site_file import SiteTable
 
@@ -152,7 +152,7 @@ def test_page_explains_every_key_of_the_loop_and_of_energy(options: Any) -> None
 
 
 def test_pages_agree_with_the_code_on_how_long_a_liar_is_left_out() -> None:
-    assert (roster.WRONG_LIMIT, roster.WRONG_S, roster.QUARANTINE_S) == (20, 10.0, 5.0)
+    assert (WRONG_LIMIT, WRONG_S, QUARANTINE_S) == (20, 10.0, 5.0)
     for page in ("docs/reference/faults.md", "docs/reference/messages.md"):
         said = " ".join(BY_PAGE[page].split())
         assert re.search(r"twenty (such )?in ten seconds (leave it out|is left out) for five", said)

@@ -59,7 +59,7 @@ PURE = (
     "energy.queues",
     "energy.budgets", "energy.site_energy", "estimate.smooth", "model.take", "pipeline",
     "recording.record",
-    "evaluate.metrics", "wire.codec", "wire.offset", "base.clock", "edge.lead", "edge.roster",
+    "evaluate.metrics", "wire.codec", "wire.offset", "base.clock", "edge.lead", "edge.camera_state",
 )  # fmt: skip
 PURE_IN_LAB = ("prediction.motion", "prediction.scores", "prediction.tally")
 SOURCE = PACKAGES[PRODUCT]

@@ -17,7 +17,8 @@ from e3pose.camera.base import NodeSettings
 from e3pose.camera.live import CameraNode
 from e3pose.camera.live_source import RecordedDetector, RecordedSource
 from e3pose.camera.pictures import Pictures
-from e3pose.edge.inbox import BEAT_S, NEAR_S
+from e3pose.edge.camera_state import NEAR_S
+from e3pose.edge.inbox import BEAT_S
 from e3pose.edge.lead import FAR_S
 from e3pose.recording import load_recording
 from e3pose.settings.site_file import load_site

@@ -119,7 +119,7 @@ def sample(root: Path, packages: list[str], count: int, seed: int) -> list[Mutan
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("root", type=Path, help="of the project")
-    parser.add_argument("packages", nargs="+", help="of e3pose, such as select or edge/rests")
+    parser.add_argument("packages", nargs="+", help="of e3pose, such as select or edge/inbox")
     parser.add_argument("--count", type=int, default=150, help="mutants in all")
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args()

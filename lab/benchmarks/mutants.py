@@ -353,7 +353,7 @@ def report(rows: list[dict[str, Any]], packages: list[str]) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("maker", type=Path, help="Python of an environment that has cosmic-ray")
-    parser.add_argument("packages", nargs="+", help="of e3pose, such as select or edge/rests")
+    parser.add_argument("packages", nargs="+", help="of e3pose, such as select or edge/inbox")
     parser.add_argument("--count", type=int, default=150, help="mutants in all")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--minutes", type=float, default=120.0, help="after which no mutant begins")

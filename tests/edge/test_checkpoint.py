@@ -26,7 +26,7 @@ from e3pose.edge.checkpoint import (
     save_checkpoint,
     write_arrays,
 )
-from e3pose.edge.lead_change import skip_to, still_true, with_lead
+from e3pose.edge.pipeline_owner import skip_to, still_true, with_lead
 from e3pose.edge.state_file import StateFile
 from e3pose.pipeline import Pipeline, SlotRecord, SlotState, initial_state, step
 from e3pose.recording import Recording

@@ -9,8 +9,10 @@ from tests.manual_clock import ManualClock
 from tests.memory_transport import Hub
 from tests.rigs import looking
 
+from e3pose.base.clock import SlotTimes
+from e3pose.edge.camera_state import NEAR_S, State
 from e3pose.edge.gather import Gather
-from e3pose.edge.inbox import NEAR_S, Inbox
+from e3pose.edge.inbox import Inbox
 from e3pose.model.skeleton import BODY25, COCO17, COCO18, Skeleton
 from e3pose.wire.arrays import pack
 from e3pose.wire.codec import encode
@@ -31,7 +33,7 @@ def received(found: Skeleton, expected: Skeleton, sent: int | None = None) -> tu
     """Let a camera with one skeleton with_hello and send a view to an edge with another."""
     gather, hub = Gather(2), Hub()
     inbox = Inbox(
-        "lab", RIG, expected.joints, 0.05, gather, ManualClock(10**9), lambda i, s: None,
+        "lab", RIG, expected.joints, 0.05, gather, ManualClock(10**9),
         lambda beat: None,
     )  # fmt: skip
     inbox.listen(hub.join())
@@ -67,14 +69,12 @@ def test_joint_that_no_detector_finds_is_missing() -> None:
 def test_view_with_other_joints_than_were_announced_is_refused() -> None:
     inbox, gather = received(COCO18, COCO17, sent=17)
     assert inbox.wrong == 1 and not gather.close()
-    assert "found 17 joints, expected 18" in inbox.roster.cameras[0].fault
+    assert "found 17 joints, expected 18" in inbox.cameras[0].fault
 
 
 def test_times_of_cameras_are_moved_to_the_edge_s() -> None:
     beats, clock = list[Heartbeat](), ManualClock(10**18)
-    inbox = Inbox(
-        "lab", RIG, COCO17.joints, 0.05, gather := Gather(2), clock, lambda i, s: None, beats.append
-    )
+    inbox = Inbox("lab", RIG, COCO17.joints, 0.05, gather := Gather(2), clock, beats.append)
     inbox.listen((hub := Hub()).join())
     camera, near_ns = hub.join(), round(NEAR_S * 1e9)
     for slot, (said_ns, taken_ns) in enumerate((
@@ -88,14 +88,12 @@ def test_times_of_cameras_are_moved_to_the_edge_s() -> None:
         camera.publish("e3pose/lab/camera/c0/heartbeat", encode(beat))
         assert gather.close()[0].captured_ns - clock.now_ns() == taken_ns
         assert beats[-1].sent_edge_ns - clock.now_ns() == taken_ns
-    assert inbox.wrong == 0 and inbox.roster.cameras[0].beat == beats[-1]
+    assert inbox.wrong == 0 and inbox.cameras[0].beat == beats[-1]
 
 
 def test_heartbeats_beyond_five_per_second_are_not_passed_on() -> None:
     beats, clock = list[Heartbeat](), ManualClock(10**18)
-    inbox = Inbox(
-        "lab", RIG, COCO17.joints, 0.05, Gather(2), clock, lambda i, s: None, beats.append
-    )
+    inbox = Inbox("lab", RIG, COCO17.joints, 0.05, Gather(2), clock, beats.append)
     inbox.listen((hub := Hub()).join())
     camera = hub.join()
     for count in range(100):
@@ -103,7 +101,24 @@ def test_heartbeats_beyond_five_per_second_are_not_passed_on() -> None:
         beat = Heartbeat("c0", 5, clock.now_ns(), "active", captured=count)
         camera.publish("e3pose/lab/camera/c0/heartbeat", encode(beat))
     assert len(beats) == 10
-    newest = inbox.roster.cameras[0].beat
+    newest = inbox.cameras[0].beat
     assert newest is not None and newest.captured == 99
     camera.publish("e3pose/lab/camera/c0/heartbeat", encode(replace(newest, ends=True)))
     assert beats[-1].ends  # the last one always is
+
+
+def test_who_cannot_sleep_is_never_told_to() -> None:
+    inbox = Inbox(
+        "lab", RIG, COCO17.joints, 0.05, Gather(2), ManualClock(10**9),
+        lambda beat: None, wakes_s=[0.5, 0.5],
+    )  # fmt: skip
+    hub, times, until = Hub(), SlotTimes(0, 10**8), np.array([100, 100])
+    inbox.listen(hub.join())
+    assert inbox.order_sleep(times, until, 100, 2).tolist() == [0, 0]  # awake from that slot on
+    hello = Hello("c0", 1, COCO17.joints, (640, 480), 20.0, rests=())
+    hub.join().publish("e3pose/lab/camera/c0/hello", encode(hello))
+    assert inbox.order_sleep(times, until, 20, 2).tolist() == [0, 100]  # c1 may be asleep already
+    assert [c.sleep.due_ns for c in inbox.cameras] == [0, times.begin_ns(98)]
+    assert inbox.states().tolist() == [State.BARRED, State.ASLEEP]
+    inbox.excuse()
+    assert inbox.states()[1] == State.ASLEEP

@@ -13,7 +13,8 @@ import pytest
 from tests.cases import each_case
 from tests.edge.lying_site import FPS, Kept, run
 
-from e3pose.edge.inbox import BEAT_S, NEAR_S
+from e3pose.edge.camera_state import NEAR_S
+from e3pose.edge.inbox import BEAT_S
 from e3pose.edge.lead import FAR_S
 from e3pose.wire.messages import CameraMode, ClockQuestion, Heartbeat, Hello, View
 from lies import HONEST, Lie, lies_of_fields, schemes

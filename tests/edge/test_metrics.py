@@ -70,7 +70,7 @@ def test_metrics_are_what_was_counted(tmp_path: Path) -> None:
         try:
             with pytest.raises(InputError, match=f"metrics_port: {port}: .*expected a free port"):
                 serve_metrics(edge, port)
-            assert eventually(lambda: edge.inbox.roster.cameras[0].beat is not None)
+            assert eventually(lambda: edge.inbox.cameras[0].beat is not None)
             before, found, after = edge.counts.slots, scraped(port), edge.counts.slots
         finally:
             server.close()

@@ -121,3 +121,11 @@ def test_shed_load_takes_turns_without_a_foresight() -> None:
     assert sum(map(bool, later)) == len(later) / 2
     assert {camera for cameras in later for camera in cameras} == {0, 1, 2, 3}
     assert isinstance(rare.policy, EveryOther)
+
+
+def test_cameras_of_the_warm_up_are_no_measure_of_what_a_policy_selects() -> None:
+    """An overloaded edge takes turns with so many: all of them would be more load, not less."""
+    load = Load()
+    for awake in [None] * 20 + [1.0] * 20:
+        load = after_work(load, 0.0, INTERVAL_S, awake)
+        assert load.awake == 1.0

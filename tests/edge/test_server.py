@@ -14,12 +14,13 @@ from tests.edge.one_process import Site, site_at_work
 from tests.waiting import eventually
 
 from e3pose.base.clock import WallClock
-from e3pose.edge import roster as rosters
+from e3pose.edge import camera_state
 from e3pose.edge.consumers import Consumers
 from e3pose.edge.energy_ledger import EnergyLedger
 from e3pose.energy.budgets import parse_budget
 from e3pose.energy.profiles import load_profile
 from e3pose.pipeline import SlotRecord
+from e3pose.select.policies.base import Selection, Situation
 from e3pose.store.rows import Event
 from e3pose.store.writer import WriterStatus
 from e3pose.wire import topics
@@ -82,11 +83,7 @@ def test_garbage_puts_a_camera_in_quarantine_and_no_other(site: Site) -> None:
     assert site.online() == {"cam0", "cam2"}
     edge = site.edge
     assert edge is not None and edge.inbox.unknown_senders >= 25
-    with edge.inbox._lock:  # let time pass
-        roster = edge.inbox.roster
-        edge.inbox.roster = roster.with_camera(
-            1, replace(roster.cameras[1], quarantined_until_ns=0)
-        )
+    edge.inbox._change(1, lambda camera: replace(camera, quarantined_until_ns=0))  # let time pass
     assert eventually(lambda: site.online() == {"cam0", "cam1", "cam2"})
 
 
@@ -133,7 +130,7 @@ def test_lossy_network_loses_views_but_no_slot(site: Site) -> None:
 def test_two_programs_with_one_name_are_distinguished(
     site: Site, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(rosters, "RIVAL_S", 4.0)  # each sends two messages per second
+    monkeypatch.setattr(camera_state, "RIVAL_S", 4.0)  # each sends two messages per second
     first = site.nodes["cam1"]
     second = site.start_camera("cam1")
     sessions = sorted((first.session, second.session))
@@ -337,3 +334,67 @@ def test_what_follows_people_runs_after_the_orders_and_poses_of_a_slot_have_gone
     edge.consumers = Consumers(sink=sink)
     assert eventually(lambda: len(sink.came) > 20)
     assert all(sink.came[1:])
+
+
+class Rest:
+    """Select no camera."""
+
+    def select(self, situation: Situation) -> Selection:
+        """See `Policy.select`."""
+        return np.zeros(len(situation.online), dtype=bool)
+
+
+def counted(site: Site, cause: str) -> int:
+    assert site.edge is not None
+    return site.edge.status().blind.get(cause, 0)
+
+
+def test_views_that_get_lost_make_slots_blind_until_they_come_again(site: Site) -> None:
+    edge = site.edge
+    assert edge is not None
+    before = counted(site, "views-missing")
+    site.hub.fault = lambda topic, payload: None if topic.endswith("/view") else payload
+    assert eventually(lambda: counted(site, "views-missing") >= before + 10)
+    site.hub.fault = lambda topic, payload: payload
+    assert eventually(lambda: bool(site.poses[-1].arrived))
+    status = edge.status()
+    assert 0 < status.blind_share < 1 and status.slots > sum(status.blind.values())
+    assert all(not poses.blind for poses in site.poses if poses.arrived)
+    # Duty is that of the other slots: three cameras in the warm-up, then two.
+    assert 2 <= sum(camera.duty for camera in status.cameras) <= 3
+
+
+def test_site_without_cameras_is_blind_and_its_slots_are_no_rest(site: Site) -> None:
+    for node in site.nodes.values():
+        node.stop()
+    assert eventually(lambda: counted(site, "cameras-offline") >= 10)
+    assert site.poses[-1].blind == "cameras-offline"
+    for camera_id in site.recording.rig.camera_ids:
+        site.start_camera(camera_id)
+    assert eventually(lambda: bool(site.poses[-1].arrived))
+
+
+def test_orders_that_arrive_too_late_make_slots_blind(site: Site) -> None:
+    site.hub.delay_s = lambda topic: 0.5 if "/order/" in topic else 0.0
+    assert eventually(lambda: counted(site, "orders-late") >= 3)
+
+
+def test_policy_that_rests_on_purpose_makes_no_slot_blind(site: Site) -> None:
+    edge = site.edge
+    assert edge is not None
+
+    edge.owner.pipeline = replace(edge.pipeline, policy=Rest())
+    here = edge.counts.slots
+    assert eventually(lambda: edge.counts.slots > here + 30)
+    assert all(not poses.blind and not poses.selected for poses in site.poses[-15:])
+
+
+def test_camera_that_ends_is_said_to_have_ended_and_comes_back(site: Site) -> None:
+    site.nodes["cam1"].stop()
+    assert eventually(lambda: site.camera("cam1").why == "stopped")
+    assert not site.camera("cam1").online
+    assert eventually(lambda: site.reported("camera-lost", "cam1"))
+    words = [event.message for event in site.events if event.camera_id == "cam1"]
+    assert words[-1] == "cam1: stopped"
+    site.start_camera("cam1")
+    assert eventually(lambda: site.camera("cam1").online)

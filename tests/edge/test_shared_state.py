@@ -174,7 +174,7 @@ def test_budgets_change_while_slots_ask_for_them() -> None:
 def test_every_message_that_is_not_read_is_counted() -> None:
     inbox = Inbox(
         "lab", looking((4, 0), (0, 4)), ("nose",), 0.05, Gather(2), ManualClock(10**9),
-        lambda camera, delay_s: None, lambda beat: None,
+        lambda beat: None,
     )  # fmt: skip
     inbox.wrong = inbox.flooded = inbox.unknown_senders = Slow(0)
     hub = Hub()

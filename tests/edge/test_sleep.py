@@ -15,6 +15,7 @@ from tests.waiting import eventually
 from e3pose.base.clock import WallClock
 from e3pose.camera.live_source import RecordedSource
 from e3pose.edge import server
+from e3pose.edge.camera_state import State
 from e3pose.pipeline import step
 
 pytestmark = [pytest.mark.slow, pytest.mark.timed]
@@ -51,7 +52,7 @@ def site(tmp_path: Path, planner: Planner) -> Iterator[Site]:
         assert edge is not None
         # Hellos come every two seconds.
         assert eventually(
-            lambda: all(c.hello is not None and c.hello.rests for c in edge.inbox.roster.cameras)
+            lambda: all(c.hello is not None and c.hello.rests for c in edge.inbox.cameras)
         )
         yield made
 
@@ -59,7 +60,7 @@ def site(tmp_path: Path, planner: Planner) -> Iterator[Site]:
 def asleep(site: Site, *cameras: int) -> bool:
     edge = site.edge
     assert edge is not None
-    return bool(edge.inbox.asleep()[list(cameras)].all())
+    return bool((edge.inbox.states()[list(cameras)] == State.ASLEEP).all())
 
 
 def test_source_is_closed_and_nothing_is_sent_until_the_camera_is_back(
@@ -127,7 +128,7 @@ def test_camera_that_may_not_sleep_goes_on(site: Site, planner: Planner) -> None
     edge = site.edge
     assert edge is not None
     site.nodes["cam1"].settings = replace(site.nodes["cam1"].settings, rests=())
-    assert eventually(lambda: edge.inbox.roster.cameras[1].hello.rests == ())  # type: ignore[union-attr]
+    assert eventually(lambda: edge.inbox.cameras[1].hello.rests == ())  # type: ignore[union-attr]
     planner.asked.append(1)
     slots = edge.counts.slots
     assert eventually(lambda: edge.counts.slots > slots + 20)

@@ -16,6 +16,7 @@ from tests.site.left_by_demo import nobody
 from tests.site.tables import HEAD, write_site
 
 from e3pose.base.errors import InputError
+from e3pose.edge.camera_state import State
 from e3pose.edge.consumers import NOTHING_ASKED, Consumers
 from e3pose.edge.pipeline_owner import PipelineOwner
 from e3pose.edge.server import EdgeServer
@@ -92,7 +93,7 @@ def test_target_replaces_the_number_and_the_other_way_round(tmp_path: Path) -> N
 def test_paused_camera_is_left_out_until_it_is_resumed(tmp_path: Path) -> None:
     with edge(tmp_path) as (made, _):
         assert controls(made).take(Control(camera_id="c1", paused=True)) == "c1: paused"
-        assert made.inbox.problems()[1] == "paused" and not made.inbox.online()[1]
+        assert made.inbox.problems()[1] == "paused" and made.inbox.states()[1] == State.BARRED
         status = made.status().cameras
         assert [camera.paused for camera in status] == [False, True, False, False]
         controls(made).take(Control(camera_id="c1", paused=False))

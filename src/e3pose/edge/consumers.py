@@ -21,8 +21,8 @@ from e3pose.wire.topics import ANY, of_control, of_outbox
 from e3pose.wire.transport import Answer, Transport
 
 if TYPE_CHECKING:
+    from e3pose.edge.displacement import DisplacementWatch
     from e3pose.edge.gather import Arrival
-    from e3pose.edge.knock_watch import KnockWatch
     from e3pose.edge.learn import OnlineTrainer
     from e3pose.edge.recorder import Recorder
     from e3pose.store.writer import WriterStatus
@@ -101,7 +101,7 @@ class Consumers:
         ledger: tracks what cameras spend and may spend.
         controls: requests of operators.
         recorder: writes the views of cameras as recordings.
-        watch: detects that a camera was knocked.
+        watch: detects that a camera was displaced.
         outbox: answers hubs that fetch summaries, on a thread of the transport.
         asks: returns after each slot the looks that are asked for.
     """
@@ -111,7 +111,7 @@ class Consumers:
     ledger: EnergyLedger | None = None
     controls: Controls | None = None
     recorder: Recorder | None = None
-    watch: KnockWatch | None = None
+    watch: DisplacementWatch | None = None
     outbox: Answer | None = None
     asks: Callable[[], LookRequest] = lambda: NO_REQUEST
 
@@ -159,9 +159,9 @@ class Consumers:
 
     @property
     def turned(self) -> tuple[int, float] | None:
-        """The knocked camera and its rotation in degrees, or None."""
-        knock = None if self.watch is None else self.watch.knock
-        return None if knock is None else (knock.camera, knock.degrees)
+        """The displaced camera and its rotation in degrees, or None."""
+        found = None if self.watch is None else self.watch.found
+        return None if found is None else (found.camera, found.degrees)
 
     def keep(
         self, record: SlotRecord, time_ns: int, arrivals: Mapping[int, Arrival] | None = None

@@ -4,68 +4,17 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from typing import Protocol
 
-from e3pose.base.clock import Clock, SlotTimes
-from e3pose.base.threads import ThreadGroup
+from e3pose.edge.camera_state import CONNECTING, State
 from e3pose.edge.checkpoint import Checkpoint
-from e3pose.edge.counters import Counts
-from e3pose.edge.events import EventLog
-from e3pose.edge.gather import Gather
-from e3pose.edge.health import Health
-from e3pose.edge.inbox import Inbox
-from e3pose.edge.membership import Membership
-from e3pose.edge.reports import Conditions, camera_changes
-from e3pose.edge.rests import ASLEEP
-from e3pose.edge.roster import CONNECTING
-from e3pose.edge.send_queue import SendQueue
-from e3pose.edge.state_file import StateFile
+from e3pose.edge.reports import Conditions, RunningEdge, camera_changes, site_status
 from e3pose.edge.watchdog import Watchdog
-from e3pose.pipeline import Pipeline, SlotState
-from e3pose.settings.edge import EdgeSettings
 from e3pose.wire import topics
 from e3pose.wire.codec import encode
-from e3pose.wire.site_messages import Status
 
 KEEPING_S = 1.0  # status, checkpoint
 MOST_CHANGES, CHANGES_S = 10, 60.0  # of one camera that are reported in so much time
 LOOK_S = 0.2  # interval of checks for connected cameras; each costs what a tenth of a slot does
-
-
-class RunningEdge(Protocol):
-    """What housekeeping sees of an edge; `EdgeServer` is one."""
-
-    settings: EdgeSettings
-    clock: Clock
-    membership: Membership
-    inbox: Inbox
-    gather: Gather
-    send_queue: SendQueue
-    counts: Counts
-    health: Health
-    event_log: EventLog
-    state_file: StateFile
-    threads: ThreadGroup
-    state: SlotState
-    times: SlotTimes | None
-    ready: bool
-
-    @property
-    def pipeline(self) -> Pipeline:
-        """The parts of the loop in the next slot."""
-        ...
-
-    def start_sending(self) -> None:
-        """Start the thread that sends; it takes over from one that hangs."""
-        ...
-
-    def impairments(self) -> tuple[list[str], list[str]]:
-        """Return for each camera why it is useless, and why it brings too few views; else empty."""
-        ...
-
-    def status(self) -> Status:
-        """Return the status of the site."""
-        ...
 
 
 class Housekeeping:
@@ -101,21 +50,23 @@ class Housekeeping:
         """Do what is due."""
         edge = self._edge
         counts = edge.gather.views, edge.counts.ordered, edge.counts.slots
-        if edge.ready and self.watchdog.look(edge.inbox.roster.cameras, *counts):
+        if edge.ready and self.watchdog.look(edge.inbox.cameras, *counts):
             self.rejoined.set()
             edge.start_sending()  # the thread before may hang
         # No camera recovers because the edge became too slow to judge it.
-        slow = edge.health.load.overloaded()
+        slow = edge.load.overloaded()
         judged = self._conditions[1:] if slow else edge.impairments()
-        before, found = self._conditions, edge.inbox.problems()
-        problems = [lasting_problem(why, was) for why, was in zip(found, before[0], strict=True)]
+        before, found = self._conditions, edge.inbox.standings()
+        problems = [lasting_problem(*one, was) for one, was in zip(found, before[0], strict=True)]
         self._conditions = problems, *judged
         events = camera_changes(edge.pipeline.rig.camera_ids, before, self._conditions)
         for event in events:
             self._report(*event)
         if events or edge.clock.now_ns() >= self._due_ns:
             self._due_ns = edge.clock.now_ns() + round(KEEPING_S * 1e9)
-            edge.send_queue.put(topics.of_site(edge.settings.site, "status"), encode(edge.status()))
+            edge.send_queue.put(
+                topics.of_site(edge.settings.site, "status"), encode(site_status(edge))
+            )
             self.keep_checkpoint()
 
     def _report(self, kind: str, message: str, camera_id: str) -> None:
@@ -142,8 +93,8 @@ class Housekeeping:
         edge.state_file.keep(made)
 
 
-def lasting_problem(why: str, was: str) -> str:
+def lasting_problem(state: State, why: str, was: str) -> str:
     """Return a camera's problem: one asleep as told is not lost, one that connects not yet back."""
-    if why.startswith(ASLEEP):
+    if state == State.ASLEEP:
         return ""
     return was if why == CONNECTING else why

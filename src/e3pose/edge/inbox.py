@@ -3,28 +3,32 @@
 from __future__ import annotations
 
 import threading
+from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
-from e3pose.base.clock import Clock
+from e3pose.base.arrays import Flags, Integers
+from e3pose.base.clock import Clock, SlotTimes
 from e3pose.base.errors import InputError
-from e3pose.edge.gather import Arrival, Gather
-from e3pose.edge.rests import ASLEEP, Rests
-from e3pose.edge.roster import (
+from e3pose.edge.camera_state import (
+    NEAR_S,
     CameraState,
-    Roster,
+    State,
     flooding,
-    problem,
+    standing,
+    with_excused_wake,
     with_heartbeat,
     with_hello,
     with_invalid_message,
     with_message,
+    with_order_to_sleep,
     with_presence,
 )
+from e3pose.edge.gather import Arrival, Gather
 from e3pose.model.camera import Rig
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import Skeleton, convert
@@ -35,7 +39,6 @@ from e3pose.wire.messages import RESTING, ClockAnswer, ClockQuestion, Heartbeat,
 from e3pose.wire.transport import Transport
 
 PAUSED = "paused"  # a problem, so that the camera is not selected
-NEAR_S = 5.0  # times that cameras state are moved to within so much of the edge's
 BEAT_S = 0.2  # heartbeats that come sooner after the one before say nothing new of energy and delay
 FLOOD_WRONG = 64  # one in so many unread messages of a flood counts as invalid
 
@@ -51,14 +54,14 @@ class Inbox:
         interval_s: seconds per slot.
         gather: where views go.
         clock: the edge's.
-        on_delay: called with a camera's index and the delay of orders that it measured, seconds.
         on_beat: called with every heartbeat.
         paused: returns the cameras that operators paused.
         not_admitted: why cameras without a valid certificate cannot join, by camera id; replaced
             whole.
         wakes_s: `(num_cameras,)` configured times to wake; empty where none are.
-        rests: who sleeps by order.
-        roster: the state of the cameras; replaced whole, so that readers need no lock.
+        cameras: their states, in the order of the rig; replaced whole: readers need no lock.
+        delays: cameras and the delays of orders that they measured, seconds; to be taken.
+        overslept: cameras that came back too late from a sleep, and what operators are told.
         unknown_senders: messages of cameras that the rig does not have.
         wrong: invalid messages.
         flooded: messages that were not read because their camera sends too many.
@@ -70,26 +73,25 @@ class Inbox:
     interval_s: float
     gather: Gather
     clock: Clock
-    on_delay: Callable[[int, float], None]
     on_beat: Callable[[Heartbeat], None]
     paused: Callable[[], frozenset[str]] = frozenset
     not_admitted: Mapping[str, str] = field(default_factory=dict)
     wakes_s: Sequence[float] = ()
-    rests: Rests = field(init=False)
-    roster: Roster = field(init=False)
+    cameras: tuple[CameraState, ...] = field(init=False)
+    delays: deque[tuple[int, float]] = field(default_factory=lambda: deque(maxlen=512))
+    overslept: deque[tuple[str, str]] = field(default_factory=lambda: deque(maxlen=100))
     unknown_senders: int = 0
     wrong: int = 0
     flooded: int = 0
     _index: dict[str, int] = field(init=False)
     _topics: dict[str, int] = field(init=False)  # of all messages of cameras
-    _flood_until_ns: list[int] = field(init=False)
     _beat_ns: list[int] = field(init=False)  # arrival of the heartbeat last passed on
     _sizes: list[tuple[int, int] | None] = field(init=False)  # required; None: not known yet
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
     def __post_init__(self) -> None:
-        self.roster = Roster.of(self.rig.camera_ids)
-        self.rests = Rests(self.wakes_s or [0.0] * len(self.rig))
+        wakes_s = self.wakes_s or [0.0] * len(self.rig)
+        self.cameras = tuple(map(CameraState.unheard, self.rig.camera_ids, wakes_s))
         self._index = {camera_id: i for i, camera_id in enumerate(self.rig.camera_ids)}
         self._topics = {
             topics.of_camera(self.site, camera_id, what): i
@@ -100,7 +102,6 @@ class Inbox:
             camera.image_size if self.rig.placed or not camera.lens_assumed else None
             for camera in self.rig.cameras
         ]
-        self._flood_until_ns = [0] * len(self._index)
         self._beat_ns = [-(2**62)] * len(self._index)
 
     def listen(self, transport: Transport) -> None:
@@ -114,37 +115,54 @@ class Inbox:
         transport.watch(topics.of_camera(self.site, topics.ANY, "alive"), self._presence)
         transport.answer(topics.of_camera(self.site, topics.ANY, "clock"), self._clock)
 
+    def standings(self, cameras: Iterable[int] | None = None) -> list[tuple[State, str]]:
+        """Return the states of some cameras by their messages, and why they cannot be selected."""
+        paused, states, now_ns = self.paused(), self.cameras, self.clock.now_ns()
+        shut_out, found = self.not_admitted, list[tuple[State, str]]()
+        for index in range(len(states)) if cameras is None else cameras:
+            camera = states[index]
+            if camera.camera_id in paused:
+                found.append((State.BARRED, PAUSED))
+            elif why := shut_out.get(camera.camera_id):
+                found.append((State.BARRED, why))
+            else:
+                found.append(standing(camera, self.joints, self._sizes[index], now_ns))
+        return found
+
+    def states(self) -> Integers:
+        """Return `(num_cameras,)`: the `State` of each camera by its messages."""
+        return np.array([state for state, _ in self.standings()])
+
     def problems(self) -> list[str]:
         """Return for each camera why it cannot be selected; empty if it can."""
-        return self.problems_of(range(len(self.rig)))
+        return [why for _, why in self.standings()]
 
-    def problems_of(self, cameras: Iterable[int]) -> list[str]:
-        """Return for some cameras why they cannot be selected; empty for those that can."""
-        paused, states, now_ns = self.paused(), self.roster.cameras, self.clock.now_ns()
-        shut_out = self.not_admitted
-        return [
-            PAUSED
-            if states[camera].camera_id in paused
-            else shut_out.get(states[camera].camera_id)
-            or self.rests.words(camera, states[camera], now_ns)
-            or problem(states[camera], self.joints, self._sizes[camera], now_ns)
-            for camera in cameras
-        ]
+    def order_sleep(
+        self, times: SlotTimes, asleep_until: Integers, slot: int, lead: int
+    ) -> Integers:
+        """Return until when cameras are told to sleep by the orders of a slot.
 
-    def online(self) -> NDArray[np.bool_]:
-        """Return `(num_cameras,)`: cameras that can be selected now."""
-        return np.array([not why for why in self.problems()], dtype=bool)
+        Args:
+            times: of the slots.
+            asleep_until: `(num_cameras,)` slots as decided; at most `slot` to be awake.
+            slot: of the orders.
+            lead: slots from the one that orders are made from to theirs.
+        """
+        until = np.where(self.can_sleep() & (asleep_until > slot), asleep_until, 0)
+        for index in np.flatnonzero(until).tolist():
+            slept = int(until[index])
+            due_ns = times.begin_ns(slept - lead)
+            self._change(index, partial(with_order_to_sleep, until=slept, due_ns=due_ns))
+        return until
 
-    def asleep(self) -> NDArray[np.bool_]:
-        """Return `(num_cameras,)`: cameras that sleep by order and are expected back."""
-        now_ns, states = self.clock.now_ns(), self.roster.cameras
-        said = [self.rests.words(camera, state, now_ns) for camera, state in enumerate(states)]
-        return np.array([words.startswith(ASLEEP) for words in said], dtype=bool)
+    def excuse(self) -> None:
+        """Learn nothing of the wakes to come: the edge itself was away, or behind."""
+        for index in range(len(self.rig)):
+            self._change(index, with_excused_wake)
 
-    def can_sleep(self) -> NDArray[np.bool_]:
+    def can_sleep(self) -> Flags:
         """Return `(num_cameras,)`: cameras that may be told to sleep, or were before a restart."""
-        hellos = [state.hello for state in self.roster.cameras]
-        return np.array([hello is None or bool(hello.rests) for hello in hellos], dtype=bool)
+        return np.array([camera.can_sleep for camera in self.cameras], dtype=bool)
 
     def wait_for_cameras(
         self, stopping: threading.Event, start_wait_s: float, resumes: bool
@@ -158,7 +176,8 @@ class Inbox:
         """
         two_ns: int | None = None
         while not stopping.is_set():
-            now_ns, there = self.clock.now_ns(), self.online() | self.asleep()
+            now_ns, states = self.clock.now_ns(), self.states()
+            there = (states == State.READY) | (states == State.ASLEEP)
             two_ns = (two_ns or now_ns) if there.sum() >= min(2, len(there)) else None
             waited = two_ns is not None and now_ns - two_ns >= start_wait_s * 1e9
             if there.all() or waited or (resumes and there.any()):
@@ -166,14 +185,14 @@ class Inbox:
             self.clock.wait(stopping, now_ns + 50_000_000)
         return False
 
-    def orders_late(self) -> NDArray[np.bool_]:
+    def orders_late(self) -> Flags:
         """Return `(num_cameras,)`: cameras whose last heartbeat counted late orders."""
-        return np.array([state.orders_late for state in self.roster.cameras], dtype=bool)
+        return np.array([camera.orders_late for camera in self.cameras], dtype=bool)
 
     def _change(self, index: int, change: Callable[[CameraState], CameraState]) -> CameraState:
         with self._lock:
-            state = change(self.roster.cameras[index])
-            self.roster = self.roster.with_camera(index, state)
+            state = change(self.cameras[index])
+            self.cameras = (*self.cameras[:index], state, *self.cameras[index + 1 :])
             return state
 
     def _camera(self, topic: str) -> int | None:
@@ -186,27 +205,19 @@ class Inbox:
             self._count_unknown()
             return None
         now_ns = self.clock.now_ns()
-        if self._floods(index, now_ns):
-            return None
-        state = self._change(index, lambda state: with_message(state, now_ns))
-        if flooding(state, 1 / self.interval_s):
-            self._flood_until_ns[index] = (now_ns // 10**9 + 1) * 10**9
-        return index
-
-    def _count_unknown(self) -> None:
-        with self._lock:  # several threads of the transport count
-            self.unknown_senders += 1
-
-    def _floods(self, index: int, now_ns: int) -> bool:
-        """Return whether a camera exceeds the message rate this second, and count it."""
-        if now_ns >= self._flood_until_ns[index]:
-            return False
+        if not flooding(self.cameras[index], 1 / self.interval_s, now_ns):
+            self._change(index, partial(with_message, now_ns=now_ns))
+            return index
         with self._lock:
             self.flooded += 1
             counts = self.flooded % FLOOD_WRONG == 0
         if counts:
             self._change(index, lambda state: with_invalid_message(state, "too many", now_ns))
-        return True
+        return None
+
+    def _count_unknown(self) -> None:
+        with self._lock:  # several threads of the transport count
+            self.unknown_senders += 1
 
     def _refuse(self, index: int, error: InputError) -> None:
         now_ns = self.clock.now_ns()
@@ -219,7 +230,7 @@ class Inbox:
         index = self._camera(topic)
         if index is None:
             return
-        camera_id, hello = self.rig.camera_ids[index], self.roster.cameras[index].hello
+        camera_id, hello = self.rig.camera_ids[index], self.cameras[index].hello
         joints = tuple(self.joints) if hello is None else hello.joints
         try:
             view = decode(payload, View, camera_id)
@@ -261,14 +272,17 @@ class Inbox:
             return
         now_ns = self.clock.now_ns()
         beat = msgspec.structs.replace(beat, sent_edge_ns=near(beat.sent_edge_ns, now_ns))
-        self._change(index, lambda state: with_heartbeat(state, beat, now_ns))
-        self.rests.heard(index, self.rig.camera_ids[index], beat, now_ns)
-        said = beat.ends or beat.mode in RESTING
-        if now_ns - self._beat_ns[index] < BEAT_S * 1e9 and not said:
+        camera = self._change(index, lambda state: with_heartbeat(state, beat, now_ns))
+        if camera.overslept_s:
+            late_s, early_s = camera.overslept_s, camera.wake.early_s
+            said = f"overslept by {late_s:.1f} s, woken {early_s:.1f} s early from now"
+            self.overslept.append((camera.camera_id, f"{camera.camera_id} {said}"))
+        last = beat.ends or beat.mode in RESTING
+        if now_ns - self._beat_ns[index] < BEAT_S * 1e9 and not last:
             return
         self._beat_ns[index] = now_ns
         if beat.order_delay_ns > 0:
-            self.on_delay(index, beat.order_delay_ns / 1e9)
+            self.delays.append((index, beat.order_delay_ns / 1e9))
         self.on_beat(beat)
 
     def _presence(self, topic: str, there: bool) -> None:

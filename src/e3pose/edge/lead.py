@@ -2,6 +2,10 @@
 
 Every camera reports its own delays. The lead follows the slowest camera, unless that one is far
 slower than the others: then it is excluded instead of slowing down the site.
+
+A camera with a valid certificate can say anything: that its orders come late, that it takes an hour
+to wake. A word moves the lead, which is everybody's, only as far as the edge's own observation
+allows: a camera that answers nearly all orders in time needs no longer lead.
 """
 
 from __future__ import annotations
@@ -9,6 +13,10 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+
+import numpy as np
+
+from e3pose.base.arrays import Floats
 
 # Of each camera, reports that are each the longest delay of half a second: the newest fifteen
 # seconds. One in ten is left out, so that orders arrive in time in 98 of 100 slots, about, and that
@@ -37,6 +45,9 @@ MAX_LEAD = 60  # slots; the horizon of the predictor
 MAX_DELAY_S = 2.0
 # A camera is excluded if its delay is so many times that of the others' median, and so much longer.
 FAR_TIMES, FAR_S = 4.0, 0.5
+ANSWERING = 0.95  # share of answered orders with which a camera needs no longer lead
+USUAL_TIMES = 2.0  # a delay of so many times that of the others, or of a slot more, is usual
+USUAL_WAKE_S = 0.5  # of a camera whose wake-up time is not configured
 
 
 @dataclass(frozen=True, slots=True)
@@ -230,12 +241,85 @@ def _wait_s(lead: Lead, needed: int, since_s: float) -> float:
 
 
 def lagging(lead: Lead) -> dict[int, str]:
-    """Return why each excluded camera is useless."""
-    return {
-        camera: f"too slow: orders take {lead.longest_s[camera]:.1f} s to arrive, "
-        "far longer than for the others"
-        for camera in lead.left_behind
-    }
+    """Return why each excluded camera is useless; if most are, the network is to blame."""
+    known = sum(not math.isnan(delay_s) for delay_s in lead.longest_s)
+    why = "too slow: orders take {:.1f} s to arrive, far longer than for the others"
+    if 2 * len(lead.left_behind) > known:
+        why = "orders take {:.1f} s to arrive, as for most cameras: check the network"
+    return {camera: why.format(lead.longest_s[camera]) for camera in lead.left_behind}
+
+
+def with_claims(
+    lead: Lead,
+    claims: Sequence[tuple[int, float]],
+    share: Floats,
+    interval_s: float,
+    wake_s: float = 0.0,
+    followed: Sequence[bool] | None = None,
+) -> Lead:
+    """Return the lead with delays that cameras report, as far as they are believed.
+
+    Args:
+        lead: before.
+        claims: cameras and their delays of orders, seconds.
+        share: `(num_cameras,)` of recent orders that each answered in time.
+        interval_s: seconds per slot.
+        wake_s: the time to wake that the lead has room for as well.
+        followed: by camera, whether its delays count; None: all do.
+    """
+    room_s = (lead.slots - 0.5 - MARGIN_SHARE) * interval_s - wake_s
+    for camera, claim_s in claims:
+        others_s = [
+            delay_s
+            for other, delay_s in enumerate(lead.longest_s)
+            if other != camera and not math.isnan(delay_s) and (not followed or followed[other])
+        ]
+        answered = float(share[camera])
+        delay_s = _believed_delay_s(claim_s, others_s, answered, room_s, interval_s)
+        lead = take_in_delay(lead, camera, delay_s)
+    return lead
+
+
+def _believed_delay_s(
+    claim_s: float, others_s: Sequence[float], share: float, room_s: float, interval_s: float
+) -> float:
+    """Return the delay of orders to take for what a camera reports.
+
+    It is the report, if that is usual or the camera misses orders. Otherwise it is at most what one
+    slot less than the present lead has room for, so that the lead may shrink until it does; or the
+    present lead, while no other camera has reported.
+    """
+    if share < ANSWERING:
+        return claim_s
+    if not others_s:
+        return min(claim_s, max(room_s, 0.0))
+    typical_s = lower_median(others_s)
+    usual_s = max(USUAL_TIMES * typical_s, typical_s + interval_s)
+    return min(claim_s, max(usual_s, room_s - interval_s))
+
+
+def believed_wakes_s(
+    claims_s: Sequence[float | None], configured_s: Sequence[float], share: Floats
+) -> Floats:
+    """Return `(num_cameras,)`: wake-up times of cameras as far as believed; 0 of one that is awake.
+
+    At most the configured time or what is typical of the others; more, within limits, of a camera
+    that misses orders.
+
+    Args:
+        claims_s: `(num_cameras,)` times that cameras report; None for those that never sleep.
+        configured_s: `(num_cameras,)` those of the site file.
+        share: `(num_cameras,)` of recent orders that each answered in time.
+    """
+    found_s = np.zeros(len(claims_s))
+    for camera, claim_s in enumerate(claims_s):
+        if claim_s:
+            others_s = [s for other, s in enumerate(claims_s) if s and other != camera]
+            limit_s = max(configured_s[camera], lower_median(others_s) if others_s else 0.0)
+            if share[camera] < ANSWERING:
+                limit_s = max(min(limit_s + FAR_S, MAX_DELAY_S), limit_s)
+            found_s[camera] = min(claim_s, limit_s)
+    return found_s
 
 
 def _without_absent(lead: Lead, online: Sequence[bool] | None) -> Lead:

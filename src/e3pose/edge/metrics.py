@@ -74,7 +74,7 @@ class EdgeCollector:
         yield saved
         yield from _store(self._edge)
         yield from _of_cameras(CameraStatus, status.cameras, status.cameras)
-        beats = [camera.beat for camera in inbox.roster.cameras]
+        beats = [camera.beat for camera in inbox.cameras]
         yield from _of_cameras(Heartbeat, status.cameras, beats)
 
 

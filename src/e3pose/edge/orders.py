@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.base.clock import Clock, SlotTimes
-from e3pose.edge.rests import Rests
+from e3pose.edge.camera_state import Turn
+from e3pose.edge.inbox import Inbox
 from e3pose.edge.send_queue import SendQueue
 from e3pose.model.blind_slot import blind_cause
 from e3pose.model.expected import ExpectedView
@@ -30,8 +31,7 @@ class Orders:
         session: of the edge.
         queue: where orders go.
         clock: the edge's.
-        rests: who sleeps by order.
-        can_sleep: returns which cameras can.
+        inbox: has the states of the cameras, also who sleeps by order.
         no_choice: by slot, why no camera could be selected for it; only such slots.
     """
 
@@ -41,8 +41,7 @@ class Orders:
     session: int
     queue: SendQueue
     clock: Clock
-    rests: Rests
-    can_sleep: Callable[[], NDArray[np.bool_]]
+    inbox: Inbox
     no_choice: dict[int, str] = field(default_factory=dict)
     _sent_ns: dict[int, int] = field(default_factory=dict)
     _topics: list[str] = field(init=False)
@@ -75,7 +74,7 @@ class Orders:
             asleep_until: `(num_cameras,)` the slot from which each is to be awake; None: all are.
         """
         if asleep_until is not None:
-            self._until = self.rests.order(times, asleep_until, slot, lead, self.can_sleep())
+            self._until = self.inbox.order_sleep(times, asleep_until, slot, lead)
         if no_choice:
             self.no_choice[slot] = no_choice
         self._sent_ns[slot] = self.clock.now_ns()
@@ -116,7 +115,7 @@ class Orders:
                 expected_px=expected_px,
                 reach_px=reach_px,
                 asleep_until=int(self._until[camera]),
-                wake_s=self.rests.early_s(camera),
+                wake_s=self.inbox.cameras[camera].early_s,
             )
         )
 
@@ -133,18 +132,17 @@ class Orders:
         times: SlotTimes,
         slot: int,
         decided: NDArray[np.bool_],
-        online: NDArray[np.bool_],
-        orders_late: NDArray[np.bool_],
+        turn: Turn,
         views_late: NDArray[np.bool_],
     ) -> str:
         """Return why a slot without a view is blind; see `blind_slot.blind_cause`."""
         return blind_cause(
             decided,
-            online,
+            turn.expected,
             arrived=False,
             no_choice=self.no_choice.get(slot, ""),
             in_time=self.in_time(times, slot),
-            orders_late=orders_late,
+            orders_late=turn.orders_late,
             views_late=views_late,
         )
 

@@ -78,7 +78,7 @@ class Load:
 
 
 def after_work(
-    load: Load, took_s: float, interval_s: float, awake: float, behind_s: float = 0.0
+    load: Load, took_s: float, interval_s: float, awake: float | None, behind_s: float = 0.0
 ) -> Load:
     """Return the load after one more slot.
 
@@ -86,7 +86,7 @@ def after_work(
         load: before it.
         took_s: its computing time.
         interval_s: seconds per slot.
-        awake: cameras active in it.
+        awake: cameras active in it; None in the warm-up, when no policy selects.
         behind_s: how long after its deadline it was begun.
     """
     kept = math.exp(-interval_s / AVERAGED_S)
@@ -96,7 +96,9 @@ def after_work(
         busy=busy,
         since_s=load.since_s + interval_s,
         calm_s=load.calm_s + interval_s if busy < LOW else 0.0,
-        awake=kept * load.awake + (1 - kept) * awake if load.level == FULL else load.awake,
+        awake=kept * load.awake + (1 - kept) * awake
+        if load.level == FULL and awake is not None
+        else load.awake,
         behind_s=kept * load.behind_s + (1 - kept) * max(behind_s, 0.0),
     )
     slow = busy > HIGH or load.behind_s > max(BEHIND_S, interval_s)

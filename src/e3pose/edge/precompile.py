@@ -85,15 +85,6 @@ def _standing_m(joint: str) -> tuple[float, float, float]:
     return side * aside_m, 0.02, height_m
 
 
-def compiling_left_s() -> float:
-    """Return the seconds until all kernels are compiled; 0 while that is unknown.
-
-    It imports nothing: another thread may be importing numba just now.
-    """
-    compiling = getattr(sys.modules.get("e3pose.base.compiling"), "COMPILING", None)
-    return (compiling.left_s() or 0.0) if compiling is not None and compiling.begun else 0.0
-
-
 def compile_prediction() -> None:
     """Compile what the learned predictor needs."""
     skeleton = SKELETONS["coco17"]

@@ -18,6 +18,7 @@ from e3pose.base.clock import Clock, SlotTimes
 from e3pose.base.errors import InputError, reason_of
 from e3pose.base.quantities import plural
 from e3pose.base.threads import ThreadGroup
+from e3pose.edge.camera_state import State
 from e3pose.edge.gather import Arrival, Gather
 from e3pose.edge.inbox import Inbox
 from e3pose.edge.orders import Orders
@@ -86,12 +87,12 @@ class RecordServer:
         self.processor = ProcessorTimes(plan.fps * plan.pace)
         self.inbox = Inbox(
             plan.site, plan.rig, plan.skeleton.joints, self.interval_ns / 1e9, self.gather, clock,
-            lambda camera, delay_s: None, self.processor.take,
+            self.processor.take,
         )  # fmt: skip
         self.send_queue = SendQueue()
         self.orders = Orders(
             plan.site, plan.rig.camera_ids, ["power-saving"] * len(plan.rig),
-            clock.now_ns() // 1000, self.send_queue, clock, self.inbox.rests, self.inbox.can_sleep,
+            clock.now_ns() // 1000, self.send_queue, clock, self.inbox,
         )  # fmt: skip
         self.threads = ThreadGroup(self._wake)
         self.done = threading.Event()
@@ -190,7 +191,7 @@ class RecordServer:
         """Wait for all cameras, or some time after the first one; return whether to start."""
         first_ns: int | None = None
         while not self.threads.stopping.is_set():
-            online, now_ns = self.inbox.online(), self.clock.now_ns()
+            online, now_ns = self.inbox.states() == State.READY, self.clock.now_ns()
             first_ns = (first_ns or now_ns) if online.any() else None
             if online.all() or (first_ns is not None and now_ns - first_ns > LONE_S * 1e9):
                 return True
@@ -199,7 +200,7 @@ class RecordServer:
 
     def _writer(self) -> RecordingWriter:
         plan = self.plan
-        hellos = [camera.hello for camera in self.inbox.roster.cameras]
+        hellos = [camera.hello for camera in self.inbox.cameras]
         detectors = {hello.detector for hello in hellos if hello is not None}
         detector = plan.detector or (detectors.pop() if len(detectors) == 1 else "")
         sizes = [None if hello is None else hello.image_size for hello in hellos]

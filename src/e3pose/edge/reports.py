@@ -2,31 +2,83 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from e3pose.base.arrays import Floats, Integers
-from e3pose.edge.counters import Counts
-from e3pose.edge.health import Health
+from e3pose.base.arrays import Floats
+from e3pose.edge.camera_state import CameraState, asleep_s
 from e3pose.edge.inbox import PAUSED
-from e3pose.edge.rests import Rests
-from e3pose.edge.roster import CameraState
-from e3pose.energy.saving import Saving, Savings, every_slot_cpu_s, saving
+from e3pose.energy.saving import Savings, every_slot_cpu_s, saving
 from e3pose.estimate.base import People
 from e3pose.model.uncertainty import axis_sigma_m
-from e3pose.pipeline import Pipeline, SlotRecord
+from e3pose.pipeline import SlotRecord
 from e3pose.select.policies.base import Policy
-from e3pose.store.rows import Event
 from e3pose.wire.arrays import pack
 from e3pose.wire.codec import one_line
 from e3pose.wire.messages import Heartbeat
 from e3pose.wire.site_messages import CameraStatus, Poses, Status
 
 if TYPE_CHECKING:
+    from e3pose.base.clock import Clock, SlotTimes
+    from e3pose.base.threads import ThreadGroup
+    from e3pose.edge.camera_state import Answers
+    from e3pose.edge.consumers import Consumers
+    from e3pose.edge.counters import Counts
+    from e3pose.edge.events import EventLog
+    from e3pose.edge.gather import Gather
+    from e3pose.edge.inbox import Inbox
+    from e3pose.edge.lead import Lead
+    from e3pose.edge.membership import Membership
+    from e3pose.edge.overload import Load
+    from e3pose.edge.send_queue import SendQueue
+    from e3pose.edge.state_file import StateFile
+    from e3pose.pipeline import Pipeline, SlotState
+    from e3pose.settings.edge import EdgeSettings
     from e3pose.store.writer import WriterStatus
+
+
+class RunningEdge(Protocol):
+    """What status and housekeeping see of an edge; `EdgeServer` is one."""
+
+    settings: EdgeSettings
+    clock: Clock
+    membership: Membership
+    inbox: Inbox
+    gather: Gather
+    send_queue: SendQueue
+    counts: Counts
+    answers: Answers
+    load: Load
+    event_log: EventLog
+    state_file: StateFile
+    consumers: Consumers
+    threads: ThreadGroup
+    state: SlotState
+    times: SlotTimes | None
+    newest: SlotRecord | None
+    ready: bool
+    started_ns: int
+
+    @property
+    def pipeline(self) -> Pipeline:
+        """The parts of the loop in the next slot."""
+        ...
+
+    @property
+    def lead(self) -> Lead:
+        """The lead of the next slot."""
+        ...
+
+    def start_sending(self) -> None:
+        """Start the thread that sends; it takes over from one that hangs."""
+        ...
+
+    def impairments(self) -> tuple[list[str], list[str]]:
+        """Return for each camera why it is useless, and why it brings too few views; else empty."""
+        ...
 
 
 def poses_message(
@@ -98,73 +150,32 @@ def savings(status: Status) -> Savings:
     )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class SiteSnapshot:
-    """The state of a site at one time.
+def camera_status(edge: RunningEdge, index: int, problem: str, impairment: str) -> CameraStatus:
+    """Return the status of a camera.
 
-    Attributes:
-        site: its name.
-        now_ns: the time.
-        uptime_s: since the edge started.
-        record: of the newest slot, if there is one.
-        cameras: `(num_cameras,)` of the cameras.
-        problems: `(num_cameras,)` why each cannot be selected; empty if it can.
-        impairments: `(num_cameras,)` why each is useless, or brings too little, although it can be
-            selected.
-        health: of the edge, and what the cameras deliver.
-        deficit: `(num_cameras,)` their virtual queues.
-        late: `(num_cameras,)` views that arrived too late.
-        lead_slots: between an order and its slot.
-        pipeline: the current parts.
-        counts: of slots, views and times.
-        events: the latest.
-        rests: who sleeps by order.
-        turned: index of a knocked camera, and degrees; None if there is none.
-        compiling_s: until all kernels are compiled; None if they are.
-        run_ns: when the run began.
-        saving: of whole cameras since the start; None before the first slot, or without a ledger.
+    Args:
+        edge: of the site.
+        index: of the camera in the rig.
+        problem: why it cannot be selected; empty if it can.
+        impairment: why it is useless, or brings too little, although it can be selected.
     """
-
-    site: str
-    now_ns: int
-    uptime_s: float
-    record: SlotRecord | None
-    cameras: Sequence[CameraState]
-    problems: Sequence[str]
-    impairments: Sequence[str]
-    health: Health
-    deficit: Floats
-    late: Integers
-    lead_slots: int
-    pipeline: Pipeline
-    counts: Counts
-    events: Sequence[Event]
-    rests: Rests
-    turned: tuple[int, float] | None = None
-    compiling_s: float | None = None
-    run_ns: int = 0
-    saving: Saving | None = None
-
-
-def camera_status(snapshot: SiteSnapshot, index: int) -> CameraStatus:
-    """Return the status of the camera with this index in the rig."""
-    camera, problem = snapshot.cameras[index], snapshot.problems[index]
-    record, counts, wakes = snapshot.record, snapshot.counts, snapshot.rests.wakes[index]
+    camera, record, counts = edge.inbox.cameras[index], edge.newest, edge.counts
+    now_ns = edge.clock.now_ns()
     beat, capacity_wh = camera.beat, camera.hello.battery_wh if camera.hello else None
-    late, turned = int(snapshot.late[index]), snapshot.turned
+    late, turned = int(edge.gather.late[index]), edge.consumers.turned
     reasons = record.reasons if record else None
     occlusion = _at(index, record.occlusion if record else None)
     return CameraStatus(
         camera_id=camera.camera_id,
         online=not problem,
-        why=one_line(problem or snapshot.impairments[index]),
+        why=one_line(problem or impairment),
         mode=beat.mode if beat else None,
-        last_seen_s=None if camera.heard_ns is None else (snapshot.now_ns - camera.heard_ns) / 1e9,
+        last_seen_s=None if camera.heard_ns is None else (now_ns - camera.heard_ns) / 1e9,
         duty=float(counts.duty()[index]),
         power_w=beat.power_w if beat else None,
         measured=bool(beat and beat.measured),
         battery=_share(beat.battery_j if beat else None, capacity_wh),
-        deficit=float(snapshot.deficit[index]),
+        deficit=float(edge.state.deficit[index]),
         late=late,
         lost=max(int(counts.missed[index]) - late, 0),
         clock_offset_ms=beat.clock_offset_ns / 1e6 if beat else 0.0,
@@ -176,16 +187,16 @@ def camera_status(snapshot: SiteSnapshot, index: int) -> CameraStatus:
         temperature_c=beat.temperature_c if beat else None,
         focused=beat.focused if beat else 0,
         paused=problem == PAUSED,
-        budget=min(max(float(snapshot.pipeline.queue.budget[index]), 0.0), 1.0),
+        budget=min(max(float(edge.pipeline.queue.budget[index]), 0.0), 1.0),
         turned_deg=turned[1] if turned and turned[0] == index else None,
         ordered=int(counts.ordered[index]),
-        delivered=snapshot.health.delivery.share(index),
+        delivered=edge.answers.delivery(index),
         source_fps=camera.frames_hz,
-        asleep_s=snapshot.rests.left_s(index, camera, snapshot.now_ns),
-        wake_s=wakes.mean_s if wakes.wakes else None,
+        asleep_s=asleep_s(camera, now_ns),
+        wake_s=camera.wake.mean_s if camera.wake.wakes else None,
         cpu_s=beat.cpu_s if beat else None,
-        cpu_saved=cpu_saved(camera, counts.interval_s, snapshot.lead_slots),
-        unchanged=unchanged_share(camera.beat),
+        cpu_saved=cpu_saved(camera, counts.interval_s, edge.lead.slots),
+        unchanged=unchanged_share(beat),
     )
 
 
@@ -201,41 +212,54 @@ def _share(charge_j: float | None, capacity_wh: float | None) -> float | None:
     return min(max(charge_j / (capacity_wh * 3600), 0.0), 1.0)
 
 
-def site_status(snapshot: SiteSnapshot) -> Status:
+def site_status(edge: RunningEdge) -> Status:
     """Return the status message of a site."""
-    record, counts, saved = snapshot.record, snapshot.counts, snapshot.saving
-    cameras = tuple(camera_status(snapshot, index) for index in range(len(snapshot.cameras)))
-    policy = snapshot.pipeline.policy
+    record, counts, saved = edge.newest, edge.counts, edge.consumers.saving
+    whys = zip(edge.inbox.problems(), *edge.impairments(), strict=True)
+    cameras = tuple(
+        camera_status(edge, index, problem, useless or short)
+        for index, (problem, useless, short) in enumerate(whys)
+    )
+    now_ns, policy, events = edge.clock.now_ns(), edge.pipeline.policy, edge.event_log.recent
     target_m = _number(policy, "target_error_m")
     error_m = record.reasons.error_m if record and record.reasons else np.nan
     return Status(
-        site=snapshot.site,
+        site=edge.settings.site,
         slot=record.slot if record else 0,
-        fps=counts.fps(snapshot.now_ns),
-        lead=snapshot.lead_slots,
+        fps=counts.fps(now_ns),
+        lead=edge.lead.slots,
         people=len(record.track_ids) if record else 0,
         cameras=cameras,
         step_ms=counts.stepping.median_and_99_ms(),
         latency_ms=counts.latency.median_and_99_ms(),
-        uptime_s=snapshot.uptime_s,
-        events=tuple(one_line(event.message) for event in snapshot.events),
+        uptime_s=(now_ns - edge.started_ns) / 1e9,
+        events=tuple(one_line(event.message) for event in events),
         expected_error_mm=error_m * 1000 if np.isfinite(error_m) else None,
         slots_lost=counts.lost,
         num_selected=_number(policy, "num_selected"),
         target_error_mm=None if target_m is None else 1000 * target_m,
         quality_weight=_number(policy, "quality_weight"),
-        compiling_s=snapshot.compiling_s,
+        compiling_s=None if edge.ready else _compiling_left_s(),
         slots=counts.slots,
         blind=counts.blind,
         blind_share=counts.blind_share(),
-        overload=snapshot.health.load.message(),
+        overload=edge.load.message(),
         check=record.reasons.check if record and record.reasons else "",
-        events_ns=tuple(event.time_ns for event in snapshot.events),
-        run_ns=snapshot.run_ns,
+        events_ns=tuple(event.time_ns for event in events),
+        run_ns=edge.state_file.run_ns,
         spent_j=saved.spent if saved else 0.0,
         always_j=saved.always if saved else 0.0,
         energy_measured=bool(saved and saved.basis == "measured"),
     )
+
+
+def _compiling_left_s() -> float:
+    """Return the seconds until all kernels are compiled; 0 while that is unknown.
+
+    It imports nothing: another thread may be importing numba just now.
+    """
+    compiling = getattr(sys.modules.get("e3pose.base.compiling"), "COMPILING", None)
+    return (compiling.left_s() or 0.0) if compiling is not None and compiling.begun else 0.0
 
 
 def _number(policy: Policy, name: str) -> float | None:

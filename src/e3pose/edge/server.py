@@ -14,35 +14,55 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.base.arrays import Flags, Floats, Integers
 from e3pose.base.clock import Clock, SlotTimes
 from e3pose.base.quantities import plural
 from e3pose.base.threads import ThreadGroup
+from e3pose.edge.camera_state import (
+    Answers,
+    State,
+    Turn,
+    after_slot,
+    claimed_wakes_s,
+    excused,
+    followed,
+    impairments,
+    shortages,
+    states_of,
+    tried,
+    waits_s,
+)
 from e3pose.edge.consumers import NO_CONSUMERS, Consumers
 from e3pose.edge.counters import Counts
-from e3pose.edge.credibility import Credibility
 from e3pose.edge.events import EventLog
 from e3pose.edge.gather import Arrival, Gather
-from e3pose.edge.health import Health
 from e3pose.edge.housekeeping import Housekeeping
 from e3pose.edge.inbox import Inbox
-from e3pose.edge.lateness import without_late_failures
-from e3pose.edge.lead import Lead, adapt, cautious, starting, with_edge_delay
-from e3pose.edge.lead_change import lasting, skip_to, still_true, with_lead
+from e3pose.edge.lead import (
+    USUAL_WAKE_S,
+    Lead,
+    adapt,
+    believed_wakes_s,
+    cautious,
+    lead_for,
+    starting,
+    with_claims,
+    with_edge_delay,
+)
 from e3pose.edge.membership import Membership
 from e3pose.edge.orders import Orders
-from e3pose.edge.pipeline_owner import PipelineOwner
-from e3pose.edge.precompile import compiling_left_s, warm_up
+from e3pose.edge.overload import Load, after_work, level_change
+from e3pose.edge.pipeline_owner import PipelineOwner, lasting, skip_to, still_true, with_lead
+from e3pose.edge.precompile import warm_up
 from e3pose.edge.publisher import Publisher
-from e3pose.edge.reports import SiteSnapshot, site_status
-from e3pose.edge.roster import wakes_s
+from e3pose.edge.reports import site_status
 from e3pose.edge.send_queue import SendQueue
 from e3pose.edge.state_file import StateFile
 from e3pose.estimate.base import People
 from e3pose.model.blind_slot import no_choice
 from e3pose.pipeline import Pipeline, SlotRecord, SlotState, initial_state, step
-from e3pose.select.failure_detector import Silence
+from e3pose.select.failure_detector import Silence, acknowledge_late
 from e3pose.settings.edge import EdgeSettings
 from e3pose.wire import topics
 from e3pose.wire.site_messages import Status
@@ -84,7 +104,7 @@ class EdgeServer:
         interval_s = self.interval_ns / 1e9
         self.started_ns, num_cameras = clock.now_ns(), len(pipeline.rig)
         self.counts, self.gather = Counts(num_cameras, interval_s), Gather(num_cameras)
-        self.credibility = Credibility(num_cameras, interval_s, settings.wakes_s)
+        self.answers, self.load = Answers.none(num_cameras), Load()
         self.inbox = Inbox(
             settings.site,
             pipeline.rig,
@@ -92,12 +112,11 @@ class EdgeServer:
             interval_s,
             self.gather,
             clock,
-            self.credibility.claim,
             consumers.take,
             consumers.paused,
             wakes_s=settings.wakes_s,
         )
-        self._late, self.send_queue = self.gather.late.copy(), SendQueue()  # up to the slot before
+        self.send_queue = SendQueue()
         self.orders = Orders(
             settings.site,
             pipeline.rig.camera_ids,
@@ -105,13 +124,11 @@ class EdgeServer:
             clock.now_ns() // 1000,  # larger than that of any edge before
             self.send_queue,
             clock,
-            self.inbox.rests,
-            self.inbox.can_sleep,
+            self.inbox,
         )
         self.state_file = state_file or StateFile(pipeline, None, self.event_log.report)
         lead = cautious(settings.deadline_s, interval_s) if settings.adaptive_lead else None
         self.owner = PipelineOwner(pipeline, lead)
-        self.health = Health(num_cameras, interval_s, settings.pace, pipeline.warmup_slots)
         self.state: SlotState = initial_state(self.pipeline)
         self.times: SlotTimes | None = None  # until the first slot
         self.newest: SlotRecord | None = None
@@ -184,40 +201,23 @@ class EdgeServer:
 
     def impairments(self) -> tuple[list[str], list[str]]:
         """Return for each camera why it is useless, and why it brings too few views; else empty."""
-        late_by_s = self.gather.late_by_s(self.settings.deadline_s)
-        interval_s = self.pipeline.interval_s
-        useless, short = self.health.impairments(
-            self.state.silence, late_by_s, interval_s, self.lead, self.inbox.roster.cameras
+        cameras, late_by_s = self.inbox.cameras, self.gather.late_by_s(self.settings.deadline_s)
+        if self.load.overloaded():  # no camera is to blame
+            return [""] * len(cameras), [""] * len(cameras)
+        useless = impairments(
+            self.answers,
+            self.state.silence,
+            self.lead,
+            late_by_s,
+            self.gather.newest_late,
+            self.pipeline.interval_s,
         )
-        late_by_s = np.where(self.gather.newest_late, late_by_s, np.nan)
-        return self.credibility.impairments(useless, late_by_s), short
+        slots_hz, pace = 1e9 / self.interval_ns, self.settings.pace
+        return useless, shortages(self.answers, cameras, slots_hz, pace)
 
     def status(self) -> Status:
         """Return the status of the site."""
-        now_ns = self.clock.now_ns()
-        return site_status(
-            SiteSnapshot(
-                site=self.settings.site,
-                now_ns=now_ns,
-                uptime_s=(now_ns - self.started_ns) / 1e9,
-                record=self.newest,
-                cameras=self.inbox.roster.cameras,
-                problems=self.inbox.problems(),
-                impairments=[a or b for a, b in zip(*self.impairments(), strict=True)],
-                health=self.health,
-                deficit=self.state.deficit,
-                late=self.gather.late,
-                lead_slots=self.lead.slots,
-                pipeline=self.pipeline,
-                counts=self.counts,
-                turned=self.consumers.turned,
-                events=list(self.event_log.recent),
-                rests=self.inbox.rests,
-                compiling_s=None if self.ready else compiling_left_s(),
-                run_ns=self.state_file.run_ns,
-                saving=self.consumers.saving,
-            )
-        )
+        return site_status(self)
 
     # The fusion thread.
 
@@ -264,14 +264,14 @@ class EdgeServer:
         self.counts.skip(lost)
         self.event_log.report("slots-lost", f"skipped {plural(lost, 'slot')}: the edge was behind")
         self._skip(self.state.slot + lost)
-        self.inbox.rests.excuse()
+        self.inbox.excuse()
 
     def _forgive(self) -> None:
         """Presume that all cameras answer once the edge, and no camera, was to blame."""
         if self.housekeeping.rejoined.is_set():
             self.housekeeping.rejoined.clear()
             self.state = replace(self.state, silence=Silence.none(len(self.pipeline.rig)))
-            self.credibility.forgive()
+            self.answers = self.answers.forgiven()
 
     def _skip(self, slot: int) -> None:
         self.state = skip_to(self.state, slot, self.pipeline.queue.budget)
@@ -284,102 +284,131 @@ class EdgeServer:
         """Wait for all views or the deadline; return False when the edge stops."""
 
         def awaited(missing: Sequence[int]) -> list[int]:
-            problems = self.inbox.problems_of(missing)
-            return [camera for camera, why in zip(missing, problems, strict=True) if not why]
+            found = self.inbox.standings(missing)
+            return [c for c, (state, _) in zip(missing, found, strict=True) if state == State.READY]
 
-        ordered, online = self._ordered(times, slot), self.inbox.online()
-        waits_s = self.credibility.waits_s(ordered, online, self.settings.deadline_s)
+        ordered, online = self._ordered(times, slot), self.inbox.states() == State.READY
+        longest_s = waits_s(self.answers, ordered & online, self.settings.deadline_s)
         middle_ns = times.middle_ns(slot)
-        until_ns = {c: middle_ns + round(s * 1e9) for c, s in enumerate(waits_s.tolist()) if s}
+        until_ns = {c: middle_ns + round(s * 1e9) for c, s in enumerate(longest_s.tolist()) if s}
         return self.gather.wait(self.clock, self.threads.stopping, middle_ns, until_ns, awaited)
+
+    def _turn(self, times: SlotTimes, slot: int, arrivals: Mapping[int, Arrival]) -> Turn:
+        """Return what is known of the cameras in a slot that was just closed."""
+        ordered = self._ordered(times, slot)
+        ages_s, late = np.full(len(ordered), np.nan), self.gather.late.copy()
+        for camera, arrival in arrivals.items():
+            if ordered[camera]:
+                ages_s[camera] = (arrival.arrived_ns - times.middle_ns(slot)) / 1e9
+        answering = self.state.silence.answering(slot)
+        return Turn(
+            states=states_of(self.inbox.states(), self.answers, answering),
+            ordered=ordered,
+            ages_s=ages_s,
+            views=self.gather.views.copy(),
+            late=late,
+            views_late=late > self.answers.late,
+            orders_late=excused(self.answers, self.inbox.orders_late()),
+        )
 
     def _compute(self, times: SlotTimes, slot: int, arrivals: Mapping[int, Arrival]) -> None:
         begun_ns = self.clock.now_ns()
         behind_s = (begun_ns - self._deadline_ns(times, slot)) / 1e9
-        reachable = self.inbox.online()
-        online, there = reachable.copy(), reachable | self.inbox.asleep()
-        ordered = self._ordered(times, slot)
-        wanted = ordered & online
-        late = self.gather.late.copy()
-        orders_late = self.credibility.excused(self.inbox.orders_late())
-        interval_s = self.pipeline.interval_s
-        views_late, self._late = late > self._late, late
-        state = without_late_failures(self.state, views_late, orders_late, interval_s)
-        state = replace(state, selections=np.concatenate([ordered[None], state.selections[1:]]))
+        turn, newest_late = self._turn(times, slot, arrivals), self.gather.newest_late
+        state, interval_s, decided = self.state, self.pipeline.interval_s, self.state.selections
+        state = replace(
+            state,
+            silence=acknowledge_late(state.silence, turn.views_late, turn.orders_late, interval_s),
+            selections=np.concatenate([turn.ordered[None], decided[1:]]),
+        )
         views = {camera: arrival.poses for camera, arrival in arrivals.items()}
-        used = {camera: a.arrived_ns for camera, a in arrivals.items() if ordered[camera]}
-        # A camera presumed offline that delivered a view was online.
-        online[list(used)] = True
-        time_ns, decided = times.middle_ns(slot), self.state.selections[0]
-        late_now = orders_late, self.gather.newest_late
-        blind = "" if used else self.orders.why_blind(times, slot, decided, there, *late_now)
+        used = {
+            camera: arrivals[camera].arrived_ns for camera in np.flatnonzero(turn.arrived).tolist()
+        }
+        time_ns = times.middle_ns(slot)
+        blind = "" if used else self.orders.why_blind(times, slot, decided[0], turn, newest_late)
 
         def publish(people: People) -> None:
-            stored = self.consumers.stored()
-            self.publisher.publish(slot, time_ns, people, used, ordered & online, blind, stored)
+            selected, stored = turn.ordered & turn.reached, self.consumers.stored()
+            self.publisher.publish(slot, time_ns, people, used, selected, blind, stored)
 
-        usable = online & self.credibility.usable(reachable)
-        usable[list(used)] = True
-        self.state, record = step(self.owner.shed(self.health.load), state, views, usable, publish)
+        self.state, record = step(self.owner.shed(self.load), state, views, turn.usable, publish)
         record = replace(record, blind=blind)
         took_ns = self.clock.now_ns() - begun_ns
         lead = self.pipeline.lead_slots
-        none = no_choice(there, self.state.silence.answering(slot + lead), self.gather.newest_late)
-        decision = self._with_trial(times, slot, record.next_selection, reachable)
+        none = no_choice(turn.expected, self.state.silence.answering(slot + lead), newest_late)
+        decision = self._with_trial(times, slot, record.next_selection, turn.states)
         until = record.asleep_until
         self.orders.give(times, slot + lead, decision, lead, record.expected, none, until)
         late_s = (self.clock.now_ns() - self._deadline_ns(times, slot)) / 1e9
         self.owner.follow(with_edge_delay(self.lead, late_s, self.interval_ns / 1e9))
         self.orders.forget_before(slot)
         self.newest = record
-        ages_s = {camera: (arrived_ns - time_ns) / 1e9 for camera, arrived_ns in used.items()}
-        self.credibility.observe(slot, ordered, reachable, ages_s, self.gather.views)
-        self.counts.count_slot(len(used), wanted, record, begun_ns, took_ns)
+        self.counts.count_slot(len(used), turn.ordered & turn.online, record, begun_ns, took_ns)
         self.consumers.observe(record, time_ns, arrivals)
         self.consumers.keep(record, time_ns, arrivals)
-        took_ns += self.publisher.publish_delayed(record, time_ns, self.health.load.level > 0)
-        self._update_pipeline(times, record, reachable)
-        lately = views_late, orders_late, self.state.silence.failures > 0
-        if said := self.health.after_slot(record, wanted, *lately, took_ns / 1e9, behind_s):
-            self.event_log.report("overload", said)
+        took_ns += self.publisher.publish_delayed(record, time_ns, self.load.level > 0)
+        self._judge(turn, record, took_ns / 1e9, behind_s)
+        self._update_pipeline(times, record, turn.online)
         self.housekeeping.quiet.set()
 
-    def _with_trial(
-        self, times: SlotTimes, slot: int, decision: NDArray[np.bool_], online: NDArray[np.bool_]
-    ) -> NDArray[np.bool_]:
-        """Return a decision with the camera tried in its slot; order the one tried next."""
-        claims_s = wakes_s(self.inbox.roster.cameras, self.settings.idle_modes)
-        trial = self.credibility.trial(slot, online, self.lead, claims_s)
-        if trial is not None and trial[1] > self.pipeline.lead_slots:
-            self.orders.give_early(times, slot, *trial)
-        tried = self.credibility.trials.take(slot + self.pipeline.lead_slots) & ~decision
-        decision, deficit = decision | tried, self.state.deficit + tried
+    def _judge(self, turn: Turn, record: SlotRecord, took_s: float, behind_s: float) -> None:
+        """Note whether the edge keeps up, and if it does, how its cameras answer."""
+        before, slot_s = self.load, self.interval_ns / 1e9
+        awake = int(record.selected.sum()) if record.slot >= self.pipeline.warmup_slots else None
+        self.load = after_work(before, took_s, slot_s, awake, behind_s)
+        if said := level_change(before, self.load):
+            self.event_log.report("overload", said)
+        given_up, fair = self.state.silence.failures > 0, not self.load.overloaded()
+        self.answers = after_slot(self.answers, turn, given_up, slot_s, fair)
+
+    def _with_trial(self, times: SlotTimes, slot: int, decision: Flags, states: Integers) -> Flags:
+        """Return a decision with the camera tried in its slot; order a slow one before that."""
+        lead, interval_s = self.pipeline.lead_slots, self.interval_ns / 1e9
+        wakes_s = self._wakes_s(np.ones(len(decision), dtype=bool))
+        for camera in np.flatnonzero(states == State.ON_TRIAL).tolist():
+            ahead = lead_for(self.lead, camera, interval_s, float(wakes_s[camera]))
+            if ahead > lead and tried(self.answers, states, slot + ahead, interval_s)[camera]:
+                self.orders.give_early(times, slot, camera, ahead)
+        trial = tried(self.answers, states, slot + lead, interval_s) & ~decision
+        decision, deficit = decision | trial, self.state.deficit + trial
         selections = np.concatenate([self.state.selections[:-1], decision[None]])
         self.state = replace(self.state, selections=selections, deficit=deficit)
         return decision
 
-    def _ordered(self, times: SlotTimes, slot: int) -> NDArray[np.bool_]:
+    def _wakes_s(self, counted: Flags) -> Floats:
+        """Return `(num_cameras,)`: wake-up times of cameras that sleep between slots, else 0.
+
+        Args:
+            counted: `(num_cameras,)` cameras whose word counts.
+        """
+        found_s = claimed_wakes_s(self.inbox.cameras, self.settings.idle_modes)
+        claims_s = [s if counts else None for s, counts in zip(found_s, counted, strict=True)]
+        configured_s = self.settings.wakes_s or [USUAL_WAKE_S] * len(claims_s)
+        return believed_wakes_s(claims_s, configured_s, self.answers.share)
+
+    def _ordered(self, times: SlotTimes, slot: int) -> Flags:
         """Return `(num_cameras,)`: cameras selected for a slot whose order was in time."""
         return np.asarray(self.state.selections[0] & self.orders.in_time(times, slot))
 
-    def _update_pipeline(
-        self, times: SlotTimes, record: SlotRecord, online: NDArray[np.bool_]
-    ) -> None:
+    def _update_pipeline(self, times: SlotTimes, record: SlotRecord, online: Flags) -> None:
         """Update lead, predictor and budgets between two slots; nobody sleeps who cannot."""
         until = np.where(self.inbox.can_sleep(), self.state.asleep_until, 0)
         self.state = replace(self.state, asleep_until=until)
-        for camera, line in self.inbox.rests.said():
-            self.event_log.report("camera-overslept", line, self.pipeline.rig.camera_ids[camera])
+        while self.inbox.overslept:
+            name, said = self.inbox.overslept.popleft()
+            self.event_log.report("camera-overslept", said, name)
         for kind, line, camera_id in self.owner.after_slot(self.consumers, record):
             self.event_log.report(kind, line, camera_id)
         if not self.settings.adaptive_lead:
             return
-        claims_s = wakes_s(self.inbox.roster.cameras, self.settings.idle_modes)
-        counted = (self.credibility.followed(self.state.silence.failures) & online).tolist()
-        claims_s = [s if counts else None for s, counts in zip(claims_s, counted, strict=True)]
-        wake_s, before = self.credibility.wake_s(claims_s), self.lead.slots
-        lead = self.credibility.lead_after_claims(self.lead, wake_s, counted)
-        lead = adapt(lead, self.interval_ns / 1e9, wake_s, online.tolist(), counted)
+        counted = followed(self.answers, self.state.silence) & online
+        wake_s = float(self._wakes_s(counted).max())
+        claims = [self.inbox.delays.popleft() for _ in range(len(self.inbox.delays))]
+        slot_s, before = self.interval_ns / 1e9, self.lead.slots
+        counts = counted.tolist()
+        lead = with_claims(self.lead, claims, self.answers.share, slot_s, wake_s, counts)
+        lead = adapt(lead, slot_s, wake_s, online.tolist(), counts)
         if change := self.owner.follow(lead):
             self.event_log.report("lead", change)
             self.state = with_lead(self.state, self.lead.slots)
@@ -394,7 +423,7 @@ class EdgeServer:
             self.owner.follow(starting(found.lead_slots))
         memory = self.pipeline.estimator.leave_out_ids(found.state.memory, IDS_LEFT_OUT)
         self.state = with_lead(replace(found.state, memory=memory), self.lead.slots)
-        self.inbox.rests.resume(self.times, self.state.asleep_until, self.state.slot)
+        self.inbox.order_sleep(self.times, self.state.asleep_until, self.state.slot, 1)
         away_s = (self.clock.now_ns() - found.made_ns) / 1e9
         when = f"{lasting(abs(away_s))} {'later' if away_s >= 0 else 'before the state was saved'}"
         self.event_log.report("resumed", f"resumed after slot {self.state.slot - 1}, {when}")

@@ -129,6 +129,8 @@ def acknowledge_late(
         orders_late: `(num_cameras,)` who had an order too late: no fault of its own.
         interval_s: seconds per slot.
     """
+    if not (views_late | orders_late).any():
+        return silence
     alive = orders_late | (views_late & ~_is_useless(silence, interval_s))
     missed = np.where(views_late | orders_late, 0, silence.missed)
     useless = np.where(orders_late, 0, silence.useless)

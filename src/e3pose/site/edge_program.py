@@ -16,9 +16,9 @@ from e3pose.base.clock import Clock, WallClock
 from e3pose.base.errors import InputError
 from e3pose.base.lock import hold_all
 from e3pose.edge.consumers import Consumers
+from e3pose.edge.displacement import DisplacementWatch
 from e3pose.edge.energy_ledger import EnergyLedger
 from e3pose.edge.events import EventLog
-from e3pose.edge.knock_watch import KnockWatch
 from e3pose.edge.learn import LearningSettings, OnlineTrainer
 from e3pose.edge.learn.versions import check_learning_folder
 from e3pose.edge.metrics import serve_metrics
@@ -281,7 +281,7 @@ def make_edge(
         smooth_delay_s=site.file.smooth_delay_ms / 1e3,
         wakes_s=[camera.wake_s for camera in site.cameras.values()],
     )
-    watch = KnockWatch(site.rig)
+    watch = DisplacementWatch(site.rig)
     consumers = Consumers(kept, learner, ledger, controls, recorder, watch, outbox)
     if kept is not None:
         consumers = replace(consumers, asks=kept.request)

@@ -11,10 +11,9 @@ from rich.table import Table
 from rich.text import Text
 
 from e3pose.base.quantities import plural
-from e3pose.edge.delivery import SHORT
-from e3pose.edge.knock_watch import moved_words
+from e3pose.edge.camera_state import SHORT, sleeps_as_told
+from e3pose.edge.displacement import moved_words
 from e3pose.edge.reports import savings
-from e3pose.edge.rests import sleeps_as_told
 from e3pose.energy.saving import NO_SAVINGS
 from e3pose.model.blind_slot import blind_words
 from e3pose.wire.messages import fields

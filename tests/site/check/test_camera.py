@@ -46,7 +46,7 @@ def edge(endpoint: Endpoint) -> Iterator[None]:
     transport = open_network(Link("edge", "lab", endpoint))
     clock = WallClock()
     inbox = Inbox(
-        "lab", looking((4, 0), (0, 4)), COCO17.joints, 0.05, Gather(2), clock, lambda i, s: None,
+        "lab", looking((4, 0), (0, 4)), COCO17.joints, 0.05, Gather(2), clock,
         lambda beat: None,
     )  # fmt: skip
     inbox.listen(transport)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import socket
 from collections.abc import Iterator
 
-from e3pose.edge.rests import sleeps_as_told
+from e3pose.edge.camera_state import sleeps_as_told
 from e3pose.model.blind_slot import blind_words
 from e3pose.site.check.clock import CLOCK_MS
 from e3pose.site.check.finding import Finding

@@ -13,7 +13,7 @@ from e3pose.camera.probe import Probe, probe, probe_all
 from e3pose.camera.source import open_video
 from e3pose.detectors import DETECTORS
 from e3pose.detectors.weights import MODELS, is_installed
-from e3pose.edge.delivery import SHORT
+from e3pose.edge.camera_state import SHORT
 from e3pose.settings.resolved import ResolvedSite
 from e3pose.settings.site_file import CameraTable
 from e3pose.settings.sources import PHONE, is_recorded, place_of, shown_source

@@ -18,6 +18,7 @@ from e3pose.base.arrays import Floats, Integers
 from e3pose.model.camera import Camera, Rig
 from e3pose.model.noise import SURE_SCORE
 from e3pose.model.pose import Poses2D, Poses3D
+from e3pose.model.slot_record import SlotRecord
 
 WINDOW_S = 20.0  # votes older than this are dropped
 SPAN_S = 8.0  # of votes needed: people who stand still carry little information
@@ -36,6 +37,9 @@ PARTS = 4  # of the window, in time, that must agree
 # a published calibration of a real room by up to 0.2.
 MOVED_DEG = 0.25
 LEAST_DEG = 0.12  # in each part of the window
+LOOK_S = 0.2  # views of a camera in between are left out
+ASK_S = 1.0
+ASKED = 3  # checks in a row that must find the same camera before it is reported
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,7 +59,7 @@ class Votes:
 
 
 @dataclass(frozen=True, slots=True)
-class Knock:
+class Displacement:
     """A camera that does not stand as calibrated.
 
     Attributes:
@@ -174,7 +178,7 @@ def turned_deg(watch: Votes) -> tuple[Floats, Floats]:
     return found[:, 0], found[:, 1]
 
 
-def moved(degrees: Floats, least: Floats) -> Knock | None:
+def moved(degrees: Floats, least: Floats) -> Displacement | None:
     """Return the camera that is most clearly displaced, if one is.
 
     Only one at a time: a displaced camera shifts the estimated people, so that the other cameras
@@ -186,7 +190,7 @@ def moved(degrees: Floats, least: Floats) -> Knock | None:
     """
     worst = int(np.nan_to_num(degrees).argmax())
     sure = degrees[worst] > MOVED_DEG and least[worst] > LEAST_DEG
-    return Knock(worst, float(degrees[worst])) if sure else None
+    return Displacement(worst, float(degrees[worst])) if sure else None
 
 
 def _turn(votes: Floats) -> tuple[float, float]:
@@ -235,3 +239,74 @@ def _rotation(slopes: Floats, offsets: Floats) -> Floats:
     normal, gradient = rows.T @ rows, rows.T @ offsets.reshape(-1)
     normal[2, 2] += (NEAR / ROLL_SIGMA) ** 2
     return np.asarray(np.linalg.solve(normal + 1e-12 * np.eye(3), gradient))
+
+
+class DisplacementWatch:
+    """Looks for displaced cameras of a live edge; `observe` is for one thread, `found` for any."""
+
+    def __init__(self, rig: Rig) -> None:
+        """Start without observations.
+
+        Args:
+            rig: the calibration of the edge.
+        """
+        self.rig = rig
+        self.found: Displacement | None = None
+        self._watch = Votes.begin(len(rig))
+        self._observed_s = dict.fromkeys(range(len(rig)), -np.inf)
+        self._observations: dict[int, list[Observation]] = {}  # since the last check
+        self._ask_s = -np.inf
+        self._answers: list[Displacement | None] = [None] * ASKED
+
+    def observe(self, record: SlotRecord, views: Mapping[int, Poses2D]) -> None:
+        """Add a slot.
+
+        Args:
+            record: its people.
+            views: by camera, its detections.
+        """
+        now_s = record.time_s
+        for index, view in views.items():
+            if now_s - self._observed_s[index] >= LOOK_S:
+                self._observed_s[index] = now_s
+                observation = Observation(now_s, view, record.poses, record.covariance_m2)
+                self._observations.setdefault(index, []).append(observation)
+        if now_s - self._ask_s >= ASK_S:
+            self._ask_s = now_s
+            self._watch, self._observations = observe(self._watch, self.rig, self._observations), {}
+            self._answers = [*self._answers[1:], self._ask()]
+
+    def _ask(self) -> Displacement | None:
+        degrees, least = turned_deg(self._watch)
+        found, before = moved(degrees, least), self.found
+        if before is None or degrees[before.camera] < MOVED_DEG:
+            return found
+        # There is no evidence that it is back, and it makes others seem turned.
+        same = found is not None and found.camera == before.camera
+        return found if same else before
+
+    def events(self) -> list[tuple[str, str, str | None]]:
+        """Return the events since the last call: kind, message and camera."""
+        before, answers = self.found, self._answers
+        cameras = {None if answer is None else answer.camera for answer in answers}
+        if len(cameras) > 1:
+            return []
+        self.found = answers[-1]
+        if (before and before.camera) == (self.found and self.found.camera):
+            return []
+        events: list[tuple[str, str, str | None]] = []
+        if before is not None:
+            name = self.rig.camera_ids[before.camera]
+            events.append(("camera-in-place", f"{name} stands as calibrated again", name))
+        if self.found is not None:
+            name = self.rig.camera_ids[self.found.camera]
+            events.append(("camera-moved", f"{name} {moved_words(self.found.degrees, name)}", name))
+        return events
+
+
+def moved_words(degrees: float, camera_id: str) -> str:
+    """Return the message about a displaced camera, with the command that recalibrates it."""
+    return (
+        f"has moved: turned by {degrees:.1f} degrees or more; "
+        f"`e3pose calibrate extrinsics SITE --only {camera_id}` recalibrates it"
+    )

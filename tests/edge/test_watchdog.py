@@ -10,16 +10,18 @@ from pathlib import Path
 import pytest
 from tests.cases import each_case
 
-from e3pose.edge.stall import (
+from e3pose.edge.watchdog import (
     CALM_S,
     LONGEST_WAIT_S,
+    MAX_BYTES,
+    MAX_FILES,
     STALL_S,
     WAIT_S,
     CameraSigns,
     StallWatch,
+    dump_stacks,
     watch_for_stall,
 )
-from e3pose.edge.watchdog import MAX_BYTES, MAX_FILES, dump_stacks
 
 LOOK_S = 0.5  # as often as heartbeats come
 WELL = CameraSigns(True, 0, True, session=7, orders=100, sent=50, views=50, due=50)

@@ -11,8 +11,7 @@ from tests.calibrate.people_scenes import knocked, walk
 from tests.cases import each_case
 
 from e3pose.base.arrays import Floats
-from e3pose.edge.knock_watch import KnockWatch
-from e3pose.edge.knocks import Votes, moved, turned_deg
+from e3pose.edge.displacement import DisplacementWatch, Votes, moved, turned_deg
 from e3pose.evaluate.replay import ReplaySettings, replay, selected_views
 from e3pose.recording.record import Recording
 
@@ -30,9 +29,9 @@ def calm() -> Recording:
 
 def watch_run(
     recording: Recording, awake: int
-) -> tuple[list[tuple[float, str, str | None]], KnockWatch]:
+) -> tuple[list[tuple[float, str, str | None]], DisplacementWatch]:
     """Return seconds, kind and camera of all events."""
-    watch, found = KnockWatch(recording.rig), []
+    watch, found = DisplacementWatch(recording.rig), []
     policy = "all" if awake == len(recording.rig) else "round-robin"
     for record in replay(recording, ReplaySettings(policy=policy, num_selected=awake)):
         watch.observe(record, selected_views(recording, record.slot, record.arrived))
@@ -45,12 +44,12 @@ def test_knock_is_reported_the_right_camera_and_nothing_before(calm: Recording, 
     found, watch = watch_run(knocked(calm, 1, 2.0, 703, FROM_S), awake)
     assert [(kind, camera) for _, kind, camera in found] == [("camera-moved", "cam1")]
     assert FROM_S < found[0][0] < FROM_S + 35
-    assert watch.knock is not None and 0.8 < watch.knock.degrees < 2.3
+    assert watch.found is not None and 0.8 < watch.found.degrees < 2.3
 
 
 def test_nothing_is_reported_cameras_that_stand_still(calm: Recording) -> None:
     found, watch = watch_run(calm, 2)
-    assert found == [] and watch.knock is None
+    assert found == [] and watch.found is None
 
 
 def voted(turn_deg: float, others: float, seconds: float = 20.0) -> Floats:
@@ -86,7 +85,7 @@ def test_worst_camera_alone_is_named() -> None:
 
 def test_camera_counts_as_moved_until_it_is_seen_to_be_back(calm: Recording) -> None:
     turned = knocked(calm, 1, 2.0, 703, 0.0)
-    watch, kinds = KnockWatch(calm.rig), []
+    watch, kinds = DisplacementWatch(calm.rig), []
     start_s = 0.0
     for recording in (turned, calm):
         for record in replay(recording, ReplaySettings(policy="all")):
