@@ -27,7 +27,6 @@ from e3pose.wire.site_messages import CameraStatus
 
 pytest.importorskip("prometheus_client")
 
-# What dashboards of users ask for.
 OF_CAMERAS = (
     "asleep_seconds battery clock_drift_ppm cpu_saved cpu_seconds deficit delivered dropped "
     "duty late_orders late_views lost_views noise_factor online order_margin_seconds "

@@ -23,7 +23,6 @@ MESSAGES: tuple[Any, ...] = get_args(Message)
 
 @each_case("kind", [*MESSAGES, CameraStatus], ids=lambda kind: str(kind.__name__))
 def test_every_message_has_its_table_and_every_field_its_meaning(kind: Any) -> None:
-    """The documentation fills the tables in from the docstrings, where they are marked."""
     tag = kind.__struct_config__.tag
     head = f"### {kind.__name__}, tag `{tag}`" if tag else f"#### {kind.__name__}"
     below = TEXT.partition(f"{head}\n")[2].partition("\n### ")[0]

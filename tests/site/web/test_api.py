@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import httpx
+import jsonschema_rs
 import pytest
 from hypothesis import HealthCheck, given, settings
 from tests.cases import each_case
@@ -99,6 +100,8 @@ def test_status_is_that_of_the_edge(watched: Watched, client: httpx.Client) -> N
     watched.publish(7)
     status = get(client, "/api/status")
     assert status["slot"] == 7 and status["cameras"][2]["camera_id"] == "c2"
+    said = get(client, "/api/openapi.json")["paths"]["/api/status"]["get"]["responses"]["200"]
+    jsonschema_rs.validate(said["content"]["application/json"]["schema"], status)
 
 
 def test_too_many_requests_are_refused(watched: Watched) -> None:

@@ -19,7 +19,6 @@ def test_types_of_the_page_are_those_of_the_message() -> None:
 
 
 def test_the_page_uses_no_field_that_cameras_do_not_report() -> None:
-    """Of what is called a camera; stored statuses of the past go by the same names."""
     known = {field.name for field in fields(CameraStatus)}
     pages = [text for path, text in SCRIPTS.items() if not path.startswith(("/vendor/", "/setup/"))]
     used = set(re.findall(r"(?<![\w.])camera\.(\w+)", "".join(pages)))
