@@ -7,7 +7,6 @@ E3POSE_SHARED) the scenes are made up here; they are of the same kind.
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import sys
 import time
@@ -38,17 +37,6 @@ LENSES = (
     ((0.4, 0.06, 0.0012, -0.0008, 0.003, 0.62, 0.11, 0.005), False),
     ((0.02, -0.008, 0.003, -0.0006), True),
 )
-# Median milliseconds per slot, the 99th percentile, recall, precision and MPJPE in mm, for the
-# workloads of `--shared`; scenes made up here are a little easier or harder.
-TARGETS = {
-    "5x4": (0.05, 0.1, 0.99, 0.99, 8.7),
-    "5x4 with lenses": (0.06, None, 0.99, 0.99, 8.7),
-    "5x8": (None, None, 0.99, 0.99, 11.7),
-    "5x16": (None, None, 0.985, 0.985, 18.1),
-    "12x8": (0.35, None, 0.99, 0.99, None),
-    "12x8 with lenses": (None, None, 0.99, 0.99, None),
-    "28x8": (1.3, None, 0.99, 0.99, None),
-}
 NEAR_M = 0.3  # a found person this close to a true one is that person
 REFERENCE_SLOTS = 8
 
@@ -226,17 +214,10 @@ def workloads(
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--shared", default=os.environ.get("E3POSE_SHARED"))
-    parser.add_argument("--json", type=Path, help="write the figures to this file")
     parser.add_argument("--seconds", type=float, default=2.0, help="of timing for each workload")
-    parser.add_argument("--paper", action="store_true", help="the paper's DLT, not refined")
-    parser.add_argument("--reject-outliers", action="store_true")
     parser.add_argument("--matcher", choices=MATCHERS, default="rays")
     options = parser.parse_args()
-    settings = FusionSettings(
-        refine_steps=0 if options.paper else FusionSettings().refine_steps,
-        reject_outliers=options.reject_outliers,
-        matcher=options.matcher,
-    )
+    settings = FusionSettings(matcher=options.matcher)
     rows: dict[str, dict[str, float]] = {}
     print(f"matching and triangulation, one thread, {settings}")
     print("scenes: " + ("workloads of --shared" if options.shared else "made up"))
@@ -251,22 +232,8 @@ def main() -> None:
             f"{row['reference_ms']:12.2f}  {row['speedup']:5.0f}  {row['recall']:6.3f}  "
             f"{row['precision']:7.3f}  {row['mpjpe_mm']:8.1f}"
             + (f"  {row['price']:.2f} times the row above" if "price" in row else "")
-            + (_missed(title, row) if options.shared and options.matcher == "rays" else "")
         )
     print(f"load of the machine: {os.getloadavg()[0]:.1f}; other work shows in the p99")
-    if options.json:
-        options.json.write_text(json.dumps(rows, indent=2) + "\n")
-
-
-def _missed(title: str, row: dict[str, float]) -> str:
-    median, p99, recall, precision, mpjpe = TARGETS[title]
-    misses = [
-        name
-        for name, limit in (("median_ms", median), ("p99_ms", p99), ("mpjpe_mm", mpjpe))
-        if limit is not None and row[name] > limit
-    ]
-    misses += [n for n, least in (("recall", recall), ("precision", precision)) if row[n] < least]
-    return f"  misses its target: {', '.join(misses)}" if misses else ""
 
 
 if __name__ == "__main__":

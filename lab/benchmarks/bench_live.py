@@ -13,7 +13,6 @@ import argparse
 import time
 from pathlib import Path
 
-import msgspec
 import numpy as np
 
 from e3pose.evaluate.replay import ReplaySettings, make_pipeline, selected_views
@@ -25,15 +24,16 @@ from e3pose.wire.codec import encode
 from e3pose.wire.messages import View
 from live_site import Site, live_site, traffic
 
+PEOPLE, FPS = 4, 25.0
 JPEG_QUALITY = 75
 PAUSE_S = 0.036
 STEP_S = 10.0  # of a scene, for the step by itself
 TARGET_CPU = 0.06  # of a core, at 5 cameras and 25 slots per second
 
 
-def row(cameras: int, people: int, fps: float, seconds: float) -> dict[str, float]:
+def row(cameras: int, seconds: float) -> dict[str, float]:
     """Run one site and return its figures."""
-    with live_site(cameras, people, fps, loop=f"cameras = {max(1, round(cameras * 0.4))}") as site:
+    with live_site(cameras, PEOPLE, FPS, loop=f"cameras = {max(1, round(cameras * 0.4))}") as site:
         before = traffic()
         status = site.follower.status
         assert status is not None
@@ -45,7 +45,6 @@ def row(cameras: int, people: int, fps: float, seconds: float) -> dict[str, floa
         slots = status.slot - slot
         figures = {
             "cameras": cameras,
-            "people": people,
             "slots_a_second": slots / (status.uptime_s - begun_s),
             "slots_lost": status.slots_lost - lost,
             "step_ms_p50": status.step_ms[0],
@@ -94,7 +93,7 @@ def bare_loop(seconds: float) -> tuple[float, float, float]:
     return float(median), float(high), float(np.quantile(late_s, 0.99) * 1e3)
 
 
-def step_alone(cameras: int, people: int, fps: float) -> tuple[float, float]:
+def step_alone(cameras: int) -> tuple[float, float]:
     """Measure the step of the loop by itself, without an edge around it.
 
     Between two slots of a live edge other programs use the caches, the table of pages and the
@@ -103,7 +102,7 @@ def step_alone(cameras: int, people: int, fps: float) -> tuple[float, float]:
     Returns:
         Median CPU of a step in ms, back to back and each after a pause of `PAUSE_S`.
     """
-    scene = SceneSettings("ring", people=people, seconds=STEP_S, fps=fps, cameras=cameras)
+    scene = SceneSettings("ring", people=PEOPLE, seconds=STEP_S, fps=FPS, cameras=cameras)
     recording = simulate(scene, seed=1)
     settings = ReplaySettings(num_selected=max(1, round(cameras * 0.4)), lead_slots=4)
     pipeline, online = make_pipeline(recording, settings, time.perf_counter), np.ones(cameras, bool)
@@ -120,11 +119,11 @@ def step_alone(cameras: int, people: int, fps: float) -> tuple[float, float]:
     return found[1], found[2]
 
 
-def view_bytes(people: int) -> int:
+def view_bytes() -> int:
     """Return the bytes of what a camera sends in a slot."""
     view = View(
-        "cam1", 1, 1, 1, pack(np.zeros((people, 17, 2), np.float32)),
-        pack(np.ones((people, 17), np.float32)),
+        "cam1", 1, 1, 1, pack(np.zeros((PEOPLE, 17, 2), np.float32)),
+        pack(np.ones((PEOPLE, 17), np.float32)),
     )  # fmt: skip
     return len(encode(view))
 
@@ -148,21 +147,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seconds", type=float, default=20.0, help="of each row")
     parser.add_argument("--cameras", type=int, nargs="+", default=[5, 12, 28])
-    parser.add_argument("--people", type=int, default=4)
-    parser.add_argument("--fps", type=float, default=25.0)
-    parser.add_argument(
-        "--video",
-        type=Path,
-        help="to compare with sending its frames as JPEG; the demo's, if it was fetched",
-    )
-    parser.add_argument("--json", type=Path)
     options = parser.parse_args()
-    rows = []
     for cameras in options.cameras:
-        figures = row(cameras, options.people, options.fps, options.seconds)
-        rows.append(figures)
+        figures = row(cameras, options.seconds)
         print(
-            f"{cameras} cameras x {options.people} people, {options.seconds:g} s over TLS: "
+            f"{cameras} cameras x {PEOPLE} people, {options.seconds:g} s over TLS: "
             f"{figures['slots_a_second']:.1f} slots per second, {figures['slots_lost']:.0f} lost; "
             f"last view to poses {figures['latency_ms_p50']:.2f} ms, p99 "
             f"{figures['latency_ms_p99']:.2f}; step {figures['step_ms_p50']:.2f} ms, p99 "
@@ -185,25 +174,23 @@ def main() -> None:
             + ", ".join(f"{part} {share:.1%}" for part, share in shares.items()),
             flush=True,
         )
-        warm_ms, cold_ms = step_alone(cameras, options.people, options.fps)
-        figures |= {"step_alone_ms": warm_ms, "step_after_pause_ms": cold_ms}
-        per_slot = options.fps / 1e3
+        warm_ms, cold_ms = step_alone(cameras)
+        per_slot = FPS / 1e3
         print(
             f"  the step by itself: {warm_ms:.2f} ms of CPU back to back, {cold_ms:.2f} after "
             f"pauses of {1e3 * PAUSE_S:.0f} ms; of a core {warm_ms * per_slot:.1%}, and "
             f"{(cold_ms - warm_ms) * per_slot:.1%} for cold caches",
             flush=True,
         )
-    sent = view_bytes(options.people)
-    print(f"a view of {options.people} people is {sent} bytes", end="")
+    sent = view_bytes()
+    print(f"a view of {PEOPLE} people is {sent} bytes", end="")
     clip = find_clip()
-    video = options.video or (clip.videos[0] if clip else None)
-    if video is not None:
-        jpeg = jpeg_bytes(video)
-        print(f"; a frame of {video.name} as a JPEG {jpeg}: {jpeg / sent:.0f} times", end="")
+    if clip is not None:
+        jpeg = jpeg_bytes(clip.videos[0])
+        print(
+            f"; a frame of {clip.videos[0].name} as a JPEG {jpeg}: {jpeg / sent:.0f} times", end=""
+        )
     print()
-    if options.json:
-        options.json.write_bytes(msgspec.json.encode(rows))
 
 
 if __name__ == "__main__":

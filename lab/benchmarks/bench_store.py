@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import multiprocessing
 import os
 import tempfile
@@ -151,12 +150,8 @@ def main() -> None:
     parser.add_argument("--slots", type=int, default=DAY_SLOTS, help="of the day that is asked")
     parser.add_argument("--seconds", type=float, default=20, help="of appending")
     parser.add_argument("--rate", type=float, default=FPS, help="slots per second appended")
-    parser.add_argument("--folder", type=Path, help="where the databases go for the time")
-    parser.add_argument("--day", type=Path, help="keep the day here, and use it if it is there")
-    parser.add_argument("--json", type=Path, help="write the figures here too")
     options = parser.parse_args()
-    figures: dict[str, Any] = {}
-    with tempfile.TemporaryDirectory(dir=options.folder) as folder:
+    with tempfile.TemporaryDirectory() as folder:
         live = Path(folder) / "live.db"
         with StoreWriter(live, make_run()):
             pass
@@ -170,37 +165,31 @@ def main() -> None:
         kept = time_slots(live, options.seconds, options.rate)
         stop.set()
         reader.join()
-        figures["append"] = percentiles(kept["append"])
-        figures["slot"] = percentiles(kept["slot"])
-        figures["slot_without_store"] = percentiles(without["slot"])
+        appending = percentiles(kept["append"])
         count = len(kept["append"])
         print(
             f"{count} slots of {PEOPLE} people at {options.rate:g} a second, a reader at work; ms"
         )
-        show("append(record)", figures["append"])
-        show("a slot of 5 ms of work, with the store", figures["slot"])
-        show("the same without a store", figures["slot_without_store"])
-        good = figures["append"]["p99_ms"] <= APPEND_LIMIT_MS
+        show("append(record)", appending)
+        show("a slot of 5 ms of work, with the store", percentiles(kept["slot"]))
+        show("the same without a store", percentiles(without["slot"]))
+        good = appending["p99_ms"] <= APPEND_LIMIT_MS
         print(f"append p99: {'within' if good else 'NOT within'} {APPEND_LIMIT_MS:g} ms\n")
 
-        day = options.day or Path(folder) / "day.db"
-        build_s = 0.0 if day.exists() else build_day(day, options.slots)
+        day = Path(folder) / "day.db"
+        build_s = build_day(day, options.slots)
         size = os.path.getsize(day)
         print(
             f"{options.slots} slots written in {build_s:.0f} s, {size / 1e6:.0f} MB, "
             f"{size / options.slots:.0f} bytes per slot"
         )
-        figures["day"] = {"slots": options.slots, "build_s": build_s, "bytes": size}
         begin_s = time.process_time()
-        figures["query"] = percentiles(time_questions(day, options.slots, 100))
+        asking = percentiles(time_questions(day, options.slots, 100))
         cpu_ms = 10 * (time.process_time() - begin_s)
-        figures["query"]["processor_ms"] = cpu_ms
-        show("ten seconds of one person", figures["query"])
+        show("ten seconds of one person", asking)
         print(f"processor time a question: {cpu_ms:.1f} ms (the rest is waiting for a processor)")
-        good = figures["query"]["p99_ms"] <= QUERY_LIMIT_MS
+        good = asking["p99_ms"] <= QUERY_LIMIT_MS
         print(f"query p99: {'within' if good else 'NOT within'} {QUERY_LIMIT_MS:g} ms")
-    if options.json:
-        options.json.write_text(json.dumps(figures, indent=2) + "\n")
 
 
 if __name__ == "__main__":
