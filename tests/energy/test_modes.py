@@ -97,7 +97,7 @@ def test_a_shipped_profile_rests_no_louder_the_deeper_it_rests(name: str) -> Non
     ],
 )
 def test_wrong_rows_are_refused_by_name(tmp_path: Path, rows: str, message: str) -> None:
-    with pytest.raises(InputError, match=message):
+    with pytest.raises(InputError, match=rf"board\.toml: {message}"):
         load_profile(profile(tmp_path, rows))
 
 

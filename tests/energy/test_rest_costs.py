@@ -21,7 +21,8 @@ def test_alarms_go_off_two_deviations_early() -> None:
 
 
 def test_a_short_rest_saves_nothing_and_a_long_one_nearly_all() -> None:
-    np.testing.assert_allclose(COSTS.resting_w(np.full(2, 1.8))[0], 6.0)
+    for rest_s in (0.9, 1.8):
+        np.testing.assert_allclose(COSTS.resting_w(np.full(2, rest_s))[0], 6.0)
     np.testing.assert_allclose(COSTS.resting_w(np.full(2, 18.0))[0], 0.1 * 6 + 0.9 * 0.5)
 
 

@@ -180,6 +180,8 @@ def test_rails_are_preferred_to_gauge_and_counters(tmp_path: Path) -> None:
     counters = rapl(**{"0": ("package-0", 0.0)})
     lay_out(tmp_path, counters)
     assert "RAPL" in getattr(choose_meter(GENERIC, tmp_path), "_meter").how  # noqa: B009
+    lay_out(tmp_path, gauge | battery(status="Charging"))  # which says nothing of what is drawn
+    assert "RAPL" in getattr(choose_meter(GENERIC, tmp_path), "_meter").how  # noqa: B009
     lay_out(tmp_path, gauge)
     assert choose_meter(GENERIC, tmp_path).read("active").how == "measured: battery gauge"
     lay_out(tmp_path, ORIN_NX)
