@@ -132,19 +132,12 @@ def test_damaged_file_is_reported_and_the_battery_taken_to_be_full(
 ) -> None:
     path, messages = tmp_path / "cam0.battery.json", list[str]()
     path.write_text(content)
-    with pytest.raises(InputError):
+    with pytest.raises(InputError, match=r"expected (format .*|cam0|0 to 3600|at most .*)$"):
         load_charge(path, "cam0", 1.0)
     charge = ChargeFile(path, "cam0", 1.0, messages.append)
     assert charge.left_j == WH and len(messages) == 1 and "assuming a full battery" in messages[0]
     charge.keep()
     assert json.loads(path.read_text())["left_j"] == WH
-
-
-def test_charge_that_no_battery_holds_is_named_with_what_it_may_be(tmp_path: Path) -> None:
-    path = tmp_path / "cam0.battery.json"
-    path.write_text(written(left_j=4e9))
-    with pytest.raises(InputError, match=r"left_j: found 4e\+09, expected 0 to 3600$"):
-        load_charge(path, "cam0", 1.0)
 
 
 def test_place_that_cannot_be_written_is_reported_once(tmp_path: Path) -> None:
