@@ -28,7 +28,7 @@ def main() -> None:
             view = recording.view(slot, camera)
             if view is not None:
                 views[camera] = view
-        fused = fuser.fuse(views).poses.joints_m
+        fused = fuser.fuse(views).people.joints_m
         truth = recording.truth.joints_m[slot]
         for person in truth[np.isfinite(truth).all(axis=(1, 2))]:
             people += 1

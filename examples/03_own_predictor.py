@@ -38,7 +38,7 @@ def main() -> None:
     recording = simulate(SceneSettings(people=2, seconds=4, cameras=4), seed=1)
     settings = ReplaySettings(policy="e3pose", lead_slots=3)
     records = list(replay(recording, settings, predictor=Halfway()))
-    shown = np.mean([len(record.poses) for record in records[20:]])
+    shown = np.mean([len(record.people) for record in records[20:]])
     print(f"{shown:.1f} people shown a slot, chosen for 3 slots ahead")
 
 

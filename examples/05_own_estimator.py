@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from e3pose import Poses2D, Poses3D, ReplaySettings, replay
-from e3pose.estimate import Estimator, EstimatorSettings, Outlook, People, estimator_maker
+from e3pose import Poses2D, ReplaySettings, replay
+from e3pose.estimate import Estimate, Estimator, EstimatorSettings, Outlook, estimator_maker
 from e3pose.predict import Prediction
 from e3pose.simulate import SceneSettings, simulate
 
@@ -36,17 +36,18 @@ class Smoothed:
         views: Mapping[int, Poses2D],
         time_s: float,
         clock: Callable[[], float],
-    ) -> tuple[Any, People]:
+    ) -> tuple[Any, Estimate]:
         """Take in one slot."""
-        memory, people = self.inner.estimate(memory, views, time_s, clock)
-        where = {track: index for index, track in enumerate(people.history_ids.tolist())}
+        memory, estimate = self.inner.estimate(memory, views, time_s, clock)
+        people, history = estimate.people, estimate.history
+        where = {track: index for index, track in enumerate(history.track_ids.tolist())}
         tracks = [where[track] for track in people.track_ids.tolist()]
-        recent_m = people.history_m[-SLOTS:, tracks]
+        recent_m = history.joints_m[-SLOTS:, tracks]
         there = np.isfinite(recent_m).all(axis=-1, keepdims=True)
         sums = np.where(there, recent_m, 0.0).sum(axis=0)
         mean_m = sums / np.maximum(there.sum(axis=0), 1)
-        shown_m = np.where(np.isfinite(people.poses.joints_m), mean_m, np.nan)
-        return memory, replace(people, poses=Poses3D(shown_m, people.poses.scores))
+        shown_m = np.where(np.isfinite(people.joints_m), mean_m, np.nan)
+        return memory, replace(estimate, people=replace(people, joints_m=shown_m))
 
     def steer(self, memory: Any, prediction: Prediction, interval_s: float) -> Any:
         """Let a prediction steer the memory."""
@@ -75,7 +76,7 @@ def main() -> None:
     recording = simulate(SceneSettings(people=2, seconds=4, cameras=4), seed=1)
     settings = ReplaySettings(pipeline=f"{__file__}:smoothed", policy="round-robin", num_selected=3)
     records = list(replay(recording, settings))
-    shown = np.mean([len(record.poses) for record in records[20:]])
+    shown = np.mean([len(record.people) for record in records[20:]])
     print(f"{shown:.1f} people shown a slot, each as the mean of {SLOTS} slots")
 
 

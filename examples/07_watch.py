@@ -19,10 +19,10 @@ def main(place: str | Path, seconds: float = 3.0) -> None:
     """Print who is where for a moment, then how fast each person moved."""
     with connect(place) as site:
         for slot in site:
-            middles_m = np.nanmedian(slot.joints_m, axis=1)
+            middles_m = np.nanmedian(slot.people.joints_m, axis=1)
             where = ", ".join(
                 f"track {track} at ({x:.1f}, {y:.1f}) m"
-                for track, (x, y, _) in zip(slot.track_ids, middles_m, strict=True)
+                for track, (x, y, _) in zip(slot.people.track_ids, middles_m, strict=True)
             )
             print(f"slot {slot.slot}, cameras {' '.join(slot.arrived) or 'none'}: {where}")
             if len(slot):

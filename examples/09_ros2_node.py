@@ -33,7 +33,8 @@ def skeletons(slot: LiveSlot, header: Any, msgs: Any) -> list[Any]:
         msgs: has the classes `Marker` and `Point`.
     """
     found = []
-    for track, joints_m in zip(slot.track_ids.tolist(), slot.joints_m.astype(float), strict=True):
+    ids, places_m = slot.people.track_ids.tolist(), slot.people.joints_m.astype(float)
+    for track, joints_m in zip(ids, places_m, strict=True):
         known = np.isfinite(joints_m).all(axis=-1)
         marker = msgs.Marker()
         marker.header, marker.ns, marker.id = header, "e3pose", track
@@ -69,7 +70,7 @@ def main(place: str) -> None:
             header.stamp.sec, header.stamp.nanosec = divmod(slot.time_ns, 10**9)
             markers.publish(MarkerArray(markers=skeletons(slot, header, msgs)))
             poses = []
-            for x, y, _ in np.nanmedian(slot.joints_m.astype(float), axis=1).tolist():
+            for x, y, _ in np.nanmedian(slot.people.joints_m.astype(float), axis=1).tolist():
                 pose = Pose()
                 pose.position.x, pose.position.y, pose.orientation.w = x, y, 1.0
                 poses.append(pose)

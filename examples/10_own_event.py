@@ -11,13 +11,13 @@ from collections.abc import Mapping
 from e3pose import ReplaySettings, replay
 from e3pose.events.body import Joints
 from e3pose.events.intervals import Bounds, Interval, turn
+from e3pose.events.people import Seen
 from e3pose.events.rules import Moment
 from e3pose.events.states import CROUCHING
 from e3pose.events.watch import advance, begin_watch
 from e3pose.model.person_event import PersonEvent
 from e3pose.settings.events_table import EventsTable
 from e3pose.simulate import SceneSettings, simulate
-from e3pose.site.event_sink import seen_in
 
 Intervals = Mapping[int, Interval]
 
@@ -58,7 +58,7 @@ def main() -> None:
     own = EventsTable(kinds=(f"{__file__}:crouches",))
     watch = begin_watch(own, recording.skeleton.joints)
     for record in replay(recording, ReplaySettings(num_selected=2)):
-        watch, events = advance(watch, seen_in(record, round(record.time_s * 1e9)))
+        watch, events = advance(watch, Seen(record.slot, round(record.time_s * 1e9), record.people))
         for event in events:
             print(f"{event.time_ns / 1e9:.1f} s: person {event.track} {event.kind}, {event.phase}")
 

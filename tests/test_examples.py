@@ -13,6 +13,7 @@ import pytest
 from tests.cases import each_case
 from tests.waiting import eventually
 
+from e3pose.model.people import People
 from e3pose.model.skeleton import COCO17
 from e3pose.simulate import SceneSettings, simulate
 from e3pose.site.connect import LiveSlot
@@ -93,9 +94,7 @@ def test_ros_example_draws_the_limbs_that_are_known() -> None:
     made = type("Marker", (), {"LINE_LIST": 5, "ADD": 0, "__new__": lambda cls: marker()})
     joints_m = np.tile(np.arange(17.0)[:, None], (1, 1, 3)).astype(np.float32)
     joints_m[0, 9] = np.nan
-    ids, seen = np.array([7]), np.ones((1, 17), dtype=bool)
-    sigma_m = np.full((1, 17), 0.01, dtype=np.float32)
-    slot = LiveSlot(3, 0, COCO17.joints, ids, joints_m, sigma_m, seen, (), (), 0)
+    slot = LiveSlot(3, 0, People(np.array([7]), joints_m), COCO17.joints, (), (), 0)
     (found,) = skeletons(slot, "header", SimpleNamespace(Marker=made, Point=SimpleNamespace))
     assert (found.id, found.type, found.header) == (7, 5, "header")
     shown = [limb for limb in COCO17.limbs if 9 not in limb]

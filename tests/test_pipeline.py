@@ -23,7 +23,7 @@ from tests.five_cameras import (
 
 from e3pose.base.arrays import Floats
 from e3pose.energy.queues import Queue
-from e3pose.estimate.base import People
+from e3pose.estimate.base import Estimate
 from e3pose.model.pose import Poses2D
 from e3pose.pipeline import initial_state, step
 from e3pose.predict import Prediction, make_predictor
@@ -33,11 +33,11 @@ from e3pose.select.policies import Selection, Situation
 def test_people_are_where_they_are_and_keep_their_identity() -> None:
     records = run(make(), [scene(slot) for slot in range(30)])
     for record in records:
-        order = np.argsort(record.poses.joints_m[:, 0, 0])
+        order = np.argsort(record.people.joints_m[:, 0, 0])
         expected = np.stack([BODY, BODY + [0.8, 0.02 * record.slot, 0]])
         by_x = np.argsort(expected[:, 0, 0])
-        np.testing.assert_allclose(record.poses.joints_m[order], expected[by_x], atol=1e-6)
-    assert len({tuple(sorted(record.track_ids)) for record in records}) == 1
+        np.testing.assert_allclose(record.people.joints_m[order], expected[by_x], atol=1e-6)
+    assert len({tuple(sorted(record.people.track_ids)) for record in records}) == 1
     np.testing.assert_allclose([record.time_s for record in records], np.arange(30) * 0.04)
 
 
@@ -93,19 +93,19 @@ def test_a_saved_state_continues_exactly() -> None:
     for slot in range(10, 20):
         state, record = step(make("random"), state, scene(slot), ONLINE)
         np.testing.assert_array_equal(record.next_selection, rest[slot].next_selection)
-        np.testing.assert_array_equal(record.poses.joints_m, rest[slot].poses.joints_m)
-        np.testing.assert_array_equal(record.track_ids, rest[slot].track_ids)
+        np.testing.assert_array_equal(record.people.joints_m, rest[slot].people.joints_m)
+        np.testing.assert_array_equal(record.people.track_ids, rest[slot].people.track_ids)
 
 
 @pytest.mark.parametrize("views", [{}, {0: Poses2D.empty(NUM_JOINTS)}])
 def test_nobody_and_nothing_are_normal(views: Mapping[int, Poses2D]) -> None:
     for record in run(make(), [views] * 10):
-        assert len(record.poses) == 0
+        assert len(record.people) == 0
         assert (record.occlusion == 0).all()
 
 
 def test_people_are_reported_before_cameras_are_selected_for_later() -> None:
-    published: list[People] = []
+    published: list[Estimate] = []
     order: list[str] = []
     predictor = make_predictor("constant-velocity")
 
@@ -114,16 +114,16 @@ def test_people_are_reported_before_cameras_are_selected_for_later() -> None:
             order.append("predict")
             return predictor.predict(history_m, interval_s, lead_slots)
 
-    def tell(people: People) -> None:
+    def tell(estimate: Estimate) -> None:
         order.append("tell")
-        published.append(people)
+        published.append(estimate)
 
     pipeline = make(predictor=Listening())
     _, record = step(pipeline, initial_state(pipeline), scene(0), ONLINE, tell)
     assert order == ["tell", "predict"]
-    assert len(published[0].track_ids) == 2
-    np.testing.assert_array_equal(published[0].poses.joints_m, record.poses.joints_m)
-    np.testing.assert_array_equal(published[0].track_ids, record.track_ids)
+    assert len(published[0].people) == 2
+    np.testing.assert_array_equal(published[0].people.joints_m, record.people.joints_m)
+    np.testing.assert_array_equal(published[0].people.track_ids, record.people.track_ids)
 
 
 def test_held_slots_show_the_last_poses() -> None:
@@ -133,12 +133,12 @@ def test_held_slots_show_the_last_poses() -> None:
     assert asleep
     for record in asleep:
         before = records[record.slot - 1]
-        np.testing.assert_array_equal(record.poses.joints_m, before.poses.joints_m)
+        np.testing.assert_array_equal(record.people.joints_m, before.people.joints_m)
 
 
 def test_slots_without_a_camera_are_failures_for_other_policies() -> None:
     nobody = replace(make(), policy=Asleep())
-    assert [len(record.poses) for record in run(nobody, [scene(s) for s in range(8)])][4:] == [
+    assert [len(record.people) for record in run(nobody, [scene(s) for s in range(8)])][4:] == [
         0
     ] * 4
 

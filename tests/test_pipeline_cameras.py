@@ -40,7 +40,7 @@ def test_a_policy_cannot_see_an_unselected_view() -> None:
         records = run(replace(make(), policy=policy), views)
         outcomes.append((records, policy.seen))
     for clean, dirty in zip(outcomes[0][0], outcomes[1][0], strict=True):
-        np.testing.assert_array_equal(clean.poses.joints_m, dirty.poses.joints_m)
+        np.testing.assert_array_equal(clean.people.joints_m, dirty.people.joints_m)
         np.testing.assert_array_equal(clean.arrived, dirty.arrived)
     for clean_now, dirty_now in zip(outcomes[0][1], outcomes[1][1], strict=True):
         for name in ("occlusion", "own_occlusion", "visibility", "deficit", "unseen_slots"):
@@ -53,7 +53,7 @@ def test_the_guard_bites_when_a_selected_view_changes() -> None:
     shifted = views[10][0]
     views[10][0] = Poses2D(shifted.keypoints_px + 5, shifted.scores)
     after = run(replace(make(), policy=Recorder([])), views)
-    assert (before[10].poses.joints_m != after[10].poses.joints_m).any()
+    assert (before[10].people.joints_m != after[10].people.joints_m).any()
 
 
 def test_offline_cameras_are_neither_read_nor_ordered() -> None:

@@ -74,13 +74,13 @@ def test_a_predictor_of_the_policy_alone_does_not_steer() -> None:
         run_shifting(np.nan, 3),
     )
     for one, other in zip(unsteered, plain, strict=True):
-        np.testing.assert_array_equal(one.poses.joints_m, other.poses.joints_m)
+        np.testing.assert_array_equal(one.people.joints_m, other.people.joints_m)
 
 
 def test_a_predictor_that_states_its_error_steers_the_estimator_and_feeds_the_choice() -> None:
     (stating, steered), (silent, plain) = (run_shifting(e, 3) for e in (0.05, np.nan))
-    assert [len(record.poses) for record in steered] == [len(record.poses) for record in plain]
-    aside = steered[-1].poses.joints_m[:, :, 0] - plain[-1].poses.joints_m[:, :, 0]
+    assert [len(record.people) for record in steered] == [len(record.people) for record in plain]
+    aside = steered[-1].people.joints_m[:, :, 0] - plain[-1].people.joints_m[:, :, 0]
     assert (aside > 0).mean() > 0.95  # towards what was foreseen, as far as views allow
     published, untold = (each.situations[-1].foresight for each in (stating, silent))
     assert published is not None and untold is not None

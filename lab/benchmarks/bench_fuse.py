@@ -22,7 +22,7 @@ from e3pose.base.arrays import Floats
 from e3pose.estimate.per_slot.fuse import Fuser, FusionSettings
 from e3pose.estimate.per_slot.fusion import MATCHERS
 from e3pose.model.camera import Camera, Rig
-from e3pose.model.pose import Poses3D
+from e3pose.model.people import People
 
 sys.path.append(str(Path(__file__).resolve().parents[2]))  # plain forms of the tests
 
@@ -126,7 +126,7 @@ def run(
     settings: FusionSettings,
     make: type[Fuser] = Fuser,
     num_slots: int | None = None,
-) -> list[Poses3D]:
+) -> list[People]:
     fuser = make(bench.rig, bench.scores.shape[-1], settings)
     slots = zip(
         bench.keypoints_px[:num_slots],
@@ -134,10 +134,10 @@ def run(
         bench.counts[:num_slots],
         strict=True,
     )
-    return [fuser.fuse_arrays(*slot).poses for slot in slots]
+    return [fuser.fuse_arrays(*slot).people for slot in slots]
 
 
-def quality(found: list[Poses3D], truth_m: Floats) -> dict[str, float]:
+def quality(found: list[People], truth_m: Floats) -> dict[str, float]:
     """Return recall, precision and MPJPE of people assigned one to one within `NEAR_M`."""
     right = num_found = num_true = 0
     errors: list[Floats] = []
@@ -179,8 +179,8 @@ def measure(bench: Workload, settings: FusionSettings, seconds: float) -> dict[s
         start = time.perf_counter()
         expected = reference.fuse_arrays(*slot)
         reference_times.append(time.perf_counter() - start)
-        joints = fuser.fuse_arrays(*slot).poses.joints_m
-        worst = max(worst, float(np.nanmax(np.abs(joints - expected.poses.joints_m), initial=0.0)))
+        joints = fuser.fuse_arrays(*slot).people.joints_m
+        worst = max(worst, float(np.nanmax(np.abs(joints - expected.people.joints_m), initial=0.0)))
     median = float(np.median(times))
     return {
         "median_ms": 1e3 * median,

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.model.pose import Poses3D
+from e3pose.model.people import People
 from e3pose.model.skeleton import COCO17
 from e3pose.pipeline import SlotRecord
 from e3pose.store import Run, Store, StoreWriter
@@ -36,12 +36,15 @@ def make_record(slot: int, rng: np.random.Generator) -> SlotRecord:
         time_s=slot / FPS,
         selected=selected,
         arrived=selected,
-        poses=Poses3D(rng.normal(size=(PEOPLE, 17, 3)), rng.uniform(0.1, 1, (PEOPLE, 17))),
-        track_ids=np.arange(PEOPLE) + slot // STAY_SLOTS * PEOPLE,
+        people=People(
+            np.arange(PEOPLE) + slot // STAY_SLOTS * PEOPLE,
+            rng.normal(size=(PEOPLE, 17, 3)),
+            rng.uniform(0.1, 1, (PEOPLE, 17)),
+            sigma_m=np.full((PEOPLE, 17), 0.01),
+        ),
         occlusion=rng.random(CAMERAS),
         deficit=rng.random(CAMERAS),
         next_selection=~selected,
-        covariance_m2=np.tile(1e-4 * np.eye(3), (PEOPLE, 17, 1, 1)),
         stage_s={"match": 0.001},
     )
 

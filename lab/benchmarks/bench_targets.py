@@ -44,7 +44,7 @@ def slot_by_slot(recording: Recording) -> list[Followed]:
     tracks = Tracks.empty(2, len(recording.skeleton))
     seen: dict[int, list[tuple[int, Floats]]] = {}
     for slot in range(recording.num_slots):
-        poses = fuser.fuse(views_of(recording, slot)).poses
+        poses = fuser.fuse(views_of(recording, slot)).people
         tracks, ids = update_tracks(tracks, poses, recording.interval_s)
         for track, joints in zip(ids.tolist(), poses.joints_m, strict=True):
             seen.setdefault(track, []).append((slot, joints))
@@ -58,8 +58,9 @@ def with_memory(recording: Recording) -> list[Followed]:
     seen: dict[int, list[tuple[int, Floats]]] = {}
     for slot in range(recording.num_slots):
         views = views_of(recording, slot)
-        memory, people = estimator.estimate(memory, views, slot * recording.interval_s, float)
-        for track, joints in zip(people.track_ids.tolist(), people.poses.joints_m, strict=True):
+        memory, found = estimator.estimate(memory, views, slot * recording.interval_s, float)
+        people = found.people
+        for track, joints in zip(people.track_ids.tolist(), people.joints_m, strict=True):
             seen.setdefault(track, []).append((slot, joints))
     return [_joined(parts) for parts in seen.values()]
 

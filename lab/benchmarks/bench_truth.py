@@ -57,20 +57,20 @@ class Score:
         sights = [camera.sees(truth[present]).sum(axis=-1) for camera in recording.rig.cameras]
         visible = (np.array(sights) >= VISIBLE_JOINTS).sum(axis=0) >= VISIBLE_CAMERAS
         self.wanted += int(visible.sum())
-        self.shown += len(record.track_ids)
-        offset = record.poses.joints_m[:, None] - truth[present][None]
+        self.shown += len(record.people.track_ids)
+        offset = record.people.joints_m[:, None] - truth[present][None]
         away = np.linalg.norm(offset, axis=-1)
         apart = np.nanmean(away, axis=-1) if away.size else away[..., 0]
         rows, columns = linear_sum_assignment(np.minimum(apart, 2.0))
         near = apart[rows, columns] < FOUND_M
-        self.false += len(record.track_ids) - int(near.sum())
+        self.false += len(record.people.track_ids) - int(near.sum())
         for row, column in zip(rows[near], columns[near], strict=True):
-            who, track = int(present[column]), int(record.track_ids[row])
+            who, track = int(present[column]), int(record.people.track_ids[row])
             self.changes += self.last.get(who, track) != track
             self.last[who] = track
             if visible[column]:
                 self.found += 1
-                self._measure(offset[row, column], record.covariance_m2[row])
+                self._measure(offset[row, column], record.people.covariance_m2[row])
 
     def _measure(self, offset_m: Floats, covariance_m2: Floats) -> None:
         known = np.isfinite(offset_m).all(axis=-1)

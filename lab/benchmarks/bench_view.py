@@ -25,7 +25,7 @@ import httpx
 import numpy as np
 from websockets.sync.client import connect as connect_socket
 
-from e3pose.model.pose import Poses3D
+from e3pose.model.people import People
 from e3pose.model.skeleton import COCO17
 from e3pose.pipeline import SlotRecord
 from e3pose.settings.resolved import resolve_site
@@ -43,10 +43,8 @@ def record(slot: int, rng: np.random.Generator, cameras: int = 4) -> SlotRecord:
     flags, zeros = np.ones(cameras, dtype=bool), np.zeros(cameras)
     return SlotRecord(
         slot=slot, time_s=slot / FPS, selected=flags, arrived=flags,
-        poses=Poses3D(joints_m, np.ones((PEOPLE, 17))), track_ids=np.arange(PEOPLE),
+        people=People(np.arange(PEOPLE), joints_m, sigma_m=np.full((PEOPLE, 17), 0.01)),
         occlusion=zeros, deficit=zeros, next_selection=flags,
-        covariance_m2=np.tile(np.eye(3) * 1e-4, (PEOPLE, 17, 1, 1)),
-        measured=np.ones((PEOPLE, 17), dtype=bool),
     )  # fmt: skip
 
 

@@ -42,7 +42,7 @@ from clip_error import references
 from detector_errors import simulated
 from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
-from e3pose.estimate.base import People, Posterior
+from e3pose.estimate.base import Estimate, Posterior
 from e3pose.evaluate.faults import downsampled
 from e3pose.evaluate.held_out import COMPARED, judge, turns
 from e3pose.evaluate.metrics import mean_errors_m
@@ -95,13 +95,13 @@ def scene_of(place: str, fps: float, seconds: float, seed: int) -> Scene:
     posteriors: list[Posterior] = []
     everybody = settings_of("all", len(recording.rig), 1, 0)
 
-    def keep(people: People) -> None:
+    def keep(people: Estimate) -> None:
         assert people.posterior is not None
         posteriors.append(people.posterior)
 
     records = list(replay(recording, everybody, publish=keep))
     late = smooth_records(records, posteriors, recording.skeleton)
-    return Scene(recording, joints_m, [record.poses.joints_m[:, columns] for record in late])
+    return Scene(recording, joints_m, [record.people.joints_m[:, columns] for record in late])
 
 
 def settings_of(policy: str, cameras: float, lead: int, seed: int) -> ReplaySettings:
@@ -133,8 +133,8 @@ def figures(
             continue
         slots, looks = slots + 1, looks + record.selected
         joints_m, covariance_m2 = (
-            record.poses.joints_m[:, columns],
-            record.covariance_m2[:, columns],
+            record.people.joints_m[:, columns],
+            record.people.covariance_m2[:, columns],
         )
         references = {
             "off": scene.joints_m[record.slot],
@@ -193,7 +193,7 @@ def off_by_person(
     for record in replay(scene.recording, settings_of(policy, float(goal), lead, seed)):
         if record.slot < WARMUP + lead - 1:
             continue
-        joints_m, expected = record.poses.joints_m[:, columns], scene.joints_m[record.slot]
+        joints_m, expected = record.people.joints_m[:, columns], scene.joints_m[record.slot]
         for mine, theirs in matched(joints_m, expected):
             distance = np.linalg.norm(joints_m[mine] - expected[theirs], axis=-1)
             if np.isfinite(distance).any():

@@ -38,6 +38,7 @@ from e3pose.events.looks import looks_of
 from e3pose.events.people import Seen
 from e3pose.events.watch import advance, begin_watch
 from e3pose.model.look_request import NO_REQUEST, LookRequest
+from e3pose.model.people import People
 from e3pose.model.person_event import ONCE, PersonEvent
 from e3pose.model.skeleton import COCO17
 from e3pose.recording import Recording, load_recording
@@ -48,7 +49,6 @@ from e3pose.simulate.episodes import BED_M, FALLS, SOFA_M
 from e3pose.simulate.scenes import BED, SOFA
 from e3pose.simulate.settings import DetectorSettings, Guessing, SceneSettings
 from e3pose.simulate.simulation import lives_of, simulate
-from e3pose.site.event_sink import seen_in
 from e3pose_lab.datasets import shared_folder
 from event_truth import LATE_S, Due, due_of, waves_of
 from predictor_in_the_loop import captured, seen
@@ -135,7 +135,7 @@ def told_in(
         return looks_of(watch) if tally.asks else NO_REQUEST
 
     for record in replay(recording, settings, asks=asks):
-        shown = seen_in(record, round(record.time_s * 1e9))
+        shown = Seen(record.slot, round(record.time_s * 1e9), record.people)
         began = time.thread_time()
         watch, events = advance(watch, shown)
         tally.took_s += time.thread_time() - began
@@ -181,7 +181,8 @@ def captured_people(tally: Tally) -> Iterator[str]:
     for number, (kind, joints_m) in enumerate(captured(shared_folder())):
         watch, sigma_m = begin_watch(EventsTable(), COCO17.joints), np.full((1, 17), 0.02)
         for slot, pose_m in enumerate(joints_m):
-            shown = Seen(slot, round(slot / 30 * 1e9), np.array([1]), pose_m[None], sigma_m)
+            people = People(np.array([1]), pose_m[None], sigma_m=sigma_m)
+            shown = Seen(slot, round(slot / 30 * 1e9), people)
             began = time.thread_time()
             watch, events = advance(watch, shown)
             tally.took_s += time.thread_time() - began

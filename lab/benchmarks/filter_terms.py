@@ -225,23 +225,23 @@ def figures(case: Case, policy: str, cameras: float, phase: int) -> dict[str, fl
             continue
         expected = case.expected[record.slot][:, use]
         people = np.flatnonzero(np.isfinite(expected).all(-1).sum(-1) >= len(use) // 2)
-        there, shown = there + len(people), shown + len(record.poses.joints_m)
-        joints_m = record.poses.joints_m[:, use]
+        there, shown = there + len(people), shown + len(record.people.joints_m)
+        joints_m = record.people.joints_m[:, use]
         if not len(joints_m) or not len(people):
             continue
         apart = np.nan_to_num(mean_errors_m(joints_m, expected[people]), nan=9.0)
         for row, column in zip(*linear_sum_assignment(np.minimum(apart, SAME_M)), strict=True):
             if apart[row, column] < SAME_M:
-                person, track = int(people[column]), int(record.track_ids[row])
+                person, track = int(people[column]), int(record.people.track_ids[row])
                 met, changes = met + 1, changes + (who.get(person, track) != track)
                 who[person] = track
                 off = np.linalg.norm(joints_m[row] - expected[person], axis=-1)
                 known = np.isfinite(off)
-                both = record.poses.joints_m[row], case.expected[record.slot][person]
+                both = record.people.joints_m[row], case.expected[record.slot][person]
                 shown_m, true_m = (np.linalg.norm(np.subtract(*p[ends]), axis=-1) for p in both)
                 odd.append(np.abs(np.log(shown_m / true_m)) > np.log(1.2))
                 off_m.append(off[known])
-                radius = distance_within_m(record.covariance_m2[row][use], 0.9)
+                radius = distance_within_m(record.people.covariance_m2[row][use], 0.9)
                 inside.append((off <= radius)[known])
     seconds = there * case.recording.interval_s
     return {

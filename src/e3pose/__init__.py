@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from e3pose.evaluate.replay import replay as replay
     from e3pose.model.camera import Camera as Camera
     from e3pose.model.camera import Rig as Rig
+    from e3pose.model.people import People as People
     from e3pose.model.pose import Poses2D as Poses2D
-    from e3pose.model.pose import Poses3D as Poses3D
     from e3pose.model.skeleton import SKELETONS as SKELETONS
     from e3pose.model.skeleton import Skeleton as Skeleton
     from e3pose.output.exports.frame import to_frame as to_frame
@@ -38,8 +38,8 @@ _HOMES = {
     "Camera": "model.camera",
     "Fuser": "estimate.per_slot.fuse",
     "InputError": "base.errors",
+    "People": "model.people",
     "Poses2D": "model.pose",
-    "Poses3D": "model.pose",
     "Recording": "recording",
     "ReplaySettings": "evaluate.replay",
     "Rig": "model.camera",

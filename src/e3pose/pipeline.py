@@ -19,10 +19,11 @@ from numpy.typing import NDArray
 
 from e3pose.base.arrays import Flags, Floats, Integers
 from e3pose.energy.queues import Queue
-from e3pose.estimate.base import STEER_SLOTS, Estimator, People
+from e3pose.estimate.base import STEER_SLOTS, Estimate, Estimator
 from e3pose.model.camera import Rig
 from e3pose.model.expected import ExpectedView
 from e3pose.model.look_request import NO_REQUEST, LookRequest
+from e3pose.model.people import People
 from e3pose.model.pose import Poses2D
 from e3pose.model.slot_record import Reasons as Reasons
 from e3pose.model.slot_record import SlotRecord as SlotRecord
@@ -108,7 +109,7 @@ class SlotState:
         memory: what the estimator remembers.
         last_views: what every camera remembers of its own views.
         spread: of the occlusion over cameras, as far as it was foreseen.
-        shown: the people of the slot before; None before the first.
+        shown: the estimate that was published in the slot before; None before the first.
         stated: how large errors the estimator stated in the last seconds, after the warm-up.
         focused: `(num_cameras,)` looks since each camera looked at all of its image.
         asleep_until: `(num_cameras,)` slot from which each camera is awake; over or 0: it is.
@@ -122,7 +123,7 @@ class SlotState:
     memory: Any
     last_views: tuple[LastView, ...]
     spread: Spread = field(default_factory=Spread)
-    shown: People | None = None
+    shown: Estimate | None = None
     stated: StatedError = field(default_factory=StatedError)
     focused: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     asleep_until: Integers = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
@@ -150,7 +151,7 @@ def step(
     state: SlotState,
     views: Mapping[int, Poses2D],
     online: Selection,
-    publish: Callable[[People], None] = lambda people: None,
+    publish: Callable[[Estimate], None] = lambda estimate: None,
 ) -> tuple[SlotState, SlotRecord]:
     """Advance one slot (paper Algorithm 1).
 
@@ -159,7 +160,7 @@ def step(
         state: of the slot before.
         views: camera index to its view in `state.slot`; views without an order are ignored.
         online: `(num_cameras,)` cameras that can be reached.
-        publish: called with the people of this slot before cameras are selected for a later one.
+        publish: called with the estimate of this slot before cameras are selected for a later one.
 
     Returns:
         The next state and the record of this slot, with the selection for `slot + lead_slots`.
@@ -167,12 +168,12 @@ def step(
     slot, clock, time_s = state.slot, pipeline.clock, state.slot * pipeline.interval_s
     selected = state.selections[0] & online
     views = {camera: view for camera, view in views.items() if selected[camera]}
-    memory, people = pipeline.estimator.estimate(state.memory, views, time_s, clock)
-    shown = _shown(pipeline, state, people, selected)
+    memory, estimate = pipeline.estimator.estimate(state.memory, views, time_s, clock)
+    shown = _shown(pipeline, state, estimate, selected)
     publish(shown)
     times = [clock()]
 
-    memory, predicted_m, best = _predict(pipeline, memory, people.history_m)
+    memory, predicted_m, best = _predict(pipeline, memory, estimate.history.joints_m)
     times.append(clock())
 
     arrived = np.array([camera in views for camera in range(len(online))])
@@ -182,7 +183,7 @@ def step(
         memory=memory,
         silence=listen(state.silence, slot, selected, arrived, pipeline.interval_s),
         spread=state.spread.after(occlusion, pipeline.interval_s),
-        stated=_stated(pipeline, state, people),
+        stated=_stated(pipeline, state, estimate.people),
         last_views=_last_views(pipeline, state, views),
     )
     times.append(clock())
@@ -192,26 +193,23 @@ def step(
     if warming_up:
         decision = np.array(online)  # Algorithm 1: not charged
     else:
-        state, decision = _decide(pipeline, state, situation, people)
-    focused, expected = _feedback(pipeline, state, warming_up, decision, best, people.history_ids)
+        state, decision = _decide(pipeline, state, situation, estimate.people)
+    followed = estimate.history.track_ids
+    focused, expected = _feedback(pipeline, state, warming_up, decision, best, followed)
     times.append(clock())
     record = SlotRecord(
         slot=slot,
         time_s=time_s,
         selected=selected,
         arrived=arrived,
-        poses=shown.poses,
-        track_ids=shown.track_ids,
+        people=shown.people,
         occlusion=occlusion,
         deficit=state.deficit,
         next_selection=decision,
-        covariance_m2=shown.covariance_m2,
-        measured=shown.measured,
         reasons=_reasons(situation, decision, state.rest.operator_note()),
-        stage_s={**people.stage_s, **_spent_s(times)},
-        noise_factors=people.noise_factors,
+        stage_s={**estimate.stage_s, **_spent_s(times)},
+        noise_factors=estimate.noise_factors,
         expected=expected,
-        dynamics=shown.dynamics,
         asleep_until=state.asleep_until,
     )
     after = replace(
@@ -224,12 +222,15 @@ def step(
     return after, record
 
 
-def _shown(pipeline: Pipeline, state: SlotState, people: People, selected: Selection) -> People:
-    """Return the people to publish: those of the slot before where no camera was selected."""
+def _shown(
+    pipeline: Pipeline, state: SlotState, estimate: Estimate, selected: Selection
+) -> Estimate:
+    """Return what to publish: the people of the slot before where no camera was selected."""
     holds = Need.HELD_POSES in pipeline.needs
     if holds and not selected.any() and state.shown is not None:
-        return replace(state.shown, measured=np.zeros_like(state.shown.measured))
-    return people
+        held = state.shown.people
+        return replace(state.shown, people=replace(held, measured=np.zeros_like(held.measured)))
+    return estimate
 
 
 def _predict(pipeline: Pipeline, memory: Any, history_m: Floats) -> tuple[Any, Floats, Prediction]:

@@ -83,11 +83,11 @@ def test_continued_loop_is_the_same_loop(name: str, recording: Recording, tmp_pa
         np.testing.assert_array_equal(kept[name], array, name)
     _, expected = run(recording, pipeline, state, END)
     _, records = run(recording, pipeline, found.state, END)
-    assert any(len(record.track_ids) for record in records)
+    assert any(len(record.people.track_ids) for record in records)
     for one, other in zip(expected, records, strict=True):
         assert one.slot == other.slot
-        np.testing.assert_array_equal(one.track_ids, other.track_ids)
-        np.testing.assert_array_equal(one.poses.joints_m, other.poses.joints_m)
+        np.testing.assert_array_equal(one.people.track_ids, other.people.track_ids)
+        np.testing.assert_array_equal(one.people.joints_m, other.people.joints_m)
         np.testing.assert_array_equal(one.deficit, other.deficit)
         np.testing.assert_array_equal(one.next_selection, other.next_selection)
 
@@ -194,7 +194,7 @@ def test_forgotten_people_leave_what_was_learned_of_the_site(
 ) -> None:
     pipeline = made(recording, name)
     state, records = run(recording, pipeline, initial_state(pipeline), CUT)
-    assert len(records[-1].track_ids)
+    assert len(records[-1].people.track_ids)
     memory = pipeline.estimator.forget_people(state.memory)
     kept, was = flatten(memory), flatten(state.memory)
     kept_of_site = (
@@ -210,7 +210,7 @@ def test_forgotten_people_leave_what_was_learned_of_the_site(
         else:
             assert array.size == 0, part
     state, (record,) = run(recording, pipeline, replace(state, memory=memory), CUT + 1)
-    assert not set(record.track_ids.tolist()) & set(records[-1].track_ids.tolist())
+    assert not set(record.people.track_ids.tolist()) & set(records[-1].people.track_ids.tolist())
 
 
 Change = Callable[[dict[str, Any], dict[str, Any]], None]

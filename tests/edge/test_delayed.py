@@ -18,7 +18,7 @@ from tests.waiting import eventually
 from e3pose.base.errors import InputError
 from e3pose.edge.publisher import Publisher
 from e3pose.edge.send_queue import SendQueue
-from e3pose.estimate.base import People
+from e3pose.estimate.base import Estimate
 from e3pose.estimate.smooth.delayed import Delayed, lag_slots
 from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.evaluate.smoothed import smooth_records
@@ -44,16 +44,16 @@ def test_smoothing_compiles_nothing_more_once_it_is_warm() -> None:
     delayed = Delayed(scene().skeleton.joints, 3)
     delayed.warm_up()
     ready = [len(kernel.compiled.signatures) for kernel in kernels]
-    people: list[People] = []
+    people: list[Estimate] = []
     records = list(replay(scene(), ReplaySettings(num_selected=2), publish=people.append))
     posteriors = [each.posterior for each in people if each.posterior is not None]
     found = [delayed.push(*each) for each in zip(records, posteriors, strict=True)]
-    assert any(late is not None and len(late.poses) for late in found) and all(ready)
+    assert any(late is not None and len(late.people) for late in found) and all(ready)
     assert [len(kernel.compiled.signatures) for kernel in kernels] == ready
 
 
 def test_slots_come_as_late_as_in_a_replay() -> None:
-    people: list[People] = []
+    people: list[Estimate] = []
     records = list(replay(scene(), ReplaySettings(num_selected=2), publish=people.append))
     posteriors = [each.posterior for each in people if each.posterior is not None]
     wanted = smooth_records(records, posteriors, scene().skeleton, 3)
@@ -62,8 +62,8 @@ def test_slots_come_as_late_as_in_a_replay() -> None:
     assert found[:3] == [None] * 3
     for slot, (late, record) in enumerate(zip(found[3:], wanted, strict=False)):
         assert late is not None and late.slot == record.slot == slot
-        np.testing.assert_array_equal(late.poses.joints_m, record.poses.joints_m)
-        np.testing.assert_array_equal(late.covariance_m2, record.covariance_m2)
+        np.testing.assert_array_equal(late.people.joints_m, record.people.joints_m)
+        np.testing.assert_array_equal(late.people.covariance_m2, record.people.covariance_m2)
     assert [late.slot for late in delayed.flush()] == [22, 23, 24]
     delayed.push(records[0], posteriors[0])
     delayed.forget()
@@ -112,7 +112,7 @@ def test_a_replay_with_a_delay_writes_what_an_edge_publishes(tmp_path: Path) -> 
     settings = EdgeSettings("lab", recording.skeleton.joints, 0.1, (), smooth_delay_s=0.2)
     queue, clock = SendQueue(), ManualClock()
     publisher = Publisher(settings, recording.rig, recording.interval_s, queue, clock)
-    people: list[People] = []
+    people: list[Estimate] = []
     replayed = replay(
         recording, ReplaySettings(policy="round-robin", num_selected=2), publish=people.append
     )

@@ -47,7 +47,7 @@ def loaded_in_slots(settings: ReplaySettings) -> set[tuple[str, str]]:
         seen = {camera: series.view(slot) for camera, series in enumerate(scene.views)}
         views = {c: view for c, view in seen.items() if view and state.selections[0][c]}
         state, _record = step(pipeline, state, views, np.ones(4, dtype=bool))
-    assert before and state.shown is not None and len(state.shown.poses)
+    assert before and state.shown is not None and len(state.shown.people)
     return loaded() - before
 
 
@@ -63,7 +63,7 @@ def test_somebody_is_followed_before_the_first_slot(
 
     def counted(*given: Any) -> Any:
         state, record = step(*given)
-        shown.append(len(record.poses))
+        shown.append(len(record.people))
         return state, record
 
     monkeypatch.setattr(precompile, "step", counted)

@@ -152,10 +152,10 @@ def test_restarted_camera_comes_back_by_itself(site: Site) -> None:
 def test_restarted_edge_goes_on_where_it_was(site: Site) -> None:
     edge = site.edge
     assert edge is not None
-    assert eventually(lambda: edge.newest is not None and len(edge.newest.track_ids) > 0)
+    assert eventually(lambda: edge.newest is not None and len(edge.newest.people.track_ids) > 0)
     edge.stop()
     assert edge.newest is not None
-    last, ids = edge.newest, set(edge.newest.track_ids.tolist())
+    last, ids = edge.newest, set(edge.newest.people.track_ids.tolist())
     again = site.make_edge()
     assert again.state.slot == edge.state.slot > last.slot
     np.testing.assert_allclose(again.state.deficit, edge.state.deficit)
@@ -251,7 +251,7 @@ def test_edge_whose_clock_went_back_goes_on_at_once(site: Site) -> None:
 def test_edge_whose_clock_went_ahead_goes_on_with_the_next_slot(site: Site) -> None:
     assert site.edge is not None
     edge = site.edge
-    assert eventually(lambda: edge.newest is not None and len(edge.newest.track_ids) > 0)
+    assert eventually(lambda: edge.newest is not None and len(edge.newest.people.track_ids) > 0)
     edge.stop()
     slot = edge.state.slot
     site.clock = WallClock(site.clock.origin_ns + 3600 * 10**9)

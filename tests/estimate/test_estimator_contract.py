@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from e3pose.base.errors import InputError
-from e3pose.estimate import ESTIMATORS, EstimatorSettings, People, estimator_maker
+from e3pose.estimate import ESTIMATORS, Estimate, EstimatorSettings, estimator_maker
 from e3pose.estimate.per_slot.fuse import FusionSettings
 from e3pose.evaluate.figures import expected_figures
 from e3pose.evaluate.replay import ReplaySettings, replay
@@ -29,7 +29,7 @@ def scene() -> Recording:
 
 def run(
     name: str, slots: Sequence[Mapping[int, Poses2D]], recording: Recording | None = None
-) -> list[People]:
+) -> list[Estimate]:
     recording = recording or scene()
     estimator = estimator_maker(name)(
         EstimatorSettings(
@@ -43,8 +43,8 @@ def run(
     )
     memory, found = estimator.begin(), []
     for slot, views in enumerate(slots):
-        memory, people = estimator.estimate(memory, views, slot * recording.interval_s, lambda: 0.0)
-        found.append(people)
+        memory, made = estimator.estimate(memory, views, slot * recording.interval_s, lambda: 0.0)
+        found.append(made)
     return found
 
 
@@ -55,15 +55,16 @@ def views_of(slot: int, cameras: tuple[int, ...] = (0, 1, 2, 3, 4)) -> dict[int,
 
 @pytest.mark.parametrize("name", sorted(ESTIMATORS))
 def test_shapes_fit_and_history_ends_with_this_slot(name: str) -> None:
-    for people in run(name, [views_of(slot) for slot in range(20)]):
-        assert len(people.track_ids) == len(people.poses) == len(set(people.track_ids.tolist()))
-        assert people.history_m.shape[0] == 5
-        assert people.history_m.shape[2:] == (17, 3)
-        rows = people.history_ids.tolist()
+    for made in run(name, [views_of(slot) for slot in range(20)]):
+        people, history_m = made.people, made.history.joints_m
+        assert len(people.track_ids) == len(people) == len(set(people.track_ids.tolist()))
+        assert history_m.shape[0] == 5
+        assert history_m.shape[2:] == (17, 3)
+        rows = made.history.track_ids.tolist()
         for pose, measured, track in zip(
-            people.poses.joints_m, people.measured, people.track_ids.tolist(), strict=True
+            people.joints_m, people.measured, people.track_ids.tolist(), strict=True
         ):
-            newest = people.history_m[-1, rows.index(track)]
+            newest = history_m[-1, rows.index(track)]
             known = np.isfinite(newest).all(axis=-1)  # what was filled is in no history
             assert (known | ~measured).all()
             np.testing.assert_array_equal(pose[known], newest[known])
@@ -72,27 +73,27 @@ def test_shapes_fit_and_history_ends_with_this_slot(name: str) -> None:
 @pytest.mark.parametrize("name", sorted(ESTIMATORS))
 def test_slots_without_a_view_are_normal(name: str) -> None:
     nothing: list[Mapping[int, Poses2D]] = [{}, {}, {2: Poses2D.empty(17)}]
-    for people in run(name, nothing):
-        assert len(people.poses) == 0
+    for made in run(name, nothing):
+        assert len(made.people) == 0
 
 
 @pytest.mark.parametrize("name", sorted(ESTIMATORS))
 def test_the_same_views_give_the_same_people(name: str) -> None:
     slots = [views_of(slot, (slot % 5, (slot + 2) % 5)) for slot in range(20)]
     for first, second in zip(run(name, slots), run(name, slots), strict=True):
-        np.testing.assert_array_equal(first.track_ids, second.track_ids)
-        np.testing.assert_array_equal(first.poses.joints_m, second.poses.joints_m)
+        np.testing.assert_array_equal(first.people.track_ids, second.people.track_ids)
+        np.testing.assert_array_equal(first.people.joints_m, second.people.joints_m)
 
 
 def test_memory_finds_with_one_camera_what_the_paper_cannot() -> None:
     slots = [views_of(slot, (slot * 2 % 5,)) for slot in range(60)]
-    assert all(len(people.poses) == 0 for people in run("paper", slots))
+    assert all(len(made.people) == 0 for made in run("paper", slots))
     truth = scene().truth
     assert truth is not None
-    for slot, people in list(enumerate(run("memory", slots)))[40:]:
+    for slot, made in list(enumerate(run("memory", slots)))[40:]:
         there = np.isfinite(truth.joints_m[slot]).all(axis=(1, 2))
         apart = np.linalg.norm(
-            people.poses.joints_m[:, None] - truth.joints_m[slot][None, there], axis=-1
+            made.people.joints_m[:, None] - truth.joints_m[slot][None, there], axis=-1
         )
         assert (np.nanmean(apart, axis=-1).min(axis=0) < 0.2).all()
 
@@ -102,7 +103,7 @@ def test_a_replay_with_memory_counts_the_right_people() -> None:
     records = list(replay(scene(), settings))
     assert set(records[-1].stage_s) == {"estimate", "predict", "occlusion", "select"}
     assert all(record.arrived.sum() <= 2 for record in records[10:])
-    poses = [record.poses for record in records]
+    poses = [record.people for record in records]
     assert len({len(p) for p in poses[15:]}) <= 2
 
 
@@ -113,12 +114,13 @@ def test_unknown_estimator_is_refused() -> None:
 
 @pytest.mark.parametrize("name", sorted(ESTIMATORS))
 def test_every_joint_has_a_covariance_and_says_whether_it_was_measured(name: str) -> None:
-    for people in run(name, [views_of(slot, (slot % 5, (slot + 2) % 5)) for slot in range(20)]):
-        shape = people.poses.scores.shape
+    for made in run(name, [views_of(slot, (slot % 5, (slot + 2) % 5)) for slot in range(20)]):
+        people = made.people
+        shape = people.scores.shape
         assert people.covariance_m2.shape == (*shape, 3, 3)
         assert people.measured.shape == shape
-        assert not (people.measured & (people.poses.scores == 0)).any()
-        known = people.poses.scores > 0
+        assert not (people.measured & (people.scores == 0)).any()
+        known = people.scores > 0
         assert (np.linalg.eigvalsh(people.covariance_m2[known]) > 0).all()
         assert np.isnan(people.covariance_m2[~known]).all()
 
@@ -132,11 +134,11 @@ def test_the_outlook_grows_less_certain_and_names_those_of_the_history(name: str
     )
     memory = estimator.begin()
     for slot in range(20):
-        memory, people = estimator.estimate(memory, views_of(slot), slot * 0.04, lambda: 0.0)
+        memory, made = estimator.estimate(memory, views_of(slot), slot * 0.04, lambda: 0.0)
     soon, late = (estimator.outlook(memory, ahead_s) for ahead_s in (0.04, 0.4))
     foresights = [foresee(scene().rig, soon, 0.04, np.zeros((n, 5), dtype=bool)) for n in (0, 9)]
-    assert set(people.history_ids.tolist()) <= set(soon.track_ids.tolist())
-    assert people.history_m.shape[1] == len(people.history_ids)
+    assert set(made.history.track_ids.tolist()) <= set(soon.track_ids.tolist())
+    assert made.history.joints_m.shape[1] == len(made.history.track_ids)
     assert np.isfinite(soon.joints_m).all()
     assert soon.delivered.shape == soon.last_seen_s.shape == (len(soon), 5)
     assert (soon.delivered >= 0).all() and (soon.delivered <= 1).all()
@@ -166,9 +168,9 @@ def test_ids_left_out_are_given_to_nobody(name: str) -> None:
     for count in (0, 100):
         memory = estimator.leave_out_ids(estimator.begin(), count)
         for slot in range(12):
-            memory, people = estimator.estimate(
+            memory, made = estimator.estimate(
                 memory, views_of(slot), slot * scene().interval_s, lambda: 0.0
             )
-        found.append(people.track_ids)
+        found.append(made.people.track_ids)
     assert len(found[0]) == 3
     np.testing.assert_array_equal(found[1], found[0] + 100)

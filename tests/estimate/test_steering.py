@@ -82,7 +82,7 @@ def test_every_estimator_can_be_steered_and_keeps_whom_it_follows(
         views = {c: recording.view(slot, c) for c in range(len(recording.rig))}
         seen: Mapping[int, Poses2D] = {c: view for c, view in views.items() if view is not None}
         memory, people = estimator.estimate(memory, seen, slot * INTERVAL_S, lambda: 0.0)
-        joints = np.repeat(people.history_m[-1:] + 0.1, STEER_SLOTS, axis=0)
+        joints = np.repeat(people.history.joints_m[-1:] + 0.1, STEER_SLOTS, axis=0)
         prediction = Prediction(joints, np.full(joints.shape[:-1], error_m))
         steered = estimator.steer(memory, prediction, INTERVAL_S)
         before, after = (
@@ -107,7 +107,7 @@ def test_nobody_known_is_steered_to_nobody() -> None:
     estimator = estimator_maker("memory")(settings)
     memory, people = estimator.estimate(estimator.begin(), {}, 0.0, lambda: 0.0)
     nothing = np.zeros((STEER_SLOTS, 0, 17, 3))
-    assert people.history_m.shape[1] == 0
+    assert people.history.joints_m.shape[1] == 0
     steered = estimator.steer(memory, Prediction(nothing, nothing[..., 0]), INTERVAL_S)
     assert len(estimator.outlook(steered, INTERVAL_S)) == 0
 
@@ -164,10 +164,10 @@ def test_steering_sees_its_whole_history_after_a_short_warm_up() -> None:
 def test_steering_does_not_depend_on_how_far_ahead_cameras_are_reported(lead: int) -> None:
     recording = scene(*CASES[1])
     settings = ReplaySettings(policy="all", num_selected=5, lead_slots=lead)
-    found = [record.poses.joints_m for record in replay(recording, settings)]
+    found = [record.people.joints_m for record in replay(recording, settings)]
     named = replace(settings, predictor="attention-lstm")
     for mine, theirs in zip(found, replay(recording, named), strict=True):
-        np.testing.assert_allclose(mine, theirs.poses.joints_m, rtol=0, atol=1e-6)
+        np.testing.assert_allclose(mine, theirs.people.joints_m, rtol=0, atol=1e-6)
 
 
 def test_without_weights_the_filter_goes_on_unsteered(
@@ -181,7 +181,7 @@ def test_without_weights_the_filter_goes_on_unsteered(
         found = list(replay(recording, ReplaySettings()))
     plain = list(replay(recording, ReplaySettings(predictor="constant-velocity")))
     for mine, theirs in zip(found, plain, strict=True):
-        np.testing.assert_array_equal(mine.poses.joints_m, theirs.poses.joints_m)
+        np.testing.assert_array_equal(mine.people.joints_m, theirs.people.joints_m)
     assert [
         r.message
         for r in caplog.records

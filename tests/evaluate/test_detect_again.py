@@ -105,7 +105,7 @@ def test_detection_with_feedback_measures_processor_time(films: Path, tmp_path: 
 def test_look_at_a_stored_recording_repeats_exactly(films: Path, recording: Recording) -> None:
     runs = [list(replay_stored(recording, ALL, films, "drawn")) for _ in range(2)]
     for first, second in zip(*runs, strict=True):
-        np.testing.assert_array_equal(first.poses.joints_m, second.poses.joints_m)
+        np.testing.assert_array_equal(first.people.joints_m, second.people.joints_m)
 
 
 def test_feedback_without_pixels_is_refused(films: Path, recording: Recording) -> None:

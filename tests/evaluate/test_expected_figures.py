@@ -15,7 +15,7 @@ from e3pose.evaluate.figures import (
     modelled_watts,
 )
 from e3pose.model.camera import Camera, Rig
-from e3pose.model.pose import Poses3D
+from e3pose.model.people import People
 from e3pose.model.skeleton import COCO17, PANOPTIC19, Skeleton
 from e3pose.model.uncertainty import TAILS
 from e3pose.pipeline import Reasons, SlotRecord
@@ -57,13 +57,10 @@ def records(sigma_m: float, claimed_m: float, on: int = 2) -> list[SlotRecord]:
                 time_s=slot / 10,
                 selected=selected,
                 arrived=selected,
-                poses=Poses3D(joints, np.ones((1, 17))),
-                track_ids=np.array([3]),
+                people=People(np.array([3]), joints, sigma_m=np.full((1, 17), claimed_m)),
                 occlusion=np.zeros(5),
                 deficit=np.zeros(5),
                 next_selection=selected,
-                covariance_m2=np.broadcast_to(claimed_m**2 * np.eye(3), (1, 17, 3, 3)),
-                measured=np.ones((1, 17), dtype=bool),
                 reasons=Reasons(slot + 1, np.zeros(5), np.zeros(5), 0.03),
             )
         )  # fmt: skip

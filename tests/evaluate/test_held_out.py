@@ -18,7 +18,7 @@ from tests.cli.one_person import one_person
 from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
 from e3pose.evaluate.held_out import SURE_SCORE, joined, judge, of_cameras, turns
-from e3pose.model.pose import Poses3D
+from e3pose.model.people import People
 from e3pose.recording import Recording, save_recording
 
 NUM_SLOTS = 25
@@ -35,7 +35,7 @@ def truth() -> Floats:
 def records(people: Iterable[Floats]) -> list[Any]:
     """Records of slots 0, 1 and so on, with `(num_poses, 17, 3)` metres each."""
     return [
-        SimpleNamespace(slot=slot, poses=Poses3D(each, np.ones(each.shape[:2])))
+        SimpleNamespace(slot=slot, people=People(np.arange(len(each)), each))
         for slot, each in enumerate(people)
     ]
 

@@ -65,7 +65,7 @@ def both() -> tuple[Recording, Recording]:
 @pytest.mark.parametrize("pipeline", ["default", "paper"])
 def test_people_are_placed_without_it(both: tuple[Recording, Recording], pipeline: str) -> None:
     settings = ReplaySettings(pipeline=pipeline, num_selected=3)
-    poses = [[record.poses for record in replay(each, settings)] for each in both]
+    poses = [[record.people for record in replay(each, settings)] for each in both]
     assert sum(len(each) for each in poses[0]) > 50
     for wild, missing in zip(*poses, strict=True):
         np.testing.assert_array_equal(wild.joints_m, missing.joints_m)

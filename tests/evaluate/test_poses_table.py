@@ -10,25 +10,16 @@ import pytest
 
 from e3pose.base.errors import InputError
 from e3pose.evaluate.poses_table import write_poses
-from e3pose.model.pose import Poses3D
+from e3pose.model.people import People
 from e3pose.model.skeleton import COCO17
 from e3pose.pipeline import SlotRecord
 
 NONE = np.zeros(3, dtype=bool)
 
 
-def record(slot: int, poses: Poses3D, ids: list[int]) -> SlotRecord:
-    return SlotRecord(
-        slot,
-        slot / 25,
-        NONE,
-        NONE,
-        poses,
-        np.array(ids, dtype=np.int64),
-        np.zeros(3),
-        np.zeros(3),
-        NONE,
-    )
+def record(slot: int, people: People) -> SlotRecord:
+    none = np.zeros(3)
+    return SlotRecord(slot, slot / 25, NONE, NONE, people, none, none, NONE)
 
 
 def test_rows_name_slot_track_and_joint(tmp_path: Path) -> None:
@@ -37,8 +28,8 @@ def test_rows_name_slot_track_and_joint(tmp_path: Path) -> None:
     joints[0, 5], scores[0, 5] = [1.0, 2.0, 3.0], 0.5
     joints[1, 0], scores[1, 0] = [-1.0, 0.123456, 0], 1.0
     records = [
-        record(0, Poses3D.empty(17), []),
-        record(3, Poses3D(joints, scores), [7, 4]),
+        record(0, People.empty(17)),
+        record(3, People(np.array([7, 4]), joints, scores)),
     ]
     write_poses(records, COCO17, tmp_path / "poses.csv")
     rows = list(csv.DictReader((tmp_path / "poses.csv").read_text().splitlines()))
@@ -52,7 +43,7 @@ def test_rows_name_slot_track_and_joint(tmp_path: Path) -> None:
 
 
 def test_nobody_is_a_table_without_rows(tmp_path: Path) -> None:
-    write_poses([record(0, Poses3D.empty(17), [])], COCO17, tmp_path / "poses.csv")
+    write_poses([record(0, People.empty(17))], COCO17, tmp_path / "poses.csv")
     text = (tmp_path / "poses.csv").read_text()
     assert text.strip() == "slot,time,track,joint,x,y,z,score,measured,sigma"
 

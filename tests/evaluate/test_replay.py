@@ -104,7 +104,7 @@ def test_lost_view_is_not_handed_over() -> None:
 def test_replays_repeat_to_the_last_bit() -> None:
     runs = [list(replay(recording(), replace(SETTINGS, policy="random", seed=3))) for _ in range(2)]
     for first, second in zip(*runs, strict=True):
-        np.testing.assert_array_equal(first.poses.joints_m, second.poses.joints_m)
+        np.testing.assert_array_equal(first.people.joints_m, second.people.joints_m)
         np.testing.assert_array_equal(first.next_selection, second.next_selection)
 
 
@@ -156,7 +156,7 @@ def test_views_that_disagree_match_up_to_the_distance(
     settings = replace(
         SETTINGS, pipeline="paper", policy="all", matcher="rays", match_distance_m=distance_m
     )
-    assert len(next(replay(source, settings)).poses) == people
+    assert len(next(replay(source, settings)).people) == people
 
 
 @each_case(
@@ -191,7 +191,7 @@ def test_the_paper_matches_by_pixels_from_epipolar_lines(
 ) -> None:
     source = two_views_that_disagree(18.0)
     settings = replace(SETTINGS, pipeline="paper", policy="all", epipolar_px=epipolar_px)
-    assert len(next(replay(source, settings)).poses) == people
+    assert len(next(replay(source, settings)).people) == people
 
 
 @each_case(

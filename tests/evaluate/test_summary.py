@@ -17,7 +17,7 @@ from e3pose.evaluate.figures import as_json
 from e3pose.evaluate.replay import ReplaySettings
 from e3pose.evaluate.summary import summarise
 from e3pose.model.camera import Camera, Rig
-from e3pose.model.pose import Poses3D
+from e3pose.model.people import People
 from e3pose.model.skeleton import COCO17, PANOPTIC19, SHELF14, Skeleton
 from e3pose.pipeline import SlotRecord
 from e3pose.recording import ProcessorTime, Recording, Truth, ViewSeries
@@ -56,8 +56,11 @@ def record(slot: int, people: Sequence[Floats], ids: Sequence[int] | None = None
         time_s=slot / 10,
         selected=SELECTED[slot],
         arrived=SELECTED[slot] & [True, slot != 3],
-        poses=Poses3D(joints, np.where(np.isfinite(joints).all(axis=-1), 0.5, 0.0)),
-        track_ids=np.arange(len(people)) if ids is None else np.array(ids, dtype=np.int64),
+        people=People(
+            np.arange(len(people)) if ids is None else np.array(ids, dtype=np.int64),
+            joints,
+            np.where(np.isfinite(joints).all(axis=-1), 0.5, 0.0),
+        ),
         occlusion=np.zeros(2),
         deficit=np.array([slot, 1.0]),
         next_selection=np.ones(2, dtype=bool),

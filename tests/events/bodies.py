@@ -9,6 +9,7 @@ import numpy as np
 
 from e3pose.base.arrays import Floats
 from e3pose.events.people import Seen
+from e3pose.model.people import People
 from e3pose.simulate.activities import Life
 from e3pose.simulate.body import draw_body
 from e3pose.simulate.episodes import plan_episode
@@ -39,4 +40,5 @@ def seen(joints_m: Floats, sigma_m: float = 0.02, track: int = 1, seed: int = 0)
     for slot, pose in enumerate(joints_m):
         noisy = pose + sigma_m * rng.standard_normal(pose.shape)
         ids, sigma = np.array([track]), np.full((1, len(pose)), sigma_m)
-        yield Seen(slot, round(slot / FPS * 1e9), ids, noisy[None], sigma)
+        people = People(ids, noisy[None], sigma_m=sigma)
+        yield Seen(slot, round(slot / FPS * 1e9), people)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-import numpy as np
 from tests.events.bodies import FPS, START_S, doing, seen
 from tests.events.test_rules import BED
 
 from e3pose.events.looks import CAMERAS, ENOUGH_PER_S, looks_of
+from e3pose.events.people import Seen
 from e3pose.events.watch import Watch, advance, begin_watch
 from e3pose.model.look_request import NO_REQUEST, LookRequest
+from e3pose.model.people import People
 from e3pose.model.skeleton import COCO17
 from e3pose.settings.events_table import EventsTable
 from e3pose.settings.site_file import ZoneTable
@@ -55,12 +56,7 @@ def test_who_was_lost_is_looked_for() -> None:
     slots = list(seen(doing("pick-up", 0)))[: round(2 * FPS)]
     for slot in slots:
         watch, _ = advance(watch, slot)
-    nobody = seen(np.zeros((1, 17, 3)), seed=1)
-    gone = next(iter(nobody))
-    empty = type(gone)(
-        slots[-1].slot + 9, slots[-1].time_ns + 10**9, gone.track_ids[:0], gone.joints_m[:0],
-        gone.sigma_m[:0],
-    )  # fmt: skip
+    empty = Seen(slots[-1].slot + 9, slots[-1].time_ns + 10**9, People.empty(17))
     watch, _ = advance(watch, empty)
     assert looks_of(watch) == LookRequest(CAMERAS, (1,))
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 from functools import cache
 from importlib.metadata import EntryPoint
 from pathlib import Path
@@ -18,9 +19,10 @@ from tests.site.web.watched import RIG, SITE
 
 from e3pose.base.errors import InputError
 from e3pose.events.body import joints_of
-from e3pose.events.people import People, Seen, follow
+from e3pose.events.people import Persons, Seen, follow
 from e3pose.events.rules import RULES, Moment, inherited, kind_of
 from e3pose.events.watch import advance, begin_watch, site_watch
+from e3pose.model.people import People
 from e3pose.model.person_event import ONCE, PersonEvent
 from e3pose.model.skeleton import COCO17, SKELETONS
 from e3pose.recording.calibration import save_rig
@@ -40,7 +42,7 @@ def table_of(*names: str) -> EventsTable:
 
 def moments(slots: Iterable[Seen], zones: tuple[ZoneTable, ...] = ()) -> Iterator[Moment]:
     """Yield slots as rules see them."""
-    known: People = {}
+    known: Persons = {}
     for slot in slots:
         known, shown = follow(known, slot, joints_of(COCO17.joints), zones)
         yield Moment(slot.slot, slot.time_ns, shown, known)
@@ -50,18 +52,11 @@ def moments(slots: Iterable[Seen], zones: tuple[ZoneTable, ...] = ()) -> Iterato
 def days() -> list[list[Moment]]:
     """Return people who do some things, alone and two at a time, and nobody for a while."""
     fall, floor, kneel = (list(seen(doing(kind, 1), seed=1)) for kind in DONE)
-    first = fall[0]
-    empty = [
-        Seen(n, round(n * 8e7), first.track_ids[:0], first.joints_m[:0], first.sigma_m[:0])
-        for n in range(120)
-    ]
-    both = [
-        Seen(
-            a.slot, a.time_ns, np.array([1, 2]), np.concatenate([a.joints_m, b.joints_m + 1.0]),
-            np.concatenate([a.sigma_m, b.sigma_m]),
-        )
-        for a, b in zip(fall, kneel, strict=True)
-    ]  # fmt: skip
+    empty = [Seen(n, round(n * 8e7), People.empty(17)) for n in range(120)]
+    both = []
+    for a, b in zip(fall, kneel, strict=True):
+        aside = replace(b.people, track_ids=np.array([2]), joints_m=b.people.joints_m + 1.0)
+        both.append(replace(a, people=People.joined([a.people, aside], 17)))
     bed = moments(seen(doing("lie-on-bed", 1)), (BED,))
     return [*(list(moments(slots)) for slots in (fall, floor, kneel, empty, both)), list(bed)]
 
@@ -102,7 +97,8 @@ def test_a_rule_takes_every_skeleton_and_people_without_joints(name: str, skelet
     for n in range(60):
         hidden = np.full((2, len(joints), 3), np.nan)
         hidden[0, :2] = 1.0
-        shown = Seen(n, n * 10**8, np.array([1, 2]), hidden, np.full(hidden.shape[:2], 0.02))
+        people = People(np.array([1, 2]), hidden, sigma_m=np.full(hidden.shape[:2], 0.02))
+        shown = Seen(n, n * 10**8, people)
         watch, events = advance(watch, shown)
         assert {event.kind for event in events} <= {"too-many"}
 

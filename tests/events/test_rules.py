@@ -15,6 +15,7 @@ from e3pose.events.people import Seen
 from e3pose.events.rules import RULES
 from e3pose.events.rules.wave import turns_of
 from e3pose.events.watch import advance, begin_watch
+from e3pose.model.people import People
 from e3pose.model.person_event import PersonEvent, sentence
 from e3pose.model.skeleton import COCO17
 from e3pose.settings.events_table import EventsTable
@@ -34,6 +35,10 @@ def told(
         watch, events = advance(watch, slot)
         found += events
     return found
+
+
+def renumbered(slot: Seen, track: int) -> Seen:
+    return replace(slot, people=replace(slot.people, track_ids=np.array([track])))
 
 
 def kinds(events: Iterable[PersonEvent]) -> list[str]:
@@ -64,13 +69,12 @@ def test_a_fall_is_told_of_somebody_whom_a_second_number_shows_before_the_first_
             changed.append(slot)
             upright = slot
         elif down_s < 0.1:  # the first is still expected to stand
-            both = np.concatenate([upright.joints_m, slot.joints_m])
-            sigma_m = np.concatenate([slot.sigma_m] * 2)
-            changed.append(
-                replace(slot, track_ids=np.array([1, 2]), joints_m=both, sigma_m=sigma_m)
-            )
+            both = np.concatenate([upright.people.joints_m, slot.people.joints_m])
+            sigma_m = np.concatenate([slot.people.sigma_m] * 2)
+            people = People(np.array([1, 2]), both, sigma_m=sigma_m)
+            changed.append(replace(slot, people=people))
         else:
-            changed.append(replace(slot, track_ids=np.array([2 if down_s < 0.3 else last])))
+            changed.append(renumbered(slot, 2 if down_s < 0.3 else last))
     events = told(changed)
     assert kinds(events) == ["fall", "got-up"] and {event.first for event in events} == {1}
 
@@ -80,10 +84,7 @@ def test_a_fall_is_told_once_of_somebody_whose_number_changes_on_the_floor(later
     slots = list(seen(doing("fall-left", 0)))
     (fall, *_) = told(slots)
     number = [1 if slot.time_ns < fall.start_ns + later_s * 1e9 else 8 for slot in slots]
-    changed = [
-        replace(slot, track_ids=np.array([track]))
-        for slot, track in zip(slots, number, strict=True)
-    ]
+    changed = [renumbered(slot, track) for slot, track in zip(slots, number, strict=True)]
     events = told(changed, EventsTable(lies_s=4.0))
     assert kinds(events) == ["fall", "on-floor", "on-floor", "got-up"]
     assert [event.phase for event in events] == ["begun", "begun", "ended", "ended"]
@@ -130,12 +131,9 @@ def test_a_fall_of_a_track_that_changes_its_number_is_told() -> None:
     def renamed() -> Iterator[Seen]:
         for slot in slots:
             if 40 <= slot.slot < 60:  # lost while falling
-                yield Seen(
-                    slot.slot, slot.time_ns, slot.track_ids[:0], slot.joints_m[:0], slot.sigma_m[:0]
-                )
+                yield replace(slot, people=slot.people[:0])
             else:
-                track = slot.track_ids + (slot.slot >= 60)
-                yield Seen(slot.slot, slot.time_ns, track, slot.joints_m, slot.sigma_m)
+                yield renumbered(slot, 1 + (slot.slot >= 60))
 
     events = told(renamed())
     assert kinds(events)[0] == "fall" and events[0].track == 2
@@ -143,11 +141,7 @@ def test_a_fall_of_a_track_that_changes_its_number_is_told() -> None:
 
 def test_nobody_and_too_many() -> None:
     table = EventsTable(nobody_s=5.0, most_people=1)
-    nobody = np.zeros(0, dtype=np.int64)
-    empty = [
-        Seen(n, round(n / FPS * 1e9), nobody, np.zeros((0, 17, 3)), np.zeros((0, 17)))
-        for n in range(100)
-    ]
+    empty = [Seen(n, round(n / FPS * 1e9), People.empty(17)) for n in range(100)]
     events = told(empty, table)
     assert [(event.kind, event.phase, event.track) for event in events] == [("nobody", "begun", -1)]
     assert told(empty) == []
@@ -155,9 +149,11 @@ def test_nobody_and_too_many() -> None:
         Seen(
             s.slot,
             s.time_ns,
-            np.array([1, 2]),
-            np.concatenate([s.joints_m, s.joints_m + 2]),
-            np.concatenate([s.sigma_m] * 2),
+            People(
+                np.array([1, 2]),
+                np.concatenate([s.people.joints_m, s.people.joints_m + 2]),
+                sigma_m=np.concatenate([s.people.sigma_m] * 2),
+            ),
         )
         for s in seen(doing("kneel", 0))
     ]

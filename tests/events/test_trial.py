@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 from tests.cases import each_case
 from tests.events.bodies import doing, seen
@@ -48,8 +49,7 @@ def test_a_state_is_said_once_when_it_has_settled() -> None:
 
 
 def test_nobody_seen_says_what_to_do() -> None:
-    empty = (Seen(s.slot, s.time_ns, s.track_ids[:0], s.joints_m[:0], s.sigma_m[:0])
-             for s in seen(doing("squat", 0)))  # fmt: skip
+    empty = (replace(slot, people=slot.people[:0]) for slot in seen(doing("squat", 0)))
     trial, said = tried(empty)
     assert account(trial, EventsTable()) == NOBODY_SEEN and not said
     assert trial.time_ns - trial.begun_ns > 20e9
@@ -87,7 +87,9 @@ def test_a_site_without_the_kind_says_so() -> None:
 
 def test_a_new_number_is_the_same_person() -> None:
     slots = list(seen(doing("fall-left", 0)))
-    late = [Seen(s.slot, s.time_ns, s.track_ids + 7 * (s.slot > 100), s.joints_m, s.sigma_m)
-            for s in slots]  # fmt: skip
+    late = [
+        replace(s, people=replace(s.people, track_ids=s.people.track_ids + 7 * (s.slot > 100)))
+        for s in slots
+    ]
     trial, _ = tried(late)
     assert set(trial.stays) == {8}

@@ -35,10 +35,10 @@ def test_smoothed_poses_come_later_and_are_streamed(tmp_path: Path, recording: P
     assert len(shared) > 20
     for first, later in shared:
         assert (first.delay_ms, later.delay_ms) == (0.0, 100.0)
-        assert later.track_ids.tolist() == first.track_ids.tolist()
+        assert later.people.track_ids.tolist() == first.people.track_ids.tolist()
     # An edge that catches up publishes several slots at once: the median.
     assert np.median([b.published_ns - a.published_ns for a, b in shared]) > 50_000_000
-    moved = [np.abs(b.joints_m - a.joints_m) for a, b in shared if len(a)]
+    moved = [np.abs(b.people.joints_m - a.people.joints_m) for a, b in shared if len(a)]
     assert moved and max(float(np.nanmax(m)) for m in moved) > 1e-4  # not the same again
     assert _sigma([b for _, b in shared]) < _sigma([a for a, _ in shared])
     with dest.open("rb") as file:
@@ -51,4 +51,4 @@ def test_smoothed_poses_come_later_and_are_streamed(tmp_path: Path, recording: P
 
 
 def _sigma(slots: list[LiveSlot]) -> float:
-    return float(np.nanmean(np.concatenate([slot.sigma_m.ravel() for slot in slots])))
+    return float(np.nanmean(np.concatenate([slot.people.sigma_m.ravel() for slot in slots])))

@@ -157,7 +157,7 @@ def live_error_m(folder: Path) -> float:
     first, share = np.floor(slot).astype(int), (slot % 1)[:, None, None]
     here, then = (truth[(first + ahead) % len(truth)] for ahead in (0, 1))
     true_m = here * (1 - share) + then * share
-    joints_m = found.joints_m.astype(float)
+    joints_m = found.people.joints_m.astype(float)
     known = np.isfinite(joints_m).all(axis=-1) & np.isfinite(true_m).all(axis=-1)
     assert known.sum() > 50 * 17
     scale, R, t = similarity(joints_m[known], true_m[known])

@@ -55,7 +55,7 @@ def test_people_stand_where_the_edge_says(page: Page, watched: Watched) -> None:
     watched.publish(20)
     assert page.shows("slot", "20") and page.shows("people", "Person 11")
     # The joints of a person lie on a line: the left shin, from knee to ankle, is at (x, 0.2 m).
-    knee, ankle = record(20).poses.joints_m[1][[13, 15]]
+    knee, ankle = record(20).people.joints_m[1][[13, 15]]
     middle = 1000 * (knee + ankle) / 2
     assert eventually(lambda: at(page, *middle) == TRACK_11)
     assert pixels(page, TRACK_10) > 100 and pixels(page, TRACK_11) > 100
@@ -77,7 +77,7 @@ def test_a_switch_shows_the_smoothed_poses_and_how_late_they_are(
     page.run("document.getElementById('smoothed').click()")
     assert page.shows("where", "smoothed, published after 231 ms")
     assert page.shows("slot", "15")
-    ankle = 1000 * (record(15).poses.joints_m[1][[13, 15]].mean(axis=0) + [3.0, 0.0, 0.0])
+    ankle = 1000 * (record(15).people.joints_m[1][[13, 15]].mean(axis=0) + [3.0, 0.0, 0.0])
     assert eventually(lambda: at(page, *ankle) == TRACK_11)
     watched.publish(22)
     watched.publish_smoothed(16)

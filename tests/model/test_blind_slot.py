@@ -18,7 +18,7 @@ from e3pose.model.blind_slot import (
     duty,
     no_choice,
 )
-from e3pose.model.pose import Poses3D
+from e3pose.model.people import People
 from e3pose.model.slot_record import SlotRecord
 
 NONE, FIRST, ALL = (np.array(flags) for flags in ([False] * 3, [True, False, False], [True] * 3))
@@ -26,11 +26,8 @@ NONE, FIRST, ALL = (np.array(flags) for flags in ([False] * 3, [True, False, Fal
 
 def record(slot: int, selected: Sequence[bool] = (False,) * 3, blind: str = "") -> SlotRecord:
     flags, nothing = np.array(selected), np.zeros(3)
-    poses = Poses3D(np.zeros((0, 17, 3)), np.zeros((0, 17)))
-    ids = np.zeros(0, dtype=np.int64)
-    return SlotRecord(
-        slot, slot / 25, flags, flags, poses, ids, nothing, nothing, flags, blind=blind
-    )
+    people = People.empty(17)
+    return SlotRecord(slot, slot / 25, flags, flags, people, nothing, nothing, flags, blind=blind)
 
 
 @each_case(

@@ -220,10 +220,10 @@ def test_people_seen_by_fisheyes_and_others_are_found_where_they_are(
     fuser = make(rig, NUM_JOINTS)
     counts = np.full(len(rig), len(truth))
     fusion = fuser.fuse_arrays(keypoints, np.full(keypoints.shape[:3], 0.9), counts)
-    assert len(fusion.poses) == len(truth)
+    assert len(fusion.people) == len(truth)
     order = fusion.members[:, 0]
     assert (fusion.members == order[:, None]).all()
-    assert np.abs(fusion.poses.joints_m - truth[order]).max() < 1e-6
+    assert np.abs(fusion.people.joints_m - truth[order]).max() < 1e-6
     assert fusion.reprojection_error_px.max() < 1e-3
 
 

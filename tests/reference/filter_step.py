@@ -29,7 +29,7 @@ from tests.reference.filter_update import (
 from e3pose.base.arrays import Floats, Integers
 from e3pose.estimate.filter import bias
 from e3pose.estimate.filter.projected import USED_SCORE
-from e3pose.estimate.filter.shown import Estimate, estimate_of
+from e3pose.estimate.filter.shown import people_of
 from e3pose.estimate.filter.state import Belief, Leftovers, Model
 from e3pose.estimate.filter.step import (
     LONGEST_S,
@@ -37,12 +37,13 @@ from e3pose.estimate.filter.step import (
     check_slot,
 )
 from e3pose.estimate.filter.unchanged import pace_px
+from e3pose.model.people import People
 from e3pose.model.pose import MAX_PIXEL, MISSING_SCORE, Poses2D
 
 
 def step(
     model: Model, belief: Belief, views: Mapping[int, Poses2D], time_s: float
-) -> tuple[Belief, Estimate]:
+) -> tuple[Belief, People]:
     """Advance to `time_s` with the views that arrived: none, one, all, others than before.
 
     Args:
@@ -93,7 +94,7 @@ def step(
     belief = attend(belief, predicted, cameras, fits, assigned >= 0, shares, dt, model)
     fresh = _unexplained(belief, cameras, keypoints, scores, assigned, stills)
     belief = end(give_birth(belief, fresh, cameras, dt, model), model)
-    return belief, estimate_of(belief, model)
+    return belief, people_of(belief, model)
 
 
 def _sorted(

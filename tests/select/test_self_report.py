@@ -38,7 +38,7 @@ def run(recording: Recording, policy: str) -> tuple[Floats, float]:
         if record.slot < 2 * settings.warmup_slots:
             continue
         looks += record.selected
-        apart = mean_errors_m(record.poses.joints_m, recording.truth.joints_m[record.slot])
+        apart = mean_errors_m(record.people.joints_m, recording.truth.joints_m[record.slot])
         near = apart[apart < 0.5]
         errors += near.tolist()
     return looks / looks.sum(), float(np.mean(errors))

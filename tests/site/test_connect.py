@@ -70,11 +70,11 @@ def test_slots_come_in_order_as_arrays() -> None:
         first, second = site.next(), site.next()
     assert first is not None and second is not None
     assert (first.slot, second.slot, len(second)) == (3, 4, 2)
-    assert second.track_ids.tolist() == [7, 9]
-    np.testing.assert_array_equal(second.joints_m[1, 5], [9, 4, 5])
+    assert second.people.track_ids.tolist() == [7, 9]
+    np.testing.assert_array_equal(second.people.joints_m[1, 5], [9, 4, 5])
     assert second.selected == ("cam1", "cam2") and second.arrived == ("cam2",)
     assert (second.stored_from, second.stored_to, second.store_shed) == (1, 3, 5)
-    assert second.time_ns == 10**18 + 4 * INTERVAL_NS and second.measured.all()
+    assert second.time_ns == 10**18 + 4 * INTERVAL_NS and second.people.measured.all()
 
 
 def test_iteration_ends_with_the_connection() -> None:
@@ -185,7 +185,7 @@ def test_events_of_people_are_told_as_they_happen() -> None:
                     replace(
                         words,
                         time_edge_ns=one.time_ns,
-                        joints_m=pack(one.joints_m.astype(np.float32)),
+                        joints_m=pack(one.people.joints_m.astype(np.float32)),
                     )
                 ),
             )

@@ -24,7 +24,7 @@ from e3pose.base.errors import InputError
 from e3pose.camera.source import open_video
 from e3pose.detectors.weights import Progress
 from e3pose.evaluate.poses_table import write_poses
-from e3pose.model.pose import Poses3D
+from e3pose.model.people import People
 from e3pose.model.rigs import ring_rig
 from e3pose.model.skeleton import skeleton_by_name
 from e3pose.output.report.overlay import write_movie
@@ -367,10 +367,8 @@ def test_fullest_slot_of_each_quarter_is_pictured() -> None:
         scores = np.zeros((1, 17))
         scores[0, :joints] = 1
         flags = np.ones(1, dtype=bool)
-        poses = Poses3D(np.zeros((1, 17, 3)), scores)
-        nothing = np.zeros(1)
-        ids = np.zeros(1, dtype=np.int64)
-        return SlotRecord(slot, 0.0, flags, flags, poses, ids, nothing, nothing, flags)
+        people, nothing = People(np.array([0]), np.zeros((1, 17, 3)), scores), np.zeros(1)
+        return SlotRecord(slot, 0.0, flags, flags, people, nothing, nothing, flags)
 
     records = [record(i, n) for i, n in enumerate([1, 5, 3, 2, 0, 9, 4, 4])]
     assert fullest(records) == {1, 2, 5, 6}

@@ -23,19 +23,19 @@ from tests.waiting import eventually
 from websockets.sync.client import connect as connect_socket
 
 from e3pose.events import watch as watching
+from e3pose.events.people import Seen
 from e3pose.events.watch import begin_watch, site_watch
 from e3pose.model.person_event import PersonEvent, sentence
-from e3pose.model.pose import Poses3D
 from e3pose.model.skeleton import COCO17
 from e3pose.pipeline import SlotRecord
 from e3pose.settings.events_table import EventsTable
 from e3pose.settings.resolved import resolve_site
 from e3pose.settings.site_file import ZoneTable
-from e3pose.site.event_sink import EventSink, seen_in
+from e3pose.site.event_sink import EventSink
 from e3pose.site.streams.as_json import event_words
 from e3pose.site.zones import Zones
 from e3pose.store import Run, Store, StoreWriter
-from e3pose.wire.arrays import pack
+from e3pose.wire.arrays import packed_people
 from e3pose.wire.codec import encode
 from e3pose.wire.site_messages import Poses
 
@@ -65,26 +65,15 @@ def fallen() -> Iterator[tuple[SlotRecord, int]]:
     """Yield records of somebody who falls at the third second, and their times."""
     for one in seen(doing("fall-forward", 0), track=TRACK):
         made = record(one.slot)
-        joints_m, covariance_m2 = (
-            one.joints_m.astype(np.float64),
-            np.tile(np.eye(3) * 4e-4, (1, 17, 1, 1)),
-        )
-        yield (
-            replace(
-                made, poses=Poses3D(joints_m, np.ones((1, 17))), track_ids=one.track_ids,
-                covariance_m2=covariance_m2, measured=np.ones((1, 17), dtype=bool),
-            ),
-            BEGIN_NS + one.time_ns,
-        )  # fmt: skip
+        people = replace(one.people, sigma_m=np.full((1, 17), 0.02))
+        yield replace(made, people=people), BEGIN_NS + one.time_ns
 
 
 def published(slot: SlotRecord, time_ns: int) -> Poses:
     """Return a record as an edge publishes it."""
-    return msgspec.structs.replace(
-        poses(slot.slot), time_edge_ns=time_ns, track_ids=pack(slot.track_ids),
-        joints_m=pack(slot.poses.joints_m.astype(np.float32)),
-        sigma_m=pack(np.full((1, 17), 0.02, dtype=np.float32)), measured=pack(slot.measured),
-    )  # fmt: skip
+    usual = poses(slot.slot)
+    made = Poses(slot.slot, time_ns, usual.joints, *packed_people(slot.people))
+    return msgspec.structs.replace(made, selected=usual.selected, arrived=usual.arrived)
 
 
 @pytest.fixture(scope="module")
@@ -106,7 +95,7 @@ def fall() -> PersonEvent:
     """The fall as rules tell it."""
     watch, found = begin_watch(EventsTable(), COCO17.joints, (HALL,)), list[PersonEvent]()
     for slot, time_ns in fallen():
-        watch, events = watching.advance(watch, seen_in(slot, time_ns))
+        watch, events = watching.advance(watch, Seen(slot.slot, time_ns, slot.people))
         found += [event for event in events if event.kind == "fall"]
     (only,) = found
     assert only.track == TRACK and only.zone == "hall" and only.score > 0.5

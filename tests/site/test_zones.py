@@ -7,6 +7,7 @@ import pytest
 from tests.cases import each_case
 
 from e3pose.base.errors import InputError
+from e3pose.model.people import People
 from e3pose.model.region import distance_m, in_polygon, middles_m
 from e3pose.settings.site_file import ZoneTable
 from e3pose.site.connect import LiveSlot
@@ -24,11 +25,9 @@ def slot(number: int, **places: tuple[float, float]) -> LiveSlot:
     for row, (x, y) in enumerate(places.values()):
         joints_m[row, :2] = [(x - 0.2, y, 1.0), (x + 0.2, y, 1.5)]
     tracks = np.array([int(name[1:]) for name in places], dtype=np.int64)
-    sigma_m = np.zeros(joints_m.shape[:2], dtype=np.float32)
+    people = People(tracks, joints_m, sigma_m=np.zeros(joints_m.shape[:2]))
     time_ns = 10**18 + number * 10**9 // FPS
-    return LiveSlot(
-        number, time_ns, ("a", "b", "c"), tracks, joints_m, sigma_m, sigma_m == 0, (), (), 0
-    )
+    return LiveSlot(number, time_ns, people, ("a", "b", "c"), (), (), 0)
 
 
 def events_of(zones: Zones, *slots: LiveSlot) -> tuple[Zones, list[tuple[str, int, int, int]]]:
@@ -50,7 +49,7 @@ def test_polygon_has_what_lies_in_it() -> None:
 
 def test_middle_of_somebody_without_joints_is_nowhere() -> None:
     assert np.isnan(middles_m(np.full((1, 3, 3), np.nan))).all()
-    assert middles_m(slot(0, t7=(1, 2)).joints_m)[0] == pytest.approx([1, 2])
+    assert middles_m(slot(0, t7=(1, 2)).people.joints_m)[0] == pytest.approx([1, 2])
 
 
 def test_people_enter_stay_and_leave() -> None:

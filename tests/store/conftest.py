@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from tests.postgres import Server
 
-from e3pose.model.pose import Poses3D
+from e3pose.model.people import People
 from e3pose.model.skeleton import COCO17
 from e3pose.pipeline import SlotRecord
 from e3pose.store import Run
@@ -35,14 +35,17 @@ def make_record(slot: int, num_persons: int = 2, fps: float = 25.0) -> SlotRecor
         time_s=slot / fps,
         selected=selected,
         arrived=selected & [True, False, True],
-        poses=Poses3D(joints, scores),
-        track_ids=np.arange(num_persons) + 10,
+        people=People(
+            np.arange(num_persons) + 10,
+            joints,
+            scores,
+            measured,
+            full_covariance_m2=np.tile(np.diag([0.25, 0.5, 0.75]), (num_persons, 17, 1, 1)),
+            dynamics=np.where(scores[..., None] > 0, [0.5, -1.0, slot / 8, 0.02, 0.4, 0.5], np.nan),
+        ),
         occlusion=np.array([0.25, 0.5, slot / 1024]),
         deficit=np.array([1.5, 0.0, 2.0]),
         next_selection=~selected,
-        covariance_m2=np.tile(np.diag([0.25, 0.5, 0.75]), (num_persons, 17, 1, 1)),
-        measured=measured,
-        dynamics=np.where(scores[..., None] > 0, [0.5, -1.0, slot / 8, 0.02, 0.4, 0.5], np.nan),
         stage_s={"match": 0.001, "predict": 0.002},
     )
 

@@ -40,7 +40,7 @@ def test_person_goes_and_the_day_stays(place: Place) -> None:
     fill(place, range(3))
     assert forget(place, PERSON)[1] == 180 + 1 + 3
     assert left(place, PERSON) == 0
-    assert {*Store(place).query().track_ids.tolist()} == {PEOPLE[1]}
+    assert {*Store(place).query().people.track_ids.tolist()} == {PEOPLE[1]}
     assert len(Store(place).rows("slots")) == 180
     assert [row["track_id"] for row in Store(place).rows("events")] == [PEOPLE[1]] * 3
 
@@ -74,7 +74,7 @@ def test_rows_that_a_killed_edge_left_are_not_brought_back(tmp_path: Path) -> No
     with StoreWriter(path, run):
         wait_for(lambda: len(spools_of(path)) == 1)
     found = Store(path).query()
-    assert list(zip(found.slots, found.track_ids, strict=True)) == [(61, PEOPLE[1])]
+    assert list(zip(found.slots, found.people.track_ids, strict=True)) == [(61, PEOPLE[1])]
 
 
 def test_archives_can_delete_whole_days_and_people() -> None:

@@ -126,7 +126,7 @@ def test_no_byte_of_who_is_forgotten_is_left(
     store, copy, export = tmp_path / "hall.db", tmp_path / "copy.db", tmp_path / f"poses.{form}"
     write(store, run, record)
     set_name(store, ((1, PERSON),), "Ada Lovelace")
-    poses = Store(store).query(track=PERSON).joints_m.astype("<f4")
+    poses = Store(store).query(track=PERSON).people.joints_m.astype("<f4")
     assert verb("store", "copy", store, copy) == 0
     assert verb("query", store, f"--{form}", export) == 0
 

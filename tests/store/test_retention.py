@@ -99,7 +99,9 @@ def test_tracks_are_those_of_the_slots_that_are_kept(
     for minute in range(30):
         rows = list[Row]()
         for slot in range(60 * minute, 60 * minute + 60):  # one a second
-            there = replace(record(slot, 3), track_ids=slot + np.array([0, 1, 500]))
+            made = record(slot, 3)
+            people = replace(made.people, track_ids=slot + np.array([0, 1, 500]))
+            there = replace(made, people=people)
             rows += slot_rows(there, clock.now_ns())
             clock.advance(1.0)
         delivery.commit(rows, run())

@@ -64,19 +64,21 @@ def test_everything_comes_back(filled: Place, record: Records) -> None:
     found = Store(filled).query()
     assert len(found) == NUM_SLOTS * 2
     assert found.joints == COCO17.joints
-    assert found.joints_m.dtype == found.scores.dtype == np.float32
+    assert found.people.joints_m.dtype == found.people.scores.dtype == np.float32
     for row in (0, 77, 199):
         slot, person = divmod(row, 2)
         truth = record(slot)
         assert found.slots[row] == slot
-        assert found.track_ids[row] == 10 + person
+        assert found.people.track_ids[row] == 10 + person
         assert found.time_ns[row] == STARTED_NS + slot * 40_000_000
-        np.testing.assert_array_equal(found.joints_m[row], truth.poses.joints_m[person])
-        np.testing.assert_array_equal(found.scores[row], truth.poses.scores[person])
-        np.testing.assert_allclose(found.sigma_m[row], np.full(17, 0.5**0.5), rtol=1e-3)
-        np.testing.assert_array_equal(found.measured[row], truth.measured[person])
-        assert truth.dynamics is not None
-        np.testing.assert_allclose(found.dynamics[row], truth.dynamics[person], rtol=0.03)
+        np.testing.assert_array_equal(found.people.joints_m[row], truth.people.joints_m[person])
+        np.testing.assert_array_equal(found.people.scores[row], truth.people.scores[person])
+        np.testing.assert_allclose(found.people.sigma_m[row], np.full(17, 0.5**0.5), rtol=1e-3)
+        np.testing.assert_array_equal(found.people.measured[row], truth.people.measured[person])
+        assert truth.people.dynamics is not None and found.people.dynamics is not None
+        np.testing.assert_allclose(
+            found.people.dynamics[row], truth.people.dynamics[person], rtol=0.03
+        )
     slots = Store(filled).rows("slots")
     assert len(slots) == NUM_SLOTS
     assert slots[8]["selected"] == "110"
@@ -118,17 +120,17 @@ def test_times_include_both_ends(
 def test_one_track_and_one_joint(filled: Place) -> None:
     found = Store(filled).query("1", "2", track=11, joint="left_wrist")
     assert found.joints == ("left_wrist",)
-    assert found.track_ids.tolist() == [11] * 26
-    np.testing.assert_array_equal(found.joints_m[:, 0, 0], np.arange(25, 51))
-    assert (found.joints_m[:, 0, 1] == 1).all()
-    assert (found.joints_m[:, 0, 2] == COCO17.index("left_wrist")).all()
+    assert found.people.track_ids.tolist() == [11] * 26
+    np.testing.assert_array_equal(found.people.joints_m[:, 0, 0], np.arange(25, 51))
+    assert (found.people.joints_m[:, 0, 1] == 1).all()
+    assert (found.people.joints_m[:, 0, 2] == COCO17.index("left_wrist")).all()
     assert len(Store(filled).query(track=99)) == 0
 
 
 def test_missing_joint_is_nan_with_score_zero(filled: Place) -> None:
     found = Store(filled).query("0", "0.04", joint=COCO17.joints[3])
-    assert np.isnan(found.joints_m).all()
-    assert (found.scores == 0).all()
+    assert np.isnan(found.people.joints_m).all()
+    assert (found.people.scores == 0).all()
 
 
 def test_datetimes_are_understood(filled: Place) -> None:
@@ -183,7 +185,7 @@ def test_different_skeletons_are_named(place: Place, record: Records, run: Runs)
 def test_sigma_is_that_of_the_records_covariance(place: Place, record: Records, run: Runs) -> None:
     with StoreWriter(place, run()) as writer:
         writer.append(record(0))
-    sigma_m = Store(place).query().sigma_m
+    sigma_m = Store(place).query().people.sigma_m
     np.testing.assert_allclose(sigma_m, np.sqrt(0.5), rtol=1e-3)
 
 

@@ -40,7 +40,7 @@ def test_store_answers_what_the_replay_wrote(recording: Path, tmp_path: Path) ->
     assert len(found) > NUM_SLOTS - 5
     assert found.slots.tolist() == [int(row["slot"]) for row in rows[:: len(COCO17)]]
     stored_m = np.array([[float(row[axis]) for axis in "xyz"] for row in rows])
-    np.testing.assert_allclose(found.joints_m.reshape(-1, 3), stored_m, atol=1e-5)
+    np.testing.assert_allclose(found.people.joints_m.reshape(-1, 3), stored_m, atol=1e-5)
     slots = Store(store).rows("slots")
     assert [slot["selected"].count("1") for slot in slots] == [3] * 10 + [2] * 20
     device = load_profile("tx2")

@@ -150,7 +150,9 @@ def all_camera_tracks(
     for record in replayed(replay(part, settings)):
         if record.noise_factors is not None:
             learned = record.noise_factors
-        for track, joints_m in zip(record.track_ids.tolist(), record.poses.joints_m, strict=True):
+        for track, joints_m in zip(
+            record.people.track_ids.tolist(), record.people.joints_m, strict=True
+        ):
             slots.setdefault(track, []).append(record.slot)
             poses.setdefault(track, []).append(joints_m)
     long = [track for track, there in slots.items() if len(there) >= MIN_SLOTS]

@@ -74,7 +74,9 @@ def estimated_motion(recording: Recording, records: Iterable[SlotRecord]) -> Mot
     slots: dict[int, list[int]] = {}
     poses: dict[int, list[Floats]] = {}
     for record in records:
-        for track, joints_m in zip(record.track_ids.tolist(), record.poses.joints_m, strict=True):
+        for track, joints_m in zip(
+            record.people.track_ids.tolist(), record.people.joints_m, strict=True
+        ):
             slots.setdefault(track, []).append(record.slot)
             poses.setdefault(track, []).append(joints_m)
     people = []

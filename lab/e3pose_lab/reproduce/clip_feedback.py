@@ -147,4 +147,4 @@ def _errors_mm(
 
 
 def _coco17(record: SlotRecord, skeleton: Skeleton) -> Floats:
-    return convert(record.poses.joints_m, record.poses.scores, skeleton, COCO17)[0]
+    return convert(record.people.joints_m, record.people.scores, skeleton, COCO17)[0]

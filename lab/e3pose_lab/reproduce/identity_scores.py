@@ -35,14 +35,14 @@ def changes(recording: Recording, records: Sequence[SlotRecord]) -> Counter[str]
         there = np.isfinite(truth).all(axis=(1, 2))
         away.update(dict.fromkeys(np.flatnonzero(~there).tolist(), slot))
         people = np.flatnonzero(there)
-        apart = np.linalg.norm(record.poses.joints_m[:, None] - truth[people][None], axis=-1)
+        apart = np.linalg.norm(record.people.joints_m[:, None] - truth[people][None], axis=-1)
         if apart.size == 0:
             continue
         apart = np.nanmean(apart, axis=-1)
         rows, columns = linear_sum_assignment(np.minimum(apart, 2.0))
         near = apart[rows, columns] < FOUND_M
         for row, column in zip(rows[near], columns[near], strict=True):
-            who, number = int(people[column]), int(record.track_ids[row])
+            who, number = int(people[column]), int(record.people.track_ids[row])
             if last.get(who, number) != number:
                 if away.get(who, -1) >= seen[who]:
                     found[RETURNED] += 1
@@ -101,13 +101,13 @@ def frames_of(recording: Recording, records: Sequence[SlotRecord]) -> list[Frame
     frames = []
     for slot, record in enumerate(records):
         there = np.flatnonzero(np.isfinite(truth.joints_m[slot]).all(axis=(1, 2)))
-        joints = record.poses.joints_m
+        joints = record.people.joints_m
         apart = np.linalg.norm(joints[None] - truth.joints_m[slot, there][:, None], axis=-1)
         known = np.isfinite(apart)
         mean = np.where(known, apart, 0.0).sum(axis=-1) / np.maximum(known.sum(axis=-1), 1)
         mean = np.where(known.any(axis=-1), mean, np.inf)
         similarity = np.maximum(1 - mean / FOUND_M, 0.0)
-        frames.append(Frame(there, np.asarray(record.track_ids, dtype=np.int64), similarity))
+        frames.append(Frame(there, np.asarray(record.people.track_ids, dtype=np.int64), similarity))
     return frames
 
 

@@ -13,7 +13,6 @@ from e3pose.base.arrays import Floats
 from e3pose.evaluate.metrics import count_parts, pcp_percent
 from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.evaluate.summary import accuracy, in_skeleton
-from e3pose.model.pose import Poses3D
 from e3pose.model.skeleton import SHELF14
 from e3pose.pipeline import SlotRecord
 from e3pose.recording import Recording
@@ -60,10 +59,10 @@ def pcp_readings(
 
 def _placed(record: SlotRecord) -> SlotRecord:
     """Return the record without the joints that were not estimated in its slot."""
-    measured = record.measured
-    joints_m = np.where(measured[..., None], record.poses.joints_m, np.nan)
-    poses = Poses3D(joints_m, np.where(measured, record.poses.scores, 0.0))
-    return replace(record, poses=poses)
+    people, measured = record.people, record.people.measured
+    joints_m = np.where(measured[..., None], people.joints_m, np.nan)
+    people = replace(people, joints_m=joints_m, scores=np.where(measured, people.scores, 0.0))
+    return replace(record, people=people)
 
 
 @dataclass(frozen=True, slots=True)

@@ -77,7 +77,7 @@ def scene(sources: Sources, asked: SceneAsked) -> Scene:
     def fused(slot: int, cameras: tuple[int, ...]) -> tuple[Floats, Floats]:
         poses = fuser.fuse(
             selected_views(recording, slot, np.isin(np.arange(count), cameras))
-        ).poses
+        ).people
         shelf, _ = convert(poses.joints_m, poses.scores, recording.skeleton, truth.skeleton)
         return poses.joints_m, shelf
 

@@ -87,7 +87,7 @@ def subset_figures(sources: Sources, asked: SubsetsAsked) -> SubsetFigures:
         totals = np.zeros(0, dtype=np.int64)
         for subset in subsets:
             chosen = np.isin(np.arange(count), subset)
-            poses = fuser.fuse(selected_views(recording, slot, chosen)).poses
+            poses = fuser.fuse(selected_views(recording, slot, chosen)).people
             joints, _ = convert(poses.joints_m, poses.scores, recording.skeleton, truth.skeleton)
             if counted:
                 parts = count_parts([joints], wanted[None, counted])

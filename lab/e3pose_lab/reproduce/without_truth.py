@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from e3pose.base.arrays import Floats
-from e3pose.estimate.base import People
+from e3pose.estimate.base import Estimate
 from e3pose.evaluate import metrics
 from e3pose.evaluate.figures import HeldOutCamera
 from e3pose.evaluate.held_out import COMPARED, judge, turns
@@ -76,7 +76,7 @@ def likeness(sources: Sources, asked: Asked) -> Likeness:
     poses = in_skeleton(records, recording.skeleton, COCO17)
     found = metrics.candidates(
         [joints[:, JOINTS] for joints in poses],
-        [record.poses.scores.mean(axis=-1) for record in records],
+        [record.people.scores.mean(axis=-1) for record in records],
         people_m[[record.slot for record in records]],
     )
     off_m, matched = found.errors_m, metrics.first_matches(found, metrics.MATCH_LIMIT_M)
@@ -108,14 +108,14 @@ def _smoothed(stamp: str, recording: Recording) -> Floats:
 
 def smoothed_people(recording: Recording) -> Floats:
     """Return `(num_slots, num_people, 10, 3)` metres, NaN for who is not there: the smoother."""
-    told: list[People] = []
+    told: list[Estimate] = []
     everything = ReplaySettings(policy="all", num_selected=len(recording.rig))
     records = list(replay(recording, everything, publish=told.append))
     posteriors = [each.posterior for each in told if each.posterior is not None]
     late = smooth_records(records, posteriors, recording.skeleton)
     people = in_skeleton(late, recording.skeleton, COCO17)
-    ids = np.unique(np.concatenate([record.track_ids for record in late]))
+    ids = np.unique(np.concatenate([record.people.track_ids for record in late]))
     paths_m = np.full((recording.num_slots, len(ids), len(JOINTS), 3), np.nan)
     for record, joints_m in zip(late, people, strict=True):
-        paths_m[record.slot, np.searchsorted(ids, record.track_ids)] = joints_m[:, JOINTS]
+        paths_m[record.slot, np.searchsorted(ids, record.people.track_ids)] = joints_m[:, JOINTS]
     return paths_m

@@ -31,9 +31,13 @@ def collected_clips(
     """
     rows: dict[tuple[int, int], list[tuple[NDArray[np.int64], Floats, Floats]]] = {}
     for chunk in chunks:
-        for track in np.unique(chunk.track_ids).tolist():
-            his = chunk.track_ids == track
-            part = chunk.slots[his], chunk.joints_m[his].astype(np.float64), chunk.scores[his]
+        for track in np.unique(chunk.people.track_ids).tolist():
+            his = chunk.people.track_ids == track
+            part = (
+                chunk.slots[his],
+                chunk.people.joints_m[his].astype(np.float64),
+                chunk.people.scores[his],
+            )
             rows.setdefault((chunk.run, track), []).append(part)
     columns = common_columns(skeleton)
     clips = []

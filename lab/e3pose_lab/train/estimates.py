@@ -167,9 +167,10 @@ def follow(
     seen: dict[int, list[tuple[int, Floats]]] = {}
     for slot in range(start, stop):
         views = views_of(recording, slot)
-        memory, people = estimator.estimate(memory, views, slot * recording.interval_s, float)
-        sure = people.poses.scores[..., None] >= LEAST_SCORE
-        joints_m = np.where(sure, people.poses.joints_m, np.nan)
+        memory, found = estimator.estimate(memory, views, slot * recording.interval_s, float)
+        people = found.people
+        sure = people.scores[..., None] >= LEAST_SCORE
+        joints_m = np.where(sure, people.joints_m, np.nan)
         for track, joints in zip(people.track_ids.tolist(), joints_m, strict=True):
             seen.setdefault(track, []).append((slot, joints))
     followed = []
@@ -194,7 +195,7 @@ def clearly_seen(recording: Recording, people: Sequence[Followed], count: int) -
         if not rows:
             continue
         views = least_occluded(recording.rig, views_of(recording, slot), count)
-        found_m = fuser.fuse(views).poses.joints_m
+        found_m = fuser.fuse(views).people.joints_m
         there = np.array([moved[row][slot - people[row].first_slot] for row in rows])
         for mine, pose in zip(*joined(there, found_m), strict=True):
             place = moved[rows[mine]][slot - people[rows[mine]].first_slot]
@@ -261,7 +262,7 @@ def estimates_of(room: Room, chunk: Chunk) -> list[Halves]:
             some = {camera: views[camera] for camera in cameras if camera in views}
             if len(some) < MIN_VIEWS:
                 continue
-            found = to_common(fuser.fuse(some).poses.joints_m, columns)
+            found = to_common(fuser.fuse(some).people.joints_m, columns)
             rows, people = joined(target, found)
             errors[rows, number] = found[people] - target[rows]
         result.append(_repeated(errors).astype(np.float16))

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
-from e3pose.estimate.base import People
+from e3pose.estimate.base import Estimate
 from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.model.camera import Rig
 from e3pose.predict.normalise import NUM_COMMON, common_columns
@@ -102,7 +102,7 @@ def _replayed(
     columns = common_columns(seen.skeleton)
     joints = to_common(truth.joints_m, columns)
     errors = np.full((*joints.shape[:2], 1, NUM_COMMON, 3), np.nan, dtype=np.float16)
-    published: list[People] = []
+    published: list[Estimate] = []
     most = len(seen.rig)
     counts = np.arange(1, most + 1)  # few cameras are usual, and err most
     count = int(rng.choice(counts, p=(1 / counts) / (1 / counts).sum()))
@@ -113,7 +113,7 @@ def _replayed(
         phase=number,
     )
     for record in replay(seen, replaying, publish=published.append):
-        found = to_common(published.pop().poses.joints_m, columns)
+        found = to_common(published.pop().people.joints_m, columns)
         target = joints[record.slot]
         rows, people = joined(target, found)
         errors[record.slot, rows, 0] = found[people] - target[rows]

@@ -19,21 +19,20 @@ from e3pose.cli.placed import load_placed
 from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.events import trial as trials
 from e3pose.events import watch as watching
+from e3pose.events.people import Seen
 from e3pose.events.watch import Watch, begin_watch, site_watch
 from e3pose.settings.events_table import EventsTable
 from e3pose.settings.resolved import resolve_site
-from e3pose.site.connect import Connection, seen_of
-from e3pose.site.event_sink import seen_in
+from e3pose.site.connect import Connection
 from e3pose.site.follow import viewer_link
 
 if TYPE_CHECKING:
-    from e3pose.events.people import Seen
     from e3pose.events.trial import Trial
 
 events_app = App(name="events", help="Test event alerts.")
 PATIENCE_S = 10.0  # without anybody, before that is said
 AFTER_S = 3.0  # after somebody got up from a fall, it is over
-Look = tuple["Seen", int]  # people, and when the slot was published
+Look = tuple[Seen, int]  # people, and when the slot was published
 
 
 @events_app.command(name="test")
@@ -123,7 +122,7 @@ def _live(source: Path, keys: Path | None) -> tuple[str, EventsTable, Watch, Ite
     def looks() -> Iterator[Look]:
         with Connection(site.file.name, open_network(link)) as connection:
             for slot in connection:
-                yield seen_of(slot), slot.published_ns
+                yield slot, slot.published_ns
 
     lies = f"lie still for {max(table.fall_s, table.lies_s) + 5:.0f} s"
     return f"Watching site {site.file.name}. Go down, {lies}, get up.", table, watch, looks()
@@ -139,7 +138,7 @@ def _replayed(
     def looks() -> Iterator[Look]:
         for record in replay(recording, settings):
             time_ns = round(record.time_s * 1e9)
-            yield seen_in(record, time_ns), time_ns
+            yield Seen(record.slot, time_ns, record.people), time_ns
 
     return f"Replaying {source}", table, begin_watch(table, recording.skeleton.joints), looks()
 

@@ -44,7 +44,7 @@ from e3pose.settings.limits import check_smooth_delay
 from e3pose.settings.parts import warnings_of
 
 if TYPE_CHECKING:
-    from e3pose.estimate.base import People, Posterior
+    from e3pose.estimate.base import Estimate, Posterior
     from e3pose.estimate.smooth import SmoothSettings
     from e3pose.evaluate.detect_again import PixelViews
     from e3pose.model.slot_record import SlotRecord
@@ -265,10 +265,10 @@ class Smoother:
             self._lag_slots = lag_slots(delay_s, source.interval_s)
             self.words = f"{1e3 * self._lag_slots * source.interval_s:.0f} ms later"
 
-    def keep(self, people: People) -> None:
+    def keep(self, estimate: Estimate) -> None:
         """Keep what smoothing with the filter's motion model needs of a slot."""
-        if (self._lag_slots or self._settings.method == "rts") and people.posterior is not None:
-            self._posteriors.append(people.posterior)
+        if (self._lag_slots or self._settings.method == "rts") and estimate.posterior is not None:
+            self._posteriors.append(estimate.posterior)
 
     def smoothed(self, records: list[SlotRecord]) -> list[SlotRecord]:
         """Return the records with smoothed poses."""

@@ -17,7 +17,8 @@ import numpy as np
 from e3pose.base.arrays import Floats, Integers
 from e3pose.model.camera import Camera, Rig
 from e3pose.model.noise import SURE_SCORE
-from e3pose.model.pose import Poses2D, Poses3D
+from e3pose.model.people import People
+from e3pose.model.pose import Poses2D
 from e3pose.model.slot_record import SlotRecord
 
 WINDOW_S = 20.0  # votes older than this are dropped
@@ -78,14 +79,12 @@ class Observation:
     Attributes:
         time_s: of the slot, in the scene.
         view: the detections, pixels of the real image.
-        poses: the people published.
-        covariance_m2: `(num_persons, num_joints, 3, 3)` of their joints.
+        people: as they were published.
     """
 
     time_s: float
     view: Poses2D
-    poses: Poses3D
-    covariance_m2: Floats
+    people: People
 
 
 def observe(watch: Votes, rig: Rig, observations: Mapping[int, Sequence[Observation]]) -> Votes:
@@ -130,9 +129,8 @@ def _votes(camera: Camera, observations: Sequence[Observation]) -> Floats:
 
 def _expected(camera: Camera, observations: Sequence[Observation]) -> Floats:
     """Return `(num_people, num_joints, 2)`: projections of accurate joints, normalised."""
-    joints_m = np.concatenate([observation.poses.joints_m for observation in observations])
-    covariance_m2 = np.concatenate([observation.covariance_m2 for observation in observations])
-    sigma_m = np.sqrt(np.trace(covariance_m2, axis1=-2, axis2=-1) / 3)
+    joints_m = np.concatenate([observation.people.joints_m for observation in observations])
+    sigma_m = np.concatenate([observation.people.sigma_m for observation in observations])
     in_camera = joints_m @ camera.R.T + camera.t
     with np.errstate(invalid="ignore", divide="ignore"):
         clear = (in_camera[..., 2:] > 0.1) & (sigma_m < MOST_SIGMA_M)[..., None]
@@ -151,11 +149,11 @@ def _pairs(observations: Sequence[Observation]) -> tuple[Integers, Integers]:
     people, poses = [], []
     first_person = first_pose = 0
     for observation in observations:
-        person, pose = np.indices((len(observation.poses), len(observation.view))).reshape(2, -1)
+        person, pose = np.indices((len(observation.people), len(observation.view))).reshape(2, -1)
         people.append(first_person + person)
         poses.append(first_pose + pose)
         first_person, first_pose = (
-            first_person + len(observation.poses),
+            first_person + len(observation.people),
             first_pose + len(observation.view),
         )
     return np.concatenate(people), np.concatenate(poses)
@@ -269,7 +267,7 @@ class DisplacementWatch:
         for index, view in views.items():
             if now_s - self._observed_s[index] >= LOOK_S:
                 self._observed_s[index] = now_s
-                observation = Observation(now_s, view, record.poses, record.covariance_m2)
+                observation = Observation(now_s, view, record.people)
                 self._observations.setdefault(index, []).append(observation)
         if now_s - self._ask_s >= ASK_S:
             self._ask_s = now_s

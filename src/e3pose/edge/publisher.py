@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from e3pose.base.clock import Clock
 from e3pose.edge.reports import poses_message
 from e3pose.edge.send_queue import SendQueue
-from e3pose.estimate.base import People, Posterior
+from e3pose.estimate.base import Estimate, Posterior
 from e3pose.estimate.smooth.delayed import Delayed, lag_slots
 from e3pose.model.camera import Rig
 from e3pose.pipeline import SlotRecord
@@ -58,7 +58,7 @@ class Publisher:
         self,
         slot: int,
         time_ns: int,
-        people: People,
+        estimate: Estimate,
         came_ns: Mapping[int, int],
         selected: NDArray[np.bool_],
         blind: str = "",
@@ -69,18 +69,18 @@ class Publisher:
         Args:
             slot: which.
             time_ns: when it was.
-            people: its people.
+            estimate: of the slot.
             came_ns: camera to arrival time of its view, of those selected.
             selected: `(num_cameras,)` selected cameras.
             blind: why the slot is blind; empty if it is not.
             stored: how the store is doing; None without one.
         """
-        self._posterior = people.posterior
+        self._posterior = estimate.posterior
         self._last_in_ns = {slot: max(*came_ns.values(), time_ns)} if came_ns else {}
         now_ns = self._clock.now_ns()
         message = poses_message(
             slot,
-            people,
+            estimate.people,
             self._joints,
             time_ns,
             now_ns,
@@ -116,7 +116,7 @@ class Publisher:
         if late is not None:
             then_ns, now_ns = self._times_ns.pop(late.slot), self._clock.now_ns()
             message = poses_message(
-                late.slot, late, self._joints, then_ns, now_ns, delay_s=self._delay_s
+                late.slot, late.people, self._joints, then_ns, now_ns, delay_s=self._delay_s
             )
             self._queue.put(self._delayed_topic, encode(message), late.slot)
         return self._clock.now_ns() - begun_ns

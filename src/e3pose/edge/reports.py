@@ -12,11 +12,10 @@ from e3pose.base.arrays import Floats
 from e3pose.edge.camera_state import CameraState, asleep_s
 from e3pose.edge.inbox import PAUSED
 from e3pose.energy.saving import Savings, every_slot_cpu_s, saving
-from e3pose.estimate.base import People
-from e3pose.model.uncertainty import axis_sigma_m
+from e3pose.model.people import People
 from e3pose.pipeline import SlotRecord
 from e3pose.select.policies.base import Policy
-from e3pose.wire.arrays import pack
+from e3pose.wire.arrays import packed_people
 from e3pose.wire.codec import one_line
 from e3pose.wire.messages import Heartbeat
 from e3pose.wire.site_messages import CameraStatus, Poses, Status
@@ -83,7 +82,7 @@ class RunningEdge(Protocol):
 
 def poses_message(
     slot: int,
-    people: People | SlotRecord,
+    people: People,
     joints: Sequence[str],
     time_ns: int,
     published_ns: int,
@@ -98,13 +97,10 @@ def poses_message(
     `delay_s` is how much later they are published, smoothed; 0 at once.
     """
     return Poses(
-        slot=slot,
-        time_edge_ns=time_ns,
-        joints=tuple(joints),
-        track_ids=pack(people.track_ids.astype(np.int64)),
-        joints_m=pack(people.poses.joints_m.astype(np.float32)),
-        sigma_m=pack(axis_sigma_m(people.covariance_m2).astype(np.float32)),
-        measured=pack(np.asarray(people.measured, dtype=bool)),
+        slot,
+        time_ns,
+        tuple(joints),
+        *packed_people(people),
         published_edge_ns=published_ns,
         selected=tuple(selected),
         arrived=tuple(arrived),
@@ -228,7 +224,7 @@ def site_status(edge: RunningEdge) -> Status:
         slot=record.slot if record else 0,
         fps=counts.fps(now_ns),
         lead=edge.lead.slots,
-        people=len(record.track_ids) if record else 0,
+        people=len(record.people) if record else 0,
         cameras=cameras,
         step_ms=counts.stepping.median_and_99_ms(),
         latency_ms=counts.latency.median_and_99_ms(),

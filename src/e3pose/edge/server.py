@@ -59,7 +59,7 @@ from e3pose.edge.publisher import Publisher
 from e3pose.edge.reports import site_status
 from e3pose.edge.send_queue import SendQueue
 from e3pose.edge.state_file import StateFile
-from e3pose.estimate.base import People
+from e3pose.estimate.base import Estimate
 from e3pose.model.blind_slot import no_choice
 from e3pose.pipeline import Pipeline, SlotRecord, SlotState, initial_state, step
 from e3pose.select.failure_detector import Silence, acknowledge_late
@@ -328,9 +328,9 @@ class EdgeServer:
         time_ns = times.middle_ns(slot)
         blind = "" if used else self.orders.why_blind(times, slot, decided[0], turn, newest_late)
 
-        def publish(people: People) -> None:
+        def publish(estimate: Estimate) -> None:
             selected, stored = turn.ordered & turn.reached, self.consumers.stored()
-            self.publisher.publish(slot, time_ns, people, used, selected, blind, stored)
+            self.publisher.publish(slot, time_ns, estimate, used, selected, blind, stored)
 
         self.state, record = step(self.owner.shed(self.load), state, views, turn.usable, publish)
         record = replace(record, blind=blind)

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from e3pose.base.plugins import maker
+from e3pose.estimate.base import Estimate as Estimate
 from e3pose.estimate.base import Estimator as Estimator
 from e3pose.estimate.base import Outlook as Outlook
-from e3pose.estimate.base import People as People
 from e3pose.estimate.filter import Model, Noise, wait_s
 from e3pose.estimate.filter.estimator import Filtered
 from e3pose.estimate.filter.step import StepKernel

@@ -9,9 +9,10 @@ from typing import Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.model.dynamics import dynamics_of
+from e3pose.base.arrays import Floats, Integers
 from e3pose.model.noise import ErrorMemory
-from e3pose.model.pose import Poses2D, Poses3D
+from e3pose.model.people import People
+from e3pose.model.pose import Poses2D
 from e3pose.predict.base import Prediction
 
 STEER_SLOTS = 2  # how far ahead `Estimator.steer` needs a prediction
@@ -76,46 +77,60 @@ class Posterior:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class People:
-    """The people of one slot, and their past positions.
+class History:
+    """Where tracks were shown in the last slots: the input of predictors.
 
     Attributes:
-        poses: the people, world metres.
-        track_ids: `(num_persons,)` their identities.
-        history_m: `(num_slots, num_tracks, num_joints, 3)` oldest first, up to this slot;
-            NaN where a joint was not estimated or the person was absent. The input of the
-            predictor; it may have tracks that `poses` lacks.
-        history_ids: `(num_tracks,)` identities of the tracks of `history_m`.
-        covariance_m2: `(num_persons, num_joints, 3, 3)` of the joints of `poses`; NaN where those
-            are missing.
-        measured: `(num_persons, num_joints)` whether a view of this slot measured the joint; the
-            others are predicted from earlier slots, or missing.
+        track_ids: `(num_tracks,)`.
+        joints_m: `(num_slots, num_tracks, num_joints, 3)` metres, oldest first, up to the newest
+            slot; NaN where a joint was not estimated or the person was absent.
+    """
+
+    track_ids: Integers
+    joints_m: Floats
+
+    @classmethod
+    def empty(cls, num_slots: int, num_joints: int) -> History:
+        """Return the history of nobody, of `num_slots` slots, at least 2."""
+        joints_m = np.zeros((max(num_slots, 2), 0, num_joints, 3))
+        return cls(np.zeros(0, dtype=np.int64), joints_m)
+
+    def after(self, track_ids: Integers, joints_m: Floats) -> History:
+        """Return the history after another slot.
+
+        Args:
+            track_ids: `(num_tracks,)` of the slot; others are dropped.
+            joints_m: `(num_tracks, num_joints, 3)` of the slot.
+        """
+        if track_ids.tolist() == self.track_ids.tolist():
+            return History(track_ids, np.concatenate([self.joints_m[1:], joints_m[None]]))
+        history_m = np.full((len(self.joints_m), *joints_m.shape), np.nan)
+        _, new, old = np.intersect1d(
+            track_ids, self.track_ids, assume_unique=True, return_indices=True
+        )
+        history_m[:-1, new] = self.joints_m[1:, old]
+        history_m[-1] = joints_m
+        return History(track_ids, history_m)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Estimate:
+    """What an estimator says of one slot.
+
+    Attributes:
+        people: in the slot, as they are published.
+        history: up to this slot; it may have tracks that `people` lacks.
         stage_s: seconds spent in each stage of the estimator.
         noise_factors: `(num_cameras,)` sigma of each camera's keypoints relative to the noise
             file; NaN where too little is seen, None if the estimator does not learn it.
         posterior: of all tracks, for a smoother; None if the estimator has no memory.
     """
 
-    poses: Poses3D
-    track_ids: NDArray[np.int64]
-    history_m: NDArray[np.float64]
-    history_ids: NDArray[np.int64]
-    covariance_m2: NDArray[np.float64]
-    measured: NDArray[np.bool_]
+    people: People
+    history: History
     stage_s: Mapping[str, float]
-    noise_factors: NDArray[np.float64] | None = None
+    noise_factors: Floats | None = None
     posterior: Posterior | None = None
-
-    @property
-    def dynamics(self) -> NDArray[np.float64] | None:
-        """`(num_persons, num_joints, 6)` see `model.dynamics`; None without a posterior."""
-        if self.posterior is None:
-            return None
-        there = {track_id: row for row, track_id in enumerate(self.posterior.track_ids.tolist())}
-        rows = [there[track_id] for track_id in self.track_ids.tolist()]
-        known = self.poses.scores > 0
-        found = dynamics_of(self.posterior.state[rows], self.posterior.covariance[rows])
-        return np.where(known[..., None], found, np.nan)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -186,8 +201,8 @@ class Estimator(Protocol[Memory]):
         views: Mapping[int, Poses2D],
         time_s: float,
         clock: Callable[[], float],
-    ) -> tuple[Memory, People]:
-        """Return the people of a slot.
+    ) -> tuple[Memory, Estimate]:
+        """Estimate the people of a slot.
 
         Args:
             memory: of the slot before; it is not changed.
@@ -196,7 +211,7 @@ class Estimator(Protocol[Memory]):
             clock: seconds, for stage times only.
 
         Returns:
-            The memory for the next slot and the people of this one.
+            The memory for the next slot and the estimate of this one.
         """
         ...
 
@@ -205,7 +220,7 @@ class Estimator(Protocol[Memory]):
 
         Args:
             memory: of the newest slot.
-            prediction: from the `People.history_m` of that slot, `STEER_SLOTS` slots or more.
+            prediction: from the `Estimate.history` of that slot, `STEER_SLOTS` slots or more.
             interval_s: seconds per slot.
         """
         ...

@@ -176,10 +176,10 @@ def expected_figures(recording: Recording, records: Sequence[SlotRecord]) -> Exp
 
     With truth in the recording's own skeleton also of the joints of people matched within 500 mm.
     """
-    known = [record for record in records if np.isfinite(record.covariance_m2).any()]
+    known = [record for record in records if np.isfinite(record.people.covariance_m2).any()]
     error_mm = foreseen_mm = None
     if known:
-        covariance = np.concatenate([_joints(record.covariance_m2) for record in known])
+        covariance = np.concatenate([_joints(record.people.covariance_m2) for record in known])
         error_mm = MM * float(np.nanmean(expected_distance_m(covariance)))
     foreseen = [record.reasons.error_m for record in records if record.reasons is not None]
     if np.isfinite(foreseen).any():
@@ -209,13 +209,13 @@ def _matched(record: SlotRecord, truth_m: Floats) -> tuple[Floats, Floats, Float
     """Return expected errors, 90 % distances and actual errors of the joints of matched people."""
     from scipy.optimize import linear_sum_assignment
 
-    joints_m = record.poses.joints_m
+    joints_m = record.people.joints_m
     gain = np.maximum(MATCH_LIMIT_M - mean_errors_m(joints_m, truth_m), 0.0)
     persons, actors = linear_sum_assignment(gain, maximize=True)
     right = gain[persons, actors] > 0
     persons, actors = persons[right], actors[right]
     actual = np.linalg.norm(joints_m[persons] - truth_m[actors], axis=-1)
-    covariance = record.covariance_m2[persons]
+    covariance = record.people.covariance_m2[persons]
     known = np.isfinite(actual) & np.isfinite(covariance).all(axis=(-1, -2))
     spread = covariance[known]
     return expected_distance_m(spread), distance_within_m(spread, BAND), actual[known]

@@ -126,7 +126,7 @@ def _one(
         view = series.view(record.slot)
         if view is None:  # a lost view judges nobody
             continue
-        joints_m = record.poses.joints_m
+        joints_m = record.people.joints_m
         apart = _apart(camera, joints_m, view)  # (num_poses, num_detections, num_joints, 2)
         mean_m = mean_of_known(apart[..., rows, 1], LEAST_KEYPOINTS, np.inf)
         pairs = zip(*linear_sum_assignment(np.minimum(mean_m, 2 * SAME_M)), strict=True)

@@ -10,8 +10,8 @@ import numpy as np
 
 from e3pose.base.atomic import atomic_file
 from e3pose.base.errors import InputError
+from e3pose.model.people import People
 from e3pose.model.skeleton import Skeleton
-from e3pose.model.uncertainty import axis_sigma_m
 from e3pose.pipeline import SlotRecord
 
 FORMATS = (".csv", ".parquet")
@@ -54,36 +54,22 @@ def write_poses(records: Sequence[SlotRecord], skeleton: Skeleton, path: Path) -
 
 
 def _columns(records: Sequence[SlotRecord], skeleton: Skeleton) -> dict[str, Any]:
-    joints = np.concatenate(
-        [np.zeros((0, len(skeleton), 3)), *(record.poses.joints_m for record in records)]
-    )
-    scores = np.concatenate(
-        [np.zeros((0, len(skeleton))), *(record.poses.scores for record in records)]
-    )
-    counts = [len(record.poses) for record in records]
-    person, joint = np.nonzero(scores > 0)
+    people = People.joined([record.people for record in records], len(skeleton))
+    counts = [len(record.people) for record in records]
+    person, joint = np.nonzero(people.scores > 0)
     slots = np.repeat(np.array([r.slot for r in records], dtype=np.int64), counts)
     times = np.repeat(np.array([r.time_s for r in records], dtype=np.float64), counts)
-    tracks = np.concatenate(
-        [np.zeros(0, dtype=np.int64), *(record.track_ids for record in records)]
-    )
-    positions = joints[person, joint].round(DECIMALS_M)
-    covariance = np.concatenate(
-        [np.zeros((0, len(skeleton), 3, 3)), *(record.covariance_m2 for record in records)]
-    )
-    sigma = axis_sigma_m(covariance[person, joint])
-    measured = np.concatenate(
-        [np.zeros((0, len(skeleton)), dtype=bool), *(record.measured for record in records)]
-    )
+    positions = people.joints_m[person, joint].round(DECIMALS_M)
+    sigma = people.sigma_m[person, joint].round(DECIMALS_M)
     return {
         "slot": slots[person],
         "time": times[person].round(6),
-        "track": tracks[person],
+        "track": people.track_ids[person],
         "joint": np.array(skeleton.joints, dtype=str)[joint].tolist(),
         "x": positions[:, 0],
         "y": positions[:, 1],
         "z": positions[:, 2],
-        "score": scores[person, joint].round(4),
-        "measured": measured[person, joint],
-        "sigma": [None if np.isnan(value) else value for value in sigma.round(DECIMALS_M)],
+        "score": people.scores[person, joint].round(4),
+        "measured": people.measured[person, joint],
+        "sigma": [None if np.isnan(value) else value for value in sigma],
     }

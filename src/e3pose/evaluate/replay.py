@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from e3pose.base.arrays import Integers
 from e3pose.base.errors import InputError
-from e3pose.estimate.base import Estimator, People
+from e3pose.estimate.base import Estimate, Estimator
 from e3pose.evaluate.faults import arriving, capacity_j, deaths_s
 from e3pose.evaluate.waking import awake_again
 from e3pose.model.expected import ExpectedView
@@ -51,7 +51,7 @@ def replay(
     recording: Recording,
     settings: ReplaySettings | None = None,
     clock: Callable[[], float] = time.perf_counter,
-    publish: Callable[[People], None] = lambda people: None,
+    publish: Callable[[Estimate], None] = lambda estimate: None,
     *,
     policy: str | Policy | None = None,
     predictor: str | Predictor | None = None,
@@ -68,7 +68,7 @@ def replay(
         recording: what to run.
         settings: how.
         clock: seconds, for stage times only.
-        publish: called with the people of every slot, before its record is yielded.
+        publish: called with the estimate of every slot, before its record is yielded.
         policy: in place of that of the settings: a name, or any object that can `select`.
         predictor: likewise: a name, or any object that can `predict`.
         estimator: in place of that of the pipeline: an `estimate.base.Estimator`.
@@ -108,7 +108,7 @@ def _run(
     day: Faults,
     gone_s: NDArray[np.float64],
     seed: int,
-    publish: Callable[[People], None],
+    publish: Callable[[Estimate], None],
     asks: Callable[[], LookRequest],
 ) -> Iterator[SlotRecord]:
     state = initial_state(pipeline)

@@ -7,17 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from e3pose.base.arrays import Floats
 from e3pose.estimate.base import Posterior
 from e3pose.estimate.filter.bones import proportions_of
 from e3pose.estimate.filter.tree import grow
 from e3pose.estimate.smooth import SmoothSettings, smoothed
 from e3pose.estimate.smooth.bodies import smooth_bodies
 from e3pose.estimate.smooth.delayed import Delayed, with_smoothed
-from e3pose.model.pose import Poses3D
+from e3pose.model.people import People
 from e3pose.model.skeleton import Skeleton
-from e3pose.model.take import Take, motion_of
-from e3pose.model.uncertainty import axis_sigma_m
+from e3pose.model.take import Take, motions_of
 from e3pose.pipeline import SlotRecord
 
 
@@ -51,28 +49,9 @@ def take_of_records(
     records: Sequence[SlotRecord], skeleton: Skeleton, interval_s: float, name: str
 ) -> Take:
     """Return the people of a replay, slot by slot, as a take of this name."""
-    rows: dict[int, list[tuple[SlotRecord, int]]] = {}
-    for record in records:
-        for person, track_id in enumerate(record.track_ids.tolist()):
-            rows.setdefault(track_id, []).append((record, person))
-    motions = [
-        motion_of(
-            track_id,
-            np.array([record.slot for record, _ in own], dtype=np.int64),
-            np.stack([record.poses.joints_m[person] for record, person in own]),
-            np.stack([axis_sigma_m(record.covariance_m2[person]) for record, person in own]),
-            np.stack([record.poses.scores[person] for record, person in own]),
-            np.stack([record.measured[person] for record, person in own]),
-            _dynamics(own),
-        )
-        for track_id, own in sorted(rows.items())
-    ]
-    return Take(name, skeleton, interval_s, tuple(motions))
-
-
-def _dynamics(own: Sequence[tuple[SlotRecord, int]]) -> Floats | None:
-    found = [r.dynamics[person] for r, person in own if r.dynamics is not None]
-    return np.stack(found) if len(found) == len(own) else None
+    slots = np.repeat([record.slot for record in records], [len(r.people) for r in records])
+    people = People.joined([record.people for record in records], len(skeleton))
+    return Take(name, skeleton, interval_s, motions_of(slots.astype(np.int64), people))
 
 
 def smooth_poses(
@@ -90,16 +69,15 @@ def smooth_poses(
     motions = {motion.track_id: motion for motion in take.motions}
     result = []
     for record in records:
-        joints_m = record.poses.joints_m.copy()
-        covariance_m2 = record.covariance_m2.copy()
-        for person, track_id in enumerate(record.track_ids.tolist()):
+        people = record.people
+        joints_m, covariance_m2 = people.joints_m.copy(), people.covariance_m2.copy()
+        for person, track_id in enumerate(people.track_ids.tolist()):
             motion = motions[track_id]
             row = record.slot - motion.first
             joints_m[person] = motion.joints_m[row]
-            before = axis_sigma_m(covariance_m2[person])
             with np.errstate(invalid="ignore", divide="ignore"):
-                less = (motion.sigma_m[row] / before) ** 2
+                less = (motion.sigma_m[row] / people.sigma_m[person]) ** 2
             covariance_m2[person] *= np.where(np.isfinite(less), less, 1.0)[:, None, None]
-        poses = Poses3D(joints_m, record.poses.scores)
-        result.append(replace(record, poses=poses, covariance_m2=covariance_m2))
+        people = replace(people, joints_m=joints_m, full_covariance_m2=covariance_m2)
+        result.append(replace(record, people=people))
     return result

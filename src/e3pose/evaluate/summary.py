@@ -31,6 +31,7 @@ from e3pose.evaluate.metrics import count_parts, group_percent, pcp_percent
 from e3pose.evaluate.waking import asleep_in
 from e3pose.model.blind_slot import count_blind, duty, seeing
 from e3pose.model.noises import detector_of
+from e3pose.model.people import People
 from e3pose.model.skeleton import PANOPTIC19, SHELF14, Skeleton, convert
 from e3pose.recording import Recording
 from e3pose.select.policies import Need
@@ -82,7 +83,7 @@ def summarise(
         slots=len(records),
         policy=settings.row_name,
         settings=settings.for_rig(len(recording.rig)),
-        identities=len({track_id for r in records for track_id in r.track_ids.tolist()}),
+        identities=len({track_id for r in records for track_id in r.people.track_ids.tolist()}),
         metrics=accuracy(recording, records),
         expected=expected_figures(recording, records),
         selection=_selection(recording, records),
@@ -135,7 +136,7 @@ def accuracy(recording: Recording, records: Sequence[SlotRecord]) -> Accuracy:
     rooted = rooted[..., kept, :]
     people = [joints[:, kept] for joints in predicted]
     found = metrics.candidates(people, scores, rooted)
-    ids = [np.zeros(0, np.int64) if r is None else r.track_ids for r in scored]
+    ids = [np.zeros(0, np.int64) if r is None else r.people.track_ids for r in scored]
     whole, known = recording.truth_complete, found.num_truths > 0
     return Accuracy(
         scored_slots=len(scored),
@@ -174,17 +175,15 @@ def in_skeleton(
     scored: Sequence[SlotRecord | None], source: Skeleton, target: Skeleton
 ) -> list[Floats]:
     """Express the people of all slots in the truth's skeleton, in one conversion."""
-    counts = [0 if record is None else len(record.poses) for record in scored]
-    poses = [record.poses for record in scored if record is not None]
-    joints = np.concatenate([np.zeros((0, len(source), 3)), *(p.joints_m for p in poses)])
-    scores = np.concatenate([np.zeros((0, len(source))), *(p.scores for p in poses)])
-    people, _ = convert(joints, scores, source, target)
-    return np.split(people, np.cumsum(counts)[:-1]) if counts else []
+    counts = [0 if record is None else len(record.people) for record in scored]
+    people = People.joined([r.people for r in scored if r is not None], len(source))
+    joints_m, _ = convert(people.joints_m, people.scores, source, target)
+    return np.split(joints_m, np.cumsum(counts)[:-1]) if counts else []
 
 
 def _person_scores(record: SlotRecord | None) -> Floats:
     """Return `(num_persons,)` mean joint score, in which a missing joint counts 0."""
-    return np.zeros(0) if record is None else record.poses.scores.mean(axis=-1)
+    return np.zeros(0) if record is None else record.people.scores.mean(axis=-1)
 
 
 def _has_root(joints_m: Floats, skeleton: Skeleton) -> NDArray[np.bool_]:

@@ -6,7 +6,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from e3pose.base.arrays import Floats
 from e3pose.events.body import SHANKS, SPEED, USUAL, Joints, Stature, figures, middle, stature_after
@@ -19,6 +18,7 @@ from e3pose.events.states import (
     low_of,
     states_of,
 )
+from e3pose.model.people import People
 from e3pose.model.region import distance_m, in_polygon, middles_m
 from e3pose.settings.site_file import ZoneTable
 
@@ -41,16 +41,12 @@ class Seen:
     Attributes:
         slot: its number.
         time_ns: nanoseconds since 1970.
-        track_ids: `(num_persons,)`.
-        joints_m: `(num_persons, num_joints, 3)` world metres, NaN where unknown.
-        sigma_m: `(num_persons, num_joints)` standard deviation along an axis, NaN where unknown.
+        people: in it.
     """
 
     slot: int
     time_ns: int
-    track_ids: NDArray[np.int64]
-    joints_m: NDArray[np.floating]
-    sigma_m: NDArray[np.floating]
+    people: People
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -104,12 +100,12 @@ class Person:
         return float(np.linalg.norm(self.fast_m - self.slow_m) / (SLOW_S - FAST_S))
 
 
-People = Mapping[int, Person]
+Persons = Mapping[int, Person]  # by track
 
 
 def follow(
-    people: People, seen: Seen, joints: Joints, zones: Sequence[ZoneTable]
-) -> tuple[People, People]:
+    people: Persons, seen: Seen, joints: Joints, zones: Sequence[ZoneTable]
+) -> tuple[Persons, Persons]:
     """Return everybody who is remembered after a slot, and who of them is shown in it.
 
     Args:
@@ -118,9 +114,9 @@ def follow(
         joints: of the skeleton.
         zones: of the site.
     """
-    places_m = middles_m(seen.joints_m)
+    places_m = middles_m(seen.people.joints_m)
     inside, near = _zones_of(places_m, zones)
-    tracks = seen.track_ids.tolist()
+    tracks = seen.people.track_ids.tolist()
     before = [_known(people, track, seen, places_m[row]) for row, track in enumerate(tracks)]
     now = dict(
         zip(tracks, _followed(before, seen, joints, places_m, zones, inside, near), strict=True)
@@ -133,7 +129,7 @@ def follow(
     return {**gone, **now}, now
 
 
-def heirs_in(shown: People) -> dict[int, int]:
+def heirs_in(shown: Persons) -> dict[int, int]:
     """Return the identity that people had before, by the one that they have now; those changed."""
     return {track: person.was for track, person in shown.items() if person.was not in (-1, track)}
 
@@ -156,7 +152,7 @@ def _zones_of(
     return inside, near
 
 
-def _known(people: People, track: int, seen: Seen, place_m: Floats) -> Person:
+def _known(people: Persons, track: int, seen: Seen, place_m: Floats) -> Person:
     """Return what is known of somebody who is shown now.
 
     Somebody who falls may get a new identity before the one that they had is lost.
@@ -176,7 +172,9 @@ def _known(people: People, track: int, seen: Seen, place_m: Floats) -> Person:
     )  # fmt: skip
 
 
-def _kin(people: People, seen: Seen, place_m: Floats, since_ns: int | None = None) -> Person | None:
+def _kin(
+    people: Persons, seen: Seen, place_m: Floats, since_ns: int | None = None
+) -> Person | None:
     """Return whoever was lost near a new track, and may have got a new identity there.
 
     Of those who were lost at about the same time, the one who was known for longest.
@@ -188,7 +186,7 @@ def _kin(people: People, seen: Seen, place_m: Floats, since_ns: int | None = Non
         since_ns: when it was shown first, where that was earlier: a person shown then is none who
             was lost before, and was known before.
     """
-    shown = set(seen.track_ids.tolist())
+    shown = set(seen.people.track_ids.tolist())
     lost = [
         person
         for person in people.values()
@@ -217,8 +215,8 @@ def _followed(
     """Yield what is known of each person after a slot that shows them."""
     if not before:
         return
-    joints_m = np.asarray(seen.joints_m, dtype=np.float64)
-    sigma_m = np.asarray(seen.sigma_m, dtype=np.float64)
+    joints_m = np.asarray(seen.people.joints_m, dtype=np.float64)
+    sigma_m = np.asarray(seen.people.sigma_m, dtype=np.float64)
     known = Stature(*np.array([person.stature for person in before]).T)
     stature = stature_after(known, joints, joints_m, sigma_m)
     hips_m, _ = middle(joints_m, sigma_m, joints.hips)
@@ -240,7 +238,7 @@ def _followed(
     statures = stature.m
     for row, person in enumerate(before):
         yield Person(
-            int(seen.track_ids[row]), person.since_ns, seen.time_ns,
+            int(seen.people.track_ids[row]), person.since_ns, seen.time_ns,
             (float(stature.mean[row]), float(stature.precision[row])), share[row], places_m[row],
             states[row], float(low[row]), float(surface_m[row]),
             near[row],

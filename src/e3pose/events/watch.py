@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from e3pose.base.errors import InputError
 from e3pose.events.body import Joints, joints_of
-from e3pose.events.people import People, Seen, follow, heirs_in
+from e3pose.events.people import Persons, Seen, follow, heirs_in
 from e3pose.events.rules import Moment, Rule, inherited, make_rules
 from e3pose.model.person_event import PersonEvent
 from e3pose.settings.events_table import EventsTable
@@ -39,8 +39,8 @@ class Watch:
     zones: tuple[ZoneTable, ...]
     rules: Mapping[str, Rule]
     memories: Mapping[str, Any]
-    known: People
-    shown: People
+    known: Persons
+    shown: Persons
     slot: int = -1
     time_ns: int = 0
 

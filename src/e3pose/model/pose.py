@@ -1,4 +1,4 @@
-"""Poses: the records that travel between stages. Missing is NaN with score 0."""
+"""Views: the 2D poses of a camera. Missing is NaN with score 0."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
@@ -38,7 +39,9 @@ class Poses2D:
     unchanged_s: float = 0.0
 
     def __post_init__(self) -> None:
-        keypoints, scores = _checked("Poses2D", self.keypoints_px, self.scores, components=2)
+        keypoints = np.asarray(self.keypoints_px, dtype=np.float64)
+        scores = np.asarray(self.scores, dtype=np.float64)
+        keypoints, scores = checked_positions("Poses2D", keypoints, scores, components=2)
         object.__setattr__(self, "keypoints_px", keypoints)
         object.__setattr__(self, "scores", scores)
 
@@ -51,39 +54,20 @@ class Poses2D:
         return cls(np.zeros((0, num_joints, 2)), np.zeros((0, num_joints)))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Poses3D:
-    """The people of one slot in the world, before identity.
+def checked_positions(
+    name: str, positions: NDArray[Any], scores: NDArray[Any], components: int
+) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Return positions and scores of joints with NaN and score 0 wherever one is missing.
 
-    Attributes:
-        joints_m: `(num_persons, num_joints, 3)` metres; NaN where fewer than two views saw the
-            joint.
-        scores: `(num_persons, num_joints)` in [0, 1]; 0 where missing.
+    Args:
+        name: of the record, for messages.
+        positions: `(num_persons, num_joints, components)`.
+        scores: `(num_persons, num_joints)` in [0, 1].
+        components: of a position: 2 or 3.
 
     Raises:
         InputError: on a wrong shape, or a score outside [0, 1].
     """
-
-    joints_m: Floats
-    scores: Floats
-
-    def __post_init__(self) -> None:
-        joints, scores = _checked("Poses3D", self.joints_m, self.scores, components=3)
-        object.__setattr__(self, "joints_m", joints)
-        object.__setattr__(self, "scores", scores)
-
-    def __len__(self) -> int:
-        return len(self.scores)
-
-    @classmethod
-    def empty(cls, num_joints: int) -> Poses3D:
-        """Return a slot in which nobody was found."""
-        return cls(np.zeros((0, num_joints, 3)), np.zeros((0, num_joints)))
-
-
-def _checked(name: str, positions: Any, scores: Any, components: int) -> tuple[Floats, Floats]:
-    positions = np.asarray(positions, dtype=np.float64)
-    scores = np.asarray(scores, dtype=np.float64)
     if positions.ndim != 3 or positions.shape[2] != components:
         raise InputError(
             f"{name}: positions have shape {positions.shape}, "

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from e3pose.base.arrays import Floats
 from e3pose.model.expected import ExpectedView
-from e3pose.model.pose import Poses3D
+from e3pose.model.people import People
 
 Selection = NDArray[np.bool_]  # (num_cameras,)
 
@@ -45,13 +45,10 @@ class SlotRecord:
         time_s: its time since the start.
         selected: `(num_cameras,)` cameras that were ordered to detect in this slot and were online.
         arrived: `(num_cameras,)` selected cameras whose view came.
-        poses: the people estimated, world metres.
-        track_ids: `(num_persons,)` their identities.
+        people: as they are published.
         occlusion: `(num_cameras,)` paper eq. (4) predicted for slot + lead.
         deficit: `(num_cameras,)` queues after the decision for slot + lead.
         next_selection: `(num_cameras,)` the decision for slot + lead.
-        covariance_m2: `(num_persons, num_joints, 3, 3)` of the joints of `poses`; NaN if unknown.
-        measured: `(num_persons, num_joints)` whether a view of this slot measured the joint.
         reasons: for `next_selection`; None unless the pipeline foresees.
         stage_s: seconds spent in the estimator's stages, predict, occlusion, select.
         noise_factors: `(num_cameras,)` sigma of each camera's keypoints over what the noise file
@@ -61,8 +58,6 @@ class SlotRecord:
             all of it.
         blind: why no view arrived although one was due, a `blind_slot.Cause`; empty where one
             arrived, where no camera was to detect, and in replays.
-        dynamics: `(num_persons, num_joints, 6)` of the joints of `poses`, see `model.dynamics`;
-            None of an estimator that has none.
         asleep_until: `(num_cameras,)` part of the decision for slot + lead: the slot from which
             each camera is awake again. One that is at most slot + lead: it is awake there.
     """
@@ -71,25 +66,17 @@ class SlotRecord:
     time_s: float
     selected: Selection
     arrived: Selection
-    poses: Poses3D
-    track_ids: NDArray[np.int64]
+    people: People
     occlusion: Floats
     deficit: Floats
     next_selection: Selection
-    covariance_m2: Floats = field(default_factory=lambda: np.zeros((0, 0, 3, 3)))
-    measured: NDArray[np.bool_] = field(default_factory=lambda: np.zeros((0, 0), dtype=bool))
     reasons: Reasons | None = None
     stage_s: Mapping[str, float] = field(default_factory=dict)
     noise_factors: Floats | None = None
     expected: tuple[ExpectedView, ...] | None = None
     blind: str = ""
-    dynamics: Floats | None = None
     asleep_until: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
     def __post_init__(self) -> None:
         if self.asleep_until.shape != self.selected.shape:  # of a record without rests
             object.__setattr__(self, "asleep_until", np.zeros(len(self.selected), dtype=np.int64))
-        shape = self.poses.scores.shape
-        if self.measured.shape != shape:  # whoever made the record does not know
-            object.__setattr__(self, "covariance_m2", np.full((*shape, 3, 3), np.nan))
-            object.__setattr__(self, "measured", self.poses.scores > 0)

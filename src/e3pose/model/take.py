@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.base.arrays import Floats
+from e3pose.base.arrays import Flags, Floats, Integers
 from e3pose.base.errors import InputError
+from e3pose.model.people import People
 from e3pose.model.skeleton import Skeleton
 
 Origins = NDArray[np.uint8]
@@ -101,47 +102,40 @@ class Take:
         return joints_m, tuple(motion.track_id for motion in self.motions), first
 
 
-def motion_of(
-    track_id: int,
-    slots: NDArray[np.int64],
-    joints_m: Floats,
-    sigma_m: Floats,
-    scores: Floats,
-    measured: NDArray[np.bool_],
-    dynamics: Floats | None = None,
-) -> Motion:
-    """Return a person's rows as a motion without gaps in its slots.
+def motions_of(slots: Integers, people: People) -> tuple[Motion, ...]:
+    """Return rows of people as motions without gaps in their slots, by track id.
 
     Args:
-        track_id: the identity.
-        slots: `(num_rows,)` in any order, each once.
-        joints_m: `(num_rows, num_joints, 3)` metres, NaN where missing.
-        sigma_m: `(num_rows, num_joints)` metres, NaN where unknown.
-        scores: `(num_rows, num_joints)` in [0, 1].
-        measured: `(num_rows, num_joints)` whether a view of the slot measured the joint.
-        dynamics: `(num_rows, num_joints, 6)` see `model.dynamics`; None if nowhere known.
+        slots: `(num_rows,)` in any order, each once for a person.
+        people: `(num_rows,)` of them in these slots.
 
     Raises:
         InputError: when a slot comes twice.
     """
-    order = np.argsort(slots, kind="stable")
-    slots = slots[order]
+    order = np.lexsort((slots, people.track_ids))
+    ids, starts = np.unique(people.track_ids[order], return_index=True)
+    parts = np.split(order, starts[1:]) if len(ids) else []
+    return tuple(_motion_of(slots[rows], people[rows]) for rows in parts)
+
+
+def _motion_of(slots: Integers, people: People) -> Motion:
+    """Return the rows of one person, by rising slot."""
+    track_id, rows = int(people.track_ids[0]), slots - slots[0]
     if (np.diff(slots) == 0).any():
         twice = int(slots[1:][np.diff(slots) == 0][0])
         raise InputError(f"track {track_id}: found slot {twice} twice, expected one row per slot")
-    rows = slots - slots[0]
-    shape = (int(rows[-1]) + 1, joints_m.shape[1])
-    here: NDArray[np.bool_] = np.asarray(np.isfinite(joints_m[order]).all(axis=-1))
+    shape = (int(rows[-1]) + 1, people.scores.shape[1])
+    here: Flags = np.asarray(np.isfinite(people.joints_m).all(axis=-1))
     places, sigma = np.full((*shape, 3), np.nan), np.full(shape, np.nan)
-    places[rows] = np.where(here[..., None], joints_m[order], np.nan)
-    sigma[rows] = np.where(here, sigma_m[order], np.nan)
+    places[rows] = np.where(here[..., None], people.joints_m, np.nan)
+    sigma[rows] = np.where(here, people.sigma_m, np.nan)
     certainty, origin = np.zeros(shape), np.full(shape, MISSING, dtype=np.uint8)
-    certainty[rows] = np.where(here, scores[order], 0.0)
-    origin[rows] = np.where(here, np.where(measured[order], MEASURED, PREDICTED), MISSING)
+    certainty[rows] = np.where(here, people.scores, 0.0)
+    origin[rows] = np.where(here, np.where(people.measured, MEASURED, PREDICTED), MISSING)
     moving: Floats | None = None
-    if dynamics is not None and np.isfinite(dynamics).any():
-        moving = np.full((*shape, dynamics.shape[-1]), np.nan)
-        moving[rows] = dynamics[order]
+    if people.dynamics is not None and np.isfinite(people.dynamics).any():
+        moving = np.full((*shape, people.dynamics.shape[-1]), np.nan)
+        moving[rows] = people.dynamics
     return Motion(track_id, int(slots[0]), places, sigma, certainty, origin, moving)
 
 

@@ -9,19 +9,19 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from e3pose.base.errors import MISSING, InputError
 from e3pose.events.people import Seen
 from e3pose.events.watch import Watch, advance, begin_watch
+from e3pose.model.people import People
 from e3pose.model.person_event import PersonEvent
 from e3pose.model.skeleton import skeleton_of_joints
-from e3pose.model.take import Take, motion_of
+from e3pose.model.take import Take, motions_of
 from e3pose.settings.events_table import EventsTable
 from e3pose.settings.site_file import SiteTable, ZoneTable, load_site
 from e3pose.site.follow import Follower, viewer_link
 from e3pose.wire.access import Link
-from e3pose.wire.arrays import unpack
+from e3pose.wire.arrays import people_of
 from e3pose.wire.endpoint import read_endpoint
 from e3pose.wire.keys.folder import valid_certificates
 from e3pose.wire.site_messages import Poses, Status
@@ -39,21 +39,14 @@ def no_name(track: int) -> str:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LiveSlot:
+class LiveSlot(Seen):
     """The people of one slot, as an edge published them.
 
     Attributes:
-        slot: its number.
-        time_ns: middle of the slot, nanoseconds since 1970 by the edge's clock.
         joints: `(num_joints,)` names of the joint axis.
-        track_ids: `(num_persons,)` identities.
-        joints_m: `(num_persons, num_joints, 3)` world metres, z up; NaN where unknown.
-        sigma_m: `(num_persons, num_joints)` standard deviation along an axis; NaN where unknown.
-        measured: `(num_persons, num_joints)` whether a view of the slot measured the joint; the
-            others are predicted from earlier slots.
         selected: cameras that were ordered to be active.
         arrived: those whose views the poses are made from.
-        published_ns: when the edge sent it, by the same clock.
+        published_ns: when the edge sent it, by the same clock as `time_ns`, the middle of the slot.
         blind: why no view arrived although one was due, such as `orders-late`; empty otherwise.
         stored_from: oldest slot of this edge program that its store holds or is to hold; -1 where
             nothing is stored yet.
@@ -62,13 +55,7 @@ class LiveSlot:
         delay_ms: how much later it was published, smoothed with the slots in between; 0 at once.
     """
 
-    slot: int
-    time_ns: int
     joints: tuple[str, ...]
-    track_ids: NDArray[np.int64]
-    joints_m: NDArray[np.float32]
-    sigma_m: NDArray[np.float32]
-    measured: NDArray[np.bool_]
     selected: tuple[str, ...]
     arrived: tuple[str, ...]
     published_ns: int
@@ -80,7 +67,7 @@ class LiveSlot:
 
     def __len__(self) -> int:
         """Return how many people there are."""
-        return len(self.track_ids)
+        return len(self.people)
 
 
 def live_slot(poses: Poses) -> LiveSlot:
@@ -88,11 +75,8 @@ def live_slot(poses: Poses) -> LiveSlot:
     return LiveSlot(
         poses.slot,
         poses.time_edge_ns,
+        people_of(poses),
         poses.joints,
-        unpack(poses.track_ids),
-        unpack(poses.joints_m),
-        unpack(poses.sigma_m),
-        unpack(poses.measured).astype(bool),
         poses.selected,
         poses.arrived,
         poses.published_edge_ns,
@@ -102,11 +86,6 @@ def live_slot(poses: Poses) -> LiveSlot:
         poses.store_shed,
         poses.delay_ms,
     )
-
-
-def seen_of(slot: LiveSlot) -> Seen:
-    """Return the people of a slot as events follow them."""
-    return Seen(slot.slot, slot.time_ns, slot.track_ids, slot.joints_m, slot.sigma_m)
 
 
 def take_of_slots(slots: Sequence[LiveSlot], interval_s: float, name: str = "live") -> Take:
@@ -122,25 +101,11 @@ def take_of_slots(slots: Sequence[LiveSlot], interval_s: float, name: str = "liv
     """
     if not slots:
         raise InputError("slots", "none", "one at least")
-    joints = slots[0].joints
-    tracks = sorted({int(track) for slot in slots for track in slot.track_ids})
-    motions = []
-    for track in tracks:
-        rows = [(one, int(at)) for one in slots for at in np.flatnonzero(one.track_ids == track)]
-        joints_m = np.array([one.joints_m[at] for one, at in rows], dtype=np.float64)
-        motions.append(
-            motion_of(
-                track,
-                np.array([one.slot for one, _ in rows], dtype=np.int64),
-                joints_m,
-                np.array([one.sigma_m[at] for one, at in rows], dtype=np.float64),
-                np.asarray(np.isfinite(joints_m).all(axis=-1), dtype=np.float64),
-                np.array([one.measured[at] for one, at in rows], dtype=bool),
-            )
-        )
-    first = slots[0]
+    first, skeleton = slots[0], skeleton_of_joints(slots[0].joints)
+    numbers = np.repeat([slot.slot for slot in slots], [len(slot) for slot in slots])
+    people = People.joined([slot.people for slot in slots], len(skeleton))
     started_ns = first.time_ns - round(first.slot * interval_s * 1e9)
-    return Take(name, skeleton_of_joints(joints), interval_s, tuple(motions), started_ns)
+    return Take(name, skeleton, interval_s, motions_of(numbers, people), started_ns)
 
 
 class Connection:
@@ -235,7 +200,7 @@ class Connection:
         watch: Watch | None = None
         for slot in self:
             watch = watch or begin_watch(self._told, slot.joints, self._zones)
-            watch, events = advance(watch, seen_of(slot))
+            watch, events = advance(watch, slot)
             yield from (called(event, self._names) for event in events)
 
     def newest(self) -> LiveSlot:
@@ -306,7 +271,7 @@ def connect(
 
         with e3pose.connect("tls/edge.local:7447", keys="wall") as site:
             for slot in site:
-                print(slot.slot, slot.track_ids, slot.joints_m[:, 0])
+                print(slot.slot, slot.people.track_ids, slot.people.joints_m[:, 0])
 
     Args:
         place: `tls/HOST:PORT` or `tcp/HOST:PORT` of the edge; or a site file or its folder.

@@ -15,7 +15,6 @@ from e3pose.events.states import STATES
 from e3pose.events.watch import Watch
 from e3pose.model.look_request import NO_REQUEST, LookRequest
 from e3pose.model.person_event import PersonEvent, sentence
-from e3pose.model.uncertainty import axis_sigma_m
 from e3pose.pipeline import SlotRecord
 from e3pose.settings.resolved import ResolvedSite
 from e3pose.site.zones import Zones, advance
@@ -60,7 +59,7 @@ class EventSink:
             if self.watch is not None:
                 self.watch = replace(self.watch, zones=site.file.zone)
         if time_ns is not None and (self.zones.tables or self.watch is not None):
-            seen = seen_in(record, time_ns)
+            seen = Seen(record.slot, time_ns, record.people)
             self.zones, events = advance(self.zones, seen)
             for event in events:
                 self.writer.zone(event)
@@ -83,12 +82,6 @@ class EventSink:
     def status(self) -> WriterStatus:
         """Return how the keeping goes."""
         return self.writer.status()
-
-
-def seen_in(record: SlotRecord, time_ns: int) -> Seen:
-    """Return the people of a record."""
-    sigma_m = axis_sigma_m(record.covariance_m2)
-    return Seen(record.slot, time_ns, record.track_ids, record.poses.joints_m, sigma_m)
 
 
 def stored(event: PersonEvent) -> Event:

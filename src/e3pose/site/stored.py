@@ -33,16 +33,12 @@ def stored_slots(chunks: Iterable[StoredPoses]) -> Iterator[tuple[int, LiveSlot]
 
 
 def _slot(poses: StoredPoses, low: int, high: int) -> tuple[int, LiveSlot]:
-    here = slice(low, high)
     time_ns = int(poses.time_ns[low])
     return int(poses.run_ids[low]), LiveSlot(
         int(poses.slots[low]),
         time_ns,
+        poses.people[low:high],
         poses.joints,
-        poses.track_ids[here],
-        poses.joints_m[here],
-        poses.sigma_m[here],
-        poses.measured[here],
         (),
         (),
         time_ns,

@@ -15,7 +15,6 @@ from e3pose.events.people import Seen
 from e3pose.model.region import distance_m, in_polygon, middles_m
 from e3pose.model.zone_event import Kind, ZoneEvent
 from e3pose.settings.site_file import ZoneTable
-from e3pose.site.connect import LiveSlot
 
 MARGIN_M = 0.1  # who is nearer than this to a zone has not left it: nobody stands still exactly
 LOST_S = 1.0  # a track that is not shown for longer has left
@@ -48,14 +47,14 @@ class Zones:
         return {table.name: len(inside) for table, inside in zip(self.tables, stays, strict=True)}
 
 
-def advance(zones: Zones, slot: LiveSlot | Seen) -> tuple[Zones, list[ZoneEvent]]:
+def advance(zones: Zones, slot: Seen) -> tuple[Zones, list[ZoneEvent]]:
     """Return the zones after a slot, and its events.
 
     Args:
         zones: who was where.
         slot: the newest; an older one than before changes nothing.
     """
-    places_m = middles_m(slot.joints_m)
+    places_m = middles_m(slot.people.joints_m)
     stays, events = [], list[ZoneEvent]()
     before = zones.stays or ({},) * len(zones.tables)
     for table, inside in zip(zones.tables, before, strict=True):
@@ -71,12 +70,12 @@ def advance(zones: Zones, slot: LiveSlot | Seen) -> tuple[Zones, list[ZoneEvent]
 def _advance_one(
     table: ZoneTable,
     inside: dict[int, Stay],
-    slot: LiveSlot | Seen,
+    slot: Seen,
     within: Sequence[bool],
     near: Sequence[bool],
 ) -> tuple[dict[int, Stay], list[ZoneEvent]]:
     now, events = dict(inside), list[ZoneEvent]()
-    shown = dict(zip(slot.track_ids.tolist(), zip(within, near, strict=True), strict=True))
+    shown = dict(zip(slot.people.track_ids.tolist(), zip(within, near, strict=True), strict=True))
 
     def add(kind: Kind, track: int, since_ns: int) -> None:
         stayed_s = round((slot.time_ns - since_ns) / 1e9, 3)

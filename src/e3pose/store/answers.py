@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from e3pose.base.errors import InputError
 from e3pose.model.dynamics import PACKED_SIZE, unpacked
+from e3pose.model.people import People
 from e3pose.store.rows import NS, Run, stack_blobs
 
 MAX_JOINTS = 1000
@@ -33,25 +34,14 @@ class StoredPoses:
         run_ids: `(num_rows,)` runs.
         slots: `(num_rows,)` slots.
         time_ns: `(num_rows,)` nanoseconds since 1970, UTC.
-        track_ids: `(num_rows,)` identities, unique within a run.
-        joints_m: `(num_rows, num_joints, 3)` metres, NaN where missing.
-        scores: `(num_rows, num_joints)` in [0, 1], 0 where missing.
-        sigma_m: `(num_rows, num_joints)` standard deviations, NaN where unknown.
-        measured: `(num_rows, num_joints)` whether a view of the slot measured the joint; otherwise
-            it is what the people's motion leads to expect.
-        dynamics: `(num_rows, num_joints, 6)` see `model.dynamics`; NaN where unknown.
+        people: `(num_rows,)` people, in single precision.
         joints: names of the joint axis.
     """
 
     run_ids: NDArray[np.int64]
     slots: NDArray[np.int64]
     time_ns: NDArray[np.int64]
-    track_ids: NDArray[np.int64]
-    joints_m: NDArray[np.float32]
-    scores: NDArray[np.float32]
-    sigma_m: NDArray[np.float32]
-    measured: NDArray[np.bool_]
-    dynamics: NDArray[np.float64]
+    people: People
     joints: tuple[str, ...]
 
     def __len__(self) -> int:
@@ -129,31 +119,34 @@ def stored_poses(
         run_ids=run_ids,
         slots=slots,
         time_ns=time_ns,
-        track_ids=track_ids,
-        joints_m=np.where(missing, np.float32(np.nan), joints_m)[:, chosen],
-        scores=scores[:, chosen].astype(np.float32),
-        sigma_m=sigma_m[:, chosen].astype(np.float32),
-        measured=measured[:, chosen],
-        dynamics=unpacked(np.where(missing, np.uint8(0), codes)[:, chosen]),
+        people=People(
+            track_ids,
+            joints_m[:, chosen],
+            scores[:, chosen].astype(np.float32),
+            measured[:, chosen],
+            sigma_m[:, chosen].astype(np.float32),
+            dynamics=unpacked(np.where(missing, np.uint8(0), codes)[:, chosen]),
+        ),
         joints=joints,
     )
 
 
-ROWS = (
-    "run_ids", "slots", "time_ns", "track_ids", "joints_m", "scores", "sigma_m", "measured",
-    "dynamics",
-)  # fmt: skip
-
-
 def cut(poses: StoredPoses, rows: slice) -> StoredPoses:
     """Return some rows of an answer."""
-    return StoredPoses(**{name: getattr(poses, name)[rows] for name in ROWS}, joints=poses.joints)
+    numbers = poses.run_ids[rows], poses.slots[rows], poses.time_ns[rows]
+    return StoredPoses(*numbers, poses.people[rows], poses.joints)
 
 
 def joined(chunks: Sequence[StoredPoses]) -> StoredPoses:
     """Return chunks of one answer as one."""
-    arrays = {name: np.concatenate([getattr(c, name) for c in chunks]) for name in ROWS}
-    return StoredPoses(**arrays, joints=chunks[0].joints)
+    joints = chunks[0].joints
+    return StoredPoses(
+        np.concatenate([chunk.run_ids for chunk in chunks]),
+        np.concatenate([chunk.slots for chunk in chunks]),
+        np.concatenate([chunk.time_ns for chunk in chunks]),
+        People.joined([chunk.people for chunk in chunks], len(joints)),
+        joints,
+    )
 
 
 def plain_row(row: dict[str, Any], num_cameras: int, where: str) -> dict[str, Any]:

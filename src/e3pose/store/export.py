@@ -31,9 +31,9 @@ class Sink(Protocol):
 
 def pose_columns(poses: StoredPoses) -> dict[str, list[Any]]:
     """Return one row per person, slot and joint that was seen; metres, times as ISO 8601 UTC."""
-    person, joint = np.nonzero(poses.scores > 0)
-    positions = poses.joints_m[person, joint].astype(np.float64).round(DECIMALS_M)
-    sigma = poses.sigma_m[person, joint].astype(np.float64).round(DECIMALS_M)
+    person, joint = np.nonzero(poses.people.scores > 0)
+    positions = poses.people.joints_m[person, joint].astype(np.float64).round(DECIMALS_M)
+    sigma = poses.people.sigma_m[person, joint].astype(np.float64).round(DECIMALS_M)
     names = np.array(poses.joints, dtype=object)
     times = np.array([iso_text(ns) for ns in poses.time_ns.tolist()], dtype=object)
     return {
@@ -41,13 +41,13 @@ def pose_columns(poses: StoredPoses) -> dict[str, list[Any]]:
         "slot": poses.slots[person].tolist(),
         "time": times[person].tolist(),
         "time_ns": poses.time_ns[person].tolist(),
-        "track": poses.track_ids[person].tolist(),
+        "track": poses.people.track_ids[person].tolist(),
         "joint": names[joint].tolist(),
         "x": positions[:, 0].tolist(),
         "y": positions[:, 1].tolist(),
         "z": positions[:, 2].tolist(),
-        "score": poses.scores[person, joint].astype(np.float64).round(4).tolist(),
-        "measured": poses.measured[person, joint].tolist(),
+        "score": poses.people.scores[person, joint].astype(np.float64).round(4).tolist(),
+        "measured": poses.people.measured[person, joint].tolist(),
         "sigma": [None if np.isnan(value) else value for value in sigma.tolist()],
     }
 

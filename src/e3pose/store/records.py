@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,6 @@ from numpy.typing import NDArray
 
 from e3pose.base.arrays import Floats
 from e3pose.model.blind_slot import blind_cause
-from e3pose.model.pose import Poses3D
 from e3pose.model.slot_record import SlotRecord
 from e3pose.store.answers import StoredPoses
 
@@ -47,22 +47,21 @@ def _record(
 ) -> SlotRecord:
     low, high = np.searchsorted(poses.slots, [row["slot"], row["slot"] + 1])
     here, slot = slice(low, high), row["slot"] - first_slot
-    sigma_m = poses.sigma_m[here].astype(np.float64)
+    people = poses.people[here]
+    doubles = {
+        name: getattr(people, name).astype(np.float64) for name in ("joints_m", "scores", "sigma_m")
+    }
     return SlotRecord(
         slot=slot,
         time_s=slot * interval_s,
         selected=_flags(row["selected"]),
         arrived=_flags(row["arrived"]),
-        poses=Poses3D(poses.joints_m[here].astype(np.float64), poses.scores[here].astype(float)),
-        track_ids=poses.track_ids[here],
+        people=replace(people, **doubles),
         occlusion=np.asarray(row["occlusion"], dtype=np.float64),
         deficit=np.asarray(row["deficit"], dtype=np.float64),
         next_selection=_flags(row["next_selection"]),
-        covariance_m2=sigma_m[..., None, None] ** 2 * np.eye(3),
-        measured=poses.measured[here],
         stage_s={"step": row["took_s"]},
         blind=_blind(row),
-        dynamics=poses.dynamics[here],
     )
 
 

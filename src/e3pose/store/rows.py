@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
 from e3pose.model.dynamics import packed
-from e3pose.model.uncertainty import axis_sigma_m
 from e3pose.model.zone_event import ZoneEvent
 from e3pose.pipeline import SlotRecord
 
@@ -142,12 +141,7 @@ def slot_rows(
     Raises:
         InputError: when the parts do not fit together.
     """
-    num_persons = len(record.poses)
-    if len(record.track_ids) != num_persons:
-        raise InputError(
-            f"slot {record.slot}: found {len(record.track_ids)} track ids, "
-            f"expected {num_persons}, one a person"
-        )
+    people = record.people
     if energy_j is not None and np.shape(energy_j) != record.selected.shape:
         raise InputError(
             f"slot {record.slot}: energy: found shape {np.shape(energy_j)}, "
@@ -166,15 +160,14 @@ def slot_rows(
         "blind": record.blind,
     }
     rows: list[Row] = [("slots", slot)]
-    joints_m = record.poses.joints_m.astype("<f4")
+    joints_m = people.joints_m.astype("<f4")
     # Half precision would take a very small score for a missing joint.
-    scores = record.poses.scores
+    scores = people.scores
     scores = np.where(scores > 0, np.maximum(scores, SMALLEST_SCORE), 0.0).astype("<f2")
-    sigma_m = axis_sigma_m(record.covariance_m2)
-    sigma = None if np.isnan(sigma_m).all() else np.asarray(sigma_m, dtype="<f2")
-    measured = np.packbits(record.measured, axis=-1)
-    dynamics = None if record.dynamics is None else packed(record.dynamics)
-    for person, track_id in enumerate(record.track_ids.tolist()):
+    sigma = None if np.isnan(people.sigma_m).all() else people.sigma_m.astype("<f2")
+    measured = np.packbits(people.measured, axis=-1)
+    dynamics = None if people.dynamics is None else packed(people.dynamics)
+    for person, track_id in enumerate(people.track_ids.tolist()):
         rows.append(
             (
                 "poses",

@@ -149,8 +149,8 @@ def test_a_swap_loses_no_slot_and_no_person(make: Make) -> None:
     assert [slot.slot for slot in slots] == list(range(recording.num_slots))
     assert sum(slot.swapped for slot in slots) == 1 and {s.version for s in slots} == {0, 1}
     for one, two in zip(collected, expected, strict=True):
-        np.testing.assert_array_equal(one.track_ids, two.track_ids)
-        np.testing.assert_array_equal(one.poses.joints_m, two.poses.joints_m)
+        np.testing.assert_array_equal(one.people.track_ids, two.people.track_ids)
+        np.testing.assert_array_equal(one.people.joints_m, two.people.joints_m)
 
 
 def test_the_thread_beside_the_edge_does_it_all(make: Make, tmp_path: Path) -> None:

@@ -10,24 +10,16 @@ import pytest
 
 from e3pose.base.errors import InputError
 from e3pose.edge.learn.ring_buffer import Gathering, Ring, load_chunk, slots_in
-from e3pose.model.pose import Poses3D
+from e3pose.model.people import People
 from e3pose.model.skeleton import BODY25, COCO17
 from e3pose.pipeline import SlotRecord
 
 
 def record(slot: int, people: int = 2, looked: bool = True) -> SlotRecord:
     joints = np.full((people, 17, 3), float(slot))
-    return SlotRecord(
-        slot=slot,
-        time_s=0.04 * slot,
-        selected=np.ones(3, dtype=bool),
-        arrived=np.full(3, looked),
-        poses=Poses3D(joints, np.full((people, 17), 0.5)),
-        track_ids=np.arange(people),
-        occlusion=np.zeros(3),
-        deficit=np.zeros(3),
-        next_selection=np.ones(3, dtype=bool),
-    )
+    found = People(np.arange(people), joints, np.full((people, 17), 0.5))
+    all_on, zero, arrived = np.ones(3, dtype=bool), np.zeros(3), np.full(3, looked)
+    return SlotRecord(slot, 0.04 * slot, all_on, arrived, found, zero, zero, all_on)
 
 
 def gathered(first: int, stop: int, run: int = 7) -> Gathering:
@@ -42,8 +34,8 @@ def test_what_is_written_is_read(tmp_path: Path) -> None:
     chunk = load_chunk(path, COCO17.joints)
     assert chunk.run == 7
     assert chunk.slots.tolist() == [s for s in range(5, 25) for _ in range(2)]
-    assert chunk.track_ids.tolist() == [0, 1] * 20
-    assert (chunk.joints_m == chunk.slots[:, None, None]).all()
+    assert chunk.people.track_ids.tolist() == [0, 1] * 20
+    assert (chunk.people.joints_m == chunk.slots[:, None, None]).all()
     assert slots_in(path, COCO17.joints) == 20
 
 

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from e3pose.edge.learn import LearningSettings, OnlineTrainer
-from e3pose.model.pose import Poses3D
+from e3pose.model.people import People
 from e3pose.pipeline import SlotRecord
 
 FAKE = """
@@ -59,19 +59,8 @@ def live(trainer: OnlineTrainer, slots: int, start: int = 0) -> None:
     pose = np.random.default_rng(0).normal(size=(2, 17, 3)) * 0.3
     for slot in range(start, start + slots):
         joints = pose + np.array([0.01 * slot, 0, 0])
-        trainer.collect(
-            SlotRecord(
-                slot=slot,
-                time_s=0.1 * slot,
-                selected=np.ones(3, dtype=bool),
-                arrived=np.ones(3, dtype=bool),
-                poses=Poses3D(joints, np.ones((2, 17))),
-                track_ids=np.arange(2),
-                occlusion=np.zeros(3),
-                deficit=np.zeros(3),
-                next_selection=np.ones(3, dtype=bool),
-            )
-        )
+        people, all_on, zero = People(np.arange(2), joints), np.ones(3, dtype=bool), np.zeros(3)
+        trainer.collect(SlotRecord(slot, 0.1 * slot, all_on, all_on, people, zero, zero, all_on))
         trainer.write_waiting()
 
 

@@ -7,10 +7,11 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 
 from e3pose.base.arrays import Floats
-from e3pose.estimate.filter import Belief, Estimate, Model
+from e3pose.estimate.filter import Belief, Model
 from e3pose.estimate.filter.step import StepKernel
 from e3pose.model.camera import Camera, Rig
 from e3pose.model.noises import load_noise
+from e3pose.model.people import People
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17
 
@@ -87,7 +88,7 @@ def see(
 
 def run(
     slots: Iterable[Views], fps: float = 25.0, model: Model = MODEL, belief: Belief | None = None
-) -> tuple[Belief, list[Estimate]]:
+) -> tuple[Belief, list[People]]:
     belief = Belief.empty(model) if belief is None else belief
     start = 0.0 if np.isnan(belief.time_s) else belief.time_s + 1 / fps
     estimates = []
@@ -97,14 +98,14 @@ def run(
     return belief, estimates
 
 
-def error_m(estimate: Estimate, people: Floats) -> Floats:
+def error_m(estimate: People, people: Floats) -> Floats:
     """Return `(num_estimated, num_people)` mean joint distances."""
     return np.asarray(
         np.linalg.norm(estimate.joints_m[:, None] - people[None], axis=-1).mean(axis=-1)
     )
 
 
-def spread_m(estimate: Estimate) -> float:
+def spread_m(estimate: People) -> float:
     return float(np.sqrt(np.trace(estimate.covariance_m2[0], axis1=1, axis2=2)).mean())
 
 

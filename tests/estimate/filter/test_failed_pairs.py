@@ -116,7 +116,7 @@ def cameras(records: list[SlotRecord], first: int, stop: int) -> float:
 
 
 def met(records: list[SlotRecord]) -> int:
-    return next(record.slot for record in records[COMES_IN:] if len(record.track_ids) == 2)
+    return next(record.slot for record in records[COMES_IN:] if len(record.people.track_ids) == 2)
 
 
 def test_with_a_target_a_poster_forces_two_cameras_for_a_few_tries_only() -> None:

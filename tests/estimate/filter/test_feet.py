@@ -38,7 +38,7 @@ def test_feet_that_one_camera_shows_stay_near_their_ankles() -> None:
     away_m = [
         np.linalg.norm(joints_m[feet][:, None] - joints_m[ankles], axis=-1).min(axis=1)
         for record in replay(recording, ReplaySettings(num_selected=3, policy="round-robin"))
-        for joints_m in record.poses.joints_m
+        for joints_m in record.people.joints_m
         if record.slot >= 25
     ]
     assert len(away_m) >= 20

@@ -10,8 +10,8 @@ from tests.cases import each_case
 from tests.estimate.filter.room import ALL, BODY, MODEL, RIG, Views, run, see, standing
 
 from e3pose.base.arrays import Floats
-from e3pose.estimate.filter import Estimate
 from e3pose.model.camera import Camera
+from e3pose.model.people import People
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17
 
@@ -21,7 +21,7 @@ LEGS = [
 ]
 
 
-def apart_m(estimate: Estimate, first: str, second: str) -> Floats:
+def apart_m(estimate: People, first: str, second: str) -> Floats:
     """Return the distance of two joints of everybody who is shown, `(num_persons,)`."""
     between = estimate.joints_m[:, COCO17.index(first)] - estimate.joints_m[:, COCO17.index(second)]
     return np.asarray(np.linalg.norm(between, axis=-1))

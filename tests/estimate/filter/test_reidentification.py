@@ -182,10 +182,10 @@ def test_somebody_unseen_for_two_seconds_keeps_the_identity_shown() -> None:
             view = scene.view(slot, camera)
             if view is not None:
                 views[camera] = Poses2D.empty(17) if hidden else view
-        memory, people = estimator.estimate(memory, views, slot / scene.fps, lambda: 0.0)
-        ids.append(people.track_ids.tolist())
+        memory, estimate = estimator.estimate(memory, views, slot / scene.fps, lambda: 0.0)
+        ids.append(estimate.people.track_ids.tolist())
         outlook = estimator.outlook(memory, 0.1)
-        assert set(people.track_ids.tolist()) <= set(outlook.track_ids.tolist())
+        assert set(ids[-1]) <= set(outlook.track_ids.tolist())
     assert ids[100] == []
     assert len(ids[50]) == 1
     assert ids[-1] == ids[50]

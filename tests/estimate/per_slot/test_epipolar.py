@@ -53,10 +53,10 @@ def test_points_lie_on_the_epipolar_lines_of_what_they_show() -> None:
 def test_people_are_found_where_they_are(make: type[Fuser]) -> None:
     cameras, people = rig(), np.stack([BODY, BODY + [1.0, 0.3, 0.0], BODY - [0.2, 1.1, 0.0]])
     fusion = make(cameras, 17, EPIPOLAR).fuse(seen(cameras, people))
-    assert len(fusion.poses) == 3
+    assert len(fusion.people) == 3
     assert (np.sort(fusion.members, axis=0) == np.arange(3)[:, None]).all()
     assert (fusion.members == fusion.members[:, :1]).all()
-    apart = fusion.poses.joints_m[:, None] - people[None]
+    apart = fusion.people.joints_m[:, None] - people[None]
     assert np.linalg.norm(apart, axis=-1).mean(axis=-1).min(axis=0).max() < 1e-6
 
 
@@ -78,7 +78,7 @@ def test_distance_is_in_pixels_and_the_mean_of_both_directions(make: type[Fuser]
         settings = FusionSettings(
             refine_steps=0, matcher="epipolar", max_epipolar_px=factor * expected
         )
-        assert len(make(cameras, 17, settings).fuse(views).poses) == people
+        assert len(make(cameras, 17, settings).fuse(views).people) == people
 
 
 @pytest.mark.parametrize("make", FUSERS)
@@ -107,7 +107,7 @@ def test_poses_without_a_shared_joint_are_not_joined() -> None:
     scores = np.full((2, 1, 17), 0.9)
     scores[0, :, :9] = scores[1, :, 9:] = 0.0
     some = {i: Poses2D(views[i].keypoints_px, scores[i]) for i in (0, 1)}
-    assert len(Fuser(cameras, 17, EPIPOLAR).fuse(some).poses) == 0
+    assert len(Fuser(cameras, 17, EPIPOLAR).fuse(some).people) == 0
 
 
 TANKE_GALL = FusionSettings(refine_steps=0, matcher="tanke-gall")
@@ -133,8 +133,8 @@ def test_tanke_gall_lets_strong_members_alone_refuse(
     views = seen(cameras, BODY[None])
     views[0] = Poses2D(views[0].keypoints_px, np.full((1, 17), score))
     views[1] = shifted(views[1], (3.0, 90.0))
-    assert len(make(cameras, 17, TANKE_GALL).fuse(views).poses) == people
-    assert len(make(cameras, 17, EPIPOLAR).fuse(views).poses) == 0
+    assert len(make(cameras, 17, TANKE_GALL).fuse(views).people) == people
+    assert len(make(cameras, 17, EPIPOLAR).fuse(views).people) == 0
 
 
 @pytest.mark.parametrize("make", FUSERS)

@@ -62,7 +62,7 @@ def views_of(rig: Rig, joints_m: Floats, score: float = 0.8) -> dict[int, Poses2
 
 def errors_m(fusion: Fusion, joints_m: Floats) -> Floats:
     """Distance of each true person to the nearest found one, the mean over their joints."""
-    distance = np.linalg.norm(fusion.poses.joints_m[:, None] - joints_m[None], axis=-1)
+    distance = np.linalg.norm(fusion.people.joints_m[:, None] - joints_m[None], axis=-1)
     return np.asarray(distance.mean(axis=-1).min(axis=0))
 
 
@@ -81,9 +81,9 @@ def test_people_seen_without_noise_are_found_where_they_are(
 ) -> None:
     rig, truth = ring(4, distortion, fisheye), people(3)
     fusion = make(rig, NUM_JOINTS).fuse(views_of(rig, truth))
-    assert len(fusion.poses) == 3
+    assert len(fusion.people) == 3
     assert errors_m(fusion, truth).max() < 1e-6
-    assert np.allclose(fusion.poses.scores, 0.8)
+    assert np.allclose(fusion.people.scores, 0.8)
     assert fusion.reprojection_error_px.max() < 1e-3
     assert (np.sort(fusion.members, axis=0) == np.arange(3)[:, None]).all()
     assert (fusion.members == fusion.members[:, :1]).all()
@@ -95,7 +95,7 @@ def test_fewer_than_two_views_give_nobody(make: Make, num_views: int) -> None:
     rig = ring(3)
     views = views_of(rig, people(2))
     fusion = make(rig, NUM_JOINTS).fuse({i: views[i] for i in range(num_views)})
-    assert fusion.poses.joints_m.shape == (0, NUM_JOINTS, 3)
+    assert fusion.people.joints_m.shape == (0, NUM_JOINTS, 3)
     assert fusion.members.shape == (0, 3)
     assert fusion.reprojection_error_px.shape == (0, NUM_JOINTS)
 
@@ -104,7 +104,7 @@ def test_fewer_than_two_views_give_nobody(make: Make, num_views: int) -> None:
 def test_views_of_nobody_are_normal(make: Make) -> None:
     rig = ring(3)
     empty = {i: Poses2D.empty(NUM_JOINTS) for i in range(3)}
-    assert len(make(rig, NUM_JOINTS).fuse(empty).poses) == 0
+    assert len(make(rig, NUM_JOINTS).fuse(empty).people) == 0
     views = views_of(rig, people(1)) | {1: Poses2D.empty(NUM_JOINTS)}
     fusion = make(rig, NUM_JOINTS).fuse(views)
     assert fusion.members.tolist() == [[0, -1, 0]]
@@ -128,10 +128,10 @@ def test_joint_seen_once_is_nan_with_score_0(make: Make) -> None:
     keypoints[0][0, 5] = np.nan
     views = {i: Poses2D(keypoints[i], views[i].scores) for i in range(3)}
     fusion = make(rig, NUM_JOINTS).fuse(views)
-    assert np.isnan(fusion.poses.joints_m[0, 4]).all()
-    assert fusion.poses.scores[0, 4] == 0
+    assert np.isnan(fusion.people.joints_m[0, 4]).all()
+    assert fusion.people.scores[0, 4] == 0
     assert np.isnan(fusion.reprojection_error_px[0, 4])
-    assert np.linalg.norm(fusion.poses.joints_m[0, 5] - truth[0, 5]) < 1e-6
+    assert np.linalg.norm(fusion.people.joints_m[0, 5] - truth[0, 5]) < 1e-6
 
 
 @pytest.mark.parametrize("make", FUSERS)
@@ -146,8 +146,8 @@ def test_bad_numbers_count_as_missing(make: Make) -> None:
     scores[1, 0, 7] = 2.0
     fusion = make(rig, NUM_JOINTS).fuse_arrays(keypoints, scores, np.ones(3, int))
     assert errors_m(fusion, truth).max() < 1e-6
-    assert np.isclose(fusion.poses.scores[0, 7], 2 / 3)
-    assert fusion.poses.scores.max() <= 1
+    assert np.isclose(fusion.people.scores[0, 7], 2 / 3)
+    assert fusion.people.scores.max() <= 1
 
 
 @pytest.mark.parametrize("make", FUSERS)
@@ -155,7 +155,7 @@ def test_rows_beyond_the_count_are_ignored(make: Make) -> None:
     rig, truth = ring(3), people(2)
     keypoints, scores = rig.project(truth), np.ones((3, 2, NUM_JOINTS))
     fuser = make(rig, NUM_JOINTS)
-    assert len(fuser.fuse_arrays(keypoints, scores, np.array([2, 2, 2])).poses) == 2
+    assert len(fuser.fuse_arrays(keypoints, scores, np.array([2, 2, 2])).people) == 2
     # The second slot must not see what the first left in memory.
     fusion = fuser.fuse_arrays(keypoints, scores, np.array([2, 1, 1]))
     assert fusion.members.tolist() == [[0, 0, 0]]
@@ -180,8 +180,8 @@ def test_order_of_cameras_and_people_changes_nothing(seed: int, make: Make) -> N
         mixed[new] = Poses2D(view.keypoints_px[row], view.scores[row])
     first = make(rig, NUM_JOINTS).fuse(views)
     second = make(rig.subset(cameras.tolist()), NUM_JOINTS).fuse(mixed)
-    assert np.allclose(first.poses.joints_m, second.poses.joints_m, atol=1e-8, equal_nan=True)
-    assert np.allclose(first.poses.scores, second.poses.scores)
+    assert np.allclose(first.people.joints_m, second.people.joints_m, atol=1e-8, equal_nan=True)
+    assert np.allclose(first.people.scores, second.people.scores)
     for new, old in enumerate(cameras):
         column = second.members[:, new]
         named = np.where(column < 0, -1, rows[new][column])
@@ -198,7 +198,7 @@ def test_person_split_in_one_view_is_found_once(make: Make) -> None:
         keypoints = np.repeat(views[camera].keypoints_px, 2, axis=0)
         views[camera] = Poses2D(keypoints, np.stack([upper, lower]))
     fusion = make(rig, NUM_JOINTS).fuse(views)
-    assert len(fusion.poses) == 1
+    assert len(fusion.people) == 1
     assert errors_m(fusion, truth).max() < 1e-6
 
 
@@ -212,11 +212,11 @@ def test_view_that_lies_is_outvoted_only_when_asked(make: Make) -> None:
     plain = make(rig, NUM_JOINTS).fuse(views)
     robust = make(rig, NUM_JOINTS, FusionSettings(refine_steps=8, reject_outliers=True)).fuse(views)
     error, robust_error = (
-        np.linalg.norm(f.poses.joints_m[0, 2] - truth[0, 2]) for f in (plain, robust)
+        np.linalg.norm(f.people.joints_m[0, 2] - truth[0, 2]) for f in (plain, robust)
     )
     assert error > 0.03
     assert robust_error < 0.003
-    assert robust.poses.scores[0, 2] < 0.7 < robust.poses.scores[0, 3]
+    assert robust.people.scores[0, 2] < 0.7 < robust.people.scores[0, 3]
 
 
 @each_case(

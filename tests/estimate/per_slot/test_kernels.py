@@ -84,11 +84,11 @@ def random_slot(rng: np.random.Generator, rig: Rig, num_joints: int) -> Slot:
 
 def assert_agree(first: Fusion, second: Fusion) -> None:
     assert np.array_equal(first.members, second.members)
-    a, b = first.poses.joints_m, second.poses.joints_m
+    a, b = first.people.joints_m, second.people.joints_m
     assert np.array_equal(np.isnan(a), np.isnan(b))
     near = np.abs(a) < REACH_M
     assert np.abs(a - b)[near].max(initial=0) < AGREE_M
-    assert np.abs(first.poses.scores - second.poses.scores).max(initial=0) < AGREE_M
+    assert np.abs(first.people.scores - second.people.scores).max(initial=0) < AGREE_M
 
 
 @pytest.mark.parametrize("kind", NUM_RIGS)
@@ -107,12 +107,12 @@ def test_kernels_equal_the_reference_on_random_rigs(kind: str) -> None:
         fast = Fuser(rig, num_joints, options).fuse_arrays(*arrays)
         plain = ReferenceFuser(rig, num_joints, options).fuse_arrays(*arrays)
         assert_agree(fast, plain)
-        present = np.isfinite(fast.poses.joints_m).all(axis=-1)
-        assert np.array_equal(present, fast.poses.scores > 0)
-        assert fast.poses.scores.max(initial=0) <= 1
+        present = np.isfinite(fast.people.joints_m).all(axis=-1)
+        assert np.array_equal(present, fast.people.scores > 0)
+        assert fast.people.scores.max(initial=0) <= 1
         error, plain_error = fast.reprojection_error_px, plain.reprojection_error_px
         assert np.allclose(error, plain_error, rtol=1e-4, atol=1e-4, equal_nan=True)
-        found += len(fast.poses)
+        found += len(fast.people)
     assert found > NUM_RIGS[kind] / 2  # the comparison is of something
 
 
@@ -146,7 +146,7 @@ def crowd(num_cameras: int, num_persons: int) -> tuple[Rig, Slot]:
 def test_crowds_are_not_split(num_cameras: int, num_persons: int) -> None:
     rig, arrays = crowd(num_cameras, num_persons)
     fast = Fuser(rig, 17).fuse_arrays(*arrays)
-    assert len(fast.poses) == num_persons
+    assert len(fast.people) == num_persons
     assert (np.sort(fast.members, axis=0) == np.arange(num_persons)[:, None]).all()
     assert (fast.members == fast.members[:, :1]).all()
     assert_agree(fast, ReferenceFuser(rig, 17).fuse_arrays(*arrays))
@@ -174,30 +174,30 @@ def test_memory_grows_with_the_slot_and_holds_no_past() -> None:
     fuser = Fuser(rig, 17)
     few = np.full(5, 2)
     before = fuser.fuse_arrays(keypoints, scores, few)
-    assert len(fuser.fuse_arrays(keypoints, scores, counts).poses) == 16
+    assert len(fuser.fuse_arrays(keypoints, scores, counts).people) == 16
     after = fuser.fuse_arrays(keypoints, scores, few)
     assert np.array_equal(before.members, after.members)
-    assert np.array_equal(before.poses.joints_m, after.poses.joints_m, equal_nan=True)
+    assert np.array_equal(before.people.joints_m, after.people.joints_m, equal_nan=True)
 
 
 def test_results_are_not_overwritten_by_the_next_slot() -> None:
     rig, (keypoints, scores, counts) = crowd(5, 4)
     fuser = Fuser(rig, 17)
     first = fuser.fuse_arrays(keypoints, scores, counts)
-    joints = first.poses.joints_m.copy()
+    joints = first.people.joints_m.copy()
     fuser.fuse_arrays(keypoints + 3.0, scores, counts)
-    assert np.array_equal(first.poses.joints_m, joints, equal_nan=True)
+    assert np.array_equal(first.people.joints_m, joints, equal_nan=True)
 
 
 def test_fusers_of_several_threads_do_not_disturb_each_other() -> None:
     rig, arrays = crowd(5, 8)
-    expected = Fuser(rig, 17).fuse_arrays(*arrays).poses.joints_m
+    expected = Fuser(rig, 17).fuse_arrays(*arrays).people.joints_m
     wrong: list[Any] = []
 
     def work() -> None:
         fuser = Fuser(rig, 17)
         for _ in range(100):
-            if not np.array_equal(fuser.fuse_arrays(*arrays).poses.joints_m, expected):
+            if not np.array_equal(fuser.fuse_arrays(*arrays).people.joints_m, expected):
                 wrong.append(1)
 
     threads = [threading.Thread(target=work) for _ in range(4)]

@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from e3pose.estimate.per_slot.track import END_AFTER_S, Tracks, filled, update_tracks
-from e3pose.model.pose import Poses3D
+from e3pose.model.people import People
 
 INTERVAL_S = 0.04
 BODY = np.random.default_rng(0).normal(scale=0.3, size=(17, 3)) + [0, 0, 1]
 
 
-def people(*positions: tuple[float, float]) -> Poses3D:
+def people(*positions: tuple[float, float]) -> People:
     joints = np.array([BODY + [x, y, 0] for x, y in positions]).reshape(-1, 17, 3)
-    return Poses3D(joints, np.ones(joints.shape[:2]))
+    return People(np.arange(len(joints)), joints)
 
 
-def follow(slots: list[Poses3D]) -> tuple[Tracks, list[list[int]]]:
+def follow(slots: list[People]) -> tuple[Tracks, list[list[int]]]:
     tracks, ids = Tracks.empty(5, 17), []
     for poses in slots:
         tracks, slot_ids = update_tracks(tracks, poses, INTERVAL_S)
@@ -50,16 +52,16 @@ def test_somebody_far_away_is_somebody_else() -> None:
 
 def test_history_is_newest_last_and_missing_where_unseen() -> None:
     tracks, _ = follow([people((0, 0)), people(), people((0.1, 0))])
-    seen = np.isfinite(tracks.history_m[:, 0]).all(axis=(1, 2))
+    seen = np.isfinite(tracks.history.joints_m[:, 0]).all(axis=(1, 2))
     assert seen.tolist() == [False, False, True, False, True]
-    np.testing.assert_allclose(tracks.history_m[-1, 0], BODY + [0.1, 0, 0])
+    np.testing.assert_allclose(tracks.history.joints_m[-1, 0], BODY + [0.1, 0, 0])
 
 
 def test_poses_without_a_shared_joint_are_reported_by_their_centre() -> None:
     first, second = people((0, 0), (3, 0)), people((3, 0), (0, 0))
     upper, lower = np.arange(17) < 8, np.arange(17) >= 8
-    a = Poses3D(first.joints_m, first.scores * upper)
-    b = Poses3D(second.joints_m, second.scores * lower)
+    a = replace(first, scores=first.scores * upper)
+    b = replace(second, scores=second.scores * lower)
     assert follow([a, b])[1] == [[0, 1], [1, 0]]
 
 
@@ -72,9 +74,9 @@ def test_missing_joint_keeps_its_last_offset_from_the_nearest_that_is_there() ->
     first, moved = people((0, 0)), people((0.3, 0.1))
     lacks = moved.joints_m.copy()
     lacks[:, [3, 7]] = np.nan
-    second = Poses3D(lacks, np.where(np.isnan(lacks[..., 0]), 0.0, 1.0))
+    second = People(moved.track_ids, lacks)
     turned = lacks + [0.2, 0.0, 0.0]  # again without them: the offset is carried on
-    third = Poses3D(turned, second.scores)
+    third = replace(second, joints_m=turned)
     tracks, _ = follow([first, second, third])
     np.testing.assert_allclose(tracks.filled_m[0], BODY + [0.5, 0.1, 0], atol=1e-12)
 

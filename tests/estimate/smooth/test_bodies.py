@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from tests.reference.filter_motion import spread
 
-from e3pose.estimate.base import People, Posterior, Start
+from e3pose.estimate.base import Estimate, Posterior, Start
 from e3pose.estimate.filter.bones import proportions_of
 from e3pose.estimate.filter.motion import places
 from e3pose.estimate.filter.tree import grow
@@ -35,7 +35,7 @@ def scene() -> Recording:
 
 @pytest.fixture(scope="module")
 def replayed() -> tuple[list[SlotRecord], list[Posterior]]:
-    people: list[People] = []
+    people: list[Estimate] = []
     settings = ReplaySettings(policy="round-robin", num_selected=1, seed=1, phase=1)
     records = list(replay(scene(), settings, publish=people.append))
     posteriors = [each.posterior for each in people if each.posterior is not None]
@@ -146,11 +146,11 @@ def test_people_who_come_and_go_are_smoothed_by_themselves(
     for record, late in zip(
         records, smooth_records(records, posteriors, scene().skeleton), strict=True
     ):
-        assert record.track_ids.tolist() == late.track_ids.tolist()
-        apart = np.linalg.norm(record.poses.joints_m - late.poses.joints_m, axis=-1)
+        assert record.people.track_ids.tolist() == late.people.track_ids.tolist()
+        apart = np.linalg.norm(record.people.joints_m - late.people.joints_m, axis=-1)
         assert np.nanmean(apart) < 0.3 if len(apart) else True
-        known = record.poses.scores > 0
-        np.testing.assert_array_equal(known, np.isfinite(late.poses.joints_m).all(axis=-1))
+        known = record.people.scores > 0
+        np.testing.assert_array_equal(known, np.isfinite(late.people.joints_m).all(axis=-1))
 
 
 def test_a_slot_starts_where_steering_left_the_one_before(

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from tests.cases import each_case
 
-from e3pose.estimate.base import People
+from e3pose.estimate.base import Estimate
 from e3pose.estimate.filter.lasting import grown_m2
 from e3pose.estimate.smooth.stated import SHARED, own_m2
 from e3pose.evaluate.figures import expected_figures
@@ -35,7 +35,7 @@ def coverage(errors: str, cameras: int) -> tuple[float, ...]:
     detector = DetectorSettings(guessing=guessing)
     settings = SceneSettings("pillar", seconds=16, fps=12.5, detector=detector)
     recording = simulate(settings, seed=703)
-    people: list[People] = []
+    people: list[Estimate] = []
     asked = ReplaySettings(num_selected=cameras, phase=1, seed=1)
     records = list(replay(recording, asked, publish=people.append))
     posteriors = [each.posterior for each in people if each.posterior is not None]

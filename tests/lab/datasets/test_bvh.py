@@ -14,8 +14,9 @@ from tests.events.bodies import FPS, doing
 from tests.output.exports.takes import STARTED_NS
 
 from e3pose.base.errors import InputError
+from e3pose.model.people import People
 from e3pose.model.skeleton import COCO17
-from e3pose.model.take import Take, motion_of
+from e3pose.model.take import Take, motions_of
 from e3pose.output.exports import ExportSettings, export
 from e3pose.recording import load_recording
 from e3pose_lab.datasets.bvh import import_bvh
@@ -47,11 +48,9 @@ Frame Time: 0.04
 def falling(seconds: float = 12.0) -> Take:
     """Return somebody who falls forward."""
     joints_m = doing("fall-forward", 0, seconds=seconds)
-    shape = joints_m.shape[:2]
-    slots = np.arange(len(joints_m), dtype=np.int64)
-    sigma, scores, measured = np.full(shape, 0.01), np.ones(shape), np.ones(shape, dtype=bool)
-    motion = motion_of(1, slots, joints_m, sigma, scores, measured)
-    return Take("fall", COCO17, 1 / FPS, (motion,), STARTED_NS)
+    people = People(np.full(len(joints_m), 1), joints_m, sigma_m=np.full(joints_m.shape[:2], 0.01))
+    motions = motions_of(np.arange(len(joints_m)), people)
+    return Take("fall", COCO17, 1 / FPS, motions, STARTED_NS)
 
 
 def written(folder: Path, settings: ExportSettings) -> Path:

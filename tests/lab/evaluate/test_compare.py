@@ -16,7 +16,7 @@ from e3pose.evaluate.figures import Duration, Summary
 from e3pose.evaluate.replay import ReplaySettings
 from e3pose.evaluate.tables import print_summary
 from e3pose.model.camera import Camera, Rig
-from e3pose.model.pose import Poses3D
+from e3pose.model.people import People
 from e3pose.model.skeleton import COCO17
 from e3pose.pipeline import SlotRecord
 from e3pose.recording import Recording, Truth, ViewSeries
@@ -39,18 +39,8 @@ def off_by_seed(source: Recording, settings: ReplaySettings) -> Iterator[SlotRec
     for slot in range(source.num_slots):
         joints = BODY[None] + [0.01 * settings.seed, 0, 0]
         joints = joints[: 0 if settings.seed == 2 else 1]
-        yield SlotRecord(
-            slot=slot,
-            time_s=0.1 * slot,
-            selected=np.ones(1, dtype=bool),
-            arrived=np.ones(1, dtype=bool),
-            poses=Poses3D(joints, np.ones(joints.shape[:2])),
-            track_ids=np.arange(len(joints)),
-            occlusion=np.zeros(1),
-            deficit=np.zeros(1),
-            next_selection=np.ones(1, dtype=bool),
-            stage_s={"fuse": 0.001},
-        )
+        people, on, zero = People(np.arange(len(joints)), joints), np.ones(1, bool), np.zeros(1)
+        yield SlotRecord(slot, 0.1 * slot, on, on, people, zero, zero, on, stage_s={"fuse": 0.001})
 
 
 def summaries(seeds: int) -> list[Summary]:

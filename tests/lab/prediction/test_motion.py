@@ -7,7 +7,7 @@ import pytest
 
 from e3pose.base.arrays import Floats
 from e3pose.model.camera import Camera, Rig
-from e3pose.model.pose import Poses3D
+from e3pose.model.people import People
 from e3pose.model.skeleton import BODY25, CMU31, COCO17, PANOPTIC19, SHELF14, Skeleton
 from e3pose.pipeline import SlotRecord
 from e3pose.recording import Recording, Truth, ViewSeries
@@ -84,11 +84,8 @@ def test_tracks_of_a_replay_are_people() -> None:
 
     def record(slot: int, ids: list[int]) -> SlotRecord:
         joints = np.full((len(ids), 17, 3), float(slot))
-        poses = Poses3D(joints, np.ones((len(ids), 17)))
-        track_ids = np.array(ids, dtype=np.int64)
-        return SlotRecord(
-            slot, slot / 30, flags, flags, poses, track_ids, np.zeros(1), np.zeros(1), flags
-        )
+        people = People(np.array(ids, dtype=np.int64), joints)
+        return SlotRecord(slot, slot / 30, flags, flags, people, np.zeros(1), np.zeros(1), flags)
 
     seen = [record(0, [4]), record(1, [4, 7]), record(2, [7]), record(3, [7, 4])]
     motion = estimated_motion(_recording(truth), seen)

@@ -22,6 +22,7 @@ from e3pose.edge.learn import LearningSettings, OnlineTrainer
 from e3pose.edge.learn.job import Job
 from e3pose.edge.learn.ring_buffer import Chunk, Ring
 from e3pose.edge.learn.versions import VersionStore
+from e3pose.model.people import People
 from e3pose.model.skeleton import COCO17
 from e3pose.predict.attention_lstm import SHIPPED
 
@@ -42,9 +43,11 @@ def swinging(slots: range, seed: int = 0) -> Chunk:
     return Chunk(
         seed,
         np.array(slots),
-        np.zeros(len(slots), dtype=np.int64),
-        joints.astype(np.float32),
-        np.full((len(slots), 17), 0.9, np.float16),
+        People(
+            np.zeros(len(slots), dtype=np.int64),
+            joints.astype(np.float32),
+            np.full((len(slots), 17), 0.9, np.float16),
+        ),
     )
 
 

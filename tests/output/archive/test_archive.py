@@ -72,7 +72,7 @@ def test_closed_hours_are_archived_once_and_say_what_the_store_says(
     take = read_wide(Path(name), parquet.read_table(io.BytesIO(content)))
     stored = Store(store).query(BEGIN + DAY, BEGIN + DAY + HOUR - 1, track=11)
     assert take.motions[1].first == stored.slots[0] == 24 * 60
-    np.testing.assert_allclose(take.motions[1].joints_m, stored.joints_m, atol=0.0005)
+    np.testing.assert_allclose(take.motions[1].joints_m, stored.people.joints_m, atol=0.0005)
     assert check_archive(place).rows == done.rows
 
 

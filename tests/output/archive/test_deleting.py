@@ -59,14 +59,14 @@ def test_person_is_deleted_everywhere_and_others_stay(
     store: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     before = Store(store).query(track=PEOPLE[1])
-    blob = Store(store).query(track=PEOPLE[0]).joints_m[0].tobytes()
+    blob = Store(store).query(track=PEOPLE[0]).people.joints_m[0].tobytes()
     assert run_verb("archive", "delete", store, "--person", PEOPLE[0], "--run", 1) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == f"{store}: 245 rows deleted, 0 left"  # 240 poses, a track, 4 events
     assert lines[1:] == [f"{tmp_path / n}: 240 rows deleted, 0 left" for n in "ab"]
     after = Store(store).query()
-    assert set(after.track_ids.tolist()) == {PEOPLE[1]}
-    assert after.joints_m.tobytes() == before.joints_m.tobytes()
+    assert set(after.people.track_ids.tolist()) == {PEOPLE[1]}
+    assert after.people.joints_m.tobytes() == before.people.joints_m.tobytes()
     files = [store, *store.parent.glob("hall.db-*")]
     assert not any(blob in path.read_bytes() for path in files), "rows leave nothing in the file"
     manifest = read_manifest(Folder(tmp_path / "a"), "hall", SECOND_DAY)

@@ -43,7 +43,7 @@ def error_of_feet_m(store: Path, recording: Path, slots: NDArray[np.int64]) -> f
     assert found.joints == truth.skeleton.joints
     feet = [i for i, joint in enumerate(found.joints) if joint.endswith(("toe", "heel"))]
     whole = in_whole_slots(store)
-    off = truth.joints_m[slots[whole]][:, :, feet] - found.joints_m[whole][:, None, feet]
+    off = truth.joints_m[slots[whole]][:, :, feet] - found.people.joints_m[whole][:, None, feet]
     distance = np.linalg.norm(off, axis=-1)  # (num_rows, num_persons, 6)
     assert np.isfinite(distance).any(axis=1).mean() > 0.5
     followed = np.isfinite(distance).any(axis=(1, 2))  # who comes in has no feet yet

@@ -6,10 +6,10 @@ import numpy as np
 from tests.estimate.filter.room import BODY
 
 from e3pose.base.arrays import Floats
-from e3pose.model.pose import Poses3D
+from e3pose.model.people import People
 from e3pose.model.skeleton import COCO17
 from e3pose.model.slot_record import SlotRecord
-from e3pose.model.take import MEASURED, PREDICTED, Take, motion_of
+from e3pose.model.take import MEASURED, PREDICTED, Motion, Take, motions_of
 
 FPS = 25.0
 NUM_FRAMES = 40
@@ -47,14 +47,15 @@ def take() -> Take:
     """Return the take: track 3 from frame 0, without a wrist for a while, track 7 from frame 6."""
     joints = [walking(), walking(1.0)[: NUM_FRAMES - 6]]
     joints[0][MISSING_FRAMES, MISSING_JOINT] = np.nan
-    motions = []
+    motions: list[Motion] = []
     for track_id, first, places in ((3, 0, joints[0]), (7, 6, joints[1])):
         shape = places.shape[:2]
         measured = np.ones(shape, dtype=bool)
         measured[20:25] = False
         slots = first + np.arange(len(places), dtype=np.int64)
+        ids = np.full(len(places), track_id)
         sigma, scores = np.full(shape, 0.012), np.full(shape, 0.8)
-        motions.append(motion_of(track_id, slots, places, sigma, scores, measured))
+        motions += motions_of(slots, People(ids, places, scores, measured, sigma))
     assert (motions[0].origin[20:25] == PREDICTED).all()
     return Take("walk", COCO17, 1 / FPS, tuple(motions), STARTED_NS)
 
@@ -69,15 +70,14 @@ def records() -> list[SlotRecord]:
         found.append(
             SlotRecord(
                 slot, slot / 25, none, none,
-                Poses3D(
+                People(
+                    np.array([m.track_id for m in there], dtype=np.int64),
                     np.array([m.joints_m[r] for m, r in rows]),
                     np.array([m.scores[r] for m, r in rows]),
+                    np.array([m.origin[r] == MEASURED for m, r in rows]),
+                    np.array([m.sigma_m[r] for m, r in rows]),
                 ),
-                np.array([m.track_id for m in there], dtype=np.int64),
                 np.zeros(2), np.zeros(2), none,
-                covariance_m2=np.array([m.sigma_m[r][:, None, None] ** 2 * np.eye(3)
-                                        for m, r in rows]),
-                measured=np.array([m.origin[r] == MEASURED for m, r in rows]),
             )
         )  # fmt: skip
     return found

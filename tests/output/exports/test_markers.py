@@ -14,8 +14,9 @@ from tests.output.exports.takes import FPS, MISSING_FRAMES, MISSING_JOINT, START
 
 from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
+from e3pose.model.people import People
 from e3pose.model.skeleton import COCO17
-from e3pose.model.take import MEASURED, MISSING, Take, motion_of
+from e3pose.model.take import MEASURED, MISSING, Take, motions_of
 from e3pose.output.exports import EXPORTS, ExportSettings, export, format_of
 from e3pose.output.exports.c3d import CHUNK_FRAMES, MAX_FRAMES
 
@@ -117,14 +118,11 @@ def test_c3d_in_pieces_is_what_its_library_writes_at_once(tmp_path: Path, units:
     joints_m[rng.random((frames, 17)) < 0.2] = np.nan
     # Residuals that both can hold: whole millimetres.
     sigma_m, measured = rng.integers(1, 120, (frames, 17)) / 1000, rng.random((frames, 17)) > 0.3
-    motions = [
-        motion_of(track, slots, joints_m[:length], sigma_m[:length], np.ones((length, 17)), there)
-        for track, slots, length, there in (
-            (1, np.arange(frames), frames, measured),
-            (2, np.arange(CHUNK_FRAMES - 5, CHUNK_FRAMES + 35), 40, measured[:40]),
-        )
-    ]
-    take = Take("long", COCO17, 1 / FPS, tuple(motions))
+    first = People(np.full(frames, 1), joints_m, measured=measured, sigma_m=sigma_m)
+    second = replace(first, track_ids=np.full(frames, 2))[:40]
+    slots = np.concatenate([np.arange(frames), np.arange(CHUNK_FRAMES - 5, CHUNK_FRAMES + 35)])
+    motions = motions_of(slots, People.joined([first, second], 17))
+    take = Take("long", COCO17, 1 / FPS, motions)
     asked = ExportSettings(units="mm" if units == "mm" else "m")
     ((path, _),) = export(take, tmp_path / "pieces.c3d", "c3d", asked)
     pieces = ezc3d.c3d(str(path))

@@ -17,8 +17,9 @@ from tests.estimate.filter.room import BODY
 from tests.output.exports.takes import FPS, STARTED_NS, take, turned, walking
 
 from e3pose.base.errors import InputError
+from e3pose.model.people import People
 from e3pose.model.skeleton import BODY25, COCO17, HALPE26, SHELF14
-from e3pose.model.take import MISSING, Motion, Take, motion_of
+from e3pose.model.take import MISSING, Motion, Take, motions_of
 from e3pose.output.exports import ExportSettings, export
 from e3pose.output.exports.opensim.coordinates import coordinates
 from e3pose.output.exports.opensim.markers import columns
@@ -160,9 +161,8 @@ def test_opensim_scales_a_model_and_finds_the_walk(
     packages: Path, tmp_path: Path, names: str
 ) -> None:
     joints_m = walking()
-    shape = joints_m.shape[:2]
-    slots = np.arange(len(joints_m), dtype=np.int64)
-    walk = motion_of(4, slots, joints_m, np.full(shape, 0.01), np.ones(shape), np.ones(shape) > 0)
+    ids, sigma_m = np.full(len(joints_m), 4), np.full(joints_m.shape[:2], 0.01)
+    (walk,) = motions_of(np.arange(len(joints_m)), People(ids, joints_m, sigma_m=sigma_m))
     walk = with_gap(walk, slice(10, 13), [16])  # the last marker of rows, which it must read
     one = Take("walk", COCO17, 1 / FPS, (walk,), STARTED_NS)
     list(export(one, tmp_path / "walk.trc", "trc", ExportSettings(names=names)))

@@ -13,8 +13,9 @@ from tests.output.exports.takes import MISSING_FRAMES, NUM_FRAMES, take, walking
 
 from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
+from e3pose.model.people import People
 from e3pose.model.skeleton import COCO17, HALPE26, MEANS
-from e3pose.model.take import Motion, Take, motion_of
+from e3pose.model.take import Motion, Take, motions_of
 from e3pose.output.exports import ExportSettings, export
 from e3pose.output.exports.base import y_up
 from e3pose.output.exports.bones import bones_of
@@ -125,9 +126,8 @@ def test_lengths_of_limbs_are_medians() -> None:
 def test_somebody_without_hips_cannot_be_bones(tmp_path: Path) -> None:
     joints = FIRST.joints_m.copy()
     joints[:, 11] = np.nan
-    shape = joints.shape[:2]
-    slots = np.arange(len(joints), dtype=np.int64)
-    nobody = motion_of(5, slots, joints, np.ones(shape), np.ones(shape), np.ones(shape, dtype=bool))
+    ids, sigma_m = np.full(len(joints), 5), np.ones(joints.shape[:2])
+    (nobody,) = motions_of(np.arange(len(joints)), People(ids, joints, sigma_m=sigma_m))
     with pytest.raises(InputError, match="track5: found no frame with both hips"):
         list(export(Take("w", COCO17, 0.04, (nobody,)), tmp_path / "w.glb", "gltf"))
     assert list(tmp_path.iterdir()) == []
@@ -241,10 +241,9 @@ def no_detectors_person() -> Take:
     joints_m[:, HALPE26.index("mid_hip")] = hips.mean(axis=1) + 0.02 * ahead + [0, 0, 0.06]
     shoulders = walking()[:, [5, 6]].mean(axis=1)
     joints_m[:, HALPE26.index("neck")] = shoulders + 0.01 * ahead + [0, 0, 0.05]
-    shape = joints_m.shape[:2]
-    slots = np.arange(NUM_FRAMES, dtype=np.int64)
-    motion = motion_of(2, slots, joints_m, np.ones(shape), np.ones(shape), np.ones(shape) > 0)
-    return Take("w", HALPE26, 0.04, (motion,))
+    ids, sigma_m = np.full(NUM_FRAMES, 2), np.ones(joints_m.shape[:2])
+    motions = motions_of(np.arange(NUM_FRAMES), People(ids, joints_m, sigma_m=sigma_m))
+    return Take("w", HALPE26, 0.04, motions)
 
 
 def test_hips_and_shoulders_hang_where_they_are(tmp_path: Path) -> None:

@@ -98,6 +98,8 @@ def test_what_a_table_does_not_hold_is_reported(tmp_path: Path, asked: Asked, me
         ("slot,time,track,joint,x,y,z\n1,3,0,nose,1,2,3\n2,3,0,nose,1,2,3\n", "rising times"),
         ("slot,time,track,joint,x,y,z\n" + "1,1,0,nose,1,2,3\n" * 2 + "2,2,0,nose,1,2,3\n",
          "joint twice"),
+        ("slot,time,track,joint,x,y,z,score\n1,1,0,nose,1,2,3,7\n2,2,0,nose,1,2,3,1\n", "score"),
+        ("slot,time,track,joint,x,y,z,score\n1,1,0,nose,1,2,3,sure\n2,2,0,nose,1,2,3,1\n", "score"),
     ],
 )  # fmt: skip
 def test_tables_of_something_else_are_refused(tmp_path: Path, text: str, message: str) -> None:

@@ -14,7 +14,8 @@ from tests.cases import each_case
 from e3pose.base.errors import InputError
 from e3pose.camera.source import open_video
 from e3pose.model.camera import Camera, Rig
-from e3pose.model.pose import Poses2D, Poses3D
+from e3pose.model.people import People
+from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import Skeleton
 from e3pose.model.slot_record import SlotRecord
 from e3pose.output.report.overlay import (
@@ -53,11 +54,9 @@ def camera(camera_id: str, x_m: float = 0.0) -> Camera:
 def standing(slot: int, selected: list[bool], track_id: int = 0, blind: str = "") -> SlotRecord:
     """A stick from (0, -0.5, 2) to (0, 0.5, 2) metres."""
     joints = np.array([[[0.0, -0.5, 2.0], [0.0, 0.5, 2.0]]])
-    poses, ids = Poses3D(joints, np.ones((1, 2))), np.array([track_id])
+    people = People(np.array([track_id]), joints)
     awake, nothing = np.array(selected), np.zeros(len(selected))
-    return SlotRecord(
-        slot, 0.1 * slot, awake, awake, poses, ids, nothing, nothing, awake, blind=blind
-    )
+    return SlotRecord(slot, 0.1 * slot, awake, awake, people, nothing, nothing, awake, blind=blind)
 
 
 def video(path: Path, levels: list[int]) -> str:
@@ -105,11 +104,11 @@ def test_nobody_leaves_the_image_as_it_was() -> None:
 
 
 def test_reprojection_lands_on_the_pixels_of_the_pinhole() -> None:
-    seen = reproject(standing(0, [True]).poses, camera("a"))
+    seen = reproject(standing(0, [True]).people, camera("a"))
     np.testing.assert_allclose(seen.keypoints_px[0], [[48, 39], [48, 89]])
-    behind = Poses3D(np.array([[[0.0, 0.0, -2.0], [0.0, 0.0, 2.0]]]), np.ones((1, 2)))
+    behind = People(np.array([0]), np.array([[[0.0, 0.0, -2.0], [0.0, 0.0, 2.0]]]))
     assert reproject(behind, camera("a")).scores.tolist() == [[0.0, 1.0]]
-    assert len(reproject(Poses3D.empty(2), camera("a"))) == 0
+    assert len(reproject(People.empty(2), camera("a"))) == 0
 
 
 def test_colors_of_tracks_are_stable_and_apart() -> None:

@@ -17,7 +17,7 @@ from tests.cases import each_case
 from e3pose.energy.saving import Savings, saving
 from e3pose.evaluate.figures import Accuracy, CameraEnergy, Energy, Expected, Summary
 from e3pose.model.camera import Camera, Rig
-from e3pose.model.pose import Poses3D
+from e3pose.model.people import People
 from e3pose.model.skeleton import COCO17
 from e3pose.output.report import figures, write_report
 from e3pose.output.report import scene as scenes
@@ -65,8 +65,7 @@ def record(slot: int, people: Sequence[int] = (), **more: Any) -> SlotRecord:
         time_s=slot / 25,
         selected=np.array([True, False]),
         arrived=np.array([True, False]),
-        poses=Poses3D(joints, np.ones(joints.shape[:2])),
-        track_ids=np.array(people, dtype=np.int64),
+        people=People(np.array(people, dtype=np.int64), joints),
         occlusion=np.array([0.125, np.nan]),
         deficit=np.array([1.0, 0.0]),
         next_selection=np.array([True, False]),
@@ -175,8 +174,8 @@ def test_missing_and_absurd_joints_are_not_drawn() -> None:
     joints = np.zeros((1, len(COCO17), 3)) + 1.0
     joints[0, 0] = np.nan
     joints[0, 1] = 1e200
-    poses = Poses3D(joints, np.ones((1, len(COCO17))))
-    drawn = scene(recording(1), [record(0, [0], poses=poses)])
+    made = replace(record(0), people=People(np.array([0]), joints))
+    drawn = scene(recording(1), [made])
     flat = drawn["people"][0][0][1]
     assert flat[:6] == [None] * 6 and flat[6:9] == [1000] * 3
     assert max(drawn["high"]) < 10_000
@@ -342,7 +341,8 @@ def test_reasons_are_shown_at_the_slot_they_were_given_for() -> None:
 def test_joints_are_drawn_by_their_uncertainty() -> None:
     sure = np.broadcast_to(0.01**2 * np.eye(3), (1, 17, 3, 3)).copy()
     sure[0, 4] *= 16
-    known = record(0, [7], covariance_m2=sure, measured=np.ones((1, 17), dtype=bool))
+    made = record(0, [7])
+    known = replace(made, people=replace(made.people, full_covariance_m2=sure))
     ((person,),) = scene(recording(1), [known])["people"]
     # For a standard deviation of 1 per axis the 90 % radius is 2.829: see tests/model.
     assert person[2][0] == 28
@@ -371,10 +371,10 @@ def test_page_opens_at_a_moment_like_most_others() -> None:
 def moment(slot: int, places_m: Sequence[float], sigma_m: float) -> SlotRecord:
     """Return a slot with people at some places along x, as sure of each."""
     made = record(slot, list(range(1, len(places_m) + 1)))
-    joints = made.poses.joints_m.copy()
+    joints = made.people.joints_m.copy()
     joints[..., 0] = np.array(places_m)[:, None]
-    covariance = np.broadcast_to(sigma_m**2 * np.eye(3), (*joints.shape[:2], 3, 3)).copy()
-    return replace(made, poses=Poses3D(joints, made.poses.scores), covariance_m2=covariance)
+    sigma = np.full(joints.shape[:2], sigma_m)
+    return replace(made, people=replace(made.people, joints_m=joints, sigma_m=sigma))
 
 
 def test_page_opens_where_people_move_apart_and_the_error_is_usual() -> None:

@@ -14,6 +14,7 @@ from tests.site.streams.osc_reader import read_osc
 
 from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
+from e3pose.model.people import People
 from e3pose.model.skeleton import COCO17
 from e3pose.model.zone_event import ZoneEvent
 from e3pose.site.connect import LiveSlot
@@ -49,12 +50,10 @@ def slot(frame: int, *tracks: int) -> LiveSlot:
     """People who walk, each a metre from the one before."""
     places = walking()[frame]
     joints_m = np.array([places + [0, track, 0] for track in tracks]).reshape(-1, 17, 3)
-    shape = joints_m.shape[:2]
-    return LiveSlot(
-        frame, STARTED_NS + round(frame * 1e9 / FPS), COCO17.joints,
-        np.array(tracks, dtype=np.int64), joints_m.astype(np.float32),
-        np.full(shape, 0.01, dtype=np.float32), np.ones(shape, dtype=bool), (), (), 0,
-    )  # fmt: skip
+    sigma_m = np.full(joints_m.shape[:2], 0.01)
+    people = People(np.array(tracks), joints_m.astype(np.float32), sigma_m=sigma_m)
+    time_ns = STARTED_NS + round(frame * 1e9 / FPS)
+    return LiveSlot(frame, time_ns, people, COCO17.joints, (), (), 0)
 
 
 def turn(x: float, y: float, z: float, w: float) -> Floats:
@@ -91,7 +90,7 @@ def test_an_avatar_in_unity_stands_as_the_person_does() -> None:
                 places[bone] = places[parent] + facing[parent] @ [px, py, pz]
                 facing[bone] = facing[parent] @ turn(*quaternion)
                 if joint is not None:
-                    wanted = unity(slot(frame, 4).joints_m[0, COCO17.index(joint)])
+                    wanted = unity(slot(frame, 4).people.joints_m[0, COCO17.index(joint)])
                     assert np.linalg.norm(places[bone] - wanted) < 0.001, (frame, bone)
 
 
@@ -153,7 +152,7 @@ def test_trackers_of_vrchat_are_at_the_joints_and_turn_with_them() -> None:
             stream.slot(shown)
             said = dict(read_osc(listening.recv(65_536)))
             assert len(said) == 2 * 9
-            joints = shown.joints_m[0].astype(np.float64)
+            joints = shown.people.joints_m[0].astype(np.float64)
             for number, name in (("3", "left_ankle"), ("6", "right_knee"), ("7", "left_elbow")):
                 place = said[f"/tracking/trackers/{number}/position"]
                 wanted = unity(joints[COCO17.index(name)])

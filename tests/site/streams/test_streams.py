@@ -28,6 +28,7 @@ from websockets.typing import Subprotocol
 
 from e3pose.base.errors import InputError
 from e3pose.events.watch import begin_watch
+from e3pose.model.people import People
 from e3pose.model.person_event import PersonEvent
 from e3pose.model.skeleton import COCO17
 from e3pose.model.zone_event import ZoneEvent
@@ -38,7 +39,7 @@ from e3pose.site.streams.as_json import event_words
 from e3pose.site.streams.base import TellsPeople
 from e3pose.site.streams.send import Sender
 from e3pose.site.zones import Zones
-from e3pose.wire.arrays import pack
+from e3pose.wire.arrays import packed_people
 from e3pose.wire.codec import encode
 from e3pose.wire.site_messages import Poses
 
@@ -57,11 +58,9 @@ def slot(*tracks: int, number: int = 3) -> LiveSlot:
     joints_m[..., 1] = np.arange(17) / 10
     joints_m[:, 0] = np.nan
     sigma_m = np.full((len(tracks), 17), 0.02, dtype=np.float32)
-    ids = np.array(tracks, dtype=np.int64)
-    seen = np.ones(sigma_m.shape, dtype=bool)
-    return LiveSlot(
-        number, TIME_NS, COCO17.joints, ids, joints_m, sigma_m, seen, ("c0",), ("c0",), TIME_NS
-    )
+    measured = np.ones(sigma_m.shape, dtype=bool)
+    people = People(np.array(tracks), joints_m, measured=measured, sigma_m=sigma_m)
+    return LiveSlot(number, TIME_NS, people, COCO17.joints, ("c0",), ("c0",), TIME_NS)
 
 
 def tell(stream: Stream) -> None:
@@ -249,12 +248,7 @@ class Kept:
 
 
 def _published(one: LiveSlot) -> bytes:
-    return encode(
-        Poses(
-            one.slot, one.time_ns, one.joints, pack(one.track_ids), pack(one.joints_m),
-            pack(one.sigma_m), pack(one.measured),
-        )
-    )  # fmt: skip
+    return encode(Poses(one.slot, one.time_ns, one.joints, *packed_people(one.people)))
 
 
 @pytest.fixture

@@ -12,13 +12,12 @@ import pytest
 from tests.site.web.watched import RIG, STARTED_NS, Watched, watched_site
 
 from e3pose.events.watch import advance, begin_watch
-from e3pose.model.pose import Poses3D
+from e3pose.model.people import People
 from e3pose.model.skeleton import COCO17
 from e3pose.model.zone_event import ZoneEvent
 from e3pose.pipeline import SlotRecord
 from e3pose.settings.events_table import EventsTable
 from e3pose.simulate import SceneSettings, simulate
-from e3pose.site.connect import seen_of
 from e3pose.site.stored import stored_slots
 from e3pose.store import Run, Store, StoreWriter
 
@@ -40,10 +39,8 @@ def store_fall(place: Path) -> int:
         for slot, bodies in enumerate(joints_m):
             made = SlotRecord(
                 slot=slot, time_s=slot / FPS, selected=flags, arrived=flags,
-                poses=Poses3D(bodies, np.ones(bodies.shape[:2])), track_ids=np.array([7]),
+                people=People(np.array([7]), bodies, sigma_m=np.full((1, 17), 0.01)),
                 occlusion=zeros, deficit=zeros, next_selection=flags,
-                covariance_m2=np.tile(np.eye(3) * 1e-4, (1, 17, 1, 1)),
-                measured=np.ones((1, 17), dtype=bool),
             )  # fmt: skip
             writer.append(made, time_ns=at_ns(slot), wait=True)
         for kind, slot, stayed_s in (("enter", 10, 0.0), ("leave", 200, 15.2), ("enter", 300, 0.0)):
@@ -94,7 +91,7 @@ def test_postures_of_the_past_are_those_of_the_live_page(
     from e3pose.events.states import STATES
 
     for _, slot in stored_slots(Store(watched.folder / "lab.db").read(run=2)):
-        watch, _ = advance(watch, seen_of(slot))
+        watch, _ = advance(watch, slot)
         live[slot.slot] = STATES[int(watch.shown[7].states.argmax())]
     same = np.mean([live[slot] == state for slot, state in states.items()])
     assert same > 0.97, same
@@ -137,9 +134,11 @@ def test_poses_without_doing_are_as_before(client: httpx.Client) -> None:
 
 def test_slots_that_lie_in_two_chunks_are_one(watched: Watched) -> None:
     store = Store(watched.folder / "lab.db")
-    whole = [(run, slot.slot, slot.track_ids.tolist()) for run, slot in stored_slots(store.read())]
+    whole = [
+        (run, slot.slot, slot.people.track_ids.tolist()) for run, slot in stored_slots(store.read())
+    ]
     for chunk in (1, 3, 7):
         parts = stored_slots(store.read(chunk=chunk))
-        assert [(run, slot.slot, slot.track_ids.tolist()) for run, slot in parts] == whole
+        assert [(run, slot.slot, slot.people.track_ids.tolist()) for run, slot in parts] == whole
     assert whole[0] == (1, 0, [10, 11]) and len(set(whole[0][2])) == 2
     assert list(stored_slots([])) == []

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import threading
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from random import Random
 from typing import Any
 
@@ -102,7 +102,7 @@ def test_people_are_those_of_the_slot_nearest_to_the_capture() -> None:
     assert (found["slot"], found["captured_ns"]) == (3, captured(3.4))
     assert found["apart_ms"] == pytest.approx(-0.4 * 1000 / FPS, abs=0.01)
     people = {person["track"]: person for person in found["people"]}
-    expected = RIG.cameras[0].project(record(3).poses.joints_m[0, 5])
+    expected = RIG.cameras[0].project(record(3).people.joints_m[0, 5])
     assert people[10]["joints_px"][5] == pytest.approx(expected.tolist(), abs=0.1)
     assert people[10]["joints_px"][3] == [None, None]
     assert people[10]["measured"][5] and not people[10]["measured"][3]
@@ -348,11 +348,8 @@ def test_page_is_told_of_pictures(watched: Watched) -> None:
 
 def test_joints_behind_a_camera_are_not_drawn() -> None:
     slot = live_slot(poses(3))
-    behind = slot.joints_m.copy()
+    behind = slot.people.joints_m.copy()
     behind[0, 0] = [9.0, 0.0, 1.0]  # c0 stands at x = 4 m and looks to x = 0
-    moved = type(slot)(
-        slot.slot, slot.time_ns, slot.joints, slot.track_ids, behind, slot.sigma_m, slot.measured,
-        slot.selected, slot.arrived, slot.published_ns,
-    )  # fmt: skip
+    moved = replace(slot, people=replace(slot.people, joints_m=behind))
     assert np.isnan(RIG.cameras[0].project(behind[0, 0].astype(float))).all()
     assert reprojected(moved, RIG.cameras[0])[0]["joints_px"][0] == [None, None]

@@ -8,6 +8,7 @@ import numpy as np
 from tests.site.web.watched import RIG, STARTED_NS, poses
 
 from e3pose.events.body import carriage, joints_of
+from e3pose.model.people import People
 from e3pose.model.person_event import PersonEvent
 from e3pose.model.skeleton import COCO17
 from e3pose.settings.site_file import ZoneTable
@@ -18,24 +19,28 @@ from e3pose.site.zones import Zones, advance
 
 def slot(number: int = 3) -> LiveSlot:
     found = live_slot(poses(number))
-    joints_m = np.zeros_like(found.joints_m) + found.joints_m[:, :1]
-    return replace(found, joints_m=joints_m)
+    joints_m = np.zeros_like(found.people.joints_m) + found.people.joints_m[:, :1]
+    people = People(found.people.track_ids, joints_m, sigma_m=found.people.sigma_m)
+    return replace(found, people=people)
 
 
 def test_wide_or_unknown_joints_make_a_part_uncertain_and_others_not() -> None:
     assert len(RIG) == 3
     wide = slot()
-    sigma_m, joints_m = wide.sigma_m.copy(), wide.joints_m.copy()
+    sigma_m, joints_m = wide.people.sigma_m.copy(), wide.people.joints_m.copy()
     sigma_m[0, COCO17.joints.index("left_wrist")] = 0.2
     joints_m[1, COCO17.joints.index("right_knee")] = np.nan
     joints_m[1, COCO17.joints.index("left_ear")] = np.nan  # the other ear is known
-    found = unsure_parts(replace(wide, sigma_m=sigma_m, joints_m=joints_m))
+    found = unsure_parts(
+        replace(wide, people=replace(wide.people, sigma_m=sigma_m, joints_m=joints_m))
+    )
     assert found == [["left arm"], ["right leg"]]
 
 
 def test_sigma_that_is_not_stated_is_no_doubt() -> None:
     bare = slot()
-    assert unsure_parts(replace(bare, sigma_m=np.full_like(bare.sigma_m, np.nan))) == [[], []]
+    people = People(bare.people.track_ids, bare.people.joints_m)
+    assert unsure_parts(replace(bare, people=people)) == [[], []]
 
 
 def test_carriage_is_told_and_what_no_joint_tells_is_not() -> None:

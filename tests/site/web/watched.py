@@ -15,7 +15,7 @@ from tests.memory_transport import Hub, MemoryTransport
 from tests.rigs import looking
 
 from e3pose.base.rate_limit import Rate
-from e3pose.model.pose import Poses3D
+from e3pose.model.people import People
 from e3pose.model.skeleton import COCO17
 from e3pose.pipeline import SlotRecord
 from e3pose.recording.calibration import save_rig
@@ -50,10 +50,9 @@ def record(slot: int) -> SlotRecord:
     selected = np.array([True, slot % 2 == 0, False])
     return SlotRecord(
         slot=slot, time_s=slot / FPS, selected=selected, arrived=selected,
-        poses=Poses3D(np.where(scores[..., None] > 0, joints_m, np.nan), scores),
-        track_ids=np.array([10, 11]), occlusion=np.zeros(3), deficit=np.zeros(3),
-        next_selection=~selected, covariance_m2=np.tile(np.eye(3) * 1e-4, (2, 17, 1, 1)),
-        measured=scores > 0,
+        people=People(np.array([10, 11]), joints_m, scores, sigma_m=np.full((2, 17), 0.01)),
+        occlusion=np.zeros(3), deficit=np.zeros(3),
+        next_selection=~selected,
     )  # fmt: skip
 
 
@@ -64,10 +63,10 @@ def poses(slot: int, blind: str = "") -> Poses:
         slot,
         STARTED_NS + round(slot / FPS * 1e9),
         COCO17.joints,
-        pack(made.track_ids.astype(np.int64)),
-        pack(made.poses.joints_m.astype(np.float32)),
+        pack(made.people.track_ids.astype(np.int64)),
+        pack(made.people.joints_m.astype(np.float32)),
         pack(np.full((2, 17), 0.01, dtype=np.float32)),
-        pack(made.measured),
+        pack(made.people.measured),
         selected=("c0", "c1"),
         arrived=() if blind else ("c0",),
         blind=blind,

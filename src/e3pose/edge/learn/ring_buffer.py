@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from e3pose.base.atomic import atomic_file
 from e3pose.base.errors import InputError
 from e3pose.base.private import make_folder
+from e3pose.model.people import People
 from e3pose.model.skeleton import Skeleton
 from e3pose.pipeline import SlotRecord
 from e3pose.recording.arrays import load_arrays
@@ -28,16 +29,12 @@ class Chunk:
     Attributes:
         run: when the run of the system began that track ids and slots belong to; as good as unique.
         slots: `(num_poses,)` rising.
-        track_ids: `(num_poses,)`.
-        joints_m: `(num_poses, num_joints, 3)` world metres, NaN where missing.
-        scores: `(num_poses, num_joints)` in [0, 1].
+        people: `(num_poses,)` in half and single precision.
     """
 
     run: int
     slots: NDArray[np.int64]
-    track_ids: NDArray[np.int64]
-    joints_m: NDArray[np.float32]
-    scores: NDArray[np.float16]
+    people: People
 
 
 @dataclass(slots=True)
@@ -56,9 +53,9 @@ class Gathering:
 
     def add(self, record: SlotRecord) -> None:
         """Take in a slot; one without an active camera shows the past, and is skipped."""
-        if len(record.poses) and record.arrived.any():
+        if len(record.people) and record.arrived.any():
             self.records.append(record)
-            self.poses += len(record.poses)
+            self.poses += len(record.people)
 
     def full(self, slots: int) -> bool:
         """Tell whether `slots` slots have passed since the first, or memory is used up."""
@@ -69,13 +66,15 @@ class Gathering:
 
     def chunk(self) -> Chunk:
         """Return what was gathered."""
-        counts = [len(record.poses) for record in self.records]
+        counts = [len(record.people) for record in self.records]
         return Chunk(
             self.run,
             np.repeat([record.slot for record in self.records], counts).astype(np.int64),
-            np.concatenate([record.track_ids for record in self.records]),
-            np.concatenate([r.poses.joints_m for r in self.records]).astype(np.float32),
-            np.concatenate([r.poses.scores for r in self.records]).astype(np.float16),
+            People(
+                np.concatenate([record.people.track_ids for record in self.records]),
+                np.concatenate([r.people.joints_m for r in self.records]).astype(np.float32),
+                np.concatenate([r.people.scores for r in self.records]).astype(np.float16),
+            ),
         )
 
 
@@ -106,9 +105,9 @@ class Ring:
                 run=np.array([chunk.run]),
                 joints=np.array(self.skeleton.joints),
                 slots=chunk.slots,
-                track_ids=chunk.track_ids,
-                joints_m=chunk.joints_m,
-                scores=chunk.scores,
+                track_ids=chunk.people.track_ids,
+                joints_m=chunk.people.joints_m,
+                scores=chunk.people.scores,
             )
         self.next += 1
         self.prune()
@@ -155,9 +154,11 @@ def load_chunk(path: Path, joints: Sequence[str]) -> Chunk:
     return Chunk(
         int(arrays["run"].astype(np.int64)[0]),
         arrays["slots"].astype(np.int64),
-        arrays["track_ids"].astype(np.int64),
-        arrays["joints_m"].astype(np.float32),
-        arrays["scores"].astype(np.float16),
+        People(
+            arrays["track_ids"].astype(np.int64),
+            arrays["joints_m"].astype(np.float32),
+            arrays["scores"].astype(np.float16),
+        ),
     )
 
 

@@ -8,7 +8,6 @@ the marks above them.
 """
 
 from e3pose.estimate.filter.outlook import outlook as outlook
-from e3pose.estimate.filter.shown import Estimate as Estimate
 from e3pose.estimate.filter.state import Belief as Belief
 from e3pose.estimate.filter.state import Leftovers as Leftovers
 from e3pose.estimate.filter.state import Model as Model

@@ -6,12 +6,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from e3pose.estimate.base import STEER_SLOTS, Outlook, People
+from e3pose.base.arrays import Floats, Integers
+from e3pose.estimate.base import STEER_SLOTS, Estimate, History, Outlook
 from e3pose.estimate.filter import (
     Belief,
-    Estimate,
     Model,
     learned_noise,
     outlook,
@@ -24,10 +23,12 @@ from e3pose.estimate.filter.reidentification import Identities, identify
 from e3pose.estimate.filter.shown import grade
 from e3pose.estimate.filter.state import known_of
 from e3pose.estimate.filter.steer import foreseen, steer
-from e3pose.model.pose import Poses2D, Poses3D
+from e3pose.model.dynamics import dynamics_of
+from e3pose.model.people import People
+from e3pose.model.pose import Poses2D
 from e3pose.predict.base import Prediction
 
-FilterStep = Callable[[Model, Belief, Mapping[int, Poses2D], float], tuple[Belief, Estimate]]
+FilterStep = Callable[[Model, Belief, Mapping[int, Poses2D], float], tuple[Belief, People]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,16 +38,14 @@ class FilterMemory:
     Attributes:
         belief: about everybody.
         identities: which of the belief's tracks are whom, and who left.
-        track_ids: `(num_tracks,)` the belief's tracks that the newest slot showed.
-        history_m: `(num_slots, num_tracks, num_joints, 3)` where they were shown, oldest first.
+        history: of the belief's tracks that the newest slot showed.
         factor: that makes the belief's standard deviations those that were reported, on average.
         lasting: how long errors last, by the biases learned.
     """
 
     belief: Belief
     identities: Identities
-    track_ids: NDArray[np.int64]
-    history_m: NDArray[np.float64]
+    history: History
     factor: float = 1.0
     lasting: Lasting = field(default_factory=Lasting)
 
@@ -67,9 +66,8 @@ class Filtered:
 
     def begin(self) -> FilterMemory:
         """See `Estimator.begin`."""
-        history = np.zeros((max(self.history_slots, 2), 0, len(self.model.skeleton), 3))
-        nobody = np.zeros(0, dtype=np.int64)
-        return FilterMemory(Belief.empty(self.model), Identities.none(self.model), nobody, history)
+        history = History.empty(self.history_slots, len(self.model.skeleton))
+        return FilterMemory(Belief.empty(self.model), Identities.none(self.model), history)
 
     def estimate(
         self,
@@ -77,42 +75,41 @@ class Filtered:
         views: Mapping[int, Poses2D],
         time_s: float,
         clock: Callable[[], float],
-    ) -> tuple[FilterMemory, People]:
+    ) -> tuple[FilterMemory, Estimate]:
         """See `Estimator.estimate`."""
         start = clock()
-        belief, estimate = self.step(self.model, memory.belief, views, time_s)
-        identities = identify(
-            memory.identities, memory.belief, belief, estimate.track_ids, self.model
-        )
+        belief, shown = self.step(self.model, memory.belief, views, time_s)
+        identities = identify(memory.identities, memory.belief, belief, shown.track_ids, self.model)
         everybody = identities.of(belief.track_ids)
-        rows = belief.track_ids.searchsorted(estimate.track_ids)
-        track_ids = everybody[rows]
-        grades = _graded(self.model, belief, rows, estimate)
+        rows = belief.track_ids.searchsorted(shown.track_ids)
+        grades = _graded(self.model, belief, rows, shown)
         passed_s = belief.time_s - memory.belief.time_s
         lasting = memory.lasting.after(grades.share_of_biases(), passed_s)
         grades = grades.grown(AT_ONCE * lasting.excess)
-        history = _prolonged(memory, estimate)
-        people = People(
-            Poses3D(estimate.joints_m, grades.scores),
-            track_ids,
-            history,
-            track_ids,
-            grades.stated_m2,
-            estimate.measured,
+        history = memory.history.after(shown.track_ids, shown.joints_m)
+        moving = dynamics_of(belief.state[rows], belief.covariance[rows])
+        people = replace(
+            shown,
+            track_ids=everybody[rows],
+            full_covariance_m2=grades.stated_m2,
+            dynamics=np.where((shown.scores > 0)[..., None], moving, np.nan),
+        )
+        estimate = Estimate(
+            people,
+            replace(history, track_ids=people.track_ids),
             {"estimate": clock() - start},
             learned_noise.found(belief.noise, self.model.noise.weight),
             posterior_of(memory.belief, belief, everybody, rows, grades, lasting.excess),
         )
-        factor = _factor(belief, estimate.covariance_m2, grades.stated_m2)
-        memory = FilterMemory(belief, identities, estimate.track_ids, history, factor, lasting)
-        return memory, people
+        factor = _factor(belief, shown.covariance_m2, grades.stated_m2)
+        return FilterMemory(belief, identities, history, factor, lasting), estimate
 
     def steer(
         self, memory: FilterMemory, prediction: Prediction, interval_s: float
     ) -> FilterMemory:
         """See `Estimator.steer`; of a predictor that states its errors, which is a learned one."""
-        joints_m, shares = foreseen(self.model, memory.history_m, prediction, interval_s)
-        rows = memory.belief.track_ids.searchsorted(memory.track_ids)
+        joints_m, shares = foreseen(self.model, memory.history.joints_m, prediction, interval_s)
+        rows = memory.belief.track_ids.searchsorted(memory.history.track_ids)
         ahead_s = STEER_SLOTS * interval_s
         belief = steer(self.model.tree, memory.belief, rows, joints_m, ahead_s, shares)
         return replace(memory, belief=belief)
@@ -135,29 +132,14 @@ class Filtered:
         return outlook(self.model, belief, ahead_s, track_ids, memory.factor, share)
 
 
-def _prolonged(memory: FilterMemory, estimate: Estimate) -> NDArray[np.float64]:
-    """Return `FilterMemory.history_m` of the people of a slot."""
-    if estimate.track_ids.tolist() == memory.track_ids.tolist():
-        return np.concatenate([memory.history_m[1:], estimate.joints_m[None]])
-    history = np.full((len(memory.history_m), *estimate.joints_m.shape), np.nan)
-    _, new, old = np.intersect1d(
-        estimate.track_ids, memory.track_ids, assume_unique=True, return_indices=True
-    )
-    history[:-1, new] = memory.history_m[1:, old]
-    history[-1] = estimate.joints_m
-    return history
-
-
-def _graded(model: Model, belief: Belief, rows: NDArray[np.int64], estimate: Estimate) -> Grades:
+def _graded(model: Model, belief: Belief, rows: Integers, shown: People) -> Grades:
     """Grade the tracks at `rows`, which are published."""
-    grades = Grades.empty(*estimate.measured.shape)
-    grade(held_constants(model), rows, known_of(belief), estimate.covariance_m2, grades)
+    grades = Grades.empty(*shown.measured.shape)
+    grade(held_constants(model), rows, known_of(belief), shown.covariance_m2, grades)
     return grades
 
 
-def _factor(
-    belief: Belief, covariance_m2: NDArray[np.float64], stated_m2: NDArray[np.float64]
-) -> float:
+def _factor(belief: Belief, covariance_m2: Floats, stated_m2: Floats) -> float:
     """Return `FilterMemory.factor`; of those who are believed to be there if nobody is shown.
 
     What is reported besides the belief's own covariance is thus expected of slots to come.
@@ -166,7 +148,7 @@ def _factor(
     return stated_m / own_m if own_m > 0 else stated_factor(belief)
 
 
-def _spread_m(covariance_m2: NDArray[np.float64]) -> float:
+def _spread_m(covariance_m2: Floats) -> float:
     """Return the sum of the standard deviations of all joints, without NaN."""
     variances_m2 = covariance_m2[..., 0, 0] + covariance_m2[..., 1, 1] + covariance_m2[..., 2, 2]
     return float(np.sqrt(variances_m2[np.isfinite(variances_m2)]).sum())

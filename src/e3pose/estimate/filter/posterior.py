@@ -13,11 +13,10 @@ from e3pose.estimate.filter.state import Belief
 
 
 class Grades(NamedTuple):
-    """What is published of people besides their joints; see `Posterior` for what is not here.
+    """The published uncertainty of people; see `Posterior` for what is not here.
 
     Attributes:
         stated_m2: `(num_persons, num_joints, 3, 3)` see `People.covariance_m2`.
-        scores: `(num_persons, num_joints)`.
         inflation: `(num_persons, num_joints)`.
         repeated_m2: `(num_persons, num_joints, 3, 3)`.
         lasting_m2: `(num_persons, num_joints, 3, 3)`.
@@ -25,7 +24,6 @@ class Grades(NamedTuple):
     """
 
     stated_m2: Floats
-    scores: Floats
     inflation: Floats
     repeated_m2: Floats
     lasting_m2: Floats
@@ -36,8 +34,7 @@ class Grades(NamedTuple):
         """Return room for grades."""
         shape = num_persons, num_joints
         wide = (*shape, 3, 3)
-        scores, inflation, share = np.empty(shape), np.empty(shape), np.zeros(2)
-        return cls(np.empty(wide), scores, inflation, np.empty(wide), np.empty(wide), share)
+        return cls(np.empty(wide), np.empty(shape), np.empty(wide), np.empty(wide), np.zeros(2))
 
     def share_of_biases(self) -> float:
         """Return the mean square of biases over the variance of a keypoint; NaN without people."""

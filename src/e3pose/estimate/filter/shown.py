@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -25,6 +24,7 @@ from e3pose.estimate.filter.repeated_errors import (
 )
 from e3pose.estimate.filter.scratch import Constants
 from e3pose.estimate.filter.state import Belief, Known, Model
+from e3pose.model.people import People
 
 HALF_SCORE_M = 0.1  # definition: standard deviation of a joint at which its score is a half
 LEAST_SCORE = 1e-3  # definition: a joint that is known at all is not missing
@@ -33,27 +33,6 @@ LEAST_SCORE = 1e-3  # definition: a joint that is known at all is not missing
 SHOWN_SPREAD_M = 0.3  # who has no joint that is more certain is not shown
 # tuned: 1/s | first guess | leaving at all
 LEAVES_HZ = 0.03  # of somebody who is there: once in half a minute
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Estimate:
-    """The people of one slot.
-
-    Attributes:
-        track_ids: `(num_persons,)` identities, rising.
-        joints_m: `(num_persons, num_joints, 3)` metres; NaN for joints never measured.
-        covariance_m2: `(num_persons, num_joints, 3, 3)` of `joints_m`; NaN likewise.
-        measured: `(num_persons, num_joints)` whether a view of this slot measured the joint; the
-            others are carried on from earlier slots.
-    """
-
-    track_ids: Integers
-    joints_m: Floats
-    covariance_m2: Floats
-    measured: Flags
-
-    def __len__(self) -> int:
-        return len(self.track_ids)
 
 
 def shown(belief: Belief, model: Model) -> Flags:
@@ -73,12 +52,12 @@ def shown(belief: Belief, model: Model) -> Flags:
     return flags
 
 
-def estimate_of(belief: Belief, model: Model) -> Estimate:
-    """Return the published people and their positions."""
+def people_of(belief: Belief, model: Model) -> People:
+    """Return the published people by the tracks' ids, as sure as the belief is of them."""
     (rows,) = shown(belief, model).nonzero()
     shape = len(rows), len(model.skeleton)
     joints_m, covariance_m2 = np.empty((*shape, 3)), np.empty((*shape, 3, 3))
-    measured = np.empty(shape, dtype=bool)
+    measured, scores = np.empty(shape, dtype=bool), np.empty(shape)
     show(
         model.proportions,
         rows,
@@ -90,8 +69,11 @@ def estimate_of(belief: Belief, model: Model) -> Estimate:
         joints_m,
         covariance_m2,
         measured,
+        scores,
     )
-    return Estimate(belief.track_ids[rows], joints_m, covariance_m2, measured)
+    return People(
+        belief.track_ids[rows], joints_m, scores, measured, full_covariance_m2=covariance_m2
+    )
 
 
 @kernel
@@ -175,8 +157,12 @@ def show(
     joints_m: Floats,
     covariance_m2: Floats,
     measured: Flags,
+    scores: Floats,
 ) -> None:
-    """Fill an `Estimate` with the tracks at `rows`; up to `bone_counts` all is of `Belief`."""
+    """Fill the arrays of `People` with the tracks at `rows`.
+
+    Arguments up to `bone_counts` are of `Belief`; joints that were never measured are missing.
+    """
     for index in range(len(rows)):
         track = rows[index]
         for joint in range(state.shape[1]):
@@ -189,6 +175,12 @@ def show(
                     block = covariance[track, joint, a, b]
                     covariance_m2[index, joint, a, b] = block if ever_measured else np.nan
     keep_all(body, bones_m[rows], bone_counts[rows], joints_m, covariance_m2, measured)
+    for index in range(len(rows)):
+        for joint in range(state.shape[1]):
+            block = covariance_m2[index, joint]
+            variance = (block[0, 0] + block[1, 1] + block[2, 2]) / 3
+            score = max(1.0 / (1.0 + variance / HALF_SCORE_M**2), LEAST_SCORE)
+            scores[index, joint] = score if math.isfinite(variance) else 0.0
 
 
 @kernel
@@ -199,13 +191,13 @@ def grade(
     covariance_m2: Floats,
     grades: Grades,
 ) -> None:
-    """Fill the published covariances of people, and the scores of their joints.
+    """Fill the published covariances of people.
 
     Args:
         held: constants of the rig, the skeleton and the detector.
         rows: `(num_persons,)` of their tracks.
         known: what the belief knows of its tracks.
-        covariance_m2: `(num_persons, num_joints, 3, 3)` of `Estimate`.
+        covariance_m2: `(num_persons, num_joints, 3, 3)` of `people_of`.
         grades: filled; `bias_share` adds up.
     """
     constants = held.values
@@ -220,9 +212,6 @@ def grade(
         for joint in range(covariance_m2.shape[1]):
             factor = spread_factor(known.drift_share[track, joint], of_person)
             block = covariance_m2[index, joint]
-            variance = (block[0, 0] + block[1, 1] + block[2, 2]) / 3
-            score = max(1.0 / (1.0 + variance / HALF_SCORE_M**2), LEAST_SCORE)
-            grades.scores[index, joint] = score if math.isfinite(variance) else 0.0
             grades.inflation[index, joint] = factor
             repeated = grades.repeated_m2[index, joint]
             place = known.state[track, joint]

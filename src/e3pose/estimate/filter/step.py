@@ -30,11 +30,12 @@ from e3pose.estimate.filter.scratch import (
     Views,
     Workspace,
 )
-from e3pose.estimate.filter.shown import Estimate, estimate_of
+from e3pose.estimate.filter.shown import people_of
 from e3pose.estimate.filter.sides import turn_round
 from e3pose.estimate.filter.state import MAX_TRACKS, Belief, Leftovers, Model
 from e3pose.estimate.filter.unchanged import pace_px
 from e3pose.estimate.filter.update import learn_bones
+from e3pose.model.people import People
 from e3pose.model.pose import MAX_PIXEL, MISSING_SCORE, Poses2D
 from e3pose.model.undistort import undistort_slot
 
@@ -90,7 +91,7 @@ class StepKernel:
 
     def __call__(
         self, model: Model, belief: Belief, views: Mapping[int, Poses2D], time_s: float
-    ) -> tuple[Belief, Estimate]:
+    ) -> tuple[Belief, People]:
         """Return the new belief and its people.
 
         Args:
@@ -152,7 +153,7 @@ class StepKernel:
         site = now, leftovers, failed_pairs, detection_map, noise, next_id
         arrays: tuple[Any, ...] = (*newest, *site)
         belief = Belief(*arrays)
-        return belief, estimate_of(belief, model)
+        return belief, people_of(belief, model)
 
     def _room_for(self, model: Model, tracks: int, people: int, old: int) -> Workspace:
         """Return a workspace with room for so many tracks, people in a view and old leftovers."""

@@ -6,13 +6,13 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from e3pose.estimate.base import Outlook, People
+from e3pose.estimate.base import Estimate, Outlook
 from e3pose.estimate.per_slot.fuse import Fuser
 from e3pose.estimate.per_slot.track import Tracks, update_tracks
 from e3pose.model.noise import Noise
-from e3pose.model.pose import Poses2D, Poses3D
+from e3pose.model.people import People
+from e3pose.model.pose import Poses2D
 from e3pose.predict.base import Prediction
 
 # tuned: m | simulated scenes, by the share of joints in the band | not measured
@@ -46,7 +46,7 @@ class PerSlot:
 
     def begin(self) -> Tracks:
         """See `Estimator.begin`."""
-        return Tracks.empty(max(self.history_slots, 2), self.num_joints)
+        return Tracks.empty(self.history_slots, self.num_joints)
 
     def estimate(
         self,
@@ -54,23 +54,23 @@ class PerSlot:
         views: Mapping[int, Poses2D],
         time_s: float,
         clock: Callable[[], float],
-    ) -> tuple[Tracks, People]:
+    ) -> tuple[Tracks, Estimate]:
         """See `Estimator.estimate`."""
         start = clock()
-        poses = self.fuser.fuse(views).poses
+        found = self.fuser.fuse(views).people
         fused = clock()
-        tracks, track_ids = update_tracks(memory, poses, self.interval_s)
+        tracks, track_ids = update_tracks(memory, found, self.interval_s)
         stage_s = {"fuse": fused - start, "track": clock() - fused}
-        placed = np.asarray(poses.scores > 0)
+        joints_m, scores = found.joints_m, found.scores
+        placed = np.asarray(scores > 0)
         if self.fills:
-            poses = _filled(poses, tracks.filled_m[tracks.track_ids.searchsorted(track_ids)])
-        sigma_m = np.where(
-            placed, JOINT_SIGMA_M, np.where(poses.scores > 0, FILLED_SIGMA_M, np.nan)
-        )
-        spread = sigma_m[..., None, None] ** 2 * np.eye(3)
-        return tracks, People(
-            poses, track_ids, tracks.history_m, tracks.track_ids, spread, placed, stage_s
-        )
+            joints_m = tracks.filled_m[tracks.history.track_ids.searchsorted(track_ids)]
+            there = np.isfinite(joints_m).all(axis=-1)
+            scores = np.where(placed, scores, np.where(there, FILLED_SCORE, 0.0))
+        known_m = np.where(scores > 0, FILLED_SIGMA_M, np.nan)
+        sigma_m = np.where(placed, JOINT_SIGMA_M, known_m)
+        people = People(track_ids, joints_m, scores, placed, sigma_m)
+        return tracks, Estimate(people, tracks.history, stage_s)
 
     def steer(self, memory: Tracks, prediction: Prediction, interval_s: float) -> Tracks:
         """See `Estimator.steer`: what is estimated slot by slot expects no motion."""
@@ -99,7 +99,7 @@ class PerSlot:
         shape = (len(memory), num_cameras)
         sizes = np.array([max(camera.image_size) for camera in self.fuser.rig.cameras])
         return Outlook(
-            track_ids=memory.track_ids,
+            track_ids=memory.history.track_ids,
             confirmed=memory.unseen == 0,
             joints_m=np.where(known[..., None], joints_m, middle),
             covariance=covariance,
@@ -117,10 +117,3 @@ class PerSlot:
             unexplained_s=np.full(num_cameras, np.inf),
             wait_s=0.0,
         )
-
-
-def _filled(poses: Poses3D, joints_m: NDArray[np.float64]) -> Poses3D:
-    """Return the poses with joints of `joints_m` where they have none."""
-    there = np.isfinite(joints_m).all(axis=-1)
-    scores = np.where(poses.scores > 0, poses.scores, np.where(there, FILLED_SCORE, 0.0))
-    return Poses3D(joints_m, scores)

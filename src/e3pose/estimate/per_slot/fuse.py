@@ -14,7 +14,8 @@ from e3pose.estimate.per_slot.fusion import Fusion as Fusion
 from e3pose.estimate.per_slot.fusion import FusionSettings as FusionSettings
 from e3pose.estimate.per_slot.slot import SlotKernel
 from e3pose.model.camera import Rig
-from e3pose.model.pose import Poses2D, Poses3D
+from e3pose.model.people import People
+from e3pose.model.pose import Poses2D
 
 MAX_POSES = 4096  # capacity: in one slot, all views together: 1 GB of working memory at most
 
@@ -123,15 +124,7 @@ class Fuser:
             raise InputError(f"fusion: counts: found {listed}, expected 0 to {shape[1]} people")
         _check_total(sum(listed))
         joints, joint_scores, members, error = self._run(keypoints, joint_scores, people)
-        return Fusion(_trusted(joints, joint_scores), members, error)
-
-
-def _trusted(joints_m: Floats, scores: Floats) -> Poses3D:
-    """Create poses without validation, which would take a fifth of the time of a small slot."""
-    poses = object.__new__(Poses3D)
-    object.__setattr__(poses, "joints_m", joints_m)
-    object.__setattr__(poses, "scores", scores)
-    return poses
+        return Fusion(People.unchecked(joints, joint_scores), members, error)
 
 
 def _check_total(total: int) -> None:

@@ -9,7 +9,7 @@ from typing import Literal
 
 from e3pose.base.arrays import Floats, Integers
 from e3pose.base.errors import InputError
-from e3pose.model.pose import Poses3D
+from e3pose.model.people import People
 
 # joints_m, scores, members, reprojection_error_px
 Fused = tuple[Floats, Floats, Integers, Floats]
@@ -94,13 +94,13 @@ class Fusion:
     """The people of one slot and their detections, the best supported person first.
 
     Attributes:
-        poses: joints in metres. The score of a joint is the mean score of the keypoints that saw
+        people: by their row. The score of a joint is the mean score of the keypoints that saw
             it, each multiplied by how far it was believed (1 unless outliers are rejected).
         members: `(num_persons, num_cameras)` row of the person in each view, -1 if not in it.
         reprojection_error_px: `(num_persons, num_joints)` mean over the views that saw the joint,
             in undistorted pixels; NaN where the joint is missing.
     """
 
-    poses: Poses3D
+    people: People
     members: Integers
     reprojection_error_px: Floats

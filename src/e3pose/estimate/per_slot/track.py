@@ -9,11 +9,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from e3pose.base.arrays import Floats
+from e3pose.base.arrays import Floats, Integers
+from e3pose.base.errors import InputError
 from e3pose.base.known import mean_of_known
-from e3pose.model.pose import Poses3D
+from e3pose.estimate.base import History
+from e3pose.model.people import People
 
 # tuned: m | not recorded | not measured
 GATE_M = 0.4  # mean joint distance explained by estimation noise of two triangulated poses
@@ -30,75 +31,72 @@ class Tracks:
     """People followed over slots.
 
     Attributes:
-        track_ids: `(num_tracks,)` unique within a run, rising.
-        history_m: `(num_slots, num_tracks, num_joints, 3)` oldest first, the last being the newest
-            slot; NaN where a joint was not estimated or the person was not there yet.
+        history: of the tracks; their ids are unique within a run and rise.
         unseen: `(num_tracks,)` slots since the last pose; 0 when seen in the newest slot.
         filled_m: `(num_tracks, num_joints, 3)` the newest pose with what it lacked (`filled`).
         next_id: the id that the next new person gets.
     """
 
-    track_ids: NDArray[np.int64]
-    history_m: Floats
-    unseen: NDArray[np.int64]
+    history: History
+    unseen: Integers
     filled_m: Floats
     next_id: int = 0
 
+    def __post_init__(self) -> None:
+        if len(self.history.track_ids) != len(self.unseen):  # of a damaged checkpoint
+            counts = f"{len(self.history.track_ids)} and {len(self.unseen)} tracks"
+            raise InputError("history", counts, "the same")
+
     def __len__(self) -> int:
-        return len(self.track_ids)
+        return len(self.unseen)
 
     @classmethod
     def empty(cls, num_slots: int, num_joints: int) -> Tracks:
         """Return no tracks, with room for a history of `num_slots`."""
         none = np.zeros(0, dtype=np.int64)
-        nobody = np.zeros((num_slots, 0, num_joints, 3))
-        return cls(none, nobody, none, nobody[0])
+        return cls(History.empty(num_slots, num_joints), none, np.zeros((0, num_joints, 3)))
 
     def last_known_m(self) -> Floats:
         """Return `(num_tracks, num_joints, 3)`: each joint where it was last estimated."""
-        known: Floats = self.history_m[-1]
-        for earlier in self.history_m[-2::-1]:
+        known, *before = self.history.joints_m[::-1]
+        for earlier in before:
             known = np.where(np.isnan(known), earlier, known)
-        return known
+        return np.asarray(known)
 
 
-def update_tracks(
-    tracks: Tracks, poses: Poses3D, interval_s: float
-) -> tuple[Tracks, NDArray[np.int64]]:
-    """Associate one slot's poses with the tracks, start new tracks and end old ones.
+def update_tracks(tracks: Tracks, people: People, interval_s: float) -> tuple[Tracks, Integers]:
+    """Associate one slot's people with the tracks, start new tracks and end old ones.
 
     Args:
         tracks: the tracks after the previous slot.
-        poses: the people of this slot.
+        people: of this slot, before identity.
         interval_s: seconds per slot.
 
     Returns:
-        The tracks after this slot, and `(num_persons,)` the track id of every pose.
+        The tracks after this slot, and `(num_people,)` the track id of every person.
     """
-    rows, columns = associate(tracks, poses, interval_s)
-    ids = np.full(len(poses), -1, dtype=np.int64)
-    ids[columns] = tracks.track_ids[rows]
+    rows, columns = associate(tracks, people, interval_s)
+    ids = np.full(len(people), -1, dtype=np.int64)
+    ids[columns] = tracks.history.track_ids[rows]
     new = np.flatnonzero(ids < 0)
     ids[new] = tracks.next_id + np.arange(len(new))
 
-    num_slots, _, num_joints, _ = tracks.history_m.shape
-    newest = np.full((len(tracks), num_joints, 3), np.nan)
-    newest[rows] = poses.joints_m[columns]
-    history = np.concatenate([tracks.history_m[1:], newest[None]])
+    newest = np.full_like(tracks.filled_m, np.nan)
+    newest[rows] = people.joints_m[columns]
     unseen = tracks.unseen + 1
     unseen[rows] = 0
     keep = unseen * interval_s <= END_AFTER_S
     filled_m = tracks.filled_m.copy()
-    filled_m[rows] = filled(tracks.filled_m[rows], poses.joints_m[columns])
-
-    started = np.full((num_slots, len(new), num_joints, 3), np.nan)
-    started[-1] = poses.joints_m[new]
+    filled_m[rows] = filled(tracks.filled_m[rows], people.joints_m[columns])
+    history = tracks.history.after(
+        np.concatenate([tracks.history.track_ids[keep], ids[new]]),
+        np.concatenate([newest[keep], people.joints_m[new]]),
+    )
     return (
         Tracks(
-            np.concatenate([tracks.track_ids[keep], ids[new]]),
-            np.concatenate([history[:, keep], started], axis=1),
+            history,
             np.concatenate([unseen[keep], np.zeros(len(new), dtype=np.int64)]),
-            np.concatenate([filled_m[keep], poses.joints_m[new]]),
+            np.concatenate([filled_m[keep], people.joints_m[new]]),
             tracks.next_id + len(new),
         ),
         ids,
@@ -126,13 +124,11 @@ def filled(before_m: Floats, joints_m: Floats) -> Floats:
     return np.where(lacks[..., None], before_m + moved_m, joints_m)
 
 
-def associate(
-    tracks: Tracks, poses: Poses3D, interval_s: float
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the rows of tracks and of poses that are the same person, by least total distance."""
+def associate(tracks: Tracks, people: People, interval_s: float) -> tuple[Integers, Integers]:
+    """Return the rows of tracks and of people that are the same, by least total distance."""
     from scipy.optimize import linear_sum_assignment  # takes longer to import than all else here
 
-    distance = _distances(tracks.last_known_m(), poses.joints_m)
+    distance = _distances(tracks.last_known_m(), people.joints_m)
     gate = np.minimum(GATE_M + GATE_SPEED_MPS * interval_s * (tracks.unseen + 1), GATE_LIMIT_M)
     excess = np.where(distance <= gate[:, None], distance, GATE_LIMIT_M * 100)
     rows, columns = linear_sum_assignment(excess)

@@ -14,7 +14,6 @@ from e3pose.estimate.filter.motion import places
 from e3pose.estimate.filter.proportions import kept
 from e3pose.estimate.filter.tree import grow
 from e3pose.estimate.smooth.bodies import FixedLag, Smoothed
-from e3pose.model.pose import Poses3D
 from e3pose.model.skeleton import Skeleton
 from e3pose.model.slot_record import SlotRecord
 
@@ -79,9 +78,10 @@ def with_smoothed(record: SlotRecord, late: Smoothed, body: Proportions) -> Slot
         late: of the same slot.
         body: the bones.
     """
-    joints_m, covariance_m2 = late.of(record.track_ids, record.poses.scores, body)
-    poses = Poses3D(joints_m, record.poses.scores)
-    return replace(record, poses=poses, covariance_m2=covariance_m2)
+    people = record.people
+    joints_m, covariance_m2 = late.of(people.track_ids, people.scores, body)
+    people = replace(people, joints_m=joints_m, full_covariance_m2=covariance_m2)
+    return replace(record, people=people)
 
 
 def lag_slots(delay_s: float, interval_s: float) -> int:

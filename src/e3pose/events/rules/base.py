@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, Protocol
 
 from e3pose.events.intervals import Interval
-from e3pose.events.people import People
+from e3pose.events.people import Persons
 from e3pose.model.person_event import PersonEvent, Phase
 
 
@@ -24,8 +24,8 @@ class Moment:
 
     slot: int
     time_ns: int
-    shown: People
-    known: People
+    shown: Persons
+    known: Persons
 
     def on_floor(self, intervals: Mapping[int, Interval]) -> dict[int, float]:
         """Return how likely each person is on the floor; 0.5 of one not shown who was there.

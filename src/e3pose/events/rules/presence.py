@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 from e3pose.events.intervals import Bounds, Interval, turn
-from e3pose.events.people import People
+from e3pose.events.people import Persons
 from e3pose.events.rules.base import Moment
 from e3pose.events.states import LYING, SITTING
 from e3pose.model.person_event import NOBODY, PersonEvent
@@ -46,7 +46,7 @@ class Presence:
     """An event about all people together, from when it has been so for a while until it ends."""
 
     def __init__(
-        self, kind: str, says: str, bounds: Bounds, is_so: Callable[[People], bool]
+        self, kind: str, says: str, bounds: Bounds, is_so: Callable[[Persons], bool]
     ) -> None:
         self._kind, self._says, self._bounds, self._is_so = kind, says, bounds, is_so
 

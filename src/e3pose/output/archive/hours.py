@@ -11,7 +11,7 @@ import numpy as np
 from sqlalchemy import Connection, func, select
 
 from e3pose.model.skeleton import skeleton_of_joints
-from e3pose.model.take import Motion, Take, motion_of
+from e3pose.model.take import Motion, Take, motions_of
 from e3pose.output.archive.manifest import Entry, digest
 from e3pose.output.exports.wide import write_people
 from e3pose.store import Store, schema
@@ -107,11 +107,4 @@ def _people(store: Store, hour: Hour, tracks: list[int]) -> Iterator[Motion]:
         if not len(slots):
             continue
         tracks.append(track)
-        yield motion_of(
-            track,
-            slots,
-            found.joints_m[first].astype(np.float64),
-            found.sigma_m[first].astype(np.float64),
-            found.scores[first].astype(np.float64),
-            found.measured[first],
-        )
+        yield from motions_of(slots, found.people[first])

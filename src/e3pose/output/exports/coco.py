@@ -34,20 +34,20 @@ def write_coco(take: Take, dest: Path, settings: ExportSettings) -> str:
     images: list[dict[str, Any]] = []
     annotations: list[dict[str, Any]] = []
     found = frames(take, COCO17)
-    for frame in settings.progress(found, len(found), "write"):
+    for slot, people in settings.progress(found, len(found), "write"):
         for camera in settings.rig.cameras:
             width, height = camera.image_size
-            name = f"{camera.camera_id}/{frame.slot:012d}.jpg"
+            name = f"{camera.camera_id}/{slot:012d}.jpg"
             image = {"id": len(images) + 1, "file_name": name, "width": width, "height": height}
             images.append(image)
             for track_id, points in zip(
-                frame.track_ids.tolist(), keypoints(frame, camera), strict=True
+                people.track_ids.tolist(), keypoints(people, camera), strict=True
             ):
                 inside = points[:, 2] > 0
                 if not inside.any():
                     continue
                 low, high = points[inside, :2].min(axis=0), points[inside, :2].max(axis=0)
-                sure = _measured(take, track_id, frame.slot)
+                sure = _measured(take, track_id, slot)
                 flags = np.where(inside, np.where(sure, 2, 1), 0)
                 numbers = [
                     value

@@ -15,10 +15,11 @@ import numpy as np
 
 from e3pose.base.arrays import Floats
 from e3pose.base.atomic import atomic_folder
+from e3pose.model.people import People
 from e3pose.model.skeleton import BODY25
 from e3pose.model.take import Take
 from e3pose.output.exports.base import ExportSettings
-from e3pose.output.exports.views import Frame, frames, keypoints
+from e3pose.output.exports.views import frames, keypoints
 
 VERSION = 1.3  # of OpenPose's format
 PARTS = ("pose", "face", "hand_left", "hand_right")
@@ -31,23 +32,23 @@ def write_openpose(take: Take, dest: Path, settings: ExportSettings) -> str:
         cameras = () if settings.rig is None else settings.rig.cameras
         for camera in cameras:
             (folder / camera.camera_id).mkdir()
-        for frame in settings.progress(found, len(found), "write"):
-            name = f"{frame.slot:012d}_keypoints.json"
+        for slot, people in settings.progress(found, len(found), "write"):
+            name = f"{slot:012d}_keypoints.json"
             if not cameras:
-                empty = np.zeros((len(frame.track_ids), 0, 3))
-                (folder / name).write_bytes(_encoded(frame, empty))
+                empty = np.zeros((len(people), 0, 3))
+                (folder / name).write_bytes(_encoded(people, empty))
             for camera in cameras:
-                seen = keypoints(frame, camera)
-                (folder / camera.camera_id / name).write_bytes(_encoded(frame, seen))
+                seen = keypoints(people, camera)
+                (folder / camera.camera_id / name).write_bytes(_encoded(people, seen))
     what = f"{len(cameras)} cameras" if cameras else "3D, metres, z up"
     return f"{len(found)} frames, {what}"
 
 
-def _encoded(frame: Frame, seen: Floats) -> bytes:
-    places = np.concatenate([frame.joints_m, frame.scores[..., None]], axis=-1)
-    places = np.where(frame.scores[..., None] > 0, places, 0.0)
-    people = [_person(*each) for each in zip(frame.track_ids.tolist(), seen, places, strict=True)]
-    return msgspec.json.encode({"version": VERSION, "people": people})
+def _encoded(people: People, seen: Floats) -> bytes:
+    places = np.concatenate([people.joints_m, people.scores[..., None]], axis=-1)
+    places = np.where(people.scores[..., None] > 0, places, 0.0)
+    rows = zip(people.track_ids.tolist(), seen, places, strict=True)
+    return msgspec.json.encode({"version": VERSION, "people": [_person(*row) for row in rows]})
 
 
 def _person(track_id: int, seen: Floats, places: Floats) -> dict[str, Any]:

@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 
 from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
+from e3pose.model.people import People
 from e3pose.model.region import in_rectangle, middles_m
 from e3pose.model.skeleton import SKELETONS, Skeleton, skeleton_of_joints
-from e3pose.model.take import Take, kept_rows, motion_of
+from e3pose.model.take import Motion, Take, kept_rows, motions_of
 from e3pose.output.exports.wide import is_wide, read_wide
 from e3pose.store import Store
 from e3pose.store.answers import StoredPoses, StoredRun
@@ -124,7 +125,7 @@ def take_from_table(path: Path, asked: Asked) -> Take:
     keep = _within(slots, interval_s, started_ns, asked, path)
     index = {name: column for column, name in enumerate(skeleton.joints)}
     joints = np.array([index[name] for name in table["joint"].tolist()], dtype=np.int64)
-    motions = []
+    motions: list[Motion] = []
     tracks = table["track"].astype(np.int64)
     for track in np.unique(tracks[keep]).tolist():
         if asked.tracks and track not in asked.tracks:
@@ -142,18 +143,10 @@ def take_from_table(path: Path, asked: Asked) -> Take:
         measured[cells] = table["measured"][own] if "measured" in table else True
         if "sigma" in table:
             sigma_m[cells] = table["sigma"][own]
+        ids = np.full(len(frames), track)
         inside = _inside(joints_m, asked)
-        if inside.any():
-            motions.append(
-                motion_of(
-                    track,
-                    frames[inside],
-                    joints_m[inside],
-                    sigma_m[inside],
-                    scores[inside],
-                    measured[inside],
-                )
-            )
+        people = People(ids, joints_m, scores, measured, sigma_m)[inside]
+        motions += motions_of(frames[inside], people)
     if not motions:
         raise InputError(f"{path}: found no poses that fit, expected some")
     return Take(path.stem, skeleton, interval_s, tuple(motions), started_ns)
@@ -162,28 +155,13 @@ def take_from_table(path: Path, asked: Asked) -> Take:
 def _take_of_run(stored: StoredRun, found: StoredPoses, asked: Asked) -> Take:
     run = stored.run
     skeleton = skeleton_of_joints(run.joints, run.skeleton)
-    joints_m = found.joints_m.astype(np.float64)
-    inside = _inside(joints_m, asked)
-    motions = []
-    for track in np.unique(found.track_ids).tolist():
-        if asked.tracks and track not in asked.tracks:
-            continue
-        rows = np.flatnonzero((found.track_ids == track) & inside)
-        if len(rows):
-            motions.append(
-                motion_of(
-                    track,
-                    found.slots[rows],
-                    joints_m[rows],
-                    found.sigma_m[rows].astype(np.float64),
-                    found.scores[rows].astype(np.float64),
-                    found.measured[rows],
-                    found.dynamics[rows],
-                )
-            )
+    wanted = _inside(found.people.joints_m.astype(np.float64), asked)
+    if asked.tracks:
+        wanted &= np.isin(found.people.track_ids, asked.tracks)
+    motions = motions_of(found.slots[wanted], found.people[wanted])
     if not motions:
         raise InputError(f"run {stored.run_id}: found no poses that fit, expected some")
-    return Take(run.name, skeleton, run.interval_s, tuple(motions), run.started_ns)
+    return Take(run.name, skeleton, run.interval_s, motions, run.started_ns)
 
 
 def _inside(joints_m: Floats, asked: Asked) -> NDArray[np.bool_]:
@@ -239,21 +217,25 @@ def _readable(path: Path) -> Iterator[None]:
 def _read(path: Path) -> dict[str, NDArray[Any]]:
     import pyarrow
 
-    table = _table(path)
-    missing = [name for name in NEEDED if name not in table.column_names]
-    if missing or not {"time", "time_ns"} & set(table.column_names):
+    found = _table(path)
+    missing = [name for name in NEEDED if name not in found.column_names]
+    if missing or not {"time", "time_ns"} & set(found.column_names):
         raise InputError(
             f"{path}: found no column {', '.join(missing) or 'time'}, expected a table of replay "
             "--poses or query --csv or --parquet"
         )
-    if not 0 < table.num_rows <= MAX_ROWS:
-        raise InputError(f"{path}: found {table.num_rows} rows, expected 1 to {MAX_ROWS}")
-    columns = {name: table.column(name) for name in table.column_names}
+    if not 0 < found.num_rows <= MAX_ROWS:
+        raise InputError(f"{path}: found {found.num_rows} rows, expected 1 to {MAX_ROWS}")
+    columns = {name: found.column(name) for name in found.column_names}
     wanted = (*NEEDED, "time", "time_ns", "score", "sigma", "measured", "run")
     try:
-        return {name: columns[name].to_numpy() for name in wanted if name in columns}
+        table = {name: columns[name].to_numpy() for name in wanted if name in columns}
     except (pyarrow.ArrowException, ValueError) as error:
         raise InputError(f"{path}: {str(error)[:120]}, expected a table of poses") from None
+    scores = table.get("score", np.ones(1))
+    if scores.dtype.kind not in "fiu" or not ((scores >= 0) & (scores <= 1)).all():
+        raise InputError("score", "another value", "numbers in [0, 1]", str(path))
+    return table
 
 
 def _skeleton(path: Path, names: Sequence[str]) -> Skeleton:

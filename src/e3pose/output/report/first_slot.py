@@ -23,7 +23,7 @@ def opening_slot(rig: Rig, records: Sequence[SlotRecord]) -> int:
     at most, and its expected error is the nearest to their median; the middle one where nothing
     tells.
     """
-    counts = np.array([len(record.poses) for record in records], dtype=np.int64)
+    counts = np.array([len(record.people) for record in records], dtype=np.int64)
     if not counts.any():
         return 0
     often = np.bincount(counts[counts > 0])
@@ -49,7 +49,7 @@ def _those(rows: NDArray[np.int64], wanted: NDArray[np.bool_]) -> NDArray[np.int
 
 def _middles(record: SlotRecord) -> Floats:
     """Return `(num_persons, 3)` means of the joints of each person, metres."""
-    joints = record.poses.joints_m
+    joints = record.people.joints_m
     known = np.isfinite(joints).all(axis=-1, keepdims=True)
     total = np.where(known, joints, 0.0).sum(axis=1)
     return np.asarray(total / np.maximum(known.sum(axis=1), 1))
@@ -67,8 +67,8 @@ def _moved_m(records: Sequence[SlotRecord], row: int) -> float:
     if row == 0:
         return np.nan
     before, now = records[row - 1], records[row]
-    middles = dict(zip(before.track_ids.tolist(), _middles(before), strict=True))
-    ids = now.track_ids.tolist()
+    middles = dict(zip(before.people.track_ids.tolist(), _middles(before), strict=True))
+    ids = now.people.track_ids.tolist()
     moved = [
         float(np.linalg.norm(middle - middles[track_id]))
         for track_id, middle in zip(ids, _middles(now), strict=True)
@@ -79,6 +79,6 @@ def _moved_m(records: Sequence[SlotRecord], row: int) -> float:
 
 def _expected_m(record: SlotRecord) -> float:
     """Return the mean expected error of the joints of a slot; NaN if unknown."""
-    variance = np.trace(record.covariance_m2, axis1=-2, axis2=-1)
+    variance = np.trace(record.people.covariance_m2, axis1=-2, axis2=-1)
     known = np.isfinite(variance)
     return float(np.sqrt(variance[known]).mean()) if known.any() else np.nan

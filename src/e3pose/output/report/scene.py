@@ -29,7 +29,7 @@ ASLEEP, AWAKE, LOST, BLIND = 0, 1, 2, 4
 
 def stride(records: Sequence[SlotRecord]) -> int:
     """Return how many slots to advance between shown ones so that a page stays light."""
-    coordinates = sum(record.poses.joints_m.size for record in records)
+    coordinates = sum(record.people.joints_m.size for record in records)
     return max(1, math.ceil(len(records) / MAX_SLOTS), math.ceil(coordinates / MAX_COORDINATES))
 
 
@@ -46,7 +46,7 @@ def scene(recording: Recording, records: Sequence[SlotRecord]) -> dict[str, Any]
     """
     step = stride(records)
     shown = records[::step]
-    track_ids = list(dict.fromkeys(int(i) for record in records for i in record.track_ids))
+    track_ids = list(dict.fromkeys(int(i) for record in records for i in record.people.track_ids))
     number = {track_id: index for index, track_id in enumerate(track_ids)}
     chosen = colours(records)
     low, high = bounds(recording.rig, shown)
@@ -84,10 +84,10 @@ def _people(record: SlotRecord, number: Mapping[int, int]) -> list[list[Any]]:
 
     The last are distances in millimetres that hold a joint in nine of ten cases.
     """
-    within = distance_within_m(record.covariance_m2, BAND)
+    within = distance_within_m(record.people.covariance_m2, BAND)
     people = []
     for track_id, joints_m, radii_m in zip(
-        record.track_ids, record.poses.joints_m, within, strict=True
+        record.people.track_ids, record.people.joints_m, within, strict=True
     ):
         known = [millimetres(radii_m)] if np.isfinite(radii_m).any() else []
         people.append([number[int(track_id)], millimetres(joints_m), *known])
@@ -117,11 +117,11 @@ def colours(records: Sequence[SlotRecord]) -> dict[int, int]:
     It is the track id's own (modulo the number of colours) unless somebody present at the same
     time has it already and another is free.
     """
-    last = {int(i): record.slot for record in records for i in record.track_ids}
+    last = {int(i): record.slot for record in records for i in record.people.track_ids}
     chosen: dict[int, int] = {}
     present: list[int] = []
     for record in records:
-        for track_id in map(int, record.track_ids):
+        for track_id in map(int, record.people.track_ids):
             if track_id in chosen:
                 continue
             present = [other for other in present if last[other] >= record.slot]
@@ -162,7 +162,7 @@ def frustum(camera: Camera, depth_m: float) -> Floats:
 def _all_joints(records: Sequence[SlotRecord]) -> Floats:
     if not records:
         return np.zeros((0, 3))
-    joints = np.concatenate([record.poses.joints_m.reshape(-1, 3) for record in records])
+    joints = np.concatenate([record.people.joints_m.reshape(-1, 3) for record in records])
     with np.errstate(invalid="ignore"):
         return np.asarray(joints[(np.abs(joints) < MAX_COORDINATE_M).all(axis=-1)])
 

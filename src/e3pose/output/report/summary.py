@@ -30,7 +30,7 @@ def headline(recording: Recording, records: Sequence[SlotRecord], summary: Summa
         return ["The recording is empty.", "There is nothing to show."]
     minutes, seconds = divmod(round(len(records) * recording.interval_s), 60)
     long = f"{minutes} min {seconds} s" if minutes else f"{seconds} s"
-    counts = [len(record.poses) for record in records]
+    counts = [len(record.people) for record in records]
     num_cameras = len(recording.rig)
     who = "Nobody was" if max(counts) == 0 else f"Up to {plural(max(counts), 'person', 'people')}"
     seen = "found" if max(counts) == 0 else f"followed in {plural(num_cameras, 'camera')}"
@@ -50,7 +50,7 @@ def sentences(recording: Recording, records: Sequence[SlotRecord], summary: Summ
     ]
     if not records:
         return [*said, "The recording is empty."]
-    counts = [len(record.poses) for record in records]
+    counts = [len(record.people) for record in records]
     share = np.mean(np.array(counts) > 0)
     if max(counts) == 0:
         said.append(

@@ -338,7 +338,7 @@ def _mean_selected(records: Sequence[SlotRecord]) -> float:
 
 
 def _mean_people(records: Sequence[SlotRecord]) -> float:
-    return float(np.mean([len(record.poses) for record in records])) if records else 0.0
+    return float(np.mean([len(record.people) for record in records])) if records else 0.0
 
 
 def _write_results(

@@ -91,7 +91,7 @@ def _played(
 
 def fullest(records: Sequence[SlotRecord]) -> set[int]:
     """Return where in each of `STRIP_ROWS` equal parts of the run most joints were placed."""
-    joints = np.array([(record.poses.scores > 0).sum() for record in records])
+    joints = np.array([(record.people.scores > 0).sum() for record in records])
     parts = np.array_split(np.arange(len(records)), STRIP_ROWS)
     return {int(part[joints[part].argmax()]) for part in parts if len(part)}
 
@@ -100,7 +100,7 @@ def _sketch(recording: Recording, record: SlotRecord) -> Image:
     """Draw what stands in for frames: 2D detections in grey, 3D skeletons over them in colour."""
     import cv2
 
-    colors = [track_color(int(track_id)) for track_id in record.track_ids]
+    colors = [track_color(int(track_id)) for track_id in record.people.track_ids]
     panels: list[Image] = []
     for index, camera in enumerate(recording.rig.cameras):
         width, height = camera.image_size
@@ -110,7 +110,7 @@ def _sketch(recording: Recording, record: SlotRecord) -> Image:
         if view is not None and awake:
             grey = [(170, 170, 170)] * len(view)
             image = draw_poses(image, view, recording.skeleton, grey, LIMB_PX)
-        poses = reproject(record.poses, camera)
+        poses = reproject(record.people, camera)
         image = draw_poses(image, poses, recording.skeleton, colors, LIMB_PX)
         size = (max(1, round(width * SKETCH_PX / height)), SKETCH_PX)
         panel = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)

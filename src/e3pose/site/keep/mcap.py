@@ -91,9 +91,7 @@ def _chosen(slot: LiveSlot, request: ExportRequest) -> LiveSlot:
     """Return a slot with the people who are wanted."""
     if not request.tracks:
         return slot
-    rows = np.isin(slot.track_ids, request.tracks)
-    names = ("track_ids", "joints_m", "sigma_m", "measured")
-    return replace(slot, **{name: getattr(slot, name)[rows] for name in names})
+    return replace(slot, people=slot.people[np.isin(slot.people.track_ids, request.tracks)])
 
 
 def _of(rows: list[dict[str, Any]], request: ExportRequest) -> Iterator[dict[str, Any]]:

@@ -18,7 +18,7 @@ DECIMALS = 4
 def slot_words(slot: LiveSlot) -> dict[str, Any]:
     """Return a slot as JSON can hold it: joints by name, metres; those that are known."""
     people = []
-    for track, joints_m in zip(slot.track_ids.tolist(), slot.joints_m, strict=True):
+    for track, joints_m in zip(slot.people.track_ids.tolist(), slot.people.joints_m, strict=True):
         places = joints_m.astype(np.float64).round(DECIMALS)
         known = {
             name: place.tolist()

@@ -103,7 +103,7 @@ class FoxgloveStream:
         """See `Stream.slot`."""
         entities = [
             self._entity(slot.time_ns, int(track), joints_m.astype(np.float64))
-            for track, joints_m in zip(slot.track_ids, slot.joints_m, strict=True)
+            for track, joints_m in zip(slot.people.track_ids, slot.people.joints_m, strict=True)
         ]
         self._log("/scene", SceneUpdate(entities=entities).encode(), slot.time_ns)
         self._log("/poses", json.dumps(slot_words(slot)).encode(), slot.time_ns)

@@ -18,8 +18,9 @@ from pythonosc.udp_client import UDPClient
 
 from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
+from e3pose.model.people import People
 from e3pose.model.skeleton import Skeleton
-from e3pose.model.take import Motion, motion_of
+from e3pose.model.take import Motion, motions_of
 from e3pose.model.zone_event import ZoneEvent
 from e3pose.output.exports.bones import posed, present, rest_of
 from e3pose.site.connect import LiveSlot
@@ -94,7 +95,7 @@ class Humanoid:
         return _avatar(names, parents, offsets, bones.root_m[0], self._local)
 
     def _joints_m(self, slot: LiveSlot) -> Floats | None:
-        there = slot.track_ids.tolist()
+        there = slot.people.track_ids.tolist()
         if self._now not in there:
             gone = self._now is None or slot.slot - self._seen > GONE_S * self.fps
             wanted = self.track if self.track is not None else min(there, default=None)
@@ -106,7 +107,7 @@ class Humanoid:
             )  # track ids rise: the lowest has been there longest
             self._recent.clear()
         self._seen = slot.slot
-        return np.asarray(slot.joints_m[there.index(self._now)], dtype=np.float64)
+        return np.asarray(slot.people.joints_m[there.index(self._now)], dtype=np.float64)
 
 
 class AvatarStream:
@@ -173,7 +174,6 @@ def _avatar(
 
 
 def _motion(joints_m: Floats) -> Motion:
-    shape = joints_m.shape[:2]
-    known = np.ones(shape)
-    slots = np.arange(shape[0], dtype=np.int64)
-    return motion_of(0, slots, joints_m, np.full(shape, np.nan), known, known > 0)
+    people = People(np.zeros(len(joints_m), dtype=np.int64), joints_m)
+    (motion,) = motions_of(np.arange(len(joints_m)), people)
+    return motion

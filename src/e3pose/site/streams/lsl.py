@@ -61,7 +61,7 @@ class LslStream:
 
     def slot(self, slot: LiveSlot) -> None:
         """See `Stream.slot`; the time stamp is that of the slot's middle."""
-        row = {int(track): index for index, track in enumerate(slot.track_ids)}
+        row = {int(track): index for index, track in enumerate(slot.people.track_ids)}
         self._places = [track if track in row else None for track in self._places]
         for track in row:
             if track not in self._places and None in self._places:
@@ -70,7 +70,7 @@ class LslStream:
         for place, there in enumerate(self._places):
             if there is not None:
                 sample[place, 0] = there
-                parts = (slot.joints_m[row[there]], slot.sigma_m[row[there]][:, None])
+                parts = (slot.people.joints_m[row[there]], slot.people.sigma_m[row[there]][:, None])
                 sample[place, 1:] = np.concatenate(parts, axis=1).ravel()
         self._poses.push_sample(sample.ravel().tolist(), _stamp(slot.time_ns))
 

@@ -42,7 +42,8 @@ class OscStream:
         """See `Stream.slot`."""
         seconds = (slot.time_ns / 1e9, "d")
         self._client.send(message("/e3pose/slot", (slot.slot, "h"), seconds, (len(slot), "i")))
-        for track, joints_m in zip(slot.track_ids.tolist(), slot.joints_m, strict=True):
+        people = slot.people
+        for track, joints_m in zip(people.track_ids.tolist(), people.joints_m, strict=True):
             bundle = OscBundleBuilder(IMMEDIATELY)
             for name, place in zip(slot.joints, joints_m, strict=True):
                 if np.isfinite(place).all():

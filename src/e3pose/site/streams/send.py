@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from e3pose.base.errors import InputError
 from e3pose.events import watch as watching
 from e3pose.events.watch import Watch
-from e3pose.site.connect import Connection, LiveSlot, seen_of
+from e3pose.site.connect import Connection, LiveSlot
 from e3pose.site.streams.base import Stream, TellsCameras, TellsPeople
 from e3pose.site.zones import Zones, advance
 from e3pose.wire.site_messages import Status
@@ -76,7 +76,7 @@ class Sender:
         """Tell what people do."""
         if self._watch is None:
             return
-        self._watch, events = watching.advance(self._watch, seen_of(slot))
+        self._watch, events = watching.advance(self._watch, slot)
         for stream in self._telling:
             stream.people(self._watch, events)
 

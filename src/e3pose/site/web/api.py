@@ -171,10 +171,8 @@ def page_of(
         keys += dict.fromkeys(zip(chunk.run_ids.tolist(), chunk.slots.tolist(), strict=True))
         here = np.ones(len(chunk), dtype=bool)
         if corners is not None:
-            here = in_rectangle(middles_m(chunk.joints_m), corners)
-        found = people(
-            chunk.track_ids[here], chunk.joints_m[here], chunk.sigma_m[here], chunk.measured[here]
-        )
+            here = in_rectangle(middles_m(chunk.people.joints_m), corners)
+        found = people(chunk.people[here])
         slots += slots_of_rows(chunk.run_ids[here], chunk.slots[here], chunk.time_ns[here], found)
     keys = list(dict.fromkeys(keys))
     merged: dict[tuple[int, int], dict[str, Any]] = {}

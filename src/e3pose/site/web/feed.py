@@ -13,7 +13,6 @@ from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 from e3pose.events import watch as watching
-from e3pose.events.people import Seen
 from e3pose.events.watch import Watch
 from e3pose.model.person_event import PersonEvent
 from e3pose.model.zone_event import ZoneEvent
@@ -215,8 +214,7 @@ class Feed:
         """Follow what people do, where somebody looks or the site asks to be told."""
         if self.doing is None or not (self.doing.rules or self._queues):
             return
-        seen = Seen(slot.slot, slot.time_ns, slot.track_ids, slot.joints_m, slot.sigma_m)
-        self.doing, told = watching.advance(self.doing, seen)
+        self.doing, told = watching.advance(self.doing, slot)
         self.told.extend(told)
         if told and self._queues:
             self._hand_on(event_of_told(told))

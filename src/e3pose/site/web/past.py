@@ -12,7 +12,7 @@ from typing import Any
 
 from e3pose.events.body import joints_of
 from e3pose.events.watch import Watch, advance
-from e3pose.site.connect import LiveSlot, seen_of
+from e3pose.site.connect import LiveSlot
 from e3pose.site.stored import stored_slots
 from e3pose.site.web.postures import posture, unsure_parts
 from e3pose.store import Store, StoredPoses
@@ -50,7 +50,7 @@ def doing_in(
         if run != of_run:
             watch, of_run = None if live is None else _again(live, slot.joints), run
         if watch is not None:
-            watch, _ = advance(watch, seen_of(slot))
+            watch, _ = advance(watch, slot)
         if slot.time_ns >= first_ns:
             made |= _of_slot(run, slot, watch, since_ns, stays)
     return made
@@ -89,7 +89,7 @@ def _of_slot(
 ) -> dict[Key, dict[str, Any]]:
     unsure = unsure_parts(slot)
     made: dict[Key, dict[str, Any]] = {}
-    for row, track in enumerate(slot.track_ids.tolist()):
+    for row, track in enumerate(slot.people.track_ids.tolist()):
         inside = [
             {"name": stay.zone, "since_ns": stay.since_ns}
             for stay in stays.get((run, track), ())

@@ -221,10 +221,11 @@ def make_pictures(
 def reprojected(slot: LiveSlot, camera: Camera) -> list[dict[str, Any]]:
     """Return people as a camera sees them: track, joints in pixels with None where unknown, and
     which of them a view of the slot measured."""
-    pixels = camera.project(slot.joints_m.astype(np.float64)).round(1)
+    pixels = camera.project(slot.people.joints_m.astype(np.float64)).round(1)
     masked = pixels.astype(object)
     masked[~np.isfinite(pixels)] = None
-    rows = zip(slot.track_ids.tolist(), masked.tolist(), slot.measured.tolist(), strict=True)
+    ids, measured = slot.people.track_ids.tolist(), slot.people.measured.tolist()
+    rows = zip(ids, masked.tolist(), measured, strict=True)
     return [
         {"track": track, "joints_px": joints, "measured": measured}
         for track, joints, measured in rows

@@ -51,14 +51,14 @@ def doing(slot: LiveSlot, watch: Watch | None, zones: Zones) -> list[dict[str, A
     unsure = unsure_parts(slot)
     return [
         {**posture(track, watch), "zones": _stays(track, zones), "unsure": unsure[row]}
-        for row, track in enumerate(slot.track_ids.tolist())
+        for row, track in enumerate(slot.people.track_ids.tolist())
     ]
 
 
 def unsure_parts(slot: LiveSlot) -> list[list[str]]:
     """Return the parts of each person's body of which a joint is unknown or uncertain."""
     place = {name: index for index, name in enumerate(slot.joints)}
-    sure = np.isfinite(slot.joints_m[..., 0]) & ~(slot.sigma_m > UNSURE_M)
+    sure = np.isfinite(slot.people.joints_m[..., 0]) & ~(slot.people.sigma_m > UNSURE_M)
     found: list[list[str]] = [[] for _ in range(len(slot))]
     for part, names in PARTS.items():
         rows = [place[name] for name in names if name in place]

@@ -16,6 +16,7 @@ from pydantic import BaseModel, ConfigDict
 
 from e3pose.edge.reports import savings
 from e3pose.events.watch import Watch
+from e3pose.model.people import People
 from e3pose.model.person_event import PersonEvent
 from e3pose.model.zone_event import ZoneEvent
 from e3pose.site.connect import LiveSlot
@@ -122,7 +123,7 @@ def event_of_slot(slot: LiveSlot, zones: Zones, watch: Watch | None = None) -> E
         zones: who is in which.
         watch: who does what; None where nobody follows it.
     """
-    found = people(slot.track_ids, slot.joints_m, slot.sigma_m, slot.measured)
+    found = people(slot.people)
     body = {
         "slot": slot.slot,
         "time_ns": slot.time_ns,
@@ -199,24 +200,13 @@ def status_schema() -> dict[str, Any]:
     return site
 
 
-def people(
-    track_ids: NDArray[np.int64],
-    joints_m: NDArray[np.float32],
-    sigma_m: NDArray[np.float32],
-    measured: NDArray[np.bool_],
-) -> list[dict[str, Any]]:
-    """Return people as `Person` describes them, with arrays in place of lists.
-
-    Args:
-        track_ids: `(num_persons,)`.
-        joints_m: `(num_persons, num_joints, 3)` metres; NaN where missing.
-        sigma_m: `(num_persons, num_joints)` metres; NaN where unknown.
-        measured: `(num_persons, num_joints)`.
-    """
-    places_m, errors_m = (m.astype(np.float64).round(DECIMALS_M) for m in (joints_m, sigma_m))
-    columns = zip(
-        track_ids.tolist(), places_m, errors_m, np.ascontiguousarray(measured), strict=True
+def people(found: People) -> list[dict[str, Any]]:
+    """Return people as `Person` describes them, with arrays in place of lists."""
+    places_m, errors_m = (
+        m.astype(np.float64).round(DECIMALS_M) for m in (found.joints_m, found.sigma_m)
     )
+    measured = np.ascontiguousarray(found.measured)
+    columns = zip(found.track_ids.tolist(), places_m, errors_m, measured, strict=True)
     return [
         {"track": track, "joints_m": places, "sigma_m": errors, "measured": seen}
         for track, places, errors, seen in columns

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.model.camera import Camera
-from e3pose.model.pose import Poses2D, Poses3D
+from e3pose.model.people import People
+from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import Skeleton
 
 Image = NDArray[np.uint8]
@@ -66,8 +67,8 @@ def draw_poses(
     return drawn
 
 
-def reproject(poses: Poses3D, camera: Camera) -> Poses2D:
-    """Return where a camera sees 3D poses; joints behind it are missing."""
-    if not len(poses):
-        return Poses2D.empty(poses.scores.shape[1])
-    return Poses2D(camera.project(poses.joints_m), poses.scores)
+def reproject(people: People, camera: Camera) -> Poses2D:
+    """Return where a camera sees people; joints behind it are missing."""
+    if not len(people):
+        return Poses2D.empty(people.scores.shape[1])
+    return Poses2D(camera.project(people.joints_m), people.scores)

@@ -106,8 +106,8 @@ def _panel(
     if not awake:
         image = (image * ASLEEP_BRIGHTNESS).astype(np.uint8)
     # Lines are drawn at full size and shrink with the picture.
-    colors = [track_color(int(track_id)) for track_id in record.track_ids]
-    drawn = draw_poses(image, reproject(record.poses, camera), recording.skeleton, colors)
+    colors = [track_color(int(track_id)) for track_id in record.people.track_ids]
+    drawn = draw_poses(image, reproject(record.people, camera), recording.skeleton, colors)
     panel = cv2.resize(drawn, (width_px, height_px), interpolation=cv2.INTER_AREA)
     text = f"{camera.camera_id} {camera_word(record, index)}"
     size = LABEL_HEIGHT * height_px / CAPITAL_PX
