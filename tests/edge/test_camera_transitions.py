@@ -169,7 +169,7 @@ class Walk(RuleBasedStateMachine):
         self.slot += 1
         assert not self.silence.failures[arrived].any(), "an answer clears suspicion"
         lives = late | turn.orders_late
-        self.events = np.where(arrived, "answered", np.where(lives, "late", "cameras.tried"))
+        self.events = np.where(arrived, "answered", np.where(lives, "late", "tried"))
 
     @invariant()
     def one_state_each_and_never_all_left_out(self) -> None:
