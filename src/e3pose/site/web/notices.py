@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 from e3pose.base.errors import InputError
 from e3pose.base.quantities import plural
+from e3pose.edge.camera_state import sleeps_as_told
 from e3pose.settings.resolved import ResolvedSite
 from e3pose.site.connect import LiveSlot
 from e3pose.site.stream_problems import problems_of
@@ -55,7 +56,7 @@ def notices(
         now: the time, UTC.
     """
     found = [Notice("overload", status.overload)] if status.overload else []
-    gone = [camera for camera in status.cameras if _gone(camera)]
+    gone = [c for c in status.cameras if not (c.online or c.paused or sleeps_as_told(c))]
     if gone and status.uptime_s > STARTING_S:
         found.append(Notice("camera-gone", _gone_words(gone, len(status.cameras))))
     if around.free is not None and around.free < LEAST_FREE:
@@ -111,11 +112,6 @@ def surroundings(site: ResolvedSite) -> Surroundings:
     """Return what looks around a site."""
     place = None if site.file.store is None else database_path(database_url(site.file.store.place))
     return Surroundings(place, site.file.link.keys, site=site.file.path)
-
-
-def _gone(camera: CameraStatus) -> bool:
-    asleep = camera.asleep_s is not None and camera.asleep_s > -2
-    return not (camera.online or camera.paused or asleep)
 
 
 def _gone_words(gone: Sequence[CameraStatus], count: int) -> str:
