@@ -154,7 +154,7 @@ soak: $(VENV)/.all  ## run a live site for half an hour and check for leaks
 attack: $(VENV)/.all  ## fuzz decoders and files, attack a live site on loopback (ATTACK_SECONDS=600)
 	$(BIN)/python lab/benchmarks/attack.py
 
-# Uploading is a person's: docs/how-to/release.md.
+# Uploading is a person's: RELEASING.md.
 DIST ?= dist
 dist: $(DISTRIBUTOR)/.installed  ## build wheels and sdists of all distributions into dist/, and check them as an index does
 	rm -rf $(DIST)

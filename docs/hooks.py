@@ -12,6 +12,7 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple, get_args
+from unittest.mock import MagicMock
 
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
@@ -21,9 +22,10 @@ from msgspec import inspect
 import e3pose
 from e3pose import _HOMES
 from e3pose.cli.app import GROUPS, app
+from e3pose.edge.metrics import EdgeCollector
 from e3pose.wire.codec import Message
 from e3pose.wire.messages import VERSION, Array, fields
-from e3pose.wire.site_messages import CameraStatus, Tombstone
+from e3pose.wire.site_messages import CameraStatus, Status, Tombstone
 
 SOURCE = Path(e3pose.__file__).parent
 # Where every number that somebody chose is marked: folders and files of `src/e3pose/`.
@@ -133,6 +135,8 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         files.append(File.generated(config, f"reference/api/{name}.md", content=text))
     text = numbers_page()
     files.append(File.generated(config, "research/tuned-numbers.md", content=text))
+    text = metrics_page()
+    files.append(File.generated(config, "reference/prometheus.md", content=text))
     return files
 
 
@@ -274,6 +278,20 @@ def write_shapes() -> None:
     shapes = message_shapes().items()
     rows = ",\n".join(f"{json.dumps(name)}: {json.dumps(one)}" for name, one in shapes)
     MESSAGE_SHAPES.write_text(f"[{VERSION}, {{\n{rows}\n}}]\n")
+
+
+def metrics_page() -> str:
+    """Return the table of the Prometheus metrics, as an edge without cameras names them."""
+    edge = MagicMock()
+    edge.status.return_value = Status("lab", 0, 25.0, 0, 0, ())
+    edge.inbox.roster.cameras, edge.counts.ordered.tolist.return_value = (), []
+    page = ["# Prometheus metrics", "", "Generated from what an edge serves at `metrics_port`."]
+    page += ["", "| metric | kind | labels | is |", "|---|---|---|---|"]
+    for family in EdgeCollector(edge).collect():
+        name = family.name + ("_total" if family.type == "counter" else "")
+        labels = ", ".join(f"`{label}`" for label in family._labelnames)
+        page.append(f"| `{name}` | {family.type} | {labels} | {family.documentation} |")
+    return "\n".join(page) + "\n"
 
 
 class Mark(NamedTuple):

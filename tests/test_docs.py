@@ -34,7 +34,7 @@ COMMAND = re.compile(
 IN_GIT = re.compile(r"`git show ([0-9a-f]{8,40}):(lab/benchmarks/\w+\.py)`")
 GENERATED = (
     # By docs/hooks.py; `make docs` checks links to them.
-    r"(\.\./|docs/)?(reference/(cli|api)/|(research/)?tuned-numbers\.md)"
+    r"(\.\./|docs/)?(reference/(cli/|api/|prometheus\.md)|(research/)?tuned-numbers\.md)"
 )
 PLACEHOLDER = re.compile(r"[\[\]|<>$]|\.\.\.")  # of a synopsis or a loop, not a command
 # A dated page of the diary is of its commit: its links are checked, its commands are not.

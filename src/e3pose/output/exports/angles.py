@@ -3,7 +3,7 @@
 Keypoints show where joints are, not how bones turn about themselves. So what follows from
 directions alone is here: flexion of elbow and knee, elevation of the arm and its plane (Wu et al.,
 J. Biomechanics 38 (2005) 981), and, for want of a pelvis that could tilt by itself, the thigh
-against the trunk. `docs/how-to/export.md` has the table.
+against the trunk. `docs/reference/export.md` has the table.
 
 The frames of the trunk and of the shoulders have x ahead, y up along the trunk, z to the right,
 as the ISB has them.
