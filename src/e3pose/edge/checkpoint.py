@@ -88,7 +88,7 @@ def write_arrays(path: Path, about: Mapping[str, Any], arrays: Arrays) -> None:
 
 
 def read_arrays(path: Path) -> tuple[dict[str, Any], Arrays]:
-    """Return what `write_arrays` wrote; raise one of `DAMAGE` for anything else."""
+    """Read the arrays of `write_arrays`; raise one of `DAMAGE` for any other file."""
     with open_regular(path, MAX_BYTES) as file:
         parts = _unpacked(file, path.stat().st_size)
     about = json.loads(parts[ABOUT].tobytes())

@@ -35,7 +35,7 @@ Spending = tuple[Sequence[Budget], float]  # what each camera may spend; cameras
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Asked:
-    """What operators asked for since the slot before.
+    """Requests of operators since the previous slot.
 
     Attributes:
         chosen: who selects from the next slot on; None if that stays.
@@ -87,13 +87,13 @@ class Controls(Protocol):
         ...
 
     def applied(self) -> Asked:
-        """Return what was asked for since the last call."""
+        """Return the requests since the last call."""
         ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Consumers:
-    """Consumers of what an edge receives and computes.
+    """Consumers of received views and computed slots (store, recorder, learner).
 
     Attributes:
         sink: stores every slot.
@@ -154,7 +154,7 @@ class Consumers:
 
     @property
     def saving(self) -> Saving | None:
-        """What whole cameras saved so far; None before the first slot, or without a ledger."""
+        """Saving of whole cameras so far; None before the first slot or without a ledger."""
         return None if self.ledger is None else self.ledger.saving()
 
     @property
@@ -166,7 +166,7 @@ class Consumers:
     def keep(
         self, record: SlotRecord, time_ns: int, arrivals: Mapping[int, Arrival] | None = None
     ) -> None:
-        """Pass on a computed slot, and what it is charged with."""
+        """Pass on a computed slot with its energy."""
         spent_j = None
         if self.ledger is not None:
             unchanged = np.zeros(len(record.selected), dtype=bool)

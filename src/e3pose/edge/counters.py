@@ -100,7 +100,7 @@ class Counts:
         self.add_selection(record.selected, blind=bool(record.blind))
 
     def skip(self, slots: int) -> None:
-        """Add slots that were skipped; a machine that was away for so long was suspended."""
+        """Count skipped slots; a gap of `SUSPENDED_S` or more was a suspension of the machine."""
         self.lost += slots
         away_s = slots * self.interval_s
         if self.first_ns is not None and away_s >= SUSPENDED_S:

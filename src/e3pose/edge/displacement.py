@@ -107,7 +107,7 @@ def observe(watch: Votes, rig: Rig, observations: Mapping[int, Sequence[Observat
 
 
 def _votes(camera: Camera, observations: Sequence[Observation]) -> Floats:
-    """Return `(n, 6)` votes, as in `Votes`, of people and poses of one slot that match."""
+    """Return `(n, 6)` votes (see `Votes`) of the matching people and poses of one slot."""
     expected, found = _expected(camera, observations), _found(camera, observations)
     people, poses = _pairs(observations)
     offsets = found[poses] - expected[people]  # (num_pairs, num_joints, 2)
@@ -215,7 +215,7 @@ def _turn(votes: Floats) -> tuple[float, float]:
 
 
 def _most_agreed(offsets: Floats) -> Floats:
-    """Return the offset `(2,)` with most neighbours among `(n, 2)`, of those tried."""
+    """Return the tried offset `(2,)` with most neighbours among `(n, 2)`."""
     tried = offsets[:: -(-len(offsets) // MOST_TRIED)]
     # Axis by axis: a last axis of two is ten times as slow.
     x, y = (tried[:, axis, None] - offsets[:, axis] for axis in range(2))

@@ -80,7 +80,7 @@ class EnergyLedger:
 
     @cached_property
     def _modes(self) -> list[CameraModes]:
-        """What each camera can do and what it costs."""
+        """The modes of each camera and their costs."""
         return [modes_of(profile, self._interval_s) for profile in self._profiles]
 
     @cached_property
@@ -90,7 +90,7 @@ class EnergyLedger:
         return np.array([0.0 if gate is None else gate.joules for gate in gates])
 
     def take(self, beat: Heartbeat) -> None:
-        """Add a heartbeat; those of cameras outside the rig are ignored."""
+        """Add a heartbeat; heartbeats of cameras outside the rig are ignored."""
         index = self._index.get(beat.camera_id)
         if index is None:
             return
@@ -178,7 +178,7 @@ class EnergyLedger:
         return events
 
     def saving(self) -> Saving | None:
-        """Return what the slots so far saved of whole cameras; None before the first."""
+        """Return the saving of whole cameras so far; None before the first slot."""
         spent_j, always_j, learned_j = self._sums_j.tolist()
         return saving(spent_j, always_j, learned_j >= MEASURED * spent_j)
 

@@ -100,7 +100,7 @@ def take_in_delay(lead: Lead, camera: int, delay_s: float) -> Lead:
 
 
 def _current(delays_s: tuple[float, ...], longest_s: float) -> tuple[float, ...]:
-    """Return delays without those of a disturbance that is over."""
+    """Return the delays without an ended disturbance."""
     newest_s = delays_s[-OVER_SAMPLES:]
     over = len(newest_s) == OVER_SAMPLES and max(newest_s) <= OVER_SHARE * longest_s
     return newest_s if over else delays_s
@@ -117,7 +117,7 @@ def cautious(deadline_s: float, interval_s: float) -> Lead:
 
 
 def starting(slots: int) -> Lead:
-    """Return a lead of so many slots that believes no report of the first seconds."""
+    """Return an initial lead that ignores the reports of the first seconds."""
     return Lead(slots, quiet_s=START_QUIET_S)
 
 
@@ -231,7 +231,7 @@ def _stepped(lead: Lead, needed: int, interval_s: float) -> Lead:
 
 
 def _wait_s(lead: Lead, needed: int, since_s: float) -> float:
-    """Return how long to wait near the need after a raise, so long after the last reduction."""
+    """Return the wait before the next reduction; longer if a raise follows the last one soon."""
     if math.isinf(since_s):
         return lead.wait_s  # none since the last raise: judged already
     if since_s > max(SOON_S, SOON_WAITS * lead.wait_s):

@@ -87,7 +87,7 @@ class Orders:
         self.queue.put_all(payloads, slot)
 
     def give_early(self, times: SlotTimes, slot: int, camera: int, ahead: int) -> None:
-        """Order one camera to be active so many slots ahead, before the others' orders leave."""
+        """Order one camera ahead of the others, for a trial with a longer lead."""
         payload = self._order(times, slot + ahead, camera, active=True, lead=ahead)
         self.queue.put_all({self._topics[camera]: payload}, slot + ahead)
 

@@ -1,4 +1,4 @@
-"""Load shedding: what an edge skips when its machine is too slow, and when it resumes.
+"""Load shedding on a machine that is too slow: steps, thresholds, recovery.
 
 An edge that computes longer than a slot lasts falls behind: views wait, orders take longer, the
 lead grows, and a longer lead costs more. Before that happens the edge sheds load, one level at a
@@ -35,7 +35,7 @@ FAILED_S = 20.0  # a level that returns so soon was undone too early
 
 @dataclass(frozen=True, slots=True)
 class Load:
-    """The load of an edge, and what it sheds; a value.
+    """Load of an edge and its level of load shedding; a value.
 
     Attributes:
         busy: computing time per slot as a share of the slot, a running mean.
@@ -67,7 +67,7 @@ class Load:
         return self.blamed_s < BLAMED_S
 
     def message(self) -> str:
-        """Return that the edge is overloaded and what it does about it; empty if it is not."""
+        """Return the message about an overload and its load shedding; empty without one."""
         if self.level == FULL and self.blamed_s >= BLAMED_S:
             return ""
         if self.level == FULL and self.blamed_s > 0:
@@ -122,7 +122,7 @@ def level_change(before: Load, after: Load) -> str | None:
 
 
 def shed_load(pipeline: Pipeline, load: Load) -> Pipeline:
-    """Return the pipeline without what is currently shed."""
+    """Return the pipeline without the parts that are shed."""
     if load.level == FULL:
         return pipeline
     rounds = RoundRobin(load.awake, order=spread_order(pipeline.rig))

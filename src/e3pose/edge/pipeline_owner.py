@@ -35,7 +35,7 @@ class PipelineOwner:
         self.follow(self.lead)
 
     def shed(self, load: Load) -> Pipeline:
-        """Return the pipeline without what an edge under this load sheds."""
+        """Return the pipeline without the parts that this load sheds."""
         return shed_load(self.pipeline, load)
 
     def follow(self, lead: Lead) -> str:
@@ -49,7 +49,7 @@ class PipelineOwner:
         return f"lead {changed} from {before} to {plural(lead.slots, 'slot')}"
 
     def after_slot(self, consumers: Consumers, record: SlotRecord) -> list[Happened]:
-        """Apply what operators, the ledger, the learner and consumers ask for; return events."""
+        """Apply changes by operators, ledger, learner and consumers; return events."""
         events: list[Happened] = []
         request = consumers.asks()
         if request != self.pipeline.request:

@@ -36,7 +36,7 @@ OTHERS_M = (1.5, 0.05)
 def warm_up(
     pipeline: Pipeline, joints: Sequence[str], more: Callable[[], None] = lambda: None
 ) -> None:
-    """Run a few synthetic slots through the loop, and discard them; then do what is `more`.
+    """Run a few synthetic slots through the loop and discard them; then call `more`.
 
     Args:
         pipeline: the loop.
@@ -86,7 +86,7 @@ def _standing_m(joint: str) -> tuple[float, float, float]:
 
 
 def compile_prediction() -> None:
-    """Compile what the learned predictor needs."""
+    """Compile the kernels of the learned predictor."""
     skeleton = SKELETONS["coco17"]
     AttentionLstm(skeleton).predict(np.zeros((2, 2, len(skeleton), 3)), 0.04, 2)
 

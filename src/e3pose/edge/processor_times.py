@@ -1,4 +1,4 @@
-"""Processor time of the cameras of a site, from what their heartbeats say while views are recorded.
+"""Processor time of a site's cameras, from their heartbeats during a recording.
 
 A recording has a frame a slot. A camera may capture more of them, and capture goes on in slots in
 which it does not look: what is not looking is divided by the slots in which it was awake.
@@ -24,7 +24,7 @@ class _Spent:
 
 
 class ProcessorTimes:
-    """Adds up what lies between heartbeats of one program; every method on any thread."""
+    """Adds up processor time between heartbeats of each program; thread-safe."""
 
     def __init__(self, slots_per_s: float) -> None:
         """Begin.
@@ -51,7 +51,7 @@ class ProcessorTimes:
             spent.looks += beat.detected - before.detected
 
     def found(self) -> dict[str, ProcessorTime]:
-        """Return what looks and frames took since the last call, of cameras that looked enough."""
+        """Return times of looks and frames since the last call, for cameras with enough looks."""
         with self._lock:
             spent, self._spent = self._spent, defaultdict(_Spent)
         return {

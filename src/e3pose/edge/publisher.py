@@ -92,7 +92,7 @@ class Publisher:
         self._queue.put(self._topic, encode(message), slot)
 
     def warm_up(self) -> None:
-        """Compile what delayed poses need."""
+        """Compile the kernels of delayed poses."""
         if self._delayed is not None:
             self._delayed.warm_up()
 

@@ -165,7 +165,7 @@ class RecordServer:
 
     @contextmanager
     def _reporting(self) -> Iterator[None]:
-        """Say what there is of a recording that the disk takes no more of."""
+        """Report the slots that a recording has when the disk is full."""
         try:
             yield
         except OSError as error:

@@ -29,7 +29,7 @@ RETRY_S = 10.0  # after a disk that was full
 
 @dataclass(frozen=True, slots=True)
 class RecorderSettings:
-    """What to record, and how much of it to keep.
+    """Cameras to record, and the limits of the recordings.
 
     Attributes:
         folder: where recordings are written.
@@ -144,7 +144,7 @@ class Recorder:
             self._fail(error)
 
     def _recover(self) -> None:
-        """Finish what a full disk left unfinished."""
+        """Finish recordings that a full disk interrupted."""
         for part in finish_interrupted(self.settings.folder):
             self._attach(part)
 

@@ -92,7 +92,7 @@ def poses_message(
     stored: WriterStatus | None = None,
     delay_s: float = 0.0,
 ) -> Poses:
-    """Return the message of a slot's people; `stored` says what the store holds.
+    """Return the message of a slot's people; `stored` is the stored range of slots.
 
     `delay_s` is how much later they are published, smoothed; 0 at once.
     """
@@ -137,7 +137,7 @@ def cpu_saved(camera: CameraState, interval_s: float, lead_slots: int) -> float 
 
 
 def savings(status: Status) -> Savings:
-    """Return what a site saved since its edge was started; processor time of cameras that say."""
+    """Return the savings of a site since its edge started."""
     known = [(c.cpu_s, c.cpu_saved) for c in status.cameras if c.cpu_s and c.cpu_saved is not None]
     every_s = [cpu_s / max(1 - (saved or 0.0), 1e-6) for cpu_s, saved in known]
     return Savings(

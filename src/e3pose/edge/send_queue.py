@@ -33,7 +33,7 @@ class SendQueue:
             self._change.notify()
 
     def close(self) -> None:
-        """Send what is queued, then end."""
+        """Send the queued messages, then end."""
         with self._change:
             self._closed = True
             self._change.notify()
@@ -58,7 +58,7 @@ class SendQueue:
             self.send_waiting(publish)
 
     def send_waiting(self, publish: Callable[[str, bytes, int], None]) -> None:
-        """Send what is queued now, unless a later call of `run` takes over meanwhile."""
+        """Send the queued messages, unless a later call of `run` takes over."""
         with self._change:
             batch, self._waiting, run = self._waiting, {}, self._runs
         for (topic, slot), payload in batch.items():

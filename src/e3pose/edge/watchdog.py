@@ -248,7 +248,7 @@ def camera_signs(
     due: NDArray[np.int64],
     now_ns: int,
 ) -> list[CameraSigns]:
-    """Return what an edge knows of its cameras.
+    """Return the signs of life of all cameras.
 
     Args:
         cameras: `(num_cameras,)` their states.

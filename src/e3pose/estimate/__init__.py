@@ -20,7 +20,7 @@ from e3pose.model.skeleton import Skeleton
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EstimatorSettings:
-    """What an estimator is made for.
+    """Rig, skeleton, interval and noise that an estimator is made for.
 
     Attributes:
         rig: the cameras.
@@ -70,7 +70,7 @@ ESTIMATORS: dict[str, Callable[[EstimatorSettings], Estimator[Any]]] = {
 
 
 def estimator_maker(name: str) -> Callable[[EstimatorSettings], Estimator[Any]]:
-    """Return what makes the estimator of the pipeline `name`.
+    """Return the factory of the pipeline `name`'s estimator.
 
     Raises:
         InputError: listing the known ones.

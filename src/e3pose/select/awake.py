@@ -111,7 +111,7 @@ class RestPlanner:
     def charged(
         self, memory: RestMemory, selected: Selection, asleep: Flags, interval_s: float
     ) -> RestMemory:
-        """Return the memory after a decision: what it draws beyond the watts allowed is owed."""
+        """Return the memory after a decision; power beyond the allowed watts is owed."""
         watts = self.goal.watts
         if watts is None:
             return memory

@@ -173,5 +173,5 @@ def foresee(
 
 @lru_cache(maxsize=64)
 def _terms(memory: ErrorMemory) -> MemoryTerms:
-    """Return the filter's constants for errors that last so long."""
+    """Return the filter's constants for an error memory."""
     return memory_terms(memory)

@@ -29,7 +29,7 @@ USUAL_ERROR_MPS = 1.1
 
 @dataclass(frozen=True, slots=True)
 class Feedback:
-    """Cameras are told whom to expect, except that some detections use the full frame.
+    """Boxes of expected people for each camera; some detections use the full frame.
 
     Attributes:
         whole_every: one of so many detections of a camera uses the full frame.
@@ -111,7 +111,7 @@ def reach_m(error_m: Floats, ahead_s: float) -> Floats:
 
 
 def expected_in_views(rig: Rig, joints_m: Floats, reach_m: Floats) -> tuple[ExpectedView, ...]:
-    """Return what each camera is expected to see of people.
+    """Return the expected views of people in each camera.
 
     Args:
         rig: the cameras.

@@ -48,7 +48,7 @@ def seen_floor(rig: Rig) -> tuple[Floats, Floats]:
 
 
 class _Corners(NamedTuple):
-    """The cells of a detection map around each cell of the floor, and what is thought of them."""
+    """The cells of a detection map around each floor cell, with their detection rates."""
 
     columns: NDArray[np.int64]  # (4, num_cells)
     rows: NDArray[np.int64]  # (4, num_cells)

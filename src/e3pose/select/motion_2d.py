@@ -37,7 +37,7 @@ class LastView:
         return cls(-1, np.zeros((0, 4)), np.zeros((0, 4)))
 
     def at(self, slot: int) -> LastView:
-        """Return the last view of a camera active in `slot`, whose boxes are not needed."""
+        """Return the last view of an active camera; its boxes are not needed."""
         return LastView(slot, self.boxes, self.motion)
 
 

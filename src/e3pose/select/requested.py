@@ -1,4 +1,4 @@
-"""Looks that consumers of records ask for: whom they are worth more at, and one camera more."""
+"""Requests for looks by consumers of records: weights of tracks, and extra cameras."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def asked_for(foresight: Foresight, request: LookRequest) -> Foresight:
 
 
 def with_requested(decision: Selection, situation: Situation, request: LookRequest) -> Selection:
-    """Return a selection with so many cameras as are asked for, those that show most.
+    """Return a selection raised to the requested number of cameras, the most informative ones.
 
     Args:
         decision: `(num_cameras,)` by the policy.

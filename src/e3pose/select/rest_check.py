@@ -37,7 +37,7 @@ RESTING, AWAKE = 0, 1  # layout: of the pairs in `RestCheck`
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RestCheck:
-    """What rests cost: the error with rests over that with everybody awake, by rounds.
+    """Measured cost of rests: the stated error with rests over that with all cameras awake.
 
     Attributes:
         rounds: that were compared, forgotten in time.
@@ -63,12 +63,12 @@ class RestCheck:
         return math.sqrt(max(self.variance, LEAST_SPREAD**2) / max(self.rounds, 1.0))
 
     def wakes(self, slot: int, interval_s: float) -> bool:
-        """Return whether everybody is to be awake in a slot."""
+        """Return whether all cameras must be awake in a slot."""
         _, stretch, _ = place_of(slot, interval_s)
         return (stretch == STRETCHES - 1) != self.idle
 
     def left_s(self, slot: int, interval_s: float) -> float:
-        """Return the seconds until everybody is to be awake; 0 where it is so now."""
+        """Return the seconds until all cameras must be awake; 0 if they must be now."""
         _, stretch, into_s = place_of(slot, interval_s)
         if self.wakes(slot, interval_s):
             return 0.0
@@ -116,7 +116,7 @@ class RestCheck:
         return replace(check, idle=above > -sure if check.idle else above > sure)
 
     def operator_note(self) -> str:
-        """Return what was found, for operators; empty before enough rounds."""
+        """Return the measured cost for operators; empty before enough rounds."""
         if self.rounds < LEAST_ROUNDS:
             return ""
         change = f"{math.expm1(self.mean):+.0%} ± {self.error:.0%}"

@@ -1,4 +1,4 @@
-"""What a plan of rests is to be good for: people known, people to come, and what rests may cost."""
+"""Goals of a rest plan: known people, newcomers, and the permitted cost of rests."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ REACH_M = 3.0  # who is here may be so far away before a camera wakes
 
 
 def needs_of(rig: Rig, situation: Situation, later: Sequence[Foresight], asleep: Flags) -> Needs:
-    """Return what a plan is to be good for, now and `later`.
+    """Return the goals of a plan, now and `later`.
 
     Args:
         rig: the cameras.
@@ -63,7 +63,7 @@ def needs_of(rig: Rig, situation: Situation, later: Sequence[Foresight], asleep:
         return np.asarray(risen(errors_m[:, 1:], errors_m[:, :1], stated_m).max(axis=0))
 
     def blind(sets: Flags, weights: Floats) -> Floats:
-        """Return `(num_sets,)` the weighted share in which all cameras see somebody, not these."""
+        """Return `(num_sets,)` weighted share of places that all cameras see and these do not."""
         _, two = showing(sight, np.concatenate([everybody[None], sets]))
         found = two @ weights
         return np.asarray(1 - found[1:] / max(float(found[0]), 1e-9))

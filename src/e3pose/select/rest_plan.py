@@ -76,7 +76,7 @@ MISSING_NATS = 4.0  # of e times fewer looks than are wanted
 
 @dataclass(frozen=True, slots=True)
 class RestGoal:
-    """What the plan is to keep.
+    """Limits that the plan must keep.
 
     Attributes:
         price: nats of one watt.
@@ -95,7 +95,7 @@ class RestGoal:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RestMemory:
-    """What a plan remembers.
+    """Memory of the rest planner.
 
     Attributes:
         rest_s: `(num_cameras,)` seconds of each camera's last rest; 0 after it was needed.
@@ -114,7 +114,7 @@ class RestMemory:
     awake_s: float = 0.0
 
     def operator_note(self) -> str:
-        """Return what was found, for operators; empty where there is nothing to say."""
+        """Return a note for operators; empty without one."""
         found = self.check.operator_note()
         if self.awake_s < TOLD_S or self.check.idle:
             return found
@@ -129,7 +129,7 @@ class RestMemory:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Needs:
-    """What a plan is to be good for, expected in the slot that is decided.
+    """Goals of a plan, expected in the decided slot.
 
     Attributes:
         people: number of tracks.
@@ -152,7 +152,7 @@ class Needs:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plan:
-    """Who stays awake, and how many of them look in a slot."""
+    """Cameras that stay awake, and how many of them are active per slot."""
 
     awake: Flags
     num_selected: float
@@ -262,7 +262,7 @@ def next_rest_s(memory: RestMemory, people: int) -> Floats:
 def rested(
     costs: RestCosts, memory: RestMemory, leave: Flags, people: int, most_s: float = np.inf
 ) -> tuple[Flags, Floats]:
-    """Return who of those that `leave` takes a rest, and `(num_cameras,)` its seconds.
+    """Return which cameras of `leave` rest, and `(num_cameras,)` for how many seconds.
 
     They come back one after the other: somebody who came in meanwhile is then seen by more cameras
     sooner. Who would wake before it has slept stays awake. No rest is longer than `most_s`.

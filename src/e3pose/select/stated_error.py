@@ -25,7 +25,7 @@ MOST = 2.0  # times the target, and its inverse
 
 
 def stated_error_m(covariance_m2: Floats) -> float:
-    """Return the mean error that covariances state in metres; NaN where nobody is known.
+    """Return the mean error in metres that covariances state; NaN without people.
 
     Args:
         covariance_m2: `(num_persons, num_joints, 3, 3)` of the people shown; NaN where unknown.

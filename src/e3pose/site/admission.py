@@ -70,7 +70,7 @@ class Admission:
         self.report("certificates reloaded")
 
     def prepare(self) -> Callable[[], Transport]:
-        """Return what opens the network by the present list of certificates.
+        """Return a function that opens the network with the present list of certificates.
 
         Raises:
             InputError: for certificates that cannot be used.

@@ -91,7 +91,7 @@ def measure(
 
 
 def mean_watts(meter: Meter, mode: Mode, work: Callable[[], None]) -> tuple[float, Reading]:
-    """Return the mean power while something is done, and the last reading of it."""
+    """Return the mean power during some work, and its last reading."""
     meter.read(mode)  # what counts energy counts from here
     done, readings = threading.Event(), list[Reading]()
 

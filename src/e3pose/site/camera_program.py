@@ -130,7 +130,7 @@ class Camera:
         return self.node.running()
 
     def run(self, for_s: float | None = None) -> None:
-        """Work until Ctrl-C, a polite kill, or so many seconds; then end.
+        """Run until Ctrl-C, SIGTERM, or for a number of seconds.
 
         To be called on the main thread. What made a thread of the camera fail is raised.
         """
@@ -263,7 +263,7 @@ def _recorder(node: NodeTable, report: Callable[[str], Any]) -> VideoRecorder | 
 
 
 def _detector(node: NodeTable, source: Any) -> tuple[LiveDetector, tuple[str, ...], str]:
-    """Return what finds the people, the joints that it gives, and its name."""
+    """Return the detector, its joints, and its name."""
     if is_recorded(node.source):
         recording = source.recording
         return RecordedDetector(), recording.skeleton.joints, recording.detector

@@ -34,7 +34,7 @@ Names = Callable[[int], str]  # of people, by track; empty where one has none
 
 
 def no_name(track: int) -> str:
-    """Return no name: for whom none is told."""
+    """Return no name."""
     return ""
 
 
@@ -189,7 +189,7 @@ class Connection:
             ) from None
 
     def events(self) -> Iterator[PersonEvent]:
-        """Yield what people do as it happens, until the connection is closed.
+        """Yield events of people as they happen, until the connection is closed.
 
         What `[events]` and the zones of the site file say, where the connection was made with one;
         otherwise events of every kind, with their usual settings. It takes the slots.
@@ -204,7 +204,7 @@ class Connection:
             yield from (called(event, self._names) for event in events)
 
     def newest(self) -> LiveSlot:
-        """Return the newest slot: what waits is skipped; waits for one if none does."""
+        """Return the newest slot and skip older ones; wait for one if there is none."""
         slot = self.next()
         while not self._slots.empty():
             slot = self.next()

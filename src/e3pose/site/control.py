@@ -34,7 +34,7 @@ TOO_MANY = encode(Controlled(problem=f"more than {PER_S:g} requests per second: 
 
 
 class SiteControls:
-    """What operators asked of an edge; see `edge.consumers.Controls`."""
+    """Requests of operators to an edge; see `edge.consumers.Controls`."""
 
     def __init__(
         self,
@@ -78,7 +78,7 @@ class SiteControls:
         return encode(Controlled(said=one_line(said)))
 
     def take(self, control: Control) -> str:
-        """Apply a request, all of it or nothing; return a message about it.
+        """Apply a request completely or not at all; return a message about it.
 
         Raises:
             InputError: naming what cannot be had.
@@ -186,7 +186,7 @@ class SiteControls:
         return f"{name}: {', '.join(words)}" if words else ""
 
     def _budget(self, own: dict[str, Budget], loop: LoopSettings) -> None:
-        """Ask for the budgets of a loop, but for those given to cameras."""
+        """Request the budgets of the loop, except for cameras with their own."""
         each = shares(loop, row_of(loop), len(self._site.rig)).tolist()
         usual = self._site.budgets()
         names = self._site.rig.camera_ids

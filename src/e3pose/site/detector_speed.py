@@ -30,7 +30,7 @@ HOPELESS = 1.5  # times what is reached: a busy moment's measurement errs by les
 
 
 def workloads_of(site: ResolvedSite) -> dict[str, Workload]:
-    """Return the cameras whose networks `e3pose up` runs on this machine, and how."""
+    """Return the cameras whose networks `e3pose up` runs here, with their settings."""
     found = {}
     for (name, camera), seen in zip(site.cameras.items(), site.rig.cameras, strict=True):
         if camera.source is None or is_recorded(camera.source):

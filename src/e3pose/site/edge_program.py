@@ -74,7 +74,7 @@ class Edge:
 
     @property
     def site(self) -> SiteTable:
-        """What its file says."""
+        """The site's settings."""
         return self.admission.site
 
     def __enter__(self) -> Edge:
@@ -96,7 +96,7 @@ class Edge:
         return self.server.running()
 
     def run(self, for_s: float | None = None) -> None:
-        """Work until Ctrl-C, a polite kill, or so many seconds; then end.
+        """Run until Ctrl-C, SIGTERM, or for a number of seconds.
 
         To be called on the main thread. What made a thread of the edge fail is raised.
         """
@@ -147,7 +147,7 @@ def open_edge(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EdgeParts:
-    """What an edge is made of, after a check of all that it needs to start.
+    """The checked parts of an edge.
 
     Attributes:
         pipeline: the parts of its loop.

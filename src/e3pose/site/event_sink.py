@@ -1,4 +1,4 @@
-"""A store writer that also stores what happens: in zones, and what people do."""
+"""A store writer that also stores events of zones and of people."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 @dataclass(eq=False)
 class EventSink:
-    """Hands slots on to a writer, and what happened in them.
+    """Hands slots and their events on to a writer.
 
     Attributes:
         writer: of the store.
@@ -51,7 +51,7 @@ class EventSink:
         energy_j: NDArray[np.float64] | None = None,
         wait: bool = False,
     ) -> bool:
-        """Keep a slot and what happened in it."""
+        """Store a slot and its events."""
         taken = self.writer.append(record, time_ns=time_ns, energy_j=energy_j, wait=wait)
         if self._wanted is not None:
             site, self._wanted = self._wanted, None
@@ -72,7 +72,7 @@ class EventSink:
         return taken
 
     def request(self) -> LookRequest:
-        """Return the looks that what happens is worth."""
+        """Return the looks that open events request."""
         return NO_REQUEST if self.watch is None else looks_of(self.watch)
 
     def event(self, event: Event) -> bool:
@@ -93,7 +93,7 @@ def stored(event: PersonEvent) -> Event:
 
 
 def presence(watch: Watch) -> Presence:
-    """Return what the people of the newest slot do."""
+    """Return the states of people in the newest slot."""
     people = [person.states for person in watch.shown.values()]
     counts = np.sum(people, axis=0).tolist() if people else ()
     return Presence(watch.time_ns, dict(zip(STATES, counts, strict=False)))

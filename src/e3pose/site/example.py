@@ -29,7 +29,7 @@ TRIES = 100
 
 @dataclass(frozen=True, slots=True)
 class Example:
-    """What a site on this machine is made of.
+    """The parts of a site on this machine.
 
     Attributes:
         name: of the site.

@@ -103,7 +103,7 @@ def operator_of(link: Link) -> str | None:
 
 
 def status_of(link: Link, timeout_s: float) -> Status | None:
-    """Return what the edge of a link says of itself; None if it says nothing in time.
+    """Return the status of a link's edge; None if it does not answer in time.
 
     Raises:
         InputError: when the network cannot be joined.

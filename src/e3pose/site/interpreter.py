@@ -23,7 +23,7 @@ def bound_heaps() -> None:
 
 
 def reduce_pauses() -> None:
-    """Let waking threads have their turn sooner, and collect no garbage among what stays.
+    """Switch threads sooner, and exclude long-lived objects from garbage collection.
 
     To be called once everything is loaded. What is there then, some hundred thousand objects of
     compilers and libraries, takes half a second to look through, and none of it will ever go.

@@ -72,7 +72,7 @@ def problems_of(site: Path) -> list[str]:
 
 
 def lines_of(path: Path, most: int) -> list[str]:
-    """Return at most so many lines that another program left in a file, cut and printable.
+    """Return the first lines of another program's file, shortened and printable.
 
     Raises:
         OSError: where the file cannot be read.

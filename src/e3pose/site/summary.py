@@ -9,7 +9,7 @@ from e3pose.wire.site_messages import CameraStatus, Status
 
 
 def edge_summary(status: Status, slots: int, views: int) -> list[str]:
-    """Return what an edge did, and how it left each camera, a line each.
+    """Return a summary of an edge's run, and the final state of each camera, one per line.
 
     Args:
         status: its last.

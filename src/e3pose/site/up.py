@@ -81,7 +81,7 @@ def camera_command(site: ResolvedSite, camera_id: str) -> list[str]:
 
 
 def _allow_pictures(site: ResolvedSite) -> bool:
-    """Return whether cameras on this machine show pictures; unless asked, to nobody beyond it."""
+    """Return whether cameras here show pictures; by default only to this machine."""
     if site.file.view.pictures is not None:
         return site.file.view.pictures
     here = site.file.view.listen.here_alone and site.file.link.endpoint.here_alone
@@ -177,7 +177,7 @@ def run_site(
 
 
 def end(programs: Sequence[Program]) -> None:
-    """End programs politely, cameras before the edge, and kill what does not listen."""
+    """Terminate programs, cameras before the edge; kill the ones that do not react."""
     for group in (programs[1:], programs[:1]):
         for program in group:
             if program.process is not None and program.process.poll() is None:

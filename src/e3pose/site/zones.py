@@ -22,7 +22,7 @@ LOST_S = 1.0  # a track that is not shown for longer has left
 
 @dataclass(frozen=True, slots=True)
 class Stay:
-    """Somebody in a zone: since when, seen there last when, and whether `dwell` was sent."""
+    """A person in a zone: start, last sight, and whether `dwell` was sent."""
 
     since_ns: int
     seen_ns: int

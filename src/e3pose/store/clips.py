@@ -1,4 +1,4 @@
-"""Clips: stretches of a store that somebody marked, with a name and a note."""
+"""Clips: marked stretches of a store, with a name and a note."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ def change_clip(store: str | Path, site: str, number: int, changes: Mapping[str,
 
 
 def remove_clip(store: str | Path, site: str, number: int) -> Clip:
-    """Remove a clip, not what is stored of its time; return what it was.
+    """Remove a clip but not its poses; return it.
 
     Raises:
         InputError: for a clip that the site does not have.

@@ -70,7 +70,7 @@ def database_path(url: str) -> Path | None:
 
 
 def shown(url: str) -> str:
-    """Return what to call a store in a message: its path, or its URL without the password."""
+    """Return a store's name for messages: its path, or its URL without the password."""
     return str(database_path(url) or shown_url(make_url(url)))
 
 
@@ -286,7 +286,7 @@ def _reading_url(path: Path) -> str:
 
 
 def _prepare(url: str, path: Path | None) -> int:
-    """Make, upgrade or check the tables; return the version that was found, 0 where none was."""
+    """Make, upgrade or check the tables; return the previous version, 0 if there was none."""
     # Looked at before it is opened for writing: what is not ours, or damaged, stays as it was.
     if path is not None and path.is_file() and path.stat().st_size:
         with _connected(_engine(_reading_url(path), read_only=True)) as connection:
@@ -321,7 +321,7 @@ def _connected(engine: Engine) -> Iterator[Connection]:
 
 
 def damage(reason: str) -> DBAPIError:
-    """Return the error of a file of which a check found something wrong."""
+    """Return the error of a damaged file."""
     error = sqlite3.DatabaseError(f"malformed: {' '.join(reason.split())}")
     return DBAPIError("PRAGMA quick_check", None, error)
 

@@ -61,7 +61,7 @@ class Delivery:
         self._adopted: Adopted | None = None
 
     def commit(self, rows: Sequence[Row], run: Run) -> int:
-        """Write rows in one transaction; a row that is there already stays as it is.
+        """Write rows in one transaction; existing rows stay.
 
         Returns:
             Rows that the database refuses for what they are, each tried alone.
@@ -89,7 +89,7 @@ class Delivery:
         return bool(self._left) or self._adopted is not None
 
     def adopt(self) -> str | None:
-        """Deliver a little of what killed processes left; return a message about it, if any."""
+        """Deliver a part of the rows that killed processes left; return a message, if any."""
         if self._adopted is None:
             if not self._left:
                 return None
@@ -117,7 +117,7 @@ class Delivery:
         return None
 
     def _wanted(self, rows: Sequence[Row], run: Run) -> Sequence[Row]:
-        """Return rows that come late, less what was to be forgotten meanwhile."""
+        """Return late rows without those deleted in the meantime."""
         connection = self._connected()
         with connection.begin():
             return without_forgotten(connection, run.site, run.started_ns, rows)
@@ -243,7 +243,7 @@ class Adopted:
 
 
 def known(rows: Sequence[Row]) -> list[Row]:
-    """Return those rows that belong to a table of this version; files may hold anything.
+    """Return the rows that fit a table of this version.
 
     Those of an earlier version lack columns, all of which may be empty.
     """
@@ -270,7 +270,7 @@ def _run_id(connection: Connection, run: Run) -> int:
 
 
 def new_rows(dialect: str, table: Table) -> Insert:
-    """Return an insert that leaves a row that is there as it is."""
+    """Return an insert that keeps existing rows."""
     if dialect == "postgresql":
         return postgresql.insert(table).on_conflict_do_nothing()
     return insert(table).prefix_with("OR IGNORE")

@@ -1,4 +1,4 @@
-"""Delete a day or a person from a store, and remember what was asked for.
+"""Delete a day or a person from a store, and keep the request.
 
 Who asked is not kept, nor what was deleted: only days, and numbers of people, so that what comes
 late (a spool of a killed edge) or cannot be reached now (an archive) is deleted when it is there.
@@ -32,7 +32,7 @@ DAY_NS = 86_400 * NS
 
 @dataclass(frozen=True, slots=True)
 class Forgotten:
-    """What is to be nowhere any more: everything of a site in a time, or one person.
+    """A deletion: a period of a site, or one person.
 
     Attributes:
         site: of which.
@@ -71,7 +71,7 @@ def day_of(time_ns: int) -> str:
 
 
 def of_day(site: str, day: str) -> Forgotten:
-    """Return all that a site has of a day, UTC; raise `InputError` for what is no day."""
+    """Return the deletion of a day, UTC; raise `InputError` for an invalid day."""
     try:
         begun = datetime.strptime(day, "%Y-%m-%d").replace(tzinfo=timezone.utc)
     except ValueError:
@@ -109,7 +109,7 @@ def changing(store: str | Path) -> Iterator[Engine]:
 
 
 def forget(store: str | Path, what: Forgotten) -> tuple[Forgotten, int]:
-    """Delete from a store; return what was asked for, with its number, and the rows deleted.
+    """Delete from a store; return the deletion with its number, and the number of rows.
 
     The request is stored first: whoever is killed in the middle asks again and goes on.
 
@@ -127,7 +127,7 @@ def forget(store: str | Path, what: Forgotten) -> tuple[Forgotten, int]:
 
 
 def left(store: str | Path, what: Forgotten) -> int:
-    """Return how many rows a store has of what is forgotten."""
+    """Return how many rows of a deletion a store still has."""
     with changing(store) as engine, engine.connect() as connection:
         return sum(_count(connection, run_id, what) for run_id in _runs(engine, what))
 
@@ -135,13 +135,13 @@ def left(store: str | Path, what: Forgotten) -> int:
 def without_forgotten(
     connection: Connection, site: str, started_ns: int, rows: Sequence[Row]
 ) -> list[Row]:
-    """Return rows that come late, less those of what was forgotten meanwhile."""
+    """Return late rows without deleted ones."""
     asked = requests(connection, site)
     return [row for row in rows if not any(_is_of(one, started_ns, row[1]) for one in asked)]
 
 
 def requests(connection: Connection, site: str, after: int = 0) -> list[Forgotten]:
-    """Return what was asked for of a site after a request, in its order."""
+    """Return the deletions of a site after a number, in order."""
     table = schema.forgotten
     found = connection.execute(
         select(table).where(table.c.site == site, table.c.number > after).order_by(table.c.number)
@@ -227,7 +227,7 @@ def _count(connection: Connection, run_id: int, what: Forgotten) -> int:
 
 
 def _deleted(engine: Engine, run_id: int, what: Forgotten) -> int:
-    """Delete what a run has, a few slots at a time; return how many rows."""
+    """Delete the rows of a run, a few slots at a time; return how many."""
     count = 0
     with engine.connect() as connection:
         low, high = _slots(connection, run_id, what)
@@ -250,7 +250,7 @@ def _deleted(engine: Engine, run_id: int, what: Forgotten) -> int:
 
 
 def _slots(connection: Connection, run_id: int, what: Forgotten) -> tuple[int, int]:
-    """Return the first and last slot that may have rows; an empty range where none has."""
+    """Return the range of slots that may have rows; empty without any."""
     if what.track_id is not None:
         c = schema.tracks.c
         asked = select(c.first_slot, c.last_slot).where(_of(schema.tracks, run_id, what))
@@ -274,7 +274,7 @@ def _ends(connection: Connection, table: Table, run_id: int) -> tuple[int, int] 
 def _beside(
     connection: Connection, run_id: int, what: Forgotten, first: int, last: int
 ) -> tuple[int, int]:
-    """Return the slots of a run between those before and after a time, which stay."""
+    """Return the slots of a run inside a period."""
     c = schema.slots.c
     mine = c.run_id == run_id
     times = [
@@ -291,7 +291,7 @@ def _beside(
 
 
 def _shorten_tracks(connection: Connection, run_id: int, low: int, high: int) -> None:
-    """Let tracks begin and end with what is left of them."""
+    """Shorten tracks to their remaining slots."""
     tracks, poses = schema.tracks, schema.poses
     touched = tracks.c.run_id == run_id, tracks.c.first_slot <= high, tracks.c.last_slot >= low
     for track_id in connection.execute(select(tracks.c.track_id).where(*touched)).scalars().all():
@@ -321,7 +321,7 @@ def _wipe(engine: Engine) -> None:
 
 
 def _check_spools(store: str | Path) -> None:
-    """Raise `InputError` where a killed edge left rows, among which may be what is forgotten."""
+    """Raise `InputError` if a killed edge left rows, which may belong to the deletion."""
     path = database_path(database_url(store))
     for spool in [] if path is None else spools_of(path):
         try:

@@ -17,7 +17,7 @@ SHRUNK_S = 5.0  # between checks at a file that keeps getting smaller
 
 
 def problem_of(path: Path, limit_s: float = LIMIT_S) -> str:
-    """Return what is wrong with the content of an SQLite file; empty if nothing was found.
+    """Return the problem of an SQLite file's content; empty without one.
 
     Args:
         path: the file; it may be written meanwhile.
@@ -51,11 +51,11 @@ class _Check:
         self.took_s = time.monotonic() - begun_s
 
     def found(self) -> str:
-        """Return the problem found, unless the file was replaced meanwhile."""
+        """Return the problem found, unless the file was replaced since."""
         return self._found if identity(self.path) == self._file else ""
 
     def end(self) -> None:
-        """End it with what was found until now."""
+        """Stop the check; its findings so far remain."""
         self._ended = True
         if (connection := self._connection) is not None:
             connection.interrupt()

@@ -1,4 +1,4 @@
-"""Create the tables of a store, and migrate those of earlier schemas.
+"""Create the tables of a store, and migrate earlier schemas.
 
 A step is plain SQL of its time, not today's tables: it means the same when they have changed again.
 All steps are one transaction: a store has its old version or the new one, never one between.
@@ -93,7 +93,7 @@ HUBS_12 = """CREATE TABLE hubs (
 
 
 def prepare(connection: Connection, where: str) -> int:
-    """Make the tables of an empty database, or bring those of a store up to the present version.
+    """Make the tables of an empty database, or migrate those of a store.
 
     Args:
         connection: in a transaction that nothing was asked in.
@@ -164,7 +164,7 @@ def _to_4(connection: Connection) -> None:
 
 
 def _to_5(connection: Connection) -> None:
-    """Make columns for what people do."""
+    """Add the columns of people's states."""
     for column, kind in (
         ("track_id", "BIGINT"), ("zone", "TEXT"), ("phase", "TEXT"), ("start_ns", "BIGINT"),
         ("score", "FLOAT"),
@@ -181,7 +181,7 @@ def _to_6(connection: Connection) -> None:
 
 
 def _to_7(connection: Connection) -> None:
-    """Make the tables of what was deleted, and of archives."""
+    """Add the tables of deletions and archives."""
     connection.exec_driver_sql(FORGOTTEN_7)
     connection.exec_driver_sql(ARCHIVES_7)
 
@@ -197,7 +197,7 @@ def _to_9(connection: Connection) -> None:
 
 
 def _to_10(connection: Connection) -> None:
-    """Make a column for the numbers by which hubs hear what was deleted; what was, has none."""
+    """Add the outbox number of deletions; earlier deletions have none."""
     connection.exec_driver_sql("ALTER TABLE forgotten ADD COLUMN outbox_number BIGINT")
 
 
@@ -208,7 +208,7 @@ def _to_11(connection: Connection) -> None:
 
 
 def _to_12(connection: Connection) -> None:
-    """Make the table of what hubs have."""
+    """Add the table of hubs' acknowledgements."""
     connection.exec_driver_sql(HUBS_12)
 
 

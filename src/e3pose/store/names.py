@@ -1,4 +1,4 @@
-"""What people of a site are called and drawn in, as of the last look at its store.
+"""Names and colours of a site's people, as of the last look at its store.
 
 Nothing of a name is kept elsewhere: who renames or forgets somebody has done so at once.
 """
@@ -20,7 +20,7 @@ KEPT_S = 0.5  # a look serves for so long: a stream asks for everybody in each s
 
 @dataclass(slots=True, eq=False)
 class StoredNames:
-    """Names and colours by track, of one run; what cannot be read names nobody.
+    """Names and colours by track of one run; none if the store cannot be read.
 
     Attributes:
         place: path or URL of the store; None where nothing is stored.

@@ -35,7 +35,7 @@ NEEDED = {
 
 @dataclass(frozen=True, slots=True)
 class Outbox:
-    """What the outbox of a site holds.
+    """The content of a site's outbox.
 
     Attributes:
         begun_ns: when it was begun: numbers of another outbox of the site say nothing about it.
@@ -92,7 +92,7 @@ def read_outbox(store: str | Path, site: str, after: int = 0, limit: int = MOST_
 
 
 def _told(connection: Connection, site: str, after: int) -> list[Forgotten]:
-    """Return what was deleted after a number, by its number."""
+    """Return the deletions after a number, by number."""
     columns = inspect(connection).get_columns("forgotten")
     if all(column["name"] != "outbox_number" for column in columns):  # of an earlier version
         return []
@@ -101,7 +101,7 @@ def _told(connection: Connection, site: str, after: int) -> list[Forgotten]:
 
 
 def plain_summary(found: dict[str, Any], where: str) -> dict[str, Any]:
-    """Return a summary with its JSON read; raise `InputError` for what no writer writes."""
+    """Decode the JSON columns of a summary; raise `InputError` if they are invalid."""
     for name in schema.SUMMARY_JSON:
         try:
             found[name] = json.loads(found[name])
@@ -113,7 +113,7 @@ def plain_summary(found: dict[str, Any], where: str) -> dict[str, Any]:
 
 
 def put(connection: Connection, run: Run, rows: Sequence[Mapping[str, Any]], keep: int) -> None:
-    """Store summaries under the next numbers of their site; one that is there stays as it is.
+    """Store summaries under the next numbers of their site; existing ones stay.
 
     Args:
         connection: in a transaction.

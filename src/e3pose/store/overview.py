@@ -1,4 +1,4 @@
-"""Looks over hours of a store: how much is stored, what cameras spent and saved, who stayed."""
+"""Overviews of hours of a store: coverage, energy spent and saved, visits to zones."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ SCATTER, RANGE = 2_654_435_761, 2**32  # multiplied by it, slots are spread over
 
 
 class Spent(NamedTuple):
-    """What a camera spent: joules, the seconds that they are of, and the share measured."""
+    """Energy of a camera: joules, their seconds, and the measured share."""
 
     camera_id: str
     energy_j: float
@@ -29,7 +29,7 @@ class Spent(NamedTuple):
 
 
 class StoredStay(NamedTuple):
-    """Somebody in a zone, between two times in nanoseconds; `until_ns` is None of who is there."""
+    """A visit to a zone, in nanoseconds; `until_ns` is None while it lasts."""
 
     run_id: int
     track_id: int
@@ -70,7 +70,7 @@ def coverage(
 
 
 def spent(connection: Connection, start_ns: int, end_ns: int) -> list[Spent]:
-    """Return what each camera spent between two times, by name.
+    """Return the energy of each camera between two times, by name.
 
     Args:
         connection: to the store.
@@ -95,7 +95,7 @@ def spent(connection: Connection, start_ns: int, end_ns: int) -> list[Spent]:
 def saved(
     connection: Connection, start_ns: int, end_ns: int, active_w: Mapping[str, float], where: str
 ) -> Saving | None:
-    """Return what whole cameras saved between two times; None where no slot says.
+    """Return the saving of whole cameras between two times; None if no slot has it.
 
     Slots are those with the joules that they are charged with, blind ones left out; of many, as
     many as `coverage` looks at, scattered, as cameras may take turns. The saving is measured if

@@ -95,7 +95,7 @@ def people_of(
 
 
 class Called(NamedTuple):
-    """What a track is called and drawn in, where somebody said so."""
+    """The name and colour of a track."""
 
     name: str | None
     colour: str | None
@@ -164,7 +164,7 @@ def tracks_of(
 
 
 def set_name(store: str | Path, tracks: Sequence[Track], name: str | None) -> int:
-    """Name tracks; return how many there were. Those of a person who has a colour get it too.
+    """Name tracks and give them the person's colour; return how many there are.
 
     Raises:
         InputError: for a name that is a number, empty or too long, or no such tracks.
@@ -183,7 +183,7 @@ def set_name(store: str | Path, tracks: Sequence[Track], name: str | None) -> in
 
 
 def set_colour(store: str | Path, tracks: Sequence[Track], colour: str | None) -> int:
-    """Say what colour tracks are drawn in, None for that of their number; return how many.
+    """Set the colour of tracks, None for the default; return how many there are.
 
     Raises:
         InputError: for no colour of `COLOURS`, or no such tracks.
@@ -205,7 +205,7 @@ def kept_of(store: str | Path, tracks: Sequence[Track]) -> dict[str, int]:
 
 
 def requests_of(store: str | Path, tracks: Sequence[Track]) -> list[Forgotten]:
-    """Return what is to be deleted, for `store.forgetting` and `archive.deleting`.
+    """Return the deletions for `store.forgetting` and `archive.deleting`.
 
     Raises:
         InputError: for a run that the store does not have.
@@ -264,7 +264,7 @@ def _writing(store: str | Path) -> Iterator[Connection]:
 
 
 def write_anew(store: str | Path) -> None:
-    """Write the tables anew: what was deleted is then in no page of their files.
+    """Rewrite the tables, so that no page of their files keeps deleted rows.
 
     For as long as that takes, a running edge keeps its slots in its spool.
 

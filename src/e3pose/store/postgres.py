@@ -132,7 +132,7 @@ def shown_url(url: URL) -> str:
 
 
 def engine_settings(url: URL, read_only: bool) -> dict[str, Any]:
-    """Return the arguments of an engine; what a URL says of its own stays.
+    """Return the arguments of an engine; options in the URL take precedence.
 
     Args:
         url: of a PostgreSQL server.

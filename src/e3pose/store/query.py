@@ -38,7 +38,7 @@ FOREVER = (-(2**63), 2**63 - 1)
 
 @dataclass(frozen=True, slots=True)
 class Span:
-    """Which rows of one run are asked for: its times, both ends included."""
+    """The rows of one run between two times, both ends included."""
 
     stored: StoredRun
     start_ns: int
@@ -111,7 +111,7 @@ class Store:
         after: tuple[int, int] | None = None,
         chunk: int = CHUNK_POSES,
     ) -> Iterator[StoredPoses]:
-        """Yield what `query` returns in chunks, at least one, so that a day fits into memory.
+        """Yield the result of `query` in chunks, at least one, so that a day fits into memory.
 
         Args:
             start: as in `query`, and so are the others that are not here.
@@ -188,12 +188,12 @@ class Store:
             return overview.coverage(connection, start_ns, end_ns, parts)
 
     def spent(self, start_ns: int, end_ns: int) -> list[overview.Spent]:
-        """Return what each camera spent, see `overview.spent`."""
+        """Return the energy of each camera, see `overview.spent`."""
         with reading(self.place, self._engines) as connection:
             return overview.spent(connection, start_ns, end_ns)
 
     def saved(self, start_ns: int, end_ns: int, active_w: Mapping[str, float]) -> Saving | None:
-        """Return what whole cameras saved, see `overview.saved`."""
+        """Return the saving of whole cameras, see `overview.saved`."""
         with reading(self.place, self._engines) as connection:
             return overview.saved(connection, start_ns, end_ns, active_w, self.where)
 
@@ -302,7 +302,7 @@ def _bounds(first: When | None, last: When | None, started_ns: int) -> tuple[int
 
 
 def columns_of(connection: Connection, table: Table) -> list[ColumnElement[Any]]:
-    """Return the columns of a table; those that a store of an earlier version lacks are null."""
+    """Return the columns of a table; null for columns that an earlier schema lacks."""
     there = {column["name"] for column in inspect(connection).get_columns(table.name)}
     return [each if each.name in there else null().label(each.name) for each in table.c]
 

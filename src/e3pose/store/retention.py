@@ -19,7 +19,7 @@ SIZE_OF_SERVER = (
 
 @dataclass(frozen=True, slots=True)
 class Retention:
-    """What to keep.
+    """Limits of age and size.
 
     Attributes:
         max_age_s: slots older than this go.
@@ -47,7 +47,7 @@ def trim(connection: Connection, retention: Retention, now_ns: int) -> int:
 
 
 def give_back(connection: Connection) -> None:
-    """Return some pages that nothing uses to the file system, once there are many of them."""
+    """Return some unused pages to the file system, once there are many."""
     if connection.dialect.name != "sqlite":
         return
     free = connection.execute(text("PRAGMA freelist_count")).scalar_one()
@@ -58,7 +58,7 @@ def give_back(connection: Connection) -> None:
 
 
 def _remove(connection: Connection, before_ns: int) -> int:
-    """Remove the oldest slots before a time, and what was said of their runs until then."""
+    """Remove the oldest slots before a time, and earlier events of their runs."""
     slots = schema.slots
     old = select(slots.c.run_id, slots.c.slot, slots.c.time_ns).where(slots.c.time_ns < before_ns)
     keys = connection.execute(old.order_by(slots.c.time_ns).limit(BATCH_SLOTS)).all()
@@ -81,7 +81,7 @@ def _remove(connection: Connection, before_ns: int) -> int:
 
 
 def forget_empty(connection: Connection, run_id: int) -> None:
-    """Remove tracks of which no slot is left, and the run if nothing is and a later one began."""
+    """Remove tracks without slots, and the run if it is empty and a later one exists."""
     runs, slots, tracks = schema.runs, schema.slots, schema.tracks
     first = connection.execute(select(func.min(slots.c.slot)).where(slots.c.run_id == run_id))
     left = first.scalar()

@@ -115,7 +115,7 @@ class EnergyReading:
 
 @dataclass(frozen=True, slots=True)
 class Presence:
-    """What people do in a slot, for summaries; not stored.
+    """States of people in a slot, for summaries; not stored.
 
     Attributes:
         time_ns: when, since 1970, UTC.

@@ -141,7 +141,7 @@ class Saver:
         return found
 
     def keep_house(self, retention: Retention, now_ns: int) -> None:
-        """Do what can wait, a little after every commit."""
+        """Do deferrable work, a little after every commit."""
         if self.problem is not None:
             return
         try:

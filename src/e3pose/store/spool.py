@@ -213,7 +213,7 @@ def new_spool(run: Run, store: Path | None, capacity_bytes: int) -> Spool:
 
 
 def spools_of(store: Path) -> list[Path]:
-    """Return the spools beside a store, whoever they belong to."""
+    """Return all spools beside a store."""
     return sorted(store.parent.glob(f"{glob.escape(store.name)}{ENDING}[0-9]*"))
 
 
@@ -225,7 +225,7 @@ def frame(content: bytes) -> bytes:
 def content_at(
     content: bytes | mmap.mmap, at: int, end: int | None = None
 ) -> tuple[bytes | None, int]:
-    """Return what a frame holds, None if it is damaged, and where the next one begins."""
+    """Return the content of a frame, None if damaged, and the offset of the next one."""
     if at + FRAME.size > len(content):
         return None, at
     size, checksum = FRAME.unpack(content[at : at + FRAME.size])
@@ -283,7 +283,7 @@ class LeftSpool:
         os.close(self._lock)
 
     def _read_head(self) -> tuple[Run, int]:
-        """Return whose rows these are and the bytes of both halves; 0 if not stated."""
+        """Return the owner of the rows and the bytes of both halves; 0 if not stated."""
         if self._content[: len(MAGIC)] != MAGIC:
             raise InputError(f"{self.path}: found no spool that e3pose wrote")
         run, after = content_at(self._content, len(MAGIC), HEADER_BYTES)

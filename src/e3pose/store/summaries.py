@@ -1,4 +1,4 @@
-"""Minutes of a site, summed up from the rows that its store gets: what may leave it.
+"""Summaries of a site per minute, made of the rows of its store: all that may leave it.
 
 No pose and nobody's identity is in a summary. Used by the writer's thread alone, off the slot's
 path. The record is in `docs/reference/outbox.md`.
@@ -39,7 +39,7 @@ ENDS = {end: kind for kind, ends in FAULTS.items() for end in ends if end != "st
 
 @dataclass(slots=True, eq=False)
 class Tally:
-    """What is known of a minute so far.
+    """Sums of the minute so far.
 
     Attributes:
         begin_ns: from when on.
@@ -121,7 +121,7 @@ class Minutes:
             tally.joints += int(np.isfinite(squares).sum())
 
     def present(self, now: Presence) -> None:
-        """Add what people did since the last call."""
+        """Add the states of people since the last call."""
         before, self._present = self._present, now
         if before is None or not 0 < now.time_ns - before.time_ns <= LONGEST_STEP_S * NS:
             return

@@ -207,11 +207,11 @@ class StoreWriter:
         return self._hand_over(reading, wait=False)
 
     def zone(self, event: ZoneEvent) -> bool:
-        """Hand over what happened in a zone; return whether it was taken."""
+        """Hand over a zone event; return whether it was taken."""
         return self._hand_over(event, wait=False)
 
     def present(self, now: Presence) -> bool:
-        """Hand over what people do, for summaries; return whether it was taken."""
+        """Hand over states of people, for summaries; return whether they were taken."""
         return self._hand_over(now, wait=False)
 
     def status(self) -> WriterStatus:
@@ -287,7 +287,7 @@ class StoreWriter:
         self._saver.close()
 
     def _gather(self) -> tuple[list[Row], tuple[int, int], list[threading.Event]]:
-        """Return the rows of one commit, the first and last slot in them, and who waits."""
+        """Return the rows of one commit, their first and last slot, and the waiting callers."""
         rows: list[Row] = []
         waiting: list[threading.Event] = []
         first = newest = NO_SLOT

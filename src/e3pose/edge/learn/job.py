@@ -78,7 +78,7 @@ class Verdict(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def read_job(folder: Path) -> Job:
-    """Return what is asked for; raise `InputError` if that is no job."""
+    """Read a training job; raise `InputError` for any other content."""
     path = folder / JOB
     try:
         return msgspec.json.decode(read_bytes(path, MAX_JOB_BYTES), type=Job)

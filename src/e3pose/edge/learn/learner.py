@@ -39,7 +39,7 @@ WARM_UP_PEOPLE = 4
 
 
 class OnlineTrainer:
-    """Learn from what the running system estimates.
+    """Trains the predictor on the poses that the running system estimates.
 
     Args:
         folder: of this site; what it holds survives restarts. One process at a time.
@@ -94,7 +94,7 @@ class OnlineTrainer:
     # What the edge's thread calls.
 
     def collect(self, record: SlotRecord) -> None:
-        """Take in what a slot left behind; never waits."""
+        """Collect the record of a slot; never waits."""
         self._gathering.add(record)
         if self._gathering.full(round(self.settings.chunk_s / self.settings.interval_s)):
             self._put_by()
@@ -135,7 +135,7 @@ class OnlineTrainer:
         return sum(self._slots_of.values()) * self.settings.interval_s
 
     def close(self) -> None:
-        """Write what was gathered, end a training that runs, and give the folder free."""
+        """Write collected poses, stop a running training, and unlock the folder."""
         self._closing.set()
         if self._thread.is_alive():
             self._thread.join(timeout=10.0)
@@ -150,7 +150,7 @@ class OnlineTrainer:
     # What the thread beside the edge does.
 
     def attend(self) -> None:
-        """Do what is to be done: write, start, watch, judge, load. Never raises."""
+        """Run one round of work: write, start, watch, judge, load. Never raises."""
         now_s = self.clock.now_ns() / 1e9
         try:
             self.write_waiting()
@@ -298,7 +298,7 @@ class OnlineTrainer:
             self._report(f"version {wanted} in use from the next slot")
 
     def _before(self, manifest: Manifest, number: int) -> int:
-        """Return what to run where version `number` cannot: an older one, or the running one."""
+        """Return a replacement for version `number`: an older one, or the running one."""
         older = [version for version in manifest.versions if version.number == number]
         return older[0].parent if older and older[0].parent < number else self._running
 

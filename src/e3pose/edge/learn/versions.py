@@ -50,7 +50,7 @@ class Version(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Manifest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What `versions.json` holds."""
+    """The content of `versions.json`."""
 
     format: str = FORMAT
     current: int = SHIPPED_NUMBER
@@ -69,7 +69,7 @@ class Manifest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def check_learning_folder(folder: Path) -> None:
-    """Raise `InputError` where something else stands than what was learned before, or nothing."""
+    """Raise `InputError` unless the folder is new, empty, or one of an earlier learner."""
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder}: found a file, expected a folder to learn in")
     if folder.is_dir() and any(folder.iterdir()) and not (folder / "versions").is_dir():
@@ -187,7 +187,7 @@ class VersionStore:
         return parent
 
     def put_aside(self) -> tuple[Path, Manifest]:
-        """Move a damaged manifest out of the way; return where it is now, and what replaces it.
+        """Move a damaged manifest aside; return its new path and its replacement.
 
         Its copy replaces it; where that is damaged too, one that names the network to begin with.
         """

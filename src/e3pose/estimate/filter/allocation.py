@@ -1,4 +1,4 @@
-"""What the compiled filter works on: the constants of a model, and room for so many people."""
+"""Constants and workspace of the compiled filter."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def held_constants(model: Model) -> Held[Constants]:
 
 
 def make_workspace(model: Model, num_tracks: int, num_people: int, num_waiting: int) -> Workspace:
-    """Allocate room for so many tracks, people in one view, and leftovers from earlier slots."""
+    """Allocate a workspace for tracks, people per view, and leftovers from earlier slots."""
     cameras, joints = len(model.rig), len(model.skeleton)
     waiting = MAX_LEFTOVERS + num_waiting
     return Workspace(

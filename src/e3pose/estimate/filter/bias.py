@@ -38,7 +38,7 @@ UNLEARNED = 0.1
 
 
 class MemoryTerms(NamedTuple):
-    """What the filter derives from an `ErrorMemory`, for its kernels.
+    """Constants that the kernels derive from an `ErrorMemory`.
 
     With l the lasting share of the variance, at most MOST_LEARNED, q the quick share and t the
     time since the view looked before, the update multiplies the variance of a keypoint by
@@ -77,7 +77,7 @@ class MemoryTerms(NamedTuple):
 
 
 def memory_terms(memory: ErrorMemory) -> MemoryTerms:
-    """Return the filter's constants for a detector whose errors last so long."""
+    """Return the filter's constants for an error memory."""
     lasting = min(memory.lasting_share, MOST_LEARNED)
     quick = REPEATED * memory.quick_share
     return MemoryTerms(
@@ -93,7 +93,7 @@ def memory_terms(memory: ErrorMemory) -> MemoryTerms:
 
 @kernel
 def inflation(since_s: float, terms: MemoryTerms) -> float:
-    """Return the factor on a keypoint's variance so long after the look before."""
+    """Return the factor on a keypoint's variance by the time since the previous look."""
     since_s = SHORTEST_S if since_s < SHORTEST_S else since_s
     since_s = terms.lasting_s if since_s > terms.lasting_s else since_s
     return terms.fresh + terms.quick / math.tanh(since_s / (2 * terms.quick_s))
@@ -114,7 +114,7 @@ def left_over(since_s: float, terms: MemoryTerms) -> float:
 
 @kernel
 def learning_rate(since_s: float, terms: MemoryTerms) -> float:
-    """Return the share of a residual that a bias learns, so long after the view looked before."""
+    """Return the share of a residual that a bias learns, by the time since the previous look."""
     return float(min(1.0 - math.exp(-since_s / LEARNED_S), terms.most))
 
 

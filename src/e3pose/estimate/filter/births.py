@@ -105,7 +105,7 @@ def _pair(
     waiting: Waiting,
     pairs: Pairs,
 ) -> int:
-    """Fill `pairs` with those who may be one person; return how many."""
+    """Fill `pairs` with detections that may be one person; return how many."""
     projections, scales = constants.projections, constants.scales
     num_pairs = 0
     for a in range(num_waiting):

@@ -140,7 +140,7 @@ def _add(
 
 @kernel
 def _forget(detection_map: Floats, place_m: Floats, corner_m: Floats) -> None:
-    """Scale what is beyond `MOST_VIEWS` down to it."""
+    """Scale counts beyond `MOST_VIEWS` down to it."""
     column, _ = cell(place_m[0] - corner_m[0])
     row, _ = cell(place_m[1] - corner_m[1])
     for a in range(2):

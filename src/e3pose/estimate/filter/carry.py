@@ -105,7 +105,7 @@ def _move_on(
 
 @kernel
 def _expect(A: Floats, B: Floats, C: Floats, information: Floats, room: Floats) -> None:
-    """Replace the blocks by those after views of the information `information`."""
+    """Update the blocks by views with `information`."""
     inverse, total, W = room[0], room[1], room[2]
     _invert(A, inverse)
     entry = 0
@@ -128,7 +128,7 @@ def _expect(A: Floats, B: Floats, C: Floats, information: Floats, room: Floats) 
 
 @kernel
 def _multiply(first: Floats, second: Floats, product: Floats) -> None:
-    """Fill the product of two 3 x 3 matrices, neither of which it may be."""
+    """Fill the product of two 3 x 3 matrices; the output must be neither of them."""
     for a in range(3):
         for b in range(3):
             product[a, b] = (

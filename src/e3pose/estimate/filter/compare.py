@@ -1,4 +1,4 @@
-"""What the keypoints of a slot teach beside where the person is.
+"""Learning from the residuals of a slot: noise, bias, sides.
 
 Before the update they are compared with where each joint is predicted: that tells how agile joints
 are (`agility`) and how far predictions are off (`covariance_inflation`). After it they are compared
@@ -64,7 +64,7 @@ def compare_updated(
     tracks: Tracks,
     detectors: Detectors,
 ) -> None:
-    """Compare the keypoints of a track just updated with what all of them say together."""
+    """Compare each keypoint of an updated track with the estimate from all of them."""
     state, covariance = tracks.state[track], tracks.covariance[track]
     corrected_m, shown = tracks.corrected_m[track], False
     there = proved(track, dt, views, matches, tracks)

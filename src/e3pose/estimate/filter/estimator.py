@@ -33,7 +33,7 @@ FilterStep = Callable[[Model, Belief, Mapping[int, Poses2D], float], tuple[Belie
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FilterMemory:
-    """What `Filtered` hands from slot to slot.
+    """State of `Filtered` between slots.
 
     Attributes:
         belief: about everybody.

@@ -56,7 +56,7 @@ def attend(
     corner_m: Floats,
     tracks: Tracks,
 ) -> None:
-    """Count for each track the views that showed it and those that should have."""
+    """Count for each track the views that showed it and the views that should have."""
     num_cameras, num_joints = len(views.counts), tracks.state.shape[1]
     rate = LEARN_RATE * (dt / FASTEST_S if dt < FASTEST_S else 1.0)
     forgotten = 1.0 - math.exp(-dt / DELIVERED_LASTS_S)

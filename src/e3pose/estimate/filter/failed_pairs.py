@@ -44,7 +44,7 @@ def count_failures(
     taken: Flags,
     failed_pairs: Floats,
 ) -> None:
-    """Count the looks of this slot that other cameras had at detections that still wait.
+    """Count this slot's looks of other cameras at waiting detections.
 
     Args:
         num_waiting: how many of `waiting.order` there are.

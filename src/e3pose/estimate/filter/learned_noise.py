@@ -99,7 +99,7 @@ def find_logs(noise: Floats, weight: float, logs: Floats) -> None:
 
 @kernel
 def tilt_knots(tilt: float, scores: Floats, stated_px: Floats, noise_px: Floats) -> None:
-    """Fill `noise_px` `(num_knots,)`: what the file states at `scores`, tilted."""
+    """Fill `noise_px` `(num_knots,)`: the file's noise at `scores`, tilted."""
     for knot in range(len(scores)):
         noise_px[knot] = stated_px[knot] * math.exp(tilt * _leaning(scores[knot]))
 

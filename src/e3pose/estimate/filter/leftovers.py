@@ -12,7 +12,7 @@ SURE_SCORE, MIN_JOINTS = 0.2, 8  # of a detection that may start somebody
 
 @kernel
 def collect(num_old: int, time_s: float, wait_s: float, views: Views, waiting: Waiting) -> int:
-    """Add the leftovers of this slot and put all in order; return how many there are."""
+    """Add the leftovers of this slot and sort all; return how many there are."""
     num_joints = views.weights.shape[1]
     _rank(views)
     rank, room = _last_rank(views)
@@ -54,7 +54,7 @@ def collect(num_old: int, time_s: float, wait_s: float, views: Views, waiting: W
 
 @kernel
 def _rank(views: Views) -> None:
-    """Fill `views.ranks`: how many of the same camera are surer, -1 for those that do not wait."""
+    """Fill `views.ranks`: how many of the same camera score higher; -1 if not waiting."""
     for camera in range(len(views.counts)):
         start, stop = views.starts[camera], views.starts[camera] + views.counts[camera]
         for at in range(start, stop):
@@ -93,7 +93,7 @@ def _last_rank(views: Views) -> tuple[int, int]:
 
 @kernel
 def _sum(row: int, values: Floats) -> float:
-    """Add as numpy does up to 128 numbers, so that what is equal there is equal here."""
+    """Sum in numpy's order for up to 128 numbers, so that ties stay ties."""
     size = values.shape[1]
     total = 0.0
     whole = size - size % 8

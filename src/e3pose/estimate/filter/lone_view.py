@@ -1,4 +1,4 @@
-"""The distance of a person whom a single camera sees.
+"""The distance of a person in a single view.
 
 One camera shows how far away a person is by the lengths of bones alone. The errors of these lengths
 and of the size that the detector sees are the same in every slot, so many views say no more than
@@ -165,7 +165,7 @@ def _move(
     covariance: Floats,
     shared: Floats,
 ) -> None:
-    """Move a whole body from a camera and widen what is believed of it likewise.
+    """Move a whole body along a camera's rays and scale its covariance.
 
     `per_s` is by how much its speed along the line of sight changes with its distance.
     """

@@ -216,7 +216,7 @@ def foresee_joints(
     joints_m: Floats,
     shares: Floats,
 ) -> None:
-    """Fill what `filter.steer.foreseen` returns.
+    """Fill the result of `filter.steer.foreseen`.
 
     Args:
         history_m: `(num_slots, num_steered, num_joints, 3)` metres.

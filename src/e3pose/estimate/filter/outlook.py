@@ -22,7 +22,7 @@ from e3pose.estimate.filter.state import Belief, Known, Model, known_of
 
 
 class Expected(NamedTuple):
-    """What `expect` fills of an `Outlook`, by the names there."""
+    """The fields of an `Outlook` that `expect` fills."""
 
     joints_m: Floats
     covariance: Floats

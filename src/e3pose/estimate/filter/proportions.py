@@ -1,4 +1,4 @@
-"""The lengths of a person's limbs: what is known of people, and what was learned of this one."""
+"""Limb lengths: prior over people, and the lengths learned of one person."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def kept(
     covariance_m2: Floats,
     measured: Flags,
 ) -> tuple[Floats, Floats, Flags]:
-    """Return people whose limbs are as long as they can be; nothing is changed in place.
+    """Return people with limbs of possible lengths; nothing is changed in place.
 
     Args:
         body: the bones.
@@ -272,7 +272,7 @@ def keep_all(
     covariance_m2: Floats,
     measured: Flags,
 ) -> None:
-    """Do what `keep_lengths` does for people, by the lengths that each has.
+    """Apply `keep_lengths` to people with their own lengths.
 
     Args:
         body: the bones.

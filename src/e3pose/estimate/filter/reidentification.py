@@ -106,7 +106,7 @@ class Identities:
 
     @classmethod
     def none(cls, model: Model) -> Identities:
-        """Return the identities before the first slot: nobody."""
+        """Return the identities before the first slot."""
         ids, times, places = np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros((0, 2))
         kinds = np.zeros((0, len(_kinds(model))))
         return cls(
@@ -273,7 +273,7 @@ def _kinds(model: Model) -> list[list[int]]:
 
 
 def _not_among(known: Integers, tracks: Integers) -> list[int]:
-    """Return the rows of the ids `(num_tracks,)` that are not among those known."""
+    """Return the rows of unknown ids `(num_tracks,)`."""
     ids = set(known.tolist())
     return [row for row, track in enumerate(tracks.tolist()) if track not in ids]
 

@@ -1,4 +1,4 @@
-"""The uncertainty that views leave whose errors repeat themselves, however many there are.
+"""The uncertainty that remains after any number of views with repeated errors.
 
 Biases are learned from differences between views; an error that all of them make together stays,
 for as long as the detector's errors last. Many views make the filter surer than that, so it is
@@ -62,7 +62,7 @@ def weigh_biases(
     lasting: Floats,
     bias_share: Floats,
 ) -> None:
-    """Fill `lasting` `(num_cameras,)`: `weights` of a joint whose errors are as its biases are.
+    """Fill `lasting` `(num_cameras,)`: `weights` of a joint by the size of its biases.
 
     Args:
         bias_px: `(num_cameras, 2)` of the joint of one person.

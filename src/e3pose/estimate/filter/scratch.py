@@ -21,7 +21,7 @@ MAX_LEFTOVERS = 64  # capacity: newest first: a view full of noise must not cost
 
 
 class Constants(NamedTuple):
-    """What is constant about a rig, a skeleton and a detector."""
+    """Constants of a rig, a skeleton and a detector."""
 
     projections: Floats  # (num_cameras, 3, 4)
     centers_m: Floats  # (num_cameras, 3)
@@ -70,7 +70,7 @@ class Views(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Columns:
-    """What is believed of people, a row for each track.
+    """The belief about people, one row per track.
 
     Attributes:
         track_ids: `(num_tracks,)` unique within a run, rising.
@@ -144,7 +144,7 @@ else:
 
 
 class Waiting(NamedTuple):
-    """Detections that nobody explains, of this slot and of earlier ones."""
+    """Unexplained detections of this slot and of earlier ones."""
 
     times_s: Floats
     cameras: Integers
@@ -177,7 +177,7 @@ class Detectors(NamedTuple):
 
 
 class Offers(NamedTuple):
-    """Room for assigning the detections of one view."""
+    """Workspace for assigning the detections of one view."""
 
     projected: Floats  # (4, num_joints) one track in the view: u, v, variance, in front
     cost: Floats  # (num_tracks, max_people)
@@ -191,7 +191,7 @@ class Offers(NamedTuple):
 
 
 class Passes(NamedTuple):
-    """Room for the passes of one track's update; blocks of 6 x 6 are rows of 36 numbers."""
+    """Workspace for the update of one track; blocks of 6 x 6 are rows of 36 numbers."""
 
     prior_own: Floats  # (num_joints, 36) information of the prior about each joint
     prior_across: Floats  # (num_joints, 36) about each joint and its parent
@@ -228,7 +228,7 @@ class Pairs(NamedTuple):
 
 
 class Workspace(NamedTuple):
-    """All of it, allocated once for as many tracks, people and leftovers."""
+    """All workspaces, allocated once for a number of tracks, people and leftovers."""
 
     views: Views
     tracks: Tracks

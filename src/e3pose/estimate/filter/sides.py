@@ -50,7 +50,7 @@ def exchanged_limbs(
     opposites: Integers,
     limbs: Integers,
 ) -> int:
-    """Return the bits of the limbs whose sides a detection has exchanged, and of those as given.
+    """Return the bits of limbs with exchanged sides, and of limbs with the given sides.
 
     Args:
         row: of the detection.

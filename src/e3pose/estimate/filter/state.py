@@ -72,7 +72,7 @@ class Model:
 
     @cached_property
     def proportions(self) -> Proportions:
-        """The bones of the skeleton, and what is known of their lengths."""
+        """The bones of the skeleton, and the prior of their lengths."""
         return proportions_of(self.skeleton.joints, self.tree)
 
     @cached_property
@@ -219,7 +219,7 @@ class Belief(Columns):
 
 
 class Known(NamedTuple):
-    """Arrays of `Belief` that what is published and expected follows from, as kernels take them."""
+    """The columns of `Belief` that publishing and outlook read."""
 
     state: Floats
     covariance: Floats

@@ -73,7 +73,7 @@ def steer(
 def foreseen(
     model: Model, history_m: Floats, prediction: Prediction, interval_s: float
 ) -> tuple[Floats, Floats]:
-    """Return what `steer` needs of a prediction: positions and remaining variances.
+    """Return the predicted positions and remaining variances that `steer` needs.
 
     A predictor that says how fast its error grows says what it does not foresee: its share of what
     the filter's own motion leaves open between the first slot to come and the second.

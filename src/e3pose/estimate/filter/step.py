@@ -156,7 +156,7 @@ class StepKernel:
         return belief, people_of(belief, model)
 
     def _room_for(self, model: Model, tracks: int, people: int, old: int) -> Workspace:
-        """Return a workspace with room for so many tracks, people in a view and old leftovers."""
+        """Return a workspace for the given numbers of tracks, people in a view and leftovers."""
         if model is not self._model:
             self._model = model
             self._constants = held_constants(model)

@@ -244,7 +244,7 @@ def spread_out(
     shared: Floats,
     room: Floats,
 ) -> None:
-    """Write the covariances after `eliminate`; what it left in `across` is lost."""
+    """Write the covariances after `eliminate`; overwrites `across`."""
     for place in range(len(order)):
         joint = order[place]
         parent = parents[joint]

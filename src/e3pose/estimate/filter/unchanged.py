@@ -1,4 +1,4 @@
-"""Views of an unchanged image: they tell that nobody moves, not where anybody is.
+"""Views of an unchanged image: evidence that people stand still, not of their place.
 
 A camera whose image is the same as in its last look sends the keypoints of that look again, with
 all of their errors. Such a keypoint is no second measurement of a place: however often it comes,

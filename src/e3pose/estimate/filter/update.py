@@ -156,7 +156,7 @@ def _pull_view(
     first: bool,
     passes: Passes,
 ) -> None:
-    """Add the information of one detection about each joint to `seen`; note what it measures.
+    """Add the information of one detection about each joint to `seen`; mark measured joints.
 
     `factor` is on its variances.
     """

@@ -43,7 +43,7 @@ def dissolve_groups(
     cap_m: float,
     workspace: Workspace,
 ) -> None:
-    """Change the labels; sizes and strengths are those of `weigh_groups` and are kept up to date.
+    """Change the labels; keep sizes and strengths (see `weigh_groups`) up to date.
 
     What `measure_pairs` and `group_poses` worked in is used up.
     """

@@ -190,7 +190,7 @@ def _cost(
     fundamentals: Floats,
     workspace: Workspace,
 ) -> float:
-    """Return the mean distance of a pose from those of a candidate before `stop`."""
+    """Return the mean distance of a pose from a candidate's poses before `stop`."""
     labels = workspace.integers[LABEL]
     total, count = 0.0, 0
     for member in range(candidate, stop):

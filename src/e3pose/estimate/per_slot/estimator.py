@@ -73,7 +73,7 @@ class PerSlot:
         return tracks, Estimate(people, tracks.history, stage_s)
 
     def steer(self, memory: Tracks, prediction: Prediction, interval_s: float) -> Tracks:
-        """See `Estimator.steer`: what is estimated slot by slot expects no motion."""
+        """See `Estimator.steer`; estimates per slot expect no motion."""
         return memory
 
     def leave_out_ids(self, memory: Tracks, count: int) -> Tracks:

@@ -21,7 +21,7 @@ MAX_POSES = 4096  # capacity: in one slot, all views together: 1 GB of working m
 
 
 class Fuser:
-    """Fuses slot after slot of one rig; holds what is computed once per rig, and no history.
+    """Fuses slots of one rig; holds the constants of the rig and no history.
 
     Args:
         rig: the calibrated cameras.

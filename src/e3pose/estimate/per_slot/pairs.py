@@ -80,7 +80,7 @@ def measure_pairs(
     cap_m: float,
     workspace: Workspace,
 ) -> None:
-    """Fill the symmetric sums and weights of all pairs; those of one view are infinite."""
+    """Fill the symmetric sums and weights of all pairs; pairs of one view are infinite."""
     cameras, lanes = workspace.integers[CAMERA], workspace.lanes
     sums, weights = workspace.sums, workspace.weights
     num_tiles = (num_poses + LANES - 1) // LANES

@@ -42,7 +42,7 @@ RAYS, TANKE_GALL = MATCHERS.index("rays"), MATCHERS.index("tanke-gall")
 
 
 class SlotKernel:
-    """What `Fuser` runs: keeps what is constant per rig, and the working workspace."""
+    """The kernel of `Fuser`, with the constants of a rig and the workspace."""
 
     def __init__(self, rig: Rig, num_joints: int, settings: FusionSettings) -> None:
         self._site = Site(
@@ -66,7 +66,7 @@ class SlotKernel:
         self._workspace = make_workspace(len(rig), num_joints, 8 * len(rig))
 
     def __call__(self, keypoints_px: Floats, scores: Floats, counts: Integers) -> Fused:
-        """Fuse one slot; the arguments are those of `Fuser.fuse_arrays`."""
+        """Fuse one slot; arguments as in `Fuser.fuse_arrays`."""
         workspace = self._workspace
         if counts.sum() > len(workspace.strength):
             num_cameras, num_joints = len(counts), scores.shape[2]

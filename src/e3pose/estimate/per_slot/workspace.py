@@ -1,4 +1,4 @@
-"""What the kernels of one slot know of a rig, their rules, and the arrays that they work in."""
+"""Constants of a rig, rules, and workspace of the kernels of one slot."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ CAMERA, ROW, LABEL, NEAREST, ALIVE, SIZE, MEMBER = range(7)  # the rows of `Work
 
 
 class Site(NamedTuple):
-    """What is constant about a rig."""
+    """Constants of a rig."""
 
     ray_matrices: Floats  # (num_cameras, 3, 3)
     centers_m: Floats  # (num_cameras, 3)

@@ -124,7 +124,7 @@ class FixedLag:
         return self._oldest() if len(self._links) > self.lag_slots else None
 
     def flush(self) -> Smoothed | None:
-        """Return the next slot of those that wait, with what is known; None when there is none."""
+        """Return the next waiting slot, smoothed so far; None without one."""
         return self._oldest() if self._links else None
 
     def _oldest(self) -> Smoothed | None:

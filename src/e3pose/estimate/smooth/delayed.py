@@ -38,7 +38,7 @@ class Delayed:
         self._body, self._lag = proportions_of(self.joints, tree), FixedLag(tree, self.lag_slots)
 
     def warm_up(self) -> None:
-        """Compile, or load from the cache, what a slot needs; takes seconds the first time."""
+        """Compile or load the kernels of a slot; takes seconds the first time."""
         people, bones = (0, len(self.joints)), (0, len(self._body.bones))
         covariance_m2, known = np.zeros((*people, 3, 3)), np.zeros(people, dtype=bool)
         nowhere_m, lengths_m = np.zeros((*people, 3)), np.zeros(bones)

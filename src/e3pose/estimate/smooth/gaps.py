@@ -29,7 +29,7 @@ def stretches(known: Flags, longest_gap: int) -> Iterator[tuple[int, int]]:
 
 
 def fill_gaps(motion: Motion, longest_gap: int) -> Motion:
-    """Return the motion with gaps of at most so many slots filled, and marked as filled.
+    """Return the motion with short gaps filled, and marked as filled.
 
     Between two known places a joint follows the monotone cubic through all known ones (Fritsch and
     Carlson 1980), which never swings beyond them. Nothing is filled before the first or after the

@@ -19,7 +19,7 @@ TELLING_M = 0.05  # a joint that is known better than this tells the lengths of 
 
 
 def keep_limbs(motion: Motion, skeleton: Skeleton) -> Motion:
-    """Return the motion with limbs of one length, which is a person's.
+    """Return the motion with limbs of the person's lengths.
 
     What is missing stays so; scores and origins are as they were; a joint that had to move is as
     much less certain. Bodies that are nobody's, by the median of their limbs, stay as they are.

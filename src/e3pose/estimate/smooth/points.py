@@ -81,7 +81,7 @@ def smooth_points(motion: Motion, skeleton: Skeleton, interval_s: float) -> Moti
 
 
 def _stated_m(before_m: Floats, filtered_m2: Floats, smoothed_m2: Floats) -> Floats:
-    """Return what to state after smoothing, `(num,)`.
+    """Return the stated standard deviations after smoothing, `(num,)`.
 
     What was stated beyond what the filter knew are errors that views repeat, which no number of
     slots averages out (`smooth.stated`): they stay. What was stated below it is a factor.
@@ -98,7 +98,7 @@ def _forward(
     move: Floats,
     noise: Floats,
 ) -> tuple[list[Floats], list[Floats], list[Expected]]:
-    """Return what was known after each slot, `(num_joints, 2, 3)` and `(num_joints, 2, 2)`.
+    """Return the filtered state after each slot, `(num_joints, 2, 3)` and `(num_joints, 2, 2)`.
 
     With it what was expected of each slot, from the one before; the first entry says nothing.
     """
@@ -125,7 +125,7 @@ def _forward(
 
 
 def _taken_in(expected: Expected, place_m: Floats, sigma_m: Floats) -> tuple[Floats, Floats]:
-    """Return what was known after a slot, from what it answered; nothing new where it is NaN."""
+    """Return the filtered state after a slot, from its published state; NaN adds nothing."""
     before = expected.covariance[:, 0, 0]
     measured: Flags = np.asarray(np.isfinite(place_m).all(axis=-1))
     stated = np.isfinite(sigma_m)

@@ -1,4 +1,4 @@
-"""What a smoother states of its errors.
+"""The errors that a smoother states.
 
 A smoother averages over slots what the filter takes for independent. The filter's published
 covariance has two parts (`filter.covariance_inflation`, `filter.lasting`): its own, times a factor,

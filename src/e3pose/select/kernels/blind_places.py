@@ -18,7 +18,7 @@ INFORMATION_RATIO = 100.0
 
 @kernel
 def worth(shows: float) -> float:
-    """Return what a camera is worth that shows somebody with a probability, as a share.
+    """Return the value of a camera, as a share, from its probability to show a person.
 
     A camera that shows somebody with probability p and otherwise nothing is worth p log(1 + W) nats
     where one that always shows W times what is known is worth log(1 + W): as much as one that

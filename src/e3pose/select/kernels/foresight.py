@@ -1,4 +1,4 @@
-"""Information that cameras would add, and the errors after sets of them: loops over arrays.
+"""Expected information of cameras, and expected errors of sets of cameras, as kernels.
 
 Symmetric 3 x 3 matrices are their six upper entries, xx, xy, xz, yy, yz and zz.
 """
@@ -41,7 +41,7 @@ class Expected(NamedTuple):
 
 
 class Foreseen(NamedTuple):
-    """What each camera is expected to add: as in `Foresight`."""
+    """Expected information of each camera, as in `Foresight`."""
 
     views: Floats  # (num_cameras, num_tracks, num_joints, 6)
     prior: Floats  # (num_tracks, num_joints, 6)
@@ -112,7 +112,7 @@ def _expect(
     information: Floats,
     weights: Floats,
 ) -> None:
-    """Fill what a camera is expected to show: `information` `(num_tracks, num_joints, 6)`.
+    """Fill the expected `information` of a camera `(num_tracks, num_joints, 6)`.
 
     Raises `weights` to what it delivers. Joints outside the image or behind others count less.
     """
@@ -173,7 +173,7 @@ def _project(
 
 @kernel
 def _in_front(u: float, v: float, depth: float, boxes: Floats, depths: Floats) -> float:
-    """Return 1, or `BEHIND_SHARE` for a joint at (u, v) behind the box of somebody nearer."""
+    """Return `BEHIND_SHARE` if a nearer person's box covers (u, v), else 1."""
     for other in range(len(depths)):
         if 0 < depths[other] < depth - BEHIND_M:
             box = boxes[other]
@@ -186,7 +186,7 @@ def _in_front(u: float, v: float, depth: float, boxes: Floats, depths: Floats) -
 def information(
     prior: Floats, views: Floats, new: Floats, weights: Floats, subsets: Flags, nats: Floats
 ) -> None:
-    """Fill `nats` `(num_subsets,)`: what sets of cameras are expected to add, see `Foresight`.
+    """Fill `nats` `(num_subsets,)`: expected information of sets of cameras, see `Foresight`.
 
     The innermost loops run over the joints of a person, which fills vector registers.
 
@@ -231,7 +231,7 @@ def information(
 def gains(
     prior: Floats, views: Floats, new: Floats, weights: Floats, chosen: Flags, nats: Floats
 ) -> None:
-    """Fill `nats` `(num_cameras,)`: what each camera adds to the other ones that are `chosen`."""
+    """Fill `nats` `(num_cameras,)`: information that each camera adds to the `chosen` ones."""
     num_cameras = len(chosen)
     subsets, found = np.empty((num_cameras + 1, num_cameras), np.bool_), np.empty(num_cameras + 1)
     for row in range(num_cameras + 1):

@@ -1,4 +1,4 @@
-"""Newcomers and hidden people: which of them sets of cameras would show."""
+"""Newcomers and hidden people that sets of cameras would show."""
 
 from __future__ import annotations
 

@@ -57,7 +57,7 @@ class Situation:
 
 
 class Need(Enum):
-    """What a policy needs of the loop beyond a plain situation."""
+    """Requirements of a policy beyond a plain situation."""
 
     FORESIGHT = "what each camera is expected to tell, in `Situation.foresight`"
     OWN_BOXES = "what cameras foresee from their own boxes, in `Situation.own_occlusion`"
@@ -66,7 +66,7 @@ class Need(Enum):
 
 
 class Promise(Enum):
-    """What a policy promises of its selections."""
+    """Guarantees of a policy about its selections."""
 
     COUNT = "exactly the cameras per slot asked for, or all that are online if they are fewer"
     BUDGET = "every camera stays within its budget in the long run"
@@ -107,7 +107,7 @@ def check_policy(policy: object) -> None:
 
 
 def name_of(policy: object) -> str:
-    """Return what a policy is called in messages: its class, or its own name if it is one."""
+    """Return the name of a policy for messages."""
     return getattr(policy, "__name__", type(policy).__name__)
 
 

@@ -1,1 +1,1 @@
-"""What a site, or the machine of a camera, lacks before it runs, and what to do about it."""
+"""Problems of a site or a camera's machine before it runs, and their fixes."""

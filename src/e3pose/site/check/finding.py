@@ -1,4 +1,4 @@
-"""What a check finds, and what to do about it."""
+"""Findings of checks, with their fixes."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ ENOUGH = 1e-6
 
 
 def check_skeletons(site: ResolvedSite) -> Iterator[Finding]:
-    """Check what the cameras' detectors output, and what of it the site needs."""
+    """Check that the cameras' detectors output the joints that the site needs."""
     own = "" if site.file.skeleton_name else ", that of the detectors"
     yield Finding(
         "ok", "skeleton", f"{site.skeleton.name}{own if site.skeletons else ', the default'}"
@@ -70,7 +70,7 @@ def _uses_feedback(detector: str) -> bool:
 
 
 def check_events(site: ResolvedSite) -> Iterator[Finding]:
-    """Check that somebody hears of the events of people that the site asks for."""
+    """Check that the events of people reach a store or a stream."""
     if site.file.events is not None and site.file.store is None:
         yield Finding(
             "warning",
@@ -94,7 +94,7 @@ def check_watts(site: ResolvedSite) -> Iterator[Finding]:
 
 
 def check_budgets(site: ResolvedSite, parts: EdgeParts, now: datetime) -> Iterator[Finding]:
-    """Check whether budgets pay for what cameras draw, by their power profiles.
+    """Check that budgets pay for the cameras' power, by their profiles.
 
     Args:
         site: what its file says.

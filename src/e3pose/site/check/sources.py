@@ -23,7 +23,7 @@ SOURCE_ADVICE = "correct its source, relative to the folder of the site file"
 
 
 def require_sources(site: ResolvedSite) -> None:
-    """Raise `InputError` for a source or network that is not there, with what helps."""
+    """Raise `InputError` for a missing source or network, with the fix."""
     for finding in check_sources(site):
         if finding.level == "problem":
             advice = f": {finding.advice}" if finding.advice else ""

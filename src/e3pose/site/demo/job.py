@@ -99,7 +99,7 @@ def unwatched() -> Iterator[Show]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scene:
-    """What the site of the demo is about to show.
+    """The scene that the demo's site shows.
 
     Attributes:
         site_file: of the site that was written.
@@ -188,7 +188,7 @@ def run_demo(
 
 
 def _inputs(offline: bool, phase: Phase) -> tuple[tuple[Clip, Path] | None, list[str]]:
-    """Get the clip and the network; or None, with what could not be had and why."""
+    """Get the clip and the network, or None with the missing files and the reason."""
     clip, weights, problems = find_clip(), None, []
     try:
         clip = clip or _fetched("the four-camera recording", fetch_clip, offline, phase)

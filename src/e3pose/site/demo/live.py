@@ -33,7 +33,7 @@ Show = Callable[["Status | None", int, int], None]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HeardView:
-    """What a camera saw, and when its frame was taken, since 1970."""
+    """A view of a camera, and the time of its frame since 1970."""
 
     poses: Poses2D
     captured_ns: int
@@ -83,7 +83,7 @@ class Heard:
         self.delays_s.append((poses.published_edge_ns - poses.time_edge_ns) / 1e9)
 
     def enough(self, num_slots: int, slot_ns: int) -> bool:
-        """Return whether all slots wanted are there, or a first round that has half of them."""
+        """Return whether all wanted slots arrived, or half of them after a first round."""
         over = self.newest_ns >= self.end_ns - slot_ns
         return self.slots >= num_slots or (over and self.round_slots >= num_slots // 2)
 

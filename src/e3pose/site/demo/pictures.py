@@ -97,7 +97,7 @@ def fullest(records: Sequence[SlotRecord]) -> set[int]:
 
 
 def _sketch(recording: Recording, record: SlotRecord) -> Image:
-    """Draw what stands in for frames: 2D detections in grey, 3D skeletons over them in colour."""
+    """Draw stand-ins for frames: 2D detections in grey, 3D skeletons in colour."""
     import cv2
 
     colors = [track_color(int(track_id)) for track_id in record.people.track_ids]

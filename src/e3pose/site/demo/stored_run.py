@@ -19,7 +19,7 @@ from e3pose.store.records import charged_j, slot_records
 
 @dataclass(frozen=True, slots=True)
 class Film:
-    """What the cameras of a site play, again and again.
+    """The clip that the cameras of a site play in a loop.
 
     Attributes:
         length_s: of one round, seconds of the scene.
@@ -32,7 +32,7 @@ class Film:
     begin_ns: int = 0
 
     def at_s(self, time_ns: int) -> float:
-        """Return what moment of the scene is shown at a time since 1970."""
+        """Return the scene's time that is shown at a time since 1970."""
         round_ns = round(self.length_s / self.pace * 1e9)
         return (time_ns - self.begin_ns) % round_ns / 1e9 * self.pace
 
@@ -75,7 +75,7 @@ def stored_records(
 def heard_views(
     heard: Heard, cameras: Sequence[str], num_slots: int, fps: float, num_joints: int
 ) -> tuple[ViewSeries, ...]:
-    """Return what every camera sent, as the views of a recording that begins at slot 0."""
+    """Return the views of all cameras as those of a recording that begins at slot 0."""
     series = []
     for camera_id in cameras:
         slots = sorted(s for s, who in heard.views if who == camera_id and s < num_slots)
@@ -91,7 +91,7 @@ def truth_at(truth: Truth, moments_s: Floats, fps: float) -> Truth:
 
 
 def as_recording(scene: Recording, heard: Heard, moments_s: Floats) -> Recording:
-    """Return a live run as a recording: what the cameras sent, and the truth of those moments.
+    """Return a live run as a recording, with the truth if there is one.
 
     Args:
         scene: what was shown.

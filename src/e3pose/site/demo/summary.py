@@ -26,7 +26,7 @@ FILES = {
 
 @dataclass(frozen=True, slots=True)
 class LiveFigures:
-    """What was measured while the site ran.
+    """Figures measured while the site ran.
 
     Attributes:
         pace: seconds of the scene that passed in a second.
@@ -71,7 +71,7 @@ class LiveFigures:
 
 @dataclass(frozen=True, slots=True)
 class DemoReport:
-    """What the demo did.
+    """The results of the demo.
 
     Attributes:
         dest: the folder it left.
@@ -97,7 +97,7 @@ class DemoReport:
 
 
 def printed_lines(report: DemoReport) -> list[str]:
-    """Return what the demo did, what it saved and which files to open."""
+    """Return the lines that the demo prints: its story, its savings, its files."""
     where = [f"  {report.dest / name}: {what}" for name, what in _files(report.dest).items()]
     return [*story(report), f"Finished in {report.seconds:.0f} s. Wrote:", *where]
 
@@ -109,7 +109,7 @@ def about(report: DemoReport, folder: Path) -> str:
 
 
 def story(report: DemoReport) -> list[str]:
-    """Say what the demo did and what it saved, one sentence or two a line."""
+    """Describe the run and its savings, one or two sentences per line."""
     summary, live = report.summary, report.live
     settings, selection = summary.settings, summary.selection
     assert selection is not None, "a demo has slots"
@@ -152,7 +152,7 @@ def pace_words(live: LiveFigures, num_cameras: int) -> list[str]:
 
 
 def processor_words(live: LiveFigures) -> list[str]:
-    """Say what processor time a look and a frame took; nothing where that is unknown."""
+    """Describe the processor time of a look and a frame; empty if unknown."""
     if not live.look_cpu_ms:
         return []
     return [

@@ -1,4 +1,4 @@
-"""What is kept of a site, for the page: files made of its store, and its recordings.
+"""Files made of a site's store, and its recordings, for the page.
 
 request (form, time, people) -> jobs (a queue, a folder, one child at a time) -> making (child)
 """

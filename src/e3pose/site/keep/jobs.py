@@ -149,7 +149,7 @@ class Jobs:
             return self.folder / number / name
 
     def close(self) -> None:
-        """End what is being made."""
+        """Stop the job in progress."""
         self._stop.set()
         self._wake.set()
         with self._lock:
@@ -300,7 +300,7 @@ class Jobs:
 
 
 def _jobs_in(folder: Path) -> Iterator[Job]:
-    """Yield the jobs of earlier programs; what is no job is left alone."""
+    """Yield the jobs of earlier programs; other folders are left alone."""
     for path in sorted(folder.glob(f"*/{JOB}")):
         if not NUMBER.fullmatch(path.parent.name) or path.parent.is_symlink():
             continue
@@ -319,7 +319,7 @@ def _jobs_in(folder: Path) -> Iterator[Job]:
 
 
 def _clear(folder: Path) -> None:
-    """Remove what was made of a job that failed."""
+    """Remove the files of a failed job."""
     for path in folder.iterdir() if folder.is_dir() else ():
         if path.name != JOB:
             path.unlink(missing_ok=True)

@@ -1,4 +1,4 @@
-"""What somebody wants made of a store: which time and people, in which form."""
+"""Requests for files of a store: period, people, form."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ FORMS = {
 
 @dataclass(frozen=True, slots=True)
 class ExportRequest:
-    """What is to be made.
+    """A request for one file or set of files.
 
     Attributes:
         form: a key of `FORMS`.

@@ -30,7 +30,7 @@ Watthours = Annotated[float, Field(ge=0, le=1e6)]
 
 
 class Asked(BaseModel):
-    """What a page asks for; nothing else may stand in it."""
+    """A request of the page; unknown fields are refused."""
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
 
@@ -43,7 +43,7 @@ class ChosenSite(Asked):
 
 
 class Sources(Asked):
-    """What cameras could see."""
+    """Sources of cameras."""
 
     sources: Annotated[list[Text], Field(min_length=1, max_length=32)]
 
@@ -57,7 +57,7 @@ class CameraChange(Asked):
 
 
 class Phone(Asked):
-    """A phone that is to be a camera."""
+    """A phone to add as a camera."""
 
     name: Name
 
@@ -71,7 +71,7 @@ class NetworkLogin(Asked):
 
 
 class Height(Asked):
-    """Of the person who walked; 0 where nobody knows it."""
+    """Height of the person who walked; 0 if unknown."""
 
     height_cm: Annotated[float, Field(ge=0, le=300)] = 0.0
 
@@ -93,7 +93,7 @@ class ZoneBody(Asked):
 
 
 class SettingsBody(Asked):
-    """Settings that a person wants; those left out stay as they are."""
+    """Requested settings; omitted ones stay."""
 
     cameras: Annotated[float | None, Field(gt=0, le=1000)] = None
     target_error: Short | None = None
@@ -171,7 +171,7 @@ def setup_app(table: Table) -> FastAPI:
 
 
 async def _refused(_: Request, error: Exception) -> JSONResponse:
-    """Say what is wrong in the sentence that the command line prints."""
+    """Return the error in the words of the command line."""
     words = str(error)
     if isinstance(error, OSError) and error.strerror:
         words = f"{error.filename or 'file'}: {error.strerror.lower()}"

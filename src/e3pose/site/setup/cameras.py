@@ -33,7 +33,7 @@ TURNS: tuple[Rotation, ...] = (0, 90, 180, 270)
 
 
 def found(setup: SetupSession) -> dict[str, Any]:
-    """Return what could be a camera: devices, films and what the network told of."""
+    """Return possible cameras: devices, films, and cameras found in the network."""
     used = {camera.source for camera in setup.plan().cameras}
     films = [name for name in find_films(setup.root) if str(setup.root / name) not in used]
     devices = [
@@ -45,7 +45,7 @@ def found(setup: SetupSession) -> dict[str, Any]:
 
 
 def start_adding(setup: SetupSession, sources: Sequence[str]) -> None:
-    """Look at sources in the background, and add those that film.
+    """Try sources in the background, and add the ones that work.
 
     Raises:
         InputError: for what is no source, or one that is a camera already.
@@ -96,7 +96,7 @@ def _with(seen: Probe, plan: Plan) -> Plan:
 
 
 def looked_again(camera: ChosenCamera) -> ChosenCamera:
-    """Return a camera with what is seen of it now; raise `InputError` where nothing is."""
+    """Return a camera with its present picture and rate; raise `InputError` without one."""
     seen = probe(camera.source, camera.id)
     width, height = seen.image_size
     announced = seen.nominal_fps or 0.0

@@ -32,7 +32,7 @@ SIDES = ("left", "middle", "right")
 
 @dataclass(slots=True, eq=False)
 class Coverage:
-    """What a walk covered so far; it grows by `add`.
+    """Coverage of a walk so far; `add` extends it.
 
     Attributes:
         rig: the cameras; floor places count only where it is placed.
@@ -98,7 +98,7 @@ class Coverage:
         self.seen[camera, row, column] += 1
 
     def _places(self, views: Mapping[int, NDArray[np.float64]]) -> list[tuple[float, float]]:
-        """Return where on the floor people are whom two cameras agree on, those best that do."""
+        """Return floor positions of people on whom two cameras agree, best first."""
         found: list[tuple[float, float]] = []
         for a, b in combinations(sorted(views), 2):
             agreeing = [
@@ -177,7 +177,7 @@ def hints(covered: Coverage) -> list[str]:
 
 
 def _apart(covered: Coverage) -> tuple[list[int], list[int]] | None:
-    """Return two groups of cameras that never saw somebody together for long; None if none."""
+    """Return two groups of cameras that hardly saw anybody together; None if there are none."""
     number = len(covered.rig)
     group, rest = {0}, set(range(1, number))
     while grown := {j for j in rest if any(covered.pair_s(i, j) >= PAIR_S for i in group)}:
@@ -193,7 +193,7 @@ def _empty_side(seen: NDArray[np.int64]) -> str:
 
 
 def _good(poses: Poses2D) -> NDArray[np.float64]:
-    """Return `(n, num_joints, 2)` pixels of people of whom enough is seen; NaN where not sure."""
+    """Return `(n, num_joints, 2)` pixels of well-visible people; NaN where uncertain."""
     sure = np.where((poses.scores >= MIN_SCORE)[..., None], poses.keypoints_px, np.nan)
     known = np.isfinite(sure).all(axis=-1)
     return np.asarray(sure[known.sum(axis=-1) >= MIN_JOINTS])

@@ -1,4 +1,4 @@
-"""Find ONVIF cameras in the local network by WS-Discovery, when somebody asks to look.
+"""Find ONVIF cameras in the local network by WS-Discovery, on request.
 
 One question goes to the multicast address of WS-Discovery 1.0; cameras answer with their name and
 the address of their service, which `onvif.streams_of` asks for their streams.

@@ -53,7 +53,7 @@ def edit_site(folder: Path, change: Change) -> ResolvedSite:
 
 
 def checked(text: str, path: Path) -> ResolvedSite:
-    """Return the site that a text would be as its file; raise `InputError` for what is wrong."""
+    """Parse a text as a site file; raise `InputError` if it is invalid."""
     from e3pose.site.edge_program import check_edge
 
     table = parse_toml(text, str(path))

@@ -1,4 +1,4 @@
-"""What a camera could see: devices of this machine, films in a folder, typed sources."""
+"""Possible sources: devices of this machine, films in a folder, typed addresses."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ MAX_SOURCE = 500
 
 
 def find_films(folder: Path) -> list[str]:
-    """Return the films in a folder and those below it, relative to it; hidden ones are left out."""
+    """Return the films in and below a folder, relative to it, without hidden ones."""
     found = sorted(_films(folder, DEPTH, [MOST_ENTRIES]))
     return [path.relative_to(folder).as_posix() for path in found[:MOST_FILMS]]
 

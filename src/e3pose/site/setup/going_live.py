@@ -89,7 +89,7 @@ class LiveSite:
         self.start(setup)
 
     def ask(self, control: Control) -> str:
-        """Ask the running edge to change something, and return what it says.
+        """Request a change of the running edge, and return its answer.
 
         Raises:
             InputError: where it refuses, or does not answer.
@@ -164,7 +164,7 @@ def ask_elsewhere(site: ResolvedSite, control: Control) -> str:
 
 
 def ask_edge(transport: Transport, site: ResolvedSite, operator: str, control: Control) -> str:
-    """Return what an edge says to an order; raise `InputError` where it refuses."""
+    """Send an order to an edge; return its answer, raise `InputError` if it refuses."""
     answer = transport.ask(of_control(site.file.name, operator), encode(control), ASK_S)
     if answer is None:
         raise InputError("the edge does not answer: it is still starting, or allows no control")

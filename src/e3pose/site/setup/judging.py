@@ -1,4 +1,4 @@
-"""The step that checks: a second walk gives the error to expect over the floor, and what to do."""
+"""The check step: a second walk gives the expected error over the floor, and advice."""
 
 from __future__ import annotations
 

@@ -141,7 +141,7 @@ def _choice(setup: SetupSession, plan: Plan, name: str) -> Choice:
 
 
 def _local(plan: Plan) -> list[ChosenCamera]:
-    """Return the cameras of which the programs run here; raise `InputError` for too few."""
+    """Return the cameras whose programs run here; raise `InputError` for too few."""
     cameras = [c for c in plan.cameras if c.source and not is_recorded(c.source)]
     if len(plan.cameras) < 2:
         found = plural(len(plan.cameras), "camera")

@@ -44,7 +44,7 @@ class Stream:
 
 @dataclass(frozen=True, slots=True)
 class Login:
-    """Who asks; an empty user for nobody."""
+    """User and password; an empty user for none."""
 
     user: str = ""
     password: str = ""
@@ -92,7 +92,7 @@ def _own_stream(url: str, host: str) -> bool:
 
 
 def parse(content: bytes) -> ElementTree.Element | None:
-    """Return the root of an XML text; None for what is none, or has a document type."""
+    """Return the root of an XML text; None if it is invalid or has a document type."""
     try:
         text = content.decode("utf-8-sig")
         if "<!DOCTYPE" in text or "<!ENTITY" in text:  # no camera sends entities
@@ -207,7 +207,7 @@ def _with_login(url: str, login: Login) -> str:
 
 
 def _describe(profile: ElementTree.Element) -> str:
-    """Return what a profile is: its name, the size of its pictures, and its rate."""
+    """Describe a profile: name, image size, rate."""
     encoder = (_all(profile, "VideoEncoderConfiguration") or [profile])[0]
     width, height = _text(encoder, "Width"), _text(encoder, "Height")
     rate, name = _text(encoder, "FrameRateLimit"), _text(profile, "Name")

@@ -17,7 +17,7 @@ FOLDER = "phones"  # after the site's name: of its phones' files
 
 
 def add_phone(setup: SetupSession, name: str) -> dict[str, Any]:
-    """Make a phone a camera of the plan, and return what is shown to its person.
+    """Add a phone to the plan, and return the code and address to show.
 
     Raises:
         InputError: for a name that is none or taken, or while other work has the cameras.

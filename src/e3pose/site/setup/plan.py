@@ -1,4 +1,4 @@
-"""What a person has chosen of a site so far, kept beside its site file."""
+"""Choices made so far for a site, kept beside its site file."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ MAX_CAMERAS = 64
 
 @dataclass(frozen=True, slots=True)
 class ChosenCamera:
-    """A camera that was chosen, and what was seen of it.
+    """A chosen camera, and the properties of its source.
 
     Attributes:
         id: its name.
@@ -52,7 +52,7 @@ class ChosenCamera:
 
     @property
     def probe(self) -> Probe:
-        """What was seen of it, as `new_site.Choice` takes it."""
+        """The properties of its source, as `new_site.Choice` takes them."""
         return Probe(
             self.source, (self.width, self.height), self.fps, False, self.announced or None
         )
@@ -60,7 +60,7 @@ class ChosenCamera:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What was chosen of a site.
+    """The choices for a site.
 
     Attributes:
         format: `e3pose-setup`.
@@ -110,7 +110,7 @@ class Plan:
 
 
 def load_plan(folder: Path) -> Plan:
-    """Return what was chosen in a site's folder: of its plan, else of its site file.
+    """Load the choices for a site: from its plan, else from its site file.
 
     Raises:
         InputError: for a file that cannot be read.
@@ -122,7 +122,7 @@ def load_plan(folder: Path) -> Plan:
 
 
 def of_site(site: SiteTable) -> Plan:
-    """Return what a site file says of its cameras."""
+    """Return the choices that a site file contains."""
     cameras = tuple(
         ChosenCamera(each.id, each.source or "", each.rotation or 0, was=each.id)
         for each in site.camera

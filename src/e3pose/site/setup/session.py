@@ -72,7 +72,7 @@ class SetupSession:
         return bool(self.name) and self.site_file.exists()
 
     def site(self) -> SiteTable:
-        """Return what the site file says; raise `InputError` where there is none."""
+        """Load the site file; raise `InputError` without one."""
         return load_site(self.folder)
 
     @property
@@ -89,11 +89,11 @@ class SetupSession:
         return False
 
     def plan(self) -> Plan:
-        """Return what was chosen."""
+        """Return the choices so far."""
         return load_plan(self.folder) if self.name else Plan()
 
     def chosen_plan(self) -> Plan:
-        """Return what was chosen; raise `InputError` while no site was."""
+        """Return the choices so far; raise `InputError` before a site is chosen."""
         return load_plan(self.folder)
 
     def change(self, changed: Callable[[Plan], Plan]) -> Plan:
@@ -172,7 +172,7 @@ class SetupSession:
         self.tasks.start(task, noted)
 
     def results(self) -> dict[str, Any]:
-        """Return what the steps found, by step; nothing where that cannot be read."""
+        """Return the results by step; empty if they cannot be read."""
         path = self.folder / RESULTS_FILE
         with suppress(InputError, ValueError):
             table = json.loads(read_bytes(path, MAX_RESULTS_BYTES))
@@ -180,7 +180,7 @@ class SetupSession:
         return {}
 
     def keep_result(self, step: str, result: dict[str, Any] | None) -> None:
-        """Keep what a step found; None for nothing any more."""
+        """Keep the result of a step; None removes it."""
         with self.lock:
             table = {**self.results(), step: result}
             write_file(self.folder / RESULTS_FILE, json.dumps(table) + "\n", private=True)

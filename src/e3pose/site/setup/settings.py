@@ -41,7 +41,7 @@ class Zone:
 
 @dataclass(frozen=True, slots=True)
 class Wanted:
-    """Settings that a person wants; None leaves one as it is, an empty text takes it away.
+    """Requested settings; None keeps one, an empty text removes it.
 
     Attributes:
         cameras: active per slot, as a mean; in place of a target error.
@@ -100,7 +100,7 @@ def _floor(site: ResolvedSite) -> list[list[float]]:
 
 
 def change_settings(setup: SetupSession, live: LiveSite, wanted: Wanted) -> dict[str, Any]:
-    """Write what a person wants into the site file, and ask a running edge to take it.
+    """Write requested settings into the site file, and apply them to a running edge.
 
     Returns:
         `said`, in words, and whether a `restart` is needed for the rest.
@@ -136,7 +136,7 @@ def _check(wanted: Wanted) -> None:
 
 
 def _at_once(ask: Callable[[Control], str], wanted: Wanted) -> tuple[list[str], str]:
-    """Ask a running edge to take what it can; return what it said, and what waits.
+    """Apply the settings that a running edge can change; return its answer and the rest.
 
     Batteries wait: the program of each camera follows the charge of its own.
     """

@@ -81,7 +81,7 @@ def start_solving(setup: SetupSession, height_cm: float) -> None:
 def _levelled(
     recording: Recording, rig: Rig, height_cm: float, notes: list[str]
 ) -> tuple[Rig, list[str]]:
-    """Return a rig on the floor that people stand on, and what is less certain about it."""
+    """Return a rig levelled by the people's floor, and warnings about it."""
     placed = replace(recording, rig=rig)
     try:
         floor = floor_of(placed, height_cm / 100 if height_cm else 1.7)
@@ -130,7 +130,7 @@ def grade(expected_mm: float) -> str:
 
 
 def move_world(setup: SetupSession, camera_id: str, x: float, y: float, what: str) -> str:
-    """Put the origin, or the direction of the x axis, where somebody clicked in a picture.
+    """Put the origin or the x axis at a clicked point of a picture.
 
     Args:
         setup: whose site.

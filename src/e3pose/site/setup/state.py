@@ -1,4 +1,4 @@
-"""What the page shows of the set-up: the site, its steps with their commands, and the work."""
+"""State of the set-up page: the site, its steps with commands, and the jobs."""
 
 from __future__ import annotations
 

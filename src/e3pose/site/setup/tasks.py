@@ -1,4 +1,4 @@
-"""Long work in the background, with progress: it goes on while nobody looks at the page."""
+"""Long work in the background, with progress; it continues without an open page."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ MAX_LINES = 40
 
 
 class Stopped(Exception):
-    """Ends a task that somebody stopped."""
+    """Ends a task that was stopped."""
 
 
 @dataclass(eq=False)
@@ -53,7 +53,7 @@ class Task:
     stopping: threading.Event = field(default_factory=threading.Event)
 
     def progress(self, stage: str, done: int, total: int | None) -> None:
-        """Note how far a stage is; end the work if somebody stopped it."""
+        """Note the progress of a stage; end the work if it was stopped."""
         if self.stopping.is_set():
             raise Stopped
         self.stage, self.done, self.total = stage, done, total or 0

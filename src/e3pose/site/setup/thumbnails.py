@@ -35,7 +35,7 @@ Open = Callable[[str], LiveSource]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Thumbnail:
-    """What there is to see of a camera.
+    """The newest picture of a camera, or the reason for none.
 
     Attributes:
         jpeg: as base64; None where there is no picture.
@@ -55,7 +55,7 @@ class Thumbnail:
 
 
 class Thumbnails:
-    """The sources that somebody looks at, each read on a thread of its own."""
+    """The sources on view, each read on its own thread."""
 
     def __init__(self, opened: Open | None = None) -> None:
         """Begin with none.
@@ -68,7 +68,7 @@ class Thumbnails:
         self._lock = threading.Lock()
 
     def look(self, source: str, rotation: int = 0) -> Thumbnail:
-        """Return the newest picture of a source, and open it if nobody looked before.
+        """Return the newest picture of a source, and open it at the first look.
 
         Args:
             source: what a camera sees.
@@ -98,7 +98,7 @@ class Thumbnails:
 
 
 class _Reader:
-    """Reads one source until nobody looks any more."""
+    """Reads one source until it is off view."""
 
     def __init__(self, source: str, make: Open) -> None:
         self.source, self.stop = source, threading.Event()
@@ -149,7 +149,7 @@ class _Reader:
             source.close()
 
     def _linger(self) -> None:
-        """Keep the reason for as long as somebody asks for it, then let it be tried again."""
+        """Keep the reason while the source is on view, then allow another try."""
         self.stop.wait(UNSEEN_S)
         self.stop.set()
 

@@ -73,7 +73,7 @@ class Snapshots:
                 self.pictures.setdefault(name, deque(maxlen=MOST_PICTURES)).append(picture)
 
     def save(self, folder: Path) -> None:
-        """Keep them in the folder of a site, for its owner alone, in place of those before."""
+        """Save the pictures in the site's folder, for its owner only, replacing earlier ones."""
         forget_pictures(folder)
         make_folder(folder / PICTURES)
         for name, taken in self.pictures.items():
@@ -83,7 +83,7 @@ class Snapshots:
                 write_file(path, picture.jpeg, private=True)
 
     def load(self, folder: Path) -> None:
-        """Take those that were kept in the folder of a site; what is no picture is left out."""
+        """Load the pictures in the site's folder; other files are skipped."""
         self.pictures.clear()
         found = [
             (match[1], int(match[2]), (int(match[3]), int(match[4])), path)
@@ -115,7 +115,7 @@ def record_command(setup: SetupSession, which: Which) -> str:
 
 
 def start_walk(setup: SetupSession, which: Which, snapshots: Snapshots) -> Coverage:
-    """Record a walk in the background until somebody stops it; what it covers grows meanwhile.
+    """Record a walk in the background until it is stopped; its coverage grows.
 
     Args:
         setup: whose site.
@@ -186,7 +186,7 @@ def _size(setup: SetupSession, camera_id: str) -> tuple[int, int]:
 
 
 def body(covered: Coverage) -> dict[str, Any]:
-    """Return what a walk covers, for the page."""
+    """Return the coverage of a walk, for the page."""
     names, found = covered.rig.camera_ids, hints(covered)
     number = len(names)
     return {

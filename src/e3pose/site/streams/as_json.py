@@ -16,7 +16,7 @@ DECIMALS = 4
 
 
 def slot_words(slot: LiveSlot) -> dict[str, Any]:
-    """Return a slot as JSON can hold it: joints by name, metres; those that are known."""
+    """Return a slot for JSON: known joints by name, metres."""
     people = []
     for track, joints_m in zip(slot.people.track_ids.tolist(), slot.people.joints_m, strict=True):
         places = joints_m.astype(np.float64).round(DECIMALS)

@@ -18,7 +18,7 @@ from e3pose.wire.site_messages import Status
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """What a stream is of.
+    """The site, joints and names that a stream sends.
 
     Attributes:
         site: name of the site.
@@ -45,16 +45,16 @@ class Source:
 
 @runtime_checkable
 class TellsPeople(Protocol):
-    """A stream that is also told what people do."""
+    """A stream that also takes states and events of people."""
 
     def people(self, watch: Watch, events: Sequence[PersonEvent]) -> None:
-        """Take who does what after a slot, and the events of it."""
+        """Take the states of people after a slot, and its events."""
         ...
 
 
 @runtime_checkable
 class TellsCameras(Protocol):
-    """A stream that is also told how cameras are."""
+    """A stream that also takes the status of cameras."""
 
     def cameras(self, status: Status) -> None:
         """Take a new status of the site."""
@@ -62,7 +62,7 @@ class TellsCameras(Protocol):
 
 
 class Stream(Protocol):
-    """Send slots and zone events. What cannot be sent now is lost; nothing waits."""
+    """Send slots and zone events. Data that cannot be sent now are lost; nothing queues."""
 
     def slot(self, slot: LiveSlot) -> None:
         """Send the people of a slot."""

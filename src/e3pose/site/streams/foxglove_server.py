@@ -37,7 +37,7 @@ Receive = Callable[[], Awaitable[dict[str, Any]]]
 
 @dataclass(frozen=True, slots=True)
 class Channel:
-    """What clients can subscribe to.
+    """A topic that clients can subscribe to.
 
     Attributes:
         topic: its name.
@@ -52,7 +52,7 @@ class Channel:
     schema: bytes = b""
 
     def advertised(self, channel_id: int) -> dict[str, Any]:
-        """Return the channel as clients are told of it."""
+        """Return the channel's advertisement."""
         return {
             "id": channel_id,
             "topic": self.topic,
@@ -65,7 +65,7 @@ class Channel:
 
 @dataclass(eq=False)
 class _Client:
-    """A client, what it subscribes to and what waits for it.
+    """A client with its subscriptions and its waiting messages.
 
     Messages are put in on any thread. One that does not take any costs its loop nothing more: the
     loop is woken once for all that came since it last looked.
@@ -97,7 +97,7 @@ class _Client:
 
 
 class FoxgloveServer:
-    """An ASGI application that sends what is logged to those who subscribed."""
+    """An ASGI application that sends logged messages to subscribers."""
 
     def __init__(
         self,
@@ -131,7 +131,7 @@ class FoxgloveServer:
         self._reported: set[str] = set()
 
     def log(self, topic: str, payload: bytes, time_ns: int) -> None:
-        """Send a message to those who subscribed to its topic; on any thread, without waiting."""
+        """Send a message to the subscribers of its topic; thread-safe, never waits."""
         for client in list(self._clients):
             client.put(self._ids[topic], time_ns, payload)
 
@@ -199,7 +199,7 @@ class FoxgloveServer:
                 await send({"type": "websocket.send", "text": json.dumps(said)})
 
     def _take(self, client: _Client, text: str | None) -> str:
-        """Take a request of a client; return what is wrong with it, empty if nothing is."""
+        """Handle a request of a client; return its problem, empty without one."""
         try:
             said = json.loads(text or "")
             if said["op"] == "subscribe":

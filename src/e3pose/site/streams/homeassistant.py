@@ -84,7 +84,7 @@ def identifier(text: str) -> str:
 
 
 def does(camera: CameraStatus) -> str:
-    """Return what a camera does, of `DOES`."""
+    """Return the activity of a camera, one of `DOES`."""
     if camera.paused:
         return "paused"
     if camera.asleep_s is not None:
@@ -93,7 +93,7 @@ def does(camera: CameraStatus) -> str:
 
 
 def sensors(camera: CameraStatus) -> dict[str, float | None]:
-    """Return what a camera has for each of `SENSORS`, in the unit that Home Assistant is told."""
+    """Return a camera's value for each of `SENSORS`, in Home Assistant's unit."""
     values: dict[str, float | None] = {name: getattr(camera, name) for name in SENSORS}
     for name, (_, keys) in SENSORS.items():
         share = values[name]
@@ -105,7 +105,7 @@ def sensors(camera: CameraStatus) -> dict[str, float | None]:
 def discovery(
     source: Source, told: frozenset[tuple[str, str]] = frozenset()
 ) -> tuple[str, dict[str, Any]]:
-    """Return topic and message by which Home Assistant learns what a site has.
+    """Return topic and message of Home Assistant's discovery of a site.
 
     Args:
         source: the site.
@@ -195,14 +195,14 @@ class HomeAssistantStream:
         self._announce()
 
     def _hear(self, said: bytes) -> None:
-        """Announce again when Home Assistant starts; whoever else says so cannot hurry us."""
+        """Announce again when Home Assistant starts, at a limited rate."""
         now_s = time.monotonic()
         if said == b"online" and now_s - self._announced_s >= HURRY_S:
             self._announced_s = now_s
             self._announce()
 
     def _announce(self) -> None:
-        """Say what there is, and that it is there; again when Home Assistant starts."""
+        """Publish discovery and availability; again when Home Assistant starts."""
         topic, message = discovery(self._source, self._told)
         self._client.publish(topic, json.dumps(message), qos=1, retain=True)
         self._client.publish(f"{self._base}/online", "online", qos=1, retain=True)

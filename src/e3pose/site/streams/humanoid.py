@@ -71,7 +71,7 @@ class Humanoid:
     _local: Floats = field(default_factory=lambda: np.zeros((0, 3, 3)))
 
     def of(self, slot: LiveSlot) -> Avatar | None:
-        """Return the person in a slot; None where nobody, or not enough of them, is known."""
+        """Return the person in a slot; None without enough joints."""
         joints_m = self._joints_m(slot)
         if joints_m is None:
             return None
@@ -111,7 +111,7 @@ class Humanoid:
 
 
 class AvatarStream:
-    """What streams that move one avatar share; see `Stream`."""
+    """Base of the streams that move one avatar; see `Stream`."""
 
     def __init__(self, place: str, source: Source, port: int) -> None:
         """Send to `HOST:PORT`, received or not; `?track=7` names the person to send."""

@@ -73,7 +73,7 @@ class Sender:
         return self._thread.is_alive()
 
     def _tell(self, slot: LiveSlot) -> None:
-        """Tell what people do."""
+        """Hand states and events of people to the streams."""
         if self._watch is None:
             return
         self._watch, events = watching.advance(self._watch, slot)

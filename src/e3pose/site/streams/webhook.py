@@ -48,7 +48,7 @@ AGAIN = (408, 425, 429)  # of the answers below 500, those that may be others la
 
 @dataclass(frozen=True, slots=True)
 class RetryPolicy:
-    """How long to try.
+    """Limits of the attempts to deliver a notice.
 
     Attributes:
         answer_s: one attempt may take, from its connection to the status of its answer.
@@ -63,14 +63,14 @@ class RetryPolicy:
     give_up_s: float = 900.0
 
     def wait_s(self, attempts: int) -> float:
-        """Return how long to wait after so many attempts: half of it by chance."""
+        """Return the wait after a number of attempts, half of it random."""
         longest_s = min(self.first_s * 2.0 ** min(attempts - 1, 20), self.most_s)
         return longest_s * random.uniform(0.5, 1.0)
 
 
 @dataclass(frozen=True, slots=True)
 class Notice:
-    """One event to tell, and when it was told first, monotonic time."""
+    """One event to send, and when it was first reported, monotonic time."""
 
     event: PersonEvent
     since_s: float
@@ -154,7 +154,7 @@ class WebhookStream:
 
     @property
     def problem(self) -> str:
-        """See `stream_problems.HasProblem`: what cannot be delivered now, and what never was."""
+        """See `stream_problems.HasProblem`: waiting and given-up notices."""
         waits = f"cannot deliver ({self._problem}), {plural(len(self._waiting), 'notice')} waiting"
         lost = f"{plural(self.given_up, 'notice')} given up"
         parts = [waits] * bool(self._problem) + [lost] * bool(self.given_up)
@@ -193,7 +193,7 @@ class WebhookStream:
         return f"webhook {self._url.netloc}: {how}"
 
     def close(self) -> None:
-        """See `Stream.close`: what waits is tried for some seconds more, then its loss is told."""
+        """See `Stream.close`: tries waiting notices for some seconds, then reports their loss."""
         with self._changed:
             self._ends_s = time.monotonic() + END_S
             self._changed.notify()
@@ -264,7 +264,7 @@ class WebhookStream:
             self._say("delivers again")
 
     def _post(self, body: bytes) -> tuple[str, bool]:
-        """Post once; return what was wrong, empty where nothing was, and whether to try again.
+        """Post once; return the problem, empty without one, and whether to try again.
 
         Redirects are answers like others: a signed notice goes nowhere else. Of an answer the
         status alone is read.

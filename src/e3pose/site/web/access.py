@@ -220,7 +220,7 @@ def token_of(headers: Mapping[str, str]) -> str:
 
 
 class Door:
-    """Lets in what the rules allow; an ASGI application around another."""
+    """Access control as an ASGI application around another."""
 
     def __init__(self, app: ASGIApp, rules: Rules[Judge]) -> None:
         """Stand before an application."""
@@ -249,7 +249,7 @@ class Door:
         return await answer(connection, receive, send)
 
     async def _delay(self, address: str, token: str) -> Refusal | None:
-        """Wait before a token is compared where somebody guesses."""
+        """Wait before a token is compared, while tokens are guessed."""
         guesses = self.rules.guesses
         wait_s = guesses.wait_s(address, token) if token else 0.0
         if not wait_s:

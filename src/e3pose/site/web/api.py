@@ -1,4 +1,4 @@
-"""The read-only part of the API: the site, its status, and what its store holds."""
+"""The read-only part of the API: the site, its status, and its store."""
 
 from __future__ import annotations
 
@@ -139,7 +139,7 @@ def read_slots(
     after: tuple[int, int] | None,
     limit: int,
 ) -> list[StoredPoses]:
-    """Return chunks of poses that hold `limit` slots and one more, if there are so many."""
+    """Return chunks of poses with up to `limit` slots and one more."""
 
     def read() -> list[StoredPoses]:
         chunks, seen = [], set[tuple[int, int]]()
@@ -201,7 +201,7 @@ def needed(store: Store | None) -> Store:
 
 
 def asked(ask: Callable[[], T]) -> T:
-    """Return what a question to the store returns; raise 422 with what is wrong with it."""
+    """Return the answer of a store query; raise 422 with the error of an invalid one."""
     try:
         return ask()
     except InputError as error:

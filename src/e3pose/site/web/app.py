@@ -33,7 +33,7 @@ MAX_FAULTS = 5  # named in an answer
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PageContent:
-    """What an application shows.
+    """The content of a page.
 
     Attributes:
         feed: the newest.
@@ -60,7 +60,7 @@ class PageContent:
     active_w: Mapping[str, float] = field(default_factory=dict)
 
     def body(self, scope: str) -> dict[str, Any]:
-        """Return what does not change, and what a token of a scope allows."""
+        """Return the constant facts of a site, and the permissions of a token's scope."""
         return {
             **self.describe(),
             "scope": scope,

@@ -27,7 +27,7 @@ REFUSALS: dict[int | str, dict[str, Any]] = {
 
 
 class Changes(BaseModel):
-    """Requested settings; those left out stay unchanged."""
+    """Requested settings; omitted ones stay unchanged."""
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
 
@@ -41,7 +41,7 @@ class LoopChanges(Changes):
 
 
 class CameraChanges(Changes):
-    """What one camera does."""
+    """Requested changes of one camera."""
 
     paused: bool | None = None
     budget: Annotated[
@@ -50,7 +50,7 @@ class CameraChanges(Changes):
 
 
 class Done(Shape):
-    """What was done, or what the edge does from the next slot on, in words."""
+    """The result of a change, in words."""
 
     said: str
 

@@ -1,4 +1,4 @@
-"""The part of the API that looks at hours: what is stored of them, what cameras spent and saved."""
+"""The part of the API about hours: coverage of the store, energy spent and saved."""
 
 from __future__ import annotations
 

@@ -211,7 +211,7 @@ class Feed:
         self._tell(self.slot, self.zones, events, delayed=False)
 
     def _follow_people(self, slot: LiveSlot) -> None:
-        """Follow what people do, where somebody looks or the site asks to be told."""
+        """Follow the states of people, for viewers or for the site's events."""
         if self.doing is None or not (self.doing.rules or self._queues):
             return
         self.doing, told = watching.advance(self.doing, slot)
@@ -220,17 +220,17 @@ class Feed:
             self._hand_on(event_of_told(told))
 
     def look_at_names(self) -> None:
-        """See how people are called now, and tell followers what changed."""
+        """Read people's names, and send changes to followers."""
         if self.status is not None and self.names.look(self.status.run_ns):
             self._tell_status()
 
     def called(self) -> dict[str, Any]:
-        """Return the run of the store, and what its people are called, as a status has them."""
+        """Return the run of the store and its people's names, as a status has them."""
         named = [{"track": i, **one._asdict()} for i, one in self.names.called.items()]
         return {"run": self.names.run, "names": named}
 
     def notices(self) -> list[Notice]:
-        """Return what is to be known of the site; nothing before its first status."""
+        """Return the notices of the site; none before its first status."""
         if self.status is None:
             return []
         now = datetime.datetime.now(datetime.timezone.utc)

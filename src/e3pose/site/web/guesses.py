@@ -24,7 +24,7 @@ MANY, REPORT_S = 20, 60.0  # wrong tokens worth an event, and seconds to the nex
 
 @dataclass(slots=True)
 class _Count:
-    """Wrong tokens, of which some are forgiven every second."""
+    """A count of wrong tokens that decays every second."""
 
     free: float
     per_s: float

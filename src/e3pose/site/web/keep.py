@@ -1,4 +1,4 @@
-"""The part of the API that keeps: clips of the store, files made of it, recordings of the site."""
+"""The part of the API for clips, files made of the store, and recordings."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class NewJob(Changes):
 
 @dataclass(frozen=True, slots=True)
 class Keeping:
-    """What the routes keep.
+    """Store, jobs and recordings of the routes.
 
     Attributes:
         place: the store; None where nothing is stored.

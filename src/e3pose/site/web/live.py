@@ -68,12 +68,12 @@ def make_live(feed: Feed) -> APIRouter:
 
 
 def _address(state: Any) -> str:
-    """Return whose request it is, as the door found."""
+    """Return the client's address, as the access control found it."""
     return str(getattr(state, "client", ""))
 
 
 async def _serve(websocket: WebSocket, queue: asyncio.Queue[Encoded], form: str) -> None:
-    """Send what comes until the other side goes; what it says is not listened to."""
+    """Send events until the client leaves; its messages are ignored."""
 
     async def send() -> None:
         while True:

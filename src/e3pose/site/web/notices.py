@@ -1,4 +1,4 @@
-"""What whoever watches a site has to know of it: notices that come and go, in plain sentences."""
+"""Notices for viewers of a site, in plain sentences."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ STARTING_S = 20.0  # cameras connect meanwhile
 
 
 class Notice(NamedTuple):
-    """A notice: what it is about, for styles and tests, and a sentence."""
+    """A notice: its kind, for styles and tests, and a sentence."""
 
     kind: str
     text: str
 
 
 class Around(NamedTuple):
-    """What surrounds a site: room on the disk of its store in bytes, certificates with their ends.
+    """Surroundings of a site: free bytes on the store's disk, certificates with their ends.
 
     None where the store is not a file of this machine. And what is wrong with streams, a line each.
     """
@@ -47,7 +47,7 @@ class Around(NamedTuple):
 def notices(
     status: Status, slot: LiveSlot | None, around: Around, now: datetime.datetime
 ) -> list[Notice]:
-    """Return what is to be known of a site, the most urgent first.
+    """Return the notices of a site, the most urgent first.
 
     Args:
         status: its newest.
@@ -91,7 +91,7 @@ class Surroundings:
     _seen: Around = field(default_factory=Around)
 
     def look(self, now: datetime.datetime) -> Around:
-        """Return what surrounds the site, at most `LOOK_S` old."""
+        """Return the site's surroundings, at most `LOOK_S` old."""
         if self.now_s() < self._due_s:
             return self._seen
         self._due_s = self.now_s() + LOOK_S
@@ -109,7 +109,7 @@ class Surroundings:
 
 
 def surroundings(site: ResolvedSite) -> Surroundings:
-    """Return what looks around a site."""
+    """Return the observer of a site's surroundings."""
     place = None if site.file.store is None else database_path(database_url(site.file.store.place))
     return Surroundings(place, site.file.link.keys, site=site.file.path)
 

@@ -14,7 +14,7 @@ KINDS = {"html": "text/html", "js": "text/javascript", "css": "text/css"}
 
 
 def _files() -> dict[str, bytes]:
-    """Return the files of the pages by path: what runs in the browser, and the report's scene."""
+    """Return the files of the pages by path: browser code, and the report's scene."""
     scene = resources.files("e3pose.output.report").joinpath("scene.js")
     found = {"/": BROWSER.joinpath("page.html").read_bytes(), "/scene.js": scene.read_bytes()}
     for name in FOLDERS:

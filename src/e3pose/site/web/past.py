@@ -1,4 +1,4 @@
-"""What people did in stored slots, in the words of the live page.
+"""States of people in stored slots, as on the live page.
 
 Postures and speeds are not stored: they are found again from the stored poses, by the rules that
 the live page uses. Zones are those that were stored.
@@ -26,7 +26,7 @@ Key = tuple[int, int, int]  # run, slot, track
 def doing_in(
     store: Store, found: Sequence[StoredPoses], live: Watch | None
 ) -> dict[Key, dict[str, Any]]:
-    """Return what each person of stored slots does, by run, slot and track.
+    """Return the state of each person of stored slots, by run, slot and track.
 
     Args:
         store: that they are of, with what came before them.
@@ -57,7 +57,7 @@ def doing_in(
 
 
 def _again(live: Watch, joints: tuple[str, ...]) -> Watch:
-    """Return a watch before the first slot; events are not told again, they are stored."""
+    """Return a watch before the first slot; stored events are not reported again."""
     return replace(
         live,
         joints=joints_of(joints),

@@ -26,7 +26,7 @@ Number = Annotated[int, Field(ge=0, le=LARGEST)]
 
 
 class PersonChanges(Changes):
-    """What a person is called and drawn in; None stays as it is, empty removes it."""
+    """Name and colour of a person; None keeps one, an empty text removes it."""
 
     run: Annotated[Number, Field(description="of the store")]
     track: Number
@@ -84,7 +84,7 @@ def make_people(
 
 
 def _tracks_of_person(place: str | Path, site: str, track: Track) -> tuple[Track, ...]:
-    """Return the tracks of whoever has a track: those of the name, or the track alone."""
+    """Return all tracks of a track's person: by name, or the track alone."""
     for person in people_of(place, site, named=True):
         if track in person.tracks:
             return person.tracks

@@ -1,4 +1,4 @@
-"""Camera pictures with the skeletons of the moment they show, while somebody watches.
+"""Camera pictures with the skeletons of their moment, while a page shows them.
 
 Cameras are asked only when a page asks, and however many pages do, each camera at most so often
 a second. A picture arrives before the poses of its moment are published: the one before is shown
@@ -48,7 +48,7 @@ class PictureRules:
     per_s: float = 2.0
 
     def for_scope(self, scope: str) -> dict[str, Any]:
-        """Return what a page of a token's scope shows: whether, why not, and how often."""
+        """Return whether a token's scope may see pictures, why not, and how often."""
         allowed = self.open or scope == "write"
         why = self.why if allowed or not self.shown else "Pictures need the write token."
         return {"shown": self.shown and allowed, "why": why, "per_s": self.per_s}

@@ -1,4 +1,4 @@
-"""What people do, in the words that the page shows: posture, speed, zones, what is uncertain."""
+"""Postures, speed, zones and uncertain parts of people, in the page's words."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ PARTS = {
 
 
 def page_watch(site: ResolvedSite) -> Watch:
-    """Return what follows people for the page: without events where the site asks for none."""
+    """Return the watch over people for the page, without events if the site has none."""
     asked = site_watch(site)
     if asked is not None:
         return asked
@@ -41,7 +41,7 @@ def page_watch(site: ResolvedSite) -> Watch:
 
 
 def doing(slot: LiveSlot, watch: Watch | None, zones: Zones) -> list[dict[str, Any]]:
-    """Return what each person of a slot does, in the slot's order.
+    """Return the state of each person of a slot, in the slot's order.
 
     Args:
         slot: with its people.
@@ -56,7 +56,7 @@ def doing(slot: LiveSlot, watch: Watch | None, zones: Zones) -> list[dict[str, A
 
 
 def unsure_parts(slot: LiveSlot) -> list[list[str]]:
-    """Return the parts of each person's body of which a joint is unknown or uncertain."""
+    """Return the body parts of each person with an unknown or uncertain joint."""
     place = {name: index for index, name in enumerate(slot.joints)}
     sure = np.isfinite(slot.people.joints_m[..., 0]) & ~(slot.people.sigma_m > UNSURE_M)
     found: list[list[str]] = [[] for _ in range(len(slot))]
@@ -72,7 +72,7 @@ def unsure_parts(slot: LiveSlot) -> list[list[str]]:
 
 
 def told(event: PersonEvent) -> dict[str, Any]:
-    """Return an event of a person as the page is told it; its times are the reader's to write."""
+    """Return an event of a person for the page, which formats its times."""
     names = ("kind", "phase", "track", "zone", "start_ns", "time_ns", "score", "says")
     return {**{name: getattr(event, name) for name in names}, "sentence": sentence(event)}
 

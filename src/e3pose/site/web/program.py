@@ -234,7 +234,7 @@ def open_view(
 
 
 def keeping(site: ResolvedSite, report: Callable[[str], object], stack: ExitStack) -> Keeping:
-    """Return what the page keeps of a site.
+    """Return the clips, jobs and recordings that the page manages.
 
     Args:
         site: what its file says.

@@ -164,7 +164,7 @@ def event_of_status(
 
 
 def event_of_told(events: Sequence[PersonEvent]) -> Encoded:
-    """Return the event of what people did, oldest first."""
+    """Return the message of people's events, oldest first."""
     return Encoded("told", {"events": [told(event) for event in events]})
 
 

@@ -45,7 +45,7 @@ class PageServer:
         self.close()
 
     def running(self) -> bool:
-        """Return whether it serves; also takes in what was replaced, so call it often."""
+        """Return whether it serves; also loads replaced files, so call it often."""
         for files in self.watched:
             files.update()
         return self.serving.running()
@@ -95,7 +95,7 @@ def listening_at(host: str, port: int, other: str = "") -> socket.socket:
 def https_of(
     files: tuple[Path, Path], report: Callable[[str], object]
 ) -> tuple[ssl.SSLContext, Watched]:
-    """Return the https of a page, and what shows new connections a certificate that was renewed.
+    """Return the https context of a page, and a function that loads a renewed certificate.
 
     Args:
         files: the certificate and its key.
