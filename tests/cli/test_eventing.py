@@ -28,7 +28,7 @@ def test_a_recorded_fall_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[s
     seen = json.loads((tmp_path / "seen.json").read_text())
     (fall,) = (one for one in seen["told"] if one["kind"] == "fall")
     assert 1.9 < (fall["time_ns"] - fall["start_ns"]) / 1e9 < 3.5
-    assert seen["result"] == "A fall or a long lie was told."
+    assert seen["result"] == "A fall or a long lie was reported."
 
 
 def test_an_empty_room_says_so_and_ends_with_1(

@@ -1,4 +1,4 @@
-"""A test in one's own room says what was seen, and why no fall was told."""
+"""A test in one's own room says what was seen, and why no fall was reported."""
 
 from __future__ import annotations
 
@@ -37,9 +37,9 @@ def test_a_fall_is_told_with_its_delay() -> None:
     (fall,) = (event for event in trial.told if event.kind == "fall")
     after_s = (fall.time_ns - fall.start_ns + LATE_NS) / 1e9
     assert any("is lying on the floor" in line for line in said)
-    (line,) = (line for line in said if line.startswith("FALL begun: Person 1 fell, told "))
+    (line,) = (line for line in said if line.startswith("FALL begun: Person 1 fell, reported "))
     assert f" {after_s:.1f} s after it began" in line
-    assert account(trial, EventsTable()) == "A fall or a long lie was told."
+    assert account(trial, EventsTable()) == "A fall or a long lie was reported."
 
 
 def test_a_state_is_said_once_when_it_has_settled() -> None:
@@ -67,7 +67,7 @@ def test_what_is_no_fall_says_why(kind: str, why: str) -> None:
 def test_too_short_a_lie_names_the_setting() -> None:
     table = EventsTable(fall_s=60.0)
     trial, _ = tried(seen(doing("fall-left", 0)), table)
-    assert "a fall is told after fall_s" in account(trial, table)
+    assert "a fall is reported after fall_s" in account(trial, table)
 
 
 def test_lying_on_a_bed_is_said_to_be_no_floor() -> None:

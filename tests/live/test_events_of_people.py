@@ -114,7 +114,7 @@ def test_a_fall_reaches_home_assistant_a_webhook_and_the_store(
         assert site.wait("test") == 0, site.log("test").read_text()
         said = site.log("test").read_text()
         assert "is lying on the floor" in said and "s after it began" in said, said
-        assert "A fall or a long lie was told." in said, said
+        assert "A fall or a long lie was reported." in said, said
         site.programs["stream"].kill()  # the broker tells what its program cannot
         assert eventually(lambda: heard["e3pose/lab/home/online"] == "offline")
     home.disconnect()

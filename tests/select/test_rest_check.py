@@ -1,4 +1,4 @@
-"""The check of rests: when everybody is awake, what is compared, when nobody rests any more."""
+"""The check of rests: when everybody is awake, what is compared, when no camera rests any more."""
 
 from __future__ import annotations
 
@@ -45,12 +45,12 @@ def test_nobody_rests_where_rests_cost_more_than_a_tenth_until_they_do_not() -> 
     dear = after_rounds(RestCheck(), 6, 1.3)
     assert dear.idle
     assert np.expm1(dear.mean) == pytest.approx(0.3, abs=0.02)
-    assert "nobody rests" in dear.operator_note() and "+30% ± 2%" in dear.operator_note()
+    assert "no camera rests" in dear.operator_note() and "+30% ± 2%" in dear.operator_note()
     first = dear.round * ROUND
     awake = [dear.wakes(slot, SLOT_S) for slot in range(first, first + ROUND)]
     assert np.mean(awake) == pytest.approx(1 - 1 / STRETCHES)  # and is tried again
     again = after_rounds(dear, 40, 1.0)
-    assert not again.idle and "nobody rests" not in again.operator_note()
+    assert not again.idle and "no camera rests" not in again.operator_note()
 
 
 @each_case("ratio", [0.9, 1.0, 1.05])

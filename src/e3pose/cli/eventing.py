@@ -1,4 +1,4 @@
-"""`e3pose events`: test in your own room what is told of people."""
+"""`e3pose events`: test in your own room the detection of falls."""
 
 from __future__ import annotations
 
@@ -51,9 +51,9 @@ def test(
 
     Start it beside a running site, walk into the room, go down as somebody who falls would (onto a
     mattress), lie still for half a minute, get up. It prints what each person does, when a fall or
-    a long lie was told and after how many seconds; and if none was, why not. It ends when you got
-    up after a fall, after two minutes, or at Ctrl-C. Nothing is stored or sent. Exit code 1:
-    neither a fall nor a long lie was told.
+    a long lie was reported and after how many seconds, or why not. It ends when you got up after a
+    fall, after two minutes, or at Ctrl-C. Nothing is stored or sent. Exit code 1:
+    neither a fall nor a long lie was reported.
 
     Try each place where somebody could fall: behind the bed, in the doorway, under the table.
 

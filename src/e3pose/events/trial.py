@@ -39,7 +39,7 @@ class Stay:
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """What was seen so far: people by track, events, and why no fall was told."""
+    """What was seen so far: people by track, events, and why no fall was reported."""
 
     stays: Mapping[int, Stay] = field(default_factory=dict)
     told: tuple[PersonEvent, ...] = ()
@@ -81,7 +81,7 @@ def advance(
         elif why == NOBODY_DOWN and person.surface_m and person.lies >= DOWN:
             why = f"person {track} lay on a zone with a height, which is no floor."
     lines += [
-        f"{event.kind.upper()} {event.phase}: {f'{who(event)} {event.says}'.strip()}, told "
+        f"{event.kind.upper()} {event.phase}: {f'{who(event)} {event.says}'.strip()}, reported "
         f"{(told_ns - event.start_ns) / 1e9:.1f} s after it began (score {event.score:.2f})"
         for event in events
     ]
@@ -90,7 +90,7 @@ def advance(
 
 
 def account(trial: Trial, table: EventsTable) -> str:
-    """Return how the test ended, and what to do if no fall was told.
+    """Return how the test ended, and what to do if no fall was reported.
 
     Args:
         trial: when it is over.
@@ -99,17 +99,17 @@ def account(trial: Trial, table: EventsTable) -> str:
     if not trial.stays:
         return NOBODY_SEEN
     if trial.was_told("fall") or trial.was_told("on-floor"):
-        return "A fall or a long lie was told."
+        return "A fall or a long lie was reported."
     if table.kinds and "fall" not in table.kinds:
-        return "No fall was told: [events] of the site file does not list it in kinds."
-    return f"No fall was told: {trial.why}"
+        return "No fall was reported: [events] of the site file does not list it in kinds."
+    return f"No fall was reported: {trial.why}"
 
 
 def _why(person: Person, watch: Watch, down_s: float) -> str:
-    """Return why somebody who is on the floor is not told as a fall."""
+    """Return why somebody who is on the floor is not reported as a fall."""
     memory = watch.memories.get("fall")
     reason = "" if memory is None else why_not(memory, person)
-    reason = reason or "a fall is told after fall_s of [events]"
+    reason = reason or "a fall is reported after fall_s of [events]"
     return f"person {person.track} was on the floor for {down_s:.1f} s, but {reason}."
 
 

@@ -123,7 +123,7 @@ class RestCheck:
         found = f"stated error with rests against everybody awake: {change}"
         if not self.idle:
             return found
-        return f"nobody rests, tried again every {STRETCH_S * STRETCHES:.0f} s; {found}"
+        return f"no camera rests, tried again every {STRETCH_S * STRETCHES:.0f} s; {found}"
 
 
 def place_of(slot: int, interval_s: float) -> tuple[int, int, float]:

@@ -102,9 +102,9 @@ class LoopSettings:
     rest: RestChoice = entry(
         AWAKE,
         group="Goal",
-        help="""What cameras do that nobody needs for some seconds: `none` keeps all of them awake,
-        `asleep` and `suspended` let those sleep whose power profile states such a rest. They cannot
-        be reached until they wake. Policy `information` only.""",
+        help="""Rest of cameras that are not needed for seconds: `none`: all awake; `asleep` and
+        `suspended` need a power profile that states this rest. A resting camera cannot be reached
+        until it wakes. Policy `information` only.""",
     )
     watts: float | None = entry(
         None,
@@ -119,8 +119,8 @@ class LoopSettings:
         read=duration_s,
         shown="1s",
         group="Goal",
-        help="""How soon somebody who comes into view of a camera that is awake is to be found while
-        nobody is there: 1s, 500ms. With --rest, cameras look as seldom as that allows.""",
+        help="""Longest time to find a newcomer in view of an awake camera while the place is empty:
+        1s, 500ms. With --rest, cameras look as rarely as this allows.""",
     )
     budget: float | tuple[float, ...] | None = entry(
         None,

@@ -63,8 +63,8 @@ def _line(name: str, until: datetime.datetime, now: datetime.datetime) -> str:
     advice = renewal_advice(name)
     if until < now:
         return (
-            f"certificate of {name} expired on {until:%Y-%m-%d %H:%M} UTC: nobody can connect "
-            f"anew with it; {advice}"
+            f"certificate of {name} expired on {until:%Y-%m-%d %H:%M} UTC: no new connection "
+            f"is accepted with it; {advice}"
         )
     days = (until - now).days
     return f"certificate of {name} expires on {until:%Y-%m-%d}, in {days} days: {advice}"

@@ -80,7 +80,7 @@ def test_a_judgement_has_a_map_with_what_is_unknown_as_nothing() -> None:
     found = result(RIG, judged)
     assert found["map_mm"] == [[30.0, None], [60.0, 100.0]] and found["grade"] == "fair"
     assert "33 % of the floor is green" in found["verdict"] and found["next"] == ["walk more"]
-    assert found["cameras"][2]["words"] == "saw nobody whom others saw"
+    assert found["cameras"][2]["words"] == "saw no person that others saw"
 
 
 def test_speed_is_in_plain_words() -> None:

@@ -121,7 +121,7 @@ def test_expiry_is_reported_once_a_day_and_again_when_it_has_come(keys: Path) ->
     assert pass_by(DAY / 2) == [] and len(pass_by(AGAIN)) == 4
     assert len(pass_by(-2 * DAY)) == 4  # the clock was set back
     lines = pass_by(16 * DAY)
-    assert "cam1 expired on 2029-02-25 12:00 UTC: nobody can connect anew with it" in lines[1]
+    assert "cam1 expired on 2029-02-25 12:00 UTC: no new connection is accepted with it" in lines[1]
     renew_keys(keys, "edge", now[0])
     assert len(pass_by(2 * AGAIN)) == 3
 

@@ -144,7 +144,7 @@ def load_chunk(path: Path, joints: Sequence[str]) -> Chunk:
     if arrays["version"].tolist() != [FORMAT_VERSION]:
         raise InputError(f"{path}: version: found another one, expected {FORMAT_VERSION}")
     if arrays["joints"].tolist() != list(joints):
-        raise InputError(f"{path}: joints: found those of another skeleton")
+        raise InputError(f"{path}: joints: found another skeleton's")
     kinds = {"run": "i", "slots": "i", "track_ids": "i", "joints_m": "f", "scores": "f"}
     for name, kind in kinds.items():
         if arrays[name].dtype.kind != kind:

@@ -64,7 +64,7 @@ def start_adding(setup: SetupSession, sources: Sequence[str]) -> None:
 def _add(setup: SetupSession, sources: Sequence[str], task: Task) -> None:
     if len(sources) == 1:
         setup.thumbnails.close(sources[0])
-    stage = "reading a frame of each, and counting those of live cameras for three seconds"
+    stage = "reading one frame of each, and counting frames of live cameras for three seconds"
     tried = probe_all(
         {source: partial(probe, source) for source in sources},
         lambda done, total: task.progress(stage, done, total),

@@ -74,7 +74,7 @@ def result(rig: Rig, found: Judgement) -> dict[str, Any]:
             {
                 "id": name,
                 "words": f"{found.errors_px[i]:.1f} px off where the others see people"
-                if np.isfinite(found.errors_px[i]) else "saw nobody whom others saw",
+                if np.isfinite(found.errors_px[i]) else "saw no person that others saw",
                 "expected": found.errors.expected_text(i),
             }
             for i, name in enumerate(rig.camera_ids)

@@ -137,7 +137,7 @@ def save_plan(folder: Path, plan: Plan) -> None:
     table["cameras"] = [asdict(camera) for camera in plan.cameras]
     write_file(
         folder / PLAN_FILE,
-        "# What `e3pose setup` was told; without this file it begins with the site file.\n"
+        "# Choices made in `e3pose setup`; without this file it begins with the site file.\n"
         + tomli_w.dumps(table),
         private=True,
     )

@@ -90,7 +90,7 @@ def open_stream(place: str, source: Source) -> WebhookStream:
     if len(secret) < LEAST_SECRET:
         raise InputError(SECRET, f"{plural(len(secret), 'character')}", f"{LEAST_SECRET} at least")
     if not source.kinds:
-        raise InputError("target", "no [events] in the site file", "[events]: what is told")
+        raise InputError("target", "no [events] in the site file", "[events] with kinds")
     if url.scheme == "http" and not is_loopback(str(url.hostname)):
         source.report(f"webhook {url.netloc}: signed, but anybody on the way can read it")
     return WebhookStream(url, secret.encode(), source)
