@@ -193,10 +193,10 @@ def _run(
             trainer.write_waiting()
         print(f"  {trainer.collected_s:.0f} s with people collected")
         if not paced:
-            trainer.attend()
+            trainer.run_once()
             while trainer.training:
                 time.sleep(PAUSE_S)
-                trainer.attend()
+                trainer.run_once()
             predictor = trainer.poll() or predictor
         for event in trainer.events[shown:]:
             print(f"  {event}")

@@ -32,13 +32,13 @@ class PipelineOwner:
     def __init__(self, pipeline: Pipeline, lead: Lead | None = None) -> None:
         """Begin with a pipeline, and with its own lead unless there is another."""
         self.pipeline, self.lead = pipeline, lead or Lead(pipeline.lead_slots)
-        self.follow(self.lead)
+        self.use_lead(self.lead)
 
     def shed(self, load: Load) -> Pipeline:
         """Return the pipeline without the parts that this load sheds."""
         return shed_load(self.pipeline, load)
 
-    def follow(self, lead: Lead) -> str:
+    def use_lead(self, lead: Lead) -> str:
         """Change the lead; return an event if it differs, else an empty string."""
         before, self.lead = self.lead.slots, lead
         if lead.slots != self.pipeline.lead_slots:

@@ -49,14 +49,14 @@ def test_a_better_network_is_handed_over_once_and_survives_a_restart(make: Make)
 def test_little_motion_begins_nothing(make: Make) -> None:
     trainer = make("good")
     live(trainer, 70)
-    trainer.attend()
+    trainer.run_once()
     assert not trainer.training and trainer.events == ()
 
 
 def test_the_newest_minutes_are_held_back_and_old_ones_learned(make: Make) -> None:
     trainer = make("hang")
     live(trainer, 100)
-    trainer.attend()
+    trainer.run_once()
     assert trainer._trainer is not None
     job = trainer._trainer.job
     assert [Path(p).stem for p in job.learn] == [f"{n:08d}" for n in range(1, 7)]
@@ -74,7 +74,7 @@ def test_a_network_that_is_not_better_is_not_taken(make: Make, mode: str) -> Non
 def test_closing_ends_the_training(make: Make) -> None:
     trainer = make("hang")
     live(trainer, 100)
-    trainer.attend()
+    trainer.run_once()
     assert trainer._trainer is not None
     process = trainer._trainer.process
     trainer.close()
@@ -89,10 +89,10 @@ def test_what_was_held_back_is_learned_later_and_only_new_minutes_judge(
     trained(trainer)
     clock.advance(200.0)
     live(trainer, 30, start=100)  # too few new seconds
-    trainer.attend()
+    trainer.run_once()
     assert not trainer.training
     live(trainer, 20, start=130)
-    trainer.attend()
+    trainer.run_once()
     assert trainer._trainer is not None
     job = trainer._trainer.job
     assert [int(Path(p).stem) for p in job.held_back] == [12, 13, 14, 15]
@@ -105,10 +105,10 @@ def test_going_back_hands_over_the_earlier_network(make: Make) -> None:
     trained(trainer)
     trainer.poll()
     assert trainer.store.back() == 0
-    trainer.attend()
+    trainer.run_once()
     assert trainer.current == 0 and trainer.poll() is not None
     trainer.store.use(1)
-    trainer.attend()
+    trainer.run_once()
     assert trainer.current == 1 and trainer.poll() is not None
     with pytest.raises(InputError, match="version: found 5"):
         trainer.store.use(5)
@@ -120,7 +120,7 @@ def test_a_choice_made_during_a_training_stands(make: Make, clock: ManualClock) 
     trained(trainer)
     clock.advance(200.0)
     live(trainer, 60, start=100)
-    trainer.attend()
+    trainer.run_once()
     assert trainer.training
     trainer.store.use(0)
     wait(trainer)
@@ -143,7 +143,7 @@ def test_a_swap_loses_no_slot_and_no_person(make: Make) -> None:
     slots = []
     for slot in rehearse(recording, settings, trainer):
         slots.append(slot)
-        trainer.attend()
+        trainer.run_once()
         if slot.slot == 100:  # nobody may rely on a trainer's speed
             wait(trainer)
     assert [slot.slot for slot in slots] == list(range(recording.num_slots))
@@ -183,7 +183,7 @@ def test_the_edge_never_loads_torch(tmp_path: Path) -> None:
         "from e3pose.model.skeleton import COCO17\n"
         f"t = OnlineTrainer(Path({str(tmp_path / 'site')!r}), COCO17, LearningSettings(0.1),"
         " WallClock(), background=False)\n"
-        "t.attend(); t.close(); print(*(m for m in sys.modules if '.learn.train' in m))"
+        "t.run_once(); t.close(); print(*(m for m in sys.modules if '.learn.train' in m))"
     )
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert result.returncode == 0, result.stderr

@@ -42,7 +42,7 @@ def test_a_trainer_that_fails_or_lies_changes_nothing_and_is_left_alone_for_long
     assert trainer.poll() is None and trainer.current == 0 and trainer.store.read().versions == ()
     assert "next attempt in 10 s" in trainer.events[-1]
     clock.advance(9.0)
-    trainer.attend()
+    trainer.run_once()
     assert not trainer.training
     clock.advance(2.0)
     assert "next attempt in 20 s" in trained(trainer)
@@ -68,18 +68,18 @@ def test_a_trainer_that_cannot_be_started_changes_nothing(make: Make) -> None:
     trainer = make("good")
     trainer.command = ("/nowhere/python",)
     live(trainer, 100)
-    trainer.attend()
+    trainer.run_once()
     assert not trainer.training and "/nowhere/python" in trainer.events[-1]
 
 
 def test_a_trainer_that_hangs_is_ended(make: Make, clock: ManualClock) -> None:
     trainer = make("hang")
     live(trainer, 100)
-    trainer.attend()
+    trainer.run_once()
     assert trainer._trainer is not None
     process = trainer._trainer.process
     clock.advance(2 * SETTINGS.train_s + 61.0)
-    trainer.attend()
+    trainer.run_once()
     assert not trainer.training and process.poll() == -signal.SIGKILL
     assert "timed out" in trainer.events[-1]
 
@@ -87,7 +87,7 @@ def test_a_trainer_that_hangs_is_ended(make: Make, clock: ManualClock) -> None:
 def test_a_trainer_killed_from_outside_changes_nothing(make: Make) -> None:
     trainer = make("hang")
     live(trainer, 100)
-    trainer.attend()
+    trainer.run_once()
     assert trainer._trainer is not None
     assert os.getpriority(os.PRIO_PROCESS, trainer._trainer.pid) == 19
     os.kill(trainer._trainer.pid, signal.SIGKILL)
@@ -118,7 +118,7 @@ def test_a_list_damaged_under_a_running_learner_keeps_what_runs(make: Make, tmp_
     trained(trainer)
     assert trainer.poll() is not None and trainer.current == 1
     (tmp_path / "site" / "versions" / "versions.json").write_bytes(b"\0" * 100)
-    trainer.attend()
+    trainer.run_once()
     assert trainer.current == 1 and trainer.poll() is None
     assert "moved to versions.json.damaged, version 1 runs" in trainer.events[-1]
 
@@ -133,7 +133,7 @@ def test_a_full_disk_loses_poses_and_nothing_else(
 
     monkeypatch.setattr("e3pose.edge.learn.ring_buffer.np.savez", full)
     live(trainer, 20)
-    trainer.attend()
+    trainer.run_once()
     assert "poses lost" in trainer.events[-1] and "no space left" in trainer.events[-1].lower()
 
 

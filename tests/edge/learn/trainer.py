@@ -67,7 +67,7 @@ def live(trainer: OnlineTrainer, slots: int, start: int = 0) -> None:
 def trained(trainer: OnlineTrainer) -> str:
     """Begin a training that is due, or wait for the one that runs; return the last event."""
     if not trainer.training:
-        trainer.attend()
+        trainer.run_once()
         assert trainer.training, trainer.events
     wait(trainer)
     return trainer.events[-1]
@@ -79,5 +79,5 @@ def wait(trainer: OnlineTrainer) -> None:
         if not trainer.training:
             return
         time.sleep(0.01)
-        trainer.attend()
+        trainer.run_once()
     raise AssertionError("the training does not end")

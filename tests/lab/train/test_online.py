@@ -60,11 +60,11 @@ def site(folder: Path, seconds: int = 60) -> Path:
 
 def trained(folder: Path, settings: LearningSettings = SETTINGS) -> OnlineTrainer:
     trainer = OnlineTrainer(folder, COCO17, settings, WallClock(), background=False)
-    trainer.attend()
+    trainer.run_once()
     until = time.monotonic() + 120
     while trainer.training and time.monotonic() < until:
         time.sleep(0.05)
-        trainer.attend()
+        trainer.run_once()
         if trainer.current or "not tried" in trainer.events[-1]:
             break
     trainer.close()
@@ -108,11 +108,11 @@ def test_damaged_poses_are_left_out(tmp_path: Path) -> None:
     folder = site(tmp_path, 80)
     trainer = OnlineTrainer(folder, COCO17, SETTINGS, WallClock(), background=False)
     (folder / "poses" / "00000002.npz").write_bytes(b"damaged since")
-    trainer.attend()
+    trainer.run_once()
     until = time.monotonic() + 120
     while trainer.training and time.monotonic() < until:
         time.sleep(0.05)
-        trainer.attend()
+        trainer.run_once()
         if trainer.current:
             break
     trainer.close()

@@ -87,7 +87,7 @@ class OnlineTrainer:
         except Exception as error:  # learning may wait, the edge must start
             self._report(f"{type(error).__name__}: {error}", logging.WARNING)
         self._closing = threading.Event()
-        self._thread = threading.Thread(target=self._attend_always, name="learning", daemon=True)
+        self._thread = threading.Thread(target=self._run, name="learning", daemon=True)
         if background:
             self._thread.start()
 
@@ -149,7 +149,7 @@ class OnlineTrainer:
 
     # What the thread beside the edge does.
 
-    def attend(self) -> None:
+    def run_once(self) -> None:
         """Run one round of work: write, start, watch, judge, load. Never raises."""
         now_s = self.clock.now_ns() / 1e9
         try:
@@ -162,9 +162,9 @@ class OnlineTrainer:
         except Exception as error:  # the edge goes on, whatever happens here
             self._failed(now_s, f"{type(error).__name__}: {error}")
 
-    def _attend_always(self) -> None:
+    def _run(self) -> None:
         while not self._closing.wait(POLL_S):
-            self.attend()
+            self.run_once()
 
     def _put_by(self) -> None:
         gathered, self._gathering = self._gathering, Gathering(self._gathering.run)
