@@ -30,7 +30,7 @@ class EventLog:
 
     @property
     def recent(self) -> tuple[Event, ...]:
-        """The newest events, oldest first; a copy, as other threads add events meanwhile."""
+        """A copy of the newest events, oldest first."""
         with self._lock:
             return tuple(self._recent)
 

@@ -44,7 +44,7 @@ def ignore_views(slot: int, arrivals: Mapping[int, Arrival]) -> None:
 
 @dataclass(frozen=True, slots=True)
 class RecordingPlan:
-    """What to record.
+    """Settings of one recording.
 
     Attributes:
         dest: the folder to make.

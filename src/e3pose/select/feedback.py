@@ -70,7 +70,7 @@ def expected_people(
     predicted_ids: Integers,
     ahead_s: float,
 ) -> tuple[ExpectedView, ...] | None:
-    """Return the views expected of people who are predicted and of those not published yet.
+    """Return the expected views of predicted and of unpublished people.
 
     Tracks that too few cameras have seen are not published, but expected as well; otherwise only
     full-frame detection would find them.

@@ -24,7 +24,7 @@ MOST_SURE = 0.999  # numerics
 
 @lru_cache(maxsize=64)
 def seen_floor(rig: Rig) -> tuple[Floats, Floats]:
-    """Return the cells of the floor in which two cameras see somebody who stands there.
+    """Return the floor cells in which two cameras would see a standing person.
 
     Nobody is estimated in others.
 

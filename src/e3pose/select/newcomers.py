@@ -20,7 +20,7 @@ from e3pose.select.kernels import people as kernels
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Entrants:
-    """Detections that no track explains, as people whom two cameras could start.
+    """Unexplained detections, as people that two cameras could start.
 
     Attributes:
         shares: `(num_entrants, num_cameras)` in [0, 1]: how likely each camera sees the person, as
@@ -40,7 +40,7 @@ class Entrants:
         return cls(np.zeros((0, num_cameras)), np.zeros((0, num_cameras)), np.zeros(0))
 
     def starts(self, subsets: Flags) -> Floats:
-        """Return `(num_subsets,)` people whom sets of cameras are expected to start.
+        """Return `(num_subsets,)` number of people that sets of cameras are expected to start.
 
         Args:
             subsets: `(num_subsets, num_cameras)`.

@@ -274,7 +274,7 @@ def rested(
 
 
 def risen(repeated_m: Floats, everybody_m: Floats, stated_m: float) -> Floats:
-    """Return the errors of sets of cameras over that of all of them.
+    """Return the error of sets of cameras relative to all cameras.
 
     Over seconds, what cameras repeat adds to the rest of the error as variances do.
 

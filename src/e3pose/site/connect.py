@@ -228,7 +228,7 @@ class Connection:
         return self._follower.status
 
     def take(self, seconds: float) -> Take:
-        """Record for a while: return the people of so many seconds, each with arrays over time.
+        """Record for `seconds`; return the people with arrays over time.
 
         Args:
             seconds: of the edge's time.

@@ -121,7 +121,7 @@ class SiteControls:
         return [f"{plural(count, 'request')} refused, most of operator {most}: too many per second"]
 
     def _of_file(self, control: Control) -> str:
-        """Reload the site file: what a running edge can change."""
+        """Reload the parts of the site file that a running edge can change."""
         if control != Control(reread=True):
             raise InputError("reread", "with another setting", "one of them at a time")
         new, old = resolve_site(self._site.file.path), self._site

@@ -38,7 +38,7 @@ class ExpiryWatch:
     _reported: dict[tuple[str, bool], datetime.datetime] | None = None
 
     def update(self) -> None:
-        """Report what is due; cheap enough for every call of a loop."""
+        """Report expiring certificates; cheap enough for every call of a loop."""
         if self.folder is None or self.now_s() < self._due_s:
             return
         self._due_s = self.now_s() + LOOK_S

@@ -89,7 +89,7 @@ class Follower:
 
 
 def operator_of(link: Link) -> str | None:
-    """Return the operator whose link it is; None for a viewer's.
+    """Return the operator of a link; None for a viewer's.
 
     Where a site has no certificates, whoever reaches it operates it.
 

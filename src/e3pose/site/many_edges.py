@@ -1,4 +1,4 @@
-"""Several edges in one process, each of which starts, fails and starts again by itself."""
+"""Several edges in one process; each starts, fails and restarts by itself."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ Load = Callable[[Path], ResolvedSite]
 
 
 class Keeper:
-    """Keeps the edge of one site at work, on a thread of its own.
+    """Keeps the edge of one site running, on its own thread.
 
     Attributes:
         path: of the site file, which is read at each start.
@@ -86,7 +86,7 @@ class Keeper:
             wait_s = min(2 * wait_s, LONGEST_WAIT_S)
 
     def _work(self, before: str) -> None:
-        """Run the edge until it is to stop; raise what made it end before."""
+        """Run the edge until it is stopped; its exceptions propagate."""
         edge = self._open()
         if edge is None:
             return
@@ -158,7 +158,7 @@ def check_apart(sites: Sequence[ResolvedSite]) -> None:
 
 
 def _own(site: ResolvedSite) -> list[tuple[str, str, object, str]]:
-    """Return what must be a site's alone: the key in its file, its kind, its value, as text."""
+    """Return the settings that no two sites may share: key, kind and value, as text."""
     port = site.file.link.endpoint.port
     own: list[tuple[str, str, object, str]] = [
         ("name", "name", site.file.name, site.file.name),
@@ -182,7 +182,7 @@ def _own(site: ResolvedSite) -> list[tuple[str, str, object, str]]:
 def run_edges(
     paths: Sequence[Path], load: Load, log: Callable[[Path], Log], for_s: float | None = None
 ) -> tuple[list[str], bool]:
-    """Run the edges of several sites until Ctrl-C, a polite kill, or so many seconds.
+    """Run the edges of several sites until Ctrl-C, SIGTERM, or for a number of seconds.
 
     To be called on the main thread.
 

@@ -1,4 +1,4 @@
-"""Measure what the camera of this machine can do: looks and rests, for its power profile."""
+"""Measure the looks and rests of this machine's camera, for its power profile."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ LEAST_LOOKS = 3
 
 @dataclass(frozen=True, slots=True)
 class MeasuredModes:
-    """What was measured of a camera.
+    """Measurements of a camera.
 
     Attributes:
         look_s: seconds of one look at the whole image, median.
@@ -55,7 +55,7 @@ class MeasuredModes:
 def measure_modes(
     source: LiveSource, detector: LiveDetector, meter: Meter, seconds: float, wakes: int
 ) -> MeasuredModes:
-    """Measure a camera, which nothing else on the machine may use meanwhile.
+    """Measure a camera; no other program may use it at the same time.
 
     Args:
         source: its frames; closed afterwards.
@@ -139,7 +139,7 @@ def _next_frame(source: LiveSource) -> LiveFrame:
 
 
 def measured_profile(base: DeviceProfile, found: MeasuredModes, when: str) -> DeviceProfile:
-    """Return a profile with the rows that were measured; the others are those of `base`.
+    """Return a profile with the measured rows, completed from `base`.
 
     Args:
         base: what the device is taken to draw where nothing is measured.

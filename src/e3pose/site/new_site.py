@@ -45,7 +45,7 @@ NETWORKS = ("movenet-multipose", "openpose-thin")  # the first that is installed
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """What a site is to be made of.
+    """The choices for a new site.
 
     Attributes:
         name: of the site.
@@ -235,7 +235,7 @@ def _calibration(choice: Choice, folder: Path) -> list[str]:
 
 
 def _timing(choice: Choice) -> list[str]:
-    """Return the lines of what the machine's speed decides."""
+    """Return the lines of the settings that depend on the machine's speed."""
     fps, pace = rates(choice)
     times = choice.times
     if times is None:

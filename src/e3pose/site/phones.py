@@ -33,7 +33,7 @@ SUFFIX = ".toml"
 
 @dataclass(frozen=True, slots=True)
 class Shown:
-    """What is shown to the person with the phone.
+    """Code and address to show to the phone's owner.
 
     Attributes:
         source: of the camera that the phone becomes.
@@ -93,7 +93,7 @@ def show_phone(path: Path, keys: Path | None, listen: str | None = None) -> Show
 
 
 def addresses() -> list[str]:
-    """Return the IPv4 addresses of this machine, the one that others most likely reach first."""
+    """Return the IPv4 addresses of this machine, the most reachable one first."""
     import psutil
 
     found = [

@@ -23,7 +23,7 @@ def site_programs(
     warn: Callable[[str], object],
     measuring: AbstractContextManager[object] | None = None,
 ) -> list[Program]:
-    """Return the programs of a site after checking what they need: the edge, then the cameras.
+    """Return the checked programs of a site: the edge, then the cameras.
 
     Args:
         site: what its file says.

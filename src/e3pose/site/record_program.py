@@ -1,4 +1,4 @@
-"""Record what all cameras of a site see: its local cameras run as programs of their own."""
+"""Record the views of all cameras of a site; local cameras run as separate programs."""
 
 from __future__ import annotations
 

@@ -62,7 +62,7 @@ class Router:
         )
 
     def open(self) -> None:
-        """Join; raise `InputError` for what cannot be used."""
+        """Join the network; raise `InputError` for unusable endpoints or certificates."""
         link, roll = router_link(self.folder, self.endpoint, self.edge)
         self.close()  # the port is one
         self._transport = self.join(link, roll)

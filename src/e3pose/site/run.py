@@ -42,7 +42,7 @@ def end_with_parent(end_s: float = END_S) -> None:
 
 
 def end_now() -> None:
-    """End this program without waiting for its threads, once what it printed is out."""
+    """End this program without waiting for its threads, after flushing its output."""
     sys.stdout.flush()
     sys.stderr.flush()
     os._exit(0)

@@ -229,7 +229,7 @@ def _battery(camera: CameraStatus, charge: float, bars: bool) -> Text:
 
 
 def _remark(camera: CameraStatus) -> str:
-    """Return why a camera is excluded or impaired; empty if neither, or if it sleeps as told."""
+    """Return why a camera is excluded or impaired; empty if neither, or asleep by order."""
     if sleeps_as_told(camera):
         return ""
     if camera.turned_deg is not None and not camera.why:
@@ -244,5 +244,5 @@ def _duration(seconds: float) -> str:
 
 
 def _within(value: float, most: float) -> float:
-    """Return a value from 0 to `most`, 0 for what is no number."""
+    """Return a value clipped to 0 to `most`; 0 for NaN."""
     return 0.0 if math.isnan(value) else min(max(value, 0.0), most)

@@ -75,7 +75,7 @@ def shown(url: str) -> str:
 
 
 def writing_engine(url: str, kept: int = 0) -> Engine:
-    """Return an engine whose connections are set for writing; connects when it is used.
+    """Return an engine for writing; connects on first use.
 
     Args:
         url: of the database.

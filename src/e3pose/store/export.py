@@ -26,7 +26,7 @@ class Sink(Protocol):
     """Takes the rows of a table, some columns at a time."""
 
     def write(self, columns: Columns) -> None:
-        """Append rows; every call has the same columns, all of one length."""
+        """Append rows; every call has the same columns, of equal length."""
 
 
 def pose_columns(poses: StoredPoses) -> dict[str, list[Any]]:

@@ -93,7 +93,7 @@ HUBS_12 = """CREATE TABLE hubs (
 
 
 def prepare(connection: Connection, where: str) -> int:
-    """Make the tables of an empty database, or migrate those of a store.
+    """Make the tables of an empty database, or migrate a store.
 
     Args:
         connection: in a transaction that nothing was asked in.

@@ -41,7 +41,7 @@ class StoredStay(NamedTuple):
 def coverage(
     connection: Connection, start_ns: int, end_ns: int, parts: int
 ) -> tuple[list[int], list[int]]:
-    """Return how many slots are stored, and how many of them are blind, in parts of a time.
+    """Return the numbers of stored and blind slots in equal parts of a period.
 
     Args:
         connection: to the store.

@@ -61,7 +61,7 @@ class Line:
             return connection
 
     def cut(self) -> None:
-        """End the connection: what waits for its answer fails at once."""
+        """End the connection; waiting calls fail at once."""
         with self._lock:
             if self._socket is not None:
                 with suppress(OSError):  # it ended by itself

@@ -46,7 +46,7 @@ class Span:
 
 
 class Store:
-    """A store to query; every query opens it and sees what is committed."""
+    """A store to query; each query opens it and sees the committed rows."""
 
     def __init__(self, store: str | Path) -> None:
         """Name the store: a path, or the URL of a database."""

@@ -74,7 +74,7 @@ class Tally:
 
 
 class Minutes:
-    """Sums up minutes; `take` what comes, then `closed` for the minutes that are over."""
+    """Sums up minutes: `take` rows, then `closed` returns the finished minutes."""
 
     def __init__(self, software: str, cameras: Sequence[str], now_ns: int) -> None:
         """Begin, mostly in the middle of a minute.

@@ -1,4 +1,4 @@
-"""Calls to a database server that may hang: waited for only so long."""
+"""Calls to a database server with a time limit, as it may hang."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class TimedCalls:
         self._running: threading.Thread | None = None
 
     def call(self, body: Callable[[], None], *, patient: bool = False) -> None:
-        """Make a call; raise what it raises.
+        """Make a call; its exceptions propagate.
 
         Args:
             body: the call; no other one is made before it ends, whoever waits for it.

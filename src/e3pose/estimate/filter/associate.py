@@ -46,7 +46,7 @@ def associate(
     matches: Matches,
     offers: Offers,
 ) -> None:
-    """Fill the rows of `matches` of a camera whose view arrived, and `views.free` of it.
+    """Fill one camera's rows of `matches` and `views.free`, for an arrived view.
 
     Where a detection that is assigned has exchanged left and right, they are put right in `views`.
     """

@@ -98,7 +98,7 @@ def _is_anchored(first: str, second: str) -> bool:
 
 
 def limbs_of(joints: Sequence[str]) -> Integers:
-    """Return `(num_joints,)` 1 for joints of arms, 2 for legs, 0 for those of one side only."""
+    """Return `(num_joints,)` 1 for arm joints, 2 for leg joints, 0 without a counterpart."""
     limbs = np.zeros(len(joints), dtype=np.int64)
     for limb, names in enumerate(LIMBS, start=1):
         for name in names:

@@ -61,7 +61,7 @@ def fade_sums(sums_m: Floats, dt: float) -> None:
 
 @kernel
 def add_innovation(found: Beside, own_px2: float, drift_share: float, sums_m: Floats) -> None:
-    """Add that of one keypoint, whose own variance beside its bias is `own_px2`."""
+    """Add the innovation of one keypoint; `own_px2` is its variance without the bias."""
     variance_px2 = found.variance_px2 * spread_factor(drift_share, 1.0) ** 2
     total = variance_px2 + own_px2
     if variance_px2 > LEAST_SHARE * total:

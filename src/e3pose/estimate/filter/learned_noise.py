@@ -189,7 +189,7 @@ def add_evidence(
     factor: float,
     detectors: Detectors,
 ) -> None:
-    """Add that of one keypoint, and how much of it lies beyond the median.
+    """Add the evidence of one keypoint, and its share beyond the median.
 
     Of its `variance`, `own_share` is left beside the learned bias; the update had `factor` of it.
     """

@@ -101,7 +101,7 @@ def _advance_child(
     shared: Floats,
     passes: Passes,
 ) -> None:
-    """Move the blocks of a joint on that hangs on another one, whose blocks have been moved.
+    """Advance the blocks of a child joint, after its parent's.
 
     What it has beyond its parent, x_j - x_p, fades; the parent goes its own way.
     """

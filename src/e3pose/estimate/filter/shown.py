@@ -88,7 +88,7 @@ def who_is_shown(
     detection_map: Floats,
     shown: Flags,
 ) -> None:
-    """Fill `shown` `(num_tracks,)`; other arguments are those of `Belief`."""
+    """Fill `shown` `(num_tracks,)`; other arguments as in `Belief`."""
     for track in range(len(shown)):
         shown[track] = confirmed[track]
         if shown[track]:

@@ -48,7 +48,7 @@ def pair_views(
 def started(
     shares: Floats, others: Floats, weights: Floats, subsets: Flags, people: Floats
 ) -> None:
-    """Fill `people` `(num_subsets,)`; other arguments are those of `newcomers.Entrants`."""
+    """Fill `people` `(num_subsets,)`; other arguments as in `newcomers.Entrants`."""
     for row in range(len(subsets)):
         people[row] = 0.0
         for entrant in range(len(weights)):

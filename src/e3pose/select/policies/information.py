@@ -50,7 +50,7 @@ NO_BETTER = 0.05  # a target that all cameras miss: go on while they lower the e
 
 @dataclass(frozen=True, slots=True)
 class Information:
-    """Wake the cameras of most expected information: a number of them, or as few as suffice.
+    """Select the cameras with most expected information: a fixed number, or as few as suffice.
 
     Attributes:
         num_selected: cameras per slot; a mean if it is no whole number.
@@ -86,7 +86,7 @@ class Information:
         return best if better else turn
 
     def _turn(self, situation: Situation) -> Selection:
-        """Return the cameras whose turn it is; those far ahead of their budgets last."""
+        """Return the cameras of this turn; cameras far ahead of their budgets come last."""
         allowed = situation.online & affordable(situation)
         if allowed.sum() < min(self.num_selected, situation.online.sum()):
             allowed = situation.online

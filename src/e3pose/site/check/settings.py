@@ -139,7 +139,7 @@ def check_budgets(site: ResolvedSite, parts: EdgeParts, now: datetime) -> Iterat
 def _starved(
     site: ResolvedSite, index: int, budget: Budget, active_w: float, idle_w: float
 ) -> Finding:
-    """Return the problem of a camera whose budget pays for no detection."""
+    """Return the problem of a camera whose budget allows no detection."""
     name, camera = list(site.cameras.items())[index]
     profile = site.plan.profiles[index]
     wanted_w = budget.value / (site.interval_s if budget.kind == "joules" else 1.0)

@@ -42,7 +42,7 @@ State = Literal["waiting", "working", "done", "failed"]
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """One request and what became of it.
+    """One request and its state.
 
     Attributes:
         number: random, hexadecimal.
@@ -252,7 +252,7 @@ class Jobs:
             self._end(job, "failed", why, ())
 
     def _follow(self, job: Job, child: subprocess.Popen[str]) -> dict[str, Any]:
-        """Tell the child what is wanted and take what it says; return its last word."""
+        """Send the request to the child and read its progress; return its last message."""
         assert child.stdin is not None and child.stdout is not None
         with suppress(BrokenPipeError):
             child.stdin.write(json.dumps(asdict(job.request)))
@@ -273,7 +273,7 @@ class Jobs:
         return end
 
     def _watch(self, child: subprocess.Popen[str], full: list[str]) -> None:
-        """End a child whose files grow too large."""
+        """Stop a child whose files grow too large."""
         while child.poll() is None:
             if why := self._full():
                 full.append(why)

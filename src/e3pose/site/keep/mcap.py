@@ -114,6 +114,6 @@ def _person_events(rows: list[dict[str, Any]], request: ExportRequest) -> Iterat
 
 
 def _says(message: str) -> str:
-    """Return what a stored sentence says besides who, where and when."""
+    """Return a stored sentence without person, place and time."""
     found = SENTENCE.fullmatch(message)
     return found[1] if found else message

@@ -19,7 +19,7 @@ SAY_S = 0.2  # between two lines about how far it is
 
 
 def main(arguments: list[str]) -> int:
-    """Make what standard input asks for; return the exit code."""
+    """Make the requested files; return the exit code."""
     folder, site_file = Path(arguments[0]), Path(arguments[1])
     stand_back()
     told = json.load(sys.stdin)

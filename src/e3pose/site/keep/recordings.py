@@ -39,7 +39,7 @@ class Kept:
 
 
 def kept_recordings(folder: Path) -> list[Kept]:
-    """Return the newest recordings of a folder, newest first, less those that cannot be read."""
+    """Return the newest readable recordings of a folder, newest first."""
     found = []
     for path in list(reversed(_recordings(folder)))[:MOST]:
         with suppress(InputError, OSError, KeyError, TypeError, ValueError, msgspec.MsgspecError):

@@ -15,7 +15,7 @@ UNSAFE = re.compile(r"[^A-Za-z0-9_-]+")
 
 
 class Form(NamedTuple):
-    """A form of file: its ending, what it is for, whether people can be chosen and smoothed."""
+    """A file format: suffix, purpose, and whether people can be chosen and smoothed."""
 
     suffix: str
     words: str
@@ -72,6 +72,6 @@ class ExportRequest:
 
     @property
     def file_name(self) -> str:
-        """What its file is called: letters, digits, - and _ of the name, never a path."""
+        """Name of its file: letters, digits, - and _ of the name, never a path."""
         stem = UNSAFE.sub("-", self.name).strip("-")[:60].strip("-") or "poses"
         return stem + FORMS[self.form].suffix

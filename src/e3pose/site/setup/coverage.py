@@ -137,11 +137,11 @@ class Coverage:
 
     @property
     def seconds(self) -> float:
-        """Seconds in which two cameras saw somebody."""
+        """Seconds in which two cameras saw people."""
         return self.shared / self.fps
 
     def pair_s(self, a: int, b: int) -> float:
-        """Return the seconds in which two cameras both saw somebody."""
+        """Return the seconds in which both cameras saw people."""
         return float(self.together[a, b] / self.fps)
 
     def share(self, camera: int) -> float:

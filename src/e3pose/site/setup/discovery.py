@@ -48,7 +48,7 @@ class NetworkCamera:
 
 
 def look_around(wait_s: float = WAIT_S, to: tuple[str, int] = GROUP) -> list[NetworkCamera]:
-    """Ask the local network for cameras, and return those that answer in time.
+    """Ask the local network for cameras; return the answers that come in time.
 
     Args:
         wait_s: how long to wait for answers.

@@ -97,7 +97,7 @@ def apply_cameras(setup: SetupSession, choice: Choice) -> None:
 
 
 def _kept_rig(rig: Rig, plan: Plan) -> Rig | None:
-    """Return the rig of a plan's cameras; None where one of them was never placed."""
+    """Return the rig of a plan's cameras; None if one was never calibrated."""
     if not rig.placed or any(c.was not in rig.camera_ids for c in plan.cameras):
         return None
     return Rig(tuple(replace(rig.cameras[rig.index(c.was)], camera_id=c.id) for c in plan.cameras))

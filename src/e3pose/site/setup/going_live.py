@@ -84,7 +84,7 @@ class LiveSite:
             self._thread.join(END_S)
 
     def restart(self, setup: SetupSession) -> None:
-        """End the site if it runs, and start it with the file as it is now."""
+        """Restart the site with the present file, or start it."""
         self.close()
         self.start(setup)
 
@@ -144,7 +144,7 @@ class LiveSite:
 
 
 def runs_elsewhere(site: ResolvedSite) -> bool:
-    """Return whether another program of this machine listens where the edge of a site does."""
+    """Return whether another program of this machine uses the port of the site's edge."""
     try:
         check_port(site.file.link.endpoint)
     except InputError:

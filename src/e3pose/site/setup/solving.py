@@ -191,7 +191,7 @@ def floor_at(rig: Rig, camera_id: str, pixel: tuple[float, float]) -> tuple[floa
 
 
 def overlays(setup: SetupSession, snapshots: Snapshots) -> dict[str, Any]:
-    """Return for each camera a picture with the people that were solved, and those it measured.
+    """Return a picture per camera, with the solved people and the measured keypoints.
 
     Raises:
         InputError: where nothing is solved.

@@ -52,7 +52,7 @@ class Snapshots:
     pictures: dict[str, deque[Picture]] = field(default_factory=dict)
 
     def take(self, site: ResolvedSite, stop: threading.Event) -> None:
-        """Ask every camera about once a second until told to stop."""
+        """Request a picture of every camera about once a second until stopped."""
         with suppress(InputError):  # no operator's certificate: no pictures
             transport = open_network(viewer_link(site.file, None, operates=True))
             try:
