@@ -1,4 +1,4 @@
-"""What an edge does beside its slots: status, checkpoint, events of cameras, and its watchdog."""
+"""Periodic work of an edge: status, checkpoint, camera events, and the watchdog."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Housekeeping:
             self.quiet.wait(LOOK_S)
 
     def look(self) -> None:
-        """Do what is due."""
+        """Run the tasks that are due."""
         edge = self._edge
         counts = edge.gather.views, edge.counts.ordered, edge.counts.slots
         if edge.ready and self.watchdog.look(edge.inbox.cameras, *counts):
@@ -94,7 +94,7 @@ class Housekeeping:
 
 
 def lasting_problem(state: State, why: str, was: str) -> str:
-    """Return a camera's problem: one asleep as told is not lost, one that connects not yet back."""
+    """Return a camera's problem; sleeping by order is none, connecting still is."""
     if state == State.ASLEEP:
         return ""
     return was if why == CONNECTING else why

@@ -161,7 +161,7 @@ class Inbox:
             self._change(index, with_excused_wake)
 
     def can_sleep(self) -> Flags:
-        """Return `(num_cameras,)`: cameras that may be told to sleep, or were before a restart."""
+        """Return `(num_cameras,)`: cameras that may be ordered to sleep, or were before."""
         return np.array([camera.can_sleep for camera in self.cameras], dtype=bool)
 
     def wait_for_cameras(

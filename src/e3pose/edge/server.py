@@ -250,7 +250,7 @@ class EdgeServer:
         return times
 
     def _order_ahead(self, times: SlotTimes, start: int) -> None:
-        """Give the orders of the slots to come, from so many slots ahead."""
+        """Send the orders of future slots, from `ahead` slots on."""
         for ahead in range(start, self.lead.slots):
             decision, until = self.state.selections[ahead], self.state.asleep_until
             slot = self.state.slot + ahead
@@ -341,7 +341,7 @@ class EdgeServer:
         until = record.asleep_until
         self.orders.give(times, slot + lead, decision, lead, record.expected, none, until)
         late_s = (self.clock.now_ns() - self._deadline_ns(times, slot)) / 1e9
-        self.owner.follow(with_edge_delay(self.lead, late_s, self.interval_ns / 1e9))
+        self.owner.use_lead(with_edge_delay(self.lead, late_s, self.interval_ns / 1e9))
         self.orders.forget_before(slot)
         self.newest = record
         self.counts.count_slot(len(used), turn.ordered & turn.online, record, begun_ns, took_ns)
@@ -388,11 +388,11 @@ class EdgeServer:
         return believed_wakes_s(claims_s, configured_s, self.answers.share)
 
     def _ordered(self, times: SlotTimes, slot: int) -> Flags:
-        """Return `(num_cameras,)`: cameras selected for a slot whose order was in time."""
+        """Return `(num_cameras,)`: cameras selected for a slot by an order in time."""
         return np.asarray(self.state.selections[0] & self.orders.in_time(times, slot))
 
     def _update_pipeline(self, times: SlotTimes, record: SlotRecord, online: Flags) -> None:
-        """Update lead, predictor and budgets between two slots; nobody sleeps who cannot."""
+        """Update lead, predictor and budgets between two slots."""
         until = np.where(self.inbox.can_sleep(), self.state.asleep_until, 0)
         self.state = replace(self.state, asleep_until=until)
         while self.inbox.overslept:
@@ -409,7 +409,7 @@ class EdgeServer:
         counts = counted.tolist()
         lead = with_claims(self.lead, claims, self.answers.share, slot_s, wake_s, counts)
         lead = adapt(lead, slot_s, wake_s, online.tolist(), counts)
-        if change := self.owner.follow(lead):
+        if change := self.owner.use_lead(lead):
             self.event_log.report("lead", change)
             self.state = with_lead(self.state, self.lead.slots)
             self._order_ahead(times, before)  # slots without orders yet
@@ -420,7 +420,7 @@ class EdgeServer:
             return
         self.times = SlotTimes(found.origin_ns, self.interval_ns)
         if self.settings.adaptive_lead:
-            self.owner.follow(starting(found.lead_slots))
+            self.owner.use_lead(starting(found.lead_slots))
         memory = self.pipeline.estimator.leave_out_ids(found.state.memory, IDS_LEFT_OUT)
         self.state = with_lead(replace(found.state, memory=memory), self.lead.slots)
         self.inbox.order_sleep(self.times, self.state.asleep_until, self.state.slot, 1)

@@ -49,7 +49,7 @@ class StoredPoses:
 
 
 def stored_run(row: Any, where: str) -> StoredRun:
-    """Return a run from its row; raise `InputError` if it is not what a writer writes."""
+    """Return a run from its row; raise `InputError` for an invalid row."""
     try:
         joints, cameras = (tuple(map(str, json.loads(text))) for text in (row.joints, row.cameras))
     except (ValueError, TypeError, RecursionError):
@@ -138,7 +138,7 @@ def cut(poses: StoredPoses, rows: slice) -> StoredPoses:
 
 
 def joined(chunks: Sequence[StoredPoses]) -> StoredPoses:
-    """Return chunks of one answer as one."""
+    """Join the chunks of one answer."""
     joints = chunks[0].joints
     return StoredPoses(
         np.concatenate([chunk.run_ids for chunk in chunks]),

@@ -65,7 +65,7 @@ class Gathering:
         return passed >= slots or self.poses >= MAX_CHUNK_POSES
 
     def chunk(self) -> Chunk:
-        """Return what was gathered."""
+        """Return the collected slots."""
         counts = [len(record.people) for record in self.records]
         return Chunk(
             self.run,
@@ -163,7 +163,7 @@ def load_chunk(path: Path, joints: Sequence[str]) -> Chunk:
 
 
 def slots_in(path: Path, joints: Sequence[str]) -> int:
-    """Return in how many slots of a file there is somebody; 0 if it is of no use.
+    """Return the number of slots with people in a file; 0 if it is unusable.
 
     Nothing else of the file is read, so that a system with hours of poses starts at once.
     """

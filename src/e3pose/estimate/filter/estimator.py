@@ -140,7 +140,7 @@ def _graded(model: Model, belief: Belief, rows: Integers, shown: People) -> Grad
 
 
 def _factor(belief: Belief, covariance_m2: Floats, stated_m2: Floats) -> float:
-    """Return `FilterMemory.factor`; of those who are believed to be there if nobody is shown.
+    """Return `FilterMemory.factor`; of all tracks if none is published.
 
     What is reported besides the belief's own covariance is thus expected of slots to come.
     """

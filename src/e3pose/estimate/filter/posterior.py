@@ -42,7 +42,7 @@ class Grades(NamedTuple):
         return total / count if count else np.nan
 
     def grown(self, excess: float) -> Grades:
-        """Return what is published where errors last longer than stated (`filter.lasting`)."""
+        """Return the published figures if errors last longer than stated (`filter.lasting`)."""
         more_m2 = grown_m2(self.repeated_m2, self.lasting_m2, excess) - self.repeated_m2
         return self._replace(stated_m2=self.stated_m2 + more_m2)
 
