@@ -12,7 +12,7 @@ from e3pose import ReplaySettings, replay
 from e3pose.events.body import Joints
 from e3pose.events.intervals import Bounds, Interval, turn
 from e3pose.events.people import Seen
-from e3pose.events.rules import Moment
+from e3pose.events.rules import Snapshot
 from e3pose.events.states import CROUCHING
 from e3pose.events.watch import advance, begin_watch
 from e3pose.model.person_event import PersonEvent
@@ -32,15 +32,15 @@ class Crouches:
         """Return what it remembers before the first slot."""
         return {}
 
-    def advance(self, memory: Intervals, moment: Moment) -> tuple[Intervals, list[PersonEvent]]:
+    def advance(self, memory: Intervals, snapshot: Snapshot) -> tuple[Intervals, list[PersonEvent]]:
         """Return what it remembers after a slot, and the events of it."""
-        values = {track: float(one.states[CROUCHING]) for track, one in moment.shown.items()}
-        turned = turn(memory, values, moment.time_ns, self._bounds)
+        values = {track: float(one.states[CROUCHING]) for track, one in snapshot.shown.items()}
+        turned = turn(memory, values, snapshot.time_ns, self._bounds)
         events = [
-            moment.event("crouches", "begun", track, interval, "crouched", interval.most)
+            snapshot.event("crouches", "begun", track, interval, "crouched", interval.most)
             for track, interval in turned.begun.items()
         ] + [
-            moment.event("crouches", "ended", track, interval, "crouched", interval.most)
+            snapshot.event("crouches", "ended", track, interval, "crouched", interval.most)
             for track, interval in turned.ended.items()
         ]
         return turned.intervals, events

@@ -20,7 +20,7 @@ from tests.site.web.watched import RIG, SITE
 from e3pose.base.errors import InputError
 from e3pose.events.body import joints_of
 from e3pose.events.people import Persons, Seen, follow
-from e3pose.events.rules import RULES, Moment, inherited, kind_of
+from e3pose.events.rules import RULES, Snapshot, inherited, kind_of
 from e3pose.events.watch import advance, begin_watch, site_watch
 from e3pose.model.people import People
 from e3pose.model.person_event import ONCE, PersonEvent
@@ -40,16 +40,16 @@ def table_of(*names: str) -> EventsTable:
     return EventsTable(names, nobody_s=2.0, most_people=1, lies_s=4.0, settled_s=4.0)
 
 
-def moments(slots: Iterable[Seen], zones: tuple[ZoneTable, ...] = ()) -> Iterator[Moment]:
+def moments(slots: Iterable[Seen], zones: tuple[ZoneTable, ...] = ()) -> Iterator[Snapshot]:
     """Yield slots as rules see them."""
     known: Persons = {}
     for slot in slots:
         known, shown = follow(known, slot, joints_of(COCO17.joints), zones)
-        yield Moment(slot.slot, slot.time_ns, shown, known)
+        yield Snapshot(slot.slot, slot.time_ns, shown, known)
 
 
 @cache
-def days() -> list[list[Moment]]:
+def days() -> list[list[Snapshot]]:
     """Return people who do some things, alone and two at a time, and nobody for a while."""
     fall, floor, kneel = (list(seen(doing(kind, 1), seed=1)) for kind in DONE)
     empty = [Seen(n, round(n * 8e7), People.empty(17)) for n in range(120)]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from e3pose.base.errors import InputError
 from e3pose.events.body import Joints, joints_of
 from e3pose.events.people import Persons, Seen, follow, heirs_in
-from e3pose.events.rules import Moment, Rule, inherited, make_rules
+from e3pose.events.rules import Rule, Snapshot, inherited, make_rules
 from e3pose.model.person_event import PersonEvent
 from e3pose.settings.events_table import EventsTable
 from e3pose.settings.site_file import ZoneTable
@@ -84,11 +84,11 @@ def advance(watch: Watch, seen: Seen) -> tuple[Watch, list[PersonEvent]]:
         return watch, []
     known, shown = follow(watch.known, seen, watch.joints, watch.zones)
     heirs = heirs_in(shown)
-    moment = Moment(seen.slot, seen.time_ns, shown, known)
+    snapshot = Snapshot(seen.slot, seen.time_ns, shown, known)
     memories, events = dict[str, Any](), list[PersonEvent]()
     for kind, rule in watch.rules.items():
         before = inherited(watch.memories[kind], heirs) if heirs else watch.memories[kind]
-        memories[kind], told = rule.advance(before, moment)
+        memories[kind], told = rule.advance(before, snapshot)
         events += told
     now = replace(
         watch, memories=memories, known=known, shown=shown, slot=seen.slot, time_ns=seen.time_ns

@@ -11,8 +11,8 @@ from collections.abc import Callable
 from e3pose.base.errors import InputError
 from e3pose.base.plugins import maker
 from e3pose.events.body import Joints
-from e3pose.events.rules.base import Moment as Moment
 from e3pose.events.rules.base import Rule as Rule
+from e3pose.events.rules.base import Snapshot as Snapshot
 from e3pose.events.rules.base import inherited as inherited
 from e3pose.events.rules.fall import Fall, GotUp, OnFloor
 from e3pose.events.rules.presence import Left, nobody_seen, too_many

@@ -12,8 +12,8 @@ from e3pose.model.person_event import PersonEvent, Phase
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Moment:
-    """One slot as rules see it.
+class Snapshot:
+    """The people of one slot, as rules of events see them.
 
     Attributes:
         slot: its number.
@@ -55,7 +55,7 @@ class Rule(Protocol):
         """Return what it remembers before the first slot."""
         ...
 
-    def advance(self, memory: Any, moment: Moment) -> tuple[Any, list[PersonEvent]]:
+    def advance(self, memory: Any, snapshot: Snapshot) -> tuple[Any, list[PersonEvent]]:
         """Return what it remembers after a slot, and the events of it."""
         ...
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from e3pose.events.intervals import Bounds, Interval, turn
 from e3pose.events.people import Person
-from e3pose.events.rules.base import Moment
+from e3pose.events.rules.base import Snapshot
 from e3pose.events.states import STANDING, WALKING
 from e3pose.model.person_event import PersonEvent
 from e3pose.settings.events_table import EventsTable
@@ -34,15 +34,15 @@ class OnFloor:
         return {}
 
     def advance(
-        self, memory: Mapping[int, Interval], moment: Moment
+        self, memory: Mapping[int, Interval], snapshot: Snapshot
     ) -> tuple[Mapping[int, Interval], list[PersonEvent]]:
         """See `Rule.advance`."""
-        turned = turn(memory, moment.on_floor(memory), moment.time_ns, self._bounds)
+        turned = turn(memory, snapshot.on_floor(memory), snapshot.time_ns, self._bounds)
         events = [
-            moment.event("on-floor", "begun", track, interval, "is on the floor", interval.most)
+            snapshot.event("on-floor", "begun", track, interval, "is on the floor", interval.most)
             for track, interval in turned.begun.items()
         ] + [
-            moment.event("on-floor", "ended", track, interval, "was on the floor", interval.most)
+            snapshot.event("on-floor", "ended", track, interval, "was on the floor", interval.most)
             for track, interval in turned.ended.items()
         ]
         return turned.intervals, events
@@ -59,19 +59,19 @@ class GotUp:
         return {}
 
     def advance(
-        self, memory: Mapping[int, Interval], moment: Moment
+        self, memory: Mapping[int, Interval], snapshot: Snapshot
     ) -> tuple[Mapping[int, Interval], list[PersonEvent]]:
         """See `Rule.advance`."""
-        values = {track: person.on_floor for track, person in moment.shown.items()}
-        intervals = dict(turn(memory, values, moment.time_ns, self._down).intervals)
+        values = {track: person.on_floor for track, person in snapshot.shown.items()}
+        intervals = dict(turn(memory, values, snapshot.time_ns, self._down).intervals)
         events = []
-        for track, person in moment.shown.items():
+        for track, person in snapshot.shown.items():
             interval, states = intervals.get(track), person.states
             up = float(states[STANDING] + states[WALKING])
             if interval is None or not interval.told or up < SURE:
                 continue
-            if moment.time_ns - interval.held_ns > UP_S * 1e9:
-                events.append(moment.event("got-up", "ended", track, interval, "got up", up))
+            if snapshot.time_ns - interval.held_ns > UP_S * 1e9:
+                events.append(snapshot.event("got-up", "ended", track, interval, "got up", up))
                 del intervals[track]
         return intervals, events
 
@@ -164,20 +164,20 @@ class Fall:
         """See `Rule.begin`."""
         return Memory({}, {})
 
-    def advance(self, memory: Memory, moment: Moment) -> tuple[Memory, list[PersonEvent]]:
+    def advance(self, memory: Memory, snapshot: Snapshot) -> tuple[Memory, list[PersonEvent]]:
         """See `Rule.advance`."""
-        on_floor = moment.on_floor(memory.intervals)
-        turned = turn(memory.intervals, on_floor, moment.time_ns, self._bounds)
+        on_floor = snapshot.on_floor(memory.intervals)
+        turned = turn(memory.intervals, on_floor, snapshot.time_ns, self._bounds)
         descents = {track: memory.descents.get(track, Descent(0, 0)) for track in turned.intervals}
         for track, interval in turned.intervals.items():
-            person = moment.shown.get(track)
-            if person is not None and moment.time_ns - interval.since_ns < 1e9:
+            person = snapshot.shown.get(track)
+            if person is not None and snapshot.time_ns - interval.since_ns < 1e9:
                 descents[track] = max(descents[track], descent_of(person), key=Descent.of_fall)
         events = []
         for track, interval in turned.begun.items():
-            score = self._score(moment.known[track], descents[track])
+            score = self._score(snapshot.known[track], descents[track])
             if score >= 0.5:
-                events.append(moment.event("fall", "begun", track, interval, "fell", score))
+                events.append(snapshot.event("fall", "begun", track, interval, "fell", score))
         return Memory(turned.intervals, descents), events
 
     def _score(self, person: Person, descent: Descent) -> float:

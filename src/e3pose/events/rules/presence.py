@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 
 from e3pose.events.intervals import Bounds, Interval, turn
 from e3pose.events.people import Persons
-from e3pose.events.rules.base import Moment
+from e3pose.events.rules.base import Snapshot
 from e3pose.events.states import LYING, SITTING
 from e3pose.model.person_event import NOBODY, PersonEvent
 from e3pose.settings.events_table import EventsTable
@@ -23,16 +23,16 @@ class Left:
         return {}
 
     def advance(
-        self, memory: Mapping[int, Interval], moment: Moment
+        self, memory: Mapping[int, Interval], snapshot: Snapshot
     ) -> tuple[Mapping[int, Interval], list[PersonEvent]]:
         """See `Rule.advance`."""
         values = {
             track: float(person.states[[LYING, SITTING]].sum()) if person.surface_m else 0.0
-            for track, person in moment.shown.items()
+            for track, person in snapshot.shown.items()
         }
-        turned = turn(memory, values, moment.time_ns, self._bounds)
+        turned = turn(memory, values, snapshot.time_ns, self._bounds)
         events = [
-            moment.event("left", "ended", track, interval, "left", interval.most)
+            snapshot.event("left", "ended", track, interval, "left", interval.most)
             for track, interval in turned.ended.items()
         ]
         return turned.intervals, events
@@ -54,16 +54,16 @@ class Presence:
         """See `Rule.begin`."""
         return {}
 
-    def advance(self, memory: Intervals, moment: Moment) -> tuple[Intervals, list[PersonEvent]]:
+    def advance(self, memory: Intervals, snapshot: Snapshot) -> tuple[Intervals, list[PersonEvent]]:
         """See `Rule.advance`."""
-        values = {NOBODY: float(self._is_so(moment.shown))}
-        turned = turn(memory, values, moment.time_ns, self._bounds)
+        values = {NOBODY: float(self._is_so(snapshot.shown))}
+        turned = turn(memory, values, snapshot.time_ns, self._bounds)
         begun = [
-            moment.event(self._kind, "begun", NOBODY, interval, self._says)
+            snapshot.event(self._kind, "begun", NOBODY, interval, self._says)
             for interval in turned.begun.values()
         ]
         ended = [
-            moment.event(self._kind, "ended", NOBODY, interval, self._says)
+            snapshot.event(self._kind, "ended", NOBODY, interval, self._says)
             for interval in turned.ended.values()
         ]
         return turned.intervals, begun + ended

@@ -10,7 +10,7 @@ import numpy as np
 from e3pose.events.body import Joints
 from e3pose.events.intervals import Interval
 from e3pose.events.people import Person
-from e3pose.events.rules.base import Moment
+from e3pose.events.rules.base import Snapshot
 from e3pose.events.states import SITTING, STANDING, WALKING
 from e3pose.model.person_event import PersonEvent
 
@@ -40,26 +40,26 @@ class Waved:
         """See `Rule.begin`."""
         return Memory({}, {})
 
-    def advance(self, memory: Memory, moment: Moment) -> tuple[Memory, list[PersonEvent]]:
+    def advance(self, memory: Memory, snapshot: Snapshot) -> tuple[Memory, list[PersonEvent]]:
         """See `Rule.advance`."""
         ways: dict[tuple[int, int], Way] = {}
-        last = {t: at for t, at in memory.last_ns.items() if moment.time_ns - at < QUIET_S * 1e9}
+        last = {t: at for t, at in memory.last_ns.items() if snapshot.time_ns - at < QUIET_S * 1e9}
         events = []
-        for track, person in moment.shown.items():
+        for track, person in snapshot.shown.items():
             if person.states[[STANDING, WALKING, SITTING]].sum() < SURE or person.on_floor > 0.5:
                 continue
             for side in (0, 1):
                 aside_m = self._aside_m(person, side)
                 if np.isnan(aside_m):
                     continue
-                since = moment.time_ns - int(WAVE_S * 1e9)
+                since = snapshot.time_ns - int(WAVE_S * 1e9)
                 before = memory.ways.get((track, side), ())
-                way = (*(w for w in before if w[0] >= since), (moment.time_ns, aside_m))
+                way = (*(w for w in before if w[0] >= since), (snapshot.time_ns, aside_m))
                 ways[track, side] = way
                 if track not in last and turns_of(way) >= TURNS:
-                    last[track] = moment.time_ns
-                    interval = Interval(way[0][0], moment.time_ns, 1.0)
-                    events.append(moment.event("waved", "ended", track, interval, "waved"))
+                    last[track] = snapshot.time_ns
+                    interval = Interval(way[0][0], snapshot.time_ns, 1.0)
+                    events.append(snapshot.event("waved", "ended", track, interval, "waved"))
         return Memory(ways, last), events
 
     def _aside_m(self, person: Person, side: int) -> float:
