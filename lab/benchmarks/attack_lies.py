@@ -205,7 +205,8 @@ def tell(seconds: float, report: Callable[[Result], None]) -> list[Result]:
                 honest = set(ids[: CAMERAS - number])
                 usual = _while(transports, HONEST, number, 6.0, seen, honest)
                 add(f"{number} liars, honest", usual.summary(), usual.poses > POSES_SHARE * FPS)
-                gone = _while(transports, _gone(), number, 6.0, seen, honest)
+                silent = Lie("gone", dict.fromkeys(KINDS.values(), lambda message, n, dice: None))
+                gone = _while(transports, silent, number, 6.0, seen, honest)
                 add(f"{number} liars, gone", gone.summary(), gone.poses > POSES_SHARE * FPS)
                 _while(transports, HONEST, number, 4.0, seen, honest)
                 for lie, each_s in lies_to_tell(seconds):
@@ -262,10 +263,6 @@ def show(
         add(lie.name, words, held)
     transports[-1].lie = HONEST
     transport.close()
-
-
-def _gone() -> Lie:
-    return Lie("gone", dict.fromkeys(KINDS.values(), lambda message, n, dice: None))
 
 
 def _while_distrusted(seen: Seen, camera_ids: set[str]) -> None:

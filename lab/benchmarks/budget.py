@@ -159,7 +159,7 @@ def running(seconds: float) -> dict[str, tuple[float, float]]:
         return {
             f"running {name}": (
                 (_cpu_s(group) - before_s[name]) / len(group) / unit_s,
-                statistics.mean(map(_proportional_mb, group)),
+                statistics.mean(each.memory_full_info().pss / 1e6 for each in group),
             )
             for name, group in groups.items()
         }
@@ -167,10 +167,6 @@ def running(seconds: float) -> dict[str, tuple[float, float]]:
 
 def _cpu_s(processes: list[psutil.Process]) -> float:
     return float(sum(times.user + times.system for times in (p.cpu_times() for p in processes)))
-
-
-def _proportional_mb(process: psutil.Process) -> float:
-    return float(process.memory_full_info().pss) / 1e6
 
 
 def costs(measured: dict[str, tuple[float, float]], limits: dict[str, Any]) -> list[Cost]:

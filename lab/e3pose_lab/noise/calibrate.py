@@ -112,7 +112,8 @@ def calibrate_noise(
             for camera, view in measured.views.items():
                 found[camera] = SHIFT_STEP * view.shift_px
             shifts += found
-            people = [_shifted(each, found * scales[:, None]) for each in people]
+            off_px = (found * scales[:, None])[:, None]
+            people = [replace(each, keypoints_px=each.keypoints_px - off_px) for each in people]
     corrected = replace(noise, memory=fit_memory(measured.autocorrelation))
     checks: list[Statistics] = []
     for number in range(ROUNDS):
@@ -201,10 +202,6 @@ def _made_up(
     spread = np.where(wild, GROSS_SIGMA_PX * noise.image_px / IMAGE_PX, noise.of(person.scores))
     errors = direction * (spread * scales[:, None])[..., None]
     return replace(person, keypoints_px=np.where(seen[..., None], pixels + errors, np.nan))
-
-
-def _shifted(person: Observed, shifts_px: Floats) -> Observed:
-    return replace(person, keypoints_px=person.keypoints_px - shifts_px[:, None])
 
 
 def _noise(scores: Floats, sigma_px: Floats, image_px: float) -> Noise:

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from e3pose.base.arrays import Floats, Integers
 from e3pose.base.errors import InputError
 from e3pose.predict.base import Prediction, Predictor
+from e3pose.select.occlusion import person_boxes
 from e3pose_lab.prediction.motion import Motion, body_errors, body_joints, disturbed
-from e3pose_lab.prediction.tally import MM, Tally, actual_boxes, tally
+from e3pose_lab.prediction.tally import MM, Tally, tally
 
 LEADS = (1, 2, 3, 5, 8, 10, 15)
 MAX_LEAD = 300
@@ -106,7 +107,8 @@ def score(
         ends = window_ends(joints_m, settings)
         unknown = np.full((furthest, *joints_m.shape[1:]), np.nan)
         future = body_joints(np.concatenate([joints_m, unknown]), motion.skeleton)
-        boxes = actual_boxes(motion.rig, future)
+        cameras = motion.rig.cameras  # (num_cameras, *batch, 4) boxes of people in every view
+        boxes = np.stack([person_boxes(c.project(future), c.image_size) for c in cameras])
         for batch in np.split(ends, range(BATCH, len(ends), BATCH)):
             if not len(batch):
                 continue

@@ -105,11 +105,6 @@ def tally(predicted: Prediction, actual_m: Floats, rig: Rig, boxes: Floats) -> T
     )
 
 
-def actual_boxes(rig: Rig, body_m: Floats) -> Floats:
-    """Return `(num_cameras, *batch, 4)` boxes of people `(*batch, 14, 3)` in every view, pixels."""
-    return np.stack([person_boxes(c.project(body_m), c.image_size) for c in rig.cameras])
-
-
 def figures(total: Tally, leads: Sequence[int]) -> dict[str, dict[str, float]]:
     """Return the figures by name and lead; one that cannot be had is absent."""
     ratios = {

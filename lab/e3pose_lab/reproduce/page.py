@@ -44,7 +44,8 @@ def write_page(folder: Path, parts: Sequence[Part], about: Mapping[str, str], qu
     """
     drawn = [part for part in parts if part.section is not None]
     headlines = [h for part in drawn if part.section for h in part.section.headlines]
-    page = Template(_packaged("page.html")).substitute(
+    template = resources.files("e3pose_lab.reproduce").joinpath("page.html")
+    page = Template(template.read_text(encoding="utf-8")).substitute(
         summary=escape(_summary(parts, headlines)),
         quick="<b>This is a quick run: few seeds and slots, to see that everything works.</b>"
         if quick
@@ -134,7 +135,8 @@ def _table(folder: Path, table: Table) -> str:
         for cell, spread in zip(row, wide, strict=True):
             mean = cell.mean if isinstance(cell, Spread) else cell
             cells.append("" if mean is None else str(mean))
-            cells += [_sd(cell)] if spread else []
+            if spread:  # nothing where there was one repetition
+                cells.append(str(cell.sd) if isinstance(cell, Spread) and cell.count > 1 else "")
         rows.append(cells)
     _write_csv(folder / TABLES / f"{table.name}.csv", rows)
     head = "".join(f"<th>{escape(name)}</th>" for name in table.columns)
@@ -154,11 +156,6 @@ def _table(folder: Path, table: Table) -> str:
     if table.folded:
         return f"<details><summary>{title}</summary>{whole}</details>"
     return f"<h3>{title}</h3>{whole}"
-
-
-def _sd(cell: Cell) -> str:
-    """Return a standard deviation as text; nothing where there was one repetition."""
-    return str(cell.sd) if isinstance(cell, Spread) and cell.count > 1 else ""
 
 
 def shown(cell: Cell, digits: int) -> str:
@@ -191,7 +188,3 @@ def _headline(headline: Headline) -> str:
 def _write_csv(path: Path, rows: Sequence[Sequence[str]]) -> None:
     with atomic_file(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         csv.writer(file).writerows(rows)
-
-
-def _packaged(name: str) -> str:
-    return resources.files("e3pose_lab.reproduce").joinpath(name).read_text(encoding="utf-8")

@@ -306,7 +306,8 @@ class LoopSettings:
         if self.budget is not None or free:
             return self.budget
         count = self.for_rig(num_cameras).num_selected
-        return None if count is None else default_budget(count, num_cameras)
+        # The paper's E_n for those who name none: a margin above C/N, at most every slot.
+        return None if count is None else min(1.0, count / num_cameras + BUDGET_MARGIN)
 
 
 @dataclass(frozen=True, slots=True)
@@ -323,8 +324,3 @@ class ReplaySettings(LoopSettings):
 def pipeline_row(name: str) -> tuple[str, str]:
     """Return the estimator and the policy of a pipeline; one of one's own has the usual policy."""
     return PIPELINES.get(name, (name, PIPELINES["default"][1]))
-
-
-def default_budget(num_selected: float, num_cameras: int) -> float:
-    """Return the paper's E_n for those who name none: a margin above C/N, at most every slot."""
-    return min(1.0, num_selected / num_cameras + BUDGET_MARGIN)

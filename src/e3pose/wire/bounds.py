@@ -57,7 +57,8 @@ def out_of_bounds(error: msgspec.ValidationError, body: bytes, kinds: tuple[Any,
         typed = _plain(typed)
         if isinstance(typed, inspect.DictType):
             typed = typed.value_type
-            found = next(value for value in found.values() if not _is_inside(typed, value))
+            ge, le = typed.ge, typed.le
+            found = next(value for value in found.values() if not ge <= value <= le)
             continue
         if key:
             name, found = key, found[key]
@@ -82,7 +83,3 @@ def _plain(typed: Any) -> Any:
     if not isinstance(typed, inspect.UnionType):
         return typed
     return next(each for each in typed.types if not isinstance(each, inspect.NoneType))
-
-
-def _is_inside(typed: Any, value: Any) -> bool:
-    return bool(typed.ge <= value <= typed.le)

@@ -32,10 +32,6 @@ INTERVALS_S = {SHELF: 1 / 25, MOTION: 1 / 29.97}
 TITLES = {SHELF: "Shelf", MOTION: "Panoptic motion"}
 
 
-def _costs() -> tuple[float, ...]:
-    return tuple(active_cost_j(profiles(), "power-saving", INTERVALS_S[SHELF]).tolist())
-
-
 def _sets(scale: Scale) -> list[str]:
     return [SHELF, *([MOTION] if PANOPTIC in scale.data else [])]
 
@@ -44,7 +40,8 @@ def _paper(scale: Scale, data: str) -> Asked:
     return Asked(data, "e3pose", seconds=0.0 if data == SHELF else float(scale.of(30, 5)))
 
 
-MIXED_PRICES = Asked(SHELF, "e3pose", "memory", 3, cost_j=_costs())
+COSTS_J = tuple(active_cost_j(profiles(), "power-saving", INTERVALS_S[SHELF]).tolist())
+MIXED_PRICES = Asked(SHELF, "e3pose", "memory", 3, cost_j=COSTS_J)
 SPARSE = Asked(SHELF, "information", "memory", 1)
 
 
