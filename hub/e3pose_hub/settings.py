@@ -167,7 +167,7 @@ class Hub:
 
 
 def check_links(hub: Hub) -> None:
-    """Raise `InputError` if no site can be asked; one that cannot keeps no other from it."""
+    """Raise `InputError` if every site is unreachable."""
     problems = list[InputError]()
     for name in hub.sites:
         try:

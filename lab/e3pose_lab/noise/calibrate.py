@@ -163,7 +163,7 @@ def all_camera_tracks(
 def _corrected(
     memory: ErrorMemory, measured: Statistics, checks: Sequence[Statistics]
 ) -> ErrorMemory:
-    """Return the memory whose correlations would have come back as those that were measured.
+    """Invert the bias of the measured error memory by simulation.
 
     Args:
         memory: of the noise that was made up.

@@ -1,4 +1,4 @@
-"""The state of every camera at the edge: which of them count, and why one does not.
+"""State of every camera at the edge: whether it counts, and the reason if not.
 
 A camera is in exactly one `State`. It follows from three values, which pure functions take and
 return: `CameraState`, which messages and orders to sleep change, `Answers`, which each slot
@@ -73,7 +73,7 @@ SETTLED_S = 20.0  # after a warning before the next
 
 
 class State(IntEnum):
-    """What a camera is to its edge; from `ON_TRIAL` on it can be reached."""
+    """State of a camera for the edge; from `ON_TRIAL` on it can be reached."""
 
     LEFT = 0
     ASLEEP = 1
@@ -112,7 +112,7 @@ TRANSITIONS = {
 
 @dataclass(frozen=True, slots=True)
 class WakeTime:
-    """What a camera takes from its alarm until it is heard; a value.
+    """Time from a camera's alarm to its first message, as learned; a value.
 
     Attributes:
         mean_s: mean.
@@ -126,16 +126,16 @@ class WakeTime:
 
     @classmethod
     def stated(cls, wake_s: float) -> WakeTime:
-        """Return what is stated of a camera that never woke."""
+        """Return the prior for a camera that never woke."""
         return cls(wake_s, PRIOR_SHARE * wake_s)
 
     @property
     def early_s(self) -> float:
-        """How long before it is needed an alarm is set."""
+        """Seconds between an alarm and the time at which the camera is needed."""
         return min(alarm_s(self.mean_s, self.sd_s), LONGEST_WAKE_S)
 
     def after(self, took_s: float) -> WakeTime:
-        """Return it after one more wake; what was stated counts as one."""
+        """Return the estimate after one more wake; the prior counts as one."""
         took_s = min(max(took_s, 0.0), LONGEST_WAKE_S)
         weight = 1 / min(self.wakes + 2, MEMORY_WAKES)
         off_s = took_s - self.mean_s
@@ -145,7 +145,7 @@ class WakeTime:
 
 @dataclass(frozen=True, slots=True)
 class Sleep:
-    """A sleep that a camera was told to take; a value.
+    """A sleep that a camera was ordered to take; a value.
 
     Attributes:
         until: the slot from which it is to be awake; 0 for none.
@@ -225,12 +225,12 @@ class CameraState:
 
     @property
     def early_s(self) -> float:
-        """How long before it is needed it sets its alarm."""
+        """Seconds between its alarm and the time at which it is needed."""
         return self.sleep.early_s if self.sleep.until else self.wake.early_s
 
     @property
     def can_sleep(self) -> bool:
-        """Whether it may be told to sleep, or might have been before the edge was restarted."""
+        """Whether it may be ordered to sleep, or may sleep since before a restart of the edge."""
         return self.hello is None or bool(self.hello.rests)
 
 
@@ -269,7 +269,7 @@ def with_hello(camera: CameraState, hello: Hello, now_ns: int) -> CameraState:
 
 
 def with_heartbeat(camera: CameraState, beat: Heartbeat, now_ns: int) -> CameraState:
-    """Return a camera that sent a heartbeat; it may say that it falls asleep, or show it awake."""
+    """Return a camera after a heartbeat, which may start or end a sleep."""
     before = camera.beat
     moved = before is None or beat.captured != before.captured
     closed = beat.mode in CLOSED or (before is not None and before.mode in RESTING)
@@ -303,7 +303,7 @@ def _with_rates(camera: CameraState, beat: Heartbeat, now_ns: int) -> CameraStat
 
 
 def _with_session(camera: CameraState, session: int, now_ns: int) -> CameraState:
-    """Return a camera in whose name a program sent a message."""
+    """Return a camera after a message of one of its programs."""
     if camera.sessions[-1:] == (session,):
         return camera
     recent = tuple(at for at in camera.returns if now_ns - at < RIVAL_S * 1e9)[-RIVAL_RETURNS:]
@@ -335,12 +335,12 @@ def with_order_to_sleep(camera: CameraState, until: int, due_ns: int) -> CameraS
 
 
 def with_excused_wake(camera: CameraState) -> CameraState:
-    """Return a camera whose wake to come teaches nothing: the edge itself was away, or behind."""
+    """Return a camera whose next wake is not learned from, as the edge was away or behind."""
     return replace(camera, sleep=replace(camera.sleep, began=False))
 
 
 def _with_sleep(camera: CameraState, beat: Heartbeat, now_ns: int) -> CameraState:
-    """Return a camera whose heartbeat says that it falls asleep, or is back."""
+    """Return a camera after a heartbeat that starts or ends a sleep."""
     sleep = camera.sleep
     if not sleep.until:
         return camera
@@ -361,7 +361,7 @@ def _with_sleep(camera: CameraState, beat: Heartbeat, now_ns: int) -> CameraStat
 
 
 def _forgotten(camera: CameraState) -> WakeTime:
-    """Return half of a long time to wake: who is woken before it sleeps shows no other."""
+    """Return half of a long wake time, for a camera woken before it slept."""
     stated, wake = WakeTime.stated(camera.stated_wake_s), camera.wake
     if camera.sleep.early_s <= stated.early_s:
         return wake
@@ -373,7 +373,7 @@ def _forgotten(camera: CameraState) -> WakeTime:
 
 
 def flooding(camera: CameraState, fps: float, now_ns: int) -> bool:
-    """Return whether a camera has sent far more messages this second than it needs to."""
+    """Return whether a camera floods: far more messages this second than needed."""
     return camera.messages > FLOOD_RATE * (fps + 10) and camera.second == now_ns // 10**9
 
 
@@ -478,7 +478,7 @@ def _other_joints(found: Sequence[str], expected: Sequence[str]) -> str:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Turn:
-    """One slot, as the edge saw its cameras; arrays are `(num_cameras,)`.
+    """The cameras' part in one slot, as the edge saw it; arrays are `(num_cameras,)`.
 
     Attributes:
         states: the `State` of each before the slot was computed.
@@ -515,12 +515,12 @@ class Turn:
 
     @property
     def reached(self) -> Flags:
-        """Cameras that can be reached, or were presumed offline and were not."""
+        """Cameras that can be reached, or were wrongly presumed offline."""
         return np.asarray(self.online | self.arrived)
 
     @property
     def usable(self) -> Flags:
-        """Cameras that count for the loop, which leaves out those under suspicion by itself."""
+        """Cameras that count for the loop, which leaves out suspected ones by itself."""
         return np.asarray((self.states >= State.SUSPECTED) | self.arrived)
 
 
@@ -584,11 +584,11 @@ class Answers:
         return np.asarray(self.share >= RELIABLE)
 
     def delivery(self, camera: int) -> float | None:
-        """Return the share of ordered views that a camera brought in time; None while few."""
+        """Return the share of ordered views that came in time; None for few orders."""
         return float(self.delivered[camera]) if self.orders[camera] >= MIN_ORDERS else None
 
     def forgiven(self) -> Answers:
-        """Return the answers of cameras that are presumed to answer: the edge was to blame."""
+        """Return the answers with all cameras presumed to answer, as the edge was to blame."""
         return replace(Answers.none(len(self.share)), views=self.views, late=self.late)
 
 
@@ -648,7 +648,7 @@ def after_slot(
 def _delivered(
     before: Answers, counted: Flags, turn: Turn, given_up: Flags, interval_s: float
 ) -> Answers:
-    """Return what cameras deliver; those given up are counted anew once they are back."""
+    """Return the delivery of cameras; a returned camera is counted anew."""
     orders = np.where(given_up, 0, np.minimum(before.orders + counted, DELIVERY_ORDERS))
     weight = np.where(counted, 1 / np.maximum(orders, 1), 0.0)
     share = before.delivered + weight * (turn.arrived - before.delivered)
@@ -669,7 +669,7 @@ def _delivered(
 
 
 def excused(answers: Answers, orders_late: Flags) -> Flags:
-    """Return `(num_cameras,)`: cameras whose late orders excuse that no view came."""
+    """Return `(num_cameras,)`: cameras whose late orders excuse missing views."""
     return np.asarray(orders_late & (answers.unanswered_s < EXCUSED_S))
 
 
@@ -693,7 +693,7 @@ def waits_s(answers: Answers, awaited: Flags, deadline_s: float) -> Floats:
 
 
 def tried(answers: Answers, states: Integers, slot: int, interval_s: float) -> Flags:
-    """Return `(num_cameras,)`: the camera that is ordered in a slot to see whether it answers.
+    """Return `(num_cameras,)`: the camera that is tried in a slot.
 
     A trial costs the others nothing: the camera is ordered beside the selected ones, not in place
     of one. One camera is tried at a time, for `TURN_S` every `EVERY_S`, and more and more rarely
@@ -726,7 +726,7 @@ def impairments(
     newest_late: Flags,
     interval_s: float,
 ) -> list[str]:
-    """Return for each camera why it is useless although connected; empty if it is useful.
+    """Return why each connected camera is useless; empty if it is useful.
 
     Args:
         answers: of the cameras.
@@ -756,7 +756,7 @@ def impairments(
 def shortages(
     answers: Answers, cameras: Sequence[CameraState], slots_hz: float, pace: float
 ) -> list[str]:
-    """Return for each camera that brings too few views what is wrong and what to do; else empty.
+    """Return the problem and fix of each camera with too few views; else empty.
 
     Args:
         answers: of the cameras.

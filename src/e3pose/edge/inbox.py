@@ -140,7 +140,7 @@ class Inbox:
     def order_sleep(
         self, times: SlotTimes, asleep_until: Integers, slot: int, lead: int
     ) -> Integers:
-        """Return until when cameras are told to sleep by the orders of a slot.
+        """Return the ends of the sleeps that the orders of a slot contain.
 
         Args:
             times: of the slots.
@@ -156,7 +156,7 @@ class Inbox:
         return until
 
     def excuse(self) -> None:
-        """Learn nothing of the wakes to come: the edge itself was away, or behind."""
+        """Ignore the next wakes, as the edge was away or behind."""
         for index in range(len(self.rig)):
             self._change(index, with_excused_wake)
 
@@ -167,7 +167,7 @@ class Inbox:
     def wait_for_cameras(
         self, stopping: threading.Event, start_wait_s: float, resumes: bool
     ) -> bool:
-        """Wait for all cameras that do not sleep, or some time after two; return whether to start.
+        """Wait for all awake cameras, or a while after two; return whether to start.
 
         Args:
             stopping: ends the wait.

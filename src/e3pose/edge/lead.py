@@ -52,7 +52,7 @@ USUAL_WAKE_S = 0.5  # of a camera whose wake-up time is not configured
 
 @dataclass(frozen=True, slots=True)
 class Lead:
-    """How many slots ahead orders are given, and why; a value.
+    """The lead, in slots, and the delays behind it; a value.
 
     Attributes:
         slots: the paper's tau, at least 1.
@@ -257,7 +257,7 @@ def with_claims(
     wake_s: float = 0.0,
     followed: Sequence[bool] | None = None,
 ) -> Lead:
-    """Return the lead with delays that cameras report, as far as they are believed.
+    """Return the lead with the credible part of reported delays.
 
     Args:
         lead: before.
@@ -283,7 +283,7 @@ def with_claims(
 def _believed_delay_s(
     claim_s: float, others_s: Sequence[float], share: float, room_s: float, interval_s: float
 ) -> float:
-    """Return the delay of orders to take for what a camera reports.
+    """Return the credible part of a camera's reported order delay.
 
     It is the report, if that is usual or the camera misses orders. Otherwise it is at most what one
     slot less than the present lead has room for, so that the lead may shrink until it does; or the
@@ -301,7 +301,7 @@ def _believed_delay_s(
 def believed_wakes_s(
     claims_s: Sequence[float | None], configured_s: Sequence[float], share: Floats
 ) -> Floats:
-    """Return `(num_cameras,)`: wake-up times of cameras as far as believed; 0 of one that is awake.
+    """Return `(num_cameras,)`: credible wake-up times; 0 for awake cameras.
 
     At most the configured time or what is typical of the others; more, within limits, of a camera
     that misses orders.

@@ -1,4 +1,4 @@
-"""What changes between two slots: the pipeline, and the state for another lead or a later slot."""
+"""Changes between two slots: the pipeline, and the state for another lead or slot."""
 
 from __future__ import annotations
 

@@ -92,7 +92,7 @@ def compile_prediction() -> None:
 
 
 def _start_helper(pipeline: Pipeline) -> subprocess.Popen[bytes] | None:
-    """Start a process that compiles for the predictor; None where that does not help."""
+    """Start a process that compiles for the predictor; None if it does not help."""
     from e3pose.predict.kernels.prediction import predict_tracks
 
     predictors = (pipeline.predictor, pipeline.steering)

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 
 class RunningEdge(Protocol):
-    """What status and housekeeping see of an edge; `EdgeServer` is one."""
+    """The parts of an edge that status and housekeeping use; see `EdgeServer`."""
 
     settings: EdgeSettings
     clock: Clock
@@ -76,7 +76,7 @@ class RunningEdge(Protocol):
         ...
 
     def impairments(self) -> tuple[list[str], list[str]]:
-        """Return for each camera why it is useless, and why it brings too few views; else empty."""
+        """Return why each camera is useless, and why it brings too few views; else empty."""
         ...
 
 

@@ -200,7 +200,7 @@ class EdgeServer:
         return self.threads.running()
 
     def impairments(self) -> tuple[list[str], list[str]]:
-        """Return for each camera why it is useless, and why it brings too few views; else empty."""
+        """Return why each camera is useless, and why it brings too few views; else empty."""
         cameras, late_by_s = self.inbox.cameras, self.gather.late_by_s(self.settings.deadline_s)
         if self.load.overloaded():  # no camera is to blame
             return [""] * len(cameras), [""] * len(cameras)
@@ -250,7 +250,7 @@ class EdgeServer:
         return times
 
     def _order_ahead(self, times: SlotTimes, start: int) -> None:
-        """Send the orders of future slots, from `ahead` slots on."""
+        """Send the orders of future slots, from `start` slots ahead."""
         for ahead in range(start, self.lead.slots):
             decision, until = self.state.selections[ahead], self.state.asleep_until
             slot = self.state.slot + ahead
@@ -267,7 +267,7 @@ class EdgeServer:
         self.inbox.excuse()
 
     def _forgive(self) -> None:
-        """Presume that all cameras answer once the edge, and no camera, was to blame."""
+        """Presume that all cameras answer after a fault of the edge."""
         if self.housekeeping.rejoined.is_set():
             self.housekeeping.rejoined.clear()
             self.state = replace(self.state, silence=Silence.none(len(self.pipeline.rig)))
@@ -294,7 +294,7 @@ class EdgeServer:
         return self.gather.wait(self.clock, self.threads.stopping, middle_ns, until_ns, awaited)
 
     def _turn(self, times: SlotTimes, slot: int, arrivals: Mapping[int, Arrival]) -> Turn:
-        """Return what is known of the cameras in a slot that was just closed."""
+        """Return the cameras' part in a slot that was just closed."""
         ordered = self._ordered(times, slot)
         ages_s, late = np.full(len(ordered), np.nan), self.gather.late.copy()
         for camera, arrival in arrivals.items():
@@ -363,7 +363,7 @@ class EdgeServer:
         self.answers = after_slot(self.answers, turn, given_up, slot_s, fair)
 
     def _with_trial(self, times: SlotTimes, slot: int, decision: Flags, states: Integers) -> Flags:
-        """Return a decision with the camera tried in its slot; order a slow one before that."""
+        """Return a decision with the tried camera; order a slow one earlier."""
         lead, interval_s = self.pipeline.lead_slots, self.interval_ns / 1e9
         wakes_s = self._wakes_s(np.ones(len(decision), dtype=bool))
         for camera in np.flatnonzero(states == State.ON_TRIAL).tolist():

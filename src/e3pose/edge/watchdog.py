@@ -37,7 +37,7 @@ MAX_BYTES = 256 * 1024
 
 @dataclass(frozen=True, slots=True)
 class CameraSigns:
-    """What an edge knows of one camera at one time.
+    """Signs of life of one camera.
 
     Attributes:
         present: whether its program is connected.
@@ -62,7 +62,7 @@ class CameraSigns:
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """When a camera last received orders, and when a view of it last arrived.
+    """Times of a camera's last received order and last arrived view.
 
     Attributes:
         signs: at that time.
@@ -151,7 +151,7 @@ def _stall(
     sending_ns: int | None,
     now_ns: int,
 ) -> str:
-    """Return why the edge is useless; a minority of cameras cannot say so alone."""
+    """Return why the edge is useless; a minority of cameras is no reason."""
     if sending_ns is not None and now_ns - sending_ns >= STALL_S * 1e9:
         return "a message could not be sent"
     fresh = [(one, camera) for one, camera in zip(progress, cameras, strict=True) if camera.fresh]
@@ -167,7 +167,7 @@ def _stall(
 
 
 def _unreached(one: Progress, slots: int, now_ns: int) -> bool:
-    """Return whether a camera that counts orders receives none of those that are given."""
+    """Return whether a camera that counts orders receives none."""
     stalled = now_ns - one.orders_ns >= STALL_S * 1e9
     return stalled and one.signs.orders > 0 and slots - one.slots >= LEAST_ORDERS
 

@@ -1,4 +1,4 @@
-"""The planner of rests: asks every few slots who stays awake, and for how long the others sleep."""
+"""The planner of rests: chooses every few slots which cameras sleep, and for how long."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ KEPT_S = 1.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RestPlanner:
-    """The part of a pipeline that says who sleeps.
+    """The part of a pipeline that orders sleep.
 
     Attributes:
         rig: the cameras.

@@ -36,7 +36,7 @@ _ROWS = np.arange(1, 65)  # capacity: the most misses that are waited for
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Silence:
-    """How long each camera has not answered.
+    """Silence of each camera: orders without an answer.
 
     Attributes:
         missed: `(num_cameras,)` orders in a row without a sign of life.

@@ -1,4 +1,4 @@
-"""The floor that cameras see, where people can be, and who of the cameras would show them there."""
+"""The visible floor: where people can be, and which cameras would show them."""
 
 from __future__ import annotations
 

@@ -58,7 +58,7 @@ def expected_entrants(
     interval_s: float,
     ordered: Flags,
 ) -> Entrants:
-    """Compute the tracks that cameras could start in the slot after those ordered.
+    """Compute the tracks that cameras could start in the first slot without orders.
 
     Args:
         rig: the cameras.

@@ -1,4 +1,4 @@
-"""Do rests cost more error than they may? Compared with everybody awake, again and again.
+"""Measure the cost of rests in error, against repeated periods with all cameras awake.
 
 In the last stretch of a round everybody is awake, and the error that the estimator states is
 compared with that of the stretch before. Where rests raise it by more than a tenth, nobody rests,

@@ -30,7 +30,7 @@ class Acknowledgement:
 
 
 def note_taken(store: str | Path, site: str, hub: str, taken: int, now_ns: int) -> None:
-    """Note up to which number a hub has the outbox of a site.
+    """Note the number up to which a hub has the outbox of a site.
 
     Raises:
         InputError: when the store cannot be written.
@@ -65,7 +65,7 @@ def acknowledgements(store: str | Path, site: str) -> list[Acknowledgement]:
 
 @dataclass(slots=True, eq=False)
 class Hubs:
-    """Notes how far hubs have read, where that is new; on threads of the transport.
+    """Notes hubs' progress when it changes; called on threads of the transport.
 
     Attributes:
         store: path or URL.

@@ -20,7 +20,7 @@ MAX_JOINTS = 1000
 
 @dataclass(frozen=True, slots=True)
 class StoredRun:
-    """A run that a store holds, under its id there."""
+    """A stored run, with its id."""
 
     run_id: int
     run: Run

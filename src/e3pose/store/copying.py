@@ -32,7 +32,7 @@ TABLES = (schema.runs, *schema.ROWS.values())
 def copy_store(
     source: str | Path, dest: str | Path, progress: Callable[[str, int, int], None]
 ) -> dict[str, int]:
-    """Copy everything that a store holds to a place that holds no run yet.
+    """Copy a whole store to a place without runs.
 
     The source may be written meanwhile: what is copied is what it held at the beginning. Of what
     is copied, all is there at the end or nothing.

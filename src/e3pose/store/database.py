@@ -302,7 +302,7 @@ def _prepare(url: str, path: Path | None) -> int:
 
 
 def _check_room(path: Path, version: int) -> None:
-    """Raise `InputError` where a disk has no room for the tables that an upgrade writes anew."""
+    """Raise `InputError` if the disk has no room for the tables that an upgrade rewrites."""
     needed, free = 2 * path.stat().st_size, shutil.disk_usage(path.parent).free  # log and file
     if free < needed:
         raise InputError(
@@ -327,7 +327,7 @@ def damage(reason: str) -> DBAPIError:
 
 
 def _is_other_file(path: Path) -> bool:
-    """Tell a file that holds something, but no database."""
+    """Return whether a file has content but is no database."""
     if not (path.is_file() and path.stat().st_size):
         return False
     with path.open("rb") as file:

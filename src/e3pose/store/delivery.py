@@ -139,7 +139,7 @@ class Delivery:
             return unsummed(connection, run, now_ns)
 
     def close(self) -> None:
-        """Let the database go; the next commit opens it again."""
+        """Close the connection; the next commit reopens it."""
         connection, self._connection = self._connection, None
         self._run_ids.clear()
         if connection is not None:

@@ -54,13 +54,13 @@ class Forgotten:
 
     @property
     def whole_day(self) -> bool:
-        """Whether it is a person, or all of a day as archives have them."""
+        """Whether archives can delete it: a person or a whole day."""
         whole = self.start_ns % DAY_NS == 0 and self.end_ns - self.start_ns == DAY_NS
         return self.track_id is not None or whole
 
     @property
     def day(self) -> str:
-        """The day that begins with it, as archives are called."""
+        """The day that begins with it, as archives name it."""
         return day_of(self.start_ns)
 
 
@@ -185,7 +185,7 @@ def _noted(connection: Connection, what: Forgotten) -> Forgotten:
 
 
 def _outbox_number(connection: Connection, site: str) -> int | None:
-    """Take the next number of a site's outbox; None where it has none, and no hub anything."""
+    """Take the next number of a site's outbox; None without an outbox."""
     boxes = schema.outboxes
     mine = boxes.c.site == site
     # Changed before it is read: the edge, which numbers summaries, waits for us.
@@ -313,7 +313,7 @@ def _shorten_tracks(connection: Connection, run_id: int, low: int, high: int) ->
 
 
 def _wipe(engine: Engine) -> None:
-    """Leave nothing of deleted rows in an SQLite file or its log."""
+    """Wipe deleted rows from an SQLite file and its log."""
     if engine.dialect.name != "sqlite":
         return
     with engine.connect() as connection:

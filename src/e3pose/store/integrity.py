@@ -115,7 +115,7 @@ class IntegrityWatch:
             self._thread.join(timeout=5.0)
 
     def _shrank(self, now_s: float) -> bool:
-        """Tell of a file that was cut off, as retention seldom does, or that is another one."""
+        """Return whether the file was truncated, as retention rarely does, or replaced."""
         size, before = bytes_of(self.path), self._size
         if size < before and now_s < self._shrank_s + SHRUNK_S:
             return False

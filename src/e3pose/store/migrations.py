@@ -153,12 +153,12 @@ def _extend_key(connection: Connection, table: str, key: str, column: str) -> No
 
 
 def _to_3(connection: Connection) -> None:
-    """Make a column for why slots are blind; of slots that are there it is not known."""
+    """Add the cause of blind slots; unknown for existing slots."""
     connection.exec_driver_sql("ALTER TABLE slots ADD COLUMN blind TEXT")
 
 
 def _to_4(connection: Connection) -> None:
-    """Make a column for the dynamics of joints; of poses that are there they are not known."""
+    """Add the dynamics of joints; unknown for existing poses."""
     kind = "BYTEA" if connection.dialect.name == "postgresql" else "BLOB"
     connection.exec_driver_sql(f"ALTER TABLE poses ADD COLUMN dynamics {kind}")
 
@@ -173,7 +173,7 @@ def _to_5(connection: Connection) -> None:
 
 
 def _to_6(connection: Connection) -> None:
-    """Make the tables of the outbox."""
+    """Add the tables of the outbox."""
     ending = " WITHOUT ROWID" if connection.dialect.name == "sqlite" else ""
     connection.exec_driver_sql(SUMMARIES_6 + ending)
     connection.exec_driver_sql("CREATE INDEX summaries_by_number ON summaries (number)")

@@ -70,7 +70,7 @@ class TrainerProcess:
         return f"{how}: {said}" if said else how
 
     def kill(self) -> None:
-        """End it and everything that it started, at once."""
+        """Kill it and all its children."""
         kill_all(self.process)
         with suppress(subprocess.TimeoutExpired):  # stuck in the kernel: not worth waiting for
             self.process.wait(timeout=5.0)

@@ -52,7 +52,7 @@ class Gathering:
     poses: int = 0
 
     def add(self, record: SlotRecord) -> None:
-        """Take in a slot; one without an active camera shows the past, and is skipped."""
+        """Add a slot; slots without an active camera are skipped."""
         if len(record.people) and record.arrived.any():
             self.records.append(record)
             self.poses += len(record.people)

@@ -1,4 +1,4 @@
-"""The trainer beside a running edge, `python -m e3pose.edge.learn.trainer`: that of the lab."""
+"""The trainer beside a running edge, `python -m e3pose.edge.learn.trainer`; runs the lab's."""
 
 from __future__ import annotations
 

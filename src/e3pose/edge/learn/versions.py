@@ -26,7 +26,7 @@ SHIPPED_NUMBER = 0  # the weights to begin with, which are never stored here
 
 
 class Version(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A network, and why it was taken.
+    """A network, with its origin and errors.
 
     Attributes:
         number: rising; 0 is the one to begin with.

@@ -271,7 +271,7 @@ def _determinants(m: Floats, dets: Floats) -> None:
 def errors(
     prior: Floats, views: Floats, counted: Floats, confirmed: Flags, subsets: Flags, error_m: Floats
 ) -> None:
-    """Fill `error_m` `(num_subsets,)`: the mean distance expected of joints of people confirmed.
+    """Fill `error_m` `(num_subsets,)`: the mean expected joint error of confirmed people.
 
     NaN where nobody is. Other arguments are those of `information`.
     """
