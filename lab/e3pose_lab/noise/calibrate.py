@@ -166,9 +166,9 @@ def _corrected(
     """Invert the bias of the measured error memory by simulation.
 
     Args:
-        memory: of the noise that was made up.
-        measured: of the residuals.
-        checks: of the noise that was made up, what came back.
+        memory: error memory of the simulated noise.
+        measured: statistics of the real residuals.
+        checks: statistics of the residuals of simulated noise.
     """
     found = measured.autocorrelation
     lags = [lag for lag in found if all(lag in check.autocorrelation for check in checks)]

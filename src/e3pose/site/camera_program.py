@@ -173,7 +173,7 @@ def open_camera(
         stack.callback(transport.close)
         made = make_camera(table, transport, clock, log.warning, power, detector, modes)
         if (recorder := made.recorder) is not None:
-            power.beside_j = lambda: recorder.spent_j
+            power.extra_j = lambda: recorder.spent_j
         stack.enter_context(power)
         stack.enter_context(made)
         runs_on = getattr(made.detector, "provider", "")  # a recording has no network

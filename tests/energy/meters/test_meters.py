@@ -279,16 +279,16 @@ def test_only_known_meters_are_opened(tmp_path: Path) -> None:
 
 
 def test_what_runs_beside_the_modes_is_added_to_models_alone(tmp_path: Path) -> None:
-    clock, beside_j = ManualClock(), [0.0]
+    clock, extra_j = ManualClock(), [0.0]
     for measured in (False, True):
         if measured:
             lay_out(tmp_path, XAVIER_NX)
         meter: Meter = choose_meter(GENERIC, tmp_path)
         sampler = PowerSampler(meter, ModeClock(clock.now_ns), tmp_path)
-        sampler.beside_j = lambda: beside_j[0]
+        sampler.extra_j = lambda: extra_j[0]
         before_j = float(sampler()["energy_j"])
         clock.advance(1.0)
-        beside_j[0] += 100.0
+        extra_j[0] += 100.0
         fields = sampler()
         assert fields["measured"] is measured
         assert (float(fields["energy_j"]) - before_j > 100.0) is not measured

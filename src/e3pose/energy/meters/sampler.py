@@ -103,7 +103,7 @@ class PowerSampler:
     """Adds up what the device draws. Call it for the fields of a heartbeat on time and power.
 
     Attributes:
-        beside_j: joules so far of what no mode has, such as recording video; models leave it out.
+        extra_j: joules so far beside the modes, such as of recording video; not modelled.
     """
 
     def __init__(
@@ -128,8 +128,8 @@ class PowerSampler:
             charge_file = ChargeFile(None, "", capacity_wh, lambda line: None)
         self._charge_file, self._modes = charge_file, modes
         self._keep_s = modes.times().at_ns / 1e9
-        self.beside_j: Callable[[], float] = lambda: 0.0
-        self._beside_j = 0.0
+        self.extra_j: Callable[[], float] = lambda: 0.0
+        self._extra_j = 0.0
         self._meter, self._root, self._capacity_wh = meter, root, capacity_wh
         self._lock = threading.Lock()
         self._stop = threading.Event()
@@ -164,11 +164,11 @@ class PowerSampler:
         if between_slots and self._total.how and not counts:  # watts of no look: none to add up
             reading = replace(reading, watts=self._total.watts)
         before_j, self._total = self._total.energy_j, add_reading(self._total, reading, times)
-        beside_j = self.beside_j()
+        extra_j = self.extra_j()
         if not reading.measured:
-            spent_j = self._total.energy_j + beside_j - self._beside_j
+            spent_j = self._total.energy_j + extra_j - self._extra_j
             self._total = replace(self._total, energy_j=spent_j)
-        self._beside_j = beside_j
+        self._extra_j = extra_j
         if self._charge_file is not None:
             self._charge_file.spend(self._total.energy_j - before_j)
         if times.at_ns / 1e9 - self._charge_s >= CHARGE_PERIOD_S:
