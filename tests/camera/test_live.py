@@ -7,6 +7,7 @@ import time
 
 import pytest
 from tests.memory_transport import Hub
+from tests.waiting import eventually
 
 from e3pose.base.clock import SlotTimes, WallClock
 from e3pose.base.errors import InputError
@@ -87,3 +88,25 @@ def test_what_was_spent_is_taken_before_the_frame_of_an_active_slot_is_passed_on
     assert node._frames._thing is not None
     spent = node._spending._taken.pop()
     assert (spent["energy_j"], spent["mode"], spent["active_s"]) == (0.0, "active", 0.0)
+
+
+def test_first_frame_that_comes_during_a_heartbeat_delays_no_hello() -> None:
+    hub, source, said = Hub(), Unplugged(), list[str]()
+    hub.join().subscribe("e3pose/lab/camera/cam0/*", lambda topic, _: said.append(topic))
+
+    def asked(topic: str, payload: bytes) -> bytes:
+        if topic.endswith("/clock"):  # which is a part of a heartbeat
+            source.plugged.set()
+            said.append(topic)
+            assert eventually(lambda: node.counts.captured > 0)
+        return payload
+
+    hub.fault = asked
+    joints = tuple(map(str, range(17)))
+    settings = NodeSettings("lab", "cam0", joints)
+    node = CameraNode(settings, source, RecordedDetector(), hub.join(), WallClock())
+    with node:
+        assert eventually(lambda: "e3pose/lab/camera/cam0/hello" in said)
+    assert (
+        said.index("e3pose/lab/camera/cam0/hello") == 1
+    )  # of four heartbeats, it is in each first

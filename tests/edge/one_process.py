@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 from tests.memory_transport import Hub
 from tests.waiting import eventually
@@ -78,9 +79,9 @@ class Site:
         )
         return self.edge
 
-    def start_camera(self, camera_id: str) -> CameraNode:
+    def start_camera(self, camera_id: str, **settings: Any) -> CameraNode:
         node = CameraNode(
-            NodeSettings("lab", camera_id, self.recording.skeleton.joints),
+            NodeSettings("lab", camera_id, self.recording.skeleton.joints, **settings),
             RecordedSource(self.recording, camera_id, self.clock),
             RecordedDetector(),
             self.hub.join(),
@@ -111,31 +112,24 @@ def _scene() -> Recording:
     return simulate(scene, seed=4)
 
 
-@contextmanager
-def site_at_work(
-    folder: Path,
-    deadline_s: float = 0.15,
-    num_selected: int = 2,
-    smooth_delay_s: float = 0.0,
-    feedback: bool = False,
-) -> Iterator[Site]:
-    """Run a site of which some slots are done."""
-    made = Site(
-        _scene(),
-        folder,
-        deadline_s=deadline_s,
-        num_selected=num_selected,
-        smooth_delay_s=smooth_delay_s,
-        feedback=feedback,
-    )
+def started(folder: Path, **options: Any) -> Site:
+    """Return a site of which nothing runs yet, and somebody who follows it."""
+    made = Site(_scene(), folder, **options)
     viewer = made.hub.join()
     viewer.subscribe("e3pose/lab/poses", lambda t, p: made.poses.append(decode(p, Poses, "edge")))
     viewer.subscribe(
         "e3pose/lab/poses-delayed", lambda t, p: made.delayed.append(decode(p, Poses, "edge"))
     )
+    return made
+
+
+@contextmanager
+def site_at_work(folder: Path, **options: Any) -> Iterator[Site]:
+    """Run a site of which some slots are done; see `Site` for its options."""
+    made = started(folder, **options)
+    edge = made.start_edge()  # first: cameras say who they are at once, and then each two seconds
     for camera_id in made.recording.rig.camera_ids:
         made.start_camera(camera_id)
-    edge = made.start_edge()
     try:
         assert eventually(lambda: edge.counts.slots > 10)
         yield made

@@ -18,7 +18,7 @@ DEADLINE_S = 0.1
 
 @pytest.fixture
 def site(tmp_path: Path) -> Iterator[Site]:
-    with site_at_work(tmp_path, DEADLINE_S, num_selected=3) as made:
+    with site_at_work(tmp_path, deadline_s=DEADLINE_S, num_selected=3) as made:
         yield made
 
 

@@ -3,22 +3,25 @@
 from __future__ import annotations
 
 import random
+import threading
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from tests.edge.one_process import Site, site_at_work
-from tests.waiting import eventually
+from tests.edge.one_process import Site, site_at_work, started
+from tests.waiting import WAIT_S, eventually
 
 from e3pose.base.clock import WallClock
-from e3pose.edge import camera_state
+from e3pose.edge import camera_state, server
 from e3pose.edge.consumers import Consumers
 from e3pose.edge.energy_ledger import EnergyLedger
 from e3pose.energy.budgets import parse_budget
 from e3pose.energy.profiles import load_profile
+from e3pose.model.look_request import LookRequest
 from e3pose.pipeline import SlotRecord
 from e3pose.select.policies.base import Selection, Situation
 from e3pose.store.rows import Event
@@ -398,3 +401,55 @@ def test_camera_that_ends_is_said_to_have_ended_and_comes_back(site: Site) -> No
     assert words[-1] == "cam1: stopped"
     site.start_camera("cam1")
     assert eventually(lambda: site.camera("cam1").online)
+
+
+def test_edge_says_that_it_compiles_and_orders_nobody_before_it_is_done(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    compiling, done = threading.Event(), threading.Event()
+
+    def waits(*_: object) -> None:
+        compiling.set()
+        assert done.wait(WAIT_S)
+
+    monkeypatch.setattr(server, "warm_up", waits)
+    orders: list[str] = []
+    made = started(tmp_path)
+    made.hub.join().subscribe(topics.of_order("lab", "*"), lambda topic, _: orders.append(topic))
+    edge = made.make_edge()
+    starting = threading.Thread(target=edge.start)
+    starting.start()
+    try:
+        assert compiling.wait(WAIT_S)
+        for camera_id in made.recording.rig.camera_ids:
+            made.start_camera(camera_id)
+        assert eventually(lambda: len(made.online()) == 3)  # all are connected, and wait
+        assert edge.status().compiling_s is not None and not orders and edge.counts.slots == 0
+        done.set()
+        assert eventually(lambda: bool(orders) and edge.counts.slots > 5)
+        assert edge.status().compiling_s is None
+    finally:
+        done.set()
+        starting.join()
+        for node in made.nodes.values():
+            node.stop()
+        edge.stop()
+
+
+class Knocked:
+    """In place of what watches cameras: the third was turned."""
+
+    knock = SimpleNamespace(camera=2, degrees=3.0)
+
+    def observe(self, *_: object) -> None: ...
+    def events(self) -> list[tuple[str, str, str]]:
+        return []
+
+
+def test_edge_tells_who_was_turned_and_looks_as_consumers_ask(site: Site) -> None:
+    edge, more = site.edge, LookRequest(cameras=3.0, track_ids=(1,))
+    assert edge is not None and site.camera("cam2").turned_deg is None
+    edge.consumers = Consumers(watch=Knocked(), asks=lambda: more)  # type: ignore[arg-type]
+    assert eventually(lambda: edge.pipeline.request == more)
+    assert site.camera("cam2").turned_deg == 3.0
+    assert site.camera("cam1").turned_deg is None

@@ -124,6 +124,18 @@ def test_camera_whose_clock_is_set_in_its_sleep_comes_back(site: Site, planner: 
     assert eventually(lambda: edge.gather.views[2] > views)
 
 
+def test_camera_that_is_started_again_in_its_sleep_goes_on_sleeping(
+    site: Site, planner: Planner
+) -> None:
+    planner.asked.append(2)
+    assert eventually(lambda: site.nodes["cam2"].mode == "asleep")
+    site.nodes["cam2"].stop()
+    again = site.start_camera("cam2", rests=("asleep",))
+    assert eventually(lambda: again.mode == "asleep")
+    assert eventually(lambda: site.camera("cam2").online)
+    assert not any(event.kind == "camera-lost" for event in site.events)
+
+
 def test_camera_that_may_not_sleep_goes_on(site: Site, planner: Planner) -> None:
     edge = site.edge
     assert edge is not None

@@ -27,10 +27,18 @@ def site(tmp_path_factory: pytest.TempPathFactory, recording: Path) -> Iterator[
         yield made
 
 
-@pytest.fixture(scope="module")
-def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
-    """A window of a browser, for the tests of a file one after the other."""
+@pytest.fixture(scope="session")
+def window(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
+    """A browser for all tests of this process."""
     from tests.site.web.browser import browser
 
     with browser(tmp_path_factory.mktemp("browser")) as made:
         yield made
+
+
+@pytest.fixture(scope="module")
+def page(window: Page) -> Iterator[Page]:
+    """The window of the browser, for the tests of a file one after the other."""
+    yield window
+    window.open("about:blank")
+    window.messages.clear()

@@ -1,8 +1,8 @@
-"""An edge of a site with a habit: `odd_edge.py HABIT SITE`.
+"""An edge with habits: `odd_edge.py SITE`. On SIGUSR1 it takes the one that the file `habit` names.
 
-`slow` computes too long for each view from SIGUSR1 until SIGUSR2, and receives nothing meanwhile,
-as an interpreter that computes. `eager` makes its status, looks after its cameras, and reports
-events as often as it can, with threads that change all the time.
+`slow` computes too long for each view, and receives nothing meanwhile, as an interpreter that
+computes. The network of one that is `blocked` (publishing hangs) or `lost` (nothing of cameras
+arrives) is well once it is joined anew; `tests/edge/test_watchdog.py` has others. `well` has none.
 """
 
 from __future__ import annotations
@@ -11,74 +11,75 @@ import signal
 import sys
 import threading
 import time
+from pathlib import Path
 from typing import Any
 
-import e3pose.edge.housekeeping as housekeeping
+import e3pose.edge.overload as overload
 import e3pose.edge.server as server
+import e3pose.wire.network as network
 from e3pose.cli import main
 from e3pose.wire.network import NetworkTransport
 
 VIEW_S = 0.08  # two views take longer than three slots
-SWITCH_S = 1e-5
-LOOK_S = 1e-3
-CHATTER = "chatter"  # a kind of events that no log needs
+CALM_S = 4.0  # of low load, in place of 20 s
+HABIT = Path(sys.argv[1]).parent / "habit"
+usual_step = server.step  # type: ignore[attr-defined]
+is_slow, busy = threading.Event(), threading.Lock()
+stuck: dict[int, str] = {}  # how, by the id of a transport of before the signal
+alive: list[NetworkTransport] = []
 
 
-class Chatter:
-    """An event of which other threads can run while it is read."""
-
-    kind, time_ns = CHATTER, 0
-
-    @property
-    def message(self) -> str:
-        time.sleep(0)
-        return CHATTER
+def step(pipeline: Any, state: Any, views: Any, *more: Any) -> Any:
+    if is_slow.is_set():
+        with busy:
+            time.sleep(VIEW_S * len(views))
+    return usual_step(pipeline, state, views, *more)
 
 
-def slow() -> None:
-    usual_step = server.step  # type: ignore[attr-defined]
-    is_slow, busy = threading.Event(), threading.Lock()
-    usual_subscribe = NetworkTransport.subscribe
+class OddTransport(NetworkTransport):
+    """Well until it is stuck."""
 
-    def slow_step(pipeline: Any, state: Any, views: Any, *more: Any) -> Any:
-        if is_slow.is_set():
-            with busy:
-                time.sleep(VIEW_S * len(views))
-        return usual_step(pipeline, state, views, *more)
+    def __init__(self, session: Any) -> None:
+        super().__init__(session)
+        alive.append(self)
 
-    def subscribe(transport: NetworkTransport, topic: str, receive: Any) -> None:
+    def publish(self, topic: str, payload: bytes) -> None:
+        if stuck.get(id(self)) == "blocked":
+            threading.Event().wait()
+        super().publish(topic, payload)
+
+    def subscribe(self, topic: str, receive: Any) -> None:
         def take(found: str, payload: bytes) -> None:
-            with busy:
-                receive(found, payload)
+            if stuck.get(id(self)) == "lost":
+                return
+            if is_slow.is_set():
+                with busy:
+                    pass
+            receive(found, payload)
 
-        usual_subscribe(transport, topic, take)
+        super().subscribe(topic, take)
 
-    server.step = slow_step  # type: ignore[attr-defined, assignment]
-    NetworkTransport.subscribe = subscribe  # type: ignore[method-assign, assignment]
-    signal.signal(signal.SIGUSR1, lambda *_: is_slow.set())
-    signal.signal(signal.SIGUSR2, lambda *_: is_slow.clear())
+    def answer(self, topic: str, answer: Any) -> None:
+        def reply(found: str, payload: bytes) -> bytes | None:
+            if stuck.get(id(self)) == "lost":
+                return None
+            return answer(found, payload)  # type: ignore[no-any-return]
 
-
-def eager() -> None:
-    sys.setswitchinterval(SWITCH_S)
-    housekeeping.KEEPING_S, housekeeping.LOOK_S = 0.0, LOOK_S
-    usual_start = server.EdgeServer.start
-
-    def start(edge: server.EdgeServer) -> None:
-        log, stopping = edge.event_log, edge.threads.stopping
-        shown = log._shown
-
-        def chatter() -> None:
-            while not stopping.is_set():
-                log.add(Chatter())  # type: ignore[arg-type]
-                time.sleep(0)
-
-        log._shown = lambda event: None if event.kind == CHATTER else shown(event)
-        usual_start(edge)
-        edge.threads.start(CHATTER, chatter)
-
-    server.EdgeServer.start = start  # type: ignore[method-assign, assignment]
+        super().answer(topic, reply)
 
 
-{"slow": slow, "eager": eager}[sys.argv[1]]()
-main(["edge", *sys.argv[2:], "--json-logs"])
+def take_habit(*_: object) -> None:
+    habit = HABIT.read_text()
+    if habit in ("blocked", "lost"):
+        stuck.update({id(one): habit for one in alive})
+    elif habit == "slow":
+        is_slow.set()
+    else:
+        is_slow.clear()
+
+
+server.step = step  # type: ignore[attr-defined, assignment]
+network.NetworkTransport = OddTransport  # type: ignore[misc, assignment]
+overload.CALM_S = CALM_S
+signal.signal(signal.SIGUSR1, take_habit)
+main(["edge", *sys.argv[1:], "--json-logs"])

@@ -1,6 +1,6 @@
 """An edge of several sites, some of which fail: `odd_house.py SITE...`.
 
-On SIGUSR1 the next slot of the site `hall` raises. From SIGUSR2 on each slot of `yard` computes for
+On SIGUSR1 the next slot of the site `hall` raises. From SIGUSR2 on each of its slots computes for
 longer than it lasts, without letting go of the interpreter.
 """
 
@@ -30,7 +30,7 @@ def step(*about: Any) -> Any:
     if at_work.site == "hall" and poisoned.is_set():
         poisoned.clear()
         raise KeyError("poisoned")
-    if at_work.site == "yard" and is_slow.is_set():
+    if at_work.site == "hall" and is_slow.is_set():
         end_s = time.thread_time() + SLOT_S
         while time.thread_time() < end_s:
             sum(range(1000))

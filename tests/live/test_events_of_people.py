@@ -7,14 +7,17 @@ import shutil
 import signal
 import subprocess
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import paho.mqtt.client as mqtt
 import pytest
 from paho.mqtt.enums import CallbackAPIVersion
-from tests.live.processes import CAMERAS, FPS, LiveSite, e3pose, run
+from tests.cli import commands
+from tests.live.processes import CAMERAS, FPS, LiveSite, e3pose
 from tests.ports import free_port
 from tests.site.streams.test_webhook import SECRET, Receiver, checker
 from tests.waiting import eventually
@@ -29,18 +32,71 @@ HOME = SceneSettings("home-fall", seconds=30.0, fps=FPS, cameras=len(CAMERAS))
 SEED = 1
 
 
-@pytest.fixture
-def port(tmp_path: Path) -> Iterator[int]:
+@pytest.fixture(scope="module")
+def port(tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
     """A mosquitto on a free port."""
     program = shutil.which("mosquitto", path="/usr/sbin:/usr/bin:/usr/local/sbin")
     if program is None:
         pytest.skip("mosquitto is not installed")
-    port, file = free_port(), tmp_path / "mosquitto.conf"
+    port, file = free_port(), tmp_path_factory.mktemp("broker") / "mosquitto.conf"
     file.write_text(f"listener {port} 127.0.0.1\nallow_anonymous true\n")
     broker = subprocess.Popen([program, "-c", str(file)], stderr=subprocess.DEVNULL)
     yield port
     broker.terminate()
     broker.wait()
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveSite]:
+    """A home in which somebody falls every half minute; its events may tell names."""
+    folder = tmp_path_factory.mktemp("home")
+    save_recording(simulate(HOME, SEED), folder / "recording")
+    tables = ("[store]", 'path = "poses.db"', "[events]", "lies_s = 8.0", 'names = ["mqtt"]')
+    with LiveSite(folder, tables=tables).at_work() as made:
+        yield made
+
+
+@dataclass
+class Heard:
+    """What a client of a broker heard.
+
+    Attributes:
+        client: the client.
+        messages: topic, payload, and whether the broker keeps it; oldest first.
+    """
+
+    client: mqtt.Client
+    messages: list[tuple[str, str, bool]]
+
+    def newest(self, topic: str) -> str | None:
+        return next((told for at, told, _ in reversed(self.messages) if at == topic), None)
+
+    def names(self, since: int = 0) -> list[str]:
+        """Return the names that events told."""
+        told = self.messages[since:]
+        return [json.loads(said)["name"] for topic, said, _ in told if "/event/" in topic]
+
+
+@contextmanager
+def listening(port: int, *topics: str) -> Iterator[Heard]:
+    """Hear what a broker is told."""
+    ready = threading.Event()
+    heard = Heard(mqtt.Client(CallbackAPIVersion.VERSION2), [])
+    home = heard.client
+    home.on_message = lambda _client, _data, message: heard.messages.append(
+        (message.topic, message.payload.decode(), message.retain)
+    )
+    home.on_subscribe = lambda *_: ready.set()
+    assert eventually(lambda: is_reached(home, port)), "mosquitto runs"
+    home.loop_start()
+    for topic in topics:
+        home.subscribe(topic, qos=1)
+    try:
+        assert ready.wait(30)
+        yield heard
+    finally:
+        home.disconnect()
+        home.loop_stop()
 
 
 def is_reached(home: mqtt.Client, port: int) -> bool:
@@ -52,6 +108,18 @@ def is_reached(home: mqtt.Client, port: int) -> bool:
 
 
 @pytest.fixture
+def verb(capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
+    """Return what runs a verb that must succeed, and returns what it printed."""
+
+    def of(*words: object) -> str:
+        code, said = commands.run(*words), capsys.readouterr()
+        assert code == 0, said.err
+        return said.out + said.err
+
+    return of
+
+
+@pytest.fixture
 def receiver(tmp_path: Path) -> Iterator[Receiver]:
     receiver = Receiver(tmp_path)
     yield receiver
@@ -59,39 +127,26 @@ def receiver(tmp_path: Path) -> Iterator[Receiver]:
 
 
 def test_a_fall_reaches_home_assistant_a_webhook_and_the_store(
-    tmp_path: Path, port: int, receiver: Receiver, monkeypatch: pytest.MonkeyPatch
+    site: LiveSite, port: int, receiver: Receiver, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (life,) = lives_of(HOME, SEED)
     assert life.episodes[0].kind.startswith("fall")
-    save_recording(simulate(HOME, SEED), tmp_path / "recording")
-    tables = ("[store]", 'path = "poses.db"', "[events]", "lies_s = 8.0")
-    site = LiveSite(tmp_path, tables=tables)
-    heard, ready = dict[str, Any](), threading.Event()
-
-    def note(_client: object, _data: object, message: mqtt.MQTTMessage) -> None:
-        heard[message.topic] = message.payload.decode()
-
-    home = mqtt.Client(CallbackAPIVersion.VERSION2)
-    home.on_message = note
-    home.on_subscribe = lambda *_: ready.set()
-    with site.at_work():
-        assert eventually(lambda: is_reached(home, port)), "mosquitto runs"
-        home.loop_start()
-        home.subscribe("#", qos=1)
-        assert ready.wait(30)
+    store = Store(site.folder / "poses.db")
+    with listening(port, "#") as heard:
         place = f"homeassistant://127.0.0.1:{port}"
         hook = f"webhook:http://127.0.0.1:{receiver.port}/hook"
-        (tmp_path / "secret").write_bytes(SECRET)
-        (tmp_path / "secret").chmod(0o600)
-        monkeypatch.setenv("E3POSE_WEBHOOK_SECRET_FILE", str(tmp_path / "secret"))
+        secret = site.folder / "secret"
+        secret.write_bytes(SECRET)
+        secret.chmod(0o600)
+        monkeypatch.setenv("E3POSE_WEBHOOK_SECRET_FILE", str(secret))
         receiver.start("takes")
         site.start("stream", *e3pose("stream", str(site.path), place, hook))
         trigger = "e3pose/lab/home/trigger/fall"
-        assert eventually(lambda: trigger in heard, 90.0), (heard, site.diagnostics())
-        config = json.loads(heard["homeassistant/device/e3pose_lab/config"])
+        assert eventually(lambda: heard.newest(trigger), 90.0), (heard, site.diagnostics())
+        config = json.loads(heard.newest("homeassistant/device/e3pose_lab/config") or "")
         assert {"alarm_fall", "trigger_fall", "people"} <= set(config["components"])
-        assert heard["e3pose/lab/home/online"] == "online"
-        assert "fell" in json.loads(heard[trigger])["sentence"]
+        assert heard.newest("e3pose/lab/home/online") == "online"
+        assert "fell" in json.loads(heard.newest(trigger) or "")["sentence"]
 
         def notices() -> list[str]:
             assert all(
@@ -101,10 +156,10 @@ def test_a_fall_reaches_home_assistant_a_webhook_and_the_store(
 
         # Who joins while somebody lies there is told that first.
         assert eventually(lambda: "fall" in notices()), site.log("stream").read_text()
-        assert not any("joints" in payload for payload in heard.values()), "no poses leave"
+        assert not any("joints" in told for _, told, _ in heard.messages), "no poses leave"
 
         def stored() -> list[dict[str, Any]]:
-            return [r for r in Store(tmp_path / "poses.db").rows("events") if r["kind"] == "fall"]
+            return [row for row in store.rows("events") if row["kind"] == "fall"]
 
         assert eventually(lambda: bool(stored())), site.diagnostics()
         assert stored()[0]["phase"] == "begun" and stored()[0]["track_id"] >= 0
@@ -116,70 +171,48 @@ def test_a_fall_reaches_home_assistant_a_webhook_and_the_store(
         assert "is lying on the floor" in said and "s after it began" in said, said
         assert "A fall or a long lie was reported." in said, said
         site.programs["stream"].kill()  # the broker tells what its program cannot
-        assert eventually(lambda: heard["e3pose/lab/home/online"] == "offline")
-    home.disconnect()
-    home.loop_stop()
+        assert eventually(lambda: heard.newest("e3pose/lab/home/online") == "offline")
 
 
-def test_a_name_is_told_while_it_is_one_and_forgotten_everywhere(tmp_path: Path, port: int) -> None:
-    save_recording(simulate(HOME, SEED), tmp_path / "recording")
-    tables = ("[store]", 'path = "poses.db"', "[events]", "lies_s = 8.0", 'names = ["mqtt"]')
-    site = LiveSite(tmp_path, tables=tables)
-    told, ready = list[tuple[str, str, bool]](), threading.Event()
+def test_a_name_is_told_while_it_is_one_and_forgotten_everywhere(
+    site: LiveSite, port: int, verb: Callable[..., str]
+) -> None:
+    """After the test before: the edge ends in this one."""
+    database = site.folder / "poses.db"
+    with listening(port, "#") as heard:
 
-    def note(_client: object, _data: object, message: mqtt.MQTTMessage) -> None:
-        if "/event/" in message.topic:
-            told.append((message.topic, message.payload.decode(), message.retain))
+        def tells(name: str) -> bool:
+            """Give everybody the name, and return whether an event was told with it."""
+            for person in people_of(database):
+                run_of, track = person.tracks[0]
+                who = person.name or str(track)
+                if who != name:
+                    commands.run("people", "name", site.path, who, name, "--run", run_of)
+            return name in heard.names()
 
-    def names() -> list[str]:
-        return [json.loads(payload)["name"] for _, payload, _ in told]
-
-    def tells(name: str) -> bool:
-        """Give everybody the name, and return whether an event was told with it."""
-        for person in people_of(tmp_path / "poses.db"):
-            run_of, track = person.tracks[0]
-            who = person.name or str(track)
-            if who != name:
-                run("people", "name", str(site.path), who, name, "--run", str(run_of))
-        return name in names()
-
-    home = mqtt.Client(CallbackAPIVersion.VERSION2)
-    home.on_message = note
-    home.on_subscribe = lambda *_: ready.set()
-    with site.at_work():
-        assert eventually(lambda: is_reached(home, port)), "mosquitto runs"
-        home.loop_start()
-        home.subscribe("#", qos=1)
-        assert ready.wait(30)
         site.start("stream", *e3pose("stream", str(site.path), f"mqtt://127.0.0.1:{port}"))
-        assert eventually(lambda: tells("Ada"), 90.0), (told, site.diagnostics())
-        assert eventually(lambda: tells("Berta"), 90.0), (told, site.diagnostics())
-        since = len(told) - 1
-        assert "Ada" not in names()[since:]
-        assert not any(retained for _, _, retained in told), "no broker keeps a name"
-        table, copy = tmp_path / "tracks.csv", tmp_path / "backup.db"
-        assert run("query", str(site.path), "--what", "tracks", "--csv", str(table))[0] == 0
-        assert run("store", "copy", str(site.path), str(copy))[0] == 0
+        assert eventually(lambda: tells("Ada"), 90.0), (heard, site.diagnostics())
+        assert eventually(lambda: tells("Berta"), 90.0), (heard, site.diagnostics())
+        since = next(i for i, (_, told, _) in enumerate(heard.messages) if "Berta" in told)
+        assert "Ada" not in heard.names(since)
+        kept_by_broker = (told for topic, told, kept in heard.messages if kept)
+        assert not any("Ada" in told or "Berta" in told for told in kept_by_broker)
+        table, copy = site.folder / "tracks.csv", site.folder / "backup.db"
+        verb("query", site.path, "--what", "tracks", "--csv", table)
+        verb("store", "copy", site.path, copy)
         assert "Berta" in table.read_text()
-        tracks = [one for p in people_of(tmp_path / "poses.db") for one in p.tracks if p.name]
-        also = ("--also", str(table), str(copy))
-        code, said, error = run("people", "forget", str(site.path), "Berta", *also)
-        assert code == 0 and " 0 left" in said, (said, error)
-        begun = len(told)
-        assert eventually(lambda: len(told) > begun, 90.0), site.diagnostics()
-        assert set(names()[begun:]) == {""}, "who was forgotten is a number"
+        tracks = [one for p in people_of(database) for one in p.tracks if p.name]
+        assert " 0 left" in verb("people", "forget", site.path, "Berta", "--also", table, copy)
+        begun = len(heard.messages)
+        assert eventually(lambda: heard.names(begun), 90.0), site.diagnostics()
+        assert set(heard.names(begun)) == {""}, "who was forgotten is a number"
         site.send("edge", signal.SIGINT)
         assert site.wait("edge") == 0
-    home.disconnect()
-    home.loop_stop()
     for run_of, track in tracks:  # who stayed in view was stored on
-        code, said, error = run(
-            "people", "forget", str(site.path), str(track), "--run", str(run_of)
-        )
-        assert code == 0 and " 0 left" in said, (said, error)
-        found = run("people", "find", str(site.path), str(track), "--run", str(run_of))
-        assert found[0] == 0 and "Nothing of" in found[1], found
-    kept = [path for path in tmp_path.rglob("*") if path.is_file()]
+        who = ("people", "forget", site.path, track, "--run", run_of)
+        assert " 0 left" in verb(*who)
+        assert "Nothing of" in verb("people", "find", *who[2:])
+    kept = [path for path in site.folder.rglob("*") if path.is_file()]
     traces = [
         path.name for path in kept for name in (b"Ada", b"Berta") if name in path.read_bytes()
     ]

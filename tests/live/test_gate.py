@@ -11,7 +11,7 @@ from tests.cli import commands
 from tests.live.processes import CAMERAS, LiveSite, e3pose
 from tests.waiting import eventually
 
-pytestmark = [pytest.mark.live, pytest.mark.slow]
+pytestmark = [pytest.mark.live, pytest.mark.nightly]
 
 FPS = 5.0  # slots per second, as in test_feedback
 

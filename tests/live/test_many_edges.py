@@ -23,7 +23,7 @@ from tests.waiting import eventually
 
 pytestmark = [pytest.mark.live, pytest.mark.timed]
 
-NAMES = ("lab", "hall", "yard")
+NAMES = ("lab", "hall")
 MORE = ('state = "disk/state.npz"',)
 TABLES = ("[store]", 'path = "disk/poses.db"')
 ENDED_S = 15.0
@@ -35,7 +35,7 @@ def not_overloaded(site: LiveSite) -> bool:
 
 @dataclass(eq=False)
 class House:
-    """Three sites with an edge process for all."""
+    """Two sites with an edge process for both."""
 
     folder: Path
     sites: dict[str, LiveSite]
@@ -69,7 +69,7 @@ class House:
         for name, site in self.sites.items():
             self.before[name] = len(site.poses), site.status().slots_lost
 
-    def unhurt(self, *names: str, slots: int = 100) -> None:
+    def unhurt(self, *names: str, slots: int = 60) -> None:
         """Assert that sites have had all their slots since `begin`, and go on."""
         for name in names:
             self.sites[name].flows(slots)
@@ -144,7 +144,7 @@ def test_keys_of_one_site_are_worth_nothing_at_another(house: House) -> None:
     try:
         hall.start_camera("cam2")
         house.begin()
-        house.unhurt("lab", "yard")
+        house.unhurt("lab")
         assert hall.online() == {"cam0", "cam1"}, house.said("hall")
         assert hall.programs["cam2"].poll() is None  # it goes on trying
         hall.send("cam2", signal.SIGKILL)
@@ -165,7 +165,7 @@ def test_full_disk_of_one_site_is_its_own(house: House) -> None:
         lambda: any("cannot save the state" in e["event"] for e in house.events("hall"))
     ), house.said("hall")
     house.unhurt(*NAMES, slots=40)
-    assert not house.events("lab", "checkpoint") and not house.events("yard", "checkpoint")
+    assert not house.events("lab", "checkpoint")
     (disk / "filler").unlink()
     assert eventually(
         lambda: any("saving the state again" in e["event"] for e in house.events("hall"))
@@ -185,19 +185,19 @@ def test_site_that_fails_is_started_again_and_its_neighbours_lose_nothing(house:
     hall.becomes(*CAMERAS)
     hall.flows(20)
     assert hall.poses[-1].slot > last  # the numbers go on
-    house.unhurt("lab", "yard", slots=20)
-    assert not house.events("lab", "restarted") and not house.events("yard", "restarted")
+    house.unhurt("lab", slots=20)
+    assert not house.events("lab", "restarted")
 
 
 def test_overloaded_site_loses_slots_of_its_own_alone(house: House) -> None:
-    yard = house.sites["yard"]
+    hall = house.sites["hall"]
     house.begin()
     house.send(signal.SIGUSR2)
-    assert eventually(lambda: "overload" in yard.status().overload), house.said("yard")
-    assert eventually(lambda: yard.status().slots_lost > house.before["yard"][1]), house.said(
-        "yard"
+    assert eventually(lambda: "overload" in hall.status().overload), house.said("hall")
+    assert eventually(lambda: hall.status().slots_lost > house.before["hall"][1]), house.said(
+        "hall"
     )
-    house.unhurt("lab", "hall", slots=200)
+    house.unhurt("lab", slots=100)
 
 
 def test_sigterm_saves_all_sites_and_each_goes_on(house: House) -> None:

@@ -2,21 +2,29 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import signal
 import socket
-from collections.abc import Callable
+import subprocess
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from pathlib import Path
 
+import numpy as np
 import pytest
+from mcap.reader import make_reader
 from tests.cli import commands
 from tests.live.processes import COMPILE_S, LiveSite, e3pose, run, up
 from tests.ports import free_port
+from tests.site.streams.osc_reader import Messages, read_osc
 from tests.waiting import eventually
 
+from e3pose.output.exports.source import Asked, take_from_store
 from e3pose.recording.calibration import load_rig
 from e3pose.settings.site_file import load_site
+from e3pose.site.connect import LiveSlot, connect
 from e3pose.site.follow import Follower, viewer_link
 from e3pose.wire.network import open_network
 
@@ -74,31 +82,119 @@ def test_port_that_is_taken_is_one_line(tmp_path: Path, recording: Path) -> None
     assert err.splitlines()[-1].startswith("e3pose: ") and "Traceback" not in err, err
 
 
-def test_second_edge_of_a_site_names_the_first(tmp_path: Path, recording: Path) -> None:
-    """Also that nobody but the owner may read what they write, and that Ctrl-C ends all of it."""
-    path = write_site(tmp_path, recording)
-    store = '\n[store]\npath = "live.db"\n'
-    path.write_text(path.read_text() + store)
-    other = tmp_path / "other.toml"
-    other.write_text(path.read_text().replace(str(load_port(path)), str(free_port())))
-    alone = tmp_path / "alone.toml"
-    alone.write_text(other.read_text().replace("fps", 'state = ""\nfps'))
+@pytest.fixture(scope="module")
+def running(tmp_path_factory: pytest.TempPathFactory, recording: Path) -> Iterator[Path]:
+    """The file of a site that `up` runs, and Ctrl-C ends: nobody keeps what it wrote in."""
+    path = write_site(tmp_path_factory.mktemp("running"), recording)
+    text = path.read_text().replace("fps = 20", "fps = 20\nsmooth_delay_ms = 100")
+    path.write_text(f'{text}\n[store]\npath = "live.db"\n')
     with up(path, signal.SIGINT):
-        written = [tmp_path / name for name in ("state.npz", "live.db", "live.db-wal")]
-        assert eventually(lambda: all(file.exists() for file in written), COMPILE_S)
-        for file in (*written, tmp_path / "live.db-shm", *(tmp_path / "logs").glob("*")):
-            assert file.stat().st_mode & 0o777 == 0o600, file
-        assert (tmp_path / "logs").stat().st_mode & 0o777 == 0o700
-        for site, what in ((other, "state.npz"), (alone, "live.db")):
-            code, _, error = run("edge", str(site), seconds=60)
-            assert code == 2
-            assert f"{what}: process " in error and "(e3pose edge" in error
-            assert "writes there already" in error
-    assert not list(tmp_path.glob(".*.lock"))
+        yield path
+    assert not list(path.parent.glob(".*.lock"))
 
 
-def load_port(path: Path) -> str:
-    return str(load_site(path).link.endpoint.port)
+def test_second_edge_of_a_site_names_the_first(running: Path) -> None:
+    """Also that nobody but the owner may read what they write."""
+    folder = running.parent
+    other, alone = folder / "other.toml", folder / "alone.toml"
+    other.write_text(running.read_text().replace(str(port_of(running)), str(free_port())))
+    alone.write_text(other.read_text().replace("fps", 'state = ""\nfps', 1))
+    written = [folder / name for name in ("state.npz", "live.db", "live.db-wal")]
+    assert eventually(lambda: all(file.exists() for file in written), COMPILE_S)
+    for file in (*written, folder / "live.db-shm", *(folder / "logs").glob("*")):
+        assert file.stat().st_mode & 0o777 == 0o600, file
+    assert (folder / "logs").stat().st_mode & 0o777 == 0o700
+    for site, what in ((other, "state.npz"), (alone, "live.db")):
+        code, _, error = run("edge", str(site), seconds=60)
+        assert code == 2
+        assert f"{what}: process " in error and "(e3pose edge" in error
+        assert "writes there already" in error
+
+
+def test_smoothed_poses_come_later_and_are_streamed(running: Path, tmp_path: Path) -> None:
+    dest = tmp_path / "late.mcap"
+    with (
+        connect(running, wait_s=COMPILE_S) as now,
+        connect(running, wait_s=COMPILE_S, delayed=True) as late,
+    ):
+        at_once = {slot.slot: slot for slot in (now.next() for _ in range(60)) if slot is not None}
+        words = ("stream", str(running), f"mcap:{dest}", "--delayed", "--for", "3")
+        code, out, err = run(*words, seconds=60)
+        smoothed = [slot for slot in (late.next() for _ in range(40)) if slot is not None]
+    assert code == 0 and out.startswith("Streaming smoothed poses of site lab"), err
+    shared = [(at_once[slot.slot], slot) for slot in smoothed if slot.slot in at_once]
+    assert len(shared) > 20
+    for first, later in shared:
+        assert (first.delay_ms, later.delay_ms) == (0.0, 100.0)
+        assert later.people.track_ids.tolist() == first.people.track_ids.tolist()
+    # An edge that catches up publishes several slots at once: the median.
+    assert np.median([b.published_ns - a.published_ns for a, b in shared]) > 50_000_000
+    moved = [np.abs(b.people.joints_m - a.people.joints_m) for a, b in shared if len(a)]
+    assert moved and max(float(np.nanmax(m)) for m in moved) > 1e-4  # not the same again
+    assert _sigma([b for _, b in shared]) < _sigma([a for a, _ in shared])
+    with dest.open("rb") as file:
+        told = [
+            json.loads(message.data)
+            for _, channel, message in make_reader(file).iter_messages()
+            if channel.topic == "/poses"
+        ]
+    assert told and {slot["delay_ms"] for slot in told} == {100.0}
+
+
+def _sigma(slots: list[LiveSlot]) -> float:
+    return float(np.nanmean(np.concatenate([slot.people.sigma_m.ravel() for slot in slots])))
+
+
+PACKETS = 40  # of a person, two seconds
+
+
+def received(listening: socket.socket, address: str, count: int) -> list[Messages]:
+    """Return so many packets that have a message of an address."""
+    found: list[Messages] = []
+    while len(found) < count:
+        packet = read_osc(listening.recv(65_536))
+        if any(place == address for place, _ in packet):
+            found.append(packet)
+    return found
+
+
+@pytest.fixture
+def sockets() -> Iterator[list[socket.socket]]:
+    with ExitStack() as stack:
+        opened = (socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2))
+        yield [stack.enter_context(each) for each in opened]
+
+
+def test_people_of_a_site_move_avatars_and_are_smoothed_later(
+    running: Path, tmp_path: Path, sockets: list[socket.socket]
+) -> None:
+    for each in sockets:
+        each.bind(("127.0.0.1", 0))
+        each.settimeout(COMPILE_S)
+    targets = [
+        f"{kind}://127.0.0.1:{each.getsockname()[1]}"
+        for kind, each in zip(("vmc", "vrchat"), sockets, strict=True)
+    ]
+    stream = subprocess.Popen(e3pose("stream", str(running), *targets))
+    try:
+        slots = received(sockets[0], "/VMC/Ext/Bone/Pos", PACKETS)
+        trackers = received(sockets[1], "/tracking/trackers/1/position", PACKETS)
+    finally:
+        stream.send_signal(signal.SIGINT)
+        assert stream.wait(30) == 0
+    hips = np.array([v[1:4] for m in slots for a, v in m if v[0] == "Hips"])
+    assert hips.shape == (PACKETS, 3)
+    assert ((hips[:, 1] > 0.6) & (hips[:, 1] < 1.3)).all()  # metres above the floor
+    steps_m = np.linalg.norm(np.diff(hips, axis=0), axis=1)
+    assert np.sort(steps_m)[-2] < 0.5  # the cameras' recording may have begun anew once
+    feet = np.array([v for m in trackers for a, v in m if a == "/tracking/trackers/3/position"])
+    assert (feet[:, 1] < 0.5).all()
+    store = running.parent / "live.db"
+    take = take_from_store(str(store), Asked())
+    assert all(motion.dynamics is not None for motion in take.motions)
+    dest = tmp_path / "walk.glb"
+    assert commands.run("export", store, dest, "--smooth", "rts") == 0
+    assert dest.is_file()
 
 
 def test_top_of_a_site_that_does_not_run(

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 from tests.cli.commands import run as verb
-from tests.live.test_view_people import SIZES
-from tests.site.web.browser import Page, in_browser
+from tests.site.web.browser import SIZES, Page, in_browser
 from tests.waiting import eventually
 
 pytestmark = [pytest.mark.live, in_browser]
@@ -20,9 +19,9 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> str:
     return (folder / "r.html").as_uri()
 
 
-def opened(page: Page, report: str, size: str = "screen") -> None:
+def opened(page: Page, report: str) -> None:
     page.messages.clear()
-    page.open(report, *SIZES[size])
+    page.open(report, *SIZES["screen"])
     assert eventually(lambda: page.run("Boolean(document.querySelector('#strips .main-svg'))"))
 
 
@@ -57,14 +56,6 @@ def test_page_turns_dark_with_the_system_while_it_is_open(page: Page, report: st
     assert page.messages == []
 
 
-@pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
-@pytest.mark.parametrize("size", sorted(SIZES))
-def test_axe_finds_nothing_serious(page: Page, report: str, size: str, dark: bool) -> None:
-    page.dark(dark)
-    try:
-        opened(page, report, size)
-        assert page.run("document.documentElement.scrollWidth") == SIZES[size][0]
-        # The charts are Plotly's own drawings.
-        assert page.serious("{ exclude: ['.js-plotly-plot'] }") == []
-    finally:
-        page.dark(False)
+def test_axe_finds_nothing_serious(page: Page, report: str) -> None:
+    opened(page, report)
+    page.judge("{ exclude: ['.js-plotly-plot'] }")  # the charts are Plotly's own drawings

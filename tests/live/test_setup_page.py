@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests.ports import free_port
-from tests.site.web.browser import Page, in_browser
+from tests.site.web.browser import SIZES, Page, in_browser
 from tests.waiting import eventually
 
 from e3pose.model.rotations import similarity
@@ -20,7 +20,6 @@ from e3pose.settings.site_file import load_site
 from e3pose.site.setup.program import SetupServer, open_setup
 
 pytestmark = [pytest.mark.live, in_browser]
-SIZES = {"wide": (1440, 900), "tablet": (1024, 768), "phone": (390, 844)}
 WORK_S, LIVE_S = 600.0, 600.0  # on a machine that does much else, and compiles first
 WALK_S, SECOND_S = 30.0, 12.0
 CENTRE_M = 0.4  # in a room of eight metres
@@ -60,25 +59,6 @@ def again(page: Page, step: str) -> None:
     assert page.shows("step-title", step), page.text("page")
 
 
-def fits(page: Page, width: int) -> bool:
-    """Return whether the page is as wide as the screen, and no wider."""
-    return bool(page.run("document.documentElement.scrollWidth") == width)
-
-
-def judged(page: Page, served: SetupServer) -> None:
-    """Look at the step with axe, on each screen, light and dark; nothing serious is found."""
-    for dark in (False, True):
-        page.dark(dark)
-        for name, (width, height) in SIZES.items():
-            page.call("Emulation.setDeviceMetricsOverride", width=width, height=height,
-                      deviceScaleFactor=1, mobile=width < 600)  # fmt: skip
-            assert eventually(partial(fits, page, width)), name
-            assert page.serious() == [], (name, dark)
-    page.dark(False)
-    page.call("Emulation.setDeviceMetricsOverride", width=1440, height=900, deviceScaleFactor=1,
-              mobile=False)  # fmt: skip
-
-
 def done(served: SetupServer, kind: str) -> bool:
     task = served.table.setup.tasks.newest
     assert task is None or not task.problem, task.problem
@@ -101,9 +81,9 @@ def test_without_the_token_there_is_nothing(page: Page, served: SetupServer) -> 
 def test_first_click_to_live_people(page: Page, served: SetupServer) -> None:
     desk = served.table.setup
     page.messages.clear()
-    page.open(served.url, *SIZES["wide"])
+    page.open(served.url, *SIZES["screen"])
     assert there(page, "#create") and "token" not in page.run("location.href")
-    judged(page, served)
+    page.judge()
     type_into(page, "#name", "room")
     push(page, "#create")
     assert page.shows("step-title", "Cameras") and page.text("site") == "room"
@@ -114,7 +94,7 @@ def test_first_click_to_live_people(page: Page, served: SetupServer) -> None:
     assert eventually(lambda: page.run(pictures) == 4)
     again(page, "Cameras")
     assert eventually(lambda: page.run(pictures) == 4), "the pictures are there after a reload"
-    judged(page, served)
+    page.judge()
 
     push(page, "#next")
     assert page.shows("step-title", "Network")
@@ -122,7 +102,7 @@ def test_first_click_to_live_people(page: Page, served: SetupServer) -> None:
     assert eventually(lambda: done(served, "site"), WORK_S)
     assert page.shows("step", "poses a second here with four cameras")
     again(page, "Network")
-    judged(page, served)
+    page.judge()
     site_file = desk.folder / "site.toml"  # another site may run beside this test
     endpoint = f"127.0.0.1:{free_port()}"
     site_file.write_text(re.sub(r"127\.0\.0\.1:\d+", endpoint, site_file.read_text()))
@@ -133,7 +113,7 @@ def test_first_click_to_live_people(page: Page, served: SetupServer) -> None:
     again(page, "Walk")  # the walk goes on meanwhile
     assert eventually(lambda: recorded(served, "walk", WALK_S), WORK_S)
     assert page.shows("covered", "Seen by two cameras at once")
-    judged(page, served)
+    page.judge()
     push(page, "#enough-stop")
     assert eventually(lambda: done(served, "walk"), WORK_S)
     assert load_recording(desk.folder / "walk").num_slots > 0
@@ -147,7 +127,7 @@ def test_first_click_to_live_people(page: Page, served: SetupServer) -> None:
     drawn = "document.querySelectorAll('.overlay canvas').length"
     assert eventually(lambda: page.run(drawn) == 4, 60)
     assert "Placed to within about" in page.text("step")
-    judged(page, served)
+    page.judge()
     assert placed_within(desk.root / "room-films", desk.folder / "rig.toml") < CENTRE_M
     origin_by_a_click(page, served)
 
@@ -162,12 +142,12 @@ def test_first_click_to_live_people(page: Page, served: SetupServer) -> None:
     assert page.shows("verdict", "mm off in the median over the floor")
     again(page, "Check")
     assert page.shows("verdict", "of the floor is green")
-    judged(page, served)
+    page.judge()
 
     push(page, "#next")
     push(page, "#live-start")
     assert eventually(lambda: page.text("state") == "live", LIVE_S), page.text("page")
-    judged(page, served)
+    page.judge()
     assert page.messages == []
     change_while_it_runs(page, served)
     assert there(page, "#live-page")
@@ -215,7 +195,7 @@ def change_while_it_runs(page: Page, served: SetupServer) -> None:
     """Another goal and a zone are taken at once; a battery waits for a restart, with one click."""
     folder = served.table.setup.folder
     push(page, "#to-change")
-    judged(page, served)
+    page.judge()
     type_into(page, "#cameras-count", "3")
     push(page, "#save")
     assert page.shows("said", "At once:"), page.text("page")
@@ -260,7 +240,8 @@ def test_a_slow_network_only_takes_longer(
             for step, title in STEPS.items():
                 push(page, f"#to-{step}")
                 again(page, title)
-                assert eventually(partial(fits, page, SIZES["phone"][0])), step
+                width = f"document.documentElement.scrollWidth === {SIZES['phone'][0]}"
+                assert eventually(partial(page.run, width)), step
             type_into(page, "#cameras-count", "3")
             push(page, "#save")
             assert page.shows("said", "Wrote try/site.toml"), page.text("page")
@@ -271,7 +252,7 @@ def test_a_slow_network_only_takes_longer(
 
 
 def test_the_keyboard_reaches_everything(page: Page, served: SetupServer) -> None:
-    page.open(served.url, *SIZES["wide"])
+    page.open(served.url, *SIZES["screen"])
     new = "document.getElementById('create') !== null"
     assert eventually(lambda: page.run(new) or page.text("site") == "room")
     if page.run(new):  # the tests before were not run

@@ -58,6 +58,7 @@ def test_machine_is_suspended_with_its_own_alarm_and_a_late_one_is_told_and_lear
     site.comes_back("cam1")
 
 
+@pytest.mark.nightly
 def test_killed_edge_still_expects_the_cameras_that_sleep(site: SleepySite) -> None:
     site.falls_asleep("cam2")
     lost = len(site.said_lost("cam2"))
@@ -73,6 +74,7 @@ def test_killed_edge_still_expects_the_cameras_that_sleep(site: SleepySite) -> N
     site.comes_back("cam2")
 
 
+@pytest.mark.nightly
 def test_camera_that_is_killed_in_its_sleep_goes_on_sleeping(site: SleepySite) -> None:
     site.falls_asleep("cam2")
     site.send("cam2", signal.SIGKILL)
@@ -85,6 +87,7 @@ def test_camera_that_is_killed_in_its_sleep_goes_on_sleeping(site: SleepySite) -
     site.comes_back("cam2")
 
 
+@pytest.mark.nightly
 def test_camera_that_slept_through_a_restart_of_its_router_is_heard_again(
     site: SleepySite,
 ) -> None:
@@ -145,6 +148,7 @@ def test_edge_is_killed_and_its_clock_set_while_a_camera_sleeps(site: SleepySite
     site.comes_back("cam2")
 
 
+@pytest.mark.nightly
 def test_all_are_killed_while_a_camera_sleeps(site: SleepySite) -> None:
     site.falls_asleep("cam2")
     for name in ("edge", "hall", *CAMERAS):
@@ -158,6 +162,7 @@ def test_all_are_killed_while_a_camera_sleeps(site: SleepySite) -> None:
     goes_on(site, len(site.said_lost("cam2")))
 
 
+@pytest.mark.nightly
 def test_camera_whose_clock_stood_still_in_its_sleep_comes_back(site: SleepySite) -> None:
     site.falls_asleep("cam2")
     site.send("cam2", signal.SIGSTOP)  # as a machine that somebody else suspends

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 from tests.site.streams.test_webhook import Receiver
-from tests.site.web.browser import Page, browser, in_browser
+from tests.site.web.browser import Page, in_browser
 from tests.waiting import eventually
 
 from e3pose.settings.resolved import resolve_site
@@ -26,7 +26,7 @@ LIVE = Path(__file__).parents[2] / "examples" / "06_live.py"
 
 
 @pytest.fixture(scope="module")
-def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Edge, View, Page]]:
+def site(tmp_path_factory: pytest.TempPathFactory, page: Page) -> Iterator[tuple[Edge, View, Page]]:
     """An edge with three cameras, its view, and a browser."""
     folder = tmp_path_factory.mktemp("site")
     recording = simulate(SceneSettings(people=2, seconds=4, fps=12.5, cameras=3), seed=1)
@@ -36,7 +36,6 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Edge, View,
     with ExitStack() as stack:
         edge: Edge = runpy.run_path(str(LIVE))["run"](site_file, stack)
         view = stack.enter_context(open_view(resolve_site(site_file), "127.0.0.1:0"))
-        page = stack.enter_context(browser(tmp_path_factory.mktemp("browser")))
         assert eventually(lambda: edge.status().slot > 5, 240)
         yield edge, view, page
 

@@ -508,15 +508,16 @@ class CameraNode:
             if not self._awake.is_set():
                 self._awake.wait()
                 count = 0  # says what it is at once
-            if self._image_size is not None and count % HELLO_EVERY == 0:
+            image_size = self._image_size  # the hello needs it
+            if image_size is not None and count % HELLO_EVERY == 0:
                 fps = self._rate.hz(self.source.fps)
-                hello = hello_message(self.settings, self.session, fps, self._image_size)
+                hello = hello_message(self.settings, self.session, fps, image_size)
                 self.transport.publish(topic, encode(hello))
             self._exchange()
             spent = self._spending.by_next_slot()
             if self._awake.is_set():  # what is said while it falls asleep would wake it again
                 self._beat(spent)
-            count += self._image_size is not None  # the hello needs the image size
+            count += image_size is not None
             self.clock.wait(self.threads.stopping, self.clock.now_ns() + pause_ns(random.random()))
 
     def _beat(self, spent: dict[str, Any], ends: bool = False) -> None:

@@ -8,6 +8,7 @@ import shutil
 import subprocess
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,8 @@ FLAGS = (
     "--remote-debugging-port=0",
 )  # fmt: skip
 AXE = Path(__file__).parent / "axe" / "axe.min.js"
+SIZES = {"screen": (1440, 900), "tablet": (1024, 768), "phone": (390, 844)}
+LOOKS = {"screen": False, "tablet": True, "phone": False}  # whether the system asks for dark
 SHOWN_S = 90.0  # for a browser beside others, on a machine that is very busy
 
 
@@ -67,10 +70,14 @@ class Page:
         elif event["method"] == "Log.entryAdded":
             self.messages.append(f"{said['entry']['text']} {said['entry'].get('url', '')}")
 
-    def open(self, url: str, width: int = 1280, height: int = 900) -> None:
-        """Open an address in a window of a size."""
+    def resize(self, width: int, height: int) -> None:
+        """Give the window a size; a narrow one is that of a phone."""
         self.call("Emulation.setDeviceMetricsOverride", width=width, height=height,
                   deviceScaleFactor=1, mobile=width < 600)  # fmt: skip
+
+    def open(self, url: str, width: int = 1280, height: int = 900) -> None:
+        """Open an address in a window of a size."""
+        self.resize(width, height)
         self.call("Page.navigate", url="about:blank")  # else another fragment loads nothing
         assert eventually(lambda: self.run("location.href") == "about:blank")
         self.call("Page.navigate", url=url)
@@ -104,11 +111,11 @@ class Page:
         self.call("Emulation.setEmulatedMedia", features=[scheme])
 
     def slow(self, on: bool = True) -> None:
-        """Let the network be slow: 0.4 s to an answer, 50 kB a second; or as fast as it is."""
+        """Let the network be slow: 0.4 s to an answer, 200 kB a second; or as fast as it is."""
         self.call("Network.enable")
         self.call(
             "Network.emulateNetworkConditions", offline=False, latency=400 if on else 0,
-            downloadThroughput=50_000 if on else -1, uploadThroughput=50_000 if on else -1,
+            downloadThroughput=200_000 if on else -1, uploadThroughput=200_000 if on else -1,
         )  # fmt: skip
 
     def serious(self, what: str = "document") -> list[Any]:
@@ -117,13 +124,33 @@ class Page:
         Args:
             what: a script's expression for what to look at.
         """
-        self.run(AXE.read_text() + ";undefined")
+        if self.run("typeof axe") == "undefined":
+            self.run(AXE.read_text() + ";undefined")
         found = self.run(
             f"axe.run({what}, {{ resultTypes: ['violations'] }}).then((all) => JSON.stringify("
             "all.violations.map((v) => [v.impact, v.id, v.nodes.map((n) => [n.html.slice(0, 120),"
             " n.failureSummary])])))"
         )
         return [one for one in json.loads(found) if one[0] in ("serious", "critical")]
+
+    def judge(self, what: str = "document") -> None:
+        """Look at the page that is open on each screen, with axe.
+
+        Nothing serious may be found, nothing be wider than the screen, and the page be dark where
+        the system asks for it.
+        """
+        ground = "getComputedStyle(document.body).backgroundColor"
+        try:
+            for size, dark in LOOKS.items():
+                self.dark(dark)
+                self.resize(*SIZES[size])
+                width = f"document.documentElement.scrollWidth === {SIZES[size][0]}"
+                assert eventually(partial(self.run, width)), size
+                assert (int(self.run(ground)[4:].split(",")[0]) < 60) == dark, (size, dark)
+                assert self.serious(what) == [], (size, dark)
+        finally:
+            self.dark(False)
+            self.resize(*SIZES["screen"])
 
     def text(self, element: str) -> str:
         """Return the text of an element by its id; empty while it is not there."""
