@@ -46,7 +46,7 @@ demo: $(VENV)/.all  ## run a live site on real videos; results in demo-output/
 PYTEST := $(BIN)/python -m pytest -q
 COVERAGE := .coverage-data
 COVERED = $(and $(TRACED),--cov --cov-append --cov-report= --cov-fail-under=0)
-SITES := --reruns 1 --rerun-show-tracebacks --dist loadfile
+SITES := --reruns 1 --rerun-show-tracebacks --dist loadfile --no-loadscope-reorder
 # Of what the machine's cores do, a process at 5 gets a third of one at 0.
 COMPUTING_NICE ?= 5
 export RERUNS := $(CURDIR)/.reruns

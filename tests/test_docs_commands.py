@@ -289,7 +289,7 @@ HERE_NOT = {
 def stock(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """A folder with what the commands of the pages take for granted, all of it small."""
     top = tmp_path_factory.mktemp("stock")
-    recording = replace(walk(761, seconds=12.0, fps=15.0), name="example")
+    recording = replace(walk(761, seconds=8.0, fps=15.0), name="example")
     save_recording(recording, top / "walk")
     short = between(recording, 0, 40)
     for name in ("my-recording", "shelf", "clip", "stills"):

@@ -82,8 +82,7 @@ def test_links_that_stay_slower_are_followed_for_good(rate: float) -> None:
 
 
 @RATES
-@each_case("spread", [0.5, 0.8, 1.2])
-@each_case("seed", [0, 10, 20])
+@each_case("spread, seed", [(0.5, 0), (0.8, 10), (1.2, 20)])
 def test_links_that_vary_do_not_make_the_lead_oscillate(
     rate: float, spread: float, seed: int
 ) -> None:

@@ -7,10 +7,23 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
-from tests.live.processes import LiveSite, make_recording
+from tests.live.processes import HERE, LiveSite, make_recording
 
 if TYPE_CHECKING:
     from tests.site.web.browser import Page
+
+
+# What takes minutes begins first: a part ends when its last file does.
+LONG = ("test_setup_page", "test_events_of_people", "test_four_cameras", "test_recorded_session")
+
+
+@pytest.hookimpl(tryfirst=True)  # before tests are chosen by their marks
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark what is in this folder, and begin with the files that take longest."""
+    for item in items:
+        if item.path.is_relative_to(HERE):
+            item.add_marker("live")
+    items.sort(key=lambda item: item.path.stem not in LONG)
 
 
 @pytest.fixture(scope="session")

@@ -10,7 +10,7 @@ from tests.waiting import eventually
 
 from active_time import ACTIVE_W, IDLE_W, beats_of, exact_command, learned
 
-pytestmark = [pytest.mark.live, pytest.mark.nightly]
+pytestmark = pytest.mark.nightly
 
 LOOK_SHARE = 0.6  # of a slot, in which the meter counts what a look draws
 SLOTS = 400

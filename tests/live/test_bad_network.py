@@ -11,7 +11,7 @@ from tests.live.bad_link import BadLink, bad_link
 from tests.live.processes import CAMERAS, LiveSite
 from tests.waiting import eventually
 
-pytestmark = [pytest.mark.live, pytest.mark.timed]
+pytestmark = pytest.mark.timed
 
 CUT_S = 10.0
 NOTICED_S = 2.0
@@ -44,6 +44,7 @@ def far_site(
         yield made
 
 
+@pytest.mark.nightly
 def test_loss_and_jitter_lose_views_but_no_slot(far_site: LiveSite, link: BadLink) -> None:
     begin, given_up = len(far_site.poses), far_site.status().slots_lost
     useless = len(far_site.events("camera-useless"))  # of a try before this one
@@ -65,6 +66,7 @@ def test_loss_and_jitter_lose_views_but_no_slot(far_site: LiveSite, link: BadLin
     far_site.becomes(*CAMERAS)
 
 
+@pytest.mark.nightly
 def test_lead_is_back_in_20_seconds_after_the_start_and_after_jitter(
     far_site: LiveSite, link: BadLink
 ) -> None:

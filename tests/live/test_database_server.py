@@ -14,8 +14,6 @@ from tests.waiting import eventually
 from e3pose.settings.site_file import load_site
 from e3pose.store import Store
 
-pytestmark = pytest.mark.live
-
 
 @pytest.fixture(scope="module")
 def server(postgres: Server) -> Iterator[Server]:

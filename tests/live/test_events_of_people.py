@@ -174,6 +174,7 @@ def test_a_fall_reaches_home_assistant_a_webhook_and_the_store(
         assert eventually(lambda: heard.newest("e3pose/lab/home/online") == "offline")
 
 
+@pytest.mark.nightly
 def test_a_name_is_told_while_it_is_one_and_forgotten_everywhere(
     site: LiveSite, port: int, verb: Callable[..., str]
 ) -> None:

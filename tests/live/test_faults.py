@@ -21,7 +21,7 @@ from e3pose.store import Store
 from e3pose.wire.access import VIEW_BYTES
 from e3pose.wire.arrays import unpack
 
-pytestmark = [pytest.mark.live, pytest.mark.timed]
+pytestmark = pytest.mark.timed
 
 NOTICED_S = 2.0
 BACK_S = 3.0

@@ -25,7 +25,7 @@ from tests.waiting import eventually
 from e3pose.base.errors import InputError
 from e3pose.store import Store
 
-pytestmark = [pytest.mark.live, pytest.mark.nightly]
+pytestmark = pytest.mark.nightly
 
 FPS = 20.0
 SITE = """

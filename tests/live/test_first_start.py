@@ -22,7 +22,7 @@ from e3pose.wire import topics
 from e3pose.wire.network import open_network
 from e3pose.wire.site_messages import Status
 
-pytestmark = [pytest.mark.live, pytest.mark.nightly]
+pytestmark = pytest.mark.nightly
 
 
 def test_first_start_says_compiling_and_orders_afterwards(tmp_path: Path, recording: Path) -> None:

@@ -25,8 +25,6 @@ from e3pose.recording import load_recording
 from e3pose.recording.calibration import load_rig
 from e3pose.store import Store
 
-pytestmark = pytest.mark.live
-
 PAGE = "docs/tutorial/four-cameras.md"
 COMPILE_S = 240.0  # what a machine that never ran this may take
 COMMAND_S = 300.0

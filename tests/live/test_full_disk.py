@@ -17,7 +17,7 @@ from e3pose.recording import load_recording
 from e3pose.recording.writer import PARTIAL
 from e3pose.site.example import write_recorded
 
-pytestmark = pytest.mark.live
+pytestmark = pytest.mark.nightly
 
 SIZE = "48m"  # the store sets 32 MiB aside
 

@@ -17,8 +17,6 @@ from tests.waiting import eventually
 from e3pose.wire.keys.folder import add_keys, init_keys
 from e3pose_hub.question import answer
 
-pytestmark = pytest.mark.live
-
 DAY = 1440
 
 

@@ -26,7 +26,7 @@ from e3pose_hub.settings import load_hub
 from e3pose_hub.users import grant, revoke
 from simulated_sites import records_of
 
-pytestmark = [pytest.mark.live, in_browser]
+pytestmark = in_browser
 SITES = {"lab": "clinics", "hall": "clinics", "gym": "sports", "pool": "sports", "vault": "other"}
 OPEN_AT = 12 * 60  # a minute of the made-up day at which people are there
 

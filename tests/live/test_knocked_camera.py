@@ -22,7 +22,7 @@ from e3pose.site.example import Example, write_example
 from e3pose.site.follow import Follower, viewer_link
 from e3pose.wire.network import open_network
 
-pytestmark = [pytest.mark.live, pytest.mark.nightly]
+pytestmark = pytest.mark.nightly
 
 COMPILE_S = 240.0  # what a machine that never ran this may take
 NOTICE_S = 120.0

@@ -13,7 +13,7 @@ from e3pose.recording import save_recording
 from e3pose.simulate import SceneSettings, simulate
 from e3pose.store import Store
 
-pytestmark = [pytest.mark.live, pytest.mark.timed, pytest.mark.nightly]
+pytestmark = [pytest.mark.timed, pytest.mark.nightly]
 
 # One person walks for four seconds, staggers, is down at seven, and stays there. Where the film
 # begins again, edges look for who lay there for four seconds.

@@ -21,7 +21,7 @@ from tests.live.processes import CAMERAS, COMPILE_S, HERE, LiveSite, as_root, ma
 from tests.live.test_full_disk import SIZE, fill
 from tests.waiting import eventually
 
-pytestmark = [pytest.mark.live, pytest.mark.timed]
+pytestmark = pytest.mark.timed
 
 NAMES = ("lab", "hall")
 MORE = ('state = "disk/state.npz"',)
@@ -134,6 +134,7 @@ def test_all_sites_have_all_their_slots(house: House) -> None:
     house.unhurt(*NAMES)
 
 
+@pytest.mark.nightly
 def test_keys_of_one_site_are_worth_nothing_at_another(house: House) -> None:
     lab, hall = house.sites["lab"], house.sites["hall"]
     hall.without("cam2")

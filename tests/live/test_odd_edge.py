@@ -15,7 +15,7 @@ from tests.waiting import eventually
 
 from e3pose.edge.watchdog import STALL_S
 
-pytestmark = [pytest.mark.live, pytest.mark.timed]
+pytestmark = pytest.mark.timed
 
 REJOINED_S = 5.0
 BLAMES = ("far longer", "too late", "no views arrive", "answers")  # of a camera

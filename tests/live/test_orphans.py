@@ -9,13 +9,10 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import psutil
-import pytest
 from tests.live.processes import COMPILE_S, LiveSite, e3pose
 from tests.waiting import eventually
 
 from e3pose.store import Store
-
-pytestmark = pytest.mark.live
 
 GONE_S = 15.0  # two, with room for a busy machine
 

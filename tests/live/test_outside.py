@@ -31,7 +31,6 @@ from e3pose.wire.network import NetworkTransport, open_network
 from e3pose.wire.site_messages import OutboxQuestion
 from e3pose.wire.topics import of_outbox
 
-pytestmark = pytest.mark.live
 REQUESTS = 40
 GONE_S = 20.0  # three seconds of silence, on a machine that does other things
 

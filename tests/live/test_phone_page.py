@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import av
 import cv2
@@ -22,10 +23,18 @@ from e3pose.simulate import SceneSettings, simulate
 from e3pose.site.setup.program import SetupServer, open_setup
 from e3pose.site.simulated_films import FOLDER, write_films
 
-pytestmark = [pytest.mark.live, pytest.mark.timed, in_browser]
+pytestmark = [pytest.mark.timed, in_browser]
 WORK_S, LIVE_S = 300.0, 600.0
 NAMES = ("anna", "ben")
 SCENE = SceneSettings(people=1, cameras=2, seconds=12.0, fps=10.0, image_size=(320, 240))
+
+
+class Phones(NamedTuple):
+    """The page of a set-up, those of the phones, and the address that a code had."""
+
+    page: Page
+    phones: list[Page]
+    url: str
 
 
 @pytest.fixture(scope="module")
@@ -88,20 +97,18 @@ def scanned(page: Page) -> str:
     return read()
 
 
-@pytest.mark.timeout(1500)
-def test_a_phone_is_a_camera_in_set_up_in_the_walk_and_live(
-    served: SetupServer, films: list[Path], tmp_path: Path
-) -> None:
-    desk = served.table.setup
+@contextmanager
+def two_phones(served: SetupServer, films: list[Path], folder: Path) -> Iterator[Phones]:
+    """Add two phones by their codes, until the page of the set-up shows their pictures."""
     with ExitStack() as stack:
-        page = stack.enter_context(browser(tmp_path / "desk"))
+        page = stack.enter_context(browser(folder / "desk"))
         page.open(served.url, 1440, 900)
         assert page.shows("step-title", "") and eventually(
             lambda: page.run("Boolean(document.getElementById('create'))"), 240
         )
         click(page, "#create")
         assert page.shows("step-title", "Cameras")
-        phones = []
+        phones, url = [], ""
         for name, film in zip(NAMES, films, strict=True):
             fill(page, "#phone", name)
             click(page, "#add-phone")
@@ -112,7 +119,7 @@ def test_a_phone_is_a_camera_in_set_up_in_the_walk_and_live(
             assert re.fullmatch(r"https://[0-9.]+:84\d\d/#[A-Za-z0-9_-]{32}", url)
             phone = stack.enter_context(
                 browser(
-                    tmp_path / name, "--use-fake-ui-for-media-stream",
+                    folder / name, "--use-fake-ui-for-media-stream",
                     "--use-fake-device-for-media-stream", "--ignore-certificate-errors",
                     f"--use-file-for-fake-video-capture={film}",
                 )
@@ -125,15 +132,29 @@ def test_a_phone_is_a_camera_in_set_up_in_the_walk_and_live(
             phones.append(phone)
             assert eventually(lambda: pictures(page) == len(phones), 120), page.text("page")
         assert page.shows("cameras", "frames a second")
+        yield Phones(page, phones, url)
+
+
+def test_a_phone_shows_its_pictures_and_its_code_is_for_nobody_else(
+    served: SetupServer, films: list[Path], tmp_path: Path
+) -> None:
+    with two_phones(served, films, tmp_path) as (page, phones, url):
         phones[0].call("Page.reload")
         assert eventually(lambda: pictures(page) == 1, 120), "the old picture is not taken for new"
         click(phones[0], "#start")
         assert eventually(lambda: pictures(page) == 2, 120), "it needs no second code"
-        second = stack.enter_context(browser(tmp_path / "thief", "--ignore-certificate-errors"))
-        second.open(url, 390, 844)
-        assert second.shows("state", "This code was used already")
-        second.open("about:blank", 390, 844)
+        with browser(tmp_path / "thief", "--ignore-certificate-errors") as second:
+            second.open(url, 390, 844)
+            assert second.shows("state", "This code was used already")
 
+
+@pytest.mark.nightly
+@pytest.mark.timeout(1500)
+def test_a_phone_is_a_camera_in_the_walk_and_live(
+    served: SetupServer, films: list[Path], tmp_path: Path
+) -> None:
+    desk = served.table.setup
+    with two_phones(served, films, tmp_path) as (page, phones, _):
         click(page, "#next")
         served.table.setup.change(lambda plan: plan)
         answer = page.run(

@@ -9,7 +9,7 @@ import pytest
 from tests.live.processes import LiveSite
 from tests.waiting import eventually
 
-pytestmark = [pytest.mark.live, pytest.mark.timed]
+pytestmark = pytest.mark.timed
 
 
 class PlannedSite(LiveSite):
@@ -22,7 +22,7 @@ class PlannedSite(LiveSite):
         self.path.write_text(text.replace("[loop]\n", '[loop]\nrest = "asleep"\nwatts = "17.2W"\n'))
 
 
-def test_cameras_sleep_by_a_plan_that_goes_on_when_edge_or_sleeper_is_killed(
+def test_cameras_sleep_by_a_plan_that_goes_on_when_the_edge_is_killed(
     tmp_path: Path, recording: Path
 ) -> None:
     (tmp_path / "recording").symlink_to(recording)
@@ -52,12 +52,5 @@ def test_cameras_sleep_by_a_plan_that_goes_on_when_edge_or_sleeper_is_killed(
         since = len(site.statuses)
         site.start_edge()
         comes_back(one, since)
-        one = falls_asleep(len(site.statuses))
-        site.send(one, signal.SIGKILL)
-        site.wait(one)
-        since = len(site.statuses)
-        site.start_camera(one)
-        comes_back(one, since)
-        falls_asleep(len(site.statuses))
         said = [e["event"] for e in site.events("camera-lost")]
-        assert all("not connected" in line for line in said), said  # the one that was killed
+        assert not said, said

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mcap.reader import make_reader
+from tests.cases import each_case
 from tests.cli import commands
 from tests.live.processes import COMPILE_S, LiveSite, e3pose, run, up
 from tests.ports import free_port
@@ -27,8 +28,6 @@ from e3pose.settings.site_file import load_site
 from e3pose.site.connect import LiveSlot, connect
 from e3pose.site.follow import Follower, viewer_link
 from e3pose.wire.network import open_network
-
-pytestmark = pytest.mark.live
 
 SITE = """
 format = "e3pose-site"
@@ -268,7 +267,7 @@ def replaced(old: str, new: str) -> Change:
     return change
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("change", "message"),
     [
         (lambda path: path.unlink(), "site.toml"),

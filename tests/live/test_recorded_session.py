@@ -22,8 +22,6 @@ from e3pose.recording import Recording, load_recording
 from e3pose.recording.videos import begin_of, videos_in
 from e3pose.store import Store
 
-pytestmark = pytest.mark.live
-
 FPS = 10.0
 SITE = f"""
 format = "e3pose-site"

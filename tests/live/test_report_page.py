@@ -7,7 +7,7 @@ from tests.cli.commands import run as verb
 from tests.site.web.browser import SIZES, Page, in_browser
 from tests.waiting import eventually
 
-pytestmark = [pytest.mark.live, in_browser]
+pytestmark = in_browser
 
 
 @pytest.fixture(scope="module")

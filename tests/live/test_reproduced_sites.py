@@ -15,8 +15,6 @@ from e3pose_lab.reproduce.site_memory import MemoryAsked, site_memory
 from e3pose_lab.reproduce.site_run import running_site
 from e3pose_lab.reproduce.sources import Sources
 
-pytestmark = pytest.mark.live
-
 
 def test_memory_is_that_of_the_processes() -> None:
     found = site_memory(Sources(), MemoryAsked("e3pose", 2, cameras=2, selected=2, seconds=1.0))

@@ -17,7 +17,7 @@ import pytest
 from tests.ports import free_port
 from tests.waiting import eventually
 
-pytestmark = [pytest.mark.live, pytest.mark.nightly]
+pytestmark = pytest.mark.nightly
 WORK_S = 600.0
 
 

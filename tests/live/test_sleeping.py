@@ -1,6 +1,6 @@
 """Cameras that sleep by order, also through kills of either side and jumps of clocks.
 
-Where the time of day is set, `tests/edge/test_sleep.py` looks at it in one process.
+`tests/edge/test_sleep.py` looks at it in one process, and where the time of day is set.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from tests.waiting import eventually
 
 from e3pose.wire.site_messages import CameraStatus
 
-pytestmark = [pytest.mark.live, pytest.mark.timed]
+pytestmark = [pytest.mark.timed, pytest.mark.nightly]
 
 HOUR_S = 3600.0
 
@@ -58,7 +58,6 @@ def test_machine_is_suspended_with_its_own_alarm_and_a_late_one_is_told_and_lear
     site.comes_back("cam1")
 
 
-@pytest.mark.nightly
 def test_killed_edge_still_expects_the_cameras_that_sleep(site: SleepySite) -> None:
     site.falls_asleep("cam2")
     lost = len(site.said_lost("cam2"))
@@ -74,7 +73,6 @@ def test_killed_edge_still_expects_the_cameras_that_sleep(site: SleepySite) -> N
     site.comes_back("cam2")
 
 
-@pytest.mark.nightly
 def test_camera_that_is_killed_in_its_sleep_goes_on_sleeping(site: SleepySite) -> None:
     site.falls_asleep("cam2")
     site.send("cam2", signal.SIGKILL)
@@ -87,7 +85,6 @@ def test_camera_that_is_killed_in_its_sleep_goes_on_sleeping(site: SleepySite) -
     site.comes_back("cam2")
 
 
-@pytest.mark.nightly
 def test_camera_that_slept_through_a_restart_of_its_router_is_heard_again(
     site: SleepySite,
 ) -> None:
@@ -108,7 +105,6 @@ def goes_on(site: SleepySite, lost: int) -> None:
     site.flows(20)
 
 
-@pytest.mark.nightly
 @pytest.mark.parametrize("seconds", [HOUR_S, -HOUR_S])
 def test_clock_of_a_camera_jumps_while_it_sleeps(site: SleepySite, seconds: float) -> None:
     site.falls_asleep("cam2")
@@ -117,7 +113,6 @@ def test_clock_of_a_camera_jumps_while_it_sleeps(site: SleepySite, seconds: floa
     goes_on(site, lost)
 
 
-@pytest.mark.nightly
 def test_edge_that_was_suspended_while_a_camera_slept_learns_nothing_of_its_wake(
     site: SleepySite,
 ) -> None:
@@ -132,7 +127,6 @@ def test_edge_that_was_suspended_while_a_camera_slept_learns_nothing_of_its_wake
     site.flows(20)
 
 
-@pytest.mark.nightly
 def test_edge_is_killed_and_its_clock_set_while_a_camera_sleeps(site: SleepySite) -> None:
     site.falls_asleep("cam2")
     site.send("cam2", signal.SIGSTOP)  # as a machine that is suspended: it sees nothing of it
@@ -148,7 +142,6 @@ def test_edge_is_killed_and_its_clock_set_while_a_camera_sleeps(site: SleepySite
     site.comes_back("cam2")
 
 
-@pytest.mark.nightly
 def test_all_are_killed_while_a_camera_sleeps(site: SleepySite) -> None:
     site.falls_asleep("cam2")
     for name in ("edge", "hall", *CAMERAS):
@@ -162,7 +155,6 @@ def test_all_are_killed_while_a_camera_sleeps(site: SleepySite) -> None:
     goes_on(site, len(site.said_lost("cam2")))
 
 
-@pytest.mark.nightly
 def test_camera_whose_clock_stood_still_in_its_sleep_comes_back(site: SleepySite) -> None:
     site.falls_asleep("cam2")
     site.send("cam2", signal.SIGSTOP)  # as a machine that somebody else suspends

@@ -25,6 +25,8 @@ from e3pose.settings.site_file import load_site
 from e3pose.site.follow import Follower, viewer_link
 from e3pose.wire.network import open_network
 
+pytestmark = pytest.mark.nightly
+
 TRUE_FPS = 12.5
 EYES = """
 from e3pose.model.pose import Poses2D

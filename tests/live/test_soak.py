@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-pytestmark = [pytest.mark.live, pytest.mark.nightly]
+pytestmark = pytest.mark.nightly
 
 SOAK = Path(__file__).parents[2] / "lab" / "benchmarks" / "soak.py"
 MAY_BE_LOST = 75  # of 750: what an edge gives up when the machine stands still for three seconds

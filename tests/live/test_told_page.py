@@ -18,7 +18,7 @@ from tests.live.test_events_of_people import port as port
 from tests.test_docs import BY_PAGE, blocks
 from tests.waiting import eventually
 
-pytestmark = [pytest.mark.live, pytest.mark.nightly]
+pytestmark = pytest.mark.nightly
 
 PAGE = "docs/how-to/events.md"
 FIRST = "e3pose simulate films"

@@ -21,7 +21,7 @@ from e3pose.site.edge_program import Edge
 from e3pose.site.example import write_recorded
 from e3pose.site.web.program import View, open_view
 
-pytestmark = [pytest.mark.live, in_browser]
+pytestmark = in_browser
 LIVE = Path(__file__).parents[2] / "examples" / "06_live.py"
 
 

@@ -17,7 +17,7 @@ from tests.waiting import eventually
 from e3pose.store.clips import Clip, clips_of, keep_clip
 from e3pose.store.people import set_name
 
-pytestmark = [pytest.mark.live, in_browser]
+pytestmark = in_browser
 PART = "20261118T110640Z"
 
 

@@ -13,7 +13,7 @@ from tests.waiting import eventually
 
 from e3pose.store.people import people_of, set_name
 
-pytestmark = [pytest.mark.live, in_browser]
+pytestmark = in_browser
 GOLD = (0xB3, 0x86, 0x00)  # of the palette in output/report/scene.js
 
 

@@ -14,7 +14,7 @@ from tests.site.web.browser import Page, in_browser
 from tests.site.web.watched import SLOTS, STARTED_NS, Watched, record, watched_site
 from tests.waiting import eventually
 
-pytestmark = [pytest.mark.live, in_browser]
+pytestmark = in_browser
 TRACK_10 = (0x00, 0x9E, 0x73)  # its colour in output/report/scene.js
 TRACK_11 = (0xCC, 0x79, 0xA7)
 

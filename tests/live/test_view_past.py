@@ -13,7 +13,7 @@ from tests.waiting import eventually
 
 from e3pose.store import Event, Run, StoreWriter
 
-pytestmark = [pytest.mark.live, in_browser]
+pytestmark = in_browser
 
 
 @pytest.fixture(scope="module")

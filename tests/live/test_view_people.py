@@ -19,7 +19,7 @@ from e3pose.wire.arrays import pack
 from e3pose.wire.codec import encode
 from e3pose.wire.site_messages import CameraStatus, Poses, Status
 
-pytestmark = [pytest.mark.live, in_browser]
+pytestmark = in_browser
 FPS = 12.5
 HOME = SceneSettings("home-fall", seconds=30.0, fps=FPS, cameras=3)
 TABLES = """[events]

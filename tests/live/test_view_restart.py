@@ -21,7 +21,7 @@ from tests.waiting import eventually
 from e3pose.recording.calibration import save_rig
 from e3pose.site.web.tokens import open_tokens
 
-pytestmark = [pytest.mark.live]
+pytestmark = pytest.mark.nightly
 
 
 @contextmanager

@@ -20,7 +20,7 @@ SEEDS = (1,)
 
 
 @cache
-def truth(scene: str, seed: int, seconds: float = 30.0) -> Floats:
+def truth(scene: str, seed: int, seconds: float = 20.0) -> Floats:
     settings = SceneSettings(
         scene=scene, seconds=seconds, cameras=1, fps=25, detector=DetectorSettings(perfect=True)
     )
