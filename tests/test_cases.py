@@ -10,6 +10,8 @@ import pytest
 from tests import prepare
 from tests.cases import each_case
 
+TESTS = Path(__file__).parent
+
 
 def test_all_cases_run_and_each_that_fails_is_named() -> None:
     ran: list[int] = []
@@ -79,3 +81,11 @@ def test_a_room_is_tested_where_it_or_what_it_imports_differs(
 def test_everything_is_tested_where_nothing_is_known(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(prepare, "git", lambda *words: None)
     assert prepare.base() is None
+
+
+def test_every_test_runs_in_a_part_of_make_test() -> None:
+    """What starts processes of sites is in `tests/live`, whose conftest marks it."""
+    for path in TESTS.rglob("test_*.py"):
+        marks, folder = path.read_text(), path.relative_to(TESTS).parts[0]
+        assert "pytest.mark." + "live" not in marks, path
+        assert "pytest.mark." + "timed" not in marks or folder in ("live", "edge"), path
