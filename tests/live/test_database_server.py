@@ -11,7 +11,6 @@ from tests.live.processes import LiveSite
 from tests.postgres import Server, running_server
 from tests.waiting import eventually
 
-from e3pose.settings.site_file import load_site
 from e3pose.store import Store
 
 
@@ -23,23 +22,26 @@ def server(postgres: Server) -> Iterator[Server]:
 
 
 @pytest.fixture(scope="module")
-def site(
-    server: Server, tmp_path_factory: pytest.TempPathFactory, recording: Path
-) -> Iterator[LiveSite]:
+def url(server: Server) -> str:
+    return server.new_store()
+
+
+@pytest.fixture(scope="module")
+def site(url: str, tmp_path_factory: pytest.TempPathFactory, recording: Path) -> Iterator[LiveSite]:
     folder = tmp_path_factory.mktemp("site")
     (folder / "recording").symlink_to(recording)
     zone = "[[zone]]", 'name = "all"', "corners = [[-50, -50], [50, -50], [50, 50], [-50, 50]]"
-    tables = ("[store]", f'path = "{server.new_store()}"', *zone)
+    tables = ("[store]", f'path = "{url}"', *zone)
     with LiveSite(folder, more=('state = "state.npz"',), tables=tables).at_work() as made:
         yield made
 
 
-def stored(site: LiveSite) -> list[int]:
-    return [row["slot"] for row in Store(load_site(site.path).store.place).rows("slots")]
+def stored(url: str) -> list[int]:
+    return [row["slot"] for row in Store(url).rows("slots")]
 
 
-def test_nothing_is_lost_while_the_server_is_away(server: Server, site: LiveSite) -> None:
-    assert eventually(lambda: len(stored(site)) > 0), site.diagnostics()
+def test_nothing_is_lost_while_the_server_is_away(server: Server, url: str, site: LiveSite) -> None:
+    assert eventually(lambda: len(stored(url)) > 0), site.diagnostics()
     server.stop()
     assert eventually(lambda: site.events("store-trouble")), site.diagnostics()
     count, lost = len(site.poses), site.status().slots_lost
@@ -48,13 +50,13 @@ def test_nothing_is_lost_while_the_server_is_away(server: Server, site: LiveSite
     away = site.poses[-1].slot
     server.start()
     assert eventually(lambda: site.events("store-recovered")), site.diagnostics()
-    assert eventually(lambda: max(stored(site), default=-1) > away), site.diagnostics()
-    first, last = stored(site)[0], stored(site)[-1]
-    missing = set(range(first, last + 1)) - set(stored(site))
+    assert eventually(lambda: max(stored(url), default=-1) > away), site.diagnostics()
+    first, last = stored(url)[0], stored(url)[-1]
+    missing = set(range(first, last + 1)) - set(stored(url))
     assert len(missing) <= site.status().slots_lost, "only what was never computed"
     assert len(site.events("store-trouble")) == 1, "reported once"
     assert "file" in site.events("store-trouble")[0]["event"]
-    store = Store(load_site(site.path).store.place)
+    store = Store(url)
 
     def kinds() -> set[str]:
         return {row["kind"] for row in store.rows("events")}
@@ -64,7 +66,7 @@ def test_nothing_is_lost_while_the_server_is_away(server: Server, site: LiveSite
     assert {row["zone"] for row in zones} == {"all"} and zones[0]["kind"] == "enter"
 
 
-def test_what_a_viewer_was_told_is_stored_survives_kill_9(site: LiveSite) -> None:
+def test_what_a_viewer_was_told_is_stored_survives_kill_9(url: str, site: LiveSite) -> None:
     site.send("edge", signal.SIGKILL)
     site.wait("edge")
     for life in range(2):
@@ -83,6 +85,6 @@ def test_what_a_viewer_was_told_is_stored_survives_kill_9(site: LiveSite) -> Non
         assert told.store_shed == 0
         promised = [p.slot for p in seen if told.stored_from <= p.slot <= told.stored_to]
         assert len(promised) > 5
-        assert not set(promised) - set(stored(site)), f"of life {life}"
+        assert not set(promised) - set(stored(url)), f"of life {life}"
     site.start_edge()
     site.flows(5)

@@ -37,7 +37,8 @@ class OddSite(LiveSite):
 def site(tmp_path_factory: pytest.TempPathFactory, recording: Path) -> Iterator[OddSite]:
     folder = tmp_path_factory.mktemp("odd")
     (folder / "recording").symlink_to(recording)
-    with OddSite(folder).at_work() as made:
+    made = OddSite(folder)
+    with made.at_work():
         yield made
 
 
