@@ -64,7 +64,7 @@ endef
 export PYTHONDONTWRITEBYTECODE :=
 DAILY = and not nightly
 
-test: $(VENV)/.dev  ## run the tests; not the longest, nor those of lab, hub and calibration where these have not changed (BASE=COMMIT)
+test: $(VENV)/.dev  ## run the tests that what differs from main reaches, but for the longest (BASE=COMMIT)
 	@rm -f $(RERUNS)
 	$(if $(TRACED),rm -rf $(COVERAGE) && mkdir $(COVERAGE))
 	@$(BIN)/python -m tests.prepare .left-out $(EVERYTHING)

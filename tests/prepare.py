@@ -1,19 +1,20 @@
-"""Before `make test`: compile the kernels once, and leave out rooms that have not changed.
+"""Before `make test`: compile the kernels once, and leave out tests of what has not changed.
 
     python -m tests.prepare FILE [--all]
 
-writes to a file what pytest is to ignore. A room of `ROOMS` is tested when one of its files, the
-model, or a module that its files import differs from the commit where this branch left
-`origin/main` (or `main`; BASE=COMMIT names another one), in the working tree as well. Where no such
-commit is known, everything is tested.
+writes to a file which tests pytest is to ignore. A file of tests runs when it, or a module that it
+reaches by imports, differs from the commit where this branch left `origin/main` (or `main`;
+BASE=COMMIT names another one), in the working tree as well. What starts a program reaches
+everything. Where no such commit is known, everything is tested.
 """
 
 from __future__ import annotations
 
-import ast
 import os
+import re
 import subprocess
 import sys
+from collections import Counter
 from functools import cache
 from pathlib import Path
 
@@ -30,17 +31,32 @@ for policy in ("information", "independent"):  # these two use all kernels of se
     list(replay(recording, ReplaySettings(pipeline=sys.argv[1], policy=policy, num_selected=3)))
 """
 
-ALWAYS = ("src/e3pose/model/", "pyproject.toml", "tests/conftest.py", "tests/prepare.py")
-# No other room imports these, or little of them: their tests, and their other files.
-ROOMS = {
-    "lab": (("tests/lab/", "tests/live/test_reproduced_sites.py"), ("lab/",)),
-    "hub": (
-        ("tests/hub/", "tests/live/test_hub_bad_link.py", "tests/live/test_hub_page.py"),
-        ("hub/",),
-    ),
-    "calibrate": (("tests/calibrate/",), ("src/e3pose/calibrate/",)),
-}
-ENDS = (".py", "/__init__.py")
+# A change here concerns every test.
+ALWAYS = (
+    "pyproject.toml",
+    "requirements/",
+    "tests/conftest.py",
+    "tests/postgres.py",
+    "tests/prepare.py",
+)
+TOPS = ("", "src/", "hub/", "lab/", "lab/benchmarks/")  # where modules are found by name
+OURS = r"(?:e3pose|e3pose_hub|e3pose_lab|tests)(?:\.\w+)+"
+IMPORT = re.compile(
+    rf"^[ ]*(?:from[ ]+([\w.]+)[ ]+import[ ]+(\([^)]*\)|[^\n]*)|import[ ]+([\w.]+))|[\"']({OURS})",
+    re.MULTILINE,
+)
+LAZY = re.compile(
+    r"^__getattr__ = names_of\(", re.MULTILINE
+)  # a package that imports what it has when it is used
+BY_NAME = re.compile(r"\bimport_module\(f")  # imports modules of its folder by their names
+WORD = re.compile(r"\w+")
+RUNS_ALL = re.compile(
+    r"\"-m\", \"e3pose\"|e3pose\.cli\b"
+)  # starts programs of ours, or has all verbs
+# Of tests: starts programs, or reads pages, examples, or the source.
+READS_ALL = re.compile(
+    r"sys\.executable|tests\.distributions|ROOT /|(?:\)|HERE)\.parents\[|docs/|README|examples/"
+)
 
 
 def git(*words: str) -> str | None:
@@ -70,31 +86,87 @@ def changed(since: str) -> set[str]:
 
 
 @cache
-def imported(places: tuple[str, ...]) -> frozenset[str]:
-    """Return the files of this project that the modules of some places import, directly."""
-    names: set[str] = set()
-    for path in (
-        path for place in places for path in [ROOT / place, *(ROOT / place).rglob("*.py")]
-    ):
-        if path.suffix == ".py" and path.is_file():
-            for node in ast.walk(ast.parse(path.read_text())):
-                if isinstance(node, ast.Import):
-                    names |= {one.name for one in node.names}
-                elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
-                    names |= {node.module, *(f"{node.module}.{one.name}" for one in node.names)}
-    found = [name.replace(".", "/") for name in names if name.startswith(("e3pose.", "tests."))]
-    return frozenset(f"{top}{name}{end}" for name in found for top in ("", "src/") for end in ENDS)
+def modules() -> frozenset[str]:
+    """Return all Python files of the project, by their paths in it."""
+    tops = (ROOT / top for top in ("src", "hub", "lab", "tests", "examples"))
+    found = (path for top in tops for path in top.rglob("*.py") if ".venv" not in path.parts)
+    return frozenset(path.relative_to(ROOT).as_posix() for path in found)
+
+
+def files_of(name: str) -> set[str]:
+    """Return the files that run when a module is imported: its own, and those of its packages."""
+    parts = name.split(".")
+    paths = ("/".join(parts[: n + 1]) for n in range(len(parts)))
+    ends = (f"{path}{end}" for path in paths for end in (".py", "/__init__.py"))
+    return {f"{top}{end}" for end in ends for top in TOPS} & modules()
+
+
+@cache
+def text_of(path: str) -> str:
+    """Return the text of a file of the project."""
+    return (ROOT / path).read_text()
+
+
+@cache
+def named(path: str) -> frozenset[str]:
+    """Return the files that a file imports, or names as a string."""
+    found = set[str]()
+    for home, names, module, said in IMPORT.findall(text_of(path)):
+        for name in (home or module or said, *(f"{home}.{one}" for one in WORD.findall(names))):
+            found |= files_of(name)
+        lazy = {f"{top}{home.replace('.', '/')}/__init__.py" for top in TOPS} & modules()
+        for package in lazy - {path}:
+            if LAZY.search(text_of(package)):
+                found |= named(package)
+    return frozenset(found)
+
+
+@cache
+def imported(path: str) -> frozenset[str]:
+    """Return the files that run when a file does."""
+    text, folder = text_of(path), path.rpartition("/")[0]
+    found = files_of("e3pose.base.deferred") if LAZY.search(text) else {*named(path)}
+    if BY_NAME.search(text):
+        found |= {one for one in modules() if one.rpartition("/")[0] == folder}
+    while folder.startswith("tests/"):
+        found |= {f"{folder}/conftest.py"} & modules()
+        folder = folder.rpartition("/")[0]
+    return frozenset(found)
+
+
+@cache
+def reaches_all(path: str) -> bool:
+    """Return whether a file runs or reads what its imports do not tell."""
+    text = text_of(path)
+    return bool(RUNS_ALL.search(text) or (path.startswith("tests/") and READS_ALL.search(text)))
+
+
+def reached(path: str) -> set[str] | None:
+    """Return what a file of tests reaches by imports, with itself; None for everything."""
+    found, new = set[str](), {path}
+    while new:
+        found |= new
+        if any(reaches_all(one) for one in new):
+            return None
+        new = {other for one in new for other in imported(one)} - found
+    return found
+
+
+def beside(path: str) -> set[str]:
+    """Return the modules in, or below, the nearest folder with modules, of a file that is none."""
+    folder = path.rpartition("/")[0]
+    while folder and not any(one.rpartition("/")[0] == folder for one in modules()):
+        folder = folder.rpartition("/")[0]
+    return {one for one in modules() if folder and one.startswith(f"{folder}/")}
 
 
 def unchanged(differ: set[str]) -> list[str]:
-    """Return the names of the rooms that nothing which differs touches."""
-    found = []
-    for name, (tests, sources) in ROOMS.items():
-        places = (*tests, *sources)
-        own = any(one.startswith((*places, *ALWAYS)) for one in differ)
-        if not own and not differ & imported(places):
-            found.append(name)
-    return found
+    """Return the files of tests that reach nothing which differs; those of no room always run."""
+    if any(one.startswith(ALWAYS) for one in differ):
+        return []
+    differ = differ.union(*(beside(one) for one in differ - modules()))
+    tests = sorted(one for one in modules() if re.fullmatch(r"tests/.+/test_\w+\.py", one))
+    return [one for one in tests if (found := reached(one)) is not None and not found & differ]
 
 
 def compile_kernels() -> None:
@@ -117,10 +189,12 @@ def main() -> None:
     """See the module."""
     since = None if "--all" in sys.argv else base()
     left_out = unchanged(changed(since)) if since else []
-    for name in left_out:
-        print(f"tests of {name}: left out, as nothing they test differs from {str(since)[:12]}")
-    ignored = [f"--ignore={place.rstrip('/')}" for name in left_out for place in ROOMS[name][0]]
-    Path(sys.argv[1]).write_text("".join(f"{one}\n" for one in ignored))
+    if left_out:
+        rooms = Counter(path.split("/")[1] for path in left_out).most_common()
+        said = ", ".join(f"{room} {count}" for room, count in rooms)
+        print(f"left out {len(left_out)} files of tests ({said}):")
+        print(f"nothing that they import differs from {str(since)[:12]}")
+    Path(sys.argv[1]).write_text("".join(f"--ignore={path}\n" for path in left_out))
     compile_kernels()
 
 

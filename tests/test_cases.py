@@ -59,23 +59,29 @@ def test_a_table_is_skipped_only_where_all_cases_are() -> None:
 
 
 @each_case(
-    "differs, tested",
+    "differs, reached",
     [
-        ("README.md", set()),
-        ("lab/e3pose_lab/__init__.py", {"lab"}),
-        ("tests/lab/test_new.py", {"lab"}),
-        ("tests/live/test_hub_page.py", {"hub"}),
-        ("src/e3pose/calibrate/new.py", {"calibrate"}),
-        ("src/e3pose/simulate/__init__.py", {"lab", "calibrate"}),  # their tests import it
-        ("src/e3pose/model/camera.py", {*prepare.ROOMS}),
-        ("pyproject.toml", {*prepare.ROOMS}),
+        ("lab/e3pose_lab/each.py", "tests/lab/test_each.py"),
+        ("tests/edge/delays.py", "tests/edge/test_lead_dynamics.py"),  # a helper
+        ("tests/recording/conftest.py", "tests/recording/calibration/test_calibration_errors.py"),
+        ("src/e3pose/base/arrays.py", "tests/estimate/filter/test_motion.py"),  # by others
+        ("src/e3pose/edge/lead.py", "tests/site/test_up.py"),  # starts programs
+        ("src/e3pose/store/rows.py", "tests/events/test_rules.py"),  # a lazy package
+        ("src/e3pose/site/web/static/pictures.js", "tests/live/test_view_page.py"),  # no module
+        ("lab/benchmarks/claims.toml", "tests/lab/benchmarks/test_claims.py"),
+        ("docs/index.md", "tests/wire/test_messages_doc.py"),  # reads pages
+        ("pyproject.toml", "tests/model/test_rotations.py"),
     ],
 )
-def test_a_room_is_tested_where_it_or_what_it_imports_differs(
-    differs: str, tested: set[str]
-) -> None:
-    assert {*prepare.ROOMS} - {*prepare.unchanged({differs})} >= tested
-    assert tested or prepare.unchanged({differs}) == [*prepare.ROOMS]
+def test_tests_that_reach_what_differs_are_not_left_out(differs: str, reached: str) -> None:
+    assert (TESTS.parent / reached).is_file()
+    assert reached not in prepare.unchanged({differs})
+
+
+def test_tests_that_reach_nothing_which_differs_are_left_out() -> None:
+    left_out = prepare.unchanged({"src/e3pose/site/web/server.py", "README.md"})
+    assert {"tests/estimate/filter/test_motion.py", "tests/model/test_rotations.py"} <= {*left_out}
+    assert not any(path.startswith(("tests/cli/", "tests/live/test_faults")) for path in left_out)
 
 
 def test_everything_is_tested_where_nothing_is_known(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -34,7 +34,7 @@ def states(joints_m: Floats, sigma_m: float = 0.02, zones: tuple[ZoneTable, ...]
         ("squat", "crouching"), ("pick-up", "bending"), ("lie-on-floor", "lying"),
     ],
 )  # fmt: skip
-@each_case("seed", range(3))
+@each_case("seed", range(2))
 def test_what_a_body_does_is_told(kind: str, state: str, seed: int) -> None:
     # Three seconds before it gets up: the last posture has been held for as long.
     joints_m = doing(kind, seed)
@@ -83,22 +83,21 @@ PARTS = {
 SURE = 0.8
 
 
-@each_case("hidden", PARTS)
-def test_missing_joints_make_a_state_uncertain_never_wrong(hidden: str) -> None:
-    rows = [row for row, name in enumerate(COCO17.joints) if any(p in name for p in PARTS[hidden])]
-    for kind in ("pick-up", "squat", "sit-hard", "fall-backward"):
-        joints_m = doing(kind, 0, seconds=14.0).copy()
-        whole = states(joints_m)
-        joints_m[:, rows] = np.nan
-        part = states(joints_m)
-        same = whole.argmax(axis=1)
-        lasts = np.array(
-            [(same[max(n - 12, 0) : n + 13] == same[n]).all() for n in range(len(same))]
-        )
-        lasts &= whole.max(axis=1) > SURE
+@each_case("kind", ["pick-up", "squat", "sit-hard", "fall-backward"])
+def test_missing_joints_make_a_state_uncertain_never_wrong(kind: str) -> None:
+    joints_m = doing(kind, 0, seconds=14.0)
+    whole = states(joints_m)
+    same = whole.argmax(axis=1)
+    lasts = np.array([(same[max(n - 12, 0) : n + 13] == same[n]).all() for n in range(len(same))])
+    lasts &= whole.max(axis=1) > SURE
+    assert lasts.sum() > 60
+    for hidden, words in PARTS.items():
+        part_m = joints_m.copy()
+        part_m[:, [any(word in joint for word in words) for joint in COCO17.joints]] = np.nan
+        part = states(part_m)
         told = part.argmax(axis=1)
         wrong = lasts & (part.max(axis=1) > SURE) & (told != same) & (told != UNKNOWN)
-        assert lasts.sum() > 60 and not wrong.any(), (kind, STATES[int(told[wrong][0])])
+        assert not wrong.any(), (hidden, STATES[int(told[wrong][0])])
 
 
 def test_children_and_giants_stand() -> None:
