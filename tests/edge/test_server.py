@@ -13,7 +13,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from tests.edge.one_process import Site, site_at_work, started
-from tests.waiting import WAIT_S, eventually
+from tests.waiting import WAIT_S, eventually, settled
 
 from e3pose.base.clock import WallClock
 from e3pose.edge import camera_state, server
@@ -424,7 +424,8 @@ def test_edge_says_that_it_compiles_and_orders_nobody_before_it_is_done(
         for camera_id in made.recording.rig.camera_ids:
             made.start_camera(camera_id)
         assert eventually(lambda: len(made.online()) == 3)  # all are connected, and wait
-        assert edge.status().compiling_s is not None and not orders and edge.counts.slots == 0
+        assert settled(lambda: len(orders) + edge.counts.slots) == 0
+        assert edge.status().compiling_s is not None
         done.set()
         assert eventually(lambda: bool(orders) and edge.counts.slots > 5)
         assert edge.status().compiling_s is None
