@@ -97,7 +97,11 @@ def atomic_folder(
             yield temporary
             temporary.chmod(folder_mode(path.parent) if private else 0o777 & ~_umask())
             check_free(path, overwrite, ours)  # hours may have passed since the first look
-            _sync_all(temporary)
+            for above, _, names in os.walk(temporary):
+                for name in names:
+                    if not (part := Path(above, name)).is_symlink():
+                        sync_path(part)
+                sync_path(Path(above))
             _replace(temporary, path)
             sync_path(path.parent)
         except OSError as error:
@@ -160,14 +164,6 @@ def _make_above(path: Path, private: bool) -> None:
         make_folder(path.parent)
     else:
         path.parent.mkdir(parents=True, exist_ok=True)
-
-
-def _sync_all(folder: Path) -> None:
-    for above, _, names in os.walk(folder):
-        for name in names:
-            if not (part := Path(above, name)).is_symlink():
-                sync_path(part)
-        sync_path(Path(above))
 
 
 def _check_above(path: Path) -> None:

@@ -94,16 +94,14 @@ def _own(thing: str, name: str) -> Any:
     assert match is not None
     place, wanted = match["module"], match["name"]
     try:
-        module = _file(Path(place)) if place.endswith(FILE_ENDING) else _module(place)
+        module = (
+            _file(Path(place)) if place.endswith(FILE_ENDING) else importlib.import_module(place)
+        )
     except (ImportError, OSError) as error:
         raise InputError(thing, f"{name!r}, but {error}", "module:Name of yours") from None
     if not hasattr(module, wanted):
         raise InputError(thing, f"no {wanted} in {place}", "module:Name of yours")
     return getattr(module, wanted)
-
-
-def _module(name: str) -> Any:
-    return importlib.import_module(name)
 
 
 def _file(path: Path) -> Any:

@@ -205,7 +205,7 @@ def convert(kind: Any, found: Any) -> Any:
             _inside(inner[0], str(key), key): _inside(inner[1], value, key)
             for key, value in found.items()
         }
-    elif dataclasses.is_dataclass(kind) or _is_struct(kind):
+    elif dataclasses.is_dataclass(kind) or (_is_class(kind) and issubclass(kind, msgspec.Struct)):
         return found if isinstance(found, kind) else read_table(kind, found)
     elif kind is float and isinstance(found, int | float) and not isinstance(found, bool):
         return float(found)
@@ -224,7 +224,7 @@ def _one_of(kinds: tuple[Any, ...], found: Any) -> Any:
         except InputError as error:
             if error.thing:  # inside a table, and so nearer to what was meant
                 deeper = error
-    named = [_expected(kind) for kind in kinds if not _is_none(kind)]
+    named = [_expected(kind) for kind in kinds if kind is not type(None)]
     raise deeper or InputError("", _shown(kinds, found), " or ".join(named))
 
 
@@ -251,18 +251,6 @@ def _is_a(kind: Any, found: Any) -> bool:
     return fits and (kind is bool or not isinstance(found, bool))
 
 
-def _is_literal(kind: Any) -> bool:
-    return typing.get_origin(kind) is Literal
-
-
-def _is_none(kind: object) -> bool:
-    return kind is type(None)
-
-
-def _is_struct(kind: Any) -> bool:
-    return _is_class(kind) and issubclass(kind, msgspec.Struct)
-
-
 def _is_class(kind: Any) -> bool:
     """Return whether a type hint is a class, which Python 3.10 also says of `list[int]`."""
     return isinstance(kind, type) and typing.get_origin(kind) is None
@@ -280,7 +268,7 @@ def _expected(kind: Any) -> str:
 def _shown(kind: Any, found: Any) -> str:
     """Return a value itself where it is one of the wrong choice, else what sort of thing it is."""
     kinds = kind if isinstance(kind, tuple) else (kind,)
-    literals = [each for each in kinds if _is_literal(each)]
+    literals = [each for each in kinds if typing.get_origin(each) is Literal]
     chosen = [value for each in literals for value in typing.get_args(each)]
     if any(type(value) is type(found) for value in chosen):
         return repr(found)[:MAX_SHOWN]

@@ -234,7 +234,13 @@ def fit_intrinsics(
             "has it a white rim?"
         )
     used = choose_views(corners_m, corners_px, image_size, sharpness, MOST_VIEWS)
-    _check_tilted(camera_id, corners_m, corners_px[used], image_size)
+    tilted = int(tilted_views(corners_m, corners_px[used], image_size).any(axis=1).sum())
+    if tilted < MIN_TILTED:
+        raise InputError(
+            f"camera {camera_id}: found {tilted} views of a tilted board, expected at least "
+            f"{MIN_TILTED}: a board held parallel to the image does not tell the focal length; "
+            "record it again, tilted by 20 to 40 degrees to all sides"
+        )
     used, cleaned = _without_outliers(image_size, corners_m, corners_px, used)
     held_out = {model: _held_out(model, image_size, corners_m, cleaned) for model in models}
     best = min((value for value in held_out.values() if np.isfinite(value)), default=np.nan)
@@ -427,19 +433,6 @@ def _fitted(
     """Return a camera at the origin; raise `ValueError` or `InputError` when there is no fit."""
     K, distortion = _fit(model, image_size, corners_m, corners_px)
     return Camera(camera_id, image_size, K, np.eye(4), distortion, model == "fisheye")
-
-
-def _check_tilted(
-    camera_id: str, corners_m: Floats, corners_px: Floats, image_size: tuple[int, int]
-) -> None:
-    """Raise `InputError` if the board was never tilted."""
-    tilted = int(tilted_views(corners_m, corners_px, image_size).any(axis=1).sum())
-    if tilted < MIN_TILTED:
-        raise InputError(
-            f"camera {camera_id}: found {tilted} views of a tilted board, expected at least "
-            f"{MIN_TILTED}: a board held parallel to the image does not tell the focal length; "
-            "record it again, tilted by 20 to 40 degrees to all sides"
-        )
 
 
 def _filmed_angle(camera: Camera, corners_px: Floats) -> float:

@@ -86,17 +86,15 @@ def kinds_of(adjusted: Adjusted, factor: float) -> NDArray[np.int64]:
                 if cameras[first].image_size != cameras[second].image_size:
                     continue
                 joined = np.where(kinds == b, a, kinds)
-                rise = _misfit(log_focal, precision, joined)
+                # The weighted square of focal lengths about one for each kind.
+                design = (joined[:, None] == np.unique(joined)).astype(np.float64)
+                means = np.linalg.solve(
+                    design.T @ precision @ design, design.T @ precision @ log_focal
+                )
+                off = log_focal - design @ means
+                rise = float(off @ precision @ off)
                 if best is None or rise < best[0]:
                     best = rise, joined
         if best is None or best[0] > most:
             return kinds
         kinds = best[1]
-
-
-def _misfit(values: Floats, precision: Floats, kinds: NDArray[np.int64]) -> float:
-    """Return the weighted square of values about one value for each kind."""
-    design = (kinds[:, None] == np.unique(kinds)).astype(np.float64)
-    means = np.linalg.solve(design.T @ precision @ design, design.T @ precision @ values)
-    off = values - design @ means
-    return float(off @ precision @ off)

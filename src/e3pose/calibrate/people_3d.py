@@ -86,13 +86,6 @@ def statures(people: People3D) -> Floats:
     return np.array(found)
 
 
-def limb_length(people: People3D, first: str, second: str) -> float:
-    """Return the median distance of two joints by name; NaN if they were not placed together."""
-    apart = np.linalg.norm(people.of(first) - people.of(second), axis=-1)
-    known = apart[np.isfinite(apart)]
-    return float(np.median(known)) if len(known) >= MIN_LIMBS else float("nan")
-
-
 ASSUMED_SHARE = 0.06  # how far off a guess from people of average stature may be
 
 
@@ -147,7 +140,9 @@ def from_limb(people: People3D, first: str, second: str, metres: float) -> Scale
     Raises:
         InputError: when the two were seldom triangulated together.
     """
-    length = limb_length(people, first, second)
+    apart = np.linalg.norm(people.of(first) - people.of(second), axis=-1)
+    known = apart[np.isfinite(apart)]
+    length = float(np.median(known)) if len(known) >= MIN_LIMBS else float("nan")
     if not length > 0:
         raise InputError(f"--limb: {first} and {second} were rarely triangulated together")
     return Scale(metres / length, f"{metres:g} m from {first} to {second}", 0.03)

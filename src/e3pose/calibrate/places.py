@@ -238,7 +238,11 @@ def _by_points(lenses: Rig, keypoints_px: Floats, source: str) -> PointRig:
             "they fit no place of it: its film began at another time (--offset), it was moved, or "
             "--intrinsics has another lens"
         )
-    _check_all_placed(lenses, solved.placed, f"see the {source}")
+    parts = [
+        np.flatnonzero(solved.placed).tolist(),
+        *([i] for i in np.flatnonzero(~solved.placed).tolist()),
+    ]
+    check_connected(lenses.camera_ids, parts, f"see the {source}")
     return solved
 
 
@@ -258,11 +262,6 @@ def check_size(lenses: Rig, camera_id: str, size: tuple[int, int]) -> None:
             f"camera {camera_id}: image size: found {size[0]}x{size[1]}, expected "
             f"{expected[0]}x{expected[1]} as in --intrinsics; measure the lens in this mode"
         )
-
-
-def _check_all_placed(rig: Rig, done: NDArray[np.bool_], what: str) -> None:
-    parts = [np.flatnonzero(done).tolist(), *([i] for i in np.flatnonzero(~done).tolist())]
-    check_connected(rig.camera_ids, parts, what)
 
 
 def agreement(residuals: Floats, weights: Floats, sigma_px: Floats | float) -> Fit:

@@ -50,7 +50,10 @@ def find_tracklets(camera: int, series: ViewSeries, fps: float) -> list[Tracklet
         series: what it saw.
         fps: slots per second.
     """
-    most_gap = _most_gap(series, fps)
+    # A person may be missing for so many slots, more if detections are rare.
+    steps = np.diff(series.slots)
+    often = GAP_PER_INTERVAL * float(np.median(steps)) if len(steps) else 0.0
+    most_gap = max(1, round(max(MOST_GAP_S * fps, min(often, LONGEST_GAP_S * fps))))
     open_rows: list[list[int]] = []
     open_slots: list[list[int]] = []
     finished: list[tuple[list[int], list[int]]] = []
@@ -86,13 +89,6 @@ def find_tracklets(camera: int, series: ViewSeries, fps: float) -> list[Tracklet
         for slots, rows in finished
         if len(slots) >= MIN_LENGTH
     ]
-
-
-def _most_gap(series: ViewSeries, fps: float) -> int:
-    """Return for how many slots a person may be missing, more if detections are rare."""
-    steps = np.diff(series.slots)
-    often = GAP_PER_INTERVAL * float(np.median(steps)) if len(steps) else 0.0
-    return max(1, round(max(MOST_GAP_S * fps, min(often, LONGEST_GAP_S * fps))))
 
 
 def _clear(cost: Floats, i: int, j: int) -> bool:

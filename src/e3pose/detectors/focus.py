@@ -367,9 +367,9 @@ def detect_expected(detector: Any, image: Any, expected: ExpectedView | None) ->
     if expected is not None and uses_feedback(detector):
         height, width = image.shape[:2]
         if isinstance(detector, InBoxes):
-            boxes = boxes_of(expected, (width, height))
-            if len(boxes):
-                return detector.detect_in_boxes(image, boxes)
+            inside, seen = _boxes(expected, (width, height))
+            if seen.any():
+                return detector.detect_in_boxes(image, inside[seen])
         else:
             look = look_at(expected, (width, height), detector)
     if look is None or expected is None:
@@ -453,20 +453,6 @@ def _input_pixels(part: Part | None, image_size: tuple[int, int], network: Input
     part = part or Part(0, 0, *image_size, network.long_side)
     width, height = letterbox_to_side(part.size, part.long_side, network.multiple).input_size
     return width * height
-
-
-def boxes_of(expected: ExpectedView, image_size: tuple[int, int]) -> NDArray[np.float64]:
-    """Return where in an image people are expected, with margins.
-
-    Args:
-        expected: who is expected where.
-        image_size: `(width, height)` in pixels.
-
-    Returns:
-        `(num_persons, 4)` left, top, right, bottom in pixels, of those who may be in the image.
-    """
-    inside, seen = _boxes(expected, image_size)
-    return np.asarray(inside[seen])
 
 
 def _boxes(

@@ -289,7 +289,13 @@ def load_network(path: Path, provider: str = "auto", threads: int | None = None)
     Raises:
         InputError: when the file is not a network, or the provider cannot be had.
     """
-    _check_file(path)
+    if not path.is_file():
+        raise InputError(f"{path}: no such file, expected a network in .onnx or .pb")
+    size = path.stat().st_size
+    if not 0 < size <= MAX_MODEL_BYTES:
+        raise InputError(
+            f"{path}: found {size} bytes, expected a network of 1 to {MAX_MODEL_BYTES}"
+        )
     if threads is not None and not 1 <= threads <= 1024:
         raise InputError(f"threads: found {threads}, expected 1 to 1024")
     if path.suffix == ".onnx":
@@ -302,16 +308,6 @@ def load_network(path: Path, provider: str = "auto", threads: int | None = None)
             )
         return _load_tensorflow(path, threads)
     raise InputError(f"{path}: found suffix {path.suffix!r}, expected a network in .onnx or .pb")
-
-
-def _check_file(path: Path) -> None:
-    if not path.is_file():
-        raise InputError(f"{path}: no such file, expected a network in .onnx or .pb")
-    size = path.stat().st_size
-    if not 0 < size <= MAX_MODEL_BYTES:
-        raise InputError(
-            f"{path}: found {size} bytes, expected a network of 1 to {MAX_MODEL_BYTES}"
-        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -306,11 +306,6 @@ def crop(
     )
 
 
-def network_files(folder: Path) -> list[Path]:
-    """Return the network files of a folder."""
-    return sorted(folder.glob("*.onnx"))
-
-
 def open_top_down(
     folder: Path, wanted: str = "", provider: str = "auto", threads: int | None = None
 ) -> tuple[str, TopDown]:
@@ -329,7 +324,7 @@ def open_top_down(
         wants = "a folder with a network for people's boxes and one for keypoints"
         found = "found a file" if folder.exists() else "no such folder"
         raise InputError(f"{folder}: {found}, expected {wants}")
-    files = network_files(folder)
+    files = sorted(folder.glob("*.onnx"))
     if len(files) != 2:
         wants = "two: one that finds people as boxes, one that finds keypoints"
         raise InputError(str(folder), f"{len(files)} .onnx files", wants)

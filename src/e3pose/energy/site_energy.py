@@ -104,7 +104,14 @@ def learn(cost: LearnedCost, energy_j: float, active_s: float, idle_s: float) ->
     numbers = (energy_j, active_s, idle_s)
     if not np.isfinite(numbers).all() or min(numbers) < 0 or not MIN_SPAN_S <= span_s <= MAX_SPAN_S:
         return cost
-    covariance = _forgotten(cost, span_s)
+    # What was learned is forgotten, at most to what was known before any measurement.
+    faster = 1 + FORGET_FASTER * max(cost.bias**2 - BIASED, 0.0)
+    grown = cost.covariance * np.exp(faster * span_s / FORGET_S)
+    # Directions that nothing measures must not grow for ever: none may exceed the prior.
+    scale = np.sqrt(np.diag(cost.prior))
+    values, vectors = np.linalg.eigh(grown / np.outer(scale, scale))
+    limited = (vectors * np.minimum(values, 1.0)) @ vectors.T
+    covariance = limited * np.outer(scale, scale)
     shares = np.array([active_s, idle_s]) / span_s
     # A longer stretch averages its noise away.
     noise = cost.noise / span_s
@@ -149,17 +156,6 @@ def slot_cost(cost: LearnedCost, interval_s: float) -> SlotCost:
     active, idle = (cost.watts * interval_s).tolist()
     active_sigma, idle_sigma = (sigma * interval_s).tolist()
     return SlotCost(active, idle, active_sigma, idle_sigma, why.startswith("measured"), why)
-
-
-def _forgotten(cost: LearnedCost, span_s: float) -> Floats:
-    """Return the covariance after some time, at most what was known before any measurement."""
-    faster = 1 + FORGET_FASTER * max(cost.bias**2 - BIASED, 0.0)
-    grown = cost.covariance * np.exp(faster * span_s / FORGET_S)
-    # Directions that nothing measures must not grow for ever: none may exceed the prior.
-    scale = np.sqrt(np.diag(cost.prior))
-    values, vectors = np.linalg.eigh(grown / np.outer(scale, scale))
-    limited = (vectors * np.minimum(values, 1.0)) @ vectors.T
-    return np.asarray(limited * np.outer(scale, scale))
 
 
 SUN_S = 600.0  # over which charging is averaged: a cloud is no evening

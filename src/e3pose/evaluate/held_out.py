@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from e3pose.base.arrays import Flags, Floats
+from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
 from e3pose.base.known import mean_of_known
 from e3pose.evaluate.figures import Distances, HeldOut, HeldOutCamera
@@ -133,7 +133,9 @@ def _one(
         same = [pair for pair in pairs if mean_m[pair] < SAME_M]
         off += [apart[pair][None] for pair in same]
         counted = (view.scores[:, rows] > SURE_SCORE).sum(axis=-1) >= LEAST_KEYPOINTS
-        shown = _in_image(camera, joints_m[:, rows])
+        pixels = camera.project(joints_m[:, rows])  # NaN counts as outside the image
+        inside = ((pixels >= 0) & (pixels < camera.image_size)).all(axis=-1)
+        shown = 2 * inside.sum(axis=-1) >= inside.shape[-1]  # half of the joints
         people, poses = people + int(counted.sum()), poses + int(shown.sum())
         shown[[pose for pose, _ in same]] = False
         unseen += int(shown.sum())
@@ -156,13 +158,6 @@ def _apart(camera: Camera, joints_m: Floats, view: Poses2D) -> Floats:
     depth_m = joints_m @ camera.R[2] + camera.t[2]
     focal_px = np.sqrt(camera.K[0, 0] * camera.K[1, 1])
     return np.stack([apart_px, apart_px * depth_m[:, None] / focal_px], axis=-1)
-
-
-def _in_image(camera: Camera, joints_m: Floats) -> Flags:
-    """Return `(num_poses,)`: at least half of the joints are inside the image."""
-    pixels = camera.project(joints_m)  # NaN compares as outside
-    inside = ((pixels >= 0) & (pixels < camera.image_size)).all(axis=-1)
-    return np.asarray(2 * inside.sum(axis=-1) >= inside.shape[-1])
 
 
 def _distances(off: Floats) -> Distances:

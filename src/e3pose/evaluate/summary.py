@@ -125,7 +125,9 @@ def accuracy(recording: Recording, records: Sequence[SlotRecord]) -> Accuracy:
     by_slot = {record.slot: record for record in records}
     scored = [by_slot.get(slot) for slot in range(first, stop)]
     predicted = in_skeleton(scored, recording.skeleton, truth.skeleton)
-    scores = [_person_scores(record) for record in scored]
+    scores = [  # of each person, in which a missing joint counts 0
+        np.zeros(0) if record is None else record.people.scores.mean(axis=-1) for record in scored
+    ]
     pcp = None
     if truth.skeleton == SHELF14:
         counts = count_parts(predicted, true_joints)
@@ -179,11 +181,6 @@ def in_skeleton(
     people = People.joined([r.people for r in scored if r is not None], len(source))
     joints_m, _ = convert(people.joints_m, people.scores, source, target)
     return np.split(joints_m, np.cumsum(counts)[:-1]) if counts else []
-
-
-def _person_scores(record: SlotRecord | None) -> Floats:
-    """Return `(num_persons,)` mean joint score, in which a missing joint counts 0."""
-    return np.zeros(0) if record is None else record.people.scores.mean(axis=-1)
 
 
 def _has_root(joints_m: Floats, skeleton: Skeleton) -> NDArray[np.bool_]:

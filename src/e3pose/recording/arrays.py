@@ -81,7 +81,18 @@ def load_arrays(path: Path, shapes: Mapping[str, Shape]) -> dict[str, NDArray[np
             except BROKEN as error:
                 reason = reason_of(error)[:200]
                 raise InputError(f"{path}: array {name!r}: {reason}") from None
-            _check_shape(f"{path}: array {name!r}", array.shape, shape, lengths)
+            fits = len(array.shape) == len(shape)
+            for length, axis in zip(array.shape, shape, strict=False):
+                fits &= length == (
+                    lengths.setdefault(axis, length) if isinstance(axis, str) else axis
+                )
+            if not fits:
+                wanted = ", ".join(
+                    str(lengths.get(a, a) if isinstance(a, str) else a) for a in shape
+                )
+                raise InputError(
+                    f"{path}: array {name!r}: found shape {array.shape}, expected ({wanted})"
+                )
             arrays[name] = array
     return arrays
 
@@ -138,14 +149,3 @@ def read_array(member: IO[bytes], size: int, kinds: str = "fiuU") -> NDArray[np.
         raise ValueError(f"found {len(content)} bytes, expected {num_bytes}")
     array = np.frombuffer(content, dtype=dtype) if count else np.zeros(0, dtype=dtype)
     return array.reshape(shape, order="F" if fortran else "C")
-
-
-def _check_shape(
-    where: str, found: tuple[int, ...], expected: Shape, lengths: dict[str, int]
-) -> None:
-    fits = len(found) == len(expected)
-    for length, axis in zip(found, expected, strict=False):
-        fits &= length == (lengths.setdefault(axis, length) if isinstance(axis, str) else axis)
-    if not fits:
-        wanted = ", ".join(str(lengths.get(a, a) if isinstance(a, str) else a) for a in expected)
-        raise InputError(f"{where}: found shape {found}, expected ({wanted})")

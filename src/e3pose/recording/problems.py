@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import permutations
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ import numpy as np
 from e3pose.base.arrays import Floats
 from e3pose.base.known import mean_of_known
 from e3pose.base.quantities import plural
-from e3pose.model.camera import Camera, Rig
+from e3pose.model.camera import Camera
 from e3pose.model.pose import Poses2D
 from e3pose.recording.calibration.world import world_problem
 from e3pose.recording.record import Recording, ViewSeries
@@ -33,7 +34,9 @@ def epipolar_distances_px(recording: Recording) -> Floats:
     rig = recording.rig
     num_cameras = len(rig)
     samples: list[list[list[float]]] = [[[] for _ in rig.cameras] for _ in rig.cameras]
-    lines = _fundamentals(rig)
+    lines = np.zeros((num_cameras, num_cameras, 3, 3))  # [a, b] maps pixels of a to lines in b
+    for a, b in permutations(range(num_cameras), 2):
+        lines[a, b] = rig.fundamental(a, b)
     for slot in _sampled_slots(recording):
         views = [_sample(recording.view(slot, camera)) for camera in range(num_cameras)]
         pixels = [
@@ -95,16 +98,6 @@ def _sample(view: Poses2D | None) -> Poses2D:
         return Poses2D.empty(0)
     rows = slice(0, MAX_SAMPLED_PEOPLE)
     return Poses2D(view.keypoints_px[rows], view.scores[rows])
-
-
-def _fundamentals(rig: Rig) -> Floats:
-    """Return `(num_cameras, num_cameras, 3, 3)`: [a, b] maps pixels of a to lines in b."""
-    F = np.zeros((len(rig), len(rig), 3, 3))
-    for a in range(len(rig)):
-        for b in range(len(rig)):
-            if a != b:
-                F[a, b] = rig.fundamental(a, b)
-    return F
 
 
 def _line_distances(pixels: Floats, candidates: Floats, F: Floats) -> Floats:

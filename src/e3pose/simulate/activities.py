@@ -162,7 +162,12 @@ class Play:
         self._begin()
         for index, time_s in enumerate(times):
             for person, task in enumerate(self.tasks):
-                self._turn_corner(person)
+                group = self.group
+                if (
+                    self.routes[person]
+                    and np.hypot(*(group.goal[person] - group.xy[person])) < CORNER_M
+                ):
+                    self._head_on(person)
                 if self._finished(person, task, float(time_s)):
                     self.tasks[person] = self._next(person, task, float(time_s))
             xy[index], heading[index] = self.group.xy, self.group.heading
@@ -179,7 +184,16 @@ class Play:
         places = self.rng.permutation(len(self.seats)).tolist() if settled else []
         for person in range(len(self.tasks)):
             if person < len(places):
-                self._settle(person, places[person])
+                seat = places[person]  # where the person has been for long
+                self.group.own_seat[person] = seat
+                self.group.xy[person] = self._front(seat)
+                self.group.heading[person] = self.seats[seat, 2]
+                duration = float(self.rng.uniform(*self._stay_s()))
+                if self.scene.upright:
+                    self._gestures(person, -RAMP_S, duration + RAMP_S, tuple(GESTURES))
+                else:
+                    self._sit(person, -SIT_S, duration + SIT_S)
+                self.tasks[person] = _Task("wait", duration)
                 continue
             later = self.scene.habits.leave > 0 and person % 4 == 3
             place = None if later else self._free_place(person, ROOM_M)
@@ -189,18 +203,6 @@ class Play:
                 self.group.xy[person] = place
                 self.group.heading[person] = self.rng.uniform(-np.pi, np.pi)
                 self.tasks[person] = _Task("wait", float(self.rng.uniform(0, 1.5)))
-
-    def _settle(self, person: int, seat: int) -> None:
-        """Begin at a seat, as if the person had been there for long."""
-        self.group.own_seat[person] = seat
-        self.group.xy[person] = self._front(seat)
-        self.group.heading[person] = self.seats[seat, 2]
-        duration = float(self.rng.uniform(*self._stay_s()))
-        if self.scene.upright:
-            self._gestures(person, -RAMP_S, duration + RAMP_S, tuple(GESTURES))
-        else:
-            self._sit(person, -SIT_S, duration + SIT_S)
-        self.tasks[person] = _Task("wait", duration)
 
     def _stay_s(self) -> tuple[float, float]:
         habits = self.scene.habits
@@ -229,11 +231,23 @@ class Play:
         group, rng = self.group, self.rng
         group.pace[person] = 0.0
         if task.kind == "away":
-            return self._arrive(person, time_s)
+            # Come in through a door that nobody stands in, or wait a moment longer.
+            door = self.exits[self.rng.integers(len(self.exits))]
+            if np.hypot(*(self.group.xy - door).T).min() < 4 * PERSON_RADIUS_M:
+                return _Task("away", time_s + 0.5)
+            self.group.xy[person] = door
+            self.group.heading[person] = np.arctan2(-door[1], -door[0])
+            self.group.turning[person] = 0.0
+            return self._wander(person, time_s)
         if task.kind == "walk" and task.then:
             late = time_s >= task.until_s
             if task.then[0][0] == "away":
-                return self._walk_off(person, time_s, late)
+                if late:
+                    return self._wander(person, time_s)
+                self.group.xy[person] = NOWHERE * (1 + person)
+                self.routes[person] = []
+                self.group.velocity[person] = 0.0
+                return _Task("away", time_s + float(self.rng.uniform(3, 10)))
             if task.then[0][0] in EPISODES and not late:  # in the middle of walking
                 return self._do(person, time_s, *task.then[0])
             if late:  # somebody was in the way
@@ -337,29 +351,6 @@ class Play:
         """Head for the next corner of the way, or for its end."""
         self.group.goal[person] = self.routes[person].pop(0)
         self.group.stops[person] = self.stops[person] and not self.routes[person]
-
-    def _turn_corner(self, person: int) -> None:
-        group = self.group
-        if self.routes[person] and np.hypot(*(group.goal[person] - group.xy[person])) < CORNER_M:
-            self._head_on(person)
-
-    def _walk_off(self, person: int, time_s: float, late: bool) -> _Task:
-        if late:
-            return self._wander(person, time_s)
-        self.group.xy[person] = NOWHERE * (1 + person)
-        self.routes[person] = []
-        self.group.velocity[person] = 0.0
-        return _Task("away", time_s + float(self.rng.uniform(3, 10)))
-
-    def _arrive(self, person: int, time_s: float) -> _Task:
-        """Come in through a door that nobody stands in, or wait a moment longer."""
-        door = self.exits[self.rng.integers(len(self.exits))]
-        if np.hypot(*(self.group.xy - door).T).min() < 4 * PERSON_RADIUS_M:
-            return _Task("away", time_s + 0.5)
-        self.group.xy[person] = door
-        self.group.heading[person] = np.arctan2(-door[1], -door[0])
-        self.group.turning[person] = 0.0
-        return self._wander(person, time_s)
 
     def _sit(self, person: int, time_s: float, duration: float) -> None:
         """Sit down now and be up again after `duration` seconds, with a calm gesture in between."""

@@ -111,7 +111,16 @@ def joints_of(body: Body, posture: Posture) -> Floats:
         elbow = shoulder + body.upper_arm * np.einsum("tij,tj->ti", torso, upper)
         wrist = elbow + body.forearm * np.einsum("tij,tj->ti", torso, lower)
         hip = posture.pelvis_m + side * body.hip_half * pelvis[:, :, 1]
-        knee, ankle = _leg(body, hip, posture.ankles_m[:, index], forward)
+        # The knee bends forward.
+        along = posture.ankles_m[:, index] - hip
+        wanted = np.linalg.norm(along, axis=-1, keepdims=True)
+        along = along / wanted
+        distance = np.clip(wanted, abs(body.thigh - body.shank) + 0.15, MAX_REACH * body.leg)
+        cosine = (body.thigh**2 + distance**2 - body.shank**2) / (2 * body.thigh * distance)
+        across = forward - along * (forward * along).sum(axis=-1, keepdims=True)
+        across /= np.maximum(np.linalg.norm(across, axis=-1, keepdims=True), 1e-9)
+        sine = np.sqrt(np.maximum(1 - cosine**2, 0.0))
+        knee, ankle = hip + body.thigh * (cosine * along + sine * across), hip + distance * along
         for row, points in zip(
             (5, 7, 9, 11, 13, 15), (shoulder, elbow, wrist, hip, knee, ankle), strict=True
         ):
@@ -139,16 +148,3 @@ def _arm_directions(angles: Floats, side: float) -> tuple[Floats, Floats]:
     inward = np.stack([sf * sa, -side * ca, -cf * sa], axis=-1)
     hinge = forward * np.cos(twist)[:, None] + inward * np.sin(twist)[:, None]
     return upper, upper * np.cos(bend)[:, None] + hinge * np.sin(bend)[:, None]
-
-
-def _leg(body: Body, hip: Floats, target: Floats, forward: Floats) -> tuple[Floats, Floats]:
-    """Return knee and ankle `(num_times, 3)`, the knee bending towards `forward`."""
-    along = target - hip
-    wanted = np.linalg.norm(along, axis=-1, keepdims=True)
-    along = along / wanted
-    distance = np.clip(wanted, abs(body.thigh - body.shank) + 0.15, MAX_REACH * body.leg)
-    cosine = (body.thigh**2 + distance**2 - body.shank**2) / (2 * body.thigh * distance)
-    across = forward - along * (forward * along).sum(axis=-1, keepdims=True)
-    across /= np.maximum(np.linalg.norm(across, axis=-1, keepdims=True), 1e-9)
-    sine = np.sqrt(np.maximum(1 - cosine**2, 0.0))
-    return hip + body.thigh * (cosine * along + sine * across), hip + distance * along

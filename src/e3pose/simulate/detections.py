@@ -333,7 +333,11 @@ def _by_score(
     )
     scores = _scores(own, other, odds_lost, fps, streams[0])
     missed = _missed(own, other, px_per_m, fps, settings, streams[1:3])
-    errors_px = _errors(scores, px_per_m, fps, settings.memory, streams[3])
+    # Errors `(num_slots, num_persons, 17, 2)` in pixels are correlated in time.
+    rng = streams[3]
+    direction = correlated(rng, (*scores.shape, 2), 1 / fps, settings.memory.parts)
+    gross = normal_cdf(correlated(rng, scores.shape, 1 / fps, GROSS_MEMORY))
+    errors_px = residuals(direction, gross, scores, px_per_m[..., None])
     return Seen(pixels + settings.noise * errors_px, scores, ~missed)
 
 
@@ -391,15 +395,6 @@ def _missed(
     tiny = np.clip(2 * (1 - px_per_m / TINY_PX_PER_M), 0.0, 1.0)
     nobody = episodes(rngs[1], px_per_m.shape, 1 / fps, np.maximum(settings.person_miss, tiny))
     return np.asarray(missed | nobody[..., None])
-
-
-def _errors(
-    scores: Floats, px_per_m: Floats, fps: float, memory: ErrorMemory, rng: np.random.Generator
-) -> Floats:
-    """Return keypoint errors `(num_slots, num_persons, 17, 2)` in pixels, correlated in time."""
-    direction = correlated(rng, (*scores.shape, 2), 1 / fps, memory.parts)
-    gross = normal_cdf(correlated(rng, scores.shape, 1 / fps, GROSS_MEMORY))
-    return residuals(direction, gross, scores, px_per_m[..., None])
 
 
 def _gathered(

@@ -13,7 +13,7 @@ from e3pose.detectors.drawn import LEVELS, draw
 from e3pose.model.camera import Camera
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17
-from e3pose.recording import Recording, Truth
+from e3pose.recording import Recording
 
 WALL, LINE = 24, 62  # greys
 REACH_M = 4.0  # of the floor's squares of a metre
@@ -27,19 +27,6 @@ def check_people(people: int) -> None:
         raise InputError("films", f"{people} people", f"at most {len(LEVELS)}: --people 2")
 
 
-def check_filmable(recording: Recording) -> Truth:
-    """Return the truth of a recording that can be filmed.
-
-    Raises:
-        InputError: for more people than differ in their shade, or another skeleton.
-    """
-    truth = recording.truth
-    if truth is None or truth.skeleton != COCO17:
-        raise InputError("films", "a recording without a truth in coco17", "a simulated one")
-    check_people(len(truth.person_ids))
-    return truth
-
-
 def frames(recording: Recording, camera: int) -> Iterator[Image]:
     """Yield `(height, width, 3)` RGB, a frame per slot, of what one camera detected.
 
@@ -49,8 +36,14 @@ def frames(recording: Recording, camera: int) -> Iterator[Image]:
     Args:
         recording: a simulated one.
         camera: its index.
+
+    Raises:
+        InputError: for more people than differ in their shade, or another skeleton.
     """
-    truth = check_filmable(recording)
+    truth = recording.truth
+    if truth is None or truth.skeleton != COCO17:
+        raise InputError("films", "a recording without a truth in coco17", "a simulated one")
+    check_people(len(truth.person_ids))
     lens = recording.rig.cameras[camera]
     empty = room(lens)
     for slot in range(recording.num_slots):

@@ -78,7 +78,9 @@ def plan_gait(
         part = slice(start, stop)
         _walk(ankles, part, progress, travelled, root_m[part], heading[part], left, ankle_height_m)
         sign = 1.0 if left else -1.0
-        strength = np.minimum(1.0, speed[part] / 0.8) * _edges(progress, ways + 1.0)
+        strength = np.minimum(1.0, speed[part] / 0.8) * (
+            smoothstep(progress / 0.5) * smoothstep(((ways + 1.0) - progress) / 0.5)
+        )
         rhythm[part] = -sign * np.cos(np.pi * progress) * strength
         sway[part] = -sign * np.sin(np.pi * progress) * strength
         left = left if ways % 2 else not left
@@ -168,11 +170,6 @@ def _bouts(moving: NDArray[np.bool_]) -> list[tuple[int, int]]:
     """Return `(start, stop)` of every run of True that is more than a flicker."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], moving.view(np.int8), [0]])))
     return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a > 2]
-
-
-def _edges(progress: Floats, length: float) -> Floats:
-    """Fade in over the first half step and out over the last."""
-    return smoothstep(progress / 0.5) * smoothstep((length - progress) / 0.5)
 
 
 def _beside(root: Floats, heading: float, half_m: float) -> Floats:

@@ -75,7 +75,12 @@ def residuals(direction: Floats, gross: Floats, scores: Floats, px_per_m: Floats
         scores: `(*batch)` in [0, 1].
         px_per_m: `(*batch)` apparent size of the person.
     """
-    share, sigma = _mixture()
+    # Both components are 2D normal, so their lengths are Rayleigh distributed; the narrow one is
+    # what remains of the median when the wide one has explained the gross errors.
+    share = GROSS_SHARE / np.exp(-0.5 * (GROSS_PX / GROSS_SIGMA_PX) ** 2)
+    wide_below = 1 - np.exp(-0.5 * (MEDIAN_PX / GROSS_SIGMA_PX) ** 2)
+    narrow_below = (0.5 - share * wide_below) / (1 - share)
+    sigma = MEDIAN_PX / np.sqrt(-2 * np.log(1 - narrow_below))
     is_gross = gross < np.interp(scores, SCORES, share)
     spread = np.where(is_gross, GROSS_SIGMA_PX, np.interp(scores, SCORES, sigma))
     return direction * (spread * size_scale(px_per_m))[..., None]
@@ -86,15 +91,3 @@ def size_scale(px_per_m: Floats) -> Floats:
     low, high = SHELF_PX_PER_M
     scale = np.where(px_per_m < low, px_per_m / low, np.maximum(px_per_m / high, 1.0))
     return np.asarray(np.maximum(scale, LEAST_SCALE))
-
-
-def _mixture() -> tuple[Floats, Floats]:
-    """Return, per score, the share of the wide component and the sigma of the narrow one.
-
-    Both are 2D normal, so their lengths are Rayleigh distributed; the narrow one is what remains
-    of the median when the wide one has explained the gross errors.
-    """
-    share = GROSS_SHARE / np.exp(-0.5 * (GROSS_PX / GROSS_SIGMA_PX) ** 2)
-    wide_below = 1 - np.exp(-0.5 * (MEDIAN_PX / GROSS_SIGMA_PX) ** 2)
-    narrow_below = (0.5 - share * wide_below) / (1 - share)
-    return share, MEDIAN_PX / np.sqrt(-2 * np.log(1 - narrow_below))

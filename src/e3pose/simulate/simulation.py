@@ -73,8 +73,15 @@ def _stay(
     speed = np.linalg.norm(np.gradient(root, times_s, axis=0), axis=-1)
     gestures = tuple(g for g in life.gestures if times_s[0] - RAMP_S <= g.start_s <= times_s[-1])
     arms = move_arms(times_s, gait.rhythm, seated, gestures)
-    drift = _drift(times_s, rng, 10)
+    # Slow aimless movements `(num_times, 10)` of about unit size.
+    rate = rng.uniform(0.05, 0.45, (6, 10))
+    phase = rng.uniform(0, 2 * np.pi, (6, 10))
+    waves = [np.sin(2 * np.pi * np.outer(times_s, r) + p) for r, p in zip(rate, phase, strict=True)]
+    drift = np.sum(waves, axis=0) / np.sqrt(3.0)
     arms += 0.06 * drift[:, None, :4] * np.array([[1.0], [-0.8]])
+    # The torso leans forward most while sitting down or getting up.
+    lean = 0.03 + 0.04 * np.minimum(speed, 1.5) + 0.55 * np.sin(np.pi * life.seated[stay]) ** 2
+    lean -= 0.1 * seated
     posture = Posture(
         pelvis_m=_pelvis(body, root, heading, seated, gait, drift),
         pelvis=np.stack(
@@ -83,7 +90,7 @@ def _stay(
         torso=np.stack(
             [
                 heading + 0.11 * gait.rhythm + 0.05 * drift[:, 4],
-                _lean(life.seated[stay], seated, speed) + 0.02 * drift[:, 5],
+                lean + 0.02 * drift[:, 5],
                 0.015 * drift[:, 6] - 0.02 * gait.sway,
             ],
             axis=-1,
@@ -128,21 +135,6 @@ def _pelvis(
     height = lowest - SOFT_M * np.log(np.exp(-(stacked - lowest) / SOFT_M).sum(axis=0))
     height = height + (SEAT_HEIGHT_M + HIP_OVER_SEAT_M - height) * seated
     return np.concatenate([xy, np.minimum(_smooth(height[:, None]), lowest[:, None])], axis=-1)
-
-
-def _lean(progress: Floats, seated: Floats, speed: Floats) -> Floats:
-    """Return how far the torso leans forward: most while sitting down or getting up."""
-    return (
-        0.03 + 0.04 * np.minimum(speed, 1.5) + 0.55 * np.sin(np.pi * progress) ** 2 - 0.1 * seated
-    )
-
-
-def _drift(times_s: Floats, rng: np.random.Generator, number: int) -> Floats:
-    """Return slow aimless movements `(num_times, number)` of about unit size."""
-    rate = rng.uniform(0.05, 0.45, (6, number))
-    phase = rng.uniform(0, 2 * np.pi, (6, number))
-    waves = [np.sin(2 * np.pi * np.outer(times_s, r) + p) for r, p in zip(rate, phase, strict=True)]
-    return np.asarray(np.sum(waves, axis=0) / np.sqrt(3.0))
 
 
 def _smooth(values: Floats) -> Floats:
