@@ -23,10 +23,9 @@ ASKS = {"base/system.py", "base/child_process.py"}
 PLACES = {
     "base/threads.py": "names no thread",
     "camera/live_source.py": "refused by require_linux",
-    "camera/probe.py": "finds no device",
+    "camera/probe.py": "finds no device, and no state to suspend to",
     "detectors/weights/index.py": "finds no settings of pip",
     "settings/limits.py": "a message",
-    "camera/machine.py": "finds no state to suspend to",
     "site/check/camera.py": "a message",
     "site/check/sources.py": "finds no device",
     "site/new_site.py": "a message",

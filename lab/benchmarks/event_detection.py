@@ -34,9 +34,8 @@ from choice_of_cameras import made as made_of
 from e3pose.base.arrays import Flags
 from e3pose.evaluate.faults import downsampled
 from e3pose.evaluate.replay import ReplaySettings, replay
-from e3pose.events.looks import looks_of
 from e3pose.events.people import Seen
-from e3pose.events.watch import advance, begin_watch
+from e3pose.events.watch import advance, begin_watch, looks_of
 from e3pose.model.look_request import NO_REQUEST, LookRequest
 from e3pose.model.people import People
 from e3pose.model.person_event import ONCE, PersonEvent

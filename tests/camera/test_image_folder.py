@@ -10,7 +10,7 @@ import pytest
 
 from e3pose.base.errors import InputError
 from e3pose.camera.detect import DetectSettings, detect_videos
-from e3pose.camera.image_folder import ImageFolder, open_sources
+from e3pose.camera.source import ImageFolder, open_sources
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17, Skeleton
 from e3pose.recording import load_recording

@@ -7,9 +7,8 @@ from collections.abc import Iterator
 from tests.events.bodies import FPS, START_S, doing, seen
 from tests.events.test_rules import BED
 
-from e3pose.events.looks import CAMERAS, ENOUGH_PER_S, looks_of
 from e3pose.events.people import Seen
-from e3pose.events.watch import Watch, advance, begin_watch
+from e3pose.events.watch import CAMERAS, ENOUGH_PER_S, Watch, advance, begin_watch, looks_of
 from e3pose.model.look_request import NO_REQUEST, LookRequest
 from e3pose.model.people import People
 from e3pose.model.skeleton import COCO17

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from e3pose.base.arrays import Floats
-from e3pose.predict.newest import newest_known
-from e3pose.predict.velocities import DampedVelocity, ZeroVelocity
+from e3pose.predict.velocities import DampedVelocity, ZeroVelocity, newest_known
 
 
 def _uniform(num_slots: int, step_m: float) -> Floats:

@@ -23,7 +23,7 @@ def constant_velocity(history_m: Floats, lead_slots: int) -> Floats:
 
 
 def newest_known(history_m: Floats) -> tuple[Floats, Floats]:
-    """See `e3pose.predict.newest.newest_known`."""
+    """See `e3pose.predict.velocities.newest_known`."""
     present = np.asarray(np.isfinite(history_m).all(axis=-1))[::-1]
     age = np.argmax(present, axis=0)
     position = np.take_along_axis(history_m[::-1], age[None, ..., None], axis=0)[0]

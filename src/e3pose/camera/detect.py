@@ -16,12 +16,12 @@ import numpy as np
 from e3pose.base.atomic import atomic_folder, check_free
 from e3pose.base.errors import InputError
 from e3pose.base.lock import hold
-from e3pose.camera.image_folder import ImageFolder, Source, open_sources
 from e3pose.camera.look_times import LookTimes, taken
 from e3pose.camera.orientation import turned
 from e3pose.camera.pairing import name_videos, pair_videos
 from e3pose.camera.provenance import save_provenance
 from e3pose.camera.slots import Picture, SlotGrid, frames_in_slots
+from e3pose.camera.source import ImageFolder, Source, open_sources
 from e3pose.camera.unfinished import Unfinished
 from e3pose.detectors import Detector
 from e3pose.detectors.focus import check_feedback, detect_expected

@@ -13,7 +13,7 @@ from e3pose.base.errors import InputError
 from e3pose.camera.look_times import LookTimes, taken
 from e3pose.camera.orientation import turned
 from e3pose.camera.provenance import load_provenance
-from e3pose.camera.slot_reader import SlotReader, video_path
+from e3pose.camera.slots import SlotReader, video_path
 from e3pose.detectors import make_detector
 from e3pose.detectors.focus import check_feedback, detect_expected
 from e3pose.model.expected import ExpectedView

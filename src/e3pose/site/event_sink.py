@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.events import watch as watching
-from e3pose.events.looks import looks_of
 from e3pose.events.people import Seen
 from e3pose.events.states import STATES
-from e3pose.events.watch import Watch
+from e3pose.events.watch import Watch, looks_of
 from e3pose.model.look_request import NO_REQUEST, LookRequest
 from e3pose.model.person_event import PersonEvent, sentence
 from e3pose.pipeline import SlotRecord

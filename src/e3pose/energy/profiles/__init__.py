@@ -10,8 +10,8 @@ from typing import Annotated, Any, Literal
 
 from msgspec import Meta
 
+from e3pose.base.bounded import read_shipped
 from e3pose.base.errors import InputError
-from e3pose.base.shipped import read_shipped
 from e3pose.base.table import check_bounds, entry, read_table
 from e3pose.energy.modes import LOOKS, RESTS, SLOT_S, WAKE_S, CameraModes, Look, Rest, RestName
 

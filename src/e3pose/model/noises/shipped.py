@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 from typing import Protocol
 
-from e3pose.base.shipped import read_shipped
+from e3pose.base.bounded import read_shipped
 from e3pose.model.noise import Noise
 from e3pose.model.noises.file import FORMAT, VERSION, NoiseFile, decode_noise
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from e3pose.base.errors import InputError
 from e3pose.base.quantities import three_digits
-from e3pose.camera.machine import RAM, Machine, examine
+from e3pose.camera.probe import RAM, Machine, examine
 from e3pose.settings.camera_file import NodeTable
 from e3pose.settings.sources import shown_source
 from e3pose.site.check.clock import CLOCK_MS, check_clock

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from e3pose.base.errors import InputError
-from e3pose.camera.slot_reader import SlotReader, video_path
+from e3pose.camera.slots import SlotReader, video_path
 from e3pose.model.blind_slot import WORDS
 from e3pose.model.camera import Camera
 from e3pose.model.slot_record import SlotRecord
