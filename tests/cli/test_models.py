@@ -13,10 +13,10 @@ from pathlib import Path
 import pytest
 from tests.cli.commands import run
 
-from e3pose.detectors.weights import MODELS
-from e3pose.detectors.weights.catalogue import MOVENET, FromUrl
+from e3pose.detectors.weights.catalogue import MODELS, FromUrl
 
 WEIGHTS = b"weights"
+MOVENET = MODELS["movenet-multipose"]
 
 
 @pytest.fixture(autouse=True)
@@ -96,9 +96,8 @@ def test_a_stopped_pull_leaves_nothing(tmp_path: Path, sign: signal.Signals) -> 
     program = f"""
 from dataclasses import replace
 from e3pose.cli import main
-from e3pose.detectors.weights import MODELS
-from e3pose.detectors.weights.catalogue import MOVENET, FromUrl
-MODELS["movenet-multipose"] = replace(MOVENET, source=FromUrl({url!r}))
+from e3pose.detectors.weights.catalogue import MODELS, FromUrl
+MODELS["movenet-multipose"] = replace(MODELS["movenet-multipose"], source=FromUrl({url!r}))
 main(["models", "pull", "movenet-multipose"])
 """
     folder = tmp_path / "cache" / "weights" / "movenet-multipose"

