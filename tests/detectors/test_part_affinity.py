@@ -14,6 +14,7 @@ from tests.cases import each_case
 
 from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
+from e3pose.detectors.inference import Network
 from e3pose.detectors.openpose import HEAT, OpenPose, Prior, decode, expected_heat, find_peaks
 from e3pose.detectors.topology import OPENPOSE_THIN, TOPOLOGIES, TRT_POSE
 
@@ -194,28 +195,21 @@ def test_tiny_maps_are_no_trouble(shape: tuple[int, int]) -> None:
     assert people.shape[1:] == (18, 2)
 
 
-class FakeNetwork:
-    """Hands out given maps and remembers what it was shown."""
+def fake_network(
+    outputs: list[Maps],
+    input_shape: tuple[int | None, ...] = (1, 3, None, None),
+    declared: tuple[tuple[int | None, ...], ...] | None = None,
+) -> tuple[Network, list[Maps]]:
+    """Return a network that hands out given maps, and what it was shown."""
+    seen: list[Maps] = []
 
+    def run(tensor: Maps) -> list[Maps]:
+        seen.append(tensor)
+        return outputs
+
+    shapes = declared or tuple(tuple(output.shape) for output in outputs)
     path = Path("fake.onnx")
-    provider = "cpu"
-    input_dtype = "float"
-    output_names = ("maps",)
-
-    def __init__(
-        self,
-        outputs: list[Maps],
-        input_shape: tuple[int | None, ...] = (1, 3, None, None),
-        declared: tuple[tuple[int | None, ...], ...] | None = None,
-    ) -> None:
-        self.outputs = outputs
-        self.input_shape = input_shape
-        self.output_shapes = declared or tuple(tuple(o.shape) for o in outputs)
-        self.seen: Maps = np.zeros(0, np.float32)
-
-    def run(self, tensor: NDArray[np.float32]) -> list[NDArray[np.float32]]:
-        self.seen = tensor
-        return self.outputs
+    return Network(path, "cpu", input_shape, "float", ("maps",), shapes, run), seen
 
 
 def in_cells(person: Person, stride_x: float, stride_y: float) -> Person:
@@ -231,7 +225,7 @@ def test_openpose_thin_gives_image_pixels_of_coco18() -> None:
     # 864 x 480 fills 432 x 240 of the input and 54 x 30 cells: 16 pixels a cell.
     heatmaps, affinity = render("openpose-thin", [in_cells(person, 16, 16)], (30, 54))
     background = np.zeros((1, 30, 54), np.float32)
-    network = FakeNetwork([np.concatenate([heatmaps, background, affinity])[None]])
+    network, shown = fake_network([np.concatenate([heatmaps, background, affinity])[None]])
     image = np.zeros((480, 864, 3), np.uint8)
     image[..., 0], image[..., 2] = 200, 30  # reddish
     detector = OpenPose(network, OPENPOSE_THIN)
@@ -239,8 +233,8 @@ def test_openpose_thin_gives_image_pixels_of_coco18() -> None:
     truth = np.array([person[joint] for joint in COCO])
     assert detector.skeleton.joints == tuple(COCO)
     assert len(poses) == 1 and np.abs(poses.keypoints_px[0] - truth).max() < 1.6
-    assert network.seen.shape == (1, 3, 240, 432)
-    np.testing.assert_array_equal(network.seen[0, :, 100, 100], [30, 0, 200])  # BGR of 0..255
+    assert shown[-1].shape == (1, 3, 240, 432)
+    np.testing.assert_array_equal(shown[-1][0, :, 100, 100], [30, 0, 200])  # BGR of 0..255
 
 
 def test_padding_lies_right_and_below() -> None:
@@ -248,46 +242,46 @@ def test_padding_lies_right_and_below() -> None:
     # 400 x 864 fills 200 x 432 of a 208 x 432 input: 26 x 54 cells, 16 pixels each.
     heatmaps, affinity = render("openpose-thin", [in_cells(person, 16, 16)], (54, 26))
     maps = np.concatenate([heatmaps, np.zeros((1, 54, 26), np.float32), affinity])[None]
-    network = FakeNetwork([maps])
+    network, shown = fake_network([maps])
     poses = OpenPose(network, OPENPOSE_THIN).detect(np.full((864, 400, 3), 9, np.uint8))
     truth = np.array([person[joint] for joint in COCO])
     assert np.abs(poses.keypoints_px[0] - truth).max() < 1.6
-    assert network.seen.shape == (1, 3, 432, 208)
-    assert network.seen[0, 0, 0, 199] == 9 and network.seen[0, 0, 0, 200] == 0
+    assert shown[-1].shape == (1, 3, 432, 208)
+    assert shown[-1][0, 0, 0, 199] == 9 and shown[-1][0, 0, 0, 200] == 0
 
 
 def test_trt_pose_gives_image_pixels_of_coco18() -> None:
     person = placed(STANDING, 310.0, 240.0, 16.0)
     # 896 x 448 squeezed into 224 x 224, 56 x 56 cells: 16 x 8 pixels a cell.
     maps = render("trt-pose", [in_cells(person, 16, 8)], (56, 56))
-    network = FakeNetwork([maps[1][None], maps[0][None]], (1, 3, 224, 224))  # either order
+    network, shown = fake_network([maps[1][None], maps[0][None]], (1, 3, 224, 224))  # either order
     image = np.zeros((448, 896, 3), np.uint8)
     image[..., 0] = 255
     poses = OpenPose(network, TRT_POSE).detect(image)
     truth = np.array([person[joint] for joint in COCO])
     assert len(poses) == 1 and np.abs(poses.keypoints_px[0] - truth).max() < 1.6
     expected = (np.array([1.0, 0.0, 0.0]) - [0.485, 0.456, 0.406]) / [0.229, 0.224, 0.225]
-    np.testing.assert_allclose(network.seen[0, :, 7, 7], expected, rtol=1e-5)
+    np.testing.assert_allclose(shown[-1][0, :, 7, 7], expected, rtol=1e-5)
 
 
 def test_other_networks_are_refused() -> None:
-    wrong = FakeNetwork([np.zeros((1, 20, 8, 8), np.float32)])
+    wrong, _ = fake_network([np.zeros((1, 20, 8, 8), np.float32)])
     with pytest.raises(InputError, match=r"fake.onnx: output: found .*expected \[1, 57"):
         OpenPose(wrong, OPENPOSE_THIN)
-    wrong = FakeNetwork([np.zeros((1, 57, 8, 8), np.float32)], (1, 4))
+    wrong, _ = fake_network([np.zeros((1, 57, 8, 8), np.float32)], (1, 4))
     with pytest.raises(InputError, match=r"fake.onnx: input: found float \[1, 4\]"):
         OpenPose(wrong, OPENPOSE_THIN)
-    late = FakeNetwork([np.zeros((1, 20, 8, 8), np.float32)], declared=((1, None, None, None),))
+    late, _ = fake_network([np.zeros((1, 20, 8, 8), np.float32)], declared=((1, None, None, None),))
     with pytest.raises(InputError, match=r"fake\.onnx: output"):
         OpenPose(late, OPENPOSE_THIN).detect(np.zeros((50, 50, 3), np.uint8))
-    broken = FakeNetwork([np.full((1, 57, 8, 8), np.nan, np.float32)])
+    broken, _ = fake_network([np.full((1, 57, 8, 8), np.nan, np.float32)])
     with pytest.raises(InputError, match="not finite"):
         OpenPose(broken, OPENPOSE_THIN).detect(np.zeros((50, 50, 3), np.uint8))
 
 
 @each_case("shape", [(0, 5, 3), (5, 5), (5, 5, 4), (20_000, 5, 3)])
 def test_what_is_no_image_is_refused(shape: tuple[int, ...]) -> None:
-    network = FakeNetwork([np.zeros((1, 57, 8, 8), np.float32)])
+    network, _ = fake_network([np.zeros((1, 57, 8, 8), np.float32)])
     with pytest.raises(InputError, match="image: found"):
         OpenPose(network, OPENPOSE_THIN).detect(np.zeros(shape, np.uint8))
 

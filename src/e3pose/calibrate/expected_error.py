@@ -112,24 +112,19 @@ def calibration_shift(rig: Rig, resolved: Rig, points_m: Floats) -> Floats:
         points_m: `(n, 3)` in the world of `rig`.
     """
     scale, R, t = similarity(resolved.centers_m, rig.centers_m)
-    placed = points_m
-    for _ in range(2):  # the second time by the points themselves
-        inside = (placed - t) @ R / scale
+    for last in (False, False, True):  # the second and third time by the points themselves
+        inside = (points_m - t) @ R / scale
         seen = np.stack([
             np.where(camera.sees(points_m)[:, None], other.project(inside), np.nan)
             for camera, other in zip(rig.cameras, resolved.cameras, strict=True)
         ])  # fmt: skip
         found = place_points(rig, seen, np.ones(seen.shape[:2]))
         good = np.isfinite(found).all(axis=-1)
+        if last:
+            break
         if good.sum() < 10:
             return np.full(len(points_m), np.nan)
         scale, R, t = similarity(inside[good], found[good])
-    inside = (points_m - t) @ R / scale
-    seen = np.stack([
-        np.where(camera.sees(points_m)[:, None], other.project(inside), np.nan)
-        for camera, other in zip(rig.cameras, resolved.cameras, strict=True)
-    ])  # fmt: skip
-    found = place_points(rig, seen, np.ones(seen.shape[:2]))
     return np.asarray(np.linalg.norm(found - points_m, axis=-1))
 
 

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -169,48 +169,29 @@ class PacedSource:
         raise InputError("source: found no frames")
 
 
-@dataclass(slots=True, eq=False)
-class RecordedSource:
+class RecordedSource(PacedSource):
     """The keypoints of a recording as if its camera saw them now; `RecordedDetector` reads them."""
 
-    recording: Recording
-    camera_id: str
-    clock: Clock
-    pace: float = 1.0
-    begin_s: float = 0.0
-    _source: PacedSource = field(init=False)
-
-    def __post_init__(self) -> None:
-        series = self.recording.views[self.recording.rig.index(self.camera_id)]
-        interval_s, joints = self.recording.interval_s, len(self.recording.skeleton)
+    def __init__(
+        self,
+        recording: Recording,
+        camera_id: str,
+        clock: Clock,
+        pace: float = 1.0,
+        begin_s: float = 0.0,
+    ) -> None:
+        camera = recording.rig.index(camera_id)
+        series, interval_s = recording.views[camera], recording.interval_s
 
         def frames(start_s: float) -> Iterator[tuple[float, Callable[[], Any]]]:
-            for slot in range(round(start_s / interval_s + 0.499), self.recording.num_slots):
-                view = series.view(slot)  # a camera that lost a frame saw nobody
-                shown = Poses2D.empty(joints) if view is None else view
+            for slot in range(round(start_s / interval_s + 0.499), recording.num_slots):
+                # A camera that lost a frame saw nobody.
+                shown = series.view(slot) or Poses2D.empty(len(recording.skeleton))
                 yield slot * interval_s, lambda shown=shown: shown  # type: ignore[misc]
 
-        camera = self.recording.rig.cameras[self.recording.rig.index(self.camera_id)]
-        length_s = self.recording.num_slots * interval_s
-        loop = Loop(self.recording.fps, camera.image_size, length_s, frames)
-        self._source = PacedSource(slower(loop, self.pace), self.clock, self.begin_s)
-
-    @property
-    def fps(self) -> float:
-        """See `LiveSource.fps`."""
-        return self._source.fps
-
-    def open(self) -> None:
-        """See `LiveSource.open`."""
-        self._source.open()
-
-    def read(self) -> LiveFrame | None:
-        """See `LiveSource.read`."""
-        return self._source.read()
-
-    def close(self) -> None:
-        """See `LiveSource.close`."""
-        self._source.close()
+        size, length_s = recording.rig.cameras[camera].image_size, recording.num_slots * interval_s
+        loop = Loop(recording.fps, size, length_s, frames)
+        super().__init__(slower(loop, pace), clock, begin_s)
 
 
 class RecordedDetector:

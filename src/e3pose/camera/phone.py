@@ -18,7 +18,7 @@ from http.server import BaseHTTPRequestHandler
 from importlib import resources
 from pathlib import Path
 from socketserver import TCPServer
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -31,12 +31,12 @@ from e3pose.camera.frame_rate import FrameRate
 from e3pose.camera.phone_file import CERTIFICATE, KEY, load_phone, save_phone
 from e3pose.camera.source import FALLBACK_RATE
 
-# The https server of one phone: its page, and the frames that it sends. All is bounded.
+# The server of one phone, by https: its page, and the frames that it sends. All is bounded.
 #
-#     GET  /                    the page; it holds nothing of the site     POST /join   CODE
-# a secret, for the one phone that shows the code     GET  /time                the camera's time,
-# from which the phone knows its own offset     POST /frame  JPEG         with `Taken`,
-# milliseconds since 1970 by the camera's clock
+#     GET  /                    the page; it holds nothing of the site
+#     POST /join   CODE         a secret, for the one phone that shows the code
+#     GET  /time                the camera's time, from which the phone knows its own offset
+#     POST /frame  JPEG         with `Taken`, milliseconds since 1970 by the camera's clock
 #
 # Frames come one after the other, each in a request of its own: WebSockets to a certificate that
 # the person accepted by hand are refused by the browsers of some phones.
@@ -63,30 +63,12 @@ HEADERS = {
 }
 
 
-class Taker(Protocol):
-    """Takes what a phone sends; see `phone.PhoneSource`."""
-
-    clock: Clock
-
-    def join(self, code: str) -> str:
-        """Return the secret of a phone that shows the code."""
-        ...
-
-    def sends(self, secret: str) -> bool:
-        """Return whether a secret is that of the phone."""
-        ...
-
-    def take(self, jpeg: bytes, taken_ns: int | None, nominal: float | None) -> float:
-        """Take a frame; return how many come in a second."""
-        ...
-
-
 class PhoneServer(TCPServer):
     """A server at work, until `close`."""
 
     request_queue_size = 32
 
-    def __init__(self, taker: Taker, listen: str, port: int, folder: Path) -> None:
+    def __init__(self, taker: PhoneSource, listen: str, port: int, folder: Path) -> None:
         """Serve.
 
         Args:

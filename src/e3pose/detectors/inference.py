@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import mmap
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath, PureWindowsPath
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -178,48 +178,29 @@ SIZE_INPUT = "orig_target_sizes"  # `(1, 2)` width and height in which a network
 ERRORS_ONLY = 3  # ONNX Runtime's log severity
 
 
-class Network(Protocol):
-    """A loaded network file with one image as its input."""
+@dataclass(frozen=True, slots=True, eq=False)
+class Network:
+    """A loaded network file with one image as its input.
 
-    @property
-    def path(self) -> Path:
-        """The file, for messages."""
-        ...
+    Attributes:
+        path: the file, for messages.
+        provider: where it runs: a key of `PROVIDERS`, or `opencv`.
+        input_shape: the input's declared shape, None where it is free.
+        input_dtype: the input's element type: `float`, `float16`, `int32`, ...
+        output_names: what the file calls each output.
+        output_shapes: the declared shape of each output, None where it is free or unknown.
+        run: returns the outputs for one input tensor, in the file's order. A network that asks for
+            the size to answer in (`SIZE_INPUT`) is told that of the tensor. It raises `InputError`
+            for a tensor of a shape with which the network does not run.
+    """
 
-    @property
-    def provider(self) -> str:
-        """Where it runs: a key of `PROVIDERS`, or `opencv`."""
-        ...
-
-    @property
-    def input_shape(self) -> tuple[int | None, ...]:
-        """The input's declared shape, None where it is free."""
-        ...
-
-    @property
-    def input_dtype(self) -> str:
-        """The input's element type: `float`, `float16`, `int32`, ..."""
-        ...
-
-    @property
-    def output_names(self) -> tuple[str, ...]:
-        """What the file calls each output."""
-        ...
-
-    @property
-    def output_shapes(self) -> tuple[tuple[int | None, ...], ...]:
-        """The declared shape of each output, None where it is free or unknown."""
-        ...
-
-    def run(self, tensor: NDArray[Any]) -> list[NDArray[Any]]:
-        """Return the outputs for one input tensor, in the file's order.
-
-        A network that asks for the size to answer in (`SIZE_INPUT`) is told that of the tensor.
-
-        Raises:
-            InputError: when the network does not run with a tensor of this shape.
-        """
-        ...
+    path: Path
+    provider: str
+    input_shape: tuple[int | None, ...]
+    input_dtype: str
+    output_names: tuple[str, ...]
+    output_shapes: tuple[tuple[int | None, ...], ...]
+    run: Callable[[NDArray[Any]], list[NDArray[Any]]]
 
 
 def check_image_input(network: Network, name: str, dtypes: Collection[str] = FLOATS) -> None:
@@ -310,32 +291,6 @@ def load_network(path: Path, provider: str = "auto", threads: int | None = None)
     raise InputError(f"{path}: found suffix {path.suffix!r}, expected a network in .onnx or .pb")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Onnx:
-    path: Path
-    session: Any
-    provider: str
-    input_name: str
-    input_shape: tuple[int | None, ...]
-    input_dtype: str
-    output_names: tuple[str, ...]
-    output_shapes: tuple[tuple[int | None, ...], ...]
-    size_dtype: str | None  # of `SIZE_INPUT`; None where there is none
-
-    def run(self, tensor: NDArray[Any]) -> list[NDArray[Any]]:
-        inputs = {self.input_name: tensor}
-        if self.size_dtype is not None:
-            inputs[SIZE_INPUT] = np.array([tensor.shape[:1:-1]], dtype=SIZES[self.size_dtype])
-        try:
-            outputs = self.session.run(None, inputs)
-        except Exception as error:  # ONNX Runtime's errors share no base but Exception
-            raise InputError(
-                f"{self.path}: input {self.input_name}: shape {tensor.shape} does not run: "
-                f"{_brief(error)}"
-            ) from None
-        return [np.asarray(output) for output in outputs]
-
-
 def _load_onnx(path: Path, provider: str, threads: int | None) -> Network:
     import onnxruntime
 
@@ -363,39 +318,28 @@ def _load_onnx(path: Path, provider: str, threads: int | None) -> Network:
         raise InputError(f"{path}: found {len(inputs)} inputs, expected a network with one image")
     if sizes and sizes[0] not in SIZES:
         raise InputError(f"{path}: {SIZE_INPUT}", sizes[0], " or ".join(SIZES))
-    return _Onnx(
+
+    def run(tensor: NDArray[Any]) -> list[NDArray[Any]]:
+        fed = {inputs[0].name: tensor}
+        if sizes:
+            fed[SIZE_INPUT] = np.array([tensor.shape[:1:-1]], dtype=SIZES[sizes[0]])
+        try:
+            return [np.asarray(output) for output in session.run(None, fed)]
+        except Exception as error:  # ONNX Runtime's errors share no base but Exception
+            raise InputError(
+                f"{path}: input {inputs[0].name}: shape {tensor.shape} does not run: "
+                f"{_brief(error)}"
+            ) from None
+
+    return Network(
         path,
-        session,
         next((n for n, full in PROVIDERS.items() if full == session.get_providers()[0]), ""),
-        inputs[0].name,
         _shape(inputs[0].shape),
         _element(inputs[0]),
         tuple(output.name for output in session.get_outputs()),
         tuple(_shape(output.shape) for output in session.get_outputs()),
-        sizes[0] if sizes else None,
+        run,
     )
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _TensorFlow:
-    path: Path
-    net: Any
-    provider: str = "opencv"
-    input_shape: tuple[int | None, ...] = (1, 3, None, None)
-    input_dtype: str = "float"
-    output_names: tuple[str, ...] = ("",)
-    output_shapes: tuple[tuple[int | None, ...], ...] = ((None, None, None, None),)
-
-    def run(self, tensor: NDArray[Any]) -> list[NDArray[Any]]:
-        import cv2
-
-        try:
-            self.net.setInput(tensor)
-            return [np.asarray(self.net.forward())]
-        except cv2.error as error:
-            raise InputError(
-                f"{self.path}: shape {tensor.shape} does not run: {_brief(error)}"
-            ) from None
 
 
 def _load_tensorflow(path: Path, threads: int | None) -> Network:
@@ -411,7 +355,18 @@ def _load_tensorflow(path: Path, threads: int | None) -> Network:
         raise InputError(f"{path}: found no network, expected a graph with one output")
     if threads is not None:
         cv2.setNumThreads(threads)  # OpenCV has one pool for the whole process
-    return _TensorFlow(path, net)
+
+    def run(tensor: NDArray[Any]) -> list[NDArray[Any]]:
+        try:
+            net.setInput(tensor)
+            return [np.asarray(net.forward())]
+        except cv2.error as error:
+            raise InputError(
+                f"{path}: shape {tensor.shape} does not run: {_brief(error)}"
+            ) from None
+
+    free = (None, None)
+    return Network(path, "opencv", (1, 3, *free), "float", ("",), ((*free, *free),), run)
 
 
 def _element(declared: Any) -> str:
