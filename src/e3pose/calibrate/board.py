@@ -368,18 +368,15 @@ def draw_page(board: Board, paper: str, back: bool = False) -> Page:
         Box(bar, foot - 1.5, 0.4, 3.4),
         Box(bar + BAR_MM - 0.4, foot - 1.5, 0.4, 3.4),
     ]
+    # The name with a place for the side that is measured.
+    side = f"{1000 * board.square_m:.6g}mm"
+    with_side = board.name.replace(side, "<its side>mm", 1)
     lines = (
         Line(bar, foot + 5.5, f"{board.name}: print at 100 % (no fit to page). This bar is"),
         Line(bar, foot + 9.5, f"{BAR_MM:g} mm from end to end; if not, measure a square and pass"),
-        Line(bar, foot + 13.5, f"--board {_with_side(board)}"),
+        Line(bar, foot + 13.5, f"--board {with_side}"),
     )
     return Page(width, height, tuple(boxes), lines)
-
-
-def _with_side(board: Board) -> str:
-    """Return the board's name with a place for the side of its squares."""
-    side = f"{1000 * board.square_m:.6g}mm"
-    return board.name.replace(side, "<its side>mm", 1)
 
 
 def _rectangles(cells: NDArray[np.bool_]) -> Iterator[tuple[int, int, int, int]]:

@@ -253,7 +253,11 @@ def fit_intrinsics(
     camera = _fitted(camera_id, model, image_size, corners_m, cleaned)
     _, errors = resect(camera, corners_m, cleaned)
     if camera.fisheye:
-        camera = replace(camera, known_to=_filmed_angle(camera, cleaned))
+        # Up to this angle off the axis corners were seen.
+        seen = camera.normalise(cleaned[np.isfinite(cleaned[..., 0])])
+        angles = np.sort(np.arctan(np.hypot(*seen.T)))
+        filmed_angle = float(angles[np.isfinite(angles)][-FILMED_CORNERS:][0])
+        camera = replace(camera, known_to=filmed_angle)
     lengths = np.linalg.norm(errors, axis=-1)
     fit_px = float(np.sqrt(np.nanmean(lengths**2)))
     return Intrinsics(
@@ -433,13 +437,6 @@ def _fitted(
     """Return a camera at the origin; raise `ValueError` or `InputError` when there is no fit."""
     K, distortion = _fit(model, image_size, corners_m, corners_px)
     return Camera(camera_id, image_size, K, np.eye(4), distortion, model == "fisheye")
-
-
-def _filmed_angle(camera: Camera, corners_px: Floats) -> float:
-    """Return the angle off the axis, radians, up to which corners were seen."""
-    seen = camera.normalise(corners_px[np.isfinite(corners_px[..., 0])])
-    angles = np.sort(np.arctan(np.hypot(*seen.T)))
-    return float(angles[np.isfinite(angles)][-FILMED_CORNERS:][0])
 
 
 def _focal_sigma(camera: Camera, corners_m: Floats, corners_px: Floats, fit_px: float) -> float:

@@ -188,7 +188,9 @@ class _Requests(BaseHTTPRequestHandler):
         if body is None:
             return None
         try:
-            fps = self.server.taker.take(body, self._taken_ns(), self._number("Rate"))
+            taken_ms = self._number("Taken")
+            taken_ns = None if taken_ms is None else round(taken_ms * 1e6)
+            fps = self.server.taker.take(body, taken_ns, self._number("Rate"))
         except InputError as error:
             return self._refuse(415, str(error))
         return self._said({"fps": round(fps, 1)})
@@ -221,10 +223,6 @@ class _Requests(BaseHTTPRequestHandler):
         body = self.rfile.read(int(stated))
         self._read = len(body) == int(stated)
         return body if self._read else None
-
-    def _taken_ns(self) -> int | None:
-        taken_ms = self._number("Taken")
-        return None if taken_ms is None else round(taken_ms * 1e6)
 
     def _number(self, header: str) -> float | None:
         with suppress(ValueError):

@@ -295,7 +295,13 @@ class OpenPose(InParts):
         """See `Focusing.detect_part`."""
         check_image(image)
         fit = self._fit(part)
-        maps = self._maps(self._tensor(fit.apply(part.cut(image), PAD)))
+        pixels = fit.apply(part.cut(image), PAD)
+        row = self._topology
+        if row.bgr:
+            pixels = pixels[..., ::-1]
+        mean, deviation = (np.asarray(v, dtype=np.float32) for v in (row.mean, row.deviation))
+        tensor = np.ascontiguousarray(((pixels - mean) / deviation).transpose(2, 0, 1)[None])
+        maps = self._maps(tensor)
         parts = len(self._topology.parts)
         heatmaps, affinity = maps[:parts], maps[self._topology.affinity_start :]
         stride = np.asarray(fit.input_size) / (maps.shape[2], maps.shape[1])
@@ -324,13 +330,6 @@ class OpenPose(InParts):
                 return letterbox_to_side(size, part.long_side, row.multiple)
             return stretch(size, (part.long_side, part.long_side))
         return (letterbox if row.keep_proportions else stretch)(size, (width, height))
-
-    def _tensor(self, pixels: Image) -> NDArray[np.float32]:
-        row = self._topology
-        if row.bgr:
-            pixels = pixels[..., ::-1]
-        mean, deviation = (np.asarray(v, dtype=np.float32) for v in (row.mean, row.deviation))
-        return np.ascontiguousarray(((pixels - mean) / deviation).transpose(2, 0, 1)[None])
 
     def _maps(self, tensor: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return all outputs as one `(channels, height, width)`, in the order of the topology."""

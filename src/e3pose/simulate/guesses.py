@@ -138,7 +138,10 @@ def guess(
     odds += SPREAD * np.sqrt(1 - SCORE_LASTING) * correlated(rng, shape, interval_s, SCORE_MEMORY)
     missed = np.sqrt(MISS_LASTING) * field[..., MISS]
     missed += np.sqrt(1 - MISS_LASTING) * correlated(rng, shape, interval_s, MISS_MEMORY)
-    gone = normal_cdf(missed) < _miss_share(hid, settings)
+    own = np.full(17, settings.own_trunk_miss)
+    own[FACE], own[ARMS] = settings.own_face_miss, settings.own_arm_miss
+    share = settings.joint_miss + (own - settings.joint_miss) * hid.own
+    gone = normal_cdf(missed) < share + (settings.other_miss - share) * hid.other
     gone |= (normal_cdf(field[..., 11, WHOLE]) < settings.person_miss)[..., None]
     sigma = settings.sigma_m * JOINT_SIGMA * np.exp(-SIGMA_BY_ODDS * (odds - CLEAR))
     sigma *= noise * settings.guess_factor**cover * px_per_m[..., None]
@@ -168,14 +171,6 @@ def _fields(
     )  # fmt: skip
     out[slots, people] = fields.at(found)
     return out
-
-
-def _miss_share(hid: Hidden, settings: Guessing) -> Floats:
-    """Return `(num_slots, num_persons, 17)`: how probably each joint is missed."""
-    own = np.full(17, settings.own_trunk_miss)
-    own[FACE], own[ARMS] = settings.own_face_miss, settings.own_arm_miss
-    share = settings.joint_miss + (own - settings.joint_miss) * hid.own
-    return np.asarray(share + (settings.other_miss - share) * hid.other)
 
 
 def _leaning(pixels: Floats, hid: Hidden, choice: Floats, settings: Guessing) -> Floats:

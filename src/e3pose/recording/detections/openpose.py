@@ -154,8 +154,9 @@ def import_openpose(
     rig = load_rig(calibration)
     skeleton, frames = read_detections(source, rig, folders or {}, progress)
     num_slots, views = series_from_frames(frames, fps, len(skeleton), str(source))
+    name = "".join(char for char in source.resolve().name if char.isprintable())
     return Recording(
-        name=_title(source),
+        name=name[:200] or "openpose",
         rig=rig,
         fps=fps,
         num_slots=num_slots,
@@ -238,8 +239,3 @@ def frame_number(file_name: str) -> int:
     if match is None:
         raise InputError(f"{file_name[:120]!r}: found no frame number in the file name")
     return int(match[1])
-
-
-def _title(source: Path) -> str:
-    name = "".join(char for char in source.resolve().name if char.isprintable())
-    return name[:200] or "openpose"
