@@ -14,16 +14,18 @@ import platformdirs
 
 from e3pose.base.atomic import atomic_file
 from e3pose.base.errors import InputError
-from e3pose.detectors.weights.catalogue import MODELS, FromIndex, Network
+from e3pose.detectors.weights.catalogue import MODELS as MODELS
+from e3pose.detectors.weights.catalogue import FromIndex
+from e3pose.detectors.weights.catalogue import Network as Network
 from e3pose.detectors.weights.fetch import (
     CHUNK_BYTES,
-    Progress,
-    fetch_file,
     file_sha256,
     no_progress,
     save_verified,
 )
-from e3pose.detectors.weights.index import fetch_from_index
+from e3pose.detectors.weights.fetch import Progress as Progress
+from e3pose.detectors.weights.fetch import fetch_file as fetch_file
+from e3pose.detectors.weights.index import fetch_from_index as fetch_from_index
 
 MAX_MEMBERS = 10_000
 
