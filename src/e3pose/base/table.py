@@ -267,7 +267,7 @@ def _expected(kind: Any) -> str:
 
 def _shown(kind: Any, found: Any) -> str:
     """Return a value itself where it is one of the wrong choice, else what sort of thing it is."""
-    kinds = kind if isinstance(kind, tuple) else (kind,)
+    kinds: tuple[Any, ...] = kind if isinstance(kind, tuple) else (kind,)
     literals = [each for each in kinds if typing.get_origin(each) is Literal]
     chosen = [value for each in literals for value in typing.get_args(each)]
     if any(type(value) is type(found) for value in chosen):
