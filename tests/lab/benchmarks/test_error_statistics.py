@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from detector_errors import by_direction, table
-from error_statistics import Keypoints, capped, remembered, shared
+from detector_errors import Keypoints, by_direction, capped, remembered, shared, table
 
 INTERVAL_S = 0.04
 
