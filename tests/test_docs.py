@@ -103,6 +103,11 @@ def test_there_are_links_and_commands_to_look_at() -> None:
     assert len(commands()) > 40
 
 
+def test_how_to_pages_stay_short_enough_to_be_read() -> None:
+    words = {page: len(text.split()) for page, text in BY_PAGE.items() if "/how-to/" in page}
+    assert len(words) > 25 and sum(words.values()) <= 20_000 and max(words.values()) <= 1_600
+
+
 @each_case("command", commands())
 def test_every_command_parses(command: str) -> None:
     tokens = shlex.split(command)
