@@ -437,10 +437,10 @@ def test_edge_says_that_it_compiles_and_orders_nobody_before_it_is_done(
         edge.stop()
 
 
-class Knocked:
+class Displaced:
     """In place of what watches cameras: the third was turned."""
 
-    knock = SimpleNamespace(camera=2, degrees=3.0)
+    found = SimpleNamespace(camera=2, degrees=3.0)
 
     def observe(self, *_: object) -> None: ...
     def events(self) -> list[tuple[str, str, str]]:
@@ -450,7 +450,7 @@ class Knocked:
 def test_edge_tells_who_was_turned_and_looks_as_consumers_ask(site: Site) -> None:
     edge, more = site.edge, LookRequest(cameras=3.0, track_ids=(1,))
     assert edge is not None and site.camera("cam2").turned_deg is None
-    edge.consumers = Consumers(watch=Knocked(), asks=lambda: more)  # type: ignore[arg-type]
+    edge.consumers = Consumers(watch=Displaced(), asks=lambda: more)  # type: ignore[arg-type]
     assert eventually(lambda: edge.pipeline.request == more)
     assert site.camera("cam2").turned_deg == 3.0
     assert site.camera("cam1").turned_deg is None
