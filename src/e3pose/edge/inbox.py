@@ -165,21 +165,22 @@ class Inbox:
         return np.array([camera.can_sleep for camera in self.cameras], dtype=bool)
 
     def wait_for_cameras(
-        self, stopping: threading.Event, start_wait_s: float, resumes: bool
+        self, stopping: threading.Event, start_wait_s: float, least: int = 2, resumes: bool = False
     ) -> bool:
-        """Wait for all awake cameras, or a while after two; return whether to start.
+        """Wait for all awake cameras, or a while after a few; return whether to start.
 
         Args:
             stopping: ends the wait.
-            start_wait_s: how long to wait for the rest once two are there.
+            start_wait_s: how long to wait for the rest once a few are there.
+            least: how many these are.
             resumes: whether any will do, or that all sleep.
         """
-        two_ns: int | None = None
+        few_ns: int | None = None
         while not stopping.is_set():
             now_ns, states = self.clock.now_ns(), self.states()
             there = (states == State.READY) | (states == State.ASLEEP)
-            two_ns = (two_ns or now_ns) if there.sum() >= min(2, len(there)) else None
-            waited = two_ns is not None and now_ns - two_ns >= start_wait_s * 1e9
+            few_ns = (few_ns or now_ns) if there.sum() >= min(least, len(there)) else None
+            waited = few_ns is not None and now_ns - few_ns >= start_wait_s * 1e9
             if there.all() or waited or (resumes and there.any()):
                 return True
             self.clock.wait(stopping, now_ns + 50_000_000)

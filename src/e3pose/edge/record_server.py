@@ -18,7 +18,6 @@ from e3pose.base.clock import Clock, SlotTimes
 from e3pose.base.errors import InputError, reason_of
 from e3pose.base.quantities import plural
 from e3pose.base.threads import ThreadGroup
-from e3pose.edge.camera_state import State
 from e3pose.edge.gather import Arrival, Gather
 from e3pose.edge.inbox import Inbox
 from e3pose.edge.orders import Orders
@@ -133,7 +132,7 @@ class RecordServer:
         self.transport.publish(topic, payload)
 
     def _run(self) -> None:
-        if not self._wait_for_cameras():
+        if not self.inbox.wait_for_cameras(self.threads.stopping, LONE_S, least=1):
             return
         ahead = ceil(AHEAD_S * 1e9 / self.interval_ns)
         times = SlotTimes(self.clock.now_ns() + ahead * self.interval_ns, self.interval_ns)
@@ -186,17 +185,6 @@ class RecordServer:
             self.people[index] += len(arrival.poses)
         self._watch(self.slots, arrivals)
         self.slots += 1
-
-    def _wait_for_cameras(self) -> bool:
-        """Wait for all cameras, or some time after the first one; return whether to start."""
-        first_ns: int | None = None
-        while not self.threads.stopping.is_set():
-            online, now_ns = self.inbox.states() == State.READY, self.clock.now_ns()
-            first_ns = (first_ns or now_ns) if online.any() else None
-            if online.all() or (first_ns is not None and now_ns - first_ns > LONE_S * 1e9):
-                return True
-            self.clock.wait(self.threads.stopping, now_ns + 50_000_000)
-        return False
 
     def _writer(self) -> RecordingWriter:
         plan = self.plan

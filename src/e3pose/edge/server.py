@@ -223,7 +223,7 @@ class EdgeServer:
 
     def _run_slots(self) -> None:
         stopping, wait_s = self.threads.stopping, self.settings.start_wait_s
-        if not self.inbox.wait_for_cameras(stopping, wait_s, self.times is not None):
+        if not self.inbox.wait_for_cameras(stopping, wait_s, resumes=self.times is not None):
             return
         times = self.times = self._begin()
         while not self.threads.stopping.is_set():
