@@ -176,6 +176,8 @@ class Walk(RuleBasedStateMachine):
         states, standings, silence = self.states(), self.standings(), self.silence
         assert {*states.tolist()} <= {*State} and len(states) == NUM
         assert ((states > State.BARRED) == (standings == State.READY)).all()
+        there = [one.present or index in self.paused for index, one in enumerate(self.cameras)]
+        assert (standings[~np.array(there)] <= State.ASLEEP).all()
         on_trial = (states == State.ON_TRIAL).any()
         assert not on_trial or (states > State.ON_TRIAL).sum() >= LEAST_RELIABLE
         later = self.slot + round(RETRY_LIMIT_S / INTERVAL_S) + 1
