@@ -12,6 +12,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
+from typing import Any
 
 import numpy as np
 
@@ -533,8 +534,8 @@ class Answers:
         unanswered_s: of orders in a row without a view in time.
         silent: orders in a row without any view.
         seldom_s: for how long too few orders have been answered, while it could be reached.
-        ages_s: `(num_cameras, NEWEST_AGES)` ages of the newest views when they came; inf of a late
-            one, -inf before there were so many.
+        ages_s: `(num_cameras, NEWEST_AGES)` ages of the newest views when they came, at the place
+            of their number; inf of a late one, -inf before there were so many.
         views: that came so far.
         late: of these, that came too late.
         orders: counted for the delivery, at most `DELIVERY_ORDERS`.
@@ -622,17 +623,16 @@ def after_slot(
     """
     ordered, arrived = turn.ordered & turn.online, turn.arrived
     came = turn.views > before.views
-    ages_s, new = before.ages_s, came | arrived
-    if new.any():
-        newest_s = np.where(arrived, turn.ages_s, np.inf)[:, None]
-        ages_s = np.where(new[:, None], np.hstack([ages_s[:, 1:], newest_s]), ages_s)
+    new, ages_s = np.flatnonzero(came), before.ages_s.copy()
+    ages_s[new, turn.views[new] % NEWEST_AGES] = np.where(arrived, turn.ages_s, np.inf)[new]
     blind_slots = 0 if arrived.any() else before.blind_slots + 1
     share = before.share
     if blind_slots < BLIND_SLOTS:
         share = np.where(ordered, share + (arrived - share) / SHARE_ORDERS, share)
     unreliable = turn.online & (share < RELIABLE)
-    after = replace(
+    return replace(
         before,
+        **_delivered(before, ordered & ~turn.orders_late & fair, turn, given_up, interval_s),
         share=share,
         unanswered_s=np.where(arrived, 0.0, before.unanswered_s + interval_s * ordered),
         silent=np.where(came, 0, before.silent + ordered),
@@ -642,27 +642,26 @@ def after_slot(
         late=turn.late,
         blind_slots=blind_slots,
     )
-    return _delivered(after, ordered & ~turn.orders_late & fair, turn, given_up, interval_s)
 
 
 def _delivered(
     before: Answers, counted: Flags, turn: Turn, given_up: Flags, interval_s: float
-) -> Answers:
-    """Return the delivery of cameras; a returned camera is counted anew."""
+) -> dict[str, Any]:
+    """Return the new delivery of cameras, by field; a returned camera is counted anew."""
     orders = np.where(given_up, 0, np.minimum(before.orders + counted, DELIVERY_ORDERS))
     weight = np.where(counted, 1 / np.maximum(orders, 1), 0.0)
     share = before.delivered + weight * (turn.arrived - before.delivered)
     known, settled = orders >= MIN_ORDERS, before.settled_s >= SETTLED_S
     too_few, enough = known & (share < SHORT) & settled, known & (share >= ENOUGH)
     changed = np.where(before.short, enough, too_few)
-    return replace(
-        before,
-        orders=orders,
-        delivered=share,
-        delivered_late=before.delivered_late + weight * (turn.views_late - before.delivered_late),
-        short=before.short ^ changed,
-        settled_s=np.where(changed, 0.0, before.settled_s + interval_s),
-    )
+    return {
+        "orders": orders,
+        "delivered": share,
+        "delivered_late": before.delivered_late
+        + weight * (turn.views_late - before.delivered_late),
+        "short": before.short ^ changed,
+        "settled_s": np.where(changed, 0.0, before.settled_s + interval_s),
+    }
 
 
 # What follows from the answers.
@@ -705,11 +704,14 @@ def tried(answers: Answers, states: Integers, slot: int, interval_s: float) -> F
         slot: for which the order is.
         interval_s: seconds per slot.
     """
+    on_trial = np.asarray(states == State.ON_TRIAL)
+    if not on_trial.any():
+        return on_trial
     cameras = np.arange(len(states))
     since_s = slot * interval_s + TURN_S * cameras
     pause = 2 ** np.minimum(answers.seldom_s // EVERY_S, MOST_DOUBLED).astype(np.int64)
     turn = (since_s % EVERY_S < TURN_S) & ((since_s // EVERY_S).astype(np.int64) % pause == 0)
-    trial = turn & (states == State.ON_TRIAL)
+    trial = turn & on_trial
     return np.asarray(trial & (cameras == trial.argmax()))
 
 
