@@ -177,7 +177,7 @@ def compile_kernels() -> None:
     stamp = str(stamp_of(Path(replay.__file__).resolve()))
     if KERNELS.is_file() and KERNELS.read_text() == stamp:
         return
-    commands = [[sys.executable, "-c", COMPILE, pipeline] for pipeline in ("default", "paper")]
+    commands = [[sys.executable, "-c", COMPILE, pipeline] for pipeline in ("memory", "paper")]
     for program in [subprocess.Popen(command) for command in commands]:
         if program.wait() != 0:
             sys.exit("the kernels do not compile")

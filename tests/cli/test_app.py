@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import sys
 from importlib.util import resolve_name
+from itertools import takewhile
 
 import pytest
 from cyclopts import App
 from tests.cases import each_case
+from tests.cli.commands import run
 
-from e3pose.cli.app import APP, GROUPS, app, main, summary_of
+from e3pose.cli.app import APP, GROUPS, RETIRED, app, main, summary_of
 
 PLACES = [
     (verb, place)
@@ -26,6 +28,35 @@ def test_the_line_of_a_verb_is_what_its_module_says(verb: str, place: str) -> No
     module, name = resolve_name(place, "e3pose.cli").split(":")
     has_verbs = isinstance(getattr(sys.modules[module], name), App)
     assert has_verbs == place.endswith(APP)
+
+
+@each_case("old", RETIRED)
+def test_a_retired_word_names_the_command_that_does_it_now(
+    old: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command, dashes, option = old.partition("--")
+    name, _, pattern = f"--{option}".partition(" ")
+    value = pattern.replace("*", "mine") or "x"
+    own = command.split() or ["replay"]  # a word of all commands
+    ways = ([name, value], [f"{name}={value}"]) if dashes else ([], ["--help"])
+    for typed in ways:
+        assert run(*own, "site.toml", *typed) == 2
+        out, err = capsys.readouterr()
+        assert out == "" and err == f"e3pose: {old} is retired, use: {RETIRED[old]}\n"
+    _, *new = RETIRED[old].split()
+    assert run(*takewhile(str.islower, new[:2]), "--help") == 0, "the new command is there"
+    offered = capsys.readouterr().out
+    assert all(word in offered for word in new if word.startswith("--"))
+    if dashes and not pattern:
+        assert run(*own, "--help") == 0 and name not in capsys.readouterr().out
+
+
+def test_a_word_that_looks_like_a_retired_one_is_not_taken(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    for words in (["hub", "report"], ["store", "copy", "report", "--csv"], ["query", "report"]):
+        run(*words)
+        assert "retired" not in capsys.readouterr().err
 
 
 def test_several_commands_in_a_process_do_not_disturb_each_other(

@@ -45,8 +45,3 @@ def test_options_of_recordings_are_refused_with_a_site(
     assert run("events", "test", tmp_path / "site.toml", "--cameras", 2) == 2
     assert "--cameras: found 2 with a site, expected a recording" in capsys.readouterr().err
     assert run("events", "test", tmp_path / "none.toml") == 2
-
-
-def test_the_page_of_a_week_names_what_has_its_figures(capsys: pytest.CaptureFixture[str]) -> None:
-    assert run("events", "week", "site.toml", "week.html", "--days", 7) == 2
-    assert "e3pose query SITE --what summaries" in capsys.readouterr().err

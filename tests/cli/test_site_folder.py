@@ -95,8 +95,8 @@ def test_query_of_a_site_tells_of_that_site_alone(
 @each_case("what", ["poses", "slots", "tracks", "energy", "events"])
 def test_file_without_rows_has_the_names_of_its_columns(what: str, lab: Path) -> None:
     file = lab / "none.csv"
-    words = ("--from", "-10min", "--to", "-9min", "--what", what, "--csv", file)
-    assert run("query", lab / "live.db", *words) == 0
+    words = ("--from", "-10min", "--to", "-9min", "--what", what)
+    assert run("export", lab / "live.db", file, *words) == 0
     (header,) = file.read_text().splitlines()
     assert header.startswith("run,") and ("time" in header or what == "tracks"), header
 

@@ -141,7 +141,7 @@ def test_commands_compare_a_policy_with_and_without_feedback(
     assert [row["policy"] for row in json.loads(rows.read_text())["rows"]] == [
         "all", "all+feedback",
     ]  # fmt: skip
-    words = ("--policy", "round-robin+feedback", "--detector", "drawn", "--whole-every", 3)
+    words = ("--policy", "round-robin", "--feedback", "--detector", "drawn", "--whole-every", 3)
     assert run("replay", films, *words) == 0
     assert " of 90 in the part where people were expected" in capsys.readouterr().out
     assert run("replay", films, "--policy", "all", "--detector", "drawn") == 0
@@ -186,7 +186,7 @@ def test_feedback_for_a_detector_without_a_use_for_it_is_refused(
     )
     own = f"{tmp_path}/mine.py:Plain"
     for words in (
-        ("replay", "--policy", "all+feedback"),
+        ("replay", "--policy", "all", "--feedback"),
         ("evaluate", "--policies", "all+feedback"),
     ):
         assert run(words[0], films, *words[1:], "--detector", own) == 2

@@ -62,7 +62,7 @@ def both() -> tuple[Recording, Recording]:
     return changed(recording, "wild"), changed(recording, "missing")
 
 
-@pytest.mark.parametrize("pipeline", ["default", "paper"])
+@pytest.mark.parametrize("pipeline", ["memory", "paper"])
 def test_people_are_placed_without_it(both: tuple[Recording, Recording], pipeline: str) -> None:
     settings = ReplaySettings(pipeline=pipeline, num_selected=3)
     poses = [[record.people for record in replay(each, settings)] for each in both]

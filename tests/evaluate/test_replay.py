@@ -163,11 +163,6 @@ def test_views_that_disagree_match_up_to_the_distance(
     ("pipeline", "distance_m", "message"),
     [
         (
-            "default",
-            0.15,
-            "match_distance: found with the pipeline default",
-        ),
-        (
             "memory",
             0.15,
             "match_distance: found with the pipeline memory",
@@ -198,7 +193,7 @@ def test_the_paper_matches_by_pixels_from_epipolar_lines(
     ("changes", "message"),
     [
         ({"pipeline": "memory", "matcher": "rays"}, "matcher: found with the pipeline memory"),
-        ({"epipolar_px": 20.0}, "epipolar_px: found with the pipeline default"),
+        ({"epipolar_px": 20.0}, "epipolar_px: found with the pipeline memory"),
         ({"pipeline": "paper", "matcher": "best"}, "matcher: found 'best', expected rays or"),
         ({"pipeline": "paper", "epipolar_px": 0.0}, "epipolar_px: found 0 px"),
         ({"pipeline": "paper", "epipolar_px": float("nan")}, "epipolar_px: found nan px"),

@@ -199,7 +199,7 @@ def test_a_name_is_told_while_it_is_one_and_forgotten_everywhere(
         kept_by_broker = (told for topic, told, kept in heard.messages if kept)
         assert not any("Ada" in told or "Berta" in told for told in kept_by_broker)
         table, copy = site.folder / "tracks.csv", site.folder / "backup.db"
-        verb("query", site.path, "--what", "tracks", "--csv", table)
+        verb("export", site.path, table, "--what", "tracks")
         verb("store", "copy", site.path, copy)
         assert "Berta" in table.read_text()
         tracks = [one for p in people_of(database) for one in p.tracks if p.name]

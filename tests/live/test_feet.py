@@ -79,7 +79,7 @@ def test_feet_are_followed_where_one_detector_knows_none(
     assert error_of_feet_m(store, tmp_path / "feet", slots % num_slots) < NEAR_M
     assert_feet_are_exported(store)
     page = tmp_path / "page.html"
-    assert commands.run("report", site, page) == 0
+    assert commands.run("export", site, page) == 0
     assert_feet_are_drawn(page, "halpe26")
 
 

@@ -32,7 +32,7 @@ CENTRE_M, LIVE_M = 0.25, 0.1  # in a room of eight metres, on a machine that doe
 UP = "e3pose up room"
 CHECK = "e3pose check room"
 # Commands that start no cameras run in this process.
-HERE = ("simulate", "init", "check", "calibrate", "top", "query", "report")
+HERE = ("simulate", "init", "check", "calibrate", "top", "query", "export")
 MEASURE_S = 0.5  # of detecting with all cameras, which takes all cores
 TRIES = 8  # it measures how quick the machine is, which may be busy
 

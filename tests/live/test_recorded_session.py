@@ -193,7 +193,7 @@ def test_any_stretch_of_a_session_is_a_page(session: Path, verb: Callable[..., s
     page = session / "middle.html"
     end = middle + timedelta(seconds=2)
     stretch = ("--from", f"{middle:%Y-%m-%dT%H:%M:%S}", "--to", f"{end:%Y-%m-%dT%H:%M:%S}")
-    out = verb("report", session / "site.toml", page, *stretch)
+    out = verb("export", session / "site.toml", page, *stretch)
     shown = re.search(r"(\d+) slots", out)
     assert shown is not None and 2 <= int(shown[1]) <= 21  # of the two seconds, not of the session
     assert f"{middle:%Y-%m-%d}" in page.read_text()

@@ -37,7 +37,7 @@ def canned(
     recorded = site_file.parent / "recording"
     if recorded.is_dir():
         recording = load_recording(recorded)
-        settings = ReplaySettings(pipeline="default", num_selected=2)
+        settings = ReplaySettings(num_selected=2)
         records = list(replay(recording, settings))
         for record in records:
             for index in np.flatnonzero(record.arrived):

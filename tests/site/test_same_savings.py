@@ -114,7 +114,7 @@ def test_demo_states_the_same_savings_everywhere(demo: Demo) -> None:
 
 def test_page_and_report_of_the_store_state_them_too(demo: Demo, tmp_path: Path) -> None:
     figures, site = said(demo.printed), demo.folder / "site"
-    assert run("report", site, tmp_path / "later.html") == 0
+    assert run("export", site, tmp_path / "later.html") == 0
     stored = said(text_of(tmp_path / "later.html"))
     assert stored == {"whole camera": figures["whole camera"]}
     times = [row["time_ns"] for row in Store(site / "live.db").rows("slots")]

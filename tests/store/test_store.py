@@ -215,25 +215,27 @@ def test_record_that_does_not_fit_is_refused_and_reported(
     assert "store-refused" in kinds
 
 
-def test_query_writes_the_same_rows_in_every_format(filled: Place, tmp_path: Path) -> None:
+def test_the_same_rows_are_written_in_every_format(filled: Place, tmp_path: Path) -> None:
+    import pyarrow.compute
     from pyarrow import parquet
 
     names = {form: tmp_path / f"out.{form}" for form in ("csv", "parquet", "json")}
-    options = [word for form, path in names.items() for word in (f"--{form}", str(path))]
-    code = run_cli(
-        "query", str(filled), "--from", "1", "--to", "2", "--track", "11", "--joint", "nose",
-        *options,
-    )  # fmt: skip
-    assert code == 0
-    rows = list(csv.DictReader(names["csv"].read_text().splitlines()))
+    who = ("--from", "1", "--to", "2", "--track", "11")
+    for form in ("csv", "parquet"):
+        assert run_cli("export", str(filled), str(names[form]), "--what", "poses", *who) == 0
+    words = (*who, "--joint", "nose", "--json", str(names["json"]))
+    assert run_cli("query", str(filled), *words) == 0
+    every = list(csv.DictReader(names["csv"].read_text().splitlines()))
+    assert {row["track"] for row in every} == {"11"} and len({row["joint"] for row in every}) > 1
+    rows = [row for row in every if row["joint"] == "nose"]
     assert [row["slot"] for row in rows] == [str(slot) for slot in range(25, 51)]
-    assert {(row["track"], row["joint"]) for row in rows} == {("11", "nose")}
     assert rows[0]["time"] == "2026-11-18T11:06:41.000000Z"
     listed = json.loads(names["json"].read_text())
     assert [row["x"] for row in listed] == list(range(25, 51))
     assert listed[0]["sigma"] == pytest.approx(0.5**0.5, rel=1e-3)
     assert listed[0]["measured"] is True
-    table = parquet.read_table(names["parquet"])
+    whole = parquet.read_table(names["parquet"])
+    table = whole.filter(pyarrow.compute.equal(whole.column("joint"), "nose"))
     assert table.column("time_ns").to_pylist() == [int(row["time_ns"]) for row in rows]
     assert str(table.schema.field("time").type) == "timestamp[ns, tz=UTC]"
     assert table.column("x").to_pylist() == list(range(25, 51))
@@ -244,7 +246,7 @@ def test_other_tables_are_written_too(filled: Place, tmp_path: Path, what: str) 
     from pyarrow import parquet
 
     out = tmp_path / "out.parquet"
-    assert run_cli("query", str(filled), "--what", what, "--parquet", str(out)) == 0
+    assert run_cli("export", str(filled), str(out), "--what", what) == 0
     expected = {"slots": NUM_SLOTS, "tracks": 2, "energy": 1, "events": 1, "zones": 1, "runs": 1}
     assert parquet.read_table(out).num_rows == expected[what]
 
@@ -269,8 +271,8 @@ def test_table_on_the_terminal(filled: Place, capsys: pytest.CaptureFixture[str]
         (["--joint", "tail"], "tail"),
         (["--run", "9"], "run: found 9"),
         (["--what", "events", "--joint", "nose"], "--joint"),
-        (["--csv", "STORE"], "store itself"),
-        (["--csv", "/"], "folder"),
+        (["--json", "STORE"], "store itself"),
+        (["--json", "/"], "folder"),
         (["--track", "x"], "whole number"),
     ],
 )

@@ -84,16 +84,24 @@ class GridOptions:
         return [
             each
             for name in names
-            for row in [row_of(loops[0].settings(name, None))]
+            for row in [row_of(_settings(loops[0], name))]
             for count in (counts if COUNT in row.uses else counts[:1])
             for one in _that_matter(loops, row)
             for each in tasks(
-                replace(one.settings(name, count).for_rig(len(plan.profiles), plan), faults=faults),
+                replace(
+                    _settings(one, name, count).for_rig(len(plan.profiles), plan), faults=faults
+                ),
                 [name.removesuffix(FEEDBACK)],
                 self.seeds,
                 ahead,
             )
         ]
+
+
+def _settings(loop: LoopOptions, name: str, count: float | None = None) -> ReplaySettings:
+    """Return the settings of a policy, whose name ends in `+feedback` where cameras get it."""
+    own = replace(loop, **{"feedback": True}) if name.endswith(FEEDBACK) else loop
+    return own.settings(name.removesuffix(FEEDBACK), count)
 
 
 GRID = GridOptions()

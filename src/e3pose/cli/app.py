@@ -9,6 +9,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Sequence
+from fnmatch import fnmatch
 from importlib.util import find_spec, resolve_name
 from pathlib import Path
 from typing import Any, NoReturn
@@ -63,7 +64,6 @@ GROUPS: dict[str, dict[str, str | Callable[..., Any]]] = {
         "people": ".naming:people_app",
         "archive": ".archiving:archive_app",
         "hub": other_verb("hub"),
-        "report": ".reporting:report",
     },
     "Evaluate": {
         "evaluate": other_verb("evaluate"),
@@ -89,6 +89,17 @@ USAGE = {
     "stream": "[OPTIONS] SITE TARGET...",
     "sync": "[OPTIONS] VIDEO... | RECORDING [DEST]",
     "train": "[OPTIONS] RECORDING...",
+}
+# Retired words, and the command that does the same now. A word is a command, or an option of it or
+# of all commands, with a pattern of its value.
+RETIRED = {
+    "report": "e3pose export SITE PAGE.html",
+    "events week": "e3pose export SITE FILE.csv --what summaries",
+    "query --csv": "e3pose export STORE FILE.csv --what TABLE",
+    "query --parquet": "e3pose export STORE FILE.parquet --what TABLE",
+    "archive delete --person": "e3pose people forget STORE TRACK --run RUN",
+    "replay --policy *+feedback": "e3pose replay RECORDING --policy POLICY --feedback",
+    "--pipeline default": "e3pose replay RECORDING --pipeline memory",
 }
 # Which extra brings a module that a smaller install may lack.
 EXTRAS = {
@@ -194,6 +205,7 @@ def main(tokens: Sequence[str] | None = None) -> None:
         if tokens is None and len(sys.argv) == 1:
             tokens = _without_words()
         words = sys.argv[1:] if tokens is None else tokens
+        _refuse_retired(words)
         # The list of all verbs has a line on each.
         program = app if {*words} & {*VERBS, *VERSION} else make_app(summary_of)
         try:
@@ -228,6 +240,22 @@ def _without_words() -> list[str]:
         return ["--help"]
     print("No command given: this is `e3pose setup`. `e3pose --help` lists the commands.")
     return ["setup"]
+
+
+def _refuse_retired(words: Sequence[str]) -> None:
+    """Raise `InputError` for a command line with one of the `RETIRED` words."""
+    options = [
+        (name, value if equals else after)
+        for word, after in zip(words, [*words[1:], ""], strict=True)
+        for name, equals, value in [word.partition("=")]
+    ]
+    for old, new in RETIRED.items():
+        command, dashes, option = old.partition("--")
+        own = command.split()
+        asked, _, pattern = f"--{option}".partition(" ")
+        there = any(name == asked and fnmatch(value, pattern or "*") for name, value in options)
+        if [*words[: len(own)]] == own and (there or not dashes):
+            raise InputError(f"{old} is retired, use: {new}")
 
 
 def _fail(message: str) -> NoReturn:

@@ -7,22 +7,18 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
 
-from cyclopts import App, Parameter
+from cyclopts import App
 
 from e3pose.base.errors import InputError
 from e3pose.base.lock import hold
 from e3pose.base.quantities import age_s, plural
-from e3pose.cli.options import Flag, StorePlace, Whole, as_typed
+from e3pose.cli.options import Flag, StorePlace, as_typed
 from e3pose.cli.progress import track_progress
 from e3pose.cli.querying import store_of
 from e3pose.output.archive.checking import check_archive
 from e3pose.output.archive.places import place_of
 from e3pose.store.times import iso_text
-
-if TYPE_CHECKING:
-    from e3pose.store.forgetting import Forgotten
 
 archive_app = App(name="archive")
 OPTIONS = {"site": "--site", "day": "--day"}
@@ -112,44 +108,40 @@ def delete(
     store: StorePlace,
     /,
     *,
-    day: str | None = None,
-    person: Whole | None = None,
-    run: Whole | None = None,
-    site: Annotated[str | None, Parameter()] = None,
+    day: str,
+    site: str | None = None,
 ) -> None:
-    """Delete a day or a person from a store and from every archive that it went to.
+    """Delete a day from a store and from every archive that it went to.
 
     Example: `e3pose archive delete site.toml --day 2026-11-25`
 
-    Example: `e3pose archive delete site.toml --person 7 --run 3`
-
-    The command shows what it deleted at each place, and what it finds there afterwards; it exits
-    with code 1 where it found something, or could not look. An archive that cannot be reached now
-    is cleared by the next `e3pose archive`. Copies by `e3pose store copy` and files by `e3pose
-    export` are not known to the store: delete those yourself.
+    `e3pose people forget` deletes a person. The command shows what it deleted at each place, and
+    what it finds there afterwards; it exits with code 1 where it found something, or could not
+    look. An archive that cannot be reached now is cleared by the next `e3pose archive`. Copies by
+    `e3pose store copy` and files by `e3pose export` are not known to the store: delete those
+    yourself.
 
     Parameters
     ----------
     day
         A day that is over (UTC), such as 2026-11-25: everything that is stored of it.
-    person
-        A track id, as in `e3pose query --what tracks`: poses, track, events and zone events of one
-        person. Needs --run.
-    run
-        The run of the person, by its number in `e3pose query --what runs`.
     site
         Of which site of the store. Default: the only one.
     """
     from e3pose.output.archive.deleting import delete_everywhere
+    from e3pose.store.forgetting import of_day
 
     with as_typed(OPTIONS):
         named, of_site = store_of(store, site)
-        found = delete_everywhere(named, _what(named, of_site, day, person, run))
+        what = of_day(_only_site(named, of_site), day)
+        if what.end_ns > time.time_ns():
+            raise InputError("--day", day, "a day that is over (UTC)")
+        found = delete_everywhere(named, what)
     for one in found:
         shown = one.problem or f"{plural(one.rows, 'row')} deleted, {one.left} left"
         print(f"{one.place}: {shown}")
     if all(one.rows == one.left == 0 for one in found):
-        print("nothing of it was there: e3pose query --what tracks lists people, --what runs runs")
+        print("nothing of it was there: e3pose query --what runs lists what is")
     if any(one.left != 0 for one in found):
         print("not everywhere: run e3pose archive to the places that remain, then this again")
         sys.exit(1)
@@ -194,30 +186,6 @@ def _only_site(store: str, site: str | None) -> str:
     if site is None and len(sites) != 1:
         raise InputError(f"--site: not found, expected one of {', '.join(sites)[:200]}")
     return site or sites[0]
-
-
-def _what(
-    store: str, site: str | None, day: str | None, person: int | None, run: int | None
-) -> Forgotten:
-    """Return what the options ask for; raise `InputError` for what nobody can delete."""
-    from e3pose.store import Store
-    from e3pose.store.forgetting import Forgotten, of_day
-
-    given = [name for name, value in (("day", day), ("person", person), ("run", run))
-             if value is not None]  # fmt: skip
-    if given not in (["day"], ["person", "run"]):
-        found = ", ".join(f"--{name}" for name in given) or "nothing to delete"
-        raise InputError(f"found {found}, expected --day DAY, or --person TRACK with --run RUN")
-    runs = {one.run_id: one.run for one in Store(store).runs()}
-    if person is not None and run is not None:
-        if run not in runs:
-            raise InputError("--run", run, f"one of {', '.join(map(str, runs))[:200]}")
-        one = runs[run]
-        return Forgotten(one.site, one.started_ns, one.started_ns, one.started_ns, person)
-    what = of_day(_only_site(store, site), day or "")
-    if what.end_ns > time.time_ns():
-        raise InputError("--day", day, "a day that is over (UTC)")
-    return what
 
 
 @contextmanager

@@ -93,13 +93,6 @@ def test(
         raise SystemExit(1)
 
 
-@events_app.command(show=False)
-def week(*words: Annotated[str, Parameter(allow_leading_hyphen=True)]) -> None:
-    """Say what has the figures now."""
-    wanted = "`e3pose query SITE --what summaries --csv FILE`, or --what events"
-    raise InputError("events week", "a page that is no longer made", wanted)
-
-
 def _say(line: str) -> None:
     if line:
         print(line, flush=True)

@@ -1,21 +1,31 @@
-"""`e3pose export`: poses in the formats of other tools."""
+"""`e3pose export`: poses in the formats of other tools, a report page, rows of a store."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Group, Parameter
 
-from e3pose.base.errors import InputError
-from e3pose.base.quantities import duration_s
+from e3pose.base.atomic import check_output
+from e3pose.base.errors import MISSING, InputError
+from e3pose.base.quantities import duration_s, plural
 from e3pose.cli.options import Flag, Whole, as_typed
 from e3pose.cli.output import wrote
 from e3pose.cli.progress import track_progress
-from e3pose.cli.querying import PERIOD, ROWS, PeriodOptions, check_numbers, files_of, store_of
+from e3pose.cli.querying import (
+    PERIOD,
+    ROWS,
+    PeriodOptions,
+    Rows,
+    Table,
+    check_not_of,
+    check_numbers,
+    store_of,
+)
 from e3pose.cli.smoothing import SmoothOptions
 from e3pose.estimate.smooth import SmoothSettings, smoothed
 from e3pose.model.take import FILLED, PREDICTED, Motion, Take
@@ -23,6 +33,9 @@ from e3pose.output.exports import ExportSettings, format_of
 from e3pose.output.exports import export as write
 from e3pose.output.exports.resample import resampled
 from e3pose.recording.calibration import load_rig
+from e3pose.settings.resolved import resolve
+from e3pose.settings.site_file import load_site
+from e3pose.store.export import write_tables
 
 if TYPE_CHECKING:
     from e3pose.output.exports.base import Progress
@@ -33,6 +46,7 @@ BONES = ("bvh", "gltf")
 NAMED = {
     "pose2sim": ("trc",), "opencap": ("trc",), "vrm": BONES, "mixamo": BONES, "unreal": BONES
 }  # fmt: skip
+PAGES = (".html", ".htm")
 OPTIONS = {"site": "--site", "run": "--run", "time": "--from, --to", "track": "--track"}
 
 
@@ -88,6 +102,7 @@ def export(
     dest: Path,
     /,
     *,
+    what: Annotated[Table | None, Parameter(group=ROWS)] = None,
     period: PeriodOptions = PERIOD,
     track: Annotated[
         list[Whole] | None, Parameter(consume_multiple=True, negative="", group=ROWS)
@@ -96,7 +111,7 @@ def export(
     smooth: SmoothOptions = SMOOTH,
     form: FormatOptions = FORMAT,
 ) -> None:
-    """Export poses to OpenSim, Blender, pandas, rerun and other tools.
+    """Export poses to OpenSim, Blender, pandas, rerun and other tools; write a report page.
 
     Example: `e3pose export live.db walk.trc --from 14:00 --to 14:05 --smooth rts`
 
@@ -106,13 +121,27 @@ def export(
     BVH hold one person per file, such as walk-track7.trc. Missing joints stay missing without
     --fill.
 
+    A DEST ending in .html is the report page of any stretch of a live site, as `e3pose replay
+    --report` makes it of a recording: 3D player, camera selection, energy. Of several runs in that
+    time it shows the newest, with the videos that the site recorded.
+
+    Example: `e3pose export site.toml morning.html --from 09:00 --to 09:30`
+
+    With --what, DEST (.csv or .parquet) gets the rows of a table as they are stored.
+
+    Example: `e3pose export site.toml selections.csv --what slots`
+
     Parameters
     ----------
     source
         A store as in `e3pose query` (file, URL or site folder), or a table of poses from
-        `e3pose replay --poses`, `e3pose query` or `e3pose export --wide`.
+        `e3pose replay --poses`, `e3pose export --what poses` or `--wide`. For a report page, a
+        site.
     dest
         Output file, replaced if it exists; for OpenPose a new folder.
+    what
+        The rows of this table, as in `e3pose query`; `poses` has one row per person, slot and
+        joint. Any length fits.
     track
         Only these track ids.
     region
@@ -123,8 +152,19 @@ def export(
     def progress(items: Iterable[Any], total: int, label: str) -> Iterable[Any]:
         return track_progress(items, total, label)
 
-    name, settings = form.settings(dest, progress)
     smoothing = smooth.settings()
+    if what is not None or (form.format_name is None and dest.suffix.lower() in PAGES):
+        given = {item.name.removesuffix("_name"): getattr(form, item.name) for item in fields(form)}
+        given |= {"region": region, "smooth": what and smooth.smooth, "track": not what and track}
+        for option, value in given.items():
+            if value not in (None, False):
+                kind = "a report page" if what is None else f"--what {what}"
+                raise InputError(f"--{option}", f"with {kind}", "poses in another format")
+        _write_page(source, dest, period, smoothing) if what is None else _write_rows(
+            source, dest, what, period, track or ()
+        )
+        return
+    name, settings = form.settings(dest, progress)
     with as_typed({"": "--fill"}):
         fill_s = 0.0 if form.fill is None else duration_s(form.fill)
     smoothing = SmoothSettings(smoothing.method, smoothing.cutoff_hz, fill_s)
@@ -147,10 +187,52 @@ def export(
     _print_filled(take)
 
 
+def _write_page(source: str, dest: Path, period: PeriodOptions, smoothing: SmoothSettings) -> None:
+    """Write the report page of what a site stored."""
+    from e3pose.output.report.stored import write_stretch
+    from e3pose.store import Store
+
+    check_output(dest)
+    path = Path(source)
+    if (path / "recording.toml").is_file():
+        raise InputError(
+            f"{source}: found a recording, expected a site: e3pose replay {source} --report {dest}"
+        )
+    if not (path.is_dir() or path.suffix == ".toml"):
+        raise InputError(f"{source}: found a store, expected its site, which names its cameras")
+    table = load_site(path)
+    if table.store is None:
+        wanted = '[store] path = "poses.db", without which a site keeps nothing'
+        raise InputError("", MISSING, wanted, str(table.path))
+    store = Store(table.store.place)
+    with as_typed(OPTIONS, store.where):
+        slots = write_stretch(
+            resolve(table), store, dest, period.from_, period.to, smoothing, period.run
+        )
+    wrote(dest, plural(slots, "slot"))
+
+
+def _write_rows(
+    source: str, dest: Path, what: Table, period: PeriodOptions, tracks: Sequence[int]
+) -> None:
+    """Write the rows of a table of a store."""
+    from e3pose.store import Store
+
+    form = dest.suffix.lower().removeprefix(".")
+    if form not in ("csv", "parquet"):
+        raise InputError("DEST", repr(str(dest)), f"a name ending in .csv or .parquet with {what}")
+    if len(tracks) > 1:
+        raise InputError("--track", f"{len(tracks)} with --what {what}", "at most one")
+    store, site = store_of(source, period.site)
+    check_output(dest)
+    check_not_of(store, dest)
+    rows = Rows(Store(store), what, period, site, next(iter(tracks), None))
+    wrote(dest, plural(write_tables(rows.chunks(), dest, form), "row"))
+
+
 def _take(source: str, dest: Path, asked: Asked) -> Take:
     """Read what is asked for, and check that it would not be written over."""
     from e3pose.output.exports.source import TABLES, take_from_store, take_from_table
-    from e3pose.store.database import database_path, database_url
 
     path = Path(source)
     if "://" not in source and path.suffix.lower() in TABLES:
@@ -165,9 +247,7 @@ def _take(source: str, dest: Path, asked: Asked) -> Take:
             "--poses poses.parquet"
         )
     store, site = store_of(source, asked.site)
-    database = database_path(database_url(store))
-    if database is not None and dest.resolve() in files_of(database.resolve()):
-        raise InputError(f"{dest}: found the store itself, expected another file")
+    check_not_of(store, dest)
     return take_from_store(store, replace(asked, site=site))
 
 

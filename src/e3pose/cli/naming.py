@@ -168,6 +168,7 @@ def forget(
     if _is_there(there):
         warn("the person was there until now: forget again when they are gone")
     if left:
+        print("not everywhere: run e3pose archive to the places that remain, then this again")
         raise SystemExit(1)
 
 

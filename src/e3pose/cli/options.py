@@ -19,7 +19,7 @@ from e3pose.cli.settings_options import Flag as Flag
 from e3pose.cli.settings_options import Whole as Whole
 from e3pose.cli.settings_options import options_from
 from e3pose.settings.energy import EnergySettings
-from e3pose.settings.loop import FEEDBACK, PAPER_ONLY, ReplaySettings
+from e3pose.settings.loop import PAPER_ONLY, ReplaySettings
 
 # Groups of options in `--help`, in their order.
 GOAL = Group("Goal", sort_key=1)
@@ -120,8 +120,6 @@ class LoopOptions:
             InputError: naming the option.
         """
         given = {item.name: getattr(self, item.name) for item in fields(self)}
-        if policy is not None and policy.endswith(FEEDBACK):
-            policy, given["feedback"] = policy.removesuffix(FEEDBACK), True
         numbers = {name: _one(name, given[name]) for name in ("budget", "quality_weight")}
         table = {**given, **numbers, "policy": policy, "cameras": cameras}
         written = {key: value for key, value in table.items() if value is not None}

@@ -1,4 +1,4 @@
-"""`e3pose query`: rows of a store, as a table or a file."""
+"""`e3pose query`: rows of a store, as a table or as JSON."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ TOO_WIDE = ("joints", "number")  # or of no use, on a terminal; files have them
 KEYS = ("run", "run_id", "slot", "time", "track", "joint")  # which every table begins with
 FIRST = ("message",)  # of the other columns
 TEXTS = ("time", "joint", "message", "kind", "camera_id", "source")
-
+Table = Literal["poses", "slots", "tracks", "energy", "events", "zones", "summaries", "runs"]
 
 ROWS = Group("Rows", sort_key=1)
 
@@ -56,21 +56,18 @@ def query(
     store: str,
     /,
     *,
-    what: Literal[
-        "poses", "slots", "tracks", "energy", "events", "zones", "summaries", "runs"
-    ] = "poses",
+    what: Table = "poses",
     period: PeriodOptions = PERIOD,
     track: Annotated[Whole | None, Parameter(group=ROWS)] = None,
     joint: Annotated[str | None, Parameter(group=ROWS)] = None,
-    csv: Annotated[Path | None, Parameter(group=OUTPUT)] = None,
-    parquet: Annotated[Path | None, Parameter(group=OUTPUT)] = None,
     json_file: Annotated[JsonFile, Parameter(group=OUTPUT)] = None,
 ) -> None:
     """Query a store: 3D poses, selections, energy, events, zones, summaries.
 
-    Example: `e3pose query live.db --from -10min --track 7 --joint left_wrist --csv wrist.csv`
+    Example: `e3pose query live.db --from -10min --track 7 --joint left_wrist`
 
-    Without an output file the command prints the first rows. It works while the system runs.
+    The command prints the first rows; `e3pose export STORE FILE.csv --what TABLE` writes them all.
+    It works while the system runs.
 
     Parameters
     ----------
@@ -86,64 +83,94 @@ def query(
         Only this track id.
     joint
         Only this joint, such as `left_wrist`.
-    csv
-        Write the rows here as CSV.
-    parquet
-        Write the rows here as Parquet.
     json_file
         Write the rows here as a JSON list; - is standard output.
     """
     from e3pose.store import Store
 
     store, site = store_of(store, period.site)
-    files = {"csv": csv, "parquet": parquet, "json": json_file}
-    outputs = {form: path for form, path in files.items() if path is not None}
-    check_files(store, outputs)
-    _check_rows(what, period, track, joint)
-    asked = Store(store)
-    bounds: dict[str, Any] = {
-        "start": period.from_,
-        "end": period.to,
-        "site": site,
-        "run": period.run,
-    }
-    with as_typed(OPTIONS, asked.where):
-        if not outputs:
-            _show(asked, what, bounds, track, joint)
-            return
-        for form, path in outputs.items():
-            place = None if is_stdout(path) else path
-            count = write_tables(_chunks(asked, what, bounds, track, joint), place, form)
-            if not is_stdout(json_file):
-                wrote(path, plural(count, "row"))
+    if json_file is not None and not is_stdout(json_file):
+        check_output(json_file)
+        check_not_of(store, json_file)
+    asked = Rows(Store(store), what, period, site, track, joint)
+    if json_file is None:
+        _show(asked)
+        return
+    count = write_tables(asked.chunks(), None if is_stdout(json_file) else json_file, "json")
+    if not is_stdout(json_file):
+        wrote(json_file, plural(count, "row"))
 
 
-def check_files(store: str, outputs: Mapping[str, Path]) -> None:
-    """Raise `InputError` for files that cannot be written, or that belong to the store."""
+def check_not_of(store: str, path: Path) -> None:
+    """Raise `InputError` for a file to write that belongs to the store."""
     from e3pose.store.database import database_path, database_url
 
     database = database_path(database_url(store))
-    for form, path in outputs.items():
-        if is_stdout(path):
-            continue
-        check_output(path)
-        if database is not None and path.resolve() in files_of(database.resolve()):
-            raise InputError(f"--{form}: found the store itself, expected another file: {path}")
-    if len({path.resolve() for path in outputs.values()}) < len(outputs):
-        raise InputError("--csv, --parquet, --json: found the same file twice, expected different")
+    ends = ("", "-wal", "-shm", "-journal")  # SQLite keeps these files beside it
+    if database is not None and path.resolve() in [Path(f"{database.resolve()}{e}") for e in ends]:
+        raise InputError(f"{path}: found the store itself, expected another file")
 
 
-def _check_rows(what: str, period: PeriodOptions, track: int | None, joint: str | None) -> None:
-    """Raise `InputError` for options that a table does not have."""
-    if what != "poses":
-        for option, value in (("--joint", joint), ("--track", track)):
-            if value is not None:
-                raise InputError(f"{option}: found {value} with --what {what}, expected poses")
-    if what == "runs":
-        for option, text in (("--from", period.from_), ("--to", period.to)):
-            if text is not None:
-                raise InputError(f"{option}: found with --what runs, which lists whole runs")
-    check_numbers({"--track": (track,), "--run": (period.run,)})
+@dataclass(frozen=True, slots=True)
+class Rows:
+    """The rows of a table of a store that are asked for.
+
+    Attributes:
+        store: what is asked.
+        what: which table.
+        period: which runs and times.
+        site: whose runs; None for all sites.
+        track: of poses, whose; None for everybody.
+        joint: of poses, which; None for all.
+
+    Raises:
+        InputError: naming the option that a table does not have.
+    """
+
+    store: Store
+    what: Table
+    period: PeriodOptions
+    site: str | None
+    track: int | None = None
+    joint: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.what != "poses":
+            for option, value in (("--joint", self.joint), ("--track", self.track)):
+                if value is not None:
+                    found = f"{value} with --what {self.what}"
+                    raise InputError(option, found, "poses")
+        if self.what == "runs":
+            for option, text in (("--from", self.period.from_), ("--to", self.period.to)):
+                if text is not None:
+                    raise InputError(f"{option}: found with --what runs, which lists whole runs")
+        check_numbers({"--track": (self.track,), "--run": (self.period.run,)})
+
+    def chunks(self) -> Iterator[dict[str, list[Any]]]:
+        """Yield parts of the table; the first, of no rows, names the columns of poses."""
+        from e3pose.store import schema
+
+        run, store = self.period.run, self.store
+        bounds: dict[str, Any] = {
+            "start": self.period.from_,
+            "end": self.period.to,
+            "site": self.site,
+            "run": run,
+        }
+        with as_typed(OPTIONS, store.where):
+            if self.what == "poses":
+                for poses in store.read(**bounds, track=self.track, joint=self.joint):
+                    yield pose_columns(poses)
+            elif self.what == "runs":
+                rows = [
+                    {"run_id": one.run_id, **one.run.row()}
+                    for one in store.runs()
+                    if run in (None, one.run_id) and self.site in (None, one.run.site)
+                ]
+                yield row_columns(rows)
+            else:
+                rows = store.rows(self.what, **bounds)
+                yield row_columns(rows, schema.ROWS[self.what].c.keys())
 
 
 def check_numbers(numbers: Mapping[str, Sequence[int | None]]) -> None:
@@ -167,38 +194,10 @@ def store_of(named: str, site: str | None) -> tuple[str, str | None]:
     return str(table.store.place), site or table.name
 
 
-def files_of(database: Path) -> list[Path]:
-    """Return the database with the files that SQLite keeps beside it."""
-    return [database, *(Path(f"{database}{end}") for end in ("-wal", "-shm", "-journal"))]
-
-
-def _chunks(
-    store: Store, what: str, bounds: dict[str, Any], track: int | None, joint: str | None
-) -> Iterator[dict[str, list[Any]]]:
-    """Yield parts of the table asked for; the first, of no rows, names the columns of poses."""
-    if what == "poses":
-        for poses in store.read(**bounds, track=track, joint=joint):
-            yield pose_columns(poses)
-    elif what == "runs":
-        run, site = bounds["run"], bounds["site"]
-        rows = [
-            {"run_id": one.run_id, **one.run.row()}
-            for one in store.runs()
-            if run in (None, one.run_id) and site in (None, one.run.site)
-        ]
-        yield row_columns(rows)
-    else:
-        from e3pose.store import schema
-
-        yield row_columns(store.rows(what, **bounds), schema.ROWS[what].c.keys())
-
-
-def _show(
-    store: Store, what: str, bounds: dict[str, Any], track: int | None, joint: str | None
-) -> None:
+def _show(asked: Rows) -> None:
     cells: dict[str, list[str]] = {}
     shown, more = 0, False
-    for columns in _chunks(store, what, bounds, track, joint):
+    for columns in asked.chunks():
         names = [n for n in columns if not n.endswith("_ns") and n not in TOO_WIDE]
         count = max((len(columns[name]) for name in names), default=0)
         for name in names:
@@ -220,7 +219,9 @@ def _show(
     cells = {**{name: cells[name] for name in FIRST if name in cells}, **cells}
     print_tables(console, keys, cells, title, left=TEXTS)
     if more:
-        console.print(f"first {SHOWN_ROWS} rows; --csv, --parquet or --json write all rows")
+        console.print(
+            f"first {SHOWN_ROWS} rows; e3pose export STORE FILE.csv --what {asked.what} writes all"
+        )
 
 
 def _cell(value: Any) -> str:

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
 # The names that users give: what estimates, and who decides unless they say otherwise.
 PIPELINES = {
-    "default": ("memory", "information"),
     "memory": ("memory", "information"),
     "paper": ("paper", "e3pose"),
 }
@@ -35,7 +34,7 @@ MAX_LEAD = 1000
 WHOLE_EVERY = 5  # detections; chosen on simulated scenes
 MAX_WHOLE_EVERY = 1000
 PAPER_ONLY = "Only for --pipeline paper and its policies"  # a group of options
-FEEDBACK = "+feedback"  # after the name of a policy
+FEEDBACK = "+feedback"  # after the name of a policy in a table of several
 MAX_TARGET_M = 1.0
 MAX_SEED = 2**31 - 1
 MAX_WATTS = 1e6
@@ -84,10 +83,10 @@ class LoopSettings:
     """
 
     pipeline: str = entry(
-        "default",
-        help="""Estimator. `default` (= `memory`): a Kalman-type filter per person that accepts any
-        number of views, with the policy `information`. `paper`: the published system, which
-        triangulates each slot from two or more views, with the policy `e3pose`.""",
+        "memory",
+        help="""Estimator. `memory`: a Kalman-type filter per person that accepts any number of
+        views, with the policy `information`. `paper`: the published system, which triangulates each
+        slot from two or more views, with the policy `e3pose`.""",
     )
     policy: str | Policy | None = entry(None, read=read_name)
     num_selected: float | None = entry(None, key="cameras", read=read_cameras)
@@ -163,8 +162,7 @@ class LoopSettings:
     feedback: bool = entry(
         False,
         help="""Semantic feedback: detect again in the videos of the recording, only where people
-        are expected, in parts scaled to the network's best size. Same as +feedback after the name
-        of a policy.""",
+        are expected, in parts scaled to the network's best size.""",
     )
     whole_every: Annotated[int, Meta(ge=1, le=MAX_WHOLE_EVERY)] = entry(
         WHOLE_EVERY,
@@ -323,4 +321,4 @@ class ReplaySettings(LoopSettings):
 
 def pipeline_row(name: str) -> tuple[str, str]:
     """Return the estimator and the policy of a pipeline; one of one's own has the usual policy."""
-    return PIPELINES.get(name, (name, PIPELINES["default"][1]))
+    return PIPELINES.get(name, (name, PIPELINES["memory"][1]))

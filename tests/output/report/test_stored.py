@@ -25,7 +25,7 @@ from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.model.camera import Rig
 from e3pose.output.report.overlay import write_movie
 from e3pose.output.report.site_films import videos_of
-from e3pose.recording import Recording
+from e3pose.recording import Recording, save_recording
 from e3pose.recording.calibration import load_rig, save_rig
 from e3pose.recording.folder import HEADER
 from e3pose.recording.processor import ProcessorTime, save_processor
@@ -88,7 +88,7 @@ def shown(page: Path) -> dict[str, object]:
 
 def test_page_shows_the_newest_run(site: Path, capsys: pytest.CaptureFixture[str]) -> None:
     page = site / "all.html"
-    assert run("report", site, page) == 0
+    assert run("export", site, page) == 0
     assert f"Wrote {page}: 40 slots" in capsys.readouterr().out
     text = page.read_text()
     assert "lab, 2027-01-15 08:00:00 to 08:00:03 UTC" in text
@@ -102,7 +102,7 @@ def test_page_of_a_store_shows_its_blind_slots(site: Path, tmp_path: Path) -> No
     for name in ("site.toml", "rig.toml"):
         (tmp_path / name).write_text((site / name).read_text())
     store(tmp_path / "live.db", recording, BEGIN_NS, 40, {12: "orders-late", 13: "views-late"})
-    assert run("report", tmp_path, tmp_path / "blind.html") == 0
+    assert run("export", tmp_path, tmp_path / "blind.html") == 0
     text = (tmp_path / "blind.html").read_text()
     assert "In 2 of 40 slots (5 %) no view arrived (1 orders late, 1 views late)" in text
     assert shown(tmp_path / "blind.html")["blind"] == {"12": "orders late", "13": "views late"}
@@ -110,10 +110,10 @@ def test_page_of_a_store_shows_its_blind_slots(site: Path, tmp_path: Path) -> No
 
 def test_page_can_be_smoothed(site: Path) -> None:
     for name, words in (("as-stored", ()), ("smooth", ("--smooth", "rts"))):
-        assert run("report", site, site / f"{name}.html", *words) == 0
+        assert run("export", site, site / f"{name}.html", *words) == 0
     stored, smooth = (shown(site / f"{name}.html") for name in ("as-stored", "smooth"))
     assert smooth != stored and smooth["numSlots"] == stored["numSlots"]
-    assert run("report", site, site / "no.html", "--cutoff", "6Hz") == 2
+    assert run("export", site, site / "no.html", "--cutoff", "6Hz") == 2
 
 
 @each_case(
@@ -127,7 +127,7 @@ def test_page_can_be_smoothed(site: Path) -> None:
 def test_page_shows_the_stretch_asked_for(
     site: Path, words: tuple[str, ...], slots: int, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert run("report", site, site / "part.html", *words) == 0
+    assert run("export", site, site / "part.html", *words) == 0
     assert f"{slots} slots" in capsys.readouterr().out
 
 
@@ -136,7 +136,10 @@ def test_page_shows_the_stretch_asked_for(
     [
         (("p.html", "--from", "77"), "no slot of site lab was stored in that time"),
         (("p.html", "--from", "3", "--to", "1"), "--from, --to: found '3' to '1'"),
-        (("p.txt",), "expected a name ending in .html"),
+        (("p.html", "--from", "1", "--run", "7"), "no slot of site lab was stored in that time"),
+        (("p.html", "--angles"), "--angles: found with a report page"),
+        (("p.html", "--track", "1"), "--track: found with a report page"),
+        (("p.html", "--region", "0,0,1,1"), "--region: found with a report page"),
         (("p.html", "--from", "soon"), "--from, --to: found 'soon'"),
     ],
 )
@@ -148,10 +151,20 @@ def test_what_cannot_be_shown_is_one_line(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.chdir(site)
-    assert run("report", site, *words) == 2
+    assert run("export", site, *words) == 2
     err = capsys.readouterr().err
     assert message in err and err.count("\n") == 1, err
     assert not (site / "p.html").exists()
+
+
+def test_page_of_what_has_no_cameras_says_what_does(
+    site: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    recording = simulate(SceneSettings(people=1, seconds=0.2, fps=FPS, cameras=3), seed=702)
+    save_recording(recording, tmp_path / "walk")
+    for source, helps in ((site / "live.db", "its site"), (tmp_path / "walk", "e3pose replay")):
+        assert run("export", source, tmp_path / "p.html") == 2
+        assert helps in capsys.readouterr().err
 
 
 def test_store_of_other_cameras_is_refused(
@@ -162,7 +175,7 @@ def test_store_of_other_cameras_is_refused(
     save_rig(Rig(cameras), tmp_path / "rig.toml")
     text = SITE.replace('"live.db"', f'"{site / "live.db"}"')
     (tmp_path / "site.toml").write_text(text)
-    assert run("report", tmp_path, tmp_path / "p.html") == 2
+    assert run("export", tmp_path, tmp_path / "p.html") == 2
     assert "found slots of cameras cam0, cam1, cam2, expected those of x0, x1, x2" in (
         capsys.readouterr().err
     )
@@ -190,7 +203,7 @@ def test_videos_that_the_site_kept_are_shown_beside_the_player(site: Path, tmp_p
         assert videos_of(folder, (one, other), later_ns, later_ns + 10**9) == {}
         everybody = load_rig(site / "rig.toml").camera_ids
         save_processor(kept, dict.fromkeys(everybody, ProcessorTime(0.1, 0.02, 9)))
-        assert run("report", site, tmp_path / "page.html") == 0
+        assert run("export", site, tmp_path / "page.html") == 0
         text = (tmp_path / "page.html").read_text()
         assert re.search(r"processor time \d+ % \(modelled\)", text)
         told = re.search(r'id="film-data">(.*?)</script>', text, re.S)

@@ -1,4 +1,4 @@
-"""Read a take from a store, or from a pose table of `replay` or `query`."""
+"""Read a take from a store, or from a pose table of `replay` or `export`."""
 
 from __future__ import annotations
 
@@ -222,7 +222,7 @@ def _read(path: Path) -> dict[str, NDArray[Any]]:
     if missing or not {"time", "time_ns"} & set(found.column_names):
         raise InputError(
             f"{path}: found no column {', '.join(missing) or 'time'}, expected a table of replay "
-            "--poses or query --csv or --parquet"
+            "--poses or export --what poses"
         )
     if not 0 < found.num_rows <= MAX_ROWS:
         raise InputError(f"{path}: found {found.num_rows} rows, expected 1 to {MAX_ROWS}")

@@ -36,6 +36,7 @@ def write_stretch(
     start: Time = None,
     end: Time = None,
     smoothing: SmoothSettings = AS_STORED,
+    asked_run: int | None = None,
 ) -> int:
     """Write the page of what a site stored between two times; return how many slots it shows.
 
@@ -49,12 +50,15 @@ def write_stretch(
         start: see `Store.query`.
         end: likewise.
         smoothing: of the poses.
+        asked_run: the run to show, in place of the newest.
 
     Raises:
         InputError: when nothing was stored in that time, too much for a page, or of other cameras.
     """
     ids = site.rig.camera_ids
-    runs = [one for one in store.runs() if one.run.site == site.file.name]
+    runs = [
+        one for one in store.runs() if one.run.site == site.file.name and asked_run in (None, one.run_id)
+    ]
     for run in reversed(runs):
         rows = store.rows("slots", start, end, run=run.run_id)
         if rows:

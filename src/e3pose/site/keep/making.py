@@ -1,4 +1,4 @@
-"""Make the files of one request: those of `e3pose export` and `e3pose report`."""
+"""Make the files of one request: those of `e3pose export`."""
 
 from __future__ import annotations
 
