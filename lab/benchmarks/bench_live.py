@@ -18,7 +18,7 @@ import numpy as np
 from e3pose.evaluate.replay import ReplaySettings, make_pipeline, selected_views
 from e3pose.pipeline import initial_state, step
 from e3pose.simulate import SceneSettings, simulate
-from e3pose.site.demo.clip import find_clip
+from e3pose.site.demo_clip import find_clip
 from e3pose.wire.arrays import pack
 from e3pose.wire.codec import encode
 from e3pose.wire.messages import View

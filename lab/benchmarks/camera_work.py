@@ -38,10 +38,9 @@ from e3pose.output.report.overlay import write_movie
 from e3pose.recording import Recording, ViewSeries, load_recording
 from e3pose.recording.calibration import load_rig
 from e3pose.recording.record import Truth
-from e3pose.site.demo.clip import find_clip
-from e3pose.site.demo.live import Heard, run_live
-from e3pose.site.demo.stored_run import Film, as_recording, stored_records
+from e3pose.site.demo_clip import find_clip
 from e3pose.site.example import STORE_FILE, Example, write_example
+from live_run import Film, Heard, as_recording, run_live, stored_records
 
 NETWORK = "movenet-multipose"
 CLIP_FPS, CLIP_EVERY = 20.0, 3
@@ -167,7 +166,7 @@ def run(footage: Footage, way: str, slot_s: float, folder: Path, work: Work) -> 
     path.write_text(f'{path.read_text()}\n[energy]\nprofile = "board.toml"\n')
     length_s = scene.num_slots * scene.interval_s
     wanted = scene.num_slots - 2 * round(DEADLINE_SLOTS) - 1
-    heard = run_live(path, scene.rig, wanted, length_s / pace, READY_S, lambda *_: None)
+    heard = run_live(path, scene.rig, wanted, length_s / pace, READY_S)
     film = Film(length_s, pace, heard.begin_ns)
     records, times, _ = stored_records(folder / STORE_FILE, scene.interval_s, film, wanted)
     seen = as_recording(scene, heard, film.moments(heard, records, times))

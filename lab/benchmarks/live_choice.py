@@ -23,9 +23,8 @@ from e3pose.evaluate.held_out import judge, turns
 from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.model.slot_record import SlotRecord
 from e3pose.recording import Recording, load_recording
-from e3pose.site.demo.live import run_live
-from e3pose.site.demo.stored_run import Film, stored_records
 from e3pose.site.example import STORE_FILE, write_recorded
+from live_run import Film, run_live, stored_records
 
 READY_S = 6.0  # a camera starts
 
@@ -39,7 +38,7 @@ def live(recording: Recording, policy: str, cameras: float) -> tuple[list[SlotRe
         site_file.write_text(tomlkit.dumps(settings))
         length_s = recording.num_slots * recording.interval_s
         num = recording.num_slots
-        heard = run_live(site_file, recording.rig, num, length_s, READY_S, lambda *_: None)
+        heard = run_live(site_file, recording.rig, num, length_s, READY_S)
         film = Film(length_s, 1.0, heard.begin_ns)
         store = site_file.parent / STORE_FILE
         records, times_ns, _ = stored_records(store, recording.interval_s, film, num)

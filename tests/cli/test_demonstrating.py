@@ -1,64 +1,235 @@
-"""`e3pose demo` from the command line, on a machine that reaches nothing."""
+"""`e3pose demo`: what it fetches, runs, replays and leaves; without a network, on a simulation."""
 
 from __future__ import annotations
 
+import json
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+import psutil
 import pytest
-from tests.site.left_by_demo import canned
+from tests.cli.commands import refused, run
+from tests.site.left_by_site import status_of
+from tests.waiting import eventually
 
-from e3pose.cli.app import main
-from e3pose.simulate import DetectorSettings, SceneSettings
+from e3pose.base.errors import InputError
+from e3pose.camera.source import open_video
+from e3pose.cli import demonstrating
+from e3pose.detectors.timing import DetectionTimes
+from e3pose.detectors.weights import Progress
+from e3pose.recording import load_recording, save_recording
+from e3pose.settings.site_file import SiteTable, load_site
+from e3pose.simulate import DetectorSettings, SceneSettings, simulate
+from e3pose.site.demo_clip import TITLE, Clip
+from e3pose.site.simulated_films import write_films
+from e3pose.site.up import Program
+from e3pose.store import Store
+from e3pose.wire.site_messages import Status
 
 pytestmark = pytest.mark.slow
 
+SMALL = SceneSettings(
+    people=1, seconds=1.2, fps=10, cameras=3, detector=DetectorSettings(perfect=True)
+)
+FILES = {"report.html", "overlay.webm", "overlay.png", "poses.parquet", "poses.csv",
+         "summary.json", "recording", "site", "e3pose-demo.txt"}  # fmt: skip
 
-def run(*words: str) -> int | str | None:
-    with pytest.raises(SystemExit) as ended:
-        main(["demo", *words])
-    return ended.value.code
+
+@pytest.fixture(autouse=True)
+def unreachable(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(demonstrating, "STAND_IN", SMALL)
+    monkeypatch.setenv("E3POSE_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setenv("E3POSE_OFFLINE", "1")
 
 
 @pytest.fixture
-def unreachable(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    small = SceneSettings(
-        people=1, seconds=1.2, fps=10, cameras=3, detector=DetectorSettings(perfect=True)
+def ran(monkeypatch: pytest.MonkeyPatch) -> list[Sequence[Program]]:
+    """The programs of sites that a demo would have run; a detection takes 0.3 s here."""
+    found = list[Sequence[Program]]()
+
+    def shown(
+        site: SiteTable, programs: Sequence[Program], *_: object, over: Callable[..., bool]
+    ) -> Status:
+        found.append(programs)
+        status = status_of(site.name, 12, [camera.id for camera in site.camera], None)
+        assert not over(None) and not over(replace_slot(status, 3)) and over(status)
+        return status
+
+    def measured(workloads: Sequence[object]) -> DetectionTimes:
+        return DetectionTimes(np.full(len(workloads), 0.3), np.full(len(workloads), 0.6))
+
+    monkeypatch.setattr(
+        demonstrating, "run_shown", lambda *given: shown(*given[:-1], over=given[-1])
     )
-    monkeypatch.setattr("e3pose.site.demo.job.STAND_IN", small)
-    monkeypatch.setenv("E3POSE_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setenv("E3POSE_OFFLINE", "1")
-    monkeypatch.setattr("e3pose.site.demo.live.run_live", canned)
-    return tmp_path / "demo"
+    monkeypatch.setattr("e3pose.site.detector_speed.time_detections", measured)
+    return found
 
 
-def test_offline_by_environment_leaves_a_folder(
-    unreachable: Path, capsys: pytest.CaptureFixture[str]
+def replace_slot(status: Status, slot: int) -> Status:
+    return status_of(status.site, slot, ["cam0"], None)
+
+
+def test_offline_leaves_the_same_files_of_a_simulated_scene(
+    tmp_path: Path, ran: list[Sequence[Program]], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert not run(str(unreachable))
+    dest = tmp_path / "demo"
+    assert run("demo", dest) == 0
     out, err = capsys.readouterr()
-    assert "Could not download the four-camera recording" in out
-    assert f"{unreachable / 'report.html'}: open this first" in out
-    assert err.splitlines() == [
+    assert out.startswith(
+        "Could not download the four-camera recording: not in the cache, and this run is offline.\n"
+    )
+    assert f"{dest / 'report.html'}: open this first" in out
+    assert [line for line in err.splitlines() if line.endswith("...")] == [
         "simulating a scene ...",
         "running the edge and the cameras ...",
-        "writing the results ...",
+        "drawing the pictures ...",
     ]
-    assert (unreachable / "report.html").is_file()
+    assert {path.name for path in dest.iterdir()} == FILES
+    assert [program.name for program in ran[0]] == ["edge", "cam0", "cam1", "cam2"]
+    summary = json.loads((dest / "summary.json").read_text())
+    assert summary["slots"] == 12 and summary["live"]["slot"] == 12
+    # All three cameras in the ten slots of the warm-up, then two.
+    assert summary["selection"]["mean_cameras"] == pytest.approx((10 * 3 + 2 * 2) / 12)
+    assert summary["metrics"]["mpjpe_mm"] < 50
+    assert summary["live"]["saved"]["processor_time"]["basis"] == "measured"
+    assert (dest / "poses.csv").read_text().startswith("slot,time,track,joint,x,y,z,score,")
+    assert run("replay", dest / "recording") == 0, "what it leaves can be used again"
+    assert refused(capsys, "demo", dest).startswith(f"e3pose: {dest}")
+    (dest / "report.html").write_text("old")
+    assert run("demo", dest, "--overwrite") == 0
+    assert (dest / "report.html").stat().st_size > 1_000_000
+
+
+def test_clip_is_detected_in_played_slower_and_drawn(
+    tmp_path: Path,
+    ran: list[Sequence[Program]],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    films = tmp_path / "films"
+    made = simulate(replace(SMALL, fps=20.0), 0)
+    save_recording(made, films)
+    write_films(made, films, lambda share: None)
+    videos = tuple(films / "videos" / f"{name}.mp4" for name in made.rig.camera_ids)
+    clip = Clip(films / "calibration.toml", videos)
+    monkeypatch.setattr(demonstrating, "find_clip", lambda: clip)
+    monkeypatch.setattr(demonstrating, "NETWORK", "drawn")
+    monkeypatch.setattr(demonstrating, "is_installed", lambda name: True)
+    monkeypatch.setattr(demonstrating, "find_weights", lambda name: None)
+    monkeypatch.setattr(demonstrating, "make_detector", drawn)
+    dest = tmp_path / "demo"
+    assert run("demo", dest) == 0
+    out = capsys.readouterr().out
+    assert "Could not" not in out and TITLE in (dest / "report.html").read_text()
+    site = load_site(dest / "site")
+    # Three cameras of 0.6 s each reach 5 detections per second, and 0.8 of them are to be had.
+    assert site.pace == pytest.approx(1.3 / 20, rel=0.02) and f"at {site.pace:g}x speed" in out
+    assert site.deadline_ms == pytest.approx(2500 / 20 / site.pace, abs=1)
+    for camera in site.camera:
+        assert camera.detector == "drawn" and Path(camera.source or "").is_file()
+    recording = load_recording(dest / "recording")
+    assert sum(len(series.scores) for series in recording.views) >= recording.num_slots
+    movie = open_video(dest / "overlay.webm")
+    assert len(list(movie.frames(0.0))) == recording.num_slots == 24
+    assert movie.rate == pytest.approx(20 / 3, rel=1e-3)
+
+
+def drawn(name: str, weights: object, *how: object) -> Any:
+    from e3pose.detectors import make_detector
+
+    return make_detector(name)
+
+
+def test_failed_download_is_said_in_one_line(
+    tmp_path: Path,
+    ran: list[Sequence[Program]],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def refuse(progress: Progress) -> None:
+        raise InputError("wheel of pose2sim==0.10.49: not found in https://index.example/simple")
+
+    monkeypatch.delenv("E3POSE_OFFLINE")
+    monkeypatch.setattr(demonstrating, "fetch_clip", refuse)
+    assert run("demo", tmp_path / "demo") == 0
+    out, err = capsys.readouterr()
+    assert out.splitlines()[:2] == [
+        "Could not download the four-camera recording: wheel of pose2sim==0.10.49: not found in "
+        "https://index.example/simple.",
+        "This is a simulated scene instead.",
+    ]
+    assert err.startswith("downloading the four-camera recording ...\nsimulating a scene ...\n")
+
+
+def test_program_that_ends_by_itself_ends_the_demo_with_its_last_words(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def shown(site: object, programs: Sequence[Program], logs: Path, *rest: Any) -> None:
+        logs.mkdir()
+        programs[1].log.write_text("starting\nthe lens fell off\n")
+        programs[1].restarts = 1
+        rest[-1](None)
+
+    monkeypatch.setattr(demonstrating, "run_shown", shown)
+    assert run("demo", tmp_path / "demo") == 2
+    assert capsys.readouterr().err.endswith("e3pose: cam0: the lens fell off\n")
+    assert [path.name for path in tmp_path.iterdir()] == [], "nothing is left"
 
 
 def test_taken_destination_is_one_line_and_code_2(
-    unreachable: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    unreachable.mkdir()
-    (unreachable / "mine.txt").write_text("mine")
+    (tmp_path / "thesis.tex").write_text("years of work")
     for words in ([], ["--overwrite"]):
-        assert run(str(unreachable), *words) == 2
-        out, err = capsys.readouterr()
-        assert out == "" and err.startswith(f"e3pose: {unreachable}:") and err.count("\n") == 1
-    assert [path.name for path in unreachable.iterdir()] == ["mine.txt"]
+        assert refused(capsys, "demo", tmp_path, *words).startswith(f"e3pose: {tmp_path}:")
+    assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
 
 
 def test_help_teaches(capsys: pytest.CaptureFixture[str]) -> None:
-    assert not run("--help")
+    assert run("demo", "--help") == 0
     out = capsys.readouterr().out
     assert "e3pose demo" in out and "--offline" in out and "simulated" in out
+
+
+def test_demo_runs_a_site_of_real_processes(tmp_path: Path) -> None:
+    dest = tmp_path / "demo"
+    before = set(psutil.Process().children(recursive=True))
+    assert run("demo", dest) == 0
+    summary = json.loads((dest / "summary.json").read_text())
+    assert summary["slots"] == 12 and summary["live"]["slot"] >= 12
+    slots = Store(dest / "site" / "live.db").rows("slots")
+    assert len(slots) >= 10
+    for log in (dest / "site" / "logs").iterdir():
+        assert "Traceback" not in log.read_text()
+    children = set(psutil.Process().children(recursive=True)) - before
+    alive = [c for c in children if c.is_running() and c.status() != psutil.STATUS_ZOMBIE]
+    assert not [c for c in alive if "e3pose" in " ".join(c.cmdline())]
+
+
+def test_interrupt_leaves_no_process_and_no_file(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "e3pose", "demo", "demo", "--offline"]
+    demo = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    watched = psutil.Process(demo.pid)
+
+    def started() -> bool:
+        """Return whether an edge and four cameras run, which end with the demo if it is killed."""
+        commands = [child.cmdline() for child in watched.children()]
+        return sum("--end-with-parent" in command for command in commands) == 5
+
+    try:
+        assert eventually(lambda: demo.poll() is not None or started(), 120.0)
+        children = watched.children(recursive=True)
+        demo.send_signal(signal.SIGINT)
+        _, output = demo.communicate(timeout=60)
+    finally:
+        demo.kill()
+    assert demo.returncode == 130 and output.decode().strip().endswith("e3pose: interrupted")
+    _, alive = psutil.wait_procs(children, timeout=0)
+    assert not [child for child in alive if child.status() != psutil.STATUS_ZOMBIE]
+    assert [path.name for path in tmp_path.iterdir() if path.name != "cache"] == []

@@ -46,7 +46,7 @@ def gone(children: list[psutil.Process]) -> bool:
 
 
 def test_killed_up_leaves_nobody_behind(tmp_path: Path) -> None:
-    """What `e3pose demo` starts ends in the same way; `tests/site/test_demo.py` looks at how."""
+    """What `e3pose demo` starts ends in the same way; `tests/cli/test_demonstrating.py` looks."""
     folder = tmp_path / "try"
     command = e3pose("up", str(folder), "--example", "--quiet")
     logs = [folder / "logs" / name for name in ("edge.log", "cam0.log", "cam3.log")]

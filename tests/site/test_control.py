@@ -12,7 +12,7 @@ from tests.cases import each_case
 from tests.manual_clock import ManualClock
 from tests.memory_transport import Hub
 from tests.rigs import looking
-from tests.site.left_by_demo import nobody
+from tests.site.left_by_site import nobody
 from tests.site.tables import HEAD, write_site
 
 from e3pose.base.errors import InputError

@@ -6,7 +6,6 @@ import html
 import io
 import json
 import re
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,20 +14,20 @@ import pytest
 from rich.console import Console
 from tests.cli.commands import run
 from tests.memory_transport import Hub
-from tests.site.left_by_demo import canned
+from tests.site.left_by_site import leave
 from tests.waiting import eventually
 
 from e3pose.energy.saving import whole
 from e3pose.recording import ProcessorTime, load_recording
 from e3pose.recording.processor import save_processor
 from e3pose.settings.resolved import resolve_site
-from e3pose.simulate import DetectorSettings, SceneSettings
-from e3pose.site.demo import printed_lines, run_demo
-from e3pose.site.demo.live import Heard
+from e3pose.simulate import DetectorSettings, SceneSettings, simulate
+from e3pose.site.example import write_recorded
 from e3pose.site.screen import screen
 from e3pose.site.web.program import open_view
 from e3pose.store import Store
 from e3pose.wire.codec import encode
+from e3pose.wire.site_messages import Status
 
 pytestmark = pytest.mark.slow
 
@@ -74,46 +73,26 @@ def text_of(page: Path) -> str:
     return html.unescape(re.sub(r"<[^>]*>", " ", body.replace("</b><span>", " ")))
 
 
-@dataclass(frozen=True)
-class Demo:
-    """A demo that was run: its folder, what it printed, and what its site left."""
-
-    folder: Path
-    printed: str
-    heard: Heard
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A site whose cameras play a recording, with what it stored of one round."""
+    return write_recorded(tmp_path_factory.mktemp("site"), simulate(SMALL, 0)).parent
 
 
 @pytest.fixture(scope="module")
-def demo(tmp_path_factory: pytest.TempPathFactory) -> Demo:
-    heard = list[Heard]()
-
-    def live(*args: Any) -> Heard:
-        heard.append(canned(*args))
-        return heard[0]
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("e3pose.site.demo.live.run_live", live)
-        patch.setenv("E3POSE_CACHE", str(tmp_path_factory.mktemp("cache")))
-        dest = tmp_path_factory.mktemp("out") / "demo"
-        printed = "\n".join(printed_lines(run_demo(dest, offline=True, stand_in=SMALL)))
-    return Demo(dest, printed, heard[0])
+def status(site: Path) -> Status:
+    return leave(site / "site.toml")
 
 
-def test_demo_states_the_same_savings_everywhere(demo: Demo) -> None:
-    figures = said(demo.printed)
+def test_screen_page_and_report_of_a_site_state_the_same_savings(
+    site: Path, status: Status, tmp_path: Path
+) -> None:
+    out = io.StringIO()
+    Console(file=out, width=200).print(screen(status, 0.0))
+    figures = said(out.getvalue())
     # All four cameras in the first ten of twenty slots, then two: xavier-nx draws 12.5 or 6.25 W,
     # so that 12.5 % are saved.
     assert figures == {"whole camera": (13, "modelled"), "processor time": (29, "measured")}
-    assert of_json(json.loads((demo.folder / "summary.json").read_text())["savings"]) == figures
-    assert said(text_of(demo.folder / "report.html")) == figures
-    assert said((demo.folder / "e3pose-demo.txt").read_text()) == figures
-    out = io.StringIO()
-    Console(file=out, width=200).print(screen(demo.heard.status, 0.0))
-    assert said(out.getvalue()) == figures
-
-
-def test_page_and_report_of_the_store_state_them_too(demo: Demo, tmp_path: Path) -> None:
-    figures, site = said(demo.printed), demo.folder / "site"
     assert run("export", site, tmp_path / "later.html") == 0
     stored = said(text_of(tmp_path / "later.html"))
     assert stored == {"whole camera": figures["whole camera"]}
@@ -122,8 +101,6 @@ def test_page_and_report_of_the_store_state_them_too(demo: Demo, tmp_path: Path)
     with open_view(
         resolve_site(site), "127.0.0.1:0", transport=hub.join(), report=lambda line: None
     ) as view:
-        status = demo.heard.status
-        assert status is not None
         hub.join().publish(f"e3pose/{status.site}/status", encode(status))
         with httpx.Client(base_url=view.url, timeout=30) as client:
             asked = {"start": min(times), "end": max(times)}
@@ -135,9 +112,9 @@ def test_page_and_report_of_the_store_state_them_too(demo: Demo, tmp_path: Path)
 
 
 def test_replay_states_the_same_savings_everywhere(
-    demo: Demo, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    site: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    folder = demo.folder / "site" / "recording"
+    folder = site / "recording"
     cameras = load_recording(folder).rig.camera_ids
     save_processor(folder, dict.fromkeys(cameras, ProcessorTime(0.1, 0.02, 9)))
     page, table = tmp_path / "page.html", tmp_path / "figures.json"

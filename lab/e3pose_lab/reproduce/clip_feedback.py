@@ -30,7 +30,7 @@ from e3pose.pipeline import SlotRecord
 from e3pose.recording import Recording, load_recording
 from e3pose.recording.calibration import load_rig
 from e3pose.settings.loop import MAX_WHOLE_EVERY, WHOLE_EVERY
-from e3pose.site.demo.clip import find_clip
+from e3pose.site.demo_clip import find_clip
 from e3pose_lab.reproduce.sources import NETWORK, Sources
 
 OTHER = "movenet-multipose"  # a reference that the network under test did not make

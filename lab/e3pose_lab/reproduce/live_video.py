@@ -14,7 +14,7 @@ import numpy as np
 from e3pose.model.camera import Rig
 from e3pose.model.skeleton import COCO18
 from e3pose.recording.calibration import load_rig
-from e3pose.site.demo.clip import find_clip
+from e3pose.site.demo_clip import find_clip
 from e3pose.site.example import Example
 from e3pose.wire import topics
 from e3pose.wire.arrays import unpack

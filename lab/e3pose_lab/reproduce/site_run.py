@@ -13,10 +13,9 @@ from pathlib import Path
 from e3pose.base.errors import InputError
 from e3pose.model.camera import Rig
 from e3pose.settings.resolved import resolve_site
-from e3pose.site.demo.live import last_words
 from e3pose.site.example import Example, write_example
 from e3pose.site.follow import Follower, viewer_link
-from e3pose.site.up import Program, camera_command, edge_command, end
+from e3pose.site.up import Program, camera_command, edge_command, end, last_line
 from e3pose.wire.endpoint import Endpoint
 from e3pose.wire.network import open_network
 from e3pose.wire.site_messages import Poses
@@ -62,8 +61,11 @@ class SiteRun:
                 p.name for p in self.programs if p.process is not None and p.ended() is not None
             ]
             if ended or time.monotonic() > end_s:
+                said = "; ".join(
+                    f"{p.name}: {last_line(p.log)}" for p in self.programs if p.log.exists()
+                )
                 why = f"{', '.join(ended)} ended" if ended else f"not within {seconds:.0f} s"
-                raise InputError(f"site: {why}: {last_words(self.programs)}; expected {what}")
+                raise InputError(f"site: {why}: {said}; expected {what}")
             time.sleep(LOOK_S)
 
     def take(self, poses: Poses) -> None:

@@ -11,7 +11,7 @@ from e3pose.base.errors import InputError
 from e3pose.detectors.weights import is_installed
 from e3pose.recording import Recording, load_recording
 from e3pose.recording.folder import HEADER
-from e3pose.site.demo.clip import find_clip
+from e3pose.site.demo_clip import find_clip
 from e3pose_lab.datasets.panoptic import import_panoptic
 from e3pose_lab.datasets.shelf import import_shelf
 

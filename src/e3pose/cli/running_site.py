@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import closing, nullcontext, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -25,6 +25,7 @@ from e3pose.site.screen import compiling_words, screen
 from e3pose.site.up import Program, run_site, view_command
 
 if TYPE_CHECKING:
+    from e3pose.settings.resolved import ResolvedSite
     from e3pose.wire.site_messages import Status
 
 
@@ -67,7 +68,6 @@ def up(
     """
     check_seconds("--for", for_s)
     from e3pose.site.ready import site_programs
-    from e3pose.wire.network import open_network
 
     if example:
         make_example(site)
@@ -87,27 +87,40 @@ def up(
         programs.append(Program("view", view_command(resolved.file.path), folder / "view.log"))
         address = address_of(resolved.file)
         print("\n".join(page_links(resolved.file, address)), flush=True)
-    make_folder(folder)
-    link = viewer_link(resolved.file, None)
-    with closing(open_network(link)) as transport:
-        follower = Follower(resolved.file.name)
-        follower.listen(transport)
-        _run_shown(programs, follower, console, for_s, show=console.is_terminal and not quiet)
+    end_s = float("inf") if for_s is None else time.monotonic() + for_s
+    with suppress(KeyboardInterrupt):
+        run_shown(resolved, programs, folder, console, lambda _: end_s <= time.monotonic())
     console.print(f"Stopped. Logs: {folder}", highlight=False)
 
 
-def _run_shown(
+def run_shown(
+    site: ResolvedSite,
     programs: Sequence[Program],
-    follower: Follower,
+    logs: Path,
     console: Console,
-    for_s: float | None,
-    show: bool,
-) -> None:
-    """Run the programs until stopped, and show the site: all the time, or once at the end."""
-    begun_s = came_s = said_s = time.monotonic()
-    end_s = None if for_s is None else begun_s + for_s
+    over: Callable[[Status | None], bool],
+) -> Status | None:
+    """Run the programs of a site, and show it: all the time, or once at the end; return its status.
+
+    Args:
+        site: what its file says.
+        programs: of the site.
+        logs: folder of their logs, which is made.
+        console: where to show it.
+        over: called often with the newest status; True ends the programs, as Ctrl-C does.
+    """
+    from e3pose.wire.network import open_network
+
+    make_folder(logs)
+    show = console.is_terminal and not console.quiet
+    came_s = said_s = time.monotonic()
     newest: Status | None = None
-    with Live(console=console, auto_refresh=False) if show else nullcontext() as live:
+    follower = Follower(site.file.name)
+    with (
+        closing(open_network(viewer_link(site.file, None))) as transport,
+        Live(console=console, auto_refresh=False) if show else nullcontext() as live,
+    ):
+        follower.listen(transport)
 
         def stopped() -> bool:
             nonlocal came_s, newest, said_s
@@ -120,9 +133,11 @@ def _run_shown(
             if rest_s is not None and time.monotonic() >= said_s:
                 said_s = time.monotonic() + LINE_S
                 console.print(compiling_words(rest_s), highlight=False)
-            return end_s is not None and time.monotonic() >= end_s
+            return over(newest)
 
-        with suppress(KeyboardInterrupt):
+        try:
             run_site(programs, stopped, console.print)
-    if newest is not None and not show:  # of a site at work, not of one that is ending
-        console.print(screen(newest, 0.0))
+        finally:
+            if newest is not None and not show:  # of a site at work, not of one that is ending
+                console.print(screen(newest, 0.0))
+    return newest
