@@ -326,7 +326,7 @@ WORDS: list[tuple[str, str]] = [
     (f"calibrate noise rec --detector {ESCAPE}", "--detector: found"),
     ("replay rec --target-error 40", "--target-error: found '40'"),
     ("replay rec --match-distance 15", "--match-distance: found '15'"),
-    ("replay rec --match-distance 15cm", "--match-distance: found with the pipeline default"),
+    ("replay rec --match-distance 15cm", "--match-distance: found with the pipeline memory"),
     (
         "replay rec --target-error 40mm --cameras 2",
         "--target-error: found a number of cameras as well",
