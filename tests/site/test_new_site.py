@@ -16,7 +16,7 @@ from e3pose.settings.resolved import resolve, resolve_site
 from e3pose.settings.site_file import load_site
 from e3pose.site.detector_speed import (
     SPARE,
-    check_speed,
+    speed_problems,
     measure_detections,
     with_time_for_all,
     workloads_of,
@@ -58,7 +58,7 @@ def test_site_passes_its_own_check(tmp_path: Path, source: str, times: Detection
     site = resolve_site(path)
     check_edge(site)
     assert site.skeleton.name == "coco18" and site.loop.num_selected == 2
-    found = list(check_speed(site.file, times, 2))
+    found = list(speed_problems(site.file, times, 2))
     assert [finding.level for finding in found] == ["ok"], found
     kept = measure_detections(site, again=False)
     assert kept is not None and (kept.together_s == times.together_s).all()

@@ -11,7 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from e3pose.base.quantities import check_seconds, plural
-from e3pose.cli.options import Flag, warn
+from e3pose.cli.options import Flag
 from e3pose.cli.progress import bar
 from e3pose.settings.camera_file import is_camera_file, load_node
 from e3pose.settings.resolved import resolve
@@ -59,7 +59,6 @@ def check(
 
         resolved = resolve(load_site(site), placed=False)
         measuring = Console(stderr=True).status("measuring the networks")
-        warn(resolved.warning)
         found = examine_site(resolved, keys, timeout, bar("counting frames"), measuring, quick)
     _show(found)
 

@@ -26,8 +26,9 @@ from e3pose.detectors.weights import MODELS, find_weights, is_installed
 from e3pose.recording.calibration import load_calibration, load_rig
 from e3pose.recording.calibration.world import require_placed
 from e3pose.settings.site_file import load_site
+from e3pose.site.check.finding import report
 from e3pose.site.check.sources import compare_rates
-from e3pose.site.detector_speed import check_speed
+from e3pose.site.detector_speed import speed_problems
 from e3pose.site.new_site import (
     NETWORKS,
     RIG_FILE,
@@ -244,14 +245,10 @@ def _report(choice: Choice, folder: Path, path: Path) -> None:
     of = f"{choice.num_selected} of {len(choice.probes)} cameras active in each"
     print(f"Wrote {path}: {slots}, {of}")
 
-    for finding in compare_rates(choice.probes, fps):
-        if finding.level != "ok":
-            warn(f"{finding.what}: {finding.found}: {finding.advice}")
+    report(compare_rates(choice.probes, fps), warn)
     if choice.fps or choice.pace:
         assert choice.times is not None
-        for finding in check_speed(load_site(path), choice.times, choice.num_selected):
-            if finding.level != "ok":
-                warn(f"{finding.what}: {finding.found}: {finding.advice}")
+        report(speed_problems(load_site(path), choice.times, choice.num_selected), warn)
     if choice.rig is None:
         print("Missing: the calibration. Let people walk through the room, then")
         print(f"  e3pose record {folder} walk --for 60")

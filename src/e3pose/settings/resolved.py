@@ -17,7 +17,7 @@ from e3pose.model.noises import DEFAULT, SHIPPED
 from e3pose.model.skeleton import Skeleton, common_skeleton, skeleton_by_name
 from e3pose.pipeline import Pipeline
 from e3pose.recording.calibration import load_calibration
-from e3pose.recording.calibration.world import assumed_rig, world_problem
+from e3pose.recording.calibration.world import assumed_rig
 from e3pose.recording.folder import read_detector, read_skeleton
 from e3pose.settings.energy import EnergyPlan
 from e3pose.settings.limits import Rotation
@@ -54,7 +54,6 @@ class ResolvedSite:
         plan: what the cameras draw and have.
         stated: `(num_cameras,)` what the file lets each spend, from now on: None where it does not
             say, and an error in place of what cannot be, for whoever asks; see `budgets`.
-        warning: what is odd about the axes or the unit of the cameras; empty if nothing.
         source: nothing, as `detector` says it.
     """
 
@@ -67,7 +66,6 @@ class ResolvedSite:
     detector: str
     plan: EnergyPlan
     stated: tuple[Budget | InputError | None, ...]
-    warning: str
     source: str = ""
 
     @property
@@ -158,8 +156,6 @@ def resolve(site: SiteTable, placed: bool = True) -> ResolvedSite:
         if camera.rotation is None:
             rotation = cast("Rotation", turned.get(name, 0))
             cameras[name] = replace(camera, rotation=rotation)
-    degrees = {name: camera.rotation for name, camera in cameras.items() if camera.rotation}
-    odd = world_problem(rig, site.calibration, degrees)[1]
     skeletons = {name: made for name in cameras if (made := outputs.get(name, NOTHING)[1])}
     detectors = {detector for detector, _ in outputs.values()}
     known_wh = {name: each.battery_wh for name, each in cameras.items() if each.battery_wh}
@@ -185,7 +181,6 @@ def resolve(site: SiteTable, placed: bool = True) -> ResolvedSite:
         detector=next((name for name in SHIPPED if name in detectors), DEFAULT),
         plan=plan,
         stated=tuple(stated),
-        warning=f"{site.calibration}: {odd}" if odd else "",
     )
 
 

@@ -20,7 +20,7 @@ from e3pose.detectors.timing import DEFAULT_SIZE, DetectionTimes, Workload, time
 from e3pose.settings.resolved import ResolvedSite
 from e3pose.settings.site_file import SiteTable
 from e3pose.settings.sources import is_recorded
-from e3pose.site.check.finding import Finding
+from e3pose.site.check.finding import Finding, ok, problem, warning
 
 KEPT = "look-times.json"  # beside the site file
 MAX_BYTES = 10**5
@@ -100,8 +100,10 @@ def _read(path: Path, asked: list[str]) -> DetectionTimes | None:
     )
 
 
-def check_speed(site: SiteTable, times: DetectionTimes, num_selected: float) -> Iterator[Finding]:
-    """Compare deadline and slot rate of a site with the time of detections here.
+def speed_problems(
+    site: SiteTable, times: DetectionTimes, num_selected: float
+) -> Iterator[Finding]:
+    """Yield how deadline and slot rate of a site compare with the time of detections here.
 
     Args:
         site: its file.
@@ -110,12 +112,11 @@ def check_speed(site: SiteTable, times: DetectionTimes, num_selected: float) -> 
     """
     alone_s, together_s = float(times.alone_s.max()), float(times.together_s.max())
     found = f"{1000 * alone_s:.0f} ms per detection, {1000 * together_s:.0f} ms with all cameras"
-    yield Finding("ok", "network", found)
+    yield ok("network", found)
     needed_ms = 1000 * (alone_s + WAIT_S)
     if site.deadline_ms < needed_ms:
         late = site.deadline_ms < 1000 * alone_s
-        yield Finding(
-            "problem" if late else "warning",
+        yield (problem if late else warning)(
             "deadline_ms",
             f"{site.deadline_ms:g} ms, but a detection takes {1000 * alone_s:.0f} ms here: "
             f"{'all' if late else 'many'} views would come too late",
@@ -130,17 +131,11 @@ def check_speed(site: SiteTable, times: DetectionTimes, num_selected: float) -> 
         if reached < times.rate / max(num_selected, 1):  # one camera is the slowest, not all
             able = f"{reached:.2g} slots per second, as a detection takes {1000 * alone_s:.0f} ms"
         slower = f"fps = {suggested_fps(times, num_selected):g}"
-        yield Finding(
-            "problem" if asked > HOPELESS * reached else "warning",
+        yield (problem if asked > HOPELESS * reached else warning)(
             "fps",
             f"this machine manages {able}; the site asks for {asked:.3g} slots per second{slots}",
             f"{slower}, fewer cameras per slot, a smaller network, or run `e3pose init` again",
         )
-
-
-def hopeless(site: SiteTable, times: DetectionTimes, num_selected: float) -> list[Finding]:
-    """Return the findings with which a site cannot work at all."""
-    return [f for f in check_speed(site, times, num_selected) if f.level == "problem"]
 
 
 def with_time_for_all(site: ResolvedSite, times: DetectionTimes) -> ResolvedSite:

@@ -37,6 +37,8 @@ from e3pose.settings.parts import warnings_of
 from e3pose.settings.resolved import ResolvedSite, resolve
 from e3pose.settings.site_file import SiteTable, load_site
 from e3pose.site.admission import Admission, edge_link
+from e3pose.site.check.finding import report as report_findings
+from e3pose.site.check.parts import start_problems
 from e3pose.site.control import SiteControls
 from e3pose.site.event_sink import EventSink
 from e3pose.site.expiry import ExpiryWatch
@@ -193,9 +195,9 @@ def check_edge(site: ResolvedSite) -> EdgeParts:
 def start_edge(site: ResolvedSite, log: Log, clock: Clock) -> Edge:
     """Start the edge of a site; see `open_edge`."""
     parts = check_edge(site)
-    for warning in (site.warning, *warnings_of(site, site.loop)):
-        if warning:
-            log.warning(warning)
+    report_findings(start_problems(site), log.warning)
+    for warning in warnings_of(site, site.loop):
+        log.warning(warning)
 
     def report(event: Event) -> None:
         log.info(event.message, kind=event.kind, camera=event.camera_id)

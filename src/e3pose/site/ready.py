@@ -6,11 +6,12 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 
-from e3pose.base.errors import InputError
 from e3pose.settings.resolved import ResolvedSite
 from e3pose.site.admission import edge_link
-from e3pose.site.check.sources import require_sources
-from e3pose.site.detector_speed import check_speed, hopeless, measure_detections
+from e3pose.site.check.finding import report
+from e3pose.site.check.parts import start_problems
+from e3pose.site.check.sources import source_problems
+from e3pose.site.detector_speed import measure_detections, speed_problems
 from e3pose.site.edge_program import check_edge
 from e3pose.site.up import Program, camera_command, edge_command
 from e3pose.wire.network import check_port
@@ -35,19 +36,15 @@ def site_programs(
     Raises:
         InputError: for what keeps the site from running, so that it stands in no log alone.
     """
-    require_sources(site)
+    report(source_problems(site), warn, str(site.file.path))
     check_edge(site)
     link, _ = edge_link(site.file)
     check_port(link.endpoint)
-    warn(site.warning)
+    report(start_problems(site), warn)
     with measuring or nullcontext():
         times = measure_detections(site, again=False)
     if times is not None:
         selected = site.loop.num_selected or len(site.rig)
-        for finding in hopeless(site.file, times, selected):
-            raise InputError(f"{site.file.path}: {finding.what}: {finding.found}: {finding.advice}")
-        for finding in check_speed(site.file, times, selected):
-            if finding.level != "ok":
-                warn(f"{finding.what}: {finding.found}: {finding.advice}")
+        report(speed_problems(site.file, times, selected), warn, str(site.file.path))
     edge = Program("edge", edge_command(site.file.path, *options), logs / "edge.log")
     return [edge] + [Program(i, camera_command(site, i), logs / f"{i}.log") for i in site.cameras]

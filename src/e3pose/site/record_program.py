@@ -15,7 +15,8 @@ from e3pose.edge.record_server import RecordingPlan, RecordServer, Watch, ignore
 from e3pose.settings.resolved import ResolvedSite, resolve
 from e3pose.settings.site_file import SiteTable
 from e3pose.site.admission import edge_link
-from e3pose.site.check.sources import require_sources
+from e3pose.site.check.finding import report as report_findings
+from e3pose.site.check.sources import source_problems
 from e3pose.site.detector_speed import measure_detections, with_time_for_all
 from e3pose.site.up import Program, camera_command, last_line, run_site
 from e3pose.wire.network import open_network
@@ -53,7 +54,7 @@ def record_site(
     """
     check_free(dest, None)
     resolved = resolve(site, placed=False)
-    require_sources(resolved)
+    report_findings(source_problems(resolved), report, str(resolved.file.path))
     times = measure_detections(resolved, again=False)
     if times is not None and (slower := with_time_for_all(resolved, times)) is not resolved:
         rate, pace = f"{slower.file.fps:.3g} slots per second", f" at pace {slower.file.pace:g}"

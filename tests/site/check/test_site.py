@@ -14,8 +14,10 @@ from tests.site.tables import resolved_site
 from e3pose.base.errors import InputError
 from e3pose.camera.probe import Probe
 from e3pose.settings.resolved import ResolvedSite
+from e3pose.site.check import parts as listed
 from e3pose.site.check import site as checking
-from e3pose.site.check.finding import Finding
+from e3pose.site.check.finding import Finding, problem, report
+from e3pose.site.check.parts import PARTS, start_problems
 from e3pose.site.check.site import examine_site
 from e3pose.wire.site_messages import Status
 
@@ -57,7 +59,7 @@ def house(monkeypatch: pytest.MonkeyPatch) -> House:
         return house.status
 
     monkeypatch.setattr(checking, "status_of", ask)
-    monkeypatch.setattr(checking, "check_sources", lambda site: [])
+    monkeypatch.setattr(checking, "source_problems", lambda site: [])
     monkeypatch.setattr(checking, "measure_detections", lambda site: None)
     seen = Probe("usb:90", (640, 480), 30.0, dark=False)
     rates = {"c0": seen, "c1": seen}
@@ -77,6 +79,24 @@ def test_all_is_asked_counted_and_measured_once(house: House, tmp_path: Path) ->
         "clock",
         "edge",
     ]
+
+
+def test_every_part_is_named_by_check_and_heard_at_the_start(
+    tmp_path: Path, house: House, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Break each part in turn: `e3pose check` and the start of a site say the same of it."""
+    site = site_of(tmp_path)
+    parts = dict(PARTS)
+    named = {one.what for one in house.examine(site, quick=True)}
+    assert {*parts} - {"disks"} <= named, "a part without a finding is named as well"
+    for name in parts:
+        broken = lambda site, name=name: [problem(f"the {name}", "is broken", "mend it")]  # noqa: E731
+        monkeypatch.setattr(checking, "PARTS", {**parts, name: broken})
+        monkeypatch.setattr(listed, "PARTS", {**parts, name: broken})
+        assert f"the {name}" in [one.what for one in house.examine(site, quick=True)]
+        said: list[str] = []
+        report(start_problems(site), said.append)
+        assert f"the {name}: is broken: mend it" in said
 
 
 def test_frames_of_a_site_that_runs_are_not_counted(house: House, tmp_path: Path) -> None:

@@ -57,7 +57,9 @@ def write_stretch(
     """
     ids = site.rig.camera_ids
     runs = [
-        one for one in store.runs() if one.run.site == site.file.name and asked_run in (None, one.run_id)
+        one
+        for one in store.runs()
+        if one.run.site == site.file.name and asked_run in (None, one.run_id)
     ]
     for run in reversed(runs):
         rows = store.rows("slots", start, end, run=run.run_id)

@@ -11,13 +11,14 @@ from e3pose.base.quantities import three_digits
 from e3pose.camera.probe import RAM, Machine, examine
 from e3pose.settings.camera_file import NodeTable
 from e3pose.settings.sources import shown_source
-from e3pose.site.check.clock import CLOCK_MS, check_clock
-from e3pose.site.check.finding import Finding, Level
-from e3pose.site.check.link import expiry
+from e3pose.site.check.finding import Finding, ok, problem, warning
+from e3pose.site.check.link import CLOCK_MS, clock_problems
 from e3pose.wire.keys.folder import link_of
+from e3pose.wire.keys.renewal import SOON_DAYS
 from e3pose.wire.reach import Reach, reach_edge
 
 SLOW_TRIP_MS = 100.0
+SOON = datetime.timedelta(days=SOON_DAYS)
 
 
 def check_camera(node: NodeTable, timeout_s: float) -> list[Finding]:
@@ -38,7 +39,7 @@ def check_camera(node: NodeTable, timeout_s: float) -> list[Finding]:
         *_source(node, machine),
         *_network(node, machine.detect_s),
         *suspended(node, machine),
-        check_clock(node.endpoint),
+        *clock_problems(node.endpoint),
         *_edge(node, reach),
     ]
 
@@ -49,61 +50,65 @@ def suspended(node: NodeTable, machine: Machine) -> Iterator[Finding]:
     if node.sleep != "suspend":
         return
     if isinstance(machine.suspend, InputError):
-        yield Finding("problem", what, str(machine.suspend), advice)
+        yield problem(what, str(machine.suspend), advice)
         return
     words = " ".join(machine.suspend)
     if node.suspend_command:
-        yield Finding("ok", what, f"suspended by {words}")
+        yield ok(what, f"suspended by {words}")
     elif RAM not in machine.states:
         listed = ", ".join(machine.states) or "none"
         found = f"the kernel has no suspend to RAM (states: {listed})"
-        yield Finding("problem", what, found, advice)
+        yield problem(what, found, advice)
     else:
-        yield Finding("ok", what, f"suspended by {words}", "try it once: it needs root")
+        yield ok(what, f"suspended by {words}", "try it once: it needs root")
 
 
 def _source(node: NodeTable, machine: Machine) -> Iterator[Finding]:
     what, seen = "source", machine.seen
     if isinstance(seen, InputError):
         advice = "connect the camera" if node.source.startswith("usb:") else ""
-        yield Finding("problem", what, str(seen), advice)
+        yield problem(what, str(seen), advice)
         return
     width, height = seen.image_size
     named = shown_source(node.source, Path() if node.path is None else node.path.parent)
-    yield Finding("ok", what, f"{named}: {width} x {height} at {seen.rate_words()}")
+    yield ok(what, f"{named}: {width} x {height} at {seen.rate_words()}")
     if seen.dark:
-        yield Finding("warning", what, "its picture is dark", "is the lens covered?")
+        yield warning(what, "its picture is dark", "is the lens covered?")
     if node.fps is not None and seen.fps < 0.9 * node.fps:
         asked = f"gives {seen.fps:.3g} frames per second, fps asks for {node.fps:g}"
-        yield Finding("warning", what, asked, f"fps = {seen.fps:.3g}")
+        yield warning(what, asked, f"fps = {seen.fps:.3g}")
 
 
 def _network(node: NodeTable, detect_s: float | InputError | None) -> Iterator[Finding]:
     if isinstance(detect_s, InputError):
-        yield Finding("problem", "network", str(detect_s))
+        yield problem("network", str(detect_s))
     elif detect_s is not None:
         rate = three_digits(1 / detect_s)
         found = f"{node.detector}: {1000 * detect_s:.0f} ms per detection, {rate} per second"
-        yield Finding("ok", "network", f"{found}; the site's fps and deadline_ms must allow for it")
+        yield ok("network", f"{found}; the site's fps and deadline_ms must allow for it")
 
 
 def _edge(node: NodeTable, reach: Reach | InputError) -> Iterator[Finding]:
     if isinstance(reach, InputError):
         advice = f"e3pose keys add {node.camera} on the edge, then copy its folder here"
-        yield Finding("problem", "certificate", str(reach), advice)
+        yield problem("certificate", str(reach), advice)
         return
     if reach.expires is not None:
-        now = datetime.datetime.now(datetime.timezone.utc)
+        soon = reach.expires - datetime.datetime.now(datetime.timezone.utc) < SOON
         again = f"e3pose keys add {node.camera} --again on the edge, then copy its folder here"
-        yield expiry("certificate", reach.expires, now, again)
+        until = f"{reach.expires:%Y-%m-%d}"
+        if soon:
+            yield warning("certificate", f"expires on {until}", again)
+        else:
+            yield ok("certificate", f"valid until {until}")
     host, place = node.endpoint.host, node.endpoint.place
     if reach.exchange is not None:
         trip_ms, offset_ms = reach.exchange.delay_ns / 1e6, reach.exchange.offset_ns / 1e6
-        level: Level = "warning" if trip_ms > SLOW_TRIP_MS else "ok"
-        yield Finding(level, "edge", f"answers at {place}, {trip_ms:.1f} ms there and back")
+        level = warning if trip_ms > SLOW_TRIP_MS else ok
+        yield level("edge", f"answers at {place}, {trip_ms:.1f} ms there and back")
         if abs(offset_ms) > CLOCK_MS:
             found = f"{offset_ms:+.1f} ms from the edge's"
-            yield Finding("warning", "clock", found, "corrected; for fast motion use chrony or PTP")
+            yield warning("clock", found, "corrected; for fast motion use chrony or PTP")
         return
     if reach.outcome == "unknown":
         found = f"no address is known for {host}"
@@ -117,4 +122,4 @@ def _edge(node: NodeTable, reach: Reach | InputError) -> Iterator[Finding]:
         found = f"{place} listens, but the edge of site {node.site} does not answer this camera"
         advice = f"is {node.camera} in its calibration, is the site's name {node.site}, and are "
         advice += "the certificates of one authority?"
-    yield Finding("problem", "edge", found, advice)
+    yield problem("edge", found, advice)

@@ -1,9 +1,12 @@
-"""Findings of checks, with their fixes."""
+"""What a part of a site finds of itself, and what to do about it."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Literal
+
+from e3pose.base.errors import InputError
 
 Level = Literal["ok", "warning", "problem"]
 
@@ -15,11 +18,49 @@ class Finding:
     Attributes:
         level: how it is.
         what: what was checked.
-        found: how it was found.
+        found: how it was found; empty where nothing is to be said.
         advice: what to do about it; empty if nothing.
     """
 
     level: Level
     what: str
-    found: str
+    found: str = ""
     advice: str = ""
+
+    @property
+    def line(self) -> str:
+        """All of it in a line."""
+        return ": ".join(filter(None, (self.what, self.found, self.advice)))
+
+
+def ok(what: str, found: str = "", advice: str = "") -> Finding:
+    """Return a fact."""
+    return Finding("ok", what, found, advice)
+
+
+def warning(what: str, found: str, advice: str = "") -> Finding:
+    """Return what is worse than it could be."""
+    return Finding("warning", what, found, advice)
+
+
+def problem(what: str, found: str, advice: str = "") -> Finding:
+    """Return what keeps a site from its work."""
+    return Finding("problem", what, found, advice)
+
+
+def report(findings: Iterable[Finding], warn: Callable[[str], object], refusing: str = "") -> None:
+    """Say what is wrong at the start of a program.
+
+    Args:
+        findings: of its parts.
+        warn: called with a line for each warning or problem.
+        refusing: the file whose problems keep the program from starting; empty if none does.
+
+    Raises:
+        InputError: for the first problem, if problems are refused.
+    """
+    for finding in findings:
+        if finding.level == "problem" and refusing:
+            raise InputError(f"{refusing}: {finding.line}")
+        if finding.level != "ok":
+            warn(finding.line)

@@ -1,109 +1,109 @@
-"""Check the endpoint of an edge and all certificates."""
+"""What is wrong with the endpoint of an edge, certificates and the clock."""
 
 from __future__ import annotations
 
 import datetime
+import shutil
+import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 
 from e3pose.base.errors import InputError
 from e3pose.settings.resolved import ResolvedSite
 from e3pose.site.admission import edge_link
-from e3pose.site.check.finding import Finding
-from e3pose.wire.access import Kind, Roll
+from e3pose.site.check.finding import Finding, ok, problem, warning
+from e3pose.wire.access import Roll
+from e3pose.wire.endpoint import Endpoint
 from e3pose.wire.keys.folder import valid_certificates
-from e3pose.wire.keys.renewal import SOON_DAYS
+from e3pose.wire.keys.renewal import AUTHORITY, EDGE, expiring
+
+CLOCK_MS = 5.0  # of a clock, before it is said
 
 
-def check_link_of(site: ResolvedSite) -> Iterator[Finding]:
-    """Check the endpoint and the certificates."""
+def link_problems(site: ResolvedSite) -> Iterator[Finding]:
+    """Yield what is wrong with the endpoint and the certificates of all programs."""
+    table, folder = site.file.link, site.file.keys
     try:
         _, roll = edge_link(site.file)
     except InputError as error:
-        advice = ""
-        if site.file.link.endpoint.encrypted:
-            folder = site.file.keys
-            if not (folder / "keys.toml").exists():
-                advice = f"e3pose keys init {site.file.name} --out {folder}"
-            if site.file.link.keys is None:
-                advice += f"{', and ' if advice else ''}keys = 'keys' in [link]"
-        yield Finding("problem", "link", str(error), advice)
+        advice = []
+        if table.endpoint.encrypted and not (folder / "keys.toml").exists():
+            advice.append(f"e3pose keys init {site.file.name} --out {folder}")
+        if table.endpoint.encrypted and table.keys is None:
+            advice.append("keys = 'keys' in [link]")
+        yield problem("link", str(error), ", and ".join(advice))
         return
-    yield Finding("ok", "link", str(site.file.link.endpoint))
-    if not site.file.link.endpoint.encrypted:
-        if site.file.link.insecure:
-            yield Finding(
-                "warning",
-                "link",
-                "unencrypted tcp: anyone on the network can read and forge messages",
-                f"e3pose keys init {site.file.name}, and endpoint = 'tls/...'",
+    if not table.endpoint.encrypted:
+        if table.insecure:
+            found = "unencrypted tcp: anyone on the network can read and forge messages"
+            yield warning(
+                "link", found, f"e3pose keys init {site.file.name}, and endpoint = 'tls/...'"
             )
         return
-    if site.file.link.endpoint.host in ("127.0.0.1", "localhost"):
-        yield Finding(
-            "warning", "link", "reachable from this machine only", "endpoint = 'tls/0.0.0.0:7447'"
-        )
-    folder = site.file.keys
-    now = datetime.datetime.now(datetime.timezone.utc)
-    yield from _lasting(folder, site.file.name, roll, now)
+    if table.endpoint.host in ("127.0.0.1", "localhost"):
+        found = "reachable from this machine only"
+        yield warning("link", found, "endpoint = 'tls/0.0.0.0:7447'")
     for camera_id in site.rig.camera_ids:
         if roll is None or camera_id not in roll.cameras:
-            yield Finding(
-                "problem",
-                f"certificate {camera_id}",
-                "missing",
-                f"e3pose keys add {camera_id} --keys {folder}, then copy its folder to the camera",
-            )
+            how = f"e3pose keys add {camera_id} --keys {folder}, then copy its folder to the camera"
+            yield problem(f"certificate {camera_id}", "missing", how)
+    if roll is not None:
+        yield from _certificates(folder, roll, site.file.name)
+
+
+def _certificates(folder: Path, roll: Roll, site: str) -> Iterator[Finding]:
+    """Yield certificates that are not valid, and those that expire soon."""
+    refused = set()
+    for kind, names in roll.holders.items():
+        for name in names:
+            place = folder / f"{kind}s" / name
+            if kind != "camera" and not place.is_dir():
+                continue  # it may have been moved, not copied
+            try:
+                valid_certificates(place, kind)
+            except InputError as error:
+                refused.add(name)
+                option = "" if kind == "camera" else f" --{kind}"
+                again = f"e3pose keys add {name}{option} --again --keys {folder}, then copy {place}"
+                yield problem(f"certificate {name}", str(error), again)
+    for name, until in expiring(folder, datetime.datetime.now(datetime.timezone.utc)):
+        if name in refused:
             continue
-        yield _certificate(folder / "cameras" / camera_id, camera_id, now)
+        renew = f"e3pose keys renew {name} --keys {folder}"
+        if name == AUTHORITY:
+            renew = f"e3pose keys init {site} --out {folder}-new, then copy all its folders"
+        elif name != EDGE:
+            renew += ", then copy its folder"
+        yield warning(f"certificate {name}", f"expires on {until:%Y-%m-%d}", renew)
 
 
-def _lasting(
-    folder: Path, name: str, roll: Roll | None, now: datetime.datetime
-) -> Iterator[Finding]:
-    """Check the certificates of the edge, its authority, viewers, operators, hubs, routers."""
-    from e3pose.wire.keys.authority import expires
+def clock_problems(endpoint: Endpoint) -> Iterator[Finding]:
+    """Yield whether this machine's clock is synchronised, if cameras and edge have several.
 
-    anew = f"e3pose keys init {name} --out {folder}-new, then copy all its folders"
-    renew = f"e3pose keys renew edge --keys {folder}"
-    for what, file, advice in (
-        ("authority", "authority.pem", anew),
-        ("edge", "edge.pem", renew),
-    ):
-        until = expires((folder / file).read_bytes())  # that they are valid now was checked
-        found = expiry(f"certificate {what}", until, now, advice)
-        if found.level != "ok":
-            yield found
-    for kind, names in ({} if roll is None else roll.holders).items():
-        for one in names:
-            place = folder / f"{kind}s" / one
-            if kind != "camera" and place.is_dir():  # it may have been moved, not copied
-                yield _certificate(place, one, now, kind)
+    Args:
+        endpoint: of the edge.
+    """
+    if endpoint.here_alone:
+        return
+    advice = "install chrony; for microseconds use PTP (linuxptp)"
+    if shutil.which("chronyc"):
+        answer = _ask("chronyc", "-c", "tracking").split(",")
+        if len(answer) > 4 and answer[1] not in ("", "0.0.0.0"):
+            yield ok("clock", f"synchronised by chrony to {answer[1]}, offset {answer[4]} s")
+        else:
+            yield warning("clock", "chrony has no server", "add a server to chrony.conf")
+    elif not shutil.which("timedatectl"):
+        found = "no time synchronisation found; cameras measure and correct their offset"
+        yield warning("clock", found, advice)
+    elif "NTPSynchronized=yes" in _ask("timedatectl", "show"):
+        yield ok("clock", "synchronised by systemd-timesyncd")
+    else:
+        yield warning("clock", "not synchronised", advice)
 
 
-def _certificate(
-    folder: Path,
-    name: str,
-    now: datetime.datetime,
-    kind: Kind = "camera",
-) -> Finding:
-    from e3pose.wire.keys.authority import expires
-
-    what = f"certificate {name}"
-    option = "" if kind == "camera" else f" --{kind}"
-    again = (
-        f"e3pose keys add {name}{option} --again --keys {folder.parent.parent}, then copy {folder}"
-    )
+def _ask(*command: str) -> str:
     try:
-        files = valid_certificates(folder, kind)
-    except InputError as error:
-        return Finding("problem", what, str(error), again)
-    renew = f"e3pose keys renew {name} --keys {folder.parent.parent}, then copy {folder}"
-    return expiry(what, expires(files.certificate.read_bytes()), now, renew)
-
-
-def expiry(what: str, until: datetime.datetime, now: datetime.datetime, renew: str) -> Finding:
-    """Return whether a certificate lasts, and how to renew one that does not."""
-    if until - now < datetime.timedelta(days=SOON_DAYS):
-        return Finding("warning", what, f"expires on {until:%Y-%m-%d}", renew)
-    return Finding("ok", what, f"valid until {until:%Y-%m-%d}")
+        done = subprocess.run(command, capture_output=True, text=True, timeout=3, check=False)
+    except (OSError, subprocess.TimeoutExpired):
+        return ""
+    return done.stdout

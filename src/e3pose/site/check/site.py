@@ -1,30 +1,19 @@
-"""Check a site before it runs: ask its edge, try its sources, time its networks, then judge."""
+"""Check a site: all its parts list what is wrong with them, at its start and for `e3pose check`."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager
-from datetime import datetime
 from pathlib import Path
 
 from e3pose.base.errors import InputError
-from e3pose.detectors.timing import DetectionTimes
 from e3pose.settings.resolved import ResolvedSite
-from e3pose.site.check.clock import check_clock
-from e3pose.site.check.finding import Finding
-from e3pose.site.check.link import check_link_of
-from e3pose.site.check.places import check_places
-from e3pose.site.check.rig import check_calibration, uncalibrated
-from e3pose.site.check.running import check_running
-from e3pose.site.check.settings import (
-    check_budgets,
-    check_events,
-    check_feedback,
-    check_skeletons,
-    check_watts,
-)
-from e3pose.site.check.sources import check_rates, check_sources
-from e3pose.site.detector_speed import check_speed, measure_detections
+from e3pose.site.check.finding import Finding, ok, problem, warning
+from e3pose.site.check.parts import PARTS
+from e3pose.site.check.places import store_problems
+from e3pose.site.check.running import running_problems
+from e3pose.site.check.sources import rate_problems, source_problems
+from e3pose.site.detector_speed import measure_detections, speed_problems
 from e3pose.site.edge_program import check_edge
 from e3pose.site.follow import status_of, viewer_link
 
@@ -39,7 +28,7 @@ def examine_site(
     measuring: AbstractContextManager[object],
     quick: bool = False,
 ) -> list[Finding]:
-    """Return the findings of a site, in the order of its set-up.
+    """Return what is found of a site, in the order in which it is set up.
 
     Args:
         site: what its file says; its cameras may have no places.
@@ -52,53 +41,49 @@ def examine_site(
     Raises:
         InputError: for settings that keep its edge from starting.
     """
-    parts = check_edge(site) if site.rig.placed else None
-    edge, runs = _ask_edge(site, keys, timeout_s)
-    sources = list(check_sources(site))
+    if site.rig.placed:
+        check_edge(site)
+    running, runs = _ask_edge(site, keys, timeout_s)
+    sources = list(source_problems(site))
     usable = not quick and all(finding.level != "problem" for finding in sources)
     if usable and not runs:
         with counting as progress:  # a running site has the devices, and counts frames itself
-            sources += check_rates(site, progress)
-    times = _measure(site, measuring) if usable else None
-
-    if parts is None:
-        found = [uncalibrated(site)]
-    else:
-        found = [
-            *check_calibration(site.rig),
-            *check_skeletons(site),
-            *check_feedback(site),
-            *check_events(site),
-            *check_watts(site),
-            *check_budgets(site, parts, datetime.now().astimezone()),
-        ]
-    found += [*check_link_of(site), *check_places(site.file), *sources]
-    if isinstance(times, InputError):
-        found.append(Finding("problem", "network", str(times)))
-    elif times is not None:
-        selected = min(site.loop.num_selected or len(site.rig), len(site.rig))
-        found += check_speed(site.file, times, selected)
-    return [*found, check_clock(site.file.link.endpoint), *edge]
+            sources += rate_problems(site, progress)
+    network = list(_network(site, measuring)) if usable else None
+    more: dict[str, Iterable[Finding] | None] = {
+        "store": store_problems(site.file),
+        "sources": sources,
+        "network": network,
+        "edge": running,
+    }
+    found: list[Finding] = []
+    for name, findings in [*((name, part(site)) for name, part in PARTS.items()), *more.items()]:
+        if findings is not None:
+            found += list(findings) or [ok(name)]
+    return found
 
 
 def _ask_edge(
     site: ResolvedSite, keys: Path | None, timeout_s: float
 ) -> tuple[list[Finding], bool]:
-    """Return the findings of the edge, and whether it runs."""
+    """Return what is found of the edge, and whether it runs."""
     try:
         link = viewer_link(site.file, keys)
         status = status_of(link, timeout_s)
     except InputError as error:
-        return [Finding("warning", "edge", f"cannot connect: {error}")], False
-    return [*check_running(status, link.endpoint)], status is not None
+        return [warning("edge", f"cannot connect: {error}")], False
+    return list(running_problems(status, link.endpoint)), status is not None
 
 
-def _measure(
-    site: ResolvedSite, measuring: AbstractContextManager[object]
-) -> DetectionTimes | InputError | None:
-    """Return the detection times; None without detections on this machine."""
+def _network(site: ResolvedSite, measuring: AbstractContextManager[object]) -> Iterator[Finding]:
+    """Yield how long detections take, and whether that is too long."""
     try:
         with measuring:
-            return measure_detections(site)
+            times = measure_detections(site)
     except InputError as error:
-        return error
+        yield problem("network", str(error))
+        return
+    if times is not None:
+        yield from speed_problems(
+            site.file, times, min(site.loop.num_selected or len(site.rig), len(site.rig))
+        )

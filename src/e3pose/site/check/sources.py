@@ -1,4 +1,4 @@
-"""Check the cameras that run on this machine: their sources, networks and frame rates."""
+"""What is wrong with the cameras of this machine: their sources, networks and frame rates."""
 
 from __future__ import annotations
 
@@ -16,36 +16,28 @@ from e3pose.detectors.weights import MODELS, is_installed
 from e3pose.edge.camera_state import SHORT
 from e3pose.settings.resolved import ResolvedSite
 from e3pose.settings.site_file import CameraTable
-from e3pose.settings.sources import PHONE, is_recorded, place_of, shown_source
-from e3pose.site.check.finding import Finding
+from e3pose.settings.sources import PHONE, is_recorded, place_of
+from e3pose.site.check.finding import Finding, ok, problem, warning
 
 SOURCE_ADVICE = "correct its source, relative to the folder of the site file"
 
 
-def require_sources(site: ResolvedSite) -> None:
-    """Raise `InputError` for a missing source or network, with the fix."""
-    for finding in check_sources(site):
-        if finding.level == "problem":
-            advice = f": {finding.advice}" if finding.advice else ""
-            raise InputError(f"{site.file.path}: {finding.what}: {finding.found}{advice}")
-
-
-def check_sources(site: ResolvedSite) -> Iterator[Finding]:
-    """Check the sources and networks of cameras that `e3pose up` would run here."""
+def source_problems(site: ResolvedSite) -> Iterator[Finding]:
+    """Yield what is wrong with sources and networks of cameras that `e3pose up` would run here."""
     for camera in site.cameras.values():
         yield from _recording(camera)
         if camera.source is None:
             if degrees := camera.rotation:
                 found = f"rotation = {degrees}: it turns its images on its own machine"
                 advice = f"rotation = {degrees} in its camera file"
-                yield Finding("warning", f"camera {camera.id}", found, advice)
+                yield warning(f"camera {camera.id}", found, advice)
             continue
-        yield from _source(site, camera, camera.source)
+        yield from _source(camera, camera.source)
         if not is_recorded(camera.source):
             yield from _network(camera)
 
 
-def check_rates(site: ResolvedSite, progress: Callable[[int, int], None]) -> Iterator[Finding]:
+def rate_problems(site: ResolvedSite, progress: Callable[[int, int], None]) -> Iterator[Finding]:
     """Count the frames of the cameras that `e3pose up` would run here; takes three seconds.
 
     Args:
@@ -60,7 +52,7 @@ def check_rates(site: ResolvedSite, progress: Callable[[int, int], None]) -> Ite
     tried = probe_all(asked, progress)
     for camera_id, seen in tried.items():
         if isinstance(seen, InputError):
-            yield Finding("problem", f"camera {camera_id}", str(seen))
+            yield problem(f"camera {camera_id}", str(seen))
     found = {name: seen for name, seen in tried.items() if isinstance(seen, Probe)}
     yield from compare_rates(found, site.file.fps)
 
@@ -76,11 +68,10 @@ def compare_rates(found: Mapping[str, Probe], fps: float) -> Iterator[Finding]:
     for camera_id, seen in found.items():
         what = f"camera {camera_id}"
         if seen.fps >= SHORT * fps:
-            yield Finding("ok", what, seen.rate_words())
+            yield ok(what, seen.rate_words())
             continue
         without = f"{1 - seen.fps / fps:.0%} of the slots ordered of it get no view"
-        yield Finding(
-            "problem",
+        yield problem(
             what,
             f"its source brings {seen.rate_words()}, the site has fps = {fps:g}: {without}",
             f"fps = {least:.3g} in the site file, or raise the camera's frame rate",
@@ -94,28 +85,26 @@ def _recording(camera: CameraTable) -> Iterator[Finding]:
     what = f"camera {camera.id}"
     if camera.source is None:
         found = f"record = {camera.record!r}: videos stay on its own machine"
-        yield Finding("warning", what, found, 'videos = "videos" in its camera file')
+        yield warning(what, found, 'videos = "videos" in its camera file')
     elif is_recorded(camera.source):
         found = f"record = {camera.record!r}, but its source has keypoints, no images"
-        yield Finding("problem", what, found, 'record = "keypoints"')
+        yield problem(what, found, 'record = "keypoints"')
 
 
-def _source(site: ResolvedSite, camera: CameraTable, source: str) -> Iterator[Finding]:
+def _source(camera: CameraTable, source: str) -> Iterator[Finding]:
     """Check whether a source exists, without opening it."""
     what, place = f"camera {camera.id}", place_of(source)
     path = None if place is None else Path(place)
     if path is not None and not path.exists():
-        yield Finding("problem", what, f"source {path} does not exist", SOURCE_ADVICE)
+        yield problem(what, f"source {path} does not exist", SOURCE_ADVICE)
     elif (
         path is not None
         and not is_recorded(source)
         and (broken := _broken(path, source.startswith(PHONE)))
     ):
-        yield Finding("problem", what, broken)
+        yield problem(what, broken)
     elif source.startswith("usb:") and not Path(f"/dev/video{source.partition(':')[2]}").exists():
-        yield Finding("problem", what, f"{source}: no such device", "connect the camera")
-    else:
-        yield Finding("ok", what, f"source {shown_source(source, site.file.folder)}")
+        yield problem(what, f"{source}: no such device", "connect the camera")
 
 
 def _network(camera: CameraTable) -> Iterator[Finding]:
@@ -123,13 +112,13 @@ def _network(camera: CameraTable) -> Iterator[Finding]:
     what, detector = f"camera {camera.id}", camera.detector or ""
     if camera.model is not None:
         if not camera.model.exists():
-            yield Finding("problem", what, f"model {camera.model} does not exist")
+            yield problem(what, f"model {camera.model} does not exist")
     elif detector in MODELS and not is_installed(detector):
         advice = f"e3pose models pull {detector}"
-        yield Finding("problem", what, f"network {detector} is not installed", advice)
+        yield problem(what, f"network {detector} is not installed", advice)
     elif not (detector in DETECTORS or is_own(detector) or Path(detector).exists()):
         known = ", ".join(DETECTORS)
-        yield Finding("problem", what, f"unknown detector {detector}", f"one of {known}")
+        yield problem(what, f"unknown detector {detector}", f"one of {known}")
 
 
 def _broken(path: Path, phone: bool) -> str:
