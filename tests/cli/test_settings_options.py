@@ -8,8 +8,8 @@ from typing import Any, get_args
 from cyclopts import Parameter
 from tests.cases import each_case
 
-from e3pose.cli.camera_options import CameraOptions
 from e3pose.cli.options import EnergyOptions, LoopOptions
+from e3pose.cli.running_camera import CameraOptions
 from e3pose.settings.camera_file import NodeTable
 from e3pose.settings.energy import EnergySettings
 from e3pose.settings.loop import LoopSettings

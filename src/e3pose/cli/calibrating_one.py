@@ -47,7 +47,10 @@ def place_again(
     if (source / "recording.toml").is_file():
         if len(paths) < 2:
             raise InputError("--only: found a recording alone, expected the file to write after it")
-        recording, rig, dest = *_of_recording(source, seconds), toml_path(paths[1])
+        whole, dest = load_recording(source), toml_path(paths[1])
+        recording, rig = last_seconds(whole, seconds), whole.rig
+        if not rig.placed:
+            raise InputError(f"{source}: has no calibration, expected the one from before --only")
     else:
         recording, rig, own = _of_site(source, camera_id, seconds)
         dest = toml_path(paths[1]) if len(paths) == 2 else own
@@ -73,13 +76,6 @@ def place_again(
     print(f"Wrote {dest}: the other cameras as they were{before}")
     if len(paths) == 1:
         print("Restart the edge to use it.")
-
-
-def _of_recording(path: Path, seconds: float) -> tuple[Recording, Rig]:
-    recording = load_recording(path)
-    if not recording.rig.placed:
-        raise InputError(f"{path}: has no calibration, expected the one from before --only")
-    return last_seconds(recording, seconds), recording.rig
 
 
 def _of_site(path: Path, camera_id: str, seconds: float) -> tuple[Recording, Rig, Path]:

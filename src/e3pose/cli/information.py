@@ -51,15 +51,11 @@ def info(
         write_json(json_file, content)
 
 
-def _noise_line(description: Description) -> str:
-    name = detector_of(description)
-    return f"{name}: 1.5 x OpenPose, then learned online" if name == DEFAULT else name
-
-
 def _print_description(console: Console, description: Description, problems: list[Problem]) -> None:
     facts = Table.grid(padding=(0, 2))
     first, end = description.scored_slots
     scored = "all" if (first, end) == (0, description.num_slots) else f"{first} to {end - 1}"
+    noise = detector_of(description)
     rows = {
         "recording": description.name,
         "source": description.source or "-",
@@ -68,7 +64,9 @@ def _print_description(console: Console, description: Description, problems: lis
         "scored slots": scored,
         "skeleton": description.skeleton,
         "detector": description.detector or "not stated",
-        "noise model": _noise_line(description),
+        "noise model": f"{noise}: 1.5 x OpenPose, then learned online"
+        if noise == DEFAULT
+        else noise,
         "truth": _truth_line(description),
     }
     for label, value in rows.items():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import datetime
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import msgspec
 from cyclopts import App, Parameter
@@ -84,7 +84,9 @@ def power(
     if watch and json_file is not None and not is_stdout(json_file):
         raise InputError(f"--json: found {json_file} with --watch, expected -")
     while watch and is_stdout(json_file):
-        _print_json_line(*measure())
+        reading, charge = measure()
+        line = msgspec.json.encode({"reading": reading, "charge": charge}).decode()
+        print(line, flush=True)
     if json_file is not None:
         reading, charge = measure()
         write_json(json_file, msgspec.to_builtins({"reading": reading, "charge": charge}))
@@ -117,11 +119,6 @@ def _table(reading: Reading, charge: Charge | None) -> Table:
             "battery", "", f"{charge.energy_j / 3600:.2f} Wh{share}, {charge.status}{flow}"
         )
     return table
-
-
-def _print_json_line(reading: Reading, charge: Charge | None) -> None:
-    content: dict[str, Any] = {"reading": reading, "charge": charge}
-    print(msgspec.json.encode(content).decode(), flush=True)
 
 
 @power_app.command

@@ -18,7 +18,7 @@ from e3pose.store.exported import FORMS, forget_rows
 from e3pose.store.times import iso_text
 
 if TYPE_CHECKING:
-    from e3pose.store.people import StoredPerson, Track
+    from e3pose.store.people import Track
 
 people_app = App(name="people", help="List, name, colour, merge and forget people of a store.")
 Person = Annotated[str, Parameter(help="Number of the track, or name.")]
@@ -38,7 +38,7 @@ def list_people(store: StorePlace, /) -> None:
     if not people:
         print("Nobody is stored")
         return
-    keys = {"person": [_called(person) for person in people]}
+    keys = {"person": [person.name or f"Person {person.tracks[0][1]}" for person in people]}
     columns = {
         "tracks": [_shown(person.tracks) for person in people],
         "colour": [person.colour or "-" for person in people],
@@ -165,15 +165,11 @@ def forget(
             print(f"{one.place}: {one.problem or f'{one.rows} rows deleted, {one.left} left'}")
             left |= one.left != 0
         write_anew(where)
-    if _is_there(there):
+    if any(time.time() - person.last_ns / 1e9 < THERE_S for person in there):
         warn("the person was there until now: forget again when they are gone")
     if left:
         print("not everywhere: run e3pose archive to the places that remain, then this again")
         raise SystemExit(1)
-
-
-def _is_there(people: Sequence[StoredPerson]) -> bool:
-    return any(time.time() - person.last_ns / 1e9 < THERE_S for person in people)
 
 
 def _found(store: str, person: str, run: int | None) -> tuple[str, tuple[Track, ...]]:
@@ -183,10 +179,6 @@ def _found(store: str, person: str, run: int | None) -> tuple[str, tuple[Track, 
     check_numbers({"--run": (run,), "PERSON": (int(person),) if person.isdecimal() else ()})
     place, site = store_of(store, None)
     return place, tracks_of(place, person, site, run)
-
-
-def _called(person: StoredPerson) -> str:
-    return person.name or f"Person {person.tracks[0][1]}"
 
 
 def _shown(tracks: Sequence[Track]) -> str:

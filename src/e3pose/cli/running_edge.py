@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -12,7 +14,6 @@ from e3pose.base.quantities import check_seconds
 from e3pose.cli.options import Flag, as_typed
 from e3pose.cli.running import DELAY, Child, begin, delay_ms
 from e3pose.settings.resolved import resolve_site
-from e3pose.site.run import end_now
 from e3pose.site.summary import edge_summary
 
 
@@ -70,8 +71,10 @@ def edge(
                 for_s,
             )
         print("\n".join(lines))
-        if not all_ended:
-            end_now()
+        if not all_ended:  # nobody waits for threads that do not end
+            sys.stdout.flush()
+            sys.stderr.flush()
+            os._exit(0)
         return
     with as_typed(DELAY):
         resolved = resolve_site(site[0], later_ms)

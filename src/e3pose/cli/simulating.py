@@ -160,7 +160,9 @@ def simulate(
     """
     check_free(dest, overwrite)
     if videos:
-        _check_films(scene, people, skeleton)
+        if skeleton != "coco17":
+            raise InputError("--skeleton", f"{skeleton} with --videos", "coco17, which films show")
+        check_people(scene_by_name(scene).people if people is None else people)
     settings = SceneSettings(
         scene=scene,
         people=people,
@@ -178,14 +180,9 @@ def simulate(
         recording = with_skeleton(made, skeleton, seed)
     save_recording(recording, dest, overwrite)
     if videos:
-        _write_films(recording, dest)
+        with bar("films") as progress:
+            write_films(recording, dest, lambda share: progress(share, 1))
     _print(recording, dest)
-
-
-def _check_films(scene: str, people: int | None, skeleton: str) -> None:
-    if skeleton != "coco17":
-        raise InputError("--skeleton", f"{skeleton} with --videos", "coco17, which films show")
-    check_people(scene_by_name(scene).people if people is None else people)
 
 
 def _print(recording: Recording, dest: Path) -> None:
@@ -195,11 +192,6 @@ def _print(recording: Recording, dest: Path) -> None:
         f"{plural(recording.num_slots, 'slot')} at "
         f"{recording.fps:g} fps, {plural(poses, 'detected pose')}"
     )
-
-
-def _write_films(recording: Recording, dest: Path) -> None:
-    with bar("films") as progress:
-        write_films(recording, dest, lambda share: progress(share, 1))
 
 
 def size_of(thing: str, resolution: str) -> tuple[int, int]:

@@ -36,12 +36,11 @@ from e3pose.settings.edge import EdgeSettings
 from e3pose.settings.parts import warnings_of
 from e3pose.settings.resolved import ResolvedSite, resolve
 from e3pose.settings.site_file import SiteTable, load_site
-from e3pose.site.admission import Admission, edge_link
+from e3pose.site.admission import Admission, ExpiryWatch, edge_link
 from e3pose.site.check.finding import report as report_findings
 from e3pose.site.check.parts import start_problems
 from e3pose.site.control import SiteControls
 from e3pose.site.event_sink import EventSink
-from e3pose.site.expiry import ExpiryWatch
 from e3pose.site.interpreter import reduce_pauses
 from e3pose.site.program_log import NO_LOG, Log
 from e3pose.site.run import run_until_stopped

@@ -41,13 +41,6 @@ def end_with_parent(end_s: float = END_S) -> None:
     threading.Thread(target=watch, name="parent", daemon=True).start()
 
 
-def end_now() -> None:
-    """End this program without waiting for its threads, after flushing its output."""
-    sys.stdout.flush()
-    sys.stderr.flush()
-    os._exit(0)
-
-
 def run_until_stopped(
     running: Callable[[], bool], for_s: float | None = None, every_s: float = 0.2
 ) -> str:

@@ -11,7 +11,6 @@ import time
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Protocol, runtime_checkable
 
 from e3pose.base.atomic import write_file
 from e3pose.base.errors import InputError
@@ -21,16 +20,6 @@ FOLDER = "stream-problems"
 EVERY_S = 5.0  # a file is written again, so that one of a killed program is known to be old
 FRESH_S = 20.0
 MOST_FILES, MOST_LINES, MOST_TEXT = 16, 4, 200
-
-
-@runtime_checkable
-class HasProblem(Protocol):
-    """A stream that may have a problem."""
-
-    @property
-    def problem(self) -> str:
-        """The problem in one line; empty without one."""
-        ...
 
 
 class ProblemFile:
@@ -43,8 +32,8 @@ class ProblemFile:
         self._due_s = -float("inf")
 
     def update(self, parts: Sequence[object]) -> None:
-        """Write the present problems of the streams; to be called often."""
-        lines = tuple(one.problem for one in parts if isinstance(one, HasProblem) and one.problem)
+        """Write the present `problem` of each stream, if it has one; to be called often."""
+        lines = tuple(one for part in parts if (one := getattr(part, "problem", "")))
         if lines == self._lines and (not lines or time.monotonic() < self._due_s):
             return
         self._lines, self._due_s = lines, time.monotonic() + EVERY_S

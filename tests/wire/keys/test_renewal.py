@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from e3pose.base.errors import InputError
-from e3pose.site.expiry import AGAIN, LOOK_S, ExpiryWatch
+from e3pose.site.admission import AGAIN, LOOK_S, ExpiryWatch
 from e3pose.wire.keys.authority import (
     LEAF_DAYS,
     common_name,

@@ -10,7 +10,6 @@ import re
 import socket
 import time
 import uuid
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Sequence
 from dataclasses import dataclass
 from urllib.parse import unquote, urlsplit
@@ -85,7 +84,9 @@ def read_answer(answer: bytes, asked: str, sender: str) -> NetworkCamera | None:
     root = parse(answer)
     if root is None:
         return None
-    words = {name: _texts(root, name) for name in ("RelatesTo", "Scopes", "XAddrs")}
+    words: dict[str, list[str]] = {"RelatesTo": [], "Scopes": [], "XAddrs": []}
+    for node in root.iter():  # whatever their namespaces
+        words.get(node.tag.rpartition("}")[2], []).append(node.text or "")
     if not any(asked in word for word in words["RelatesTo"]) or not words["XAddrs"]:
         return None
     urls = [url for text in words["XAddrs"] for url in text.split()[:8] if _host(url) == sender]
@@ -100,11 +101,6 @@ def _host(url: str) -> str | None:
         return urlsplit(url).hostname
     except ValueError:
         return None
-
-
-def _texts(root: ElementTree.Element, name: str) -> list[str]:
-    """Return the texts of elements by their local name, whatever their namespace."""
-    return [node.text or "" for node in root.iter() if node.tag.rpartition("}")[2] == name]
 
 
 def _name(scopes: Sequence[str]) -> str:

@@ -129,7 +129,7 @@ class MqttStream:
 
     @property
     def problem(self) -> str:
-        """See `stream_problems.HasProblem`."""
+        """See `stream_problems`."""
         return broker_problem(self._client)
 
     def slot(self, slot: LiveSlot) -> None:

@@ -154,7 +154,7 @@ class WebhookStream:
 
     @property
     def problem(self) -> str:
-        """See `stream_problems.HasProblem`: waiting and given-up notices."""
+        """See `stream_problems`: waiting and given-up notices."""
         waits = f"cannot deliver ({self._problem}), {plural(len(self._waiting), 'notice')} waiting"
         lost = f"{plural(self.given_up, 'notice')} given up"
         parts = [waits] * bool(self._problem) + [lost] * bool(self.given_up)

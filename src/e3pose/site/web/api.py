@@ -102,7 +102,11 @@ def make_api(
     @api.get("/runs", summary="Stored runs, oldest first")
     def runs() -> list[dict[str, Any]]:
         stored = asked(lambda: needed(store).runs())
-        return [{"run": one.run_id, **_run_row(one.run)} for one in stored]
+        names = ("site", "name", "started_ns", "interval_s", "skeleton", "joints", "cameras")
+        return [
+            {"run": one.run_id, **{name: getattr(one.run, name) for name in names}}
+            for one in stored
+        ]
 
     @api.get(
         "/{table}", summary="Stored slots, tracks, energy, events and zones", response_model=RowPage
@@ -227,8 +231,3 @@ def _corners(region: str) -> tuple[float, float, float, float]:
     if not np.isfinite([x0, y0, x1, y1]).all():
         raise HTTPException(422, "region: expected finite numbers")
     return x0, y0, x1, y1
-
-
-def _run_row(run: Any) -> dict[str, Any]:
-    names = ("site", "name", "started_ns", "interval_s", "skeleton", "joints", "cameras")
-    return {name: getattr(run, name) for name in names}

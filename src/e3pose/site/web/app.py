@@ -5,17 +5,16 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import asynccontextmanager
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import asdict, dataclass, field
+from typing import Annotated, Any
 
-from fastapi import APIRouter, FastAPI, Request
+from fastapi import APIRouter, FastAPI, HTTPException, Query, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 
 from e3pose import __version__
-from e3pose.site.web.api import make_api
+from e3pose.site.web.api import REFUSALS, asked, make_api, needed
 from e3pose.site.web.control import Ask, make_control, make_tests
-from e3pose.site.web.day import make_day
 from e3pose.site.web.feed import Feed
 from e3pose.site.web.keep import Keeping, make_keep
 from e3pose.site.web.live import make_live
@@ -29,6 +28,8 @@ since 1970 by the edge's clock, missing is null. The WebSocket `/api/live?format
 the same events as `GET /api/live`."""
 
 MAX_FAULTS = 5  # named in an answer
+Nanoseconds = Annotated[int, Query(ge=0, le=2**62, description="nanoseconds since 1970")]
+LONGEST_NS = 8 * 86_400 * 10**9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -113,3 +114,40 @@ async def unreadable(_: Request, error: Exception) -> JSONResponse:
         for fault in error.errors()[:MAX_FAULTS]
     ]
     return JSONResponse({"detail": "; ".join(faults)}, 422)
+
+
+def make_day(store: Store | None, active_w: Mapping[str, float]) -> APIRouter:
+    """Return the routes of what is stored of a time, and what cameras spent and saved in it.
+
+    Args:
+        store: of the site; None where nothing is stored.
+        active_w: by camera, what an active one draws.
+    """
+    day = APIRouter(prefix="/api", responses=REFUSALS)
+
+    @day.get("/timeline", summary="Stored and blind slots in equal parts of a time")
+    def timeline(
+        start: Nanoseconds,
+        end: Nanoseconds,
+        parts: Annotated[int, Query(ge=1, le=2000, description="of the time")] = 300,
+    ) -> dict[str, list[int]]:
+        _check(start, end)
+        slots, blind = asked(lambda: needed(store).coverage(start, end, parts))
+        return {"slots": slots, "blind": blind}
+
+    @day.get("/spent", summary="What each camera spent in a time, and what all of them saved")
+    def spent_of(start: Nanoseconds, end: Nanoseconds) -> dict[str, Any]:
+        _check(start, end)
+        spent = asked(lambda: needed(store).spent(start, end))
+        saved = asked(lambda: needed(store).saved(start, end, active_w))
+        return {
+            "cameras": [one._asdict() for one in spent],
+            "whole_camera": None if saved is None else asdict(saved),
+        }
+
+    return day
+
+
+def _check(start: int, end: int) -> None:
+    if not start < end <= start + LONGEST_NS:
+        raise HTTPException(422, "end: expected after start, by eight days at most")

@@ -19,6 +19,7 @@ from e3pose.model.zone_event import ZoneEvent
 from e3pose.settings.site_file import ZoneTable
 from e3pose.site.connect import LiveSlot, live_slot
 from e3pose.site.follow import Follower
+from e3pose.site.streams.as_json import zone_words
 from e3pose.site.web.notices import Notice, Surroundings, notices
 from e3pose.site.web.schemas import (
     Encoded,
@@ -26,7 +27,6 @@ from e3pose.site.web.schemas import (
     event_of_slot,
     event_of_status,
     event_of_told,
-    event_of_zone,
 )
 from e3pose.site.zones import Zones, advance
 from e3pose.store.names import StoredNames
@@ -256,7 +256,7 @@ class Feed:
         if any(place.delayed == delayed for place in list(self._queues.values())):
             self._hand_on(event_of_slot(slot, zones, self.doing), delayed)
             for event in events:
-                self._hand_on(event_of_zone(event), delayed)
+                self._hand_on(Encoded("zone", zone_words(event)), delayed)
 
     def _take_status(self, status: Status) -> None:
         self._hear()

@@ -65,7 +65,8 @@ def notices(
     if slot is not None and (kept := _store_words(slot, status)):
         found.append(Notice("store", kept))
     found += [Notice("stream", f"{one[0].upper()}{one[1:]}.") for one in around.problems if one]
-    if flat := [camera.camera_id for camera in status.cameras if _almost_empty(camera)]:
+    running = [one for one in status.cameras if one.online and one.battery is not None]
+    if flat := [one.camera_id for one in running if (one.battery or 0.0) < 0.1]:
         found.append(Notice("battery", f"Battery almost empty: {_listed(flat)}."))
     for name, until in around.certificates:
         found.append(Notice("certificate", _certificate_words(name, until, now)))
@@ -119,10 +120,6 @@ def _gone_words(gone: Sequence[CameraStatus], count: int) -> str:
         return "No camera is connected: nobody is seen."
     reasons = [f"{c.camera_id} ({c.why})" if c.why else c.camera_id for c in gone]
     return f"{plural(len(gone), 'camera')} of {count} gone: {_listed(reasons)}."
-
-
-def _almost_empty(camera: CameraStatus) -> bool:
-    return camera.online and camera.battery is not None and camera.battery < 0.1
 
 
 def _store_words(slot: LiveSlot, status: Status) -> str:

@@ -10,8 +10,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from e3pose.base.errors import InputError
 from e3pose.base.version import Watched
+from e3pose.output.report.scene import FRUSTUM_SHARE, bounds, frustum, millimetres, neck
 from e3pose.settings.resolved import ResolvedSite
 from e3pose.settings.site_file import SiteTable, load_site
 from e3pose.site.follow import ANY_HOST, LOCAL_OPERATOR, operator_of, viewer_link
@@ -22,7 +25,6 @@ from e3pose.site.web.app import PageContent, make_app
 from e3pose.site.web.control import Ask
 from e3pose.site.web.feed import Feed
 from e3pose.site.web.keep import Keeping
-from e3pose.site.web.layout import describe
 from e3pose.site.web.notices import surroundings
 from e3pose.site.web.pictures import PictureRules, make_pictures
 from e3pose.site.web.postures import page_watch
@@ -289,3 +291,32 @@ def picture_rules(site: SiteTable, rules: Rules[Tokens], operates: bool) -> Pict
         why = "Pictures need an operator's certificate: e3pose keys add desk --operator"
     shown = (here if wanted is None else wanted) and operates
     return PictureRules(shown, why, here, site.view.pictures_per_s)
+
+
+def describe(site: ResolvedSite) -> dict[str, Any]:
+    """Return a site as lists, numbers and strings; lengths of the drawing in millimetres.
+
+    Args:
+        site: what its file says.
+    """
+    low, high = bounds(site.rig, [])
+    low[2] = min(low[2], 0.0)
+    size_m = FRUSTUM_SHARE * float((high - low).max())
+    return {
+        "site": site.file.name,
+        "fps": site.file.fps,
+        "slots_per_s": site.file.fps * site.file.pace,
+        "skeleton": site.skeleton.name,
+        "joints": list(site.skeleton.joints),
+        "limbs": [list(limb) for limb in site.skeleton.limbs],
+        "neck": neck(site.skeleton),
+        "cameras": list(site.rig.camera_ids),
+        "centers_m": np.round(site.rig.centers_m, 4).tolist(),
+        "frustums": [millimetres(frustum(camera, size_m)) for camera in site.rig.cameras],
+        "low": millimetres(low),
+        "high": millimetres(high),
+        "floor": 0,
+        "battery_wh": list(site.plan.battery_wh),
+        "tells": site.file.events is not None,
+        "zones": [{"name": z.name, "corners": z.corners} for z in site.file.zone],
+    }

@@ -18,9 +18,7 @@ from e3pose.edge.reports import savings
 from e3pose.events.watch import Watch
 from e3pose.model.people import People
 from e3pose.model.person_event import PersonEvent
-from e3pose.model.zone_event import ZoneEvent
 from e3pose.site.connect import LiveSlot
-from e3pose.site.streams.as_json import zone_words
 from e3pose.site.web.notices import Notice
 from e3pose.site.web.postures import doing, told
 from e3pose.site.zones import Zones
@@ -106,8 +104,9 @@ class Encoded:
 
     @cached_property
     def msgpack(self) -> bytes:
-        """As msgpack."""
-        return as_msgpack({"type": self.kind, **self.body})
+        """As msgpack, which has NaN."""
+        body = {"type": self.kind, **self.body}
+        return msgspec.msgpack.encode(body, enc_hook=lambda array: array.tolist())
 
     @cached_property
     def sse(self) -> bytes:
@@ -173,11 +172,6 @@ def event_of_edge(there: bool, heard_ns: int | None) -> Encoded:
     return Encoded("edge", {"there": there, "heard_ns": heard_ns})
 
 
-def event_of_zone(event: ZoneEvent) -> Encoded:
-    """Return the live event of a zone event."""
-    return Encoded("zone", zone_words(event))
-
-
 def status_body(status: Status) -> dict[str, Any]:
     """Return a status by field name."""
     cameras = [msgspec.structs.asdict(camera) for camera in status.cameras]
@@ -219,11 +213,6 @@ def as_json(body: object) -> bytes:
     Arrays are written as they are: as lists they would take three times as long.
     """
     return orjson.dumps(body, option=orjson.OPT_SERIALIZE_NUMPY)
-
-
-def as_msgpack(body: object) -> bytes:
-    """Return lists, dicts and arrays as msgpack, which has NaN."""
-    return msgspec.msgpack.encode(body, enc_hook=lambda array: array.tolist())
 
 
 def slots_of_rows(
