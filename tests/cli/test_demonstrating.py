@@ -24,7 +24,8 @@ from e3pose.cli import demonstrating
 from e3pose.detectors.timing import DetectionTimes
 from e3pose.detectors.weights import Progress
 from e3pose.recording import load_recording, save_recording
-from e3pose.settings.site_file import SiteTable, load_site
+from e3pose.settings.resolved import ResolvedSite
+from e3pose.settings.site_file import load_site
 from e3pose.simulate import DetectorSettings, SceneSettings, simulate
 from e3pose.site.demo_clip import TITLE, Clip
 from e3pose.site.simulated_films import write_films
@@ -54,10 +55,10 @@ def ran(monkeypatch: pytest.MonkeyPatch) -> list[Sequence[Program]]:
     found = list[Sequence[Program]]()
 
     def shown(
-        site: SiteTable, programs: Sequence[Program], *_: object, over: Callable[..., bool]
+        site: ResolvedSite, programs: Sequence[Program], *_: object, over: Callable[..., bool]
     ) -> Status:
         found.append(programs)
-        status = status_of(site.name, 12, [camera.id for camera in site.camera], None)
+        status = status_of(site.file.name, 12, list(site.cameras), None)
         assert not over(None) and not over(replace_slot(status, 3)) and over(status)
         return status
 

@@ -16,8 +16,8 @@ from e3pose.settings.resolved import resolve, resolve_site
 from e3pose.settings.site_file import load_site
 from e3pose.site.detector_speed import (
     SPARE,
-    speed_problems,
     measure_detections,
+    speed_problems,
     with_time_for_all,
     workloads_of,
 )
