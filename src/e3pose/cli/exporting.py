@@ -28,7 +28,7 @@ from e3pose.cli.querying import (
 )
 from e3pose.cli.smoothing import SmoothOptions
 from e3pose.estimate.smooth import SmoothSettings, smoothed
-from e3pose.model.take import FILLED, PREDICTED, Motion, Take
+from e3pose.model.take import FILLED, PREDICTED, Take
 from e3pose.output.exports import ExportSettings, format_of
 from e3pose.output.exports import export as write
 from e3pose.output.exports.resample import resampled
@@ -174,10 +174,7 @@ def export(
     with as_typed(OPTIONS, source):
         take = _take(source, dest, asked)
     if smoothing.method is not None or smoothing.fill_s > 0:
-        motions: list[Motion] = []
-        for motion in progress(take.motions, len(take.motions), "smooth"):
-            motions += smoothed(replace(take, motions=(motion,)), smoothing).motions
-        take = replace(take, motions=tuple(motions))
+        take = smoothed(take, smoothing, progress)
     if form.fps is not None:
         before, take = take, resampled(take, form.fps)
         if take is not before:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 from e3pose.base.errors import InputError
@@ -15,6 +15,7 @@ from e3pose.model.skeleton import Skeleton
 from e3pose.model.take import Motion, Take
 
 Smoother = Callable[[Motion, Skeleton, float, float], Motion]
+Progress = Callable[[Iterable[Motion], int, str], Iterable[Motion]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,21 +54,32 @@ def check_smoothing(settings: SmoothSettings) -> None:
         raise InputError(f"--cutoff: found without --smooth {which}, which have one")
 
 
-def smoothed(take: Take, settings: SmoothSettings) -> Take:
+def smoothed(
+    take: Take,
+    settings: SmoothSettings,
+    progress: Progress = lambda items, total, label: items,
+) -> Take:
     """Return the take with short gaps filled, then smoothed person by person.
+
+    Args:
+        take: to smooth.
+        settings: how.
+        progress: given the people, their number and a label, yields them while it shows how far
+            the work is.
 
     Raises:
         InputError: for settings that cannot be had.
     """
     check_smoothing(settings)
     longest = int(settings.fill_s / take.interval_s + 1e-6)
-    motions = tuple(fill_gaps(motion, longest) for motion in take.motions)
-    if settings.method is not None:
-        smoother = SMOOTHERS[settings.method]
-        usual_hz = min(CUTOFFS_HZ.get(settings.method, 0.0), HIGHEST_SHARE * take.fps)
-        cutoff_hz = settings.cutoff_hz or usual_hz
-        motions = tuple(
-            keep_limbs(smoother(motion, take.skeleton, take.interval_s, cutoff_hz), take.skeleton)
-            for motion in motions
-        )
-    return replace(take, motions=motions)
+    smoother = SMOOTHERS.get(settings.method or "")
+    usual_hz = min(CUTOFFS_HZ.get(settings.method or "", 0.0), HIGHEST_SHARE * take.fps)
+    cutoff_hz = settings.cutoff_hz or usual_hz
+    motions = []
+    for motion in progress(take.motions, len(take.motions), "smooth"):
+        whole = fill_gaps(motion, longest)
+        if smoother is not None:
+            smooth = smoother(whole, take.skeleton, take.interval_s, cutoff_hz)
+            whole = keep_limbs(smooth, take.skeleton)
+        motions.append(whole)
+    return replace(take, motions=tuple(motions))

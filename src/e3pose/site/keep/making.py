@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -46,24 +45,16 @@ def make(request: ExportRequest, site_file: Path, folder: Path, say: Say) -> tup
         return [dest.name], plural(slots, "slot")
     if request.form == "mcap":
         return [dest.name], write_mcap(request, site, dest, say)
-    return _exported(request, str(site.file.store.place), site.file.name, dest, smoothing, say)
 
-
-def _exported(
-    request: ExportRequest, place: str, site: str, dest: Path, smoothing: Any, say: Say
-) -> tuple[list[str], str]:
     def progress(items: Iterable[Any], total: int, label: str) -> Iterator[Any]:
         for done, item in enumerate(items):
             say(label, done / max(total, 1))
             yield item
 
-    asked = Asked(request.start_ns, request.end_ns, request.tracks, site, request.run)
-    take = take_from_store(place, asked)
+    asked = Asked(request.start_ns, request.end_ns, request.tracks, site.file.name, request.run)
+    take = take_from_store(str(site.file.store.place), asked)
     if smoothing.method is not None:
-        motions: list[Any] = []
-        for motion in progress(take.motions, len(take.motions), "smoothing"):
-            motions += smoothed(replace(take, motions=(motion,)), smoothing).motions
-        take = replace(take, motions=tuple(motions))
+        take = smoothed(take, smoothing, progress)
     settings = ExportSettings(progress=progress)
     made = list(export(take, dest, request.form, settings))
     notes = [note for _, note in made if note]
