@@ -40,7 +40,7 @@ from e3pose.recording.calibration import load_rig
 from e3pose.recording.record import Truth
 from e3pose.site.demo_clip import find_clip
 from e3pose.site.example import STORE_FILE, Example, write_example
-from live_run import Film, Heard, as_recording, run_live, stored_records
+from live_run import Heard, run_live, stored_records
 
 NETWORK = "movenet-multipose"
 CLIP_FPS, CLIP_EVERY = 20.0, 3
@@ -166,11 +166,14 @@ def run(footage: Footage, way: str, slot_s: float, folder: Path, work: Work) -> 
     path.write_text(f'{path.read_text()}\n[energy]\nprofile = "board.toml"\n')
     length_s = scene.num_slots * scene.interval_s
     wanted = scene.num_slots - 2 * round(DEADLINE_SLOTS) - 1
-    heard = run_live(path, scene.rig, wanted, length_s / pace, READY_S)
-    film = Film(length_s, pace, heard.begin_ns)
-    records, times, _ = stored_records(folder / STORE_FILE, scene.interval_s, film, wanted)
-    seen = as_recording(scene, heard, film.moments(heard, records, times))
-    found = accuracy(replace(seen, scored_slots=(WARMUP_SLOTS, seen.num_slots)), records)
+    heard = run_live(path, wanted, length_s, READY_S)
+    records, moments_s = stored_records(folder / STORE_FILE, scene.interval_s, heard, wanted)
+    assert scene.truth is not None
+    frames = np.round(moments_s * scene.fps).astype(np.int64) % scene.num_slots
+    truth = replace(scene.truth, joints_m=scene.truth.joints_m[frames])
+    scored = (WARMUP_SLOTS, len(records))
+    seen = replace(scene, num_slots=len(records), truth=truth, scored_slots=scored)
+    found = accuracy(seen, records)
     _count(work, heard, len(records))
     work.blind.append(100 * sum(count_blind(records).values()) / len(records))
     work.error_mm.append(found.mpjpe_mm or np.nan)

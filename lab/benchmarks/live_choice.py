@@ -24,7 +24,7 @@ from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.model.slot_record import SlotRecord
 from e3pose.recording import Recording, load_recording
 from e3pose.site.example import STORE_FILE, write_recorded
-from live_run import Film, run_live, stored_records
+from live_run import run_live, stored_records
 
 READY_S = 6.0  # a camera starts
 
@@ -38,12 +38,11 @@ def live(recording: Recording, policy: str, cameras: float) -> tuple[list[SlotRe
         site_file.write_text(tomlkit.dumps(settings))
         length_s = recording.num_slots * recording.interval_s
         num = recording.num_slots
-        heard = run_live(site_file, recording.rig, num, length_s, READY_S)
-        film = Film(length_s, 1.0, heard.begin_ns)
+        heard = run_live(site_file, num, length_s, READY_S)
         store = site_file.parent / STORE_FILE
-        records, times_ns, _ = stored_records(store, recording.interval_s, film, num)
+        records, moments_s = stored_records(store, recording.interval_s, heard, num)
     # The slots of the site are those of the recording, at what the cameras showed in them.
-    shown = [round(film.at_s(time_ns) * recording.fps) for time_ns in times_ns]
+    shown = np.round(moments_s * recording.fps).astype(int).tolist()
     lead = 0 if heard.status is None else heard.status.lead
     return [replace(r, slot=s) for r, s in zip(records, shown, strict=True)], lead
 
