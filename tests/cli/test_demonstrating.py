@@ -58,7 +58,7 @@ def ran(monkeypatch: pytest.MonkeyPatch) -> list[Sequence[Program]]:
         site: ResolvedSite, programs: Sequence[Program], *_: object, over: Callable[..., bool]
     ) -> Status:
         found.append(programs)
-        status = status_of(site.file.name, 12, list(site.cameras), None)
+        status = status_of(site.file.name, 24, list(site.cameras), None)
         assert not over(None) and not over(replace_slot(status, 3)) and over(status)
         return status
 
@@ -94,7 +94,7 @@ def test_offline_leaves_the_same_files_of_a_simulated_scene(
     assert {path.name for path in dest.iterdir()} == FILES
     assert [program.name for program in ran[0]] == ["edge", "cam0", "cam1", "cam2"]
     summary = json.loads((dest / "summary.json").read_text())
-    assert summary["slots"] == 12 and summary["live"]["slot"] == 12
+    assert summary["slots"] == 12 and summary["live"]["slot"] == 24
     # All three cameras in the ten slots of the warm-up, then two.
     assert summary["selection"]["mean_cameras"] == pytest.approx((10 * 3 + 2 * 2) / 12)
     assert summary["metrics"]["mpjpe_mm"] < 50
@@ -122,7 +122,7 @@ def test_clip_is_detected_in_played_slower_and_drawn(
     monkeypatch.setattr(demonstrating, "find_clip", lambda: clip)
     monkeypatch.setattr(demonstrating, "NETWORK", "drawn")
     monkeypatch.setattr(demonstrating, "is_installed", lambda name: True)
-    monkeypatch.setattr(demonstrating, "find_weights", lambda name: None)
+    monkeypatch.setattr(demonstrating, "find_weights", lambda name: films)
     monkeypatch.setattr(demonstrating, "make_detector", drawn)
     dest = tmp_path / "demo"
     assert run("demo", dest) == 0
