@@ -11,7 +11,7 @@ from e3pose.edge.energy_ledger import EnergyLedger
 from e3pose.energy.budgets import Budget
 from e3pose.energy.saving import Saving
 from e3pose.evaluate.replay import ReplaySettings, replay
-from e3pose.model.pose import Poses3D
+from e3pose.model.people import People
 from e3pose.model.skeleton import skeleton_by_name
 from e3pose.pipeline import SlotRecord
 from e3pose.recording import load_recording
@@ -58,6 +58,5 @@ def ledger_of(site_file: Path) -> EnergyLedger:
 
 def nobody(slot: int, interval_s: float, num_cameras: int) -> SlotRecord:
     flags, zeros = np.ones(num_cameras, dtype=bool), np.zeros(num_cameras)
-    poses = Poses3D(np.zeros((0, 18, 3)), np.zeros((0, 18)))
-    ids = np.zeros(0, dtype=np.int64)
-    return SlotRecord(slot, slot * interval_s, flags, flags, poses, ids, zeros, zeros, flags)
+    people = People.empty(18)
+    return SlotRecord(slot, slot * interval_s, flags, flags, people, zeros, zeros, flags)

@@ -222,7 +222,7 @@ def _draw(
     recording: Recording, records: Sequence[SlotRecord], folder: Path, progress: Progress
 ) -> None:
     """Write a movie of the skeletons on the frames, and four moments of it as one picture."""
-    joints = np.array([(record.poses.scores > 0).sum() for record in records])
+    joints = np.array([(record.people.scores > 0).sum() for record in records])
     parts = np.array_split(np.arange(len(records)), STRIP_ROWS)
     fullest = {int(part[joints[part].argmax()]) for part in parts if len(part)}
     strip: list[Image] = []
