@@ -111,7 +111,7 @@ class ExpiryWatch:
     _reported: dict[tuple[str, bool], datetime.datetime] | None = None
 
     def update(self) -> None:
-        """Report what is due; cheap enough for every call of a loop."""
+        """Report expiring certificates; cheap enough for every call of a loop."""
         if self.folder is None or self.now_s() < self._due_s:
             return
         self._due_s = self.now_s() + LOOK_S
@@ -136,8 +136,8 @@ def _line(name: str, until: datetime.datetime, now: datetime.datetime) -> str:
     advice = renewal_advice(name)
     if until < now:
         return (
-            f"certificate of {name} expired on {until:%Y-%m-%d %H:%M} UTC: nobody can connect "
-            f"anew with it; {advice}"
+            f"certificate of {name} expired on {until:%Y-%m-%d %H:%M} UTC: no new connection "
+            f"is accepted with it; {advice}"
         )
     days = (until - now).days
     return f"certificate of {name} expires on {until:%Y-%m-%d}, in {days} days: {advice}"
