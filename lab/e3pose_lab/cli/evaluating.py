@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
@@ -52,6 +52,7 @@ LOOP, ENERGY, FAULTS = LoopOptions(), EnergyOptions(), FaultOptions()
 
 POLICIES = {"policy": "--policies"}
 MAX_SEEDS = 10_000
+WITH: dict[str, Any] = {"feedback": True}  # mypy does not see options of settings
 MAX_JOBS = 1000
 
 
@@ -100,7 +101,7 @@ class GridOptions:
 
 def _settings(loop: LoopOptions, name: str, count: float | None = None) -> ReplaySettings:
     """Return the settings of a policy, whose name ends in `+feedback` where cameras get it."""
-    own = replace(loop, **{"feedback": True}) if name.endswith(FEEDBACK) else loop
+    own = replace(loop, **WITH) if name.endswith(FEEDBACK) else loop
     return own.settings(name.removesuffix(FEEDBACK), count)
 
 

@@ -43,9 +43,9 @@ from e3pose.site.simulated_films import write_films
 from e3pose.site.up import last_line
 
 if TYPE_CHECKING:
-    from e3pose.base.arrays import Image
     from e3pose.detectors.weights import Progress
     from e3pose.model.slot_record import SlotRecord
+    from e3pose.output.report.overlay.draw import Image
     from e3pose.wire.site_messages import Status
 
 T = TypeVar("T")
