@@ -98,11 +98,6 @@ def test_every_page_that_code_or_a_page_names_is_there() -> None:
     assert not lacking
 
 
-def test_there_are_links_and_commands_to_look_at() -> None:
-    assert "a-router-before-the-edge" in anchors(BY_PAGE["docs/how-to/many-sites.md"])
-    assert len(commands()) > 40
-
-
 def test_how_to_pages_stay_short_enough_to_be_read() -> None:
     words = {page: len(text.split()) for page, text in BY_PAGE.items() if "/how-to/" in page}
     assert len(words) > 25 and sum(words.values()) <= 20_000 and max(words.values()) <= 1_600
@@ -117,6 +112,7 @@ def test_every_command_parses(command: str) -> None:
 
 def test_every_verb_is_in_a_page() -> None:
     everything = "\n".join(TEXTS.values())
+    assert len(commands()) > 40
     for verb in VERBS:
         assert re.search(rf"`(?:e3pose )?{verb}[` ]|^ *e3pose {verb} ", everything, re.M), verb
 

@@ -29,11 +29,7 @@ pytestmark = pytest.mark.slow
 # Commands of measurements repeat these with other words, for minutes to hours.
 MEASUREMENTS = "docs/research/"
 FOUR_CAMERAS = "tests/live/test_four_cameras.py"  # runs all of its page
-MADE_ANEW = {
-    "simulate walk": "walk",
-    "keys init": "keys",
-    "store copy site.toml": "backup.db",
-}
+MADE_ANEW = {"simulate walk": "walk", "keys init": "keys", "store copy site.toml": "backup.db"}
 BEFORE = {"keys add cam1 --again": "keys add cam1", "keys revoke cam1": "keys add cam1"}
 
 RUNS = (

@@ -14,6 +14,7 @@ ROOMS = sorted(
 )
 LISTED = re.compile(r"^(?:Args|Attributes):\n((?:    .*\n|\n)+)", re.M)
 NAME = re.compile(r"^    \*{0,2}(\w+):", re.M)
+RIDDLE = re.compile(r"^(What|Who|Whose|Those)\b|\b[Rr]eturn (what|who|whose)\b|\bthose who\b")
 Documented = ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef
 
 
@@ -51,6 +52,14 @@ def test_docstrings_list_what_exists(room: Path) -> None:
         for name in sorted(listed(node) - existing(node))
     ]
     assert not stale, "\n".join(stale)
+
+
+@each_case("room", ("edge", "estimate", "select", "site", "store"))
+def test_first_lines_name_what_they_are_about(room: str) -> None:
+    trees = (ast.parse(path.read_text()) for path in (PACKAGES["e3pose"] / room).rglob("*.py"))
+    nodes = (n for tree in trees for n in ast.walk(tree) if isinstance(n, Documented | ast.Module))
+    firsts = [line for n in nodes for line in (ast.get_docstring(n) or "").splitlines()[:1]]
+    assert len(firsts) > 50 and not list(filter(RIDDLE.search, firsts))
 
 
 def test_a_name_that_is_gone_is_found() -> None:

@@ -115,7 +115,7 @@ class History:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Estimate:
-    """What an estimator says of one slot.
+    """The estimate of one slot.
 
     Attributes:
         people: in the slot, as they are published.

@@ -1,4 +1,4 @@
-"""Who stays awake: the slow part of the choice of cameras, on a time scale of seconds.
+"""The plan of rests: the slow part of camera selection, on a time scale of seconds.
 
 A camera that rests draws far less than one that waits for an order, but it cannot be reached: it
 comes back by itself, and takes time to wake. So a plan says of every camera that is awake whether

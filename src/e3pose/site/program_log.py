@@ -6,7 +6,7 @@ from typing import Any, Protocol
 
 
 class Log(Protocol):
-    """Who takes the lines that a person should know, with fields; `logging` with an adapter."""
+    """The log of a program: lines for people, with fields; an adapter of `logging`."""
 
     def info(self, event: str, **fields: Any) -> Any:
         """Take a line."""

@@ -31,7 +31,7 @@ class Stay:
 
 @dataclass(frozen=True, slots=True)
 class Zones:
-    """Who is in which zone.
+    """People in each zone.
 
     Attributes:
         tables: the zones of a site.

@@ -198,7 +198,7 @@ class Store:
             return overview.saved(connection, start_ns, end_ns, active_w, self.where)
 
     def stays(self, start_ns: int, end_ns: int) -> list[overview.StoredStay]:
-        """Return who stayed in which zone, see `overview.stays`."""
+        """Return the visits to zones, see `overview.stays`."""
         with reading(self.place, self._engines) as connection:
             return overview.stays(connection, start_ns, end_ns)
 

@@ -1,4 +1,4 @@
-"""What a part of a site finds of itself, and what to do about it."""
+"""Findings of the parts of a site, with their fixes."""
 
 from __future__ import annotations
 
@@ -39,12 +39,12 @@ def ok(what: str, found: str = "", advice: str = "") -> Finding:
 
 
 def warning(what: str, found: str, advice: str = "") -> Finding:
-    """Return what is worse than it could be."""
+    """Return the finding of a weakness."""
     return Finding("warning", what, found, advice)
 
 
 def problem(what: str, found: str, advice: str = "") -> Finding:
-    """Return what keeps a site from its work."""
+    """Return the finding of a problem, which keeps a site from working."""
     return Finding("problem", what, found, advice)
 
 

@@ -1,4 +1,4 @@
-"""What is wrong with the endpoint of an edge, certificates and the clock."""
+"""Problems of an edge's endpoint, certificates and the clock."""
 
 from __future__ import annotations
 

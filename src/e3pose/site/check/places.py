@@ -1,4 +1,4 @@
-"""What is wrong with the disks and databases that an edge writes to."""
+"""Problems of the disks and databases that an edge writes to."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is wrong with the edge that runs, and its cameras."""
+"""Problems of a running edge and its cameras."""
 
 from __future__ import annotations
 

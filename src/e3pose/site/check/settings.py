@@ -1,4 +1,4 @@
-"""What is wrong with a rig and with settings: skeletons, feedback, events, watts, budgets."""
+"""Problems of a rig and of settings: skeletons, feedback, events, watts, budgets."""
 
 from __future__ import annotations
 

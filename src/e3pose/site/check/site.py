@@ -28,7 +28,7 @@ def examine_site(
     measuring: AbstractContextManager[object],
     quick: bool = False,
 ) -> list[Finding]:
-    """Return what is found of a site, in the order in which it is set up.
+    """Return the findings of a site, in the order of its set-up.
 
     Args:
         site: what its file says; its cameras may have no places.
@@ -66,7 +66,7 @@ def examine_site(
 def _ask_edge(
     site: ResolvedSite, keys: Path | None, timeout_s: float
 ) -> tuple[list[Finding], bool]:
-    """Return what is found of the edge, and whether it runs."""
+    """Return the findings of the edge, and whether it runs."""
     try:
         link = viewer_link(site.file, keys)
         status = status_of(link, timeout_s)

@@ -1,4 +1,4 @@
-"""What is wrong with the cameras of this machine: their sources, networks and frame rates."""
+"""Problems of this machine's cameras: sources, networks and frame rates."""
 
 from __future__ import annotations
 

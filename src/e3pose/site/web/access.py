@@ -63,7 +63,7 @@ class Refusal:
 
 @dataclass(frozen=True, slots=True)
 class Client:
-    """Who sends a request.
+    """The sender of a request.
 
     Attributes:
         address: that its rates are kept by.
@@ -124,7 +124,7 @@ class Rules(Generic[J]):
     personal: bool = False
 
     def client_of(self, address: str, headers: Mapping[str, str]) -> Client:
-        """Return who sends a request.
+        """Return the sender of a request.
 
         Args:
             address: that it comes from.

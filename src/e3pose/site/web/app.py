@@ -117,7 +117,7 @@ async def unreadable(_: Request, error: Exception) -> JSONResponse:
 
 
 def make_day(store: Store | None, active_w: Mapping[str, float]) -> APIRouter:
-    """Return the routes of what is stored of a time, and what cameras spent and saved in it.
+    """Return the routes about periods: coverage of the store, energy spent and saved.
 
     Args:
         store: of the site; None where nothing is stored.

@@ -33,7 +33,7 @@ LARGE_S = 2.0  # large pictures are asked for so long after somebody wanted one
 
 @dataclass(frozen=True, slots=True)
 class PictureRules:
-    """Who is shown pictures, and how often a camera is asked for one.
+    """Rules for pictures: viewers, and the rate of requests to a camera.
 
     Attributes:
         shown: whether pictures can be shown at all.

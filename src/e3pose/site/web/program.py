@@ -158,7 +158,7 @@ class View(PageServer):
 
     @property
     def tokens(self) -> Tokens:
-        """Who may read and write."""
+        """Rights to read and write."""
         return self.rules.tokens
 
 
@@ -277,7 +277,7 @@ def rules_of(site: SiteTable, address: Address, tokens: Tokens) -> Rules[Tokens]
 
 
 def picture_rules(site: SiteTable, rules: Rules[Tokens], operates: bool) -> PictureRules:
-    """Return who is shown pictures of a site.
+    """Return the rules for pictures of a site.
 
     Args:
         site: its file.
