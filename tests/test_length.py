@@ -15,14 +15,20 @@ FILES = [
     for path in folder.rglob("*.py")
 ]
 BOUNDS: dict[str, dict[str, int]] = read(ROOT, "house.toml")
-MOST_FUNCTION_LINES = 80  # with signature and docstring
+MOST_FUNCTION_LINES = 76  # with its signature, without its docstring: verbs have long help
+
+
+def lines_of_docstring(node: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
+    said = node.body[0]
+    known = ast.get_docstring(node, clean=False) is not None
+    return (said.end_lineno or 0) - said.lineno + 1 if known else 0
 
 
 @cache
 def lengths() -> dict[str, int]:
-    """Return the lines of every function, by its file and name."""
+    """Return the lines of every function but for its docstring, by its file and name."""
     return {
-        f"{name} {node.name}": (node.end_lineno or 0) - node.lineno + 1
+        f"{name} {node.name}": (node.end_lineno or 0) - node.lineno + 1 - lines_of_docstring(node)
         for name, text in FILES
         for node in ast.walk(ast.parse(text))
         if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef))
