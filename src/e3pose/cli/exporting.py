@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Group, Parameter
 
@@ -140,17 +140,13 @@ def export(
     dest
         Output file, replaced if it exists; for OpenPose a new folder.
     what
-        The rows of this table, as in `e3pose query`; `poses` has one row per person, slot and
-        joint. Any length fits.
+        The rows of this table, as in `e3pose query`; `poses`: one per person, slot and joint.
     track
         Only these track ids.
     region
         Only people whose centre is in this rectangle of the floor: x,y,x,y in metres.
     """
     from e3pose.output.exports.source import Asked
-
-    def progress(items: Iterable[Any], total: int, label: str) -> Iterable[Any]:
-        return track_progress(items, total, label)
 
     smoothing = smooth.settings()
     if what is not None or (form.format_name is None and dest.suffix.lower() in PAGES):
@@ -164,7 +160,7 @@ def export(
             source, dest, what, period, track or ()
         )
         return
-    name, settings = form.settings(dest, progress)
+    name, settings = form.settings(dest, track_progress)
     with as_typed({"": "--fill"}):
         fill_s = 0.0 if form.fill is None else duration_s(form.fill)
     smoothing = SmoothSettings(smoothing.method, smoothing.cutoff_hz, fill_s)
@@ -174,7 +170,7 @@ def export(
     with as_typed(OPTIONS, source):
         take = _take(source, dest, asked)
     if smoothing.method is not None or smoothing.fill_s > 0:
-        take = smoothed(take, smoothing, progress)
+        take = smoothed(take, smoothing, track_progress)
     if form.fps is not None:
         before, take = take, resampled(take, form.fps)
         if take is not before:

@@ -38,17 +38,15 @@ def write_stretch(
     smoothing: SmoothSettings = AS_STORED,
     asked_run: int | None = None,
 ) -> int:
-    """Write the page of what a site stored between two times; return how many slots it shows.
+    """Write the page of a site's stored slots between two times; return how many it shows.
 
-    Of several runs in that time, the newest is shown. Videos that the site kept of it are shown
-    beside the player.
+    It shows the newest run of that time, with the videos that the site kept.
 
     Args:
         site: the site, whose cameras are drawn where its calibration has them now.
         store: its store.
         path: the `.html` file to write.
-        start: see `Store.query`.
-        end: likewise.
+        start, end: see `Store.query`.
         smoothing: of the poses.
         asked_run: the run to show, in place of the newest.
 

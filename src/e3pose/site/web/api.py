@@ -103,10 +103,7 @@ def make_api(
     def runs() -> list[dict[str, Any]]:
         stored = asked(lambda: needed(store).runs())
         names = ("site", "name", "started_ns", "interval_s", "skeleton", "joints", "cameras")
-        return [
-            {"run": one.run_id, **{name: getattr(one.run, name) for name in names}}
-            for one in stored
-        ]
+        return [{"run": one.run_id} | {n: getattr(one.run, n) for n in names} for one in stored]
 
     @api.get(
         "/{table}", summary="Stored slots, tracks, energy, events and zones", response_model=RowPage
