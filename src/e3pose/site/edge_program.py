@@ -194,7 +194,6 @@ def check_edge(site: ResolvedSite) -> EdgeParts:
 def start_edge(site: ResolvedSite, log: Log, clock: Clock) -> Edge:
     """Start the edge of a site; see `open_edge`."""
     parts = check_edge(site)
-    report_findings(start_problems(site), log.warning)
     for warning in warnings_of(site, site.loop):
         log.warning(warning)
 
@@ -204,6 +203,7 @@ def start_edge(site: ResolvedSite, log: Log, clock: Clock) -> Edge:
     with ExitStack() as stack:
         hold_all(parts.written, stack)
         link, roll = edge_link(site.file)
+        report_findings(start_problems(site), log.warning)  # once nothing is to be refused
         refused = not_admitted(roll, site.rig.camera_ids)
         transport = open_network(link, roll)
         stack.callback(transport.close)
