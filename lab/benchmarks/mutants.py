@@ -116,8 +116,8 @@ def copy_project(root: Path, tree: Path) -> None:
 
 def plain_kernels() -> None:
     """Leave kernels as they are written; before anything that has one is imported."""
-    import e3pose.base.held as held
     import e3pose.base.kernel as kernel
+    import e3pose.base.kernel_arguments as kernel_arguments
 
     class Held:
         def __init__(self, values: Any) -> None:
@@ -125,7 +125,7 @@ def plain_kernels() -> None:
 
     replaced: dict[Any, dict[str, Any]] = {
         kernel: {"kernel": lambda function: function},
-        held: {"hold": Held},
+        kernel_arguments: {"hold": Held},
     }
     for module, names in replaced.items():
         for name, value in names.items():

@@ -15,7 +15,7 @@ from scipy.ndimage import maximum_filter1d
 from scipy.optimize import linear_sum_assignment
 
 from e3pose.base.arrays import Floats, Integers
-from e3pose.base.known import median_of_known
+from e3pose.base.nan_statistics import median_of_known
 from e3pose.model.camera import Rig
 from e3pose.model.noise import LEAST_SCORE, Noise
 from e3pose.model.projection import project

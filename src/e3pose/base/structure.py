@@ -1,4 +1,4 @@
-"""The structure of compiled code behind `runtime.held`; importing it imports the compiler."""
+"""The structure of compiled code behind `kernel_arguments`; importing it imports the compiler."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class HeldType(types.StructRef):  # type: ignore[misc]
 
 
 class Structure(structref.StructRefProxy, Generic[Values]):  # type: ignore[misc]
-    """A named tuple that compiled code holds; as `runtime.held.Held`.
+    """A named tuple that compiled code holds; as `base.kernel_arguments.Held`.
 
     Attributes:
         values: the tuple, for kernels only. Its arrays are those that were given, not copies.

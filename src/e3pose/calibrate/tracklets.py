@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from e3pose.base.arrays import Floats
-from e3pose.base.known import median_of_known
+from e3pose.base.nan_statistics import median_of_known
 from e3pose.recording.record import ViewSeries
 
 MOST_STEP = 0.25  # of a person's size, that joints move from slot to slot

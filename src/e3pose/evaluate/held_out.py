@@ -16,7 +16,7 @@ import numpy as np
 
 from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
-from e3pose.base.known import mean_of_known
+from e3pose.base.nan_statistics import mean_of_known
 from e3pose.evaluate.figures import Distances, HeldOut, HeldOutCamera
 from e3pose.model.camera import Camera
 from e3pose.model.pose import Poses2D

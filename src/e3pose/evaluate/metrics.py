@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.base.arrays import Floats, Integers
-from e3pose.base.known import mean_of_known
+from e3pose.base.nan_statistics import mean_of_known
 
 THRESHOLD = 0.5  # of the true limb length
 MID_HIP = 14  # an extra joint, the mean of both hips

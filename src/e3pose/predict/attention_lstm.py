@@ -12,7 +12,7 @@ import numpy as np
 from e3pose.base.arrays import Floats
 from e3pose.base.bounded import read_bytes
 from e3pose.base.errors import InputError
-from e3pose.base.held import Held, hold
+from e3pose.base.kernel_arguments import Held, hold
 from e3pose.model.skeleton import Skeleton
 from e3pose.predict.base import Prediction
 from e3pose.predict.kernels.tracks import Curves, Joints

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from e3pose.base.arrays import Floats
-from e3pose.base.known import mean_of_known
+from e3pose.base.nan_statistics import mean_of_known
 from e3pose.base.quantities import plural
 from e3pose.model.camera import Camera
 from e3pose.model.pose import Poses2D

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from e3pose.base.arrays import Floats
-from e3pose.base.held import Held, hold
+from e3pose.base.kernel_arguments import Held, hold
 from e3pose.model.camera import Rig
 from e3pose.model.project import Optics, make_optics
 from e3pose.select.kernels import boxes as kernels

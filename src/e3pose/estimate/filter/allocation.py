@@ -6,8 +6,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from e3pose.base.held import Held, hold
 from e3pose.base.kernel import LANES
+from e3pose.base.kernel_arguments import Held, hold
 from e3pose.estimate.filter.bias import memory_terms
 from e3pose.estimate.filter.scratch import (
     MAX_LEFTOVERS,

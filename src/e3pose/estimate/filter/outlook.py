@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from e3pose.base.arrays import Flags, Floats, Integers
-from e3pose.base.held import Held
 from e3pose.base.kernel import kernel
+from e3pose.base.kernel_arguments import Held
 from e3pose.estimate.base import Outlook
 from e3pose.estimate.filter.allocation import held_constants
 from e3pose.estimate.filter.covariance_inflation import learned_factor, spread_factor

@@ -7,8 +7,8 @@ import math
 import numpy as np
 
 from e3pose.base.arrays import Flags, Floats, Integers
-from e3pose.base.held import Held
 from e3pose.base.kernel import kernel
+from e3pose.base.kernel_arguments import Held
 from e3pose.estimate.filter.blindness import PLAIN, chance, proof
 from e3pose.estimate.filter.bones import Proportions
 from e3pose.estimate.filter.covariance_inflation import learned_factor, spread_factor

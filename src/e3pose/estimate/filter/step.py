@@ -11,8 +11,8 @@ import numpy as np
 
 from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
-from e3pose.base.held import Held, hold
 from e3pose.base.kernel import kernel
+from e3pose.base.kernel_arguments import Held, hold
 from e3pose.estimate.filter.allocation import held_constants, make_workspace
 from e3pose.estimate.filter.associate import associate
 from e3pose.estimate.filter.births import give_birth

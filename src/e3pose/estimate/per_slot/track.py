@@ -12,7 +12,7 @@ import numpy as np
 
 from e3pose.base.arrays import Floats, Integers
 from e3pose.base.errors import InputError
-from e3pose.base.known import mean_of_known
+from e3pose.base.nan_statistics import mean_of_known
 from e3pose.estimate.base import History
 from e3pose.model.people import People
 

@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from e3pose.base.arrays import Floats
-from e3pose.base.held import Held
 from e3pose.base.kernel import kernel
+from e3pose.base.kernel_arguments import Held
 from e3pose.predict.kernels.history import close_gaps, common_joints, describe
 from e3pose.predict.kernels.layers import BLOCK
 from e3pose.predict.kernels.network import Weights, run_network

@@ -7,8 +7,8 @@ import math
 import numpy as np
 
 from e3pose.base.arrays import Floats
-from e3pose.base.held import Held
 from e3pose.base.kernel import kernel
+from e3pose.base.kernel_arguments import Held
 from e3pose.model.project import Optics, project_people
 
 BOX_EXPANSION = 0.10  # definition: paper section 3.2.1: a body is a little larger than its joints

@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.base.held import Held, hold
 from e3pose.base.kernel import kernel
+from e3pose.base.kernel_arguments import Held, hold
 
 
 class Inner(NamedTuple):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from e3pose.base.known import mean_of_known, median_of_known
+from e3pose.base.nan_statistics import mean_of_known, median_of_known
 
 VALUES = np.array([[1.0, np.nan, 5.0, 3.0], [2.0, np.nan, np.nan, np.inf], [np.nan] * 4])
 
