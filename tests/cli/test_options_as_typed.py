@@ -10,7 +10,7 @@ from tests.cli.commands import run
 
 from e3pose.base.errors import InputError
 from e3pose.recording import save_recording
-from e3pose.settings.site_file import SiteTable
+from e3pose.settings.resolved import ResolvedSite
 from e3pose.simulate import SceneSettings, simulate
 from e3pose.site.example import write_recorded
 
@@ -112,8 +112,8 @@ def test_delay_of_an_edge_takes_the_place_of_that_of_its_site(
     )
     opened: list[float] = []
 
-    def stop(site: SiteTable, *_: object) -> None:
-        opened.append(site.smooth_delay_ms)
+    def stop(site: ResolvedSite, *_: object) -> None:
+        opened.append(site.file.smooth_delay_ms)
         raise InputError("", "enough", "")
 
     monkeypatch.setattr("e3pose.site.edge_program.start_edge", stop)
