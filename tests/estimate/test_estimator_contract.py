@@ -135,12 +135,13 @@ def test_the_outlook_grows_less_certain_and_names_those_of_the_history(name: str
     memory = estimator.begin()
     for slot in range(20):
         memory, made = estimator.estimate(memory, views_of(slot), slot * 0.04, lambda: 0.0)
-    soon, late = (estimator.outlook(memory, ahead_s) for ahead_s in (0.04, 0.4))
-    foresights = [foresee(scene().rig, soon, 0.04, np.zeros((n, 5), dtype=bool)) for n in (0, 9)]
+    soon, late = (estimator.outlook(memory, ahead_s).expected for ahead_s in (0.04, 0.4))
+    outlook = estimator.outlook(memory, 0.04)
+    foresights = [foresee(scene().rig, outlook, 0.04, np.zeros((n, 5), dtype=bool)) for n in (0, 9)]
     assert set(made.history.track_ids.tolist()) <= set(soon.track_ids.tolist())
     assert made.history.joints_m.shape[1] == len(made.history.track_ids)
     assert np.isfinite(soon.joints_m).all()
-    assert soon.delivered.shape == soon.last_seen_s.shape == (len(soon), 5)
+    assert soon.delivered.shape == soon.last_seen_s.shape == (len(soon.track_ids), 5)
     assert (soon.delivered >= 0).all() and (soon.delivered <= 1).all()
     assert late.joints_m.shape == soon.joints_m.shape
     nobody = np.zeros((1, 5), dtype=bool)

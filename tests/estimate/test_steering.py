@@ -86,12 +86,13 @@ def test_every_estimator_can_be_steered_and_keeps_whom_it_follows(
         prediction = Prediction(joints, np.full(joints.shape[:-1], error_m))
         steered = estimator.steer(memory, prediction, INTERVAL_S)
         before, after = (
-            estimator.outlook(memory, INTERVAL_S),
-            estimator.outlook(steered, INTERVAL_S),
+            estimator.outlook(memory, INTERVAL_S).expected,
+            estimator.outlook(steered, INTERVAL_S).expected,
         )
         np.testing.assert_array_equal(before.track_ids, after.track_ids)
         np.testing.assert_array_equal(
-            estimator.outlook(memory, 0.0).joints_m, estimator.outlook(steered, 0.0).joints_m
+            estimator.outlook(memory, 0.0).expected.joints_m,
+            estimator.outlook(steered, 0.0).expected.joints_m,
         )
         moved = not np.array_equal(before.joints_m, after.joints_m)
         # A history of less than four slots foretells nothing.
@@ -109,7 +110,7 @@ def test_nobody_known_is_steered_to_nobody() -> None:
     nothing = np.zeros((STEER_SLOTS, 0, 17, 3))
     assert people.history.joints_m.shape[1] == 0
     steered = estimator.steer(memory, Prediction(nothing, nothing[..., 0]), INTERVAL_S)
-    assert len(estimator.outlook(steered, INTERVAL_S)) == 0
+    assert len(estimator.outlook(steered, INTERVAL_S).expected.track_ids) == 0
 
 
 def made(**changes: Any) -> Pipeline:

@@ -51,19 +51,10 @@ def records(sigma_m: float, claimed_m: float, on: int = 2) -> list[SlotRecord]:
         selected = np.arange(5) < on
         tails = np.sqrt(TAILS / rng.chisquare(TAILS, size=(1, 17, 1))) / np.sqrt(np.pi / 2)
         joints = BODY[None] + tails * rng.normal(scale=sigma_m, size=(1, 17, 3))
-        found.append(
-            SlotRecord(
-                slot=slot,
-                time_s=slot / 10,
-                selected=selected,
-                arrived=selected,
-                people=People(np.array([3]), joints, sigma_m=np.full((1, 17), claimed_m)),
-                occlusion=np.zeros(5),
-                deficit=np.zeros(5),
-                next_selection=selected,
-                reasons=Reasons(slot + 1, np.zeros(5), np.zeros(5), 0.03),
-            )
-        )  # fmt: skip
+        people = People(np.array([3]), joints, sigma_m=np.full((1, 17), claimed_m))
+        reasons, zero = Reasons(slot + 1, np.zeros(5), np.zeros(5), 0.03), np.zeros(5)
+        there = slot, slot / 10, selected, selected, people, zero, zero, selected
+        found.append(SlotRecord(*there, reasons=reasons))
     return found
 
 

@@ -51,16 +51,13 @@ def recording(
 
 def record(slot: int, people: Sequence[Floats], ids: Sequence[int] | None = None) -> SlotRecord:
     joints = np.stack(people) if people else np.zeros((0, 17, 3))
+    tracks = np.arange(len(people)) if ids is None else np.array(ids, dtype=np.int64)
     return SlotRecord(
         slot=slot,
         time_s=slot / 10,
         selected=SELECTED[slot],
         arrived=SELECTED[slot] & [True, slot != 3],
-        people=People(
-            np.arange(len(people)) if ids is None else np.array(ids, dtype=np.int64),
-            joints,
-            np.where(np.isfinite(joints).all(axis=-1), 0.5, 0.0),
-        ),
+        people=People(tracks, joints, np.full(joints.shape[:2], 0.5)),
         occlusion=np.zeros(2),
         deficit=np.array([slot, 1.0]),
         next_selection=np.ones(2, dtype=bool),

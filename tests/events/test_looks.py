@@ -34,7 +34,7 @@ def test_who_stands_asks_for_nothing_and_who_falls_for_a_second_camera() -> None
     down_s = next(at_s for at_s, _, watch in found if watch.shown[1].on_floor > 0.6)
     assert asked_s[0] < down_s
     on_floor = [request for at_s, request, _ in found if down_s < at_s < down_s + 2]
-    assert {request.track_ids for request in on_floor} == {(1,)}
+    assert {request.tracks for request in on_floor} == {(1,)}
 
 
 def test_who_lies_on_for_long_asks_for_no_more() -> None:

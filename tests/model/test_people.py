@@ -53,9 +53,8 @@ def test_people_of_other_numbers_do_not_fit_their_joints() -> None:
 
 
 def test_a_message_keeps_everything_but_scores() -> None:
-    names = ("a", "b", "c", "d", "e")
     sent = replace(PEOPLE, measured=np.arange(10).reshape(2, 5) % 2 > 0)
-    found = people_of(Poses(3, 0, names, *packed_people(sent)))
+    found = people_of(Poses(3, 0, tuple("abcde"), *packed_people(sent)))
     assert found.joints_m.dtype == np.float32
     for name in ("track_ids", "joints_m", "measured", "scores"):
         np.testing.assert_array_equal(getattr(found, name), getattr(sent, name))

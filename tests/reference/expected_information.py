@@ -25,20 +25,20 @@ UPPER = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))  # of a symmetric matri
 
 def foresee(rig: Rig, outlook: Outlook, interval_s: float, ordered: Flags) -> Foresight:
     """See `e3pose.select.expected_information.foresee`; without entrants."""
-    pixels, depth, jacobian = project(outlook.joints_m, rig.projections)
+    pixels, depth, jacobian = project(outlook.expected.joints_m, rig.projections)
     inside, in_front = _inside(rig, pixels, depth), _in_front(pixels, depth)
-    weight = inside * in_front / outlook.sigma_px[:, None, None] ** 2
-    likely = ((1 + INFORMATION_RATIO) ** outlook.shows - 1) / INFORMATION_RATIO
-    delivered = outlook.delivered * likely
+    weight = inside * in_front / outlook.expected.sigma_px[:, None, None] ** 2
+    likely = ((1 + INFORMATION_RATIO) ** outlook.expected.shows - 1) / INFORMATION_RATIO
+    delivered = outlook.expected.delivered * likely
     weight = weight * delivered.T[..., None]
     full = np.stack([(jacobian[..., a] * jacobian[..., b]).sum(axis=-1) for a, b in UPPER], axis=-1)
     full = full * weight[..., None]  # (num_cameras, num_tracks, num_joints, 6)
     terms = memory_terms(outlook.memory)
-    prior, since_s = np.empty(full.shape[1:]), outlook.last_seen_s.copy()
+    prior, since_s = np.empty(full.shape[1:]), outlook.expected.last_seen_s.copy()
     carry(
-        outlook.covariance,
-        outlook.drift_m2ps3,
-        outlook.velocity_lasts_s,
+        outlook.expected.covariance,
+        outlook.expected.drift_m2ps3,
+        outlook.expected.velocity_lasts_s,
         interval_s,
         terms,
         ordered if outlook.has_memory else np.zeros_like(ordered),
@@ -47,8 +47,7 @@ def foresee(rig: Rig, outlook: Outlook, interval_s: float, ordered: Flags) -> Fo
         prior,
     )
     return Foresight(
-        track_ids=outlook.track_ids,
-        confirmed=outlook.confirmed,
+        outlook=outlook,
         prior=prior,
         views=full,
         counted=1 / inflation(since_s.T, terms),
@@ -68,7 +67,7 @@ def information(foresight: Foresight, subsets: Flags) -> Floats:
 
 def expected_error_m(foresight: Foresight, subsets: Flags) -> Floats:
     """See `Foresight.expected_error_m`."""
-    shown = np.repeat(foresight.confirmed, foresight.prior.shape[1])
+    shown = np.repeat(foresight.people.confirmed, foresight.prior.shape[1])
     return np.asarray(
         _distance(_after(foresight, foresight.counted, subsets)[:, shown]).mean(axis=-1)
     )

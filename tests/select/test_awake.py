@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from tests.cases import each_case
 from tests.rigs import looking
+from tests.select.outlooks import known
 from tests.select.test_expected_information import outlook, person
 
 from e3pose.base.arrays import Flags, Floats
@@ -239,8 +240,8 @@ def situation(foresight: Foresight, stated: StatedError) -> Situation:
 def rises(bias_share: float, stated: StatedError, last_seen_s: float = np.inf) -> Floats:
     """Of all five cameras in a ring, of the three on one side, and of the first."""
     seen = outlook(np.stack([person(0, 0), person(1, -1)]), RIG)
-    often = np.full(seen.last_seen_s.shape, last_seen_s)
-    people = foresee(RIG, replace(seen, bias_share=bias_share, last_seen_s=often), 0.04)
+    often = np.full(seen.expected.last_seen_s.shape, last_seen_s)
+    people = foresee(RIG, replace(known(seen, last_seen_s=often), bias_share=bias_share), 0.04)
     found = needs_of(RIG, situation(people, stated), [people], ~ALL)
     sets = np.array([[1, 1, 1, 1, 1], [1, 1, 1, 0, 0], [1, 0, 0, 0, 0]], dtype=bool)
     return found.rise(sets)
@@ -267,7 +268,7 @@ def test_nobody_rests_before_it_is_learned_how_long_errors_last() -> None:
 
 def test_who_woke_rests_again_only_after_a_look() -> None:
     seen = outlook(np.stack([person(0, 0)]), RIG)
-    nobody = foresee(RIG, replace(seen, confirmed=np.zeros(1, dtype=bool)), 0.04)
+    nobody = foresee(RIG, known(seen, confirmed=np.zeros(1, dtype=bool)), 0.04)
     now = situation(nobody, KNOWN)
     planner = RestPlanner(RIG, costs(), RestGoal(price=10.0, num_selected=2.0, find_within_s=2.0))
     woke = np.full(N, now.slot - 10)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from tests.cases import each_case
 from tests.reference.filter_bias import inflation, worth_inflation
 from tests.rigs import looking
+from tests.select.outlooks import known, standing
 
 from e3pose.base.arrays import Floats
 from e3pose.estimate.base import Outlook
@@ -30,30 +31,7 @@ TERMS = memory_terms(ErrorMemory())
 
 
 def outlook(joints_m: Floats, rig: Rig = RIG, sigma_m: float = 0.1) -> Outlook:
-    """Everybody is known to `sigma_m` along each axis, stands still and is never seen to move."""
-    people = len(joints_m)
-    shape = (people, len(rig))
-    covariance = np.zeros((*joints_m.shape[:2], 6, 6))
-    covariance[..., :3, :3] = sigma_m**2 * np.eye(3)
-    return Outlook(
-        track_ids=np.arange(people) + 10,
-        confirmed=np.ones(people, dtype=bool),
-        joints_m=joints_m,
-        covariance=covariance,
-        drift_m2ps3=np.zeros(joints_m.shape[:2]),
-        velocity_lasts_s=np.full(joints_m.shape[1], 0.8),
-        has_memory=True,
-        delivered=np.ones(shape),
-        shows=np.ones(shape),
-        detection_map=None,
-        last_seen_s=np.full(shape, np.inf),
-        sigma_px=np.full(len(rig), 3.0),
-        memory=ErrorMemory(),
-        bias_share=0.4,
-        unexplained=np.zeros(len(rig), dtype=np.int64),
-        unexplained_s=np.full(len(rig), np.inf),
-        wait_s=0.14,
-    )
+    return standing(joints_m, len(rig), sigma_m)
 
 
 def person(x: float, y: float) -> Floats:
@@ -73,10 +51,10 @@ def random_foresight(seed: int, num_cameras: int = 6) -> Foresight:
     seen = outlook(people, rig)
     return foresee(
         rig,
-        replace(
+        known(
             seen,
-            delivered=rng.uniform(0, 1, seen.delivered.shape),
-            last_seen_s=rng.exponential(0.5, seen.delivered.shape),
+            delivered=rng.uniform(0, 1, seen.expected.delivered.shape),
+            last_seen_s=rng.exponential(0.5, seen.expected.delivered.shape),
         ),
         SLOT_S,
     )
@@ -84,7 +62,7 @@ def random_foresight(seed: int, num_cameras: int = 6) -> Foresight:
 
 def test_it_is_the_textbook_formula() -> None:
     people = np.stack([person(0, 0), person(1, -0.5)])
-    foresight = foresee(RIG, replace(outlook(people), delivered=np.full((2, 4), 0.7)), SLOT_S)
+    foresight = foresee(RIG, known(outlook(people), delivered=np.full((2, 4), 0.7)), SLOT_S)
     assert foresight.views.shape == (4, 2, 4, 6)
     chosen = np.array([True, False, False, True])
     jacobian = project(people, RIG.projections)[2]
@@ -159,7 +137,7 @@ def test_somebody_behind_another_tells_less() -> None:
 
 
 def test_fresh_errors_tell_more_than_old_ones_again() -> None:
-    seen = replace(outlook(person(0, 0)[None]), last_seen_s=np.array([[0.04, np.inf, 1.0, np.inf]]))
+    seen = known(outlook(person(0, 0)[None]), last_seen_s=np.array([[0.04, np.inf, 1.0, np.inf]]))
     gains = foresee(RIG, seen, SLOT_S).information(np.eye(4, dtype=bool))
     assert gains[0] < gains[2] < gains[1]
 
@@ -190,10 +168,10 @@ def test_a_camera_ordered_twice_in_flight_adds_less_the_second_time(camera: int)
 
 def drifting(seen: Outlook, accelerates_mps2: float = 5.0) -> Outlook:
     """Let people move: velocities are known to 0.3 m/s and change by chance."""
-    covariance = seen.covariance.copy()
+    covariance = seen.expected.covariance.copy()
     covariance[..., 3:, 3:] = 0.3**2 * np.eye(3)
-    drift = np.full(seen.drift_m2ps3.shape, accelerates_mps2**2 / 25)
-    return replace(seen, covariance=covariance, drift_m2ps3=drift)
+    drift = np.full(seen.expected.drift_m2ps3.shape, accelerates_mps2**2 / 25)
+    return known(seen, covariance=covariance, drift_m2ps3=drift)
 
 
 @each_case("num_ordered", [0, 1, 3, 5])
@@ -202,13 +180,13 @@ def test_what_is_known_is_carried_as_a_kalman_filter_would(num_ordered: int) -> 
     seen = drifting(outlook(person(0.3, -0.2)[None], sigma_m=0.05))
     ordered = rng.random((num_ordered, 4)) < 0.6
     found = foresee(RIG, seen, SLOT_S, ordered)
-    jacobian = project(seen.joints_m, RIG.projections)[2]
+    jacobian = project(seen.expected.joints_m, RIG.projections)[2]
     fade = np.exp(-SLOT_S / 0.8)
     F = np.kron([[1, 0.8 * (1 - fade)], [0, fade]], np.eye(3))
     middle = 0.8**2 * (1 - fade) ** 2 / 2
     far = 0.8**2 * (SLOT_S - 1.6 * (1 - fade) + 0.4 * (1 - fade**2))
     Q = np.kron([[far, middle], [middle, 0.4 * (1 - fade**2)]], np.eye(3))
-    covariance = np.tile(seen.covariance[0, 0], (4, 1, 1))
+    covariance = np.tile(seen.expected.covariance[0, 0], (4, 1, 1))
     since_s = np.full(4, np.inf)
     for cameras in [*ordered, np.zeros(4, dtype=bool)]:
         covariance = F @ covariance @ F.T + 1.0 * Q
@@ -235,13 +213,13 @@ def test_without_a_memory_views_in_flight_tell_nothing_of_a_later_slot() -> None
 
 def test_somebody_whom_no_camera_shows_does_not_decide() -> None:
     seen = outlook(np.stack([person(0, 0), person(0.5, 0.5)]))
-    lost = replace(seen, covariance=seen.covariance * np.array([1, 100])[:, None, None, None])
-    delivered = np.array([[0.5] * 4, [0.01] * 4])
-    alone = foresee(
-        RIG, replace(outlook(person(0, 0)[None]), delivered=np.full((1, 4), 0.5)), SLOT_S
+    lost = known(
+        seen, covariance=seen.expected.covariance * np.array([1, 100])[:, None, None, None]
     )
+    delivered = np.array([[0.5] * 4, [0.01] * 4])
+    alone = foresee(RIG, known(outlook(person(0, 0)[None]), delivered=np.full((1, 4), 0.5)), SLOT_S)
     each = np.eye(4, dtype=bool)
-    shown = foresee(RIG, replace(lost, delivered=delivered), SLOT_S).information(each)
+    shown = foresee(RIG, known(lost, delivered=delivered), SLOT_S).information(each)
     np.testing.assert_allclose(shown, alone.information(each), rtol=0.3)
 
 

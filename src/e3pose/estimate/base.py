@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Protocol, TypeVar
+from typing import NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.base.arrays import Floats, Integers
+from e3pose.base.arrays import Flags, Floats, Integers
 from e3pose.model.noise import ErrorMemory
 from e3pose.model.people import People
 from e3pose.model.pose import Poses2D
@@ -44,26 +44,25 @@ class Posterior:
     Attributes:
         time_s: of the slot.
         tracks: `(num_tracks,)` internal ids, increasing, constant while a track exists.
-        track_ids: `(num_tracks,)` their published identities.
+        shown: `(num_persons,)` rows of those who are published, in their order.
         state: `(num_tracks, num_joints, 6)` position in metres, velocity in metres per second.
         covariance: `(num_tracks, num_joints, 6, 6)` of `state`.
         shared: `(num_tracks, num_joints, 6, 6)` of each joint's `state` with its parent's.
         bones_m: `(num_tracks, num_bones)` lengths learned.
         bone_counts: `(num_tracks, num_bones)` slots that taught them.
         start: of the prediction.
-        inflation: `(num_tracks, num_joints)` factor on the standard deviations that are published;
-            NaN of tracks that are not.
-        repeated_m2: `(num_tracks, num_joints, 3, 3)` the errors that views repeat, published
-            besides; NaN likewise.
-        lasting_m2: `(num_tracks, num_joints, 3, 3)` the same if errors last as the learned biases
-            do; NaN likewise.
+        inflation: `(num_persons, num_joints)` factor on the standard deviations that are published.
+        repeated_m2: `(num_persons, num_joints, 3, 3)` the errors that views repeat, published
+            besides.
+        lasting_m2: `(num_persons, num_joints, 3, 3)` the same if errors last as the learned biases
+            do.
         excess: how much larger these biases were than usual in the last seconds, 0 or more: the
             share of the way from `repeated_m2` to `lasting_m2` that smoothers publish.
     """
 
     time_s: float
-    tracks: NDArray[np.int64]
-    track_ids: NDArray[np.int64]
+    tracks: Integers
+    shown: Integers
     state: NDArray[np.float64]
     covariance: NDArray[np.float64]
     shared: NDArray[np.float64]
@@ -133,9 +132,8 @@ class Estimate:
     posterior: Posterior | None = None
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Outlook:
-    """Prediction for a future slot, and the knowledge of the newest slot.
+class Expected(NamedTuple):
+    """People expected in a future slot, as kernels fill and take them.
 
     Attributes:
         track_ids: `(num_tracks,)` all tracks, also those not yet published.
@@ -145,19 +143,39 @@ class Outlook:
             metres and metres per second.
         drift_m2ps3: `(num_tracks, num_joints)` power density of the acceleration along an axis.
         velocity_lasts_s: `(num_joints,)` until a velocity is down to 1/e.
-        has_memory: whether views of earlier slots add information about a later one.
         delivered: `(num_tracks, num_cameras)` 0 or more: information of a camera's recent views
             about the person, relative to a view of every joint at the best score, if all cameras
             were as sure of themselves as their mean.
         shows: `(num_tracks, num_cameras)` in [0, 1]: probability that the camera detects a person
             at the predicted place, relative to a place without obstacles.
-        detection_map: `(num_cameras, num_cells, num_cells, 2)` looks at people by place, and those
-            that showed them (`filter.blindness`); None without a memory.
         last_seen_s: `(num_tracks, num_cameras)` seconds since each camera detected the person; inf
             if never.
         sigma_px: `(num_cameras,)` error of a visible keypoint; as a share of its image the same of
             all cameras.
-        memory: how long such errors persist.
+    """
+
+    track_ids: Integers
+    confirmed: Flags
+    joints_m: Floats
+    covariance: Floats
+    drift_m2ps3: Floats
+    velocity_lasts_s: Floats
+    delivered: Floats
+    shows: Floats
+    last_seen_s: Floats
+    sigma_px: Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Outlook:
+    """Prediction for a future slot, and the knowledge of the newest slot.
+
+    Attributes:
+        expected: people in the future slot.
+        has_memory: whether views of earlier slots add information about a later one.
+        detection_map: `(num_cameras, num_cells, num_cells, 2)` looks at people by place, and those
+            that showed them (`filter.blindness`); None without a memory.
+        memory: how long errors of keypoints persist.
         bias_share: mean square of the learned biases over the variance of a keypoint, of the last
             seconds: where it is large, errors last longer than `memory` says.
         unexplained: `(num_cameras,)` detections of each camera's newest view that no track
@@ -166,26 +184,14 @@ class Outlook:
         wait_s: largest time between two views that start a track.
     """
 
-    track_ids: NDArray[np.int64]
-    confirmed: NDArray[np.bool_]
-    joints_m: NDArray[np.float64]
-    covariance: NDArray[np.float64]
-    drift_m2ps3: NDArray[np.float64]
-    velocity_lasts_s: NDArray[np.float64]
+    expected: Expected
     has_memory: bool
-    delivered: NDArray[np.float64]
-    shows: NDArray[np.float64]
-    detection_map: NDArray[np.float64] | None
-    last_seen_s: NDArray[np.float64]
-    sigma_px: NDArray[np.float64]
+    detection_map: Floats | None
     memory: ErrorMemory
     bias_share: float
-    unexplained: NDArray[np.int64]
-    unexplained_s: NDArray[np.float64]
+    unexplained: Integers
+    unexplained_s: Floats
     wait_s: float
-
-    def __len__(self) -> int:
-        return len(self.track_ids)
 
 
 class Estimator(Protocol[Memory]):

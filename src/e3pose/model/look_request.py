@@ -13,12 +13,12 @@ class LookRequest:
     Attributes:
         cameras: that look in a slot at least; energy is borrowed for it for some seconds. 0 asks
             for none.
-        track_ids: people whom they are to show.
+        tracks: people whom they are to show.
         enough_per_s: looks a second of all cameras that are enough, where cameras may rest.
     """
 
     cameras: float = 0.0
-    track_ids: tuple[int, ...] = ()
+    tracks: tuple[int, ...] = ()
     enough_per_s: float = math.inf
 
 

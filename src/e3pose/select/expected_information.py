@@ -11,15 +11,13 @@ known, each at its own time. Method: `docs/explanation/camera-selection.md`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
-from operator import attrgetter
 
 import numpy as np
-from numpy.typing import NDArray
 
 from e3pose.base.arrays import Flags, Floats
-from e3pose.estimate.base import Outlook
+from e3pose.estimate.base import Expected, Outlook
 from e3pose.estimate.filter.bias import MemoryTerms, memory_terms
 from e3pose.estimate.filter.lasting import MOST, excess_of
 from e3pose.estimate.filter.repeated_errors import MOST_LASTING_M, MOST_M, STAYS
@@ -28,7 +26,6 @@ from e3pose.model.noise import ErrorMemory
 from e3pose.select.kernels import foresight as kernels
 from e3pose.select.newcomers import Entrants, expected_entrants
 
-_expected = attrgetter(*kernels.Expected._fields)
 ON_DIAGONAL = [0, 3, 5]  # layout: of the six entries of a symmetric matrix
 
 
@@ -39,8 +36,7 @@ class Foresight:
     Symmetric matrices are stored as their six upper entries, in 1/m2.
 
     Attributes:
-        track_ids: `(num_tracks,)`.
-        confirmed: `(num_tracks,)` who is shown.
+        outlook: what is known of the people.
         prior: `(num_tracks, num_joints, 6)` before any view of the slot.
         views: `(num_cameras, num_tracks, num_joints, 6)` that each camera would add if its errors
             were new ones.
@@ -51,24 +47,20 @@ class Foresight:
         weights: `(num_tracks,)` weight of each person. One whom no camera showed recently may be
             away, so the information that cameras would have about them counts for less.
         entrants: people who are not tracked yet.
-        repeats: variance of what all looks of a camera repeat, over that of a keypoint.
-        free_m: standard deviation of a joint along an axis on which no camera tells anything.
-        places_m: `(num_tracks, 2)` on the floor, where people will be.
-        detection_map: as in `Outlook`.
     """
 
-    track_ids: NDArray[np.int64]
-    confirmed: Flags
+    outlook: Outlook
     prior: Floats
     views: Floats
     counted: Floats
     new: Floats
     weights: Floats
     entrants: Entrants
-    repeats: float = 1.0
-    free_m: float = MOST_LASTING_M
-    places_m: Floats = field(default_factory=lambda: np.zeros((0, 2)))
-    detection_map: Floats | None = None
+
+    @property
+    def people(self) -> Expected:
+        """The people whom it is about."""
+        return self.outlook.expected
 
     def information(self, subsets: Flags) -> Floats:
         """Return `(num_subsets,)` nats a joint that sets of cameras are expected to add.
@@ -90,9 +82,14 @@ class Foresight:
         What is known now is gone by then, and every look of a camera repeats its errors: however
         many there are, they count once.
         """
+        share = self.outlook.bias_share
+        # What all looks of a camera repeat, over the variance of a keypoint; and how little is
+        # known of a joint along an axis on which no camera tells anything.
+        repeats = min(STAYS * _terms(self.outlook.memory).most + share, 1.0)
+        free_m = MOST_M + (MOST_LASTING_M - MOST_M) * excess_of(share) / MOST
         free = np.zeros_like(self.prior)
-        free[..., ON_DIAGONAL] = 1 / self.free_m**2
-        once = np.full_like(self.counted, 1 / self.repeats)
+        free[..., ON_DIAGONAL] = 1 / free_m**2
+        once = np.full_like(self.counted, 1 / repeats)
         return replace(self, prior=free, counted=once, new=once)
 
     def gains_nats(self, chosen: Flags) -> Floats:
@@ -112,7 +109,9 @@ class Foresight:
         It is what the estimator will state after the views, and NaN when nobody is shown.
         """
         error_m = np.empty(len(subsets))
-        kernels.errors(self.prior, self.views, self.counted, self.confirmed, subsets, error_m)
+        kernels.errors(
+            self.prior, self.views, self.counted, self.people.confirmed, subsets, error_m
+        )
         return error_m
 
 
@@ -134,7 +133,7 @@ def foresee(
     if ordered is None:
         ordered = np.zeros((0, len(rig)), dtype=bool)
     terms = _terms(outlook.memory)
-    num_tracks, num_joints, _ = outlook.joints_m.shape
+    num_tracks, num_joints, _ = outlook.expected.joints_m.shape
     per_view, per_person = (len(rig), num_tracks), (num_tracks, num_joints, 6)
     foreseen = kernels.Foreseen(
         views=np.empty((len(rig), *per_person)),
@@ -144,7 +143,7 @@ def foresee(
         weights=np.empty(num_tracks),
     )
     kernels.foresee_views(
-        kernels.Expected(*map(np.ascontiguousarray, _expected(outlook))),
+        Expected(*map(np.ascontiguousarray, outlook.expected)),
         rig.projections,
         rig.image_sizes,
         terms,
@@ -153,12 +152,7 @@ def foresee(
         foreseen,
     )
     return Foresight(
-        track_ids=outlook.track_ids,
-        confirmed=outlook.confirmed,
-        repeats=min(STAYS * terms.most + outlook.bias_share, 1.0),
-        free_m=MOST_M + (MOST_LASTING_M - MOST_M) * excess_of(outlook.bias_share) / MOST,
-        places_m=outlook.joints_m[..., :2].mean(axis=1),
-        detection_map=outlook.detection_map,
+        outlook=outlook,
         entrants=expected_entrants(
             rig,
             outlook.unexplained,

@@ -86,7 +86,8 @@ def expected_people(
     Returns:
         One view per camera; None where nobody is expected.
     """
-    hidden_m = outlook.joints_m[~np.isin(outlook.track_ids, predicted_ids)]
+    people = outlook.expected
+    hidden_m = people.joints_m[~np.isin(people.track_ids, predicted_ids)]
     joints_m = np.concatenate([joints_m, hidden_m])
     if not len(joints_m):
         return None

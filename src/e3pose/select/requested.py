@@ -13,7 +13,7 @@ from e3pose.select.policies.base import Selection, Situation
 
 def asked_for(foresight: Foresight, request: LookRequest) -> Foresight:
     """Restrict the foresight to the requested tracks, if any is present."""
-    asked = np.isin(foresight.track_ids, request.track_ids)
+    asked = np.isin(foresight.people.track_ids, request.tracks)
     weights = np.where(asked, foresight.weights, 0.0) if asked.any() else foresight.weights
     return replace(foresight, weights=weights)
 

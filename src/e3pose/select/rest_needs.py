@@ -45,7 +45,7 @@ def needs_of(rig: Rig, situation: Situation, later: Sequence[Foresight], asleep:
         raise ValueError("a plan of rests needs a foresight")
     everybody = situation.online | asleep
     settled = [each.over_seconds() for each in (foresight, *later)]
-    sight, near = sights(rig, foresight.detection_map), _around(rig, foresight)
+    sight, near = sights(rig, foresight.outlook.detection_map), _around(rig, foresight)
     likely = np.full(sight.shape[1], 1 / max(sight.shape[1], 1))
 
     def worth(sets: Flags) -> Floats:
@@ -55,7 +55,7 @@ def needs_of(rig: Rig, situation: Situation, later: Sequence[Foresight], asleep:
         return np.asarray(nats + FLOOR_NATS * 0.5 * (one + two) @ likely)
 
     def rise(sets: Flags) -> Floats:
-        if situation.stated.filled < LEAST_FILLED and foresight.confirmed.any():
+        if situation.stated.filled < LEAST_FILLED and foresight.people.confirmed.any():
             return np.full(len(sets), np.inf)
         pairs = np.concatenate([everybody[None], sets])
         errors_m = np.stack([each.expected_error_m(pairs) for each in settled])
@@ -69,7 +69,7 @@ def needs_of(rig: Rig, situation: Situation, later: Sequence[Foresight], asleep:
         return np.asarray(1 - found[1:] / max(float(found[0]), 1e-9))
 
     return Needs(
-        people=len(foresight.track_ids),
+        people=len(foresight.people.track_ids),
         worth=worth,
         error_m=foresight.expected_error_m,
         rise=rise,
@@ -82,5 +82,7 @@ def needs_of(rig: Rig, situation: Situation, later: Sequence[Foresight], asleep:
 def _around(rig: Rig, foresight: Foresight) -> Floats:
     """Return `(num_cells,)` how likely people go to a cell of the floor, up to a factor."""
     cells_m, _ = seen_floor(rig)
-    away_m = np.linalg.norm(cells_m - foresight.places_m[:, None], axis=-1)
+    away_m = np.linalg.norm(
+        cells_m - foresight.people.joints_m[..., :2].mean(axis=1)[:, None], axis=-1
+    )
     return np.asarray(np.exp(-away_m / REACH_M).sum(axis=0))

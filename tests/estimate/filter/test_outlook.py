@@ -40,8 +40,8 @@ def followed() -> Belief:
 
 
 def test_a_factor_is_on_all_that_is_uncertain() -> None:
-    plain = outlook(model(), followed(), 0.2)
-    twice = outlook(model(), followed(), 0.2, factor=2.0)
+    plain = outlook(model(), followed(), 0.2).expected
+    twice = outlook(model(), followed(), 0.2, factor=2.0).expected
     np.testing.assert_allclose(twice.covariance, 4 * plain.covariance)
     np.testing.assert_allclose(twice.drift_m2ps3, 4 * plain.drift_m2ps3)
     np.testing.assert_allclose(twice.sigma_px, 2 * plain.sigma_px)
@@ -53,7 +53,7 @@ def test_outlook_is_the_prediction_of_the_filter(ahead_s: float) -> None:
     belief = followed()
     assert len(belief) == 3
     found, then = outlook(model(), belief, ahead_s), predict(belief, ahead_s, model())
-    np.testing.assert_allclose(found.joints_m, then.state[..., :3])
+    np.testing.assert_allclose(found.expected.joints_m, then.state[..., :3])
     if ahead_s > 0:
         nobody = np.zeros((0, len(scene().rig)), dtype=bool)
         prior = foresee(scene().rig, found, ahead_s, nobody).prior

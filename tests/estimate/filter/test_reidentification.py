@@ -185,7 +185,7 @@ def test_somebody_unseen_for_two_seconds_keeps_the_identity_shown() -> None:
         memory, estimate = estimator.estimate(memory, views, slot / scene.fps, lambda: 0.0)
         ids.append(estimate.people.track_ids.tolist())
         outlook = estimator.outlook(memory, 0.1)
-        assert set(ids[-1]) <= set(outlook.track_ids.tolist())
+        assert set(ids[-1]) <= set(outlook.expected.track_ids.tolist())
     assert ids[100] == []
     assert len(ids[50]) == 1
     assert ids[-1] == ids[50]

@@ -13,10 +13,9 @@ from e3pose.base.errors import InputError
 from e3pose.output.archive import deleting, writing
 from e3pose.output.archive.checking import check_archive
 from e3pose.output.archive.deleting import Deleted, delete_everywhere, left_there
-from e3pose.output.archive.hours import Hour, file_of
 from e3pose.output.archive.manifest import Entry, Manifest, read_manifest, write_manifest
 from e3pose.output.archive.places import Folder, Place
-from e3pose.output.archive.writing import Written, archive_store
+from e3pose.output.archive.writing import Hour, Written, archive_store, file_of
 from e3pose.store import Store
 from e3pose.store.forgetting import Forgotten, of_day
 

@@ -9,7 +9,7 @@ from tests.estimate.filter.room import BODY
 from tests.output.exports.takes import turned
 
 from e3pose.model.skeleton import COCO17, SHELF14
-from e3pose.output.exports.angles import joint_angles
+from e3pose.output.exports.table import joint_angles
 
 UPRIGHT = BODY.copy()  # faces x, y to the left
 for _side, _sign in ((0, 1.0), (1, -1.0)):

@@ -21,9 +21,9 @@ from e3pose.model.people import People
 from e3pose.model.skeleton import BODY25, COCO17, HALPE26, SHELF14
 from e3pose.model.take import MISSING, Motion, Take, motions_of
 from e3pose.output.exports import ExportSettings, export
-from e3pose.output.exports.opensim.coordinates import coordinates
 from e3pose.output.exports.opensim.markers import columns
 from e3pose.output.exports.opensim.model import bodies
+from e3pose.output.exports.opensim.mot import coordinates
 
 OPENSIM = "opensim==4.6"
 INSTALL_S, RUN_S = 180, 120

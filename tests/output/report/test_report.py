@@ -21,7 +21,7 @@ from e3pose.model.people import People
 from e3pose.model.skeleton import COCO17
 from e3pose.output.report import figures, write_report
 from e3pose.output.report import scene as scenes
-from e3pose.output.report.page import embed, render
+from e3pose.output.report.page import cards, embed, headline, render, sentences
 from e3pose.output.report.scene import (
     ASLEEP,
     AWAKE,
@@ -33,7 +33,6 @@ from e3pose.output.report.scene import (
     frustum,
     scene,
 )
-from e3pose.output.report.summary import cards, headline, sentences
 from e3pose.pipeline import Reasons, SlotRecord
 from e3pose.recording import Recording, Truth, ViewSeries
 from e3pose.settings.loop import ReplaySettings

@@ -24,7 +24,7 @@ from e3pose.camera.session_videos import BEGAN, PACE
 from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.model.camera import Rig
 from e3pose.output.report.overlay import write_movie
-from e3pose.output.report.site_films import videos_of
+from e3pose.output.report.stored import videos_of
 from e3pose.recording import Recording, save_recording
 from e3pose.recording.calibration import load_rig, save_rig
 from e3pose.recording.folder import HEADER

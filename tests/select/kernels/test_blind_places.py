@@ -37,12 +37,12 @@ def test_a_camera_that_never_showed_the_person_is_expected_to_show_nobody_there(
     recording = simulate(SceneSettings("crossing", people=1, seconds=6), seed=3)
     model = Model(recording.rig, recording.skeleton, SIMULATED)
     kernel, belief = StepKernel(), Belief.empty(model)
-    assert outlook(model, belief, 0.1).shows.shape == (0, 5)
+    assert outlook(model, belief, 0.1).expected.shows.shape == (0, 5)
     for slot in range(recording.num_slots):
         views = {c: v for c in range(5) if (v := recording.view(slot, c)) is not None}
         views[2] = Poses2D.empty(17)
         belief, _ = kernel(model, belief, views, slot * recording.interval_s)
-    shows = outlook(model, belief, 0.0).shows[0]
+    shows = outlook(model, belief, 0.0).expected.shows[0]
     assert shows[2] < 0.35
     assert np.delete(shows, 2).min() > 0.8
     # Nobody was ever where the person is said to be in an hour.

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from tests.cases import each_case
 from tests.reference import expected_information as plain
 from tests.reference import newcomers
 from tests.rigs import looking
+from tests.select.outlooks import standing
 
 from e3pose.base.arrays import Flags
 from e3pose.estimate.base import Outlook
@@ -27,25 +30,19 @@ def outlook(seed: int, people: int = 3) -> Outlook:
     joints_m[..., 2] += 1.0
     root = rng.normal(0, 0.1, (people, JOINTS, 6, 6))
     shape = (people, len(RIG))
-    return Outlook(
-        track_ids=np.arange(people),
+    still = standing(
+        joints_m,
+        len(RIG),
         confirmed=rng.random(people) < 0.8,
-        joints_m=joints_m,
         covariance=root @ np.swapaxes(root, -1, -2) + 1e-4 * np.eye(6),
         drift_m2ps3=rng.uniform(0, 1, (people, JOINTS)),
         velocity_lasts_s=rng.uniform(0.2, 1.0, JOINTS),
-        has_memory=bool(seed % 2),
         delivered=rng.uniform(0, 1, shape),
         shows=rng.uniform(0, 1, shape),
-        detection_map=None,
         last_seen_s=np.where(rng.random(shape) < 0.2, np.inf, rng.uniform(0, 3, shape)),
         sigma_px=rng.uniform(2, 8, len(RIG)),
-        memory=MEMORY,
-        bias_share=0.4,
-        unexplained=np.zeros(len(RIG), dtype=np.int64),
-        unexplained_s=np.full(len(RIG), np.inf),
-        wait_s=0.14,
     )
+    return replace(still, has_memory=bool(seed % 2))
 
 
 def subsets() -> Flags:
@@ -69,7 +66,7 @@ def test_worth_of_sets_is_that_of_numpy(seed: int) -> None:
     sets = subsets()
     nats = plain.information(found, sets)
     np.testing.assert_allclose(found.information(sets), nats, atol=1e-12)
-    if found.confirmed.any():
+    if found.people.confirmed.any():
         error_m = plain.expected_error_m(found, sets)
         np.testing.assert_allclose(found.expected_error_m(sets), error_m, rtol=1e-10)
     for chosen in sets:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from tests.cases import each_case
+from tests.select.outlooks import standing
 
 from e3pose.energy.queues import advance_deficit, price
 from e3pose.select.expected_information import Foresight
@@ -25,8 +26,7 @@ def foresight(added: list[float], sigma_m: float = 0.1, **more: object) -> Fores
     """One person of one joint, known to `sigma_m`; camera n adds `added[n]` in 1/m2."""
     views = np.array(added)[:, None, None, None] * EYE
     plain = Foresight(
-        track_ids=np.array([0]),
-        confirmed=np.array([True]),
+        outlook=standing(np.zeros((1, 1, 3)), len(added)),
         prior=(EYE / sigma_m**2)[None, None],
         views=views,
         counted=np.ones((len(added), 1)),
@@ -130,8 +130,7 @@ def test_many_cameras_are_chosen_greedily_within_the_guarantee(seed: int, count:
     full = np.einsum("...ka,...kb->...ab", root, root)
     rows, columns = np.triu_indices(3)
     seen = Foresight(
-        track_ids=np.arange(2),
-        confirmed=np.ones(2, dtype=bool),
+        outlook=standing(np.zeros((2, 5, 3)), 12),
         prior=np.broadcast_to(EYE * 100, (2, 5, 6)),
         views=full[..., rows, columns],
         counted=np.ones((12, 2)),
@@ -206,7 +205,7 @@ def test_at_a_lower_rate_more_cameras_are_needed() -> None:
 
 def test_with_a_target_somebody_always_looks_now_and_then() -> None:
     nobody = Foresight(
-        np.zeros(0, np.int64), np.zeros(0, bool), np.zeros((0, 1, 6)), np.zeros((3, 0, 1, 6)),
+        standing(np.zeros((0, 1, 3)), 3), np.zeros((0, 1, 6)), np.zeros((3, 0, 1, 6)),
         np.zeros((3, 0)), np.zeros((3, 0)), np.zeros(0), Entrants.none(3),
     )  # fmt: skip
     policy = Information(3, target_error_m=0.04)

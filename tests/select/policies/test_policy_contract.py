@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.cases import each_case
+from tests.select.outlooks import standing
 
 from e3pose.energy.queues import advance_deficit
 from e3pose.select.expected_information import Foresight
@@ -26,8 +27,7 @@ def foresight(rng: np.random.Generator, num_cameras: int) -> Foresight:
     views = np.einsum("...ka,...kb->...ab", root, root) * 1000
     rows, columns = np.triu_indices(3)
     return Foresight(
-        track_ids=np.array([4, 7]),
-        confirmed=np.array([True, True]),
+        outlook=standing(np.zeros((2, 3, 3)), num_cameras),
         prior=np.broadcast_to([400.0, 0, 0, 400, 0, 400], (2, 3, 6)),
         views=views[..., rows, columns],
         counted=np.ones((num_cameras, 2)),

@@ -99,7 +99,7 @@ class Filtered:
             replace(history, track_ids=people.track_ids),
             {"estimate": clock() - start},
             learned_noise.found(belief.noise, self.model.noise.weight),
-            posterior_of(memory.belief, belief, everybody, rows, grades, lasting.excess),
+            posterior_of(memory.belief, belief, rows, grades, lasting.excess),
         )
         factor = _factor(belief, shown.covariance_m2, grades.stated_m2)
         return FilterMemory(belief, identities, history, factor, lasting), estimate

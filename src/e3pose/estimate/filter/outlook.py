@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from e3pose.base.arrays import Flags, Floats, Integers
 from e3pose.base.kernel import kernel
 from e3pose.base.kernel_arguments import Held
-from e3pose.estimate.base import Outlook
+from e3pose.estimate.base import Expected, Outlook
 from e3pose.estimate.filter.allocation import held_constants
 from e3pose.estimate.filter.covariance_inflation import learned_factor, spread_factor
 from e3pose.estimate.filter.failed_pairs import count_newest
@@ -19,17 +17,6 @@ from e3pose.estimate.filter.motion import move
 from e3pose.estimate.filter.scratch import Constants
 from e3pose.estimate.filter.shown import likely_shown
 from e3pose.estimate.filter.state import Belief, Known, Model, known_of
-
-
-class Expected(NamedTuple):
-    """The fields of an `Outlook` that `expect` fills."""
-
-    joints_m: Floats
-    covariance: Floats
-    drift_m2ps3: Floats
-    shows: Floats
-    delivered: Floats
-    sigma_px: Floats
 
 
 def outlook(
@@ -54,11 +41,15 @@ def outlook(
     num_cameras, leftovers = len(model.rig), belief.leftovers
     people, pairs = belief.drift_share.shape, belief.last_seen_s.shape
     expected = Expected(
+        track_ids=belief.track_ids if track_ids is None else track_ids,
+        confirmed=belief.confirmed,
         joints_m=np.empty((*people, 3)),
         covariance=np.empty((*people, 6, 6)),
         drift_m2ps3=np.empty(people),
-        shows=np.empty(pairs),
+        velocity_lasts_s=lasts_s,
         delivered=np.empty(pairs),
+        shows=np.empty(pairs),
+        last_seen_s=belief.last_seen_s,
         sigma_px=np.empty(num_cameras),
     )
     expect(held_constants(model), ahead_s, factor, drift, known_of(belief), expected)
@@ -74,18 +65,14 @@ def outlook(
         times_s,
     )
     return Outlook(
-        track_ids=belief.track_ids if track_ids is None else track_ids,
-        confirmed=belief.confirmed,
-        velocity_lasts_s=lasts_s,
+        expected=expected,
         has_memory=True,
         detection_map=belief.detection_map,
-        last_seen_s=belief.last_seen_s,
         memory=model.noise.memory,
         bias_share=bias_share,
         unexplained=unexplained,
         unexplained_s=belief.time_s - times_s,
         wait_s=model.wait_s,
-        **expected._asdict(),
     )
 
 
@@ -114,7 +101,7 @@ def expect(
         factor: on standard deviations (`covariance_inflation`).
         drift_m2ps3: `(num_joints,)` of `Model.alone`.
         known: of the belief.
-        expected: filled.
+        expected: its predicted arrays are filled.
     """
     constants, state, sigma_px = held.values, known.state, expected.sigma_px
     moved = np.empty(state.shape[1:])

@@ -50,7 +50,6 @@ class Grades(NamedTuple):
 def posterior_of(
     before: Belief,
     belief: Belief,
-    track_ids: Integers,
     rows: Integers,
     grades: Grades,
     excess: float,
@@ -60,28 +59,22 @@ def posterior_of(
     Args:
         before: what the slot began with.
         belief: after the slot.
-        track_ids: `(num_tracks,)` the identities of its tracks.
         rows: `(num_persons,)` the tracks that are published.
         grades: of these.
         excess: of `Posterior`.
     """
-    shape = belief.state.shape[:2]
-    inflation = np.full(shape, np.nan)
-    repeated_m2, lasting_m2 = (np.full((*shape, 3, 3), np.nan) for _ in range(2))
-    inflation[rows], repeated_m2[rows] = grades.inflation, grades.repeated_m2
-    lasting_m2[rows] = grades.lasting_m2
     return Posterior(
         belief.time_s,
         belief.track_ids,
-        track_ids,
+        rows,
         belief.state,
         belief.covariance,
         belief.shared,
         belief.bones_m,
         belief.bone_counts,
         Start(before.time_s, before.track_ids, before.state, before.drift_share),
-        inflation,
-        repeated_m2,
-        lasting_m2,
+        grades.inflation,
+        grades.repeated_m2,
+        grades.lasting_m2,
         excess,
     )

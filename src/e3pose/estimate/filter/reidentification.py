@@ -16,7 +16,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
-from typing import TypeVar
 
 import numpy as np
 
@@ -55,64 +54,51 @@ OVERLAP_S = 0.2  # a track may take a last look when its person has a new one
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Present:
-    """Published tracks, and the identities they may have.
+class Tracked:
+    """Published tracks, or those that ended, and the identities that they are shown with.
 
     Attributes:
-        tracks: `(num_present,)` ids of the filter's tracks.
-        track_ids: `(num_present,)` the identities they are shown with.
-        since_s: `(num_present,)` when they were first shown.
-        place_m: `(num_present, 2)` where, on the floor.
-        lengths_m: `(num_present, num_kinds)` of bones, learned by earlier tracks of the person.
-        taught: `(num_present, num_kinds)` slots that taught those.
+        tracks: `(num_tracks,)` ids of the filter's tracks.
+        track_ids: `(num_tracks,)` the identities they are shown with.
+        time_s: `(num_tracks,)` when they were first shown; of those that ended, when a view last
+            showed them.
+        place_m: `(num_tracks, 2)` where that was, on the floor.
+        lengths_m: `(num_tracks, num_kinds)` of bones, learned by earlier tracks of the person; of
+            those that ended, by themselves as well.
+        taught: `(num_tracks, num_kinds)` slots that taught those.
     """
 
     tracks: Integers
     track_ids: Integers
-    since_s: Floats
+    time_s: Floats
     place_m: Floats
     lengths_m: Floats
     taught: Floats
 
+    def __getitem__(self, rows: Integers | Flags) -> Tracked:
+        """Return some of them, by their numbers or flags."""
+        return Tracked(*(getattr(self, item.name)[rows] for item in fields(self)))
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Departed:
-    """Identities of ended tracks, oldest first.
-
-    Attributes:
-        track_ids: `(num_departed,)` identities.
-        seen_s: `(num_departed,)` when a view last showed them.
-        place_m: `(num_departed, 2)` where they were lost, on the floor.
-        lengths_m: `(num_departed, num_kinds)` of bones.
-        taught: `(num_departed, num_kinds)` slots that taught those.
-    """
-
-    track_ids: Integers
-    seen_s: Floats
-    place_m: Floats
-    lengths_m: Floats
-    taught: Floats
-
-
-Rows = TypeVar("Rows", Present, Departed)
+    def __add__(self, more: Tracked) -> Tracked:
+        """Return these and more."""
+        pairs = ((getattr(self, item.name), getattr(more, item.name)) for item in fields(self))
+        return Tracked(*map(np.concatenate, pairs))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Identities:
-    """Present and past identities; a value, never changed in place."""
+    """Present and past identities, the latter oldest first; a value, never changed in place."""
 
-    present: Present
-    departed: Departed
+    present: Tracked
+    departed: Tracked
 
     @classmethod
     def none(cls, model: Model) -> Identities:
         """Return the identities before the first slot."""
         ids, times, places = np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros((0, 2))
         kinds = np.zeros((0, len(_kinds(model))))
-        return cls(
-            Present(ids, ids, times, places, kinds, kinds),
-            Departed(ids, times, places, kinds, kinds),
-        )
+        nobody = Tracked(ids, ids, times, places, kinds, kinds)
+        return cls(nobody, nobody)
 
     def of(self, tracks: Integers) -> Integers:
         """Return the identities `(num_tracks,)` that tracks are shown with, else their own ids."""
@@ -140,17 +126,17 @@ def identify(
     """
     present, departed = identities.present, identities.departed
     if gone := _not_among(belief.track_ids, present.tracks):
-        departed = _join(departed, _left(_take(present, np.array(gone)), before, belief, model))
-        present = _take(present, np.delete(np.arange(len(present.tracks)), gone))
+        departed += _left(present[np.array(gone)], before, belief, model)
+        present = present[np.delete(np.arange(len(present.tracks)), gone)]
     if new := _not_among(present.tracks, shown):
-        present = _join(present, _shown(shown[new], belief, model))
-        present = _take(present, np.argsort(present.tracks))
+        present += _shown(shown[new], belief, model)
+        present = present[np.argsort(present.tracks)]
     if len(departed.track_ids):
-        fresh = departed.seen_s > belief.time_s - DEPARTED_S
+        fresh = departed.time_s > belief.time_s - DEPARTED_S
         if len(fresh) > MAX_DEPARTED or not fresh.all():
-            departed = _take(departed, np.flatnonzero(fresh)[-MAX_DEPARTED:])
+            departed = departed[np.flatnonzero(fresh)[-MAX_DEPARTED:]]
     if len(departed.track_ids):
-        undecided = present.since_s > belief.time_s - DECIDE_S
+        undecided = present.time_s > belief.time_s - DECIDE_S
         (rows,) = (undecided & (present.tracks == present.track_ids)).nonzero()
         if len(rows):
             present, departed = _recognise(present, departed, rows, belief, model)
@@ -158,11 +144,11 @@ def identify(
 
 
 def _recognise(
-    present: Present, departed: Departed, rows: Integers, belief: Belief, model: Model
-) -> tuple[Present, Departed]:
+    present: Tracked, departed: Tracked, rows: Integers, belief: Belief, model: Model
+) -> tuple[Tracked, Tracked]:
     """Give the tracks at `rows` their past identities where these are clear."""
     lengths, taught = _lengths(belief, present.tracks[rows], model)
-    gap_s = present.since_s[rows, None] - departed.seen_s
+    gap_s = present.time_s[rows, None] - departed.time_s
     telling = place_odds(
         gap_s,
         np.linalg.norm(present.place_m[rows, None] - departed.place_m, axis=-1),
@@ -179,7 +165,7 @@ def _recognise(
         track_ids[here], kept[who] = departed.track_ids[who], False
         old_lengths[here], old_taught[here] = departed.lengths_m[who], departed.taught[who]
     present = replace(present, track_ids=track_ids, lengths_m=old_lengths, taught=old_taught)
-    return present, _take(departed, kept)
+    return present, departed[kept]
 
 
 def place_odds(gap_s: Floats, apart_m: Floats) -> Floats:
@@ -231,7 +217,7 @@ def length_odds(
     return np.asarray((distance + widths - np.where(known, off**2 / same, 0.0).sum(axis=-1)) / 2)
 
 
-def _left(gone: Present, before: Belief, belief: Belief, model: Model) -> Departed:
+def _left(gone: Tracked, before: Belief, belief: Belief, model: Model) -> Tracked:
     """Return ended tracks, without duplicates of people still present."""
     rows = np.searchsorted(before.track_ids, gone.tracks)
     place = before.state[rows, :, :2].mean(axis=1)
@@ -239,17 +225,17 @@ def _left(gone: Present, before: Belief, belief: Belief, model: Model) -> Depart
     total = taught + gone.taught
     pooled = (lengths * taught + gone.lengths_m * gone.taught) / np.maximum(total, 1.0)
     seen_s = before.time_s - before.last_seen_s[rows].min(axis=-1)
-    left = Departed(gone.track_ids, seen_s, place, pooled, total)
+    left = Tracked(gone.tracks, gone.track_ids, seen_s, place, pooled, total)
     others = belief.state[belief.confirmed, :, :2].mean(axis=1)
     beside = np.linalg.norm(place[:, None] - others, axis=-1).min(axis=-1, initial=np.inf)
-    return _take(left, beside >= APART_M)  # else it was a second track of that person
+    return left[beside >= APART_M]  # else it was a second track of that person
 
 
-def _shown(tracks: Integers, belief: Belief, model: Model) -> Present:
+def _shown(tracks: Integers, belief: Belief, model: Model) -> Tracked:
     rows = np.searchsorted(belief.track_ids, tracks)
     place = belief.state[rows, :, :2].mean(axis=1)
     nothing = np.zeros((len(tracks), len(_kinds(model))))
-    return Present(tracks, tracks, np.full(len(tracks), belief.time_s), place, nothing, nothing)
+    return Tracked(tracks, tracks, np.full(len(tracks), belief.time_s), place, nothing, nothing)
 
 
 def _lengths(belief: Belief, tracks: Integers, model: Model) -> tuple[Floats, Floats]:
@@ -276,12 +262,3 @@ def _not_among(known: Integers, tracks: Integers) -> list[int]:
     """Return the rows of unknown ids `(num_tracks,)`."""
     ids = set(known.tolist())
     return [row for row, track in enumerate(tracks.tolist()) if track not in ids]
-
-
-def _take(columns: Rows, rows: Integers | Flags) -> Rows:
-    return type(columns)(*(getattr(columns, item.name)[rows] for item in fields(columns)))
-
-
-def _join(columns: Rows, more: Rows) -> Rows:
-    pairs = ((getattr(columns, item.name), getattr(more, item.name)) for item in fields(columns))
-    return type(columns)(*(np.concatenate(pair) for pair in pairs))

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from e3pose.estimate.base import Estimate, Outlook
+from e3pose.estimate.base import Estimate, Expected, Outlook
 from e3pose.estimate.per_slot.fuse import Fuser
 from e3pose.estimate.per_slot.track import Tracks, update_tracks
 from e3pose.model.noise import Noise
@@ -98,19 +98,22 @@ class PerSlot:
         num_cameras = len(self.fuser.rig)
         shape = (len(memory), num_cameras)
         sizes = np.array([max(camera.image_size) for camera in self.fuser.rig.cameras])
-        return Outlook(
+        expected = Expected(
             track_ids=memory.history.track_ids,
             confirmed=memory.unseen == 0,
             joints_m=np.where(known[..., None], joints_m, middle),
             covariance=covariance,
             drift_m2ps3=np.zeros(known.shape),
             velocity_lasts_s=np.ones(known.shape[1]),
-            has_memory=False,
             delivered=np.ones(shape),
             shows=np.ones(shape),
-            detection_map=None,
             last_seen_s=np.full(shape, np.inf),
             sigma_px=self.noise.sigma_px.min() * sizes / self.noise.image_px,
+        )
+        return Outlook(
+            expected=expected,
+            has_memory=False,
+            detection_map=None,
             memory=self.noise.memory,
             bias_share=0.0,
             unexplained=np.zeros(num_cameras, dtype=np.int64),

@@ -56,13 +56,12 @@ class Smoothed:
         own = np.moveaxis(np.diagonal(blocks, axis1=1, axis2=3), -1, 1)
         return np.asarray(own[..., :3, :3])
 
-    def of(self, track_ids: Integers, scores: Floats, body: Proportions) -> tuple[Floats, Floats]:
+    def published(self, scores: Floats, body: Proportions) -> tuple[Floats, Floats]:
         """Return the published people of the slot, and their covariances (`stated`).
 
         A joint that was missing stays missing, and limbs are as long as they can be.
 
         Args:
-            track_ids: `(num_persons,)` of the people, all of whom were followed.
             scores: `(num_persons, num_joints)` as they were shown.
             body: the bones.
 
@@ -70,19 +69,16 @@ class Smoothed:
             `(num_persons, num_joints, 3)` metres and `(num_persons, num_joints, 3, 3)`.
         """
         posterior = self.posterior
-        there = {track_id: row for row, track_id in enumerate(posterior.track_ids.tolist())}
-        rows = [there[track_id] for track_id in track_ids.tolist()]
+        rows = posterior.shown
         known = scores > 0
         joints_m = np.where(known[..., None], self.joints_m[rows], np.nan)
         filtered_m2 = np.where(
             known[..., None, None], posterior.covariance[rows, :, :3, :3], np.nan
         )
-        own = own_m2(
-            filtered_m2, self.covariance_m2[rows], posterior.inflation[rows], posterior.excess
-        )
+        own = own_m2(filtered_m2, self.covariance_m2[rows], posterior.inflation, posterior.excess)
         lengths = self.bones_m[rows], self.bone_counts[rows]
         joints_m, own, _ = kept(body, *lengths, joints_m, own, known)
-        again = grown_m2(posterior.repeated_m2[rows], posterior.lasting_m2[rows], posterior.excess)
+        again = grown_m2(posterior.repeated_m2, posterior.lasting_m2, posterior.excess)
         return joints_m, own + again
 
 

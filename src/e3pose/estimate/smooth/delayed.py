@@ -79,7 +79,7 @@ def with_smoothed(record: SlotRecord, late: Smoothed, body: Proportions) -> Slot
         body: the bones.
     """
     people = record.people
-    joints_m, covariance_m2 = late.of(people.track_ids, people.scores, body)
+    joints_m, covariance_m2 = late.published(people.scores, body)
     people = replace(people, joints_m=joints_m, full_covariance_m2=covariance_m2)
     return replace(record, people=people)
 

@@ -1,4 +1,4 @@
-"""Write the report: one self-contained HTML file.
+"""Write the report: one self-contained HTML file, with a summary and the pictures of cameras.
 
 Whatever comes from a recording is text: escaped in HTML, and in scripts only ever JSON in which no
 character can end the script. The page's content security policy forbids every request besides.
@@ -6,6 +6,7 @@ character can end the script. The page's content security policy forbids every r
 
 from __future__ import annotations
 
+import base64
 import json
 from collections.abc import Mapping, Sequence
 from html import escape
@@ -15,15 +16,22 @@ from string import Template
 from types import MappingProxyType
 from typing import Any
 
+import numpy as np
+
 from e3pose.base.atomic import write_file
+from e3pose.base.errors import InputError
+from e3pose.base.quantities import plural
+from e3pose.camera.provenance import load_video_starts
+from e3pose.energy.saving import NO_SAVINGS, whole
 from e3pose.evaluate.figures import Summary, settings_json
-from e3pose.model.blind_slot import duty
+from e3pose.model.blind_slot import blind_words, count_blind, duty
 from e3pose.output.report import figures
-from e3pose.output.report.film import film
+from e3pose.output.report.overlay.panels import overlay_images
 from e3pose.output.report.scene import scene
-from e3pose.output.report.summary import budget, cards, headline, sentences, thinning
 from e3pose.pipeline import SlotRecord
 from e3pose.recording import Recording
+from e3pose.select.policies import Promise
+from e3pose.settings.parts import row_of
 
 MAX_TEXT = 300  # characters of a name or description
 # What settings are called in the page; those that are not here say little to most readers.
@@ -51,6 +59,9 @@ WHY = (
 )
 # The characters that could end a script or start a comment in it, written as JSON escapes.
 SCRIPT_ESCAPES = {ord(c): f"\\u{ord(c):04x}" for c in "<>&\u2028\u2029"}
+MOST_CAMERAS = 2  # those that looked most
+MOST_IMAGES = 500  # of all cameras: some 8 MB of page
+HEIGHT_PX, QUALITY = 270, 70  # of JPEG
 
 
 def write_report(
@@ -236,3 +247,143 @@ def shown_text(value: object, most: int = MAX_TEXT) -> str:
 def packaged(name: str) -> str:
     """Return a file that is part of the reports."""
     return resources.files("e3pose.output.report").joinpath(name).read_text(encoding="utf-8")
+
+
+def film(
+    recording: Recording, shown: Sequence[SlotRecord], folder: Path | None
+) -> dict[str, Any] | None:
+    """Return pictures of the cameras that looked most; None where nothing was filmed.
+
+    Args:
+        recording: with videos or without.
+        shown: the slots that the page shows, in order.
+        folder: the recording's, for videos that stand in it; None of one that has none.
+
+    Returns:
+        `cameras`; `at`, for each picture the index of its slot among those shown; `jpeg`, for each
+        camera its pictures as base64. Where videos cannot be read, `why` alone.
+    """
+    shares = duty(shown, len(recording.rig)) if shown else np.zeros(len(recording.rig))
+    order = [recording.rig.camera_ids[index] for index in np.argsort(-shares, kind="stable")]
+    chosen = [name for name in order if name in recording.videos][:MOST_CAMERAS]
+    if not chosen or not shown:
+        return None
+    count = min(len(shown), MOST_IMAGES // len(chosen))
+    at = np.unique(np.linspace(0, len(shown) - 1, count).round().astype(int)).tolist()
+    try:
+        pictures = [_pictures(recording, [shown[i] for i in at], folder, name) for name in chosen]
+    except InputError as error:
+        return {"why": str(error.elsewhere())}
+    except ModuleNotFoundError as error:
+        return {"why": f"{error.name} is not installed: pip install 'e3pose[camera]'"}
+    return {"cameras": chosen, "at": at, "jpeg": pictures}
+
+
+def _pictures(
+    recording: Recording, slots: Sequence[SlotRecord], folder: Path | None, name: str
+) -> list[str]:
+    import cv2
+
+    made, starts_s = [], {} if folder is None else load_video_starts(folder)
+    for image in overlay_images(
+        recording, slots, folder, HEIGHT_PX, video_starts_s=starts_s, cameras=[name]
+    ):
+        _, jpeg = cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
+        made.append(base64.b64encode(jpeg.tobytes()).decode())
+    return made
+
+
+def budget(summary: Summary, num_cameras: int) -> float | None:
+    """Return the share of slots a camera may be active; None without one limit for all."""
+    asked = summary.settings.budget
+    if asked is None and Promise.BUDGET in row_of(summary.settings).promises:
+        asked = summary.settings.share(num_cameras)
+    return asked if isinstance(asked, float | int) else None
+
+
+def headline(recording: Recording, records: Sequence[SlotRecord], summary: Summary) -> list[str]:
+    """Say in two sentences who was there and what it took; no markup."""
+    if not records:
+        return ["The recording is empty.", "There is nothing to show."]
+    minutes, seconds = divmod(round(len(records) * recording.interval_s), 60)
+    long = f"{minutes} min {seconds} s" if minutes else f"{seconds} s"
+    counts = [len(record.people) for record in records]
+    num_cameras = len(recording.rig)
+    who = "Nobody was" if max(counts) == 0 else f"Up to {plural(max(counts), 'person', 'people')}"
+    seen = "found" if max(counts) == 0 else f"followed in {plural(num_cameras, 'camera')}"
+    mean = duty(records, num_cameras).sum()
+    looked = f"On average {mean:.1f} of {num_cameras} cameras were active."
+    saved = "" if summary.savings == NO_SAVINGS else f" {summary.savings.sentence()}."
+    return [f"{who} {seen}, for {long}.", f"{looked}{saved}"]
+
+
+def sentences(recording: Recording, records: Sequence[SlotRecord], summary: Summary) -> list[str]:
+    """Say what happened, one thought per sentence, without the notes of the run; no markup."""
+    num_cameras = len(recording.rig)
+    seconds = len(records) * recording.interval_s
+    said = [
+        f"{num_cameras} calibrated cameras, {plural(len(records), 'slot')} of "
+        f"{1000 * recording.interval_s:.3g} ms ({seconds:.1f} s)."
+    ]
+    if not records:
+        return [*said, "The recording is empty."]
+    counts = [len(record.people) for record in records]
+    share = np.mean(np.array(counts) > 0)
+    if max(counts) == 0:
+        said.append(
+            "No people found: a new person must be detected by two cameras at nearly the same time."
+        )
+    else:
+        said.append(
+            f"Up to {plural(max(counts), 'person', 'people')} at a time; "
+            f"people present in {100 * share:.0f} % of the slots."
+        )
+    if blind := count_blind(records):
+        count = sum(blind.values())
+        said.append(
+            f"In {count} of {plural(len(records), 'slot')} ({100 * count / len(records):.0f} %) no "
+            f"view arrived ({blind_words(blind)}): these blind slots are no rest, and are left out "
+            "of the shares and savings."
+        )
+    mean = duty(records, num_cameras).sum()
+    by = f" (policy {summary.policy})"
+    said.append(f"On average {mean:.1f} of {num_cameras} cameras are active per slot{by}.")
+    return said
+
+
+def cards(
+    recording: Recording, records: Sequence[SlotRecord], summary: Summary
+) -> list[tuple[str, str]]:
+    """Return the large figures as (value, what it is); one that cannot be had is left out."""
+    found: list[tuple[str, str]] = []
+    if records:
+        mean = duty(records, len(recording.rig)).sum()
+        found.append((f"{mean:.1f} of {len(recording.rig)}", "active cameras per slot, mean"))
+        if blind := sum(count_blind(records).values()):
+            found.append((f"{blind} of {len(records)}", "blind slots: no view arrived"))
+    for name, saved in summary.savings.named():
+        if saved is not None:
+            found.append((f"{whole(saved.percent)} %", f"{name} saved ({saved.basis})"))
+    metrics, slot_ms = summary.metrics, summary.stage_ms.get("slot")
+    pcp = None if metrics.pcp is None else metrics.pcp.actors.get("average")
+    held_out = summary.held_out
+    for value, form, meaning in (
+        (pcp, "{:.1f} %", "PCP, correct limbs (actors 1-3)"),
+        (metrics.mpjpe_mm, "{:.0f} mm", "mean joint error (MPJPE)"),
+        (metrics.recall_500mm, "{:.3f}", "recall within 500 mm"),
+        (held_out and held_out.mean.median_mm, "{:.0f} mm", "from held-out cameras, median"),
+        (slot_ms and slot_ms.median, "{:.2f} ms", "edge computing time per slot, median"),
+    ):
+        if value is not None:
+            found.append((form.format(value), meaning))
+    return found
+
+
+def thinning(stride: int, num_slots: int) -> str:
+    """Say that the page does not show every slot, if so."""
+    if stride == 1:
+        return ""
+    return (
+        f"Long run: the page shows one in {stride} of {num_slots} slots. "
+        "The figures include all slots."
+    )

@@ -1,14 +1,20 @@
-"""The report of a time range of a live store."""
+"""The report of a time range of a live store, with what the site kept of it: videos, times."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import fields, replace
 from datetime import datetime, timezone
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
 
+from e3pose.base.bounded import read_toml
 from e3pose.base.errors import InputError
 from e3pose.base.quantities import plural
+from e3pose.camera.provenance import load_provenance, save_provenance
+from e3pose.camera.session_videos import BEGAN, PACE
 from e3pose.estimate.smooth import SmoothSettings
 from e3pose.evaluate.smoothed import smooth_poses
 from e3pose.evaluate.summary import summarise
@@ -16,8 +22,10 @@ from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import skeleton_by_name
 from e3pose.model.slot_record import SlotRecord
 from e3pose.output.report.page import write_report
-from e3pose.output.report.site_films import filmed, processor_of
-from e3pose.recording import Recording, ViewSeries
+from e3pose.recording import ProcessorTime, Recording, ViewSeries
+from e3pose.recording.folder import HEADER, MAX_HEADER_BYTES
+from e3pose.recording.processor import load_processor
+from e3pose.recording.videos import VIDEOS, begin_of, choose_video, videos_in
 from e3pose.settings.loop import ReplaySettings
 from e3pose.settings.resolved import ResolvedSite
 from e3pose.store import Store
@@ -27,6 +35,7 @@ from e3pose.store.records import charged_j, slot_records
 AS_STORED = SmoothSettings()
 ADAPTIVE = "adaptive: follows the delays"
 MOST_SLOTS = 200_000  # of a page: two hours at 25 slots per second
+MOST = 1000  # recordings that are looked through, the newest
 
 
 def write_stretch(
@@ -121,3 +130,75 @@ def _arrived(records: Sequence[SlotRecord], camera: int, num_joints: int) -> Vie
         [record.time_s for record in came],
         num_joints,
     )
+
+
+@contextmanager
+def filmed(
+    recording: Recording, folder: Path, began_ns: int, ended_ns: int, pace: float
+) -> Iterator[tuple[Recording, Path | None]]:
+    """Yield a recording with the videos of its time, and the folder that says where they begin.
+
+    Args:
+        recording: of a stretch, slot 0 at its beginning.
+        folder: of the site's recordings and videos.
+        began_ns: time of slot 0, since 1970.
+        ended_ns: of the last slot.
+        pace: seconds of the scene that passed in a second.
+    """
+    found = videos_of(folder, recording.rig.camera_ids, began_ns, ended_ns)
+    if not found:
+        yield recording, None
+        return
+    with TemporaryDirectory() as made:
+        starts_s = {name: (began_ns - begin) / 1e9 * pace for name, (begin, _) in found.items()}
+        save_provenance(Path(made), {}, starts_s)
+        videos = {name: str(path.resolve()) for name, (_, path) in found.items()}
+        yield replace(recording, videos=videos), Path(made)
+
+
+def videos_of(
+    folder: Path, camera_ids: tuple[str, ...], began_ns: int, ended_ns: int
+) -> dict[str, tuple[int, Path]]:
+    """Return by camera when its video of a stretch of time begins, since 1970, and where it is.
+
+    Of several, the one that is in a recording, else the one that shows most of the stretch.
+    """
+    found: dict[str, tuple[int, Path]] = {}
+    for part, zero_ns, header in _kept(folder, began_ns):
+        with suppress(InputError, KeyError, ValueError, TypeError):
+            starts_s, pace = load_provenance(part).video_starts_s, _pace(part)
+            for name, file in header.get(VIDEOS, {}).items():
+                if name in camera_ids:
+                    begin_ns = zero_ns - round(starts_s[name] / pace * 1e9)
+                    found.setdefault(name, (begin_ns, part / VIDEOS / file))
+    for name in camera_ids:
+        video = choose_video(videos_in(folder / VIDEOS / name), began_ns, ended_ns)
+        if name not in found and video is not None:
+            found[name] = begin_of(video) or 0, video
+    return found
+
+
+def processor_of(
+    folder: Path, camera_ids: tuple[str, ...], began_ns: int
+) -> Mapping[str, ProcessorTime]:
+    """Return what cameras took, by the newest recording of a time that says so; empty without."""
+    for part, _, _ in _kept(folder, began_ns):
+        with suppress(InputError):
+            if found := load_processor(part, camera_ids):
+                return found
+    return {}
+
+
+def _kept(folder: Path, time_ns: int) -> Iterator[tuple[Path, int, dict[str, Any]]]:
+    """Yield the recordings of a time, newest first, with when they begin and their headers."""
+    for path in sorted(folder.glob(f"*/{HEADER}"), reverse=True)[:MOST]:
+        with suppress(InputError, KeyError, ValueError, TypeError, ZeroDivisionError):
+            header = read_toml(path, MAX_HEADER_BYTES)
+            zero_ns = int(load_provenance(path.parent).settings[BEGAN])
+            end_ns = zero_ns + round(header["num_slots"] / header["fps"] / _pace(path.parent) * 1e9)
+            if zero_ns <= time_ns <= end_ns:
+                yield path.parent, zero_ns, header
+
+
+def _pace(part: Path) -> float:
+    return float(load_provenance(part).settings[PACE])

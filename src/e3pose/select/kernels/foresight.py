@@ -12,6 +12,7 @@ import numpy as np
 
 from e3pose.base.arrays import Flags, Floats
 from e3pose.base.kernel import kernel
+from e3pose.estimate.base import Expected
 from e3pose.estimate.filter.bias import MemoryTerms, inflation, worth_inflation
 from e3pose.estimate.filter.carry import carry
 from e3pose.model.projection import MIN_DEPTH_M, shown_at
@@ -25,19 +26,6 @@ BEHIND_SHARE = 0.5
 # tuned: m | by reasoning | not measured
 BEHIND_M = 0.1  # nearer than this two people stand side by side
 MOST_PRODUCT = 1e200  # numerics: of ratios before their logarithm is taken
-
-
-class Expected(NamedTuple):
-    """People expected in a slot; everything as in `Outlook`."""
-
-    joints_m: Floats  # (num_tracks, num_joints, 3)
-    sigma_px: Floats  # (num_cameras,)
-    delivered: Floats  # (num_tracks, num_cameras)
-    shows: Floats  # (num_tracks, num_cameras)
-    covariance: Floats  # (num_tracks, num_joints, 6, 6)
-    drift_m2ps3: Floats  # (num_tracks, num_joints)
-    velocity_lasts_s: Floats  # (num_joints,)
-    last_seen_s: Floats  # (num_tracks, num_cameras)
 
 
 class Foreseen(NamedTuple):

@@ -129,7 +129,7 @@ class Information:
         all_error_m = foresight.expected_error_m(everyone[None])[0]
         enough_m = max(target_m, all_error_m * (1 + NO_BETTER))
         stale = situation.unseen_slots[allowed].min(initial=10**9) * situation.interval_s
-        least = 1 if stale >= MAX_PAUSE_S or not foresight.confirmed.all() else 0
+        least = 1 if stale >= MAX_PAUSE_S or not foresight.people.confirmed.all() else 0
         least = max(least, 2 if foresight.entrants.weights.sum() > UNMET_PEOPLE else 0)
         fewer, error_of_fewer_m = everyone, np.nan
         for count in range(least, int(allowed.sum())):
