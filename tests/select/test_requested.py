@@ -39,7 +39,7 @@ def test_a_policy_without_foresight_decides_alone() -> None:
 
 def test_who_is_asked_for_weighs_alone_where_they_are_there() -> None:
     assert NOW.foresight is not None
-    weights = asked_for(NOW.foresight, LookRequest(2.0, (int(SEEN.track_ids[1]),))).weights
+    weights = asked_for(NOW.foresight, LookRequest(2.0, (int(SEEN.expected.track_ids[1]),))).weights
     before = NOW.foresight.weights
     assert weights[1] == before[1] > weights[0] == 0
     assert (asked_for(NOW.foresight, LookRequest(2.0, (99,))).weights == before).all()

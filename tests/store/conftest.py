@@ -30,24 +30,13 @@ def make_record(slot: int, num_persons: int = 2, fps: float = 25.0) -> SlotRecor
     measured = scores > 0
     measured[:, 5] = slot % 2 == 0  # in other slots it is only expected
     selected = np.array([True, slot % 2 == 0, False])
-    return SlotRecord(
-        slot=slot,
-        time_s=slot / fps,
-        selected=selected,
-        arrived=selected & [True, False, True],
-        people=People(
-            np.arange(num_persons) + 10,
-            joints,
-            scores,
-            measured,
-            full_covariance_m2=np.tile(np.diag([0.25, 0.5, 0.75]), (num_persons, 17, 1, 1)),
-            dynamics=np.where(scores[..., None] > 0, [0.5, -1.0, slot / 8, 0.02, 0.4, 0.5], np.nan),
-        ),
-        occlusion=np.array([0.25, 0.5, slot / 1024]),
-        deficit=np.array([1.5, 0.0, 2.0]),
-        next_selection=~selected,
-        stage_s={"match": 0.001, "predict": 0.002},
-    )
+    arrived, tracks = selected & [True, False, True], np.arange(num_persons) + 10
+    dynamics = np.where(scores[..., None] > 0, [0.5, -1.0, slot / 8, 0.02, 0.4, 0.5], np.nan)
+    wide = np.tile(np.diag([0.25, 0.5, 0.75]), (num_persons, 17, 1, 1))
+    people = People(tracks, joints, scores, measured, full_covariance_m2=wide, dynamics=dynamics)
+    occlusion, deficit = np.array([0.25, 0.5, slot / 1024]), np.array([1.5, 0.0, 2.0])
+    of_slot = slot, slot / fps, selected, arrived, people, occlusion, deficit, ~selected
+    return SlotRecord(*of_slot, stage_s={"match": 0.001, "predict": 0.002})
 
 
 def make_run(site: str = "hall", started_ns: int = STARTED_NS) -> Run:

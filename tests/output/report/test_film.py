@@ -12,7 +12,7 @@ import pytest
 from tests.cli.commands import run as verb
 from tests.output.report.test_report import bare, record, recording
 
-from e3pose.output.report import film as films
+from e3pose.output.report import page as films
 from e3pose.output.report.page import film, render
 from e3pose.recording import load_recording
 

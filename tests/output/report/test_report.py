@@ -59,18 +59,10 @@ def recording(num_slots: int, name: str = "walk", **more: Any) -> Recording:
 
 def record(slot: int, people: Sequence[int] = (), **more: Any) -> SlotRecord:
     joints = np.zeros((len(people), len(COCO17), 3)) + [0.25, 0.5, 1.0]
-    base = SlotRecord(
-        slot=slot,
-        time_s=slot / 25,
-        selected=np.array([True, False]),
-        arrived=np.array([True, False]),
-        people=People(np.array(people, dtype=np.int64), joints),
-        occlusion=np.array([0.125, np.nan]),
-        deficit=np.array([1.0, 0.0]),
-        next_selection=np.array([True, False]),
-        stage_s={"fuse": 0.001},
-    )
-    return replace(base, **more)
+    first, found = np.array([True, False]), People(np.array(people, dtype=np.int64), joints)
+    occlusion, deficit = np.array([0.125, np.nan]), np.array([1.0, 0.0])
+    slots = slot, slot / 25, first, first, found, occlusion, deficit, first
+    return replace(SlotRecord(*slots, stage_s={"fuse": 0.001}), **more)
 
 
 def summary(**more: Any) -> Summary:
