@@ -60,7 +60,7 @@ class Tracked:
     Attributes:
         tracks: `(num_tracks,)` ids of the filter's tracks.
         track_ids: `(num_tracks,)` the identities they are shown with.
-        time_s: `(num_tracks,)` when they were first shown; of those that ended, when a view last
+        shown_s: `(num_tracks,)` when they were first shown; of those that ended, when a view last
             showed them.
         place_m: `(num_tracks, 2)` where that was, on the floor.
         lengths_m: `(num_tracks, num_kinds)` of bones, learned by earlier tracks of the person; of
@@ -70,7 +70,7 @@ class Tracked:
 
     tracks: Integers
     track_ids: Integers
-    time_s: Floats
+    shown_s: Floats
     place_m: Floats
     lengths_m: Floats
     taught: Floats
@@ -132,11 +132,11 @@ def identify(
         present += _shown(shown[new], belief, model)
         present = present[np.argsort(present.tracks)]
     if len(departed.track_ids):
-        fresh = departed.time_s > belief.time_s - DEPARTED_S
+        fresh = departed.shown_s > belief.time_s - DEPARTED_S
         if len(fresh) > MAX_DEPARTED or not fresh.all():
             departed = departed[np.flatnonzero(fresh)[-MAX_DEPARTED:]]
     if len(departed.track_ids):
-        undecided = present.time_s > belief.time_s - DECIDE_S
+        undecided = present.shown_s > belief.time_s - DECIDE_S
         (rows,) = (undecided & (present.tracks == present.track_ids)).nonzero()
         if len(rows):
             present, departed = _recognise(present, departed, rows, belief, model)
@@ -148,7 +148,7 @@ def _recognise(
 ) -> tuple[Tracked, Tracked]:
     """Give the tracks at `rows` their past identities where these are clear."""
     lengths, taught = _lengths(belief, present.tracks[rows], model)
-    gap_s = present.time_s[rows, None] - departed.time_s
+    gap_s = present.shown_s[rows, None] - departed.shown_s
     telling = place_odds(
         gap_s,
         np.linalg.norm(present.place_m[rows, None] - departed.place_m, axis=-1),
