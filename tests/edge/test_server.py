@@ -448,7 +448,7 @@ class Displaced:
 
 
 def test_edge_tells_who_was_turned_and_looks_as_consumers_ask(site: Site) -> None:
-    edge, more = site.edge, LookRequest(cameras=3.0, track_ids=(1,))
+    edge, more = site.edge, LookRequest(cameras=3.0, tracks=(1,))
     assert edge is not None and site.camera("cam2").turned_deg is None
     edge.consumers = Consumers(watch=Displaced(), asks=lambda: more)  # type: ignore[arg-type]
     assert eventually(lambda: edge.pipeline.request == more)

@@ -143,7 +143,7 @@ def foresee(
         weights=np.empty(num_tracks),
     )
     kernels.foresee_views(
-        Expected(*map(np.ascontiguousarray, outlook.expected)),
+        Expected._make(map(np.ascontiguousarray, outlook.expected)),
         rig.projections,
         rig.image_sizes,
         terms,

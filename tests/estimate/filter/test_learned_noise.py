@@ -165,7 +165,7 @@ def test_foresight_expects_the_mean_of_the_noise_that_was_learned() -> None:
     belief, _ = run(walking(8.0, np.array([1.0, 0.5, 1.0, 1.0, 2.0])), fps=FPS, model=model)
     least = knots_px(model, belief.noise).min(axis=1)
     assert least.max() > 2 * least.min()
-    sigma = outlook(model, belief, 0.04).sigma_px
+    sigma = outlook(model, belief, 0.04).expected.sigma_px
     assert sigma / model.scales == pytest.approx(np.exp(np.log(least / model.scales).mean()))
     assert (sigma < 0.9 * model.noise.sigma_px.min() * model.scales).all()
 
@@ -186,7 +186,7 @@ def test_what_a_camera_says_of_its_own_noise_brings_it_no_selection() -> None:
         )
     belief, _ = run(slots, fps=FPS, model=stated(1.0))
     assert (belief.delivered[:, 0] > 1.3 * belief.delivered[:, 2:].max()).all()
-    worth = outlook(stated(1.0), belief, 0.04).delivered / belief.delivered
+    worth = outlook(stated(1.0), belief, 0.04).expected.delivered / belief.delivered
     others = belief.noise[2:-1, SHARPNESS].mean()
     assert worth[:, 0] / worth[:, 2:].mean() == pytest.approx(np.full(3, others), rel=0.05)
     assert worth[:, 1] / worth[:, 2:].mean() == pytest.approx(np.ones(3), rel=0.05)

@@ -105,7 +105,7 @@ def test_less_is_unknown_of_motion_that_is_predicted() -> None:
     apart = alone.covariance - found.covariance
     assert (np.linalg.eigvalsh(apart[0])[:, 1:] > 0).all()
     np.testing.assert_array_equal(apart[1:], 0.0)
-    outlooks = [outlook(model(), each, 0.0).drift_m2ps3 for each in (belief, steered)]
+    outlooks = [outlook(model(), each, 0.0).expected.drift_m2ps3 for each in (belief, steered)]
     np.testing.assert_allclose(outlooks[1][0], SHARE * outlooks[0][0])
 
 
