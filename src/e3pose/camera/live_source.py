@@ -180,6 +180,7 @@ class RecordedSource(PacedSource):
         pace: float = 1.0,
         begin_s: float = 0.0,
     ) -> None:
+        self.recording = recording
         camera = recording.rig.index(camera_id)
         series, interval_s = recording.views[camera], recording.interval_s
 
