@@ -79,8 +79,9 @@ def up(
         raise InputError(f"--logs: found a file, expected a folder: {folder}")
     options = () if delay is None else ("--delay", delay)
     measuring = Console(stderr=True).status("measuring the networks")
-    programs = site_programs(resolved, folder, *options, warn=warn, measuring=measuring)
     console = Console(quiet=quiet)
+    heard = (lambda _: None) if quiet else warn  # the log of the edge has its warnings
+    programs = site_programs(resolved, folder, *options, warn=heard, measuring=measuring)
     if view:
         from e3pose.site.web.program import address_of, page_links
 
