@@ -1,9 +1,12 @@
-"""Wait for what other threads and programs do."""
+"""Wait for other threads and programs, and look at these."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from contextlib import suppress
+
+import psutil
 
 WAIT_S = 30.0  # for what takes a second or two on a machine that does nothing else
 
@@ -35,3 +38,12 @@ def settled(count: Callable[[], int], for_s: float = 0.25, seconds: float = WAIT
         if now != last:
             last, since_s = now, time.monotonic()
     return last
+
+
+def commands_below(process: psutil.Process) -> dict[psutil.Process, list[str]]:
+    """Return the command lines of all programs below one; not of those that have just ended."""
+    found: dict[psutil.Process, list[str]] = {}
+    for child in process.children(recursive=True):
+        with suppress(psutil.NoSuchProcess):
+            found[child] = child.cmdline()
+    return found

@@ -16,7 +16,7 @@ import psutil
 import pytest
 from tests.cli.commands import refused, run
 from tests.site.left_by_site import status_of
-from tests.waiting import eventually
+from tests.waiting import commands_below, eventually
 
 from e3pose.base.errors import InputError
 from e3pose.camera.source import open_video
@@ -208,9 +208,8 @@ def test_demo_runs_a_site_of_real_processes(tmp_path: Path) -> None:
     assert len(slots) >= 10
     for log in (dest / "site" / "logs").iterdir():
         assert "Traceback" not in log.read_text()
-    children = set(psutil.Process().children(recursive=True)) - before
-    alive = [c for c in children if c.is_running() and c.status() != psutil.STATUS_ZOMBIE]
-    assert not [c for c in alive if "e3pose" in " ".join(c.cmdline())]
+    after = commands_below(psutil.Process())
+    assert not [c for p, c in after.items() if p not in before and "e3pose" in " ".join(c)]
 
 
 def test_interrupt_leaves_no_process_and_no_file(tmp_path: Path) -> None:
@@ -220,7 +219,7 @@ def test_interrupt_leaves_no_process_and_no_file(tmp_path: Path) -> None:
 
     def started() -> bool:
         """Return whether an edge and four cameras run, which end with the demo if it is killed."""
-        commands = [child.cmdline() for child in watched.children()]
+        commands = commands_below(watched).values()
         return sum("--end-with-parent" in command for command in commands) == 5
 
     try:

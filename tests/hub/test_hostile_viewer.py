@@ -20,7 +20,7 @@ from sqlalchemy import text
 from tests.hub.site import fill
 from tests.hub.test_hub import E3POSE, numbers, program, serve
 from tests.ports import free_port
-from tests.waiting import eventually
+from tests.waiting import commands_below, eventually
 
 from e3pose.base.errors import InputError
 from e3pose.store.summaries import MINUTE_NS
@@ -132,7 +132,7 @@ def test_flood_at_the_page_and_endless_questions_hurt_nobody_else(house: House) 
         assert one.post(f"{house.url}/api/open", json={"site": "lab"}).status_code == 200
     assert eventually(lambda: numbers(database, "hall") == [0, 1, 2], 30)
     (page,) = [
-        p for p in psutil.Process().children(recursive=True) if p.cmdline()[-2:-1] == ["view"]
+        p for p, command in commands_below(psutil.Process()).items() if command[-2:-1] == ["view"]
     ]
     before_mb = page.memory_info().rss / 1e6
     with ExitStack() as stack:

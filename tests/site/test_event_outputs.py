@@ -132,7 +132,8 @@ def test_it_is_queried_and_exported(
     watched: Watched, fall: PersonEvent, tmp_path: Path, form: str, read: Callable[..., Any]
 ) -> None:
     path = tmp_path / f"events.{form}"
-    assert run("query", watched.folder, "--what", "events", f"--{form}", path) == 0
+    verb = ("query", watched.folder, "--json") if form == "json" else ("export", watched.folder)
+    assert run(*verb, path, "--what", "events") == 0
     (row,) = (one for one in read(path) if one["kind"] == "fall")
     assert listed(PAGE, "query --what events") <= set(row)
     assert int(row["track"]) == TRACK and int(row["start_ns"]) == fall.start_ns
