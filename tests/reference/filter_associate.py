@@ -58,12 +58,13 @@ def associate(
     joints = order(exchanged, model)
     people = np.arange(len(scores))[:, None]
     keypoints, certainty = keypoints_px[people, joints], scores[people, joints]
-    cost = costs(belief, keypoints, certainty, camera, model, knots_px)
+    cost, vagueness = costs(belief, keypoints, certainty, camera, model, knots_px)
     free = np.ones(len(scores), dtype=bool)
     for group in (belief.confirmed, ~belief.confirmed):
         tracks, people = np.flatnonzero(group), np.flatnonzero(free)
         offered = cost[np.ix_(tracks, people)]
-        chosen, taken = linear_sum_assignment(np.where(offered <= COST_LIMIT, offered, NEVER))
+        likely = offered + vagueness[np.ix_(tracks, people)]
+        chosen, taken = linear_sum_assignment(np.where(offered <= COST_LIMIT, likely, NEVER))
         good = offered[chosen, taken] <= COST_LIMIT
         rows[tracks[chosen[good]]] = people[taken[good]]
         free[people[taken[good]]] = False
@@ -81,13 +82,14 @@ def costs(
     camera: int,
     model: Model,
     knots_px: Floats,
-) -> Floats:
-    """Return how far tracks and detections are apart.
+) -> tuple[Floats, Floats]:
+    """Return how far tracks and detections are apart, and how vague that is.
 
     Keypoints and scores are `(num_tracks, num_persons, num_joints, ...)`, as each track takes them.
 
     Returns:
-        `(num_tracks, num_persons)` mean distance in standard deviations, inf if unknown.
+        `(num_tracks, num_persons)` mean distance in standard deviations, inf if unknown; and the
+        mean logarithm of how much wider these are than those of a track that is known exactly.
     """
     pixels, depth, jacobian = project(
         belief.state[..., :3], model.rig.projections[camera : camera + 1]
@@ -95,6 +97,7 @@ def costs(
     spread = pixel_variance(jacobian, belief.covariance[..., :3, :3])[0]
     variance = np.interp(scores, model.noise.scores, knots_px) ** 2
     variance = variance + (BIAS_PX * model.scales[camera]) ** 2
+    vague = 0.5 * np.log1p(spread[:, None] / variance)
     variance = variance + spread[:, None]  # (num_tracks, num_persons, num_joints)
     shown = (scores > USED_SCORE) & (depth[0] > MIN_DEPTH_M)[:, None]
     error = np.where(shown[..., None], keypoints_px - pixels[0][:, None], 0.0)
@@ -102,4 +105,5 @@ def costs(
     weight = np.where(shown, scores, 0.0)
     total = np.maximum(weight.sum(axis=-1), 1e-9)
     mean = (weight * distance).sum(axis=-1) / total
-    return np.where(shown.sum(axis=-1) >= MIN_JOINTS, mean, np.inf)
+    vagueness = (weight * vague).sum(axis=-1) / total
+    return np.where(shown.sum(axis=-1) >= MIN_JOINTS, mean, np.inf), vagueness

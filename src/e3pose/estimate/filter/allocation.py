@@ -153,6 +153,7 @@ def _offers(tracks: int, people: int, joints: int) -> Offers:
     return Offers(
         projected=np.zeros((4, joints)),
         cost=np.zeros((tracks, people)),
+        vagueness=np.zeros((tracks, people)),
         exchanged=np.zeros((tracks, people), np.int64),
         offered=np.zeros((tracks, people)),
         choosers=np.zeros(tracks, np.int64),

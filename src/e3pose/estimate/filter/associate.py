@@ -104,9 +104,13 @@ def _weigh(
             )
             exchange(row, exchanged, constants.opposites, constants.limbs, views)
             cost = _cost(row, views.pixels, views.weights, views.variances, bias, offers.projected)
+            vagueness = 0.0
+            if cost <= COST_LIMIT:
+                vagueness = _vagueness(row, views.weights, views.variances, bias, offers.projected)
             exchange(row, exchanged, constants.opposites, constants.limbs, views)  # back again
             offers.exchanged[track, person] = exchanged
             offers.cost[track, person] = cost
+            offers.vagueness[track, person] = vagueness
 
 
 @kernel
@@ -125,7 +129,8 @@ def _choose(
         for column in range(num_free):
             track, person = offers.choosers[chooser], offers.people[column]
             cost = offers.cost[track, person]
-            offers.offered[chooser, column] = cost if cost <= COST_LIMIT else NEVER
+            likely = cost + offers.vagueness[track, person]
+            offers.offered[chooser, column] = likely if cost <= COST_LIMIT else NEVER
     assign(offers.offered, num_choosers, num_free, offers.reals, offers.integers, offers.flags)
     for chooser in range(num_choosers):
         column = offers.integers[0, chooser]
@@ -190,3 +195,19 @@ def _cost(
     if shown < MIN_JOINTS:
         return np.inf
     return weighted / (total if total > 1e-9 else 1e-9)
+
+
+@kernel
+def _vagueness(
+    row: int, weights: Floats, variances: Floats, bias: float, projected: Floats
+) -> float:
+    """Return the mean logarithm of how much wider a track is than one that is known exactly."""
+    total = weighted = 0.0
+    for joint in range(weights.shape[1]):
+        weight = weights[row, joint]
+        if weight > USED_SCORE and projected[IN_FRONT, joint] > 0:
+            total += weight
+            weighted += weight * math.log1p(
+                projected[SPREAD, joint] / (variances[row, joint] + bias)
+            )
+    return 0.5 * weighted / (total if total > 1e-9 else 1e-9)

@@ -181,6 +181,7 @@ class Offers(NamedTuple):
 
     projected: Floats  # (4, num_joints) one track in the view: u, v, variance, in front
     cost: Floats  # (num_tracks, max_people)
+    vagueness: Floats  # (num_tracks, max_people)
     exchanged: Integers  # (num_tracks, max_people) limbs whose sides it would have exchanged
     offered: Floats  # (num_tracks, max_people) their sum, of those who choose
     choosers: Integers  # (num_tracks,)
