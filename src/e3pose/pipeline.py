@@ -178,13 +178,14 @@ def step(
 
     arrived = np.array([camera in views for camera in range(len(online))])
     occlusion, visibility = expected_views(pipeline.rig, predicted_m)
+    with_boxes = pipeline.rig if Need.OWN_BOXES in pipeline.needs else None
     state = replace(
         state,
         memory=memory,
         silence=listen(state.silence, slot, selected, arrived, pipeline.interval_s),
         spread=state.spread.after(occlusion, pipeline.interval_s),
         stated=_stated(pipeline, state, estimate.people),
-        last_views=_last_views(pipeline, state, views),
+        last_views=with_views(state.last_views, views, slot, with_boxes),
     )
     times.append(clock())
 
@@ -257,14 +258,6 @@ def _stated(pipeline: Pipeline, state: SlotState, people: People) -> StatedError
     if Need.FORESIGHT not in pipeline.needs or state.slot < pipeline.warmup_slots:
         return state.stated
     return state.stated.after(stated_error_m(people.covariance_m2), pipeline.interval_s)
-
-
-def _last_views(
-    pipeline: Pipeline, state: SlotState, views: Mapping[int, Poses2D]
-) -> tuple[LastView, ...]:
-    """Return `SlotState.last_views` after this slot, with boxes where the policy needs them."""
-    rig = pipeline.rig if Need.OWN_BOXES in pipeline.needs else None
-    return with_views(state.last_views, views, state.slot, rig)
 
 
 def _situation(

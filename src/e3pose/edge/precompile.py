@@ -98,15 +98,10 @@ def _start_helper(pipeline: Pipeline) -> subprocess.Popen[bytes] | None:
     predictors = (pipeline.predictor, pipeline.steering)
     if not any(isinstance(predictor, AttentionLstm) for predictor in predictors):
         return None
-    if is_cached(predict_tracks) is not False or not _has_room():
+    if is_cached(predict_tracks) is not False or num_cores() < 2 or free_bytes() < HELPER_BYTES:
         return None
     command = [sys.executable, "-m", "e3pose.edge.precompile"]
     return subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
-
-
-def _has_room() -> bool:
-    """Return whether this machine has a second core, and memory for a second process."""
-    return num_cores() > 1 and free_bytes() >= HELPER_BYTES
 
 
 if __name__ == "__main__":
