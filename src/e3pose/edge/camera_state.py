@@ -704,14 +704,11 @@ def tried(answers: Answers, states: Integers, slot: int, interval_s: float) -> F
         slot: for which the order is.
         interval_s: seconds per slot.
     """
-    on_trial = np.asarray(states == State.ON_TRIAL)
-    if not on_trial.any():
-        return on_trial
     cameras = np.arange(len(states))
     since_s = slot * interval_s + TURN_S * cameras
     pause = 2 ** np.minimum(answers.seldom_s // EVERY_S, MOST_DOUBLED).astype(np.int64)
     turn = (since_s % EVERY_S < TURN_S) & ((since_s // EVERY_S).astype(np.int64) % pause == 0)
-    trial = turn & on_trial
+    trial = turn & (states == State.ON_TRIAL)
     return np.asarray(trial & (cameras == trial.argmax()))
 
 

@@ -146,17 +146,19 @@ def savings(status: Status) -> Savings:
     )
 
 
-def camera_status(edge: RunningEdge, index: int, problem: str, impairment: str) -> CameraStatus:
+def camera_status(
+    edge: RunningEdge, record: SlotRecord | None, index: int, problem: str, impairment: str
+) -> CameraStatus:
     """Return the status of a camera.
 
     Args:
         edge: of the site.
+        record: of the newest slot, the same for all cameras of a status.
         index: of the camera in the rig.
         problem: why it cannot be selected; empty if it can.
         impairment: why it is useless, or brings too little, although it can be selected.
     """
-    camera, record, counts = edge.inbox.cameras[index], edge.newest, edge.counts
-    now_ns = edge.clock.now_ns()
+    camera, counts, now_ns = edge.inbox.cameras[index], edge.counts, edge.clock.now_ns()
     beat, capacity_wh = camera.beat, camera.hello.battery_wh if camera.hello else None
     late, turned = int(edge.gather.late[index]), edge.consumers.turned
     reasons = record.reasons if record else None
@@ -213,7 +215,7 @@ def site_status(edge: RunningEdge) -> Status:
     record, counts, saved = edge.newest, edge.counts, edge.consumers.saving
     whys = zip(edge.inbox.problems(), *edge.impairments(), strict=True)
     cameras = tuple(
-        camera_status(edge, index, problem, useless or short)
+        camera_status(edge, record, index, problem, useless or short)
         for index, (problem, useless, short) in enumerate(whys)
     )
     now_ns, policy, events = edge.clock.now_ns(), edge.pipeline.policy, edge.event_log.recent

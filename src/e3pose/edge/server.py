@@ -364,9 +364,12 @@ class EdgeServer:
 
     def _with_trial(self, times: SlotTimes, slot: int, decision: Flags, states: Integers) -> Flags:
         """Return a decision with the tried camera; order a slow one earlier."""
+        on_trial = np.flatnonzero(states == State.ON_TRIAL).tolist()
+        if not on_trial:
+            return decision
         lead, interval_s = self.pipeline.lead_slots, self.interval_ns / 1e9
         wakes_s = self._wakes_s(np.ones(len(decision), dtype=bool))
-        for camera in np.flatnonzero(states == State.ON_TRIAL).tolist():
+        for camera in on_trial:
             ahead = lead_for(self.lead, camera, interval_s, float(wakes_s[camera]))
             if ahead > lead and tried(self.answers, states, slot + ahead, interval_s)[camera]:
                 self.orders.give_early(times, slot, camera, ahead)
