@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import json
-import signal
 import sqlite3
-import subprocess
-import sys
 from itertools import count
 from pathlib import Path
 
@@ -111,45 +108,6 @@ def test_copy_has_a_cursor_of_its_own(tmp_path: Path, record: Records, run: Runs
     assert after.begun_ns != before.begun_ns
 
 
-CHILD = """
-import sys
-sys.path.insert(0, {tests!r})
-from conftest import make_record, make_run
-from e3pose.store import StoreWriter, WriterSettings
-now = [{minute}]
-settings = WriterSettings(commit_s=0.02, summaries=9)
-writer = StoreWriter({path!r}, make_run(), settings, wall_ns=lambda: now[0])
-for slot in range(90):
-    now[0] = {minute} + slot * 10**9
-    writer.append(make_record(slot), time_ns=now[0], wait=True)
-    if slot % 30 == 29:
-        writer.flush()
-print("flushed", flush=True)
-sys.stdin.read()
-"""
-
-
-def test_minute_in_which_a_writer_was_killed_is_summed_up_by_the_next(
-    tmp_path: Path, record: Records, run: Runs
-) -> None:
-    path = tmp_path / "hall.db"
-    code = CHILD.format(tests=str(Path(__file__).parent), path=str(path), minute=MINUTE)
-    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
-    with subprocess.Popen([sys.executable, "-c", code], text=True, **pipes) as child:  # type: ignore[call-overload]
-        assert child.stdout.readline() == "flushed\n"
-        child.send_signal(signal.SIGKILL)
-    assert [row["slots"] for row in read_outbox(path, "hall").summaries] == [60]
-    wall = Wall(MINUTE + 95 * NS)
-    with StoreWriter(path, run(), SUMMING, wall_ns=wall) as writer:
-        for slot in range(95, 100):
-            wall.now_ns = MINUTE + slot * NS
-            writer.append(record(slot), time_ns=wall.now_ns)
-            writer.flush()
-    found = read_outbox(path, "hall").summaries
-    assert [row["slots"] for row in found] == [60, 35]
-    assert found[1]["time_ns"] == MINUTE + MINUTE_NS and found[1]["people"] == 2.0
-
-
 def test_minutes_of_programs_that_are_killed_are_as_long_as_these_ran(
     tmp_path: Path, record: Records, run: Runs
 ) -> None:
@@ -184,7 +142,7 @@ def test_part_of_a_minute_that_a_killed_writer_left_is_summed_up_once(
     tmp_path: Path, record: Records, run: Runs
 ) -> None:
     path, wall = tmp_path / "hall.db", Wall(MINUTE)
-    for begin, end in ((0, 20), (30, 50), (130, 140)):
+    for begin, end in ((0, 20), (30, 50), (52, 55), (130, 140)):
         wall.now_ns = MINUTE + begin * NS
         with StoreWriter(path, run(), SUMMING, wall_ns=wall) as writer:
             for slot in range(begin, end):
@@ -195,7 +153,9 @@ def test_part_of_a_minute_that_a_killed_writer_left_is_summed_up_once(
             if begin == 30:
                 writer._minutes = None  # killed: it sums up nothing
     found = read_outbox(path, "hall").summaries
-    assert [row["slots"] for row in found] == [20, 20, 10]
+    assert [row["slots"] for row in found] == [20, 20 + 3, 10]
+    assert [row["people"] for row in found] == [2.0] * 3
+    assert [row["time_ns"] - MINUTE for row in found] == [0, 30 * NS, 130 * NS]
 
 
 def test_full_disk_delays_summaries_and_loses_none(

@@ -6,6 +6,7 @@ import sqlite3
 from pathlib import Path
 
 import pytest
+from sqlalchemy import text
 from tests.cases import each_case
 from tests.cli.commands import run as verb
 from tests.store.writers import Records, Runs
@@ -13,8 +14,10 @@ from tests.store.writers import Records, Runs
 from e3pose.base.errors import InputError
 from e3pose.model.zone_event import ZoneEvent
 from e3pose.store import Event, Store, StoreWriter
+from e3pose.store.database import database_url, writing_engine
 from e3pose.store.forgetting import forget
 from e3pose.store.people import (
+    OF_PEOPLE,
     Called,
     kept_of,
     names_of,
@@ -105,14 +108,23 @@ def test_name_stays_while_the_track_goes_on(stored: Place, run: Runs, record: Re
     assert ada.last_ns == STARTED_NS + SLOTS * 40_000_000
 
 
+def files_of(place: str) -> set[int]:
+    """Return the numbers of the files in which a server has tables with people."""
+    with writing_engine(database_url(place)).connect() as connection:
+        asked = (text(f"SELECT pg_relation_filenode('{table.name}')") for table in OF_PEOPLE)
+        return {connection.execute(each).scalar_one() for each in asked}
+
+
 def test_who_is_forgotten_is_gone_and_the_others_are_not(stored: Place) -> None:
     set_name(stored, ((1, PERSON),), "Ada")
+    files = files_of(stored) if isinstance(stored, str) else set()
     before = kept_of(stored, ((1, OTHER),))
     removed = kept_of(stored, ((1, PERSON),))
     assert removed == {"poses": SLOTS, "tracks": 1, "events": 1, "zones": 1}
     (asked,) = requests_of(stored, ((1, PERSON),))
     assert forget(stored, asked)[1] == SLOTS + 3
     write_anew(stored)
+    assert not isinstance(stored, str) or not files & files_of(stored), "no page has what it had"
     assert kept_of(stored, ((1, PERSON),)) == dict.fromkeys(removed, 0)
     assert kept_of(stored, ((1, OTHER),)) == before == removed
     assert len(Store(stored).rows("slots")) == SLOTS

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import threading
-from pathlib import Path
 
 import pytest
 from sqlalchemy import text
 from tests.cases import each_case
-from tests.postgres import Server, running_server
+from tests.postgres import Server
 from tests.store.writers import QUICK, Records, Runs, stored_slots, wait_for
 
 from e3pose.base.errors import InputError
 from e3pose.store import Event, Retention, Store, StoreWriter, WriterSettings, schema
 from e3pose.store.database import check_place, database_url, reading, shown, writing_engine
-from e3pose.store.spool import spools_of
 
 SECRET = "hunter2"
 
@@ -22,57 +20,6 @@ SECRET = "hunter2"
 @pytest.fixture
 def url(postgres: Server) -> str:
     return postgres.new_store()
-
-
-def test_nothing_is_lost_while_the_server_is_away(
-    postgres: Server, tmp_path: Path, record: Records, run: Runs
-) -> None:
-    events: list[Event] = []
-    settings = WriterSettings(commit_s=0.02, spool_beside=tmp_path / "lab")
-    with running_server(postgres.tools) as server:  # others have theirs
-        url = server.new_store()
-        with StoreWriter(url, run(), settings, report=events.append) as writer:
-            for slot in range(50):
-                writer.append(record(slot), wait=True)
-            assert writer.flush()
-            server.stop()
-            for slot in range(50, 200):
-                assert writer.append(record(slot), wait=True)
-            assert writer.flush()
-            status = writer.status()
-            assert status.problem is not None
-            assert status.spooled >= 3 * 150  # a slot and two people, and events
-            assert status.shed == 0
-            assert [e.kind for e in events] == ["store-trouble"]
-            assert f"spooling to the file {tmp_path / 'lab.spool-1'}" in events[0].message
-            with pytest.raises(InputError, match="cannot be read"):
-                Store(url).query()
-            server.start()
-            wait_for(lambda: writer.status().problem is None)
-            writer.append(record(200))
-            assert writer.flush()
-        assert [e.kind for e in events] == ["store-trouble", "store-recovered"]
-        assert stored_slots(url) == list(range(201))
-        assert len(Store(url).query()) == 2 * 201
-        assert [row["kind"] for row in Store(url).rows("events")] == [e.kind for e in events]
-    assert spools_of(tmp_path / "lab") == []
-
-
-def test_what_a_killed_writer_spooled_is_delivered_by_the_next(
-    url: str, tmp_path: Path, record: Records, run: Runs
-) -> None:
-    settings = WriterSettings(commit_s=0.02, spool_beside=tmp_path / "lab")
-    away = url.replace("host=", "host=/nowhere")
-    with StoreWriter(away, run(), settings) as writer:
-        for slot in range(20):
-            writer.append(record(slot), wait=True)
-        assert writer.flush()
-    assert len(spools_of(tmp_path / "lab")) == 1, "kept for the next start"
-    events: list[Event] = []
-    with StoreWriter(url, run("yard"), settings, report=events.append):
-        wait_for(lambda: any("recovered" in event.message for event in events))
-    assert [row["slot"] for row in Store(url).rows("slots", site="hall")] == list(range(20))
-    assert spools_of(tmp_path / "lab") == []
 
 
 def test_refusal_of_the_server_is_not_held_against_the_rows(
@@ -164,14 +111,6 @@ def test_reader_cannot_write_and_sees_one_state(url: str, record: Records, run: 
         with pytest.raises(InputError, match="read-only"), reading(url) as connection:
             connection.execute(text("DELETE FROM slots"))
     assert stored_slots(url) == [0, 1]
-
-
-def test_somebody_elses_database_is_refused(postgres: Server, url: str, run: Runs) -> None:
-    with writing_engine(database_url(url)).begin() as connection:
-        connection.execute(text("CREATE TABLE photos (name TEXT)"))
-    for use in (lambda: StoreWriter(url, run()), lambda: Store(url).query()):
-        with pytest.raises(InputError, match="found tables photos, expected a database"):
-            use()
 
 
 @each_case(

@@ -6,34 +6,34 @@ import os
 import sqlite3
 import time
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
 import pytest
+from sqlalchemy import text
 from tests.cases import each_case
 from tests.store.writers import QUICK, Records, Runs, limit_connections, stored_slots, wait_for
 
 from e3pose.base.errors import InputError
 from e3pose.store import Event, Store, StoreWriter, WriterSettings
-from e3pose.store.database import open_checked, refusal_of
+from e3pose.store.database import database_url, open_checked, refusal_of, writing_engine
 from e3pose.store.integrity import IntegrityWatch, problem_of
 
 pytestmark = pytest.mark.slow
 
 
-def test_somebody_elses_database_is_refused(tmp_path: Path, run: Runs) -> None:
-    path = tmp_path / "photos.db"
-    with sqlite3.connect(path) as connection:
-        connection.execute("CREATE TABLE photos (name TEXT)")
-    connection.close()
-    for use in (lambda: StoreWriter(path, run()), lambda: Store(path).query()):
+def test_somebody_elses_database_is_refused(place: Path | str, tmp_path: Path, run: Runs) -> None:
+    with writing_engine(database_url(place)).begin() as connection:
+        connection.execute(text("CREATE TABLE photos (name TEXT)"))
+    for use in (lambda: StoreWriter(place, run()), lambda: Store(place).query()):
         with pytest.raises(InputError, match="found tables photos, expected a database"):
             use()
-    text = tmp_path / "letter.txt"
-    text.write_text("dear all")
+    letter = tmp_path / "letter.txt"
+    letter.write_text("dear all")
     with pytest.raises(InputError, match="no database"):
-        StoreWriter(text, run())
-    assert text.read_text() == "dear all"
+        StoreWriter(letter, run())
+    assert letter.read_text() == "dear all"
     with pytest.raises(InputError, match="no such file"):
         Store(tmp_path / "nothing.db").query()
     with pytest.raises(InputError, match="no folder"):
@@ -104,9 +104,13 @@ def test_reasons_go_on_in_a_sentence() -> None:
 
 
 def scribble(path: Path) -> None:
+    """Write over the page of a table that no commit touches."""
+    with closing(sqlite3.connect(path)) as connection:
+        sql = "SELECT rootpage, (SELECT page_size FROM pragma_page_size) FROM sqlite_schema"
+        page, size = connection.execute(f"{sql} WHERE name = 'clips'").fetchone()
     with path.open("r+b") as file:
-        file.seek(path.stat().st_size // 2)
-        file.write(os.urandom(40_000))
+        file.seek((page - 1) * size)
+        file.write(os.urandom(size))
 
 
 def cut_off(path: Path) -> None:

@@ -11,6 +11,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 import pytest
@@ -193,19 +194,25 @@ def test_spool_of_a_killed_process_is_delivered_at_the_next_start(
     assert (tmp_path / "live.db.spool-7").exists(), "what is not ours is not deleted"
 
 
+@contextmanager
+def locked(path: Path) -> Iterator[None]:
+    """Hold the lock that a commit needs."""
+    with closing(sqlite3.connect(path, isolation_level=None)) as other:
+        other.execute("BEGIN IMMEDIATE")
+        yield
+        other.execute("ROLLBACK")
+
+
 def test_lock_of_another_is_waited_out(tmp_path: Path, record: Records, run: Runs) -> None:
     path = tmp_path / "live.db"
     with StoreWriter(path, run(), QUICK) as writer:
         writer.append(record(0))
         assert writer.flush()
-        other = sqlite3.connect(path, isolation_level=None)
-        other.execute("BEGIN IMMEDIATE")
-        before_s = time.perf_counter()
-        for slot in range(1, 100):
-            assert writer.append(record(slot))
-        assert time.perf_counter() - before_s < 5.0  # at once, however long the lock is held
-        other.execute("ROLLBACK")
-        other.close()
+        with locked(path):
+            before_s = time.perf_counter()
+            for slot in range(1, 100):
+                assert writer.append(record(slot))
+            assert time.perf_counter() - before_s < 5.0  # at once, however long the lock is held
         assert writer.flush()
     assert stored_slots(path) == list(range(100))
 
@@ -214,14 +221,11 @@ def test_flood_of_events_leaves_room_for_slots(tmp_path: Path, record: Records, 
     path = tmp_path / "live.db"
     settings = WriterSettings(commit_s=0.02, queue_slots=100)
     with StoreWriter(path, run(), settings) as writer:
-        blocker = sqlite3.connect(path, isolation_level=None)
-        blocker.execute("BEGIN IMMEDIATE")
-        time.sleep(0.1)  # the thread waits for the lock
-        taken = [writer.event(Event(1, "control", "again")) for _ in range(10_000)]
-        assert taken.count(True) < 400  # those that the thread took meanwhile, and half the queue
-        assert all(writer.append(record(slot)) for slot in range(40))
-        blocker.execute("ROLLBACK")
-        blocker.close()
+        with locked(path):
+            time.sleep(0.1)  # the thread waits for the lock
+            taken = [writer.event(Event(1, "control", "again")) for _ in range(10_000)]
+            assert taken.count(True) < 400  # those that the thread took, and half the queue
+            assert all(writer.append(record(slot)) for slot in range(40))
         assert writer.flush()
     assert stored_slots(path) == list(range(40))
 
@@ -231,12 +235,9 @@ def test_full_queue_sheds_and_says_so(tmp_path: Path, record: Records, run: Runs
     events: list[Event] = []
     settings = WriterSettings(commit_s=0.02, queue_slots=10)
     with StoreWriter(path, run(), settings, report=events.append) as writer:
-        blocker = sqlite3.connect(path, isolation_level=None)
-        blocker.execute("BEGIN IMMEDIATE")
-        taken = [writer.append(record(slot)) for slot in range(100)]
-        assert not all(taken)
-        blocker.execute("ROLLBACK")
-        blocker.close()
+        with locked(path):
+            taken = [writer.append(record(slot)) for slot in range(100)]
+            assert not all(taken)
         assert writer.flush()
         assert writer.status().shed == taken.count(False)
         writer.append(record(100))
