@@ -46,7 +46,7 @@ PLAIN_TESTS = (  # of kernels by themselves, and against their plain forms
     "tests/reference",
 )
 MARKS = "not shared and not live and not timed and not network"
-KERNEL = "from e3pose.base.kernel import"  # of files that declare kernels
+KERNEL = "\n@kernel"  # in files that declare kernels
 
 
 class Stopwatch:
