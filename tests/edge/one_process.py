@@ -42,7 +42,7 @@ class Site:
     poses: list[Poses] = field(default_factory=list)
     delayed: list[Poses] = field(default_factory=list)
     words: list[str] = field(default_factory=list)
-    edge: EdgeServer | None = None
+    edge: EdgeServer = field(init=False)
     deadline_s: float = 0.15
     num_selected: int = 2
     smooth_delay_s: float = 0.0
@@ -93,11 +93,9 @@ class Site:
         return node
 
     def online(self) -> set[str]:
-        assert self.edge is not None
         return {c.camera_id for c in self.edge.status().cameras if c.online}
 
     def camera(self, camera_id: str) -> CameraStatus:
-        assert self.edge is not None
         return next(c for c in self.edge.status().cameras if c.camera_id == camera_id)
 
     def reported(self, kind: str, camera_id: str) -> bool:
@@ -136,5 +134,4 @@ def site_at_work(folder: Path, **options: Any) -> Iterator[Site]:
     finally:
         for node in made.nodes.values():
             node.stop()
-        assert made.edge is not None
         made.edge.stop()

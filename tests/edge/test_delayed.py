@@ -85,7 +85,7 @@ def test_an_edge_tells_the_same_people_again(tmp_path: Path) -> None:
             assert late.published_edge_ns > first.published_edge_ns
             assert late.delay_ms == pytest.approx(100.0) and first.delay_ms == 0.0
             assert unpack(late.track_ids).tolist() == unpack(first.track_ids).tolist()
-        assert site.edge is not None and site.edge.threads.failure is None
+        assert site.edge.threads.failure is None
 
 
 def test_the_papers_pipeline_has_nothing_to_smooth_with(tmp_path: Path) -> None:

@@ -25,7 +25,6 @@ def site(tmp_path: Path) -> Iterator[Site]:
 def test_jitter_and_loss_leave_no_camera_out(site: Site) -> None:
     """Views take 50 to 150 ms of the 100 that the slot waits: half of them are late."""
     edge, rng = site.edge, random.Random(3)
-    assert edge is not None
     site.hub.delay_s = lambda topic: rng.uniform(0.05, 0.15)
     site.hub.fault = lambda topic, payload: None if rng.random() < 0.05 else payload
     late, slot = edge.gather.late.copy(), edge.state.slot
@@ -42,7 +41,6 @@ def test_jitter_and_loss_leave_no_camera_out(site: Site) -> None:
 
 def test_camera_that_is_always_late_is_left_out_reported_and_taken_back(site: Site) -> None:
     edge = site.edge
-    assert edge is not None
     site.hub.delay_s = lambda topic: 0.5 if topic.endswith("cam1/view") else 0.0
     assert eventually(lambda: site.reported("camera-useless", "cam1")), site.events
     word = next(e.message for e in reversed(site.events) if e.kind == "camera-useless")

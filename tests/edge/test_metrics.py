@@ -59,7 +59,6 @@ def scraped(port: int) -> dict[str, float]:
 def test_metrics_are_what_was_counted(tmp_path: Path) -> None:
     with site_at_work(tmp_path) as site:
         edge, port = site.edge, free_port()
-        assert edge is not None
         liar = site.hub.join()
         for _ in range(3):
             liar.publish("e3pose/lab/camera/cam1/view", b"garbage")
@@ -116,7 +115,6 @@ def test_metrics_of_cameras_keep_their_names_and_units() -> None:
 
 def test_crowd_at_the_metrics_makes_no_threads_and_keeps_no_scrape_out(tmp_path: Path) -> None:
     with site_at_work(tmp_path) as site, ExitStack() as stack:
-        assert site.edge is not None
         port = free_port()
         server = serve_metrics(site.edge, port)
         stack.callback(server.close)

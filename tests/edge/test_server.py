@@ -43,7 +43,7 @@ def site(tmp_path: Path) -> Iterator[Site]:
 @pytest.mark.timed
 def test_slots_follow_each_other_and_orders_come_in_time(site: Site) -> None:
     edge = site.edge
-    assert edge is not None and edge.threads.failure is None
+    assert edge.threads.failure is None
     assert edge.counts.lost == 0
     slots = [poses.slot for poses in site.poses]
     assert slots == list(range(slots[0], slots[0] + len(slots)))
@@ -85,7 +85,7 @@ def test_garbage_puts_a_camera_in_quarantine_and_no_other(site: Site) -> None:
         liar.publish("e3pose/lab/camera/nobody/view", b"garbage")
     assert site.online() == {"cam0", "cam2"}
     edge = site.edge
-    assert edge is not None and edge.inbox.unknown_senders >= 25
+    assert edge.inbox.unknown_senders >= 25
     edge.inbox._change(1, lambda camera: replace(camera, quarantined_until_ns=0))  # let time pass
     assert eventually(lambda: site.online() == {"cam0", "cam1", "cam2"})
 
@@ -108,7 +108,6 @@ def test_partition_is_noticed_in_two_seconds_and_healed(site: Site) -> None:
     assert eventually(without_it)
     assert 1.0 < max(silences_s) < 2.0
     edge = site.edge
-    assert edge is not None
     here = edge.counts.slots
     assert eventually(lambda: edge.counts.slots > here + 10)  # the others go on
     assert eventually(lambda: site.reported("camera-lost", "cam2"))
@@ -120,7 +119,6 @@ def test_partition_is_noticed_in_two_seconds_and_healed(site: Site) -> None:
 @pytest.mark.timed
 def test_lossy_network_loses_views_but_no_slot(site: Site) -> None:
     rng, edge = random.Random(1), site.edge
-    assert edge is not None
     lost, missed, slots = edge.counts.lost, edge.counts.missed.sum(), edge.counts.slots
     site.hub.fault = lambda topic, payload: None if rng.random() < 0.2 else payload
     assert eventually(lambda: edge.counts.slots > slots + 40)
@@ -154,7 +152,6 @@ def test_restarted_camera_comes_back_by_itself(site: Site) -> None:
 
 def test_restarted_edge_goes_on_where_it_was(site: Site) -> None:
     edge = site.edge
-    assert edge is not None
     assert eventually(lambda: edge.newest is not None and len(edge.newest.people.track_ids) > 0)
     edge.stop()
     assert edge.newest is not None
@@ -174,7 +171,6 @@ def test_restarted_edge_goes_on_where_it_was(site: Site) -> None:
 
 def test_damaged_state_is_set_aside_not_lost(site: Site) -> None:
     edge = site.edge
-    assert edge is not None
     edge.stop()
     path = site.folder / "state.npz"
     path.write_bytes(b"no state")
@@ -186,7 +182,6 @@ def test_damaged_state_is_set_aside_not_lost(site: Site) -> None:
 @pytest.mark.timed
 def test_slow_and_lossy_air_makes_orders_go_out_earlier(site: Site) -> None:
     rng, edge = random.Random(2), site.edge
-    assert edge is not None
     before, slots, lost = edge.lead.slots, edge.counts.slots, edge.counts.lost
     site.hub.delay_s = lambda topic: rng.uniform(0.08, 0.13)
     site.hub.fault = lambda topic, payload: None if rng.random() < 0.05 else payload
@@ -208,7 +203,7 @@ def test_orders_of_a_longer_lead_say_from_which_slot_they_are(site: Site) -> Non
         topics.of_order("lab", "cam0"),
         lambda topic, payload: orders.append(decode(payload, Order, "edge")),
     )
-    assert edge is not None and edge.times is not None
+    assert edge.times is not None
     before = edge.lead.slots
     site.hub.delay_s = lambda topic: 0.7 if "/order/" in topic else 0.0
     assert eventually(lambda: edge.lead.slots >= before + 8)
@@ -225,7 +220,6 @@ def test_orders_of_a_longer_lead_say_from_which_slot_they_are(site: Site) -> Non
 
 def test_state_that_cannot_be_kept_is_reported_once_and_stops_nobody(site: Site) -> None:
     edge = site.edge
-    assert edge is not None
     good = edge.state_file.path
     (site.folder / "file").write_text("in the way")
     edge.state_file.path = site.folder / "file" / "state.npz"
@@ -240,7 +234,6 @@ def test_state_that_cannot_be_kept_is_reported_once_and_stops_nobody(site: Site)
 
 
 def test_edge_whose_clock_went_back_goes_on_at_once(site: Site) -> None:
-    assert site.edge is not None
     site.edge.stop()
     slot = site.edge.state.slot
     site.clock = WallClock(site.clock.origin_ns - 3600 * 10**9)
@@ -252,7 +245,6 @@ def test_edge_whose_clock_went_back_goes_on_at_once(site: Site) -> None:
 
 
 def test_edge_whose_clock_went_ahead_goes_on_with_the_next_slot(site: Site) -> None:
-    assert site.edge is not None
     edge = site.edge
     assert eventually(lambda: edge.newest is not None and len(edge.newest.people.track_ids) > 0)
     edge.stop()
@@ -270,7 +262,6 @@ def test_edge_whose_clock_went_ahead_goes_on_with_the_next_slot(site: Site) -> N
 
 def test_budgets_in_different_words_reach_the_queues(site: Site) -> None:
     edge = site.edge
-    assert edge is not None
     profile, now = load_profile("xavier-nx"), datetime.now().astimezone()
     active_w, idle_w = profile.watts("active"), profile.watts("power-saving")
     watts = idle_w + 0.75 * (active_w - idle_w)
@@ -308,7 +299,6 @@ class WaitingSink:
     came: list[bool] = field(default_factory=list)
 
     def append(self, record: SlotRecord, **_: object) -> bool:
-        assert self.site.edge is not None
         lead = self.site.edge.pipeline.lead_slots
 
         def there() -> bool:
@@ -329,7 +319,6 @@ def test_what_follows_people_runs_after_the_orders_and_poses_of_a_slot_have_gone
     site: Site,
 ) -> None:
     sink, edge = WaitingSink(site), site.edge
-    assert edge is not None
     site.hub.join().subscribe(
         topics.of_order("lab", "cam0"),
         lambda topic, payload: sink.orders.append(decode(payload, Order, "edge").slot),
@@ -348,13 +337,11 @@ class Rest:
 
 
 def counted(site: Site, cause: str) -> int:
-    assert site.edge is not None
     return site.edge.status().blind.get(cause, 0)
 
 
 def test_views_that_get_lost_make_slots_blind_until_they_come_again(site: Site) -> None:
     edge = site.edge
-    assert edge is not None
     before = counted(site, "views-missing")
     site.hub.fault = lambda topic, payload: None if topic.endswith("/view") else payload
     assert eventually(lambda: counted(site, "views-missing") >= before + 10)
@@ -384,7 +371,6 @@ def test_orders_that_arrive_too_late_make_slots_blind(site: Site) -> None:
 
 def test_policy_that_rests_on_purpose_makes_no_slot_blind(site: Site) -> None:
     edge = site.edge
-    assert edge is not None
 
     edge.owner.pipeline = replace(edge.pipeline, policy=Rest())
     here = edge.counts.slots
@@ -449,7 +435,7 @@ class Displaced:
 
 def test_edge_tells_who_was_turned_and_looks_as_consumers_ask(site: Site) -> None:
     edge, more = site.edge, LookRequest(cameras=3.0, tracks=(1,))
-    assert edge is not None and site.camera("cam2").turned_deg is None
+    assert site.camera("cam2").turned_deg is None
     edge.consumers = Consumers(watch=Displaced(), asks=lambda: more)  # type: ignore[arg-type]
     assert eventually(lambda: edge.pipeline.request == more)
     assert site.camera("cam2").turned_deg == 3.0

@@ -85,7 +85,6 @@ def beside(*bodies: Callable[[int], object], rounds: int = ROUNDS) -> None:
 def test_status_is_made_while_events_are_reported(tmp_path: Path) -> None:
     with site_at_work(tmp_path) as site:
         edge = site.edge
-        assert edge is not None
         over = threading.Event()
 
         def add(_: int) -> None:

@@ -49,7 +49,6 @@ def site(tmp_path: Path, planner: Planner) -> Iterator[Site]:
         for node in made.nodes.values():
             node.settings = replace(node.settings, rests=("asleep",))
         edge = made.edge
-        assert edge is not None
         # Hellos come every two seconds.
         assert eventually(
             lambda: all(c.hello is not None and c.hello.rests for c in edge.inbox.cameras)
@@ -59,7 +58,6 @@ def site(tmp_path: Path, planner: Planner) -> Iterator[Site]:
 
 def asleep(site: Site, *cameras: int) -> bool:
     edge = site.edge
-    assert edge is not None
     return bool((edge.inbox.states()[list(cameras)] == State.ASLEEP).all())
 
 
@@ -67,7 +65,6 @@ def test_source_is_closed_and_nothing_is_sent_until_the_camera_is_back(
     site: Site, planner: Planner
 ) -> None:
     edge = site.edge
-    assert edge is not None
     sent: list[str] = []
     planner.asked.append(2)
     assert eventually(lambda: site.nodes["cam2"].mode == "asleep")
@@ -87,7 +84,6 @@ def test_source_is_closed_and_nothing_is_sent_until_the_camera_is_back(
 
 def test_site_whose_cameras_all_sleep_has_no_blind_slots(site: Site, planner: Planner) -> None:
     edge = site.edge
-    assert edge is not None
     blind = dict(edge.counts.blind)
     planner.asked += [0, 1, 2]
     assert eventually(lambda: asleep(site, 0, 1, 2))
@@ -99,7 +95,6 @@ def test_site_whose_cameras_all_sleep_has_no_blind_slots(site: Site, planner: Pl
 
 def test_edge_whose_clock_was_set_finds_its_sleepers_again(site: Site, planner: Planner) -> None:
     edge = site.edge
-    assert edge is not None
     planner.asked.append(2)
     assert eventually(lambda: asleep(site, 2))
     edge.stop()
@@ -119,7 +114,6 @@ def test_camera_whose_clock_is_set_in_its_sleep_comes_back(site: Site, planner: 
     node.source = RecordedSource(site.recording, "cam2", node.clock)  # the one before is closed
     assert eventually(lambda: node.mode != "asleep" and site.camera("cam2").online)
     edge = site.edge
-    assert edge is not None
     views = edge.gather.views[2]
     assert eventually(lambda: edge.gather.views[2] > views)
 
@@ -138,7 +132,6 @@ def test_camera_that_is_started_again_in_its_sleep_goes_on_sleeping(
 
 def test_camera_that_may_not_sleep_goes_on(site: Site, planner: Planner) -> None:
     edge = site.edge
-    assert edge is not None
     site.nodes["cam1"].settings = replace(site.nodes["cam1"].settings, rests=())
     assert eventually(lambda: edge.inbox.cameras[1].hello.rests == ())  # type: ignore[union-attr]
     planner.asked.append(1)
