@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +18,7 @@ KINDS = ("sqlite", "postgresql")
 CAMERAS = ("north", "east", "south")
 
 
-def make_record(slot: int, num_persons: int = 2, fps: float = 25.0) -> SlotRecord:
+def record(slot: int, num_persons: int = 2, fps: float = 25.0) -> SlotRecord:
     """Return a slot in which person k stands at (slot, k, joint) metres; joint 3 is missing."""
     joints = np.zeros((num_persons, 17, 3))
     joints[..., 0] = slot
@@ -39,18 +38,8 @@ def make_record(slot: int, num_persons: int = 2, fps: float = 25.0) -> SlotRecor
     return SlotRecord(*of_slot, stage_s={"match": 0.001, "predict": 0.002})
 
 
-def make_run(site: str = "hall", started_ns: int = STARTED_NS) -> Run:
+def run(site: str = "hall", started_ns: int = STARTED_NS) -> Run:
     return Run(site, "trial", started_ns, 0.04, "coco17", COCO17.joints, CAMERAS, "test")
-
-
-@pytest.fixture
-def record() -> Callable[..., SlotRecord]:
-    return make_record
-
-
-@pytest.fixture
-def run() -> Callable[..., Run]:
-    return make_run
 
 
 def new_place(request: pytest.FixtureRequest, folder: Path) -> Path | str:

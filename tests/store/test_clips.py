@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from tests.cases import each_case
-from tests.store.writers import Records, Runs
+from tests.store.conftest import record, run
 
 from e3pose.base.errors import InputError
 from e3pose.output.archive.deleting import delete_everywhere
@@ -25,7 +25,7 @@ def at_ns(slot: int) -> int:
 
 
 @pytest.fixture
-def stored(place: Place, run: Runs, record: Records) -> Place:
+def stored(place: Place) -> Place:
     with StoreWriter(place, run()) as writer:
         for slot in range(SLOTS):
             writer.append(record(slot), time_ns=at_ns(slot), wait=True)
@@ -80,9 +80,7 @@ def test_what_is_stored_of_a_clip_can_be_deleted(stored: Place) -> None:
     assert len(Store(stored).query()) == 2 * len(slots)
 
 
-def test_a_part_of_a_day_is_not_deleted_where_archives_have_the_day(
-    tmp_path: Path, run: Runs, record: Records
-) -> None:
+def test_a_part_of_a_day_is_not_deleted_where_archives_have_the_day(tmp_path: Path) -> None:
     from tests.cli.commands import run as verb
 
     store = tmp_path / "hall.db"

@@ -8,8 +8,9 @@ import pytest
 from sqlalchemy import select
 from tests.cli.commands import run as run_cli
 from tests.postgres import Server
+from tests.store.conftest import record, run
 from tests.store.test_versions import old, tables
-from tests.store.writers import QUICK, Records, Runs, stored_slots
+from tests.store.writers import QUICK, stored_slots
 
 from e3pose.base.errors import InputError
 from e3pose.model.zone_event import ZoneEvent
@@ -30,7 +31,7 @@ def dest(request: pytest.FixtureRequest, tmp_path: Path) -> Place:
     return server.new_store()
 
 
-def fill(place: Place, record: Records, run: Runs, slots: int = 30) -> None:
+def fill(place: Place, slots: int = 30) -> None:
     for site in ("hall", "yard"):
         with StoreWriter(place, run(site), QUICK) as writer:
             for slot in range(slots):
@@ -48,8 +49,8 @@ def rows(place: Place) -> dict[str, list[tuple[object, ...]]]:
         }
 
 
-def test_copy_holds_every_row(place: Place, dest: Place, record: Records, run: Runs) -> None:
-    fill(place, record, run)
+def test_copy_holds_every_row(place: Place, dest: Place) -> None:
+    fill(place)
     with StoreWriter(place, run("hall", 5), QUICK):  # the source is in use
         counts = copy_store(place, dest, lambda *_: None)
     before, after = rows(place), rows(dest)
@@ -69,7 +70,7 @@ def test_copy_of_an_old_version_has_the_present_one(old: Place, dest: Place) -> 
     assert tables(dest)["slots"][1] == ["run_id", "slot", "time_ns"]
 
 
-def test_copy_is_of_one_moment(tmp_path: Path, record: Records, run: Runs) -> None:
+def test_copy_is_of_one_moment(tmp_path: Path) -> None:
     path = tmp_path / "live.db"
     with StoreWriter(path, run(), QUICK) as writer:
         for slot in range(50):
@@ -86,10 +87,8 @@ def test_copy_is_of_one_moment(tmp_path: Path, record: Records, run: Runs) -> No
     assert len(Store(tmp_path / "copy.db").query()) == 100
 
 
-def test_what_is_there_is_never_written_over(
-    place: Place, dest: Place, record: Records, run: Runs
-) -> None:
-    fill(place, record, run, 2)
+def test_what_is_there_is_never_written_over(place: Place, dest: Place) -> None:
+    fill(place, 2)
     copy_store(place, dest, lambda *_: None)
     before = rows(dest)
     with pytest.raises(InputError, match=r"found a file, expected|found runs in it, expected"):
@@ -97,8 +96,8 @@ def test_what_is_there_is_never_written_over(
     assert rows(dest) == before
 
 
-def test_copy_that_fails_leaves_nothing(tmp_path: Path, record: Records, run: Runs) -> None:
-    fill(tmp_path / "live.db", record, run, 5)
+def test_copy_that_fails_leaves_nothing(tmp_path: Path) -> None:
+    fill(tmp_path / "live.db", 5)
 
     def stumble(table: str, *_: object) -> None:
         if table == "poses":
@@ -109,10 +108,8 @@ def test_copy_that_fails_leaves_nothing(tmp_path: Path, record: Records, run: Ru
     assert not [p.name for p in tmp_path.iterdir() if not p.name.startswith("live.db")]
 
 
-def test_command_says_what_it_wrote(
-    tmp_path: Path, record: Records, run: Runs, capsys: pytest.CaptureFixture[str]
-) -> None:
-    fill(tmp_path / "live.db", record, run, 5)
+def test_command_says_what_it_wrote(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    fill(tmp_path / "live.db", 5)
     words = ["store", "copy", str(tmp_path / "live.db"), str(tmp_path / "backup.db")]
     assert run_cli(*words) == 0
     message = f"Wrote {tmp_path / 'backup.db'}: 2 runs, 10 slots, 20 poses"
@@ -124,12 +121,10 @@ def test_command_says_what_it_wrote(
     assert all(len(line) > 0 for line in capsys.readouterr().err.strip().splitlines())
 
 
-def test_tools_of_postgresql_back_up_and_restore(
-    postgres: Server, tmp_path: Path, record: Records, run: Runs
-) -> None:
+def test_tools_of_postgresql_back_up_and_restore(postgres: Server, tmp_path: Path) -> None:
     """As the guide says, into another database."""
     source, back = (postgres.new_database() for _ in range(2))
-    fill(source, record, run)
+    fill(source)
     dump = tmp_path / "lab.dump"
     done = postgres.run("pg_dump", "--format=custom", source)
     dump.write_bytes(done.stdout)

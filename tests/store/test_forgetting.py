@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from tests.output.archive.days import BEGIN, DAY, FIRST_DAY, HOUR, PEOPLE, fill
-from tests.store.conftest import make_record, make_run
+from tests.store.conftest import record, run
 from tests.store.writers import wait_for
 
 from e3pose.base.errors import InputError
@@ -47,22 +47,22 @@ def test_person_goes_and_the_day_stays(place: Place) -> None:
 
 def test_whole_runs_go_with_their_last_day_and_writing_goes_on(place: Place) -> None:
     fill(place, range(1))
-    with StoreWriter(place, make_run("hall", BEGIN + 2 * DAY)) as writer:
-        writer.append(make_record(0), time_ns=BEGIN + 2 * DAY)
+    with StoreWriter(place, run("hall", BEGIN + 2 * DAY)) as writer:
+        writer.append(record(0), time_ns=BEGIN + 2 * DAY)
         assert writer.flush()
         forget(place, of_day("hall", FIRST_DAY))
-        writer.append(make_record(1), time_ns=BEGIN + 2 * DAY + HOUR)
+        writer.append(record(1), time_ns=BEGIN + 2 * DAY + HOUR)
         assert writer.flush() and writer.status().problem is None
     assert [one.run.started_ns for one in Store(place).runs()] == [BEGIN + 2 * DAY]
     assert len(Store(place).rows("slots")) == 2
 
 
 def test_rows_that_a_killed_edge_left_are_not_brought_back(tmp_path: Path) -> None:
-    path, run = tmp_path / "hall.db", make_run("hall", BEGIN)
+    path, hall = tmp_path / "hall.db", run("hall", BEGIN)
     fill(path, range(1))
-    spool = Spool(run, tmp_path / "elsewhere", 400_000)
+    spool = Spool(hall, tmp_path / "elsewhere", 400_000)
     for slot, time_ns in ((60, BEGIN + HOUR), (61, BEGIN + DAY)):
-        spool.add(slot_rows(make_record(slot), time_ns))
+        spool.add(slot_rows(record(slot), time_ns))
     spool.close(keep=True)
     shutil.copy(tmp_path / "elsewhere", tmp_path / "hall.db.spool-1")
     with pytest.raises(InputError, match="rows of a killed edge"):
@@ -71,7 +71,7 @@ def test_rows_that_a_killed_edge_left_are_not_brought_back(tmp_path: Path) -> No
     forget(path, of_day("hall", FIRST_DAY))
     forget(path, PERSON)
     shutil.copy(tmp_path / "elsewhere", tmp_path / "hall.db.spool-1")
-    with StoreWriter(path, run):
+    with StoreWriter(path, hall):
         wait_for(lambda: len(spools_of(path)) == 1)
     found = Store(path).query()
     assert list(zip(found.slots, found.people.track_ids, strict=True)) == [(61, PEOPLE[1])]

@@ -16,7 +16,8 @@ import pytest
 from sqlalchemy import text
 from tests.cases import each_case
 from tests.postgres import Server, running_server
-from tests.store.writers import Records, Runs, stored_slots, wait_for
+from tests.store.conftest import record, run
+from tests.store.writers import stored_slots, wait_for
 
 from e3pose.base.errors import InputError
 from e3pose.store import Event, Store, StoreWriter, WriterSettings
@@ -30,10 +31,10 @@ SITE = "hall"
 CHILD = """
 import sys, time
 sys.path.insert(0, {tests!r})
-from conftest import make_record, make_run
+from conftest import record, run
 from e3pose.store import StoreWriter, WriterSettings
-writer = StoreWriter({url!r}, make_run(), WriterSettings(commit_s=0.02, one_writer=True))
-writer.append(make_record(0))
+writer = StoreWriter({url!r}, run(), WriterSettings(commit_s=0.02, one_writer=True))
+writer.append(record(0))
 writer.flush()
 print("has it", flush=True)
 time.sleep(600)
@@ -78,7 +79,7 @@ def killed(server: Server, url: str) -> Iterator[None]:
 
 @each_case("away", [frozen, locked, killed])
 def test_nothing_is_lost_while_a_server_answers_nothing(
-    server: Server, tmp_path: Path, record: Records, run: Runs, away: Callable[..., object]
+    server: Server, tmp_path: Path, away: Callable[..., object]
 ) -> None:
     url = server.new_store()
     events: list[Event] = []
@@ -118,7 +119,7 @@ def test_nothing_is_lost_while_a_server_answers_nothing(
 
 
 def test_spool_is_delivered_in_order(
-    server: Server, tmp_path: Path, record: Records, run: Runs, monkeypatch: pytest.MonkeyPatch
+    server: Server, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     url = server.new_store()
     with StoreWriter(url, run(), settings(tmp_path)) as writer:
@@ -146,7 +147,7 @@ def test_spool_is_delivered_in_order(
 
 
 def test_server_that_hangs_does_not_keep_an_edge_from_starting(
-    server: Server, tmp_path: Path, record: Records, run: Runs
+    server: Server, tmp_path: Path
 ) -> None:
     url = server.new_store()
     with StoreWriter(url, run(), settings(tmp_path)) as writer:
@@ -172,9 +173,7 @@ def test_server_that_hangs_does_not_keep_an_edge_from_starting(
     assert spools_of(tmp_path / "lab") == []
 
 
-def test_second_edge_of_a_site_is_refused(
-    server: Server, tmp_path: Path, record: Records, run: Runs
-) -> None:
+def test_second_edge_of_a_site_is_refused(server: Server, tmp_path: Path) -> None:
     url = server.new_store()
     with StoreWriter(url, run(SITE), settings(tmp_path)):
         with pytest.raises(InputError, match=f"session .* writes site '{SITE}' there already") as e:
@@ -189,9 +188,7 @@ def test_second_edge_of_a_site_is_refused(
         assert after.status().problem is None
 
 
-def test_killed_edge_leaves_its_site_to_the_next(
-    server: Server, tmp_path: Path, record: Records, run: Runs
-) -> None:
+def test_killed_edge_leaves_its_site_to_the_next(server: Server, tmp_path: Path) -> None:
     url = server.new_store()
     code = CHILD.format(tests=str(Path(__file__).parent), url=url)
     child = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
@@ -208,9 +205,7 @@ def test_killed_edge_leaves_its_site_to_the_next(
     assert stored_slots(url) == [0, 1]
 
 
-def test_edge_takes_its_site_again_after_an_outage(
-    server: Server, tmp_path: Path, record: Records, run: Runs
-) -> None:
+def test_edge_takes_its_site_again_after_an_outage(server: Server, tmp_path: Path) -> None:
     url = server.new_store()
     with StoreWriter(url, run(SITE), settings(tmp_path)) as writer:
         server.stop()

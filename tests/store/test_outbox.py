@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 from sqlalchemy import text
 from tests.cli.commands import run as run_verb
-from tests.store.writers import QUICK, Records, Runs, limit_connections, wait_for
+from tests.store.conftest import record, run
+from tests.store.writers import QUICK, limit_connections, wait_for
 
 from e3pose.store import Retention, Run, Store, StoreWriter, WriterSettings
 from e3pose.store.copying import copy_store
@@ -38,9 +39,7 @@ class Wall:
         return self.now_ns
 
 
-def write_minutes(
-    place: Place, record: Records, run: Run, count: int, settings: WriterSettings = SUMMING
-) -> None:
+def write_minutes(place: Place, run: Run, count: int, settings: WriterSettings = SUMMING) -> None:
     """Write slots, one a second, of so many minutes from `MINUTE` on, and end at their end."""
     wall = Wall(MINUTE)
     with StoreWriter(place, run, settings, wall_ns=wall) as writer:
@@ -52,10 +51,8 @@ def write_minutes(
         wall.now_ns = MINUTE + count * MINUTE_NS
 
 
-def test_minutes_come_in_order_and_from_where_one_has_them(
-    place: Place, record: Records, run: Runs
-) -> None:
-    write_minutes(place, record, run(), 3)
+def test_minutes_come_in_order_and_from_where_one_has_them(place: Place) -> None:
+    write_minutes(place, run(), 3)
     found = read_outbox(place, "hall")
     assert [row["number"] for row in found.summaries] == [1, 2, 3]
     assert [row["slots"] for row in found.summaries] == [60, 60, 60]
@@ -67,31 +64,29 @@ def test_minutes_come_in_order_and_from_where_one_has_them(
     assert read_outbox(place, "elsewhere").summaries == ()
 
 
-def test_outbox_is_bounded_and_says_what_it_shed(place: Place, record: Records, run: Runs) -> None:
-    write_minutes(place, record, run(), 6, WriterSettings(commit_s=0.02, summaries=4))
+def test_outbox_is_bounded_and_says_what_it_shed(place: Place) -> None:
+    write_minutes(place, run(), 6, WriterSettings(commit_s=0.02, summaries=4))
     found = read_outbox(place, "hall")
     assert [row["number"] for row in found.summaries] == [3, 4, 5, 6]
     assert (found.newest, found.shed) == (6, 2)
 
 
-def test_numbers_of_sites_are_their_own_and_a_minute_is_stored_once(
-    place: Place, record: Records, run: Runs
-) -> None:
-    write_minutes(place, record, run(), 2)
-    write_minutes(place, record, run("yard"), 1)
-    write_minutes(place, record, run(), 2)  # the same again
+def test_numbers_of_sites_are_their_own_and_a_minute_is_stored_once(place: Place) -> None:
+    write_minutes(place, run(), 2)
+    write_minutes(place, run("yard"), 1)
+    write_minutes(place, run(), 2)  # the same again
     assert [row["number"] for row in read_outbox(place, "hall").summaries] == [1, 2]
     assert [row["number"] for row in read_outbox(place, "yard").summaries] == [1]
     assert read_outbox(place, "hall").newest == 2
 
 
-def test_replay_makes_no_summaries(place: Place, record: Records, run: Runs) -> None:
-    write_minutes(place, record, run(), 2, QUICK)
+def test_replay_makes_no_summaries(place: Place) -> None:
+    write_minutes(place, run(), 2, QUICK)
     assert Store(place).rows("summaries") == []
 
 
-def test_summaries_outlive_their_slots(place: Place, record: Records, run: Runs) -> None:
-    write_minutes(place, record, run(started_ns=MINUTE - 1), 2)
+def test_summaries_outlive_their_slots(place: Place) -> None:
+    write_minutes(place, run(started_ns=MINUTE - 1), 2)
     keeping = WriterSettings(commit_s=0.02, summaries=1000, retention=Retention(max_age_s=30))
     later = Wall(MINUTE + 3600 * NS)
     with StoreWriter(place, run(started_ns=MINUTE), keeping, wall_ns=later) as writer:
@@ -100,17 +95,15 @@ def test_summaries_outlive_their_slots(place: Place, record: Records, run: Runs)
     assert [row["number"] for row in read_outbox(place, "hall").summaries][:2] == [1, 2]
 
 
-def test_copy_has_a_cursor_of_its_own(tmp_path: Path, record: Records, run: Runs) -> None:
-    write_minutes(tmp_path / "hall.db", record, run(), 2)
+def test_copy_has_a_cursor_of_its_own(tmp_path: Path) -> None:
+    write_minutes(tmp_path / "hall.db", run(), 2)
     copy_store(tmp_path / "hall.db", tmp_path / "copy.db", lambda *_: None)
     before, after = (read_outbox(tmp_path / f"{name}.db", "hall") for name in ("hall", "copy"))
     assert after.summaries == before.summaries and after.newest == before.newest
     assert after.begun_ns != before.begun_ns
 
 
-def test_minutes_of_programs_that_are_killed_are_as_long_as_these_ran(
-    tmp_path: Path, record: Records, run: Runs
-) -> None:
+def test_minutes_of_programs_that_are_killed_are_as_long_as_these_ran(tmp_path: Path) -> None:
     """In hours of crashes nothing is summed up twice or lost, and no time while nothing ran."""
     rng, wall, slot, lives = np.random.default_rng(4), Wall(MINUTE), count(), 15
     path, ran_s = tmp_path / "hall.db", 0
@@ -138,9 +131,7 @@ def test_minutes_of_programs_that_are_killed_are_as_long_as_these_ran(
     assert ran_s - 2 * lives < span_s.sum() <= ran_s
 
 
-def test_part_of_a_minute_that_a_killed_writer_left_is_summed_up_once(
-    tmp_path: Path, record: Records, run: Runs
-) -> None:
+def test_part_of_a_minute_that_a_killed_writer_left_is_summed_up_once(tmp_path: Path) -> None:
     path, wall = tmp_path / "hall.db", Wall(MINUTE)
     for begin, end in ((0, 20), (30, 50), (52, 55), (130, 140)):
         wall.now_ns = MINUTE + begin * NS
@@ -159,7 +150,7 @@ def test_part_of_a_minute_that_a_killed_writer_left_is_summed_up_once(
 
 
 def test_full_disk_delays_summaries_and_loses_none(
-    tmp_path: Path, record: Records, run: Runs, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path, wall, full = tmp_path / "hall.db", Wall(MINUTE), [False]
     limit_connections(monkeypatch, lambda: f"max_page_count = {40 if full[0] else 1_000_000}")
@@ -184,10 +175,10 @@ def test_full_disk_delays_summaries_and_loses_none(
 
 
 def test_query_shows_and_writes_summaries(
-    tmp_path: Path, record: Records, run: Runs, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "hall.db"
-    write_minutes(path, record, run(), 2)
+    write_minutes(path, run(), 2)
     assert run_verb("query", path, "--what", "summaries") == 0
     assert "slots" in capsys.readouterr().out
     written = tmp_path / "minutes.json"
@@ -197,9 +188,9 @@ def test_query_shows_and_writes_summaries(
     assert json.loads(rows[0]["faults"]) == [f"camera-lost {c}" for c in sorted(run().cameras)]
 
 
-def test_damaged_summary_is_named(tmp_path: Path, record: Records, run: Runs) -> None:
+def test_damaged_summary_is_named(tmp_path: Path) -> None:
     path = tmp_path / "hall.db"
-    write_minutes(path, record, run(), 1)
+    write_minutes(path, run(), 1)
     with writing_engine(database_url(path)).begin() as connection:
         connection.execute(text("UPDATE summaries SET zones = 'not JSON'"))
     with pytest.raises(Exception, match=r"summaries: number 1: zones is no JSON"):

@@ -9,7 +9,7 @@ import pytest
 from sqlalchemy import text
 from tests.cases import each_case
 from tests.cli.commands import run as verb
-from tests.store.writers import Records, Runs
+from tests.store.conftest import record, run
 
 from e3pose.base.errors import InputError
 from e3pose.model.zone_event import ZoneEvent
@@ -35,7 +35,7 @@ STARTED_NS = 1_795_000_000_000_000_000
 PERSON, OTHER = 10, 11
 
 
-def write(place: Place, run: Runs, record: Records) -> None:
+def write(place: Place) -> None:
     """Store a run of two people, with an event and a zone event of each."""
     with StoreWriter(place, run()) as writer:
         for slot in range(SLOTS):
@@ -48,8 +48,8 @@ def write(place: Place, run: Runs, record: Records) -> None:
 
 
 @pytest.fixture
-def stored(place: Place, run: Runs, record: Records) -> Place:
-    write(place, run, record)
+def stored(place: Place) -> Place:
+    write(place)
     return place
 
 
@@ -99,7 +99,7 @@ def test_names_of_the_running_run_are_found_by_its_start(stored: Place) -> None:
     assert names_of(stored, "elsewhere", STARTED_NS) == (None, {})
 
 
-def test_name_stays_while_the_track_goes_on(stored: Place, run: Runs, record: Records) -> None:
+def test_name_stays_while_the_track_goes_on(stored: Place) -> None:
     set_name(stored, ((1, PERSON),), "Ada")
     with StoreWriter(stored, run()) as writer:  # the edge started again, in the same run
         writer.append(record(SLOTS), time_ns=STARTED_NS + SLOTS * 40_000_000, wait=True)
@@ -133,10 +133,10 @@ def test_who_is_forgotten_is_gone_and_the_others_are_not(stored: Place) -> None:
 
 @each_case("form", ["csv", "json", "parquet"])
 def test_no_byte_of_who_is_forgotten_is_left(
-    tmp_path: Path, run: Runs, record: Records, form: str, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, form: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     store, copy, export = tmp_path / "hall.db", tmp_path / "copy.db", tmp_path / f"poses.{form}"
-    write(store, run, record)
+    write(store)
     set_name(store, ((1, PERSON),), "Ada Lovelace")
     poses = Store(store).query(track=PERSON).people.joints_m.astype("<f4")
     assert verb("store", "copy", store, copy) == 0
@@ -162,11 +162,9 @@ def test_no_byte_of_who_is_forgotten_is_left(
     assert "Nothing of run 1 track 10" in capsys.readouterr().out
 
 
-def test_somebody_is_forgotten_while_a_writer_writes(
-    tmp_path: Path, run: Runs, record: Records
-) -> None:
+def test_somebody_is_forgotten_while_a_writer_writes(tmp_path: Path) -> None:
     store = tmp_path / "hall.db"
-    write(store, run, record)
+    write(store)
     with StoreWriter(store, run(started_ns=STARTED_NS + 10**12)) as writer:
         written = 0
         while written < 20:
@@ -181,9 +179,9 @@ def test_somebody_is_forgotten_while_a_writer_writes(
     assert not any(kept_of(store, ((1, PERSON),)).values())
 
 
-def test_other_files_are_refused(tmp_path: Path, run: Runs, record: Records) -> None:
+def test_other_files_are_refused(tmp_path: Path) -> None:
     store, other = tmp_path / "hall.db", tmp_path / "walk.c3d"
-    write(store, run, record)
+    write(store)
     other.write_bytes(b"C3D")
     (tmp_path / "odd.csv").write_text("a,b\n1,2\n")
     assert verb("people", "forget", store, "10", "--also", other) == 2
@@ -191,11 +189,9 @@ def test_other_files_are_refused(tmp_path: Path, run: Runs, record: Records) -> 
     assert kept_of(store, ((1, PERSON),))["poses"] == SLOTS, "nothing was removed"
 
 
-def test_verbs_name_people_of_a_site(
-    tmp_path: Path, run: Runs, record: Records, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_verbs_name_people_of_a_site(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     store = tmp_path / "hall.db"
-    write(store, run, record)
+    write(store)
     assert verb("people", "name", store, "10", "Ada") == 0
     assert verb("people", "merge", store, "11", "Bob") == 2, "nobody has that name"
     assert verb("people", "list", store) == 0

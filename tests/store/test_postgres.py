@@ -8,7 +8,8 @@ import pytest
 from sqlalchemy import text
 from tests.cases import each_case
 from tests.postgres import Server
-from tests.store.writers import QUICK, Records, Runs, stored_slots, wait_for
+from tests.store.conftest import record, run
+from tests.store.writers import QUICK, stored_slots, wait_for
 
 from e3pose.base.errors import InputError
 from e3pose.store import Event, Retention, Store, StoreWriter, WriterSettings, schema
@@ -22,9 +23,7 @@ def url(postgres: Server) -> str:
     return postgres.new_store()
 
 
-def test_refusal_of_the_server_is_not_held_against_the_rows(
-    url: str, record: Records, run: Runs
-) -> None:
+def test_refusal_of_the_server_is_not_held_against_the_rows(url: str) -> None:
     """A right that was taken away is trouble that ends, as a full disk is."""
     events: list[Event] = []
     with StoreWriter(url, run(), QUICK, report=events.append) as writer:
@@ -46,9 +45,7 @@ def test_refusal_of_the_server_is_not_held_against_the_rows(
     assert [e.kind for e in events] == ["store-trouble", "store-recovered"]
 
 
-def test_row_that_the_server_cannot_hold_is_refused_alone(
-    url: str, record: Records, run: Runs
-) -> None:
+def test_row_that_the_server_cannot_hold_is_refused_alone(url: str) -> None:
     with StoreWriter(url, run(), QUICK) as writer:
         writer.append(record(0))
         writer.event(Event(5, "said", "nul \0 is no text for PostgreSQL"))
@@ -61,7 +58,7 @@ def test_row_that_the_server_cannot_hold_is_refused_alone(
     assert "store-refused" in kinds and "said" not in kinds
 
 
-def test_writers_that_begin_together_make_one_store(url: str, record: Records, run: Runs) -> None:
+def test_writers_that_begin_together_make_one_store(url: str) -> None:
     def write(site: str) -> None:
         with StoreWriter(url, run(site), QUICK) as writer:
             for slot in range(20):
@@ -80,7 +77,7 @@ def test_writers_that_begin_together_make_one_store(url: str, record: Records, r
         ]
 
 
-def test_tables_may_be_partitioned_by_time(url: str, record: Records, run: Runs) -> None:
+def test_tables_may_be_partitioned_by_time(url: str) -> None:
     """As TimescaleDB does: what partitions by the time wants it in every unique key."""
     with StoreWriter(url, run()):
         pass
@@ -98,7 +95,7 @@ def test_tables_may_be_partitioned_by_time(url: str, record: Records, run: Runs)
     assert len(Store(url).query("0.4", "0.8")) == 2 * 11
 
 
-def test_reader_cannot_write_and_sees_one_state(url: str, record: Records, run: Runs) -> None:
+def test_reader_cannot_write_and_sees_one_state(url: str) -> None:
     with StoreWriter(url, run(), QUICK) as writer:
         writer.append(record(0))
         assert writer.flush()
@@ -122,7 +119,7 @@ def test_reader_cannot_write_and_sees_one_state(url: str, record: Records, run: 
         f"postgres://me:{SECRET}@/lab?host=/nowhere",
     ],
 )
-def test_password_is_in_no_message(with_password: str, run: Runs) -> None:
+def test_password_is_in_no_message(with_password: str) -> None:
     events: list[Event] = []
     said = []
     try:
@@ -152,7 +149,7 @@ def test_other_kinds_of_database_are_refused() -> None:
         Store(f"mysql://me:{SECRET}@here/lab").query()
 
 
-def test_size_of_a_server_is_not_ours_to_keep(url: str, run: Runs) -> None:
+def test_size_of_a_server_is_not_ours_to_keep(url: str) -> None:
     settings = WriterSettings(retention=Retention(max_bytes=10**9))
     with pytest.raises(InputError, match="max_size: found with a database server"):
         StoreWriter(url, run(), settings)

@@ -6,15 +6,15 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from tests.store.conftest import record, run
 
 from e3pose.base.private import append_to, make_file, make_folder
 from e3pose.energy.meters.charge_file import save_charge
-from e3pose.pipeline import SlotRecord
-from e3pose.store import Run, StoreWriter, WriterSettings
+from e3pose.store import StoreWriter, WriterSettings
 from e3pose.store.export import write_tables
 
 
@@ -37,9 +37,7 @@ def expected(place: Path) -> int:
     return 0o640 if place.stat().st_mode & 0o2000 else 0o600
 
 
-def test_store_and_its_log_and_exports_are_private(
-    place: Path, record: Callable[..., SlotRecord], run: Callable[..., Run]
-) -> None:
+def test_store_and_its_log_and_exports_are_private(place: Path) -> None:
     path = place / "live.db"
     with StoreWriter(path, run(), WriterSettings(commit_s=0.02)) as writer:
         writer.append(record(1))
@@ -71,9 +69,7 @@ def test_what_somebody_set_stays(place: Path) -> None:
     assert place.stat().st_mode & 0o777 == 0o755
 
 
-def test_standard_output_is_written_to_and_not_replaced(
-    tmp_path: Path, record: Callable[..., SlotRecord], run: Callable[..., Run]
-) -> None:
+def test_standard_output_is_written_to_and_not_replaced(tmp_path: Path) -> None:
     with StoreWriter(tmp_path / "live.db", run(), WriterSettings(commit_s=0.02)) as writer:
         writer.append(record(1))
         assert writer.flush()

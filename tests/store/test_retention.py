@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,10 +9,10 @@ import numpy as np
 import pytest
 from tests.cases import each_case
 from tests.manual_clock import ManualClock
+from tests.store.conftest import record, run
 
 from e3pose.base.errors import InputError
 from e3pose.base.quantities import age_s, size_bytes
-from e3pose.pipeline import SlotRecord
 from e3pose.store import (
     EnergyReading,
     Event,
@@ -27,21 +26,19 @@ from e3pose.store.delivery import Delivery
 from e3pose.store.retention import BATCH_SLOTS
 from e3pose.store.rows import Row, slot_rows
 
-Records = Callable[..., SlotRecord]
-Runs = Callable[..., Run]
 STARTED_NS = 1_795_000_000_000_000_000
 NS = 10**9
 
 
-def fill(path: Path, run: Run, record: Records, slots: range) -> None:
+def fill(path: Path, run: Run, slots: range) -> None:
     with StoreWriter(path, run, WriterSettings(commit_s=0.02)) as writer:
         for slot in slots:
             writer.append(record(slot), wait=True)
 
 
-def test_old_slots_go_and_newer_ones_stay(tmp_path: Path, record: Records, run: Runs) -> None:
+def test_old_slots_go_and_newer_ones_stay(tmp_path: Path) -> None:
     path = tmp_path / "live.db"
-    fill(path, run(), record, range(1000))
+    fill(path, run(), range(1000))
     with StoreWriter(path, run()) as writer:
         for second in (1, 39):
             writer.event(Event(STARTED_NS + second * NS, "said", str(second)))
@@ -62,9 +59,9 @@ def test_old_slots_go_and_newer_ones_stay(tmp_path: Path, record: Records, run: 
     assert len(Store(path).rows("energy")) == 1
 
 
-def test_newest_slot_stays_however_old(tmp_path: Path, record: Records, run: Runs) -> None:
+def test_newest_slot_stays_however_old(tmp_path: Path) -> None:
     path = tmp_path / "live.db"
-    fill(path, run(), record, range(5))
+    fill(path, run(), range(5))
     delivery = Delivery(f"sqlite:///{path}")
     for _ in range(3):
         delivery.trim(Retention(max_age_s=1.0), STARTED_NS + 10**6 * NS)
@@ -73,13 +70,11 @@ def test_newest_slot_stays_however_old(tmp_path: Path, record: Records, run: Run
     assert len(Store(path).runs()) == 1
 
 
-def test_runs_and_tracks_of_which_nothing_is_left_go(
-    tmp_path: Path, record: Records, run: Runs
-) -> None:
+def test_runs_and_tracks_of_which_nothing_is_left_go(tmp_path: Path) -> None:
     path = tmp_path / "live.db"
-    fill(path, run(), record, range(50))
+    fill(path, run(), range(50))
     later = run("hall", STARTED_NS + 1000 * NS)
-    fill(path, later, record, range(50))
+    fill(path, later, range(50))
     delivery = Delivery(f"sqlite:///{path}")
     for _ in range(3):
         delivery.trim(Retention(max_age_s=500.0), STARTED_NS + 1001 * NS)
@@ -90,9 +85,7 @@ def test_runs_and_tracks_of_which_nothing_is_left_go(
     assert len(Store(path).rows("slots")) == 50
 
 
-def test_tracks_are_those_of_the_slots_that_are_kept(
-    tmp_path: Path, record: Records, run: Runs
-) -> None:
+def test_tracks_are_those_of_the_slots_that_are_kept(tmp_path: Path) -> None:
     """For half an hour somebody comes and somebody goes in each slot."""
     path, kept_s, clock = tmp_path / "live.db", 300, ManualClock(STARTED_NS)
     delivery, keep = Delivery(f"sqlite:///{path}"), Retention(max_age_s=kept_s)
@@ -116,9 +109,7 @@ def test_tracks_are_those_of_the_slots_that_are_kept(
     delivery.close()
 
 
-def test_file_gives_back_the_room_of_what_is_no_longer_kept(
-    tmp_path: Path, record: Records, run: Runs
-) -> None:
+def test_file_gives_back_the_room_of_what_is_no_longer_kept(tmp_path: Path) -> None:
     """Whoever keeps an hour in place of a year gets the disk back, a little with each commit."""
     path = tmp_path / "live.db"
     delivery = Delivery(f"sqlite:///{path}")
@@ -141,7 +132,7 @@ def test_file_gives_back_the_room_of_what_is_no_longer_kept(
     assert sizes[-1] == sizes[-10] > spare / 2
 
 
-def test_size_is_kept_by_a_running_writer(tmp_path: Path, record: Records, run: Runs) -> None:
+def test_size_is_kept_by_a_running_writer(tmp_path: Path) -> None:
     path = tmp_path / "live.db"
     settings = WriterSettings(commit_s=0.01, commit_slots=64, retention=Retention(max_bytes=10**6))
     with StoreWriter(path, run(), settings) as writer:

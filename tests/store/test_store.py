@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Callable
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
 
@@ -14,17 +13,14 @@ from sqlalchemy import update
 from tests.cases import each_case
 from tests.cli.commands import refused
 from tests.cli.commands import run as run_cli
-from tests.store.conftest import KINDS, make_record, make_run, new_place
+from tests.store.conftest import KINDS, new_place, record, run
 
 from e3pose.base.errors import InputError
 from e3pose.model.skeleton import COCO17
 from e3pose.model.zone_event import ZoneEvent
-from e3pose.pipeline import SlotRecord
 from e3pose.store import EnergyReading, Event, Run, Store, StoreWriter, schema
 from e3pose.store.database import database_url, writing_engine
 
-Records = Callable[..., SlotRecord]
-Runs = Callable[..., Run]
 STARTED_NS = 1_795_000_000_000_000_000
 NUM_SLOTS = 100
 Place = Path | str
@@ -46,10 +42,10 @@ def filled_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def fill(place: Place) -> Place:
     """Store four seconds of two people, an event, a meter's reading and somebody in a zone."""
-    with StoreWriter(place, make_run()) as writer:
+    with StoreWriter(place, run()) as writer:
         for slot in range(NUM_SLOTS):
             spent_j = np.array([0.5, 0.25, 0.125]) * slot
-            assert writer.append(make_record(slot), energy_j=spent_j, wait=True)
+            assert writer.append(record(slot), energy_j=spent_j, wait=True)
         writer.event(Event(STARTED_NS + 10**9, "camera-lost", "silent for 2 s", "east"))
         writer.energy(EnergyReading(STARTED_NS + 2 * 10**9, "north", 7.5, 1.5, "measured", 0.75))
         writer.zone(ZoneEvent("leave", "door", 11, 2, 1.5, 60, STARTED_NS + 24 * 10**8))
@@ -60,7 +56,7 @@ def fill(place: Place) -> Place:
     return place
 
 
-def test_everything_comes_back(filled: Place, record: Records) -> None:
+def test_everything_comes_back(filled: Place) -> None:
     found = Store(filled).query()
     assert len(found) == NUM_SLOTS * 2
     assert found.joints == COCO17.joints
@@ -139,7 +135,7 @@ def test_datetimes_are_understood(filled: Place) -> None:
     assert np.unique(found.slots).tolist() == [25, 26]
 
 
-def test_sites_and_runs_are_kept_apart(place: Place, record: Records, run: Runs) -> None:
+def test_sites_and_runs_are_kept_apart(place: Place) -> None:
     with StoreWriter(place, run("hall")) as hall, StoreWriter(place, run("yard")) as yard:
         for slot in range(10):
             hall.append(record(slot, num_persons=1))
@@ -157,7 +153,7 @@ def test_sites_and_runs_are_kept_apart(place: Place, record: Records, run: Runs)
         store.query(site="attic")
 
 
-def test_a_restarted_program_goes_on_in_its_run(place: Place, record: Records, run: Runs) -> None:
+def test_a_restarted_program_goes_on_in_its_run(place: Place) -> None:
     for slots in (range(0, 20), range(15, 40)):
         with StoreWriter(place, run()) as writer:
             for slot in slots:
@@ -169,7 +165,7 @@ def test_a_restarted_program_goes_on_in_its_run(place: Place, record: Records, r
     assert (track["first_slot"], track["last_slot"]) == (0, 39)
 
 
-def test_different_skeletons_are_named(place: Place, record: Records, run: Runs) -> None:
+def test_different_skeletons_are_named(place: Place) -> None:
     with StoreWriter(place, run()) as writer:
         writer.append(record(0))
     other = Run("hall", "b", 5, 0.04, "two", ("nose", "tail"), ("c",))
@@ -182,7 +178,7 @@ def test_different_skeletons_are_named(place: Place, record: Records, run: Runs)
         Store(place).query(joint="left_knee")
 
 
-def test_sigma_is_that_of_the_records_covariance(place: Place, record: Records, run: Runs) -> None:
+def test_sigma_is_that_of_the_records_covariance(place: Place) -> None:
     with StoreWriter(place, run()) as writer:
         writer.append(record(0))
     sigma_m = Store(place).query().people.sigma_m
@@ -200,9 +196,7 @@ def test_blob_of_wrong_size_is_named(place: Place, column: str) -> None:
     assert len(Store(filled).query("1", "2")) == 52, "other times are still read"
 
 
-def test_record_that_does_not_fit_is_refused_and_reported(
-    place: Place, record: Records, run: Runs
-) -> None:
+def test_record_that_does_not_fit_is_refused_and_reported(place: Place) -> None:
     events: list[Event] = []
     with StoreWriter(place, run(), report=events.append) as writer:
         writer.append(record(0), energy_j=np.zeros(7))

@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 from sqlalchemy import text
 from tests.cases import each_case
-from tests.store.writers import QUICK, Records, Runs, limit_connections, stored_slots, wait_for
+from tests.store.conftest import record, run
+from tests.store.writers import QUICK, limit_connections, stored_slots, wait_for
 
 from e3pose.base.errors import InputError
 from e3pose.store import Event, Store, StoreWriter, WriterSettings
@@ -23,7 +24,7 @@ from e3pose.store.integrity import IntegrityWatch, problem_of
 pytestmark = pytest.mark.slow
 
 
-def test_somebody_elses_database_is_refused(place: Path | str, tmp_path: Path, run: Runs) -> None:
+def test_somebody_elses_database_is_refused(place: Path | str, tmp_path: Path) -> None:
     with writing_engine(database_url(place)).begin() as connection:
         connection.execute(text("CREATE TABLE photos (name TEXT)"))
     for use in (lambda: StoreWriter(place, run()), lambda: Store(place).query()):
@@ -41,9 +42,7 @@ def test_somebody_elses_database_is_refused(place: Path | str, tmp_path: Path, r
 
 
 @pytest.mark.parametrize("place", ["head", "middle"])
-def test_damaged_database_is_set_aside_and_kept(
-    tmp_path: Path, record: Records, run: Runs, place: str
-) -> None:
+def test_damaged_database_is_set_aside_and_kept(tmp_path: Path, place: str) -> None:
     path = tmp_path / "live.db"
     with StoreWriter(path, run(), QUICK) as writer:
         for slot in range(300):
@@ -68,7 +67,7 @@ def test_damaged_database_is_set_aside_and_kept(
 
 
 def test_damage_while_running_starts_a_new_database(
-    tmp_path: Path, record: Records, run: Runs, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     limit_connections(monkeypatch, lambda: "cache_size = 5")  # so that pages are read again
     path, checked = tmp_path / "live.db", list[str]()
@@ -131,7 +130,7 @@ def put_in_its_place(path: Path) -> None:
     [(scribble, 0.1), (cut_off, 1000.0), (write_over, 1000.0), (put_in_its_place, 1000.0)],
 )
 def test_damage_that_no_commit_meets_is_found(
-    tmp_path: Path, record: Records, run: Runs, harm: Callable[[Path], None], check_s: float
+    tmp_path: Path, harm: Callable[[Path], None], check_s: float
 ) -> None:
     path = tmp_path / "live.db"
     reported: list[Event] = []
@@ -162,9 +161,7 @@ def test_damage_that_no_commit_meets_is_found(
     assert problem_of(aside) and not problem_of(path)
 
 
-def test_damage_is_not_held_against_the_file_that_took_its_place(
-    tmp_path: Path, record: Records, run: Runs
-) -> None:
+def test_damage_is_not_held_against_the_file_that_took_its_place(tmp_path: Path) -> None:
     path = tmp_path / "live.db"
     path.write_bytes(b"dear all, " * 1000)
     for replaced in (False, True):
@@ -179,7 +176,7 @@ def test_damage_is_not_held_against_the_file_that_took_its_place(
         assert watch.check() == ("" if replaced else "file is not a database")
 
 
-def test_check_of_a_file_ends_in_time(tmp_path: Path, record: Records, run: Runs) -> None:
+def test_check_of_a_file_ends_in_time(tmp_path: Path) -> None:
     path = tmp_path / "live.db"
     with StoreWriter(path, run()) as writer:
         writer.append(record(0))
@@ -189,7 +186,7 @@ def test_check_of_a_file_ends_in_time(tmp_path: Path, record: Records, run: Runs
     assert problem_of(tmp_path / "nothing.db") == ""
 
 
-def test_file_that_is_moved_away_is_begun_again(tmp_path: Path, record: Records, run: Runs) -> None:
+def test_file_that_is_moved_away_is_begun_again(tmp_path: Path) -> None:
     path = tmp_path / "live.db"
     with StoreWriter(path, run(), QUICK) as writer:
         writer.append(record(0))
@@ -204,9 +201,7 @@ def test_file_that_is_moved_away_is_begun_again(tmp_path: Path, record: Records,
     assert stored_slots(tmp_path / "old.db")[0] == 0
 
 
-def test_reader_sees_only_whole_slots_while_writing(
-    tmp_path: Path, record: Records, run: Runs
-) -> None:
+def test_reader_sees_only_whole_slots_while_writing(tmp_path: Path) -> None:
     path = tmp_path / "live.db"
     with StoreWriter(path, run(), QUICK) as writer:
         writer.append(record(0))
@@ -220,9 +215,7 @@ def test_reader_sees_only_whole_slots_while_writing(
                 assert slots.tolist() == list(range(len(slots)))
 
 
-def test_a_folder_that_cannot_be_written_is_still_read(
-    tmp_path: Path, record: Records, run: Runs
-) -> None:
+def test_a_folder_that_cannot_be_written_is_still_read(tmp_path: Path) -> None:
     if os.geteuid() == 0:
         pytest.skip("root may write everywhere")
     folder = tmp_path / "archive"

@@ -16,7 +16,8 @@ from pathlib import Path
 
 import pytest
 from tests.cases import each_case
-from tests.store.writers import QUICK, Records, Runs, limit_connections, stored_slots, wait_for
+from tests.store.conftest import record, run
+from tests.store.writers import QUICK, limit_connections, stored_slots, wait_for
 
 from e3pose.base.errors import InputError
 from e3pose.store import Event, Run, Store, StoreWriter, WriterSettings
@@ -28,12 +29,12 @@ pytestmark = pytest.mark.slow
 CHILD = """
 import sys
 sys.path.insert(0, {tests!r})
-from conftest import make_record, make_run
+from conftest import record, run
 from e3pose.store import StoreWriter, WriterSettings
-writer = StoreWriter({path!r}, make_run(), WriterSettings(commit_s=0.05))
+writer = StoreWriter({path!r}, run(), WriterSettings(commit_s=0.05))
 said = -1
 for slot in range(10**9):
-    writer.append(make_record(slot), wait=True)
+    writer.append(record(slot), wait=True)
     newest = writer.status().acknowledged_slot
     if newest > said:
         said = newest
@@ -87,9 +88,7 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
     subprocess.run(["umount", str(place)], check=True)
 
 
-def test_full_disk_goes_to_the_spool_and_comes_back(
-    small_disk: Path, record: Records, run: Runs
-) -> None:
+def test_full_disk_goes_to_the_spool_and_comes_back(small_disk: Path) -> None:
     events: list[Event] = []
     path = small_disk / "live.db"
     with StoreWriter(path, run(), QUICK, report=events.append) as writer:
@@ -141,9 +140,7 @@ def page_limit(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     return pages
 
 
-def test_spool_is_bounded_and_keeps_the_newest(
-    tmp_path: Path, record: Records, run: Runs, page_limit: list[int]
-) -> None:
+def test_spool_is_bounded_and_keeps_the_newest(tmp_path: Path, page_limit: list[int]) -> None:
     path = tmp_path / "live.db"
     with StoreWriter(path, run(), QUICK):
         pass
@@ -169,7 +166,7 @@ def test_spool_is_bounded_and_keeps_the_newest(
 
 
 def test_spool_of_a_killed_process_is_delivered_at_the_next_start(
-    tmp_path: Path, record: Records, run: Runs, page_limit: list[int]
+    tmp_path: Path, page_limit: list[int]
 ) -> None:
     path = tmp_path / "live.db"
     page_limit[0] = 1
@@ -203,7 +200,7 @@ def locked(path: Path) -> Iterator[None]:
         other.execute("ROLLBACK")
 
 
-def test_lock_of_another_is_waited_out(tmp_path: Path, record: Records, run: Runs) -> None:
+def test_lock_of_another_is_waited_out(tmp_path: Path) -> None:
     path = tmp_path / "live.db"
     with StoreWriter(path, run(), QUICK) as writer:
         writer.append(record(0))
@@ -217,7 +214,7 @@ def test_lock_of_another_is_waited_out(tmp_path: Path, record: Records, run: Run
     assert stored_slots(path) == list(range(100))
 
 
-def test_flood_of_events_leaves_room_for_slots(tmp_path: Path, record: Records, run: Runs) -> None:
+def test_flood_of_events_leaves_room_for_slots(tmp_path: Path) -> None:
     path = tmp_path / "live.db"
     settings = WriterSettings(commit_s=0.02, queue_slots=100)
     with StoreWriter(path, run(), settings) as writer:
@@ -230,7 +227,7 @@ def test_flood_of_events_leaves_room_for_slots(tmp_path: Path, record: Records, 
     assert stored_slots(path) == list(range(40))
 
 
-def test_full_queue_sheds_and_says_so(tmp_path: Path, record: Records, run: Runs) -> None:
+def test_full_queue_sheds_and_says_so(tmp_path: Path) -> None:
     path = tmp_path / "live.db"
     events: list[Event] = []
     settings = WriterSettings(commit_s=0.02, queue_slots=10)
@@ -249,7 +246,7 @@ def test_full_queue_sheds_and_says_so(tmp_path: Path, record: Records, run: Runs
 ROWS: list[Row] = [("events", {"number": number}) for number in range(30)]
 
 
-def test_spool_gives_back_what_it_was_given_in_order(tmp_path: Path, run: Runs) -> None:
+def test_spool_gives_back_what_it_was_given_in_order(tmp_path: Path) -> None:
     for path in (tmp_path / "live.db.spool-1", None):
         spool = Spool(run(), path, 20_000)
         given = []
@@ -267,9 +264,7 @@ def test_spool_gives_back_what_it_was_given_in_order(tmp_path: Path, run: Runs) 
 
 
 @each_case("place", range(115_600, 117_400, 97))
-def test_damage_of_a_spool_costs_the_rows_that_it_hits_alone(
-    tmp_path: Path, run: Runs, place: int
-) -> None:
+def test_damage_of_a_spool_costs_the_rows_that_it_hits_alone(tmp_path: Path, place: int) -> None:
     path = tmp_path / "live.db.spool-1"
     spool = Spool(run(), path, 100_000)
     for row in ROWS * 3:
@@ -295,7 +290,7 @@ def test_a_spool_with_a_deeply_nested_head_is_refused(tmp_path: Path) -> None:
 
 
 @each_case("kept", [0, 10, 30, 60_000, 66_000, 115_600, 120_000])
-def test_spool_that_was_cut_off_is_read_up_to_there(tmp_path: Path, run: Runs, kept: int) -> None:
+def test_spool_that_was_cut_off_is_read_up_to_there(tmp_path: Path, kept: int) -> None:
     path = tmp_path / "live.db.spool-1"
     spool = Spool(run(), path, 100_000)
     for _ in range(80):
@@ -313,9 +308,7 @@ def test_spool_that_was_cut_off_is_read_up_to_there(tmp_path: Path, run: Runs, k
     assert all(rows == ROWS for rows in found if rows is not None)
 
 
-def test_damaged_spool_is_kept_and_what_can_be_read_is_stored(
-    tmp_path: Path, record: Records, run: Runs
-) -> None:
+def test_damaged_spool_is_kept_and_what_can_be_read_is_stored(tmp_path: Path) -> None:
     path = tmp_path / "live.db"
     spool = Spool(run("yard"), tmp_path / "live.db.spool-1", 1_000_000)
     for slot in range(20):
@@ -336,7 +329,7 @@ def test_damaged_spool_is_kept_and_what_can_be_read_is_stored(
 
 
 def test_disk_of_the_spool_that_fails_leaves_memory(
-    tmp_path: Path, run: Runs, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "live.db.spool-1"
     spool = Spool(run(), path, 100_000)
@@ -354,9 +347,7 @@ def test_disk_of_the_spool_that_fails_leaves_memory(
     assert path.exists(), "for the next start"
 
 
-def test_disk_that_turns_read_only_goes_to_memory_and_comes_back(
-    small_disk: Path, record: Records, run: Runs
-) -> None:
+def test_disk_that_turns_read_only_goes_to_memory_and_comes_back(small_disk: Path) -> None:
     events: list[Event] = []
     path = small_disk / "live.db"
     with StoreWriter(path, run(), QUICK, report=events.append) as writer:

@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.store.conftest import CAMERAS, STARTED_NS
-from tests.store.writers import Records
+from tests.store.conftest import CAMERAS, STARTED_NS, record
 
 from e3pose.model.zone_event import ZoneEvent
 from e3pose.store.rows import (
@@ -31,7 +30,7 @@ def minutes(now_ns: int = MINUTE - 1) -> Minutes:
     return Minutes("e3pose 1.0", CAMERAS, now_ns)
 
 
-def of_slots(record: Records, first: int, last: int, people: int = 2) -> list[Row]:
+def of_slots(first: int, last: int, people: int = 2) -> list[Row]:
     """Return the rows of slots at 25 per second from the whole minute on."""
     return [
         row
@@ -44,10 +43,10 @@ def closed(summed: Minutes, now_ns: int, **options: bool) -> list[dict[str, Any]
     return [row for table, row in summed.closed(now_ns, **options) if table == "summaries"]
 
 
-def test_minute_has_what_its_slots_had(record: Records) -> None:
+def test_minute_has_what_its_slots_had() -> None:
     summed = minutes()
     for first in range(0, 1500, 12):  # as commits bring them
-        summed.take(of_slots(record, first, first + 12, people=2 if first < 744 else 4))
+        summed.take(of_slots(first, first + 12, people=2 if first < 744 else 4))
     assert closed(summed, MINUTE + 64 * NS) == [], "late rows may come"
     (found,) = closed(summed, MINUTE + 65 * NS)
     assert (found["time_ns"], found["span_s"], found["slots"]) == (MINUTE, 60.0, 1500)
@@ -60,9 +59,9 @@ def test_minute_has_what_its_slots_had(record: Records) -> None:
     assert (found["software"], found["version"]) == ("e3pose 1.0", 1)
 
 
-def test_counts_by_cause_kind_and_camera(record: Records) -> None:
+def test_counts_by_cause_kind_and_camera() -> None:
     summed = minutes()
-    rows = of_slots(record, 0, 3)
+    rows = of_slots(0, 3)
     rows[0][1]["blind"] = rows[3][1]["blind"] = "views-late"
     events = (
         Event(MINUTE + 1, "fall", "fell", track_id=3, phase="begun"),
@@ -87,26 +86,24 @@ def test_counts_by_cause_kind_and_camera(record: Records) -> None:
     assert json.loads(found["charge"]) == {"north": 0.25}
 
 
-def test_charge_tells_what_an_hour_drains_of_a_battery_for_a_month(record: Records) -> None:
+def test_charge_tells_what_an_hour_drains_of_a_battery_for_a_month() -> None:
     charges = []
     for share in (0.5, 0.5 - 1 / (30 * 24)):
         summed = minutes()
         reading = EnergyReading(MINUTE + 1, "north", 2.0, 1.0, "measured: VDD_IN", share)
-        summed.take([*of_slots(record, 0, 1), energy_row(reading)])
+        summed.take([*of_slots(0, 1), energy_row(reading)])
         charges.append(json.loads(closed(summed, MINUTE + 65 * NS)[-1]["charge"])["north"])
     assert charges[1] / (charges[0] - charges[1]) == pytest.approx(0.5 * 30 * 24 - 1, rel=0.01)
 
 
-def test_time_in_zones_is_that_of_everybody_in_them_and_ends_with_what_is_known(
-    record: Records,
-) -> None:
+def test_time_in_zones_is_that_of_everybody_in_them_and_ends_with_what_is_known() -> None:
     summed = minutes()
 
     def zone(kind: Any, seconds: float, count: int) -> Row:
         return zone_row(ZoneEvent(kind, "door", 1, count, 0.0, 0, MINUTE + round(seconds * NS)))
 
     summed.take([zone("enter", 30, 1), zone("enter", 50, 2)])
-    summed.take(of_slots(record, 0, 1750))  # 70 s
+    summed.take(of_slots(0, 1750))  # 70 s
     summed.take([zone("leave", 70, 1)])
     first = closed(summed, MINUTE + 66 * NS)[-1]
     assert json.loads(first["zones"]) == {"door": pytest.approx((20 + 2 * 10) / 60, abs=1e-4)}
@@ -143,24 +140,24 @@ def test_faults_stand_until_they_end() -> None:
     assert json.loads(closed(summed, MINUTE + 125 * NS)[-1]["faults"]) == ["store-full"][:0]
 
 
-def test_rows_of_a_closed_minute_make_a_summary_of_their_own(record: Records) -> None:
+def test_rows_of_a_closed_minute_make_a_summary_of_their_own() -> None:
     summed = minutes()
-    summed.take(of_slots(record, 0, 100))
+    summed.take(of_slots(0, 100))
     whole = closed(summed, MINUTE + 65 * NS)[-1]
-    summed.take(of_slots(record, 100, 110))  # a clock that stepped back
+    summed.take(of_slots(100, 110))  # a clock that stepped back
     late = [row for row in closed(summed, MINUTE + 66 * NS) if row["slots"]]
     assert [row["slots"] for row in (whole, *late)] == [100, 10]
     assert late[0]["time_ns"] == MINUTE + 100 * 40_000_000 > whole["time_ns"]
 
 
-def test_ending_closes_the_present_minute_and_a_beginning_is_none_before(record: Records) -> None:
+def test_ending_closes_the_present_minute_and_a_beginning_is_none_before() -> None:
     summed = minutes(MINUTE + 10 * NS)
-    summed.take(of_slots(record, 250, 500))
+    summed.take(of_slots(250, 500))
     (found,) = closed(summed, MINUTE + 20 * NS, ending=True)
     assert (found["time_ns"], found["span_s"]) == (MINUTE + 10 * NS, 10.0)
 
 
-def test_minute_without_slots_is_told(record: Records) -> None:
+def test_minute_without_slots_is_told() -> None:
     summed = minutes()
     summed.closed(MINUTE + NS)
     found = closed(summed, MINUTE + 65 * NS)[-1]

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from sqlalchemy import inspect, text, update
 from tests.cli.commands import refused
-from tests.store.writers import Records, Runs
+from tests.store.conftest import record, run
 
 from e3pose.base.errors import InputError
 from e3pose.store import EnergyReading, Event, Store, StoreWriter, migrations, schema
@@ -28,7 +28,7 @@ SCHEMAS = Path(__file__).parent / "schemas"
 
 
 @pytest.fixture
-def old(place: Place, record: Records, run: Runs, monkeypatch: pytest.MonkeyPatch) -> Place:
+def old(place: Place, monkeypatch: pytest.MonkeyPatch) -> Place:
     """A store of version 1: tables by the SQL of that time, rows as its writer wrote them."""
     engine = writing_engine(database_url(place))
     statements = (SCHEMAS / f"1.{engine.dialect.name}.sql").read_text().split(";\n")
@@ -77,7 +77,7 @@ def test_store_of_version_1_is_read_as_it_is(old: Place) -> None:
 
 
 def test_writer_upgrades_a_store_of_version_1(
-    old: Place, record: Records, run: Runs, request: pytest.FixtureRequest, tmp_path: Path
+    old: Place, request: pytest.FixtureRequest, tmp_path: Path
 ) -> None:
     before, reported = Store(old).query(), list[Event]()
     with StoreWriter(old, run(), report=reported.append) as writer:
@@ -103,7 +103,7 @@ def test_writer_upgrades_a_store_of_version_1(
 
 
 def test_upgrade_that_fails_leaves_the_store_as_it_was(
-    old: Place, run: Runs, monkeypatch: pytest.MonkeyPatch
+    old: Place, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     before = tables(old)
 
@@ -119,9 +119,7 @@ def test_upgrade_that_fails_leaves_the_store_as_it_was(
     assert len(Store(old).query()) == 2 * SLOTS
 
 
-def test_upgrade_without_room_is_refused(
-    old: Place, run: Runs, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_upgrade_without_room_is_refused(old: Place, monkeypatch: pytest.MonkeyPatch) -> None:
     if isinstance(old, str):
         pytest.skip("the disk of a server is not ours")
     usage = namedtuple("usage", "total used free")
@@ -133,7 +131,7 @@ def test_upgrade_without_room_is_refused(
 
 
 def test_newer_version_is_refused_and_untouched(
-    place: Place, record: Records, run: Runs, capsys: pytest.CaptureFixture[str]
+    place: Place, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with StoreWriter(place, run()) as writer:
         writer.append(record(0))
@@ -155,7 +153,7 @@ def test_every_step_is_there_and_every_growing_table_has_the_time_in_its_key() -
         assert "time_ns" in keys or name == "tracks", name
 
 
-def test_rows_that_an_earlier_version_spooled_are_delivered(record: Records) -> None:
+def test_rows_that_an_earlier_version_spooled_are_delivered() -> None:
     rows = slot_rows(record(0), STARTED_NS)
     earlier = [
         (name, {k: row[k] for k in row if k not in LATER.get(name, ())}) for name, row in rows

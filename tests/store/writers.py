@@ -9,11 +9,8 @@ from pathlib import Path
 import pytest
 from tests.waiting import eventually
 
-from e3pose.pipeline import SlotRecord
-from e3pose.store import Run, Store, WriterSettings, database
+from e3pose.store import Store, WriterSettings, database
 
-Records = Callable[..., SlotRecord]
-Runs = Callable[..., Run]
 QUICK = WriterSettings(commit_s=0.02, spool_bytes=400_000)
 
 

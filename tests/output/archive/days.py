@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tests.store.conftest import make_record, make_run
+from tests.store.conftest import record as make_record
+from tests.store.conftest import run as make_run
 
 from e3pose.store import Event, StoreWriter, WriterSettings
 from e3pose.store.rows import NS

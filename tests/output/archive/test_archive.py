@@ -90,7 +90,8 @@ def test_hour_that_is_not_over_waits_and_late_rows_are_archived_again(
 
 
 def test_hour_of_which_a_part_came_late_is_archived_again(tmp_path: Path) -> None:
-    from tests.store.conftest import make_record, make_run
+    from tests.store.conftest import record as make_record
+    from tests.store.conftest import run as make_run
 
     from e3pose.store import StoreWriter
 
@@ -104,7 +105,8 @@ def test_hour_of_which_a_part_came_late_is_archived_again(tmp_path: Path) -> Non
 
 
 def test_hour_without_anybody_has_no_file(tmp_path: Path) -> None:
-    from tests.store.conftest import make_record, make_run
+    from tests.store.conftest import record as make_record
+    from tests.store.conftest import run as make_run
 
     from e3pose.store import StoreWriter
 
