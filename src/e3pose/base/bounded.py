@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import stat
 import sys
@@ -14,6 +15,7 @@ from typing import Any, BinaryIO, TypeVar
 import msgspec
 
 from e3pose.base.errors import InputError, reason_of
+from e3pose.base.system import NO_LINK
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -38,37 +40,39 @@ def bytes_of(path: Path) -> int:
     return total
 
 
-def open_regular(path: Path, limit_bytes: int) -> BinaryIO:
-    """Open a regular file for reading bytes.
+def open_regular(path: Path, limit_bytes: int, links: bool = True) -> BinaryIO:
+    """Open a regular file for reading bytes, with `links` also through a symbolic link.
 
     Raises:
         InputError: when `path` is missing, no regular file (a pipe would wait for ever, a device
             never ends), larger than `limit_bytes`, or not readable.
     """
     try:
-        status = path.stat()
+        status = path.stat(follow_symlinks=links)
     except FileNotFoundError:
         raise InputError(f"{path}: file not found") from None
     except (OSError, ValueError) as error:
         raise InputError(f"{str(path)[:300]!r}: cannot be read ({reason_of(error)})") from None
     if not stat.S_ISREG(status.st_mode):
         found = "a folder" if stat.S_ISDIR(status.st_mode) else "a pipe, socket or device"
+        found = "a link" if stat.S_ISLNK(status.st_mode) else found
         raise InputError(f"{path}: found {found}, expected a file")
     if status.st_size > limit_bytes:
         raise InputError(f"{path}: found {status.st_size} bytes, expected at most {limit_bytes}")
     try:
-        return path.open("rb")
+        flags = 0 if links else NO_LINK
+        return open(path, "rb", opener=lambda name, usual: os.open(name, usual | flags))
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({reason_of(error)})") from None
 
 
-def read_bytes(path: Path, limit_bytes: int) -> bytes:
-    """Return the whole content of a regular file of at most `limit_bytes`.
+def read_bytes(path: Path, limit_bytes: int, links: bool = True) -> bytes:
+    """Return the whole content of a regular file of at most `limit_bytes`; see `open_regular`.
 
     Raises:
         InputError: for anything else, or a file that grows while it is read.
     """
-    with open_regular(path, limit_bytes) as file:
+    with open_regular(path, limit_bytes, links) as file:
         content = file.read(limit_bytes + 1)
     if len(content) > limit_bytes:
         raise InputError(f"{path}: grew while it was read, expected at most {limit_bytes} bytes")

@@ -27,9 +27,12 @@ else:
 # What a person, a terminal or a parent asks a program to end with.
 END_SIGNALS: tuple[signal.Signals, ...] = (signal.SIGINT, signal.SIGTERM)
 BINARY = 0  # which POSIX needs not ask for
+NO_LINK = 0  # which Windows does not have
 if sys.platform == "win32":
     END_SIGNALS = (*END_SIGNALS, signal.SIGBREAK)
     BINARY = os.O_BINARY
+else:
+    NO_LINK = os.O_NOFOLLOW
 LOCKED_AT = 2**30  # Windows locks bytes, and nobody may read those: one that no file of ours has
 ZEROS = bytes(2**20)
 

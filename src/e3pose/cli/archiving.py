@@ -75,6 +75,10 @@ def archive(
     )
     size = f"{done.bytes / 1e6:.1f} MB"
     print(f"Archived {plural(done.hours, 'hour')}: {plural(done.rows, 'row')}, {size}{more}")
+    for line in done.problems:
+        print(f"left out: {line}")
+    if done.problems:
+        sys.exit(1)
 
 
 @archive_app.command

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import io
 import json
+import os
+import re
 import signal
 import subprocess
 import sys
@@ -19,11 +21,13 @@ from tests.waiting import eventually
 
 from e3pose.base.errors import InputError
 from e3pose.output.archive.checking import Checked, check_archive
+from e3pose.output.archive.deleting import delete_everywhere
 from e3pose.output.archive.manifest import NAME, Manifest, days_of, read_manifest
 from e3pose.output.archive.places import Bucket, Folder, Place, place_of
 from e3pose.output.archive.writing import CLOSED_NS, Written, archive_store
 from e3pose.output.exports.wide import read_wide
 from e3pose.store import Store
+from e3pose.store.forgetting import of_day
 
 pytestmark = pytest.mark.slow
 
@@ -176,6 +180,37 @@ def test_verify_names_what_is_changed_missing_or_of_nobody(
     assert "other.parquet: in no manifest" in shown and "2 problems" in shown
 
 
+@pytest.mark.parametrize("bad", ["file", "manifest", "day", "pipe"])
+def test_no_link_is_followed_and_one_bad_file_hides_no_other(
+    store: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], bad: str
+) -> None:
+    """A link leads to what the person who checks, and who wrote it not, may read."""
+    folder, secret = tmp_path / "a", tmp_path / "secret"
+    archived(store, folder)
+    first = folder / Manifest("hall", FIRST_DAY).folder
+    path = {"day": first, "manifest": first / NAME}.get(bad, min(first.glob("*.parquet")))
+    path.rename(secret)
+    if bad == "pipe":
+        os.mkfifo(path)  # would be waited for without end
+    else:
+        path.symlink_to(secret)
+    assert run_verb("archive", "verify", folder) == 1
+    shown = capsys.readouterr().out
+    assert f"{path}: found a {'pipe' if bad == 'pipe' else 'link'}" in shown
+    assert path.relative_to(folder).as_posix() in shown
+    assert f"{ {'file': 6, 'pipe': 6}.get(bad, 4) } good files" in shown
+    before = secret.stat() if bad != "day" else None
+    if bad in ("manifest", "day"):
+        for other in (folder / Manifest("hall", SECOND_DAY).folder).iterdir():
+            other.unlink()
+        done = archived(store, folder)
+        assert done.hours == 4 and f"{path}: found a link" in done.problems[0]
+    found = delete_everywhere(store, of_day("hall", FIRST_DAY))
+    assert found[0].rows, "the store forgets all the same"
+    assert ("found a link" in found[1].problem) is (bad in ("manifest", "day"))
+    assert before is None or secret.stat() == before, "what a link leads to stays"
+
+
 @pytest.mark.parametrize(
     ("content", "message"),
     [
@@ -198,8 +233,11 @@ def test_manifest_of_nobody_is_refused(
             content = {"files": {"../x.parquet": next(iter(found["files"].values()))}}
         content = json.dumps({**found, **content}).encode()
     path.write_bytes(content)
-    with pytest.raises(InputError, match=message):
-        archived(store, folder)
+    for other in (folder / Manifest("hall", SECOND_DAY).folder).iterdir():
+        other.unlink()
+    done = archived(store, folder)
+    assert len(done.problems) == 1 and re.search(message, done.problems[0])
+    assert done.hours == 4, "the other day is archived"
     assert len(check_archive(Folder(folder)).problems) == 1
 
 

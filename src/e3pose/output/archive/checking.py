@@ -65,7 +65,11 @@ def check_archive(
                 continue  # nobody was there
             path = f"{manifest.folder}/{name}"
             named.add(path)
-            content = place.read(path)
+            try:
+                content = place.read(path)
+            except InputError as error:
+                problems.append(str(error))
+                continue
             if content is None:
                 problems.append(f"{path}: found no file, expected {entry.bytes} bytes")
             elif digest(content) != entry.sha256:

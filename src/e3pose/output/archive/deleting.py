@@ -8,7 +8,7 @@ from pathlib import Path
 
 from sqlalchemy import select
 
-from e3pose.base.errors import InputError
+from e3pose.base.errors import InputError, reason_of
 from e3pose.output.archive.manifest import (
     NAME,
     Manifest,
@@ -59,24 +59,36 @@ def delete_everywhere(store: str | Path, what: Forgotten) -> list[Deleted]:
     for name in archives_of(store, what.site):
         try:
             place = place_of(name)
-            found.append(Deleted(name, delete_there(place, what), left_there(place, what)))
-        except (InputError, OSError) as error:
+            rows, problems = delete_there(place, what)
+            if problems:
+                found.append(Deleted(name, rows, None, "; ".join(problems)))
+            else:
+                found.append(Deleted(name, rows, left_there(place, what)))
+        except (ValueError, OSError) as error:  # that of a damaged file is one of pyarrow
             found.append(Deleted(name, 0, None, str(error)))
     return found
 
 
-def delete_there(place: Place, what: Forgotten) -> int:
-    """Delete from an archive; return how many rows were. Once more deletes nothing more.
+def delete_there(place: Place, what: Forgotten) -> tuple[int, list[str]]:
+    """Delete from an archive, and once more nothing more.
+
+    Returns:
+        How many rows were deleted, and the problems of days that were left out, a line each.
 
     Raises:
         InputError: when the archive cannot be read or written.
     """
     check_there(place)
     if not what.whole_day:  # asked for before there was an archive: it never had those rows
-        return 0
-    if what.track_id is None:
-        return _delete_day(place, what)
-    return sum(_delete_person(place, manifest, what) for manifest in _with_person(place, what))
+        return 0, []
+    one_day = what.track_id is None
+    rows, problems = 0, list[str]()
+    for day in [what.day] if one_day else [day for _, day in days_of(place, what.site)]:
+        try:
+            rows += _delete_day(place, what) if one_day else _delete_person(place, day, what)
+        except ValueError as error:
+            problems.append(f"{Manifest(what.site, day).folder}: {reason_of(error)[:300]}")
+    return rows, problems
 
 
 def left_there(place: Place, what: Forgotten) -> int:
@@ -122,21 +134,8 @@ def _delete_day(place: Place, what: Forgotten) -> int:
     return rows
 
 
-def _with_person(place: Place, what: Forgotten) -> list[Manifest]:
-    """Return the days of a person."""
-    found = []
-    for site, day in days_of(place, what.site):
-        manifest = read_manifest(place, site, day)
-        if manifest is None:
-            continue
-        runs = {entry.started_ns for entry in manifest.files.values()}
-        if what.run_started_ns in runs:
-            found.append(manifest)
-    return found
-
-
-def _delete_person(place: Place, manifest: Manifest, what: Forgotten) -> int:
-    deleted = 0
+def _delete_person(place: Place, day: str, what: Forgotten) -> int:
+    manifest, deleted = read_manifest(place, what.site, day) or Manifest(what.site, day), 0
     for name, entry in manifest.files.items():
         if entry.started_ns != what.run_started_ns or what.track_id not in entry.tracks:
             continue

@@ -134,10 +134,14 @@ def write_manifest(place: Place, manifest: Manifest) -> None:
 
 
 def days_of(place: Place, site: str | None = None) -> list[tuple[str, str]]:
-    """Return the sites and days of an archive that have a manifest, oldest first of each."""
+    """Return the sites and days of an archive that have a manifest, oldest first of each.
+
+    A day that is no folder is one of them: whoever reads its manifest says so.
+    """
     found = []
     for name in place.names("" if site is None else f"site={site}"):
         parts = name.split("/")
-        if len(parts) == 3 and parts[2] == NAME and parts[0].startswith("site="):
+        no_folder = len(parts) == 2 and parts[1].startswith("day=")
+        if parts[0].startswith("site=") and (no_folder or parts[2:] == [NAME]):
             found.append((parts[0].removeprefix("site="), parts[1].removeprefix("day=")))
     return sorted(found)

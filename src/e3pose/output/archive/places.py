@@ -9,8 +9,10 @@ from pathlib import Path
 from typing import Protocol, TypeVar
 
 from e3pose.base.atomic import write_file
+from e3pose.base.bounded import read_bytes
 from e3pose.base.errors import InputError, reason_of
 
+MOST_BYTES = 2**32  # of a file
 T = TypeVar("T")
 EXTRA = "pip install 'e3pose[archive]' and what its address needs, such as s3fs"
 
@@ -41,7 +43,10 @@ class Place(Protocol):
 
 
 class Folder:
-    """A folder of this machine, or one that it has mounted; made when it is needed."""
+    """A folder of this machine, or one that it has mounted; made when it is needed.
+
+    No link in it is followed: a file that somebody else put there must not lead out of it.
+    """
 
     def __init__(self, path: Path) -> None:
         """Name the folder."""
@@ -51,27 +56,39 @@ class Folder:
     def names(self, under: str = "") -> list[str]:
         """Return the names of all files, or of those below a folder, sorted."""
         found = (
-            Path(above, name) for above, _, names in os.walk(self._path / under) for name in names
+            path
+            for above, folders, names in os.walk(
+                self._inside(f"{under}/_" if under else "_").parent
+            )
+            for path in (Path(above, name) for name in (*folders, *names))
+            if path.is_symlink() or not path.is_dir()
         )
         return sorted(str(p.relative_to(self._path)) for p in found if not p.name.startswith("."))
 
     def read(self, name: str) -> bytes | None:
         """Return the content of a file; None if there is none."""
-        try:
-            return (self._path / name).read_bytes()
-        except (FileNotFoundError, NotADirectoryError):
-            return None
+        path = self._inside(name)
+        return read_bytes(path, MOST_BYTES, links=False) if os.path.lexists(path) else None
 
     def write(self, name: str, content: bytes) -> None:
         """Write a file for its owner alone, as `base.private` says."""
-        write_file(self._path / name, content, private=True)
+        write_file(self._inside(name), content, private=True)
 
     def remove(self, name: str) -> None:
         """Remove a file, and the folder that it leaves empty."""
-        path = self._path / name
+        path = self._inside(name)
         path.unlink(missing_ok=True)
         with suppress(OSError):
             path.parent.rmdir()
+
+    def _inside(self, name: str) -> Path:
+        """Return the path of a file; raise `InputError` where a folder above it is a link."""
+        path = self._path
+        for part in Path(name).parts:
+            if path != self._path and path.is_symlink():
+                raise InputError(f"{path}: found a link, expected a folder of the archive")
+            path = path / part
+        return path
 
 
 class Bucket:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -49,6 +49,7 @@ class Written:
         bytes: of their files.
         removed: days that were too old.
         deleted: rows and days that were asked to be deleted and were still there.
+        problems: days that were left out, for their manifest or files; a line each.
     """
 
     hours: int = 0
@@ -56,6 +57,7 @@ class Written:
     bytes: int = 0
     removed: int = 0
     deleted: int = 0
+    problems: tuple[str, ...] = ()
 
 
 def archive_store(
@@ -86,23 +88,27 @@ def archive_store(
     if site is not None and site not in sites:
         wanted = f"one of {', '.join(sites)[:200]}" if sites else "a store that holds a run"
         raise InputError("site", repr(site[:80]), wanted, shown(database_url(store)))
-    done = Written()
+    done, problems = Written(), dict[str, None]()
     for each in sites:
         mine = [one for one in runs if one.run.site == each]
         with changing(store) as engine:
-            deleted = _apply(engine, each, place, new)
-            hours, rows, size = _archive_site(store, each, mine, place, now_ns, keep_s, say)
-            deleted += _apply(engine, each, place)  # of what was asked for meanwhile
+            deleted = _apply(engine, each, place, problems, new)
+            hours, rows, size = _archive_site(
+                store, each, mine, place, now_ns, keep_s, say, problems
+            )
+            deleted += _apply(engine, each, place, problems)  # of what was asked for meanwhile
         oldest = None if keep_s is None else day_of(now_ns - round(keep_s * NS))
-        removed = 0 if oldest is None else sum(_removed(place, each, oldest))
+        removed = 0 if oldest is None else sum(_removed(place, each, oldest, problems))
         done = Written(
             done.hours + hours, done.rows + rows, done.bytes + size, done.removed + removed,
             done.deleted + deleted,
         )  # fmt: skip
-    return done
+    return replace(done, problems=tuple(problems))
 
 
-def _apply(engine: Engine, site: str, place: Place, new: bool = False) -> int:
+def _apply(
+    engine: Engine, site: str, place: Place, problems: dict[str, None], new: bool = False
+) -> int:
     """Note in the store where poses go, before any does; delete there what was asked for since."""
     table = schema.archives
     mine = (table.c.site == site) & (table.c.place == place.name)
@@ -115,11 +121,14 @@ def _apply(engine: Engine, site: str, place: Place, new: bool = False) -> int:
             row = {"site": site, "place": place.name, "forgotten": 0}
             connection.execute(insert(table), row)
         pending = requests(connection, site, applied or 0)
-    deleted = 0
+    deleted, whole = 0, True
     for what in pending:
-        deleted += delete_there(place, what)
-        with engine.begin() as connection:
-            connection.execute(update(table).where(mine).values(forgotten=what.number))
+        rows, left_out = delete_there(place, what)
+        deleted, whole = deleted + rows, whole and not left_out
+        problems.update(dict.fromkeys(left_out))
+        if whole:  # else this and all that follow are asked for again the next time
+            with engine.begin() as connection:
+                connection.execute(update(table).where(mine).values(forgotten=what.number))
     return deleted
 
 
@@ -131,6 +140,7 @@ def _archive_site(
     now_ns: int,
     keep_s: float | None,
     say: Say,
+    problems: dict[str, None],
 ) -> tuple[int, int, int]:
     with reading(store) as connection:
         span = span_of(connection, runs)
@@ -142,8 +152,11 @@ def _archive_site(
     opened, counts = Store(store), [0, 0, 0]
     for day_ns in range(begin_ns, end_ns, DAY_NS):
         day = day_of(day_ns)
-        before = read_manifest(place, site, day)
-        manifest = before or Manifest(site, day)
+        try:
+            manifest = read_manifest(place, site, day) or Manifest(site, day)
+        except InputError as error:
+            problems[str(error)] = None
+            continue
         if manifest.deleted:
             continue
         until_ns = min(day_ns + DAY_NS, end_ns - end_ns % HOUR_NS)
@@ -169,15 +182,19 @@ def _missing(manifest: Manifest, hours: list[Hour], now_ns: int) -> Iterator[Hou
             yield hour
 
 
-def _removed(place: Place, site: str, oldest: str) -> Iterator[int]:
+def _removed(place: Place, site: str, oldest: str, problems: dict[str, None]) -> Iterator[int]:
     """Remove days before one; yield 1 for each."""
     for _, day in days_of(place, site):
         if day < oldest:
             folder = Manifest(site, day).folder
             # What names the files goes last: whoever is killed in it goes on the next time.
-            for name in sorted(place.names(folder), key=lambda n: n.endswith(".json")):
-                place.remove(name)
-            yield 1
+            try:
+                for name in sorted(place.names(folder), key=lambda n: n.endswith(".json")):
+                    place.remove(name)
+            except (InputError, OSError) as error:
+                problems[str(error)] = None
+            else:
+                yield 1
 
 
 @dataclass(frozen=True, slots=True)
