@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from tests.manual_clock import ManualClock
 
 from e3pose.base.errors import InputError
+from e3pose.base.jpeg import MOST_SCANS, jpeg_size
+from e3pose.calibrate import board_views
+from e3pose.camera import phone
 from e3pose.camera.detect import DetectSettings, detect_videos
-from e3pose.camera.source import ImageFolder, open_sources
+from e3pose.camera.live_source import make_source
+from e3pose.camera.phone import PhoneSource
+from e3pose.camera.source import ImageFolder, open_sources, read_picture
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17, Skeleton
 from e3pose.recording import load_recording
@@ -82,3 +90,39 @@ def test_an_image_of_another_size_is_named(folders: dict[str, Path]) -> None:
     frames = list(source.frames())
     with pytest.raises(InputError, match=r"img_7\.png: image size: found 10x10, expected 64x48"):
         frames[-1].image  # noqa: B018
+
+
+def many_scans(count: int) -> bytes:
+    """Return a progressive JPEG that goes over the picture so many times."""
+    coded = cv2.imencode(
+        ".jpg", np.zeros((48, 64, 3), np.uint8), [cv2.IMWRITE_JPEG_PROGRESSIVE, 1]
+    )[1].tobytes()
+    at = [one.start() for one in re.finditer(b"\xff\xda", coded)]
+    return coded[:-2] + coded[at[-1] : -2] * (count - len(at)) + coded[-2:]
+
+
+@pytest.mark.parametrize("hostile", ["scans", "pixels"])
+def test_no_door_decodes_a_picture_that_takes_too_much(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, hostile: str
+) -> None:
+    """30 kB with 400 scans took a decoder 11 s, a PNG of 1 kB states gigabytes."""
+    png = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR" + 2 * (60_000).to_bytes(4, "big")
+    data = many_scans(400) if hostile == "scans" else png
+    assert jpeg_size(many_scans(MOST_SCANS)) == (64, 48)
+    folder = tmp_path / "cam0"
+    folder.mkdir()
+    for number in range(3):
+        (folder / f"{number}.{'jpg' if hostile == 'scans' else 'png'}").write_bytes(data)
+    monkeypatch.setattr(cv2, "imdecode", lambda *_: pytest.fail("it was decoded"))
+    doors: tuple[Callable[[], object], ...] = (
+        lambda: read_picture(min(folder.iterdir())),
+        lambda: open_sources({"cam0": folder}, 25.0),
+        lambda: make_source(str(folder), "cam0", ManualClock(), 25.0),
+        lambda: list(board_views._pictures(folder, None)),
+        lambda: PhoneSource(tmp_path / "phone.json", ManualClock()).take(data, None, None),
+        lambda: jpeg_size(data),  # what pages check before a browser decodes
+    )
+    for door in doors:
+        with pytest.raises(InputError, match=r"scans|pixels|no JPEG"):
+            door()
+    assert not phone._decoded(data, (64, 48)).any(), "a phone's picture is black then"

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
 from e3pose.calibrate.board import Board, make_finder
-from e3pose.camera.source import MAX_PIXELS, open_video
+from e3pose.camera.source import open_video, read_picture
 
 Grey = NDArray[np.uint8]
 
@@ -124,7 +124,6 @@ def _frames(
 
 
 def _pictures(path: Path, times_s: Floats | None) -> Iterator[tuple[float, Grey, int]]:
-    import cv2
 
     files = [path]
     if path.is_dir():
@@ -138,14 +137,7 @@ def _pictures(path: Path, times_s: Floats | None) -> Iterator[tuple[float, Grey,
     for index, file in enumerate(files):
         if wanted is not None and index not in wanted:
             continue
-        if not file.is_file():
-            raise InputError(f"{file}: found no file, expected a picture")
-        # Turned as the camera's EXIF tag says, as viewers show it.
-        data = np.frombuffer(file.read_bytes(), dtype=np.uint8)
-        grey = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE) if len(data) else None
-        if grey is None or grey.size > MAX_PIXELS:
-            raise InputError(f"{file}: cannot be read as a picture")
-        yield float(index), grey, len(files)
+        yield float(index), read_picture(file, grey=True), len(files)
 
 
 def _sharpness(grey: Grey, corners_px: Floats) -> float:

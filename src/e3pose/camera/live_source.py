@@ -26,7 +26,7 @@ from e3pose.base.system import require_linux
 from e3pose.camera.base import LiveFrame, LiveSource
 from e3pose.camera.phone import PhoneSource
 from e3pose.camera.phone_file import load_phone
-from e3pose.camera.source import FALLBACK_RATE, Frame, open_video
+from e3pose.camera.source import FALLBACK_RATE, Frame, open_video, read_picture
 from e3pose.model.pose import Poses2D
 from e3pose.recording import Recording, load_recording
 
@@ -321,19 +321,10 @@ def _images(folder: Path, fps: float) -> Loop:
 
     def frames(start_s: float) -> Iterator[tuple[float, Callable[[], Any]]]:
         for index in range(round(start_s * fps + 0.499), len(paths)):
-            yield index / fps, lambda path=paths[index]: _read_image(path)  # type: ignore[misc]
+            yield index / fps, lambda path=paths[index]: read_picture(path)  # type: ignore[misc]
 
-    height, width = _read_image(paths[0]).shape[:2]
+    height, width = read_picture(paths[0]).shape[:2]
     return Loop(fps, (width, height), len(paths) / fps, frames)
-
-
-def _read_image(path: Path) -> Any:
-    import cv2
-
-    image = cv2.imread(str(path), cv2.IMREAD_COLOR)
-    if image is None:
-        raise InputError(f"{path}: cannot be decoded, expected an image")
-    return cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
 
 
 def _shown(url: str) -> str:

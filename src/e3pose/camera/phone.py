@@ -24,12 +24,12 @@ import numpy as np
 
 from e3pose.base.clock import Clock
 from e3pose.base.errors import InputError, reason_of
-from e3pose.base.jpeg import jpeg_size
+from e3pose.base.jpeg import MAX_PIXELS, jpeg_size
 from e3pose.base.system import claim_address
 from e3pose.camera.base import LiveFrame
 from e3pose.camera.frame_rate import FrameRate
 from e3pose.camera.phone_file import CERTIFICATE, KEY, load_phone, save_phone
-from e3pose.camera.source import FALLBACK_RATE
+from e3pose.camera.source import FALLBACK_RATE, decode_picture
 
 # The server of one phone, by https: its page, and the frames that it sends. All is bounded.
 #
@@ -368,10 +368,8 @@ class PhoneSource:
 
 def _decoded(jpeg: bytes, size: tuple[int, int]) -> Any:
     """Return a JPEG as RGB, `(height, width, 3)`; all black where it cannot be decoded."""
-    import cv2
-
-    flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
-    image = cv2.imdecode(np.frombuffer(jpeg, np.uint8), flags)
-    if image is None or image.shape[:2] != size[::-1]:
-        return np.zeros((size[1], size[0], 3), np.uint8)
-    return cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
+    with suppress(InputError):
+        image = decode_picture(jpeg, "phone", turned=False, most=MAX_PIXELS)
+        if image.shape[:2] == size[::-1]:
+            return image
+    return np.zeros((size[1], size[0], 3), np.uint8)

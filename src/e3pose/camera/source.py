@@ -15,7 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.base.bounded import read_bytes
 from e3pose.base.errors import InputError
+from e3pose.base.jpeg import check_picture
 from e3pose.camera.orientation import Orientation, display_orientation
 from e3pose.recording.detections.openpose import frame_number
 
@@ -25,6 +27,7 @@ CONTAINERS = (
     "mxf,nut"
 )
 MAX_PIXELS = 8192 * 8192  # of one frame: 200 MB in RGB
+MAX_PICTURE_BYTES = 300_000_000
 MAX_PACKETS_TO_FIRST_FRAME = 2000
 FALLBACK_RATE = 25.0  # frames per second where the file does not say
 RATES = (0.001, 1000.0)  # frames per second that a recording may have
@@ -346,7 +349,7 @@ class ImageFrame:
     @property
     def image(self) -> NDArray[np.uint8]:
         """`(height, width, 3)` RGB, read at every call."""
-        image = _read(self.path)
+        image = read_picture(self.path)
         size = image.shape[1], image.shape[0]
         if size != self.image_size:
             raise InputError(
@@ -413,7 +416,7 @@ def open_sources(paths: Mapping[str, Path], fps: float | None) -> dict[str, Sour
         if name not in folders:
             opened[name] = open_video(path)
             continue
-        image = _read(next(iter(folders[name].values())))
+        image = read_picture(next(iter(folders[name].values())))
         size = image.shape[1], image.shape[0]
         opened[name] = ImageFolder(path, fps or 0.0, size, folders[name], first)
     return opened
@@ -436,15 +439,44 @@ def _numbered(folder: Path) -> dict[int, Path]:
     return dict(sorted(found.items()))
 
 
-def _read(path: Path) -> NDArray[np.uint8]:
+def read_picture(path: Path, grey: bool = False) -> NDArray[np.uint8]:
+    """Return a picture file, turned as its EXIF tag says: `(height, width, 3)` RGB, or grey.
+
+    Raises:
+        InputError: when it is no picture, or one that would take too much to decode.
+    """
+    return decode_picture(read_bytes(path, MAX_PICTURE_BYTES), path, grey)
+
+
+def decode_picture(
+    data: bytes, where: object, grey: bool = False, turned: bool = True, most: int = MAX_PIXELS
+) -> NDArray[np.uint8]:
+    """Return a picture, `(height, width, 3)` RGB, or `(height, width)` with `grey`.
+
+    Args:
+        data: of the file.
+        where: it is, for errors.
+        grey: whether without colours.
+        turned: as its EXIF tag says.
+        most: pixels.
+
+    Raises:
+        InputError: when it is no picture; before it is decoded, for one that takes too much.
+    """
     import cv2
 
     try:
-        image = cv2.imread(str(path), cv2.IMREAD_COLOR)
+        check_picture(data, most)
+    except InputError as error:
+        raise error.at(where) from None
+    flags = cv2.IMREAD_GRAYSCALE if grey else cv2.IMREAD_COLOR
+    flags |= 0 if turned else cv2.IMREAD_IGNORE_ORIENTATION
+    try:
+        image: Any = cv2.imdecode(np.frombuffer(data, np.uint8), flags) if data else None
     except cv2.error:
         image = None
     if image is None:
-        raise InputError(f"{path}: cannot be read as an image")
-    if image.shape[0] * image.shape[1] > MAX_PIXELS:
-        raise InputError(f"{path}: found {image.shape[1]}x{image.shape[0]} pixels, too many")
-    return np.ascontiguousarray(image[..., ::-1])
+        raise InputError(f"{where}: cannot be read as an image")
+    if image.shape[0] * image.shape[1] > most:
+        raise InputError(f"{where}: found {image.shape[1]}x{image.shape[0]} pixels, too many")
+    return np.asarray(image if grey else cv2.cvtColor(image, cv2.COLOR_BGR2RGB))
