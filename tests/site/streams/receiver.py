@@ -30,6 +30,8 @@ class Handler(BaseHTTPRequestHandler):
         elif HABIT == "slow":
             time.sleep(0.7)
         status = {"fails": 503, "redirects": 307, "refuses": 404}.get(HABIT, 200)
+        if HABIT == "hates-waves" and json.loads(body)["kind"] == "waved":
+            status = 500
         self.send_response(status)
         if HABIT == "redirects":
             self.send_header("Location", f"http://127.0.0.1:{PORT}/elsewhere")

@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 import datetime
+import json
 import queue
+import re
 import ssl
+from dataclasses import replace
 from pathlib import Path
+from unittest.mock import MagicMock
 
 import paho.mqtt.client as mqtt
 import pytest
 from paho.mqtt.enums import CallbackAPIVersion
 from tests.site.streams.broker import broker
-from tests.site.streams.test_streams import EVENT, SOURCE, slot
+from tests.site.streams.test_streams import EVENT, FELL, SOURCE, WATCH, slot
 
 from e3pose.base.errors import InputError
 from e3pose.site.streams import open_stream
-from e3pose.site.streams.mqtt import login
+from e3pose.site.streams.homeassistant import BIRTH, HomeAssistantStream
+from e3pose.site.streams.mqtt import MAX_WAITING, MqttStream, login
 from e3pose.wire.keys.folder import init_keys
 
 LOGIN = ("wall", "hunter2")
@@ -59,6 +64,47 @@ def test_password_and_certificate_let_in(keys: Path, monkeypatch: pytest.MonkeyP
         client.disconnect()
         client.loop_stop()
     assert "e3pose/lab/poses" in topics and "e3pose/lab/zone/door" in topics
+
+
+@pytest.mark.parametrize("kind", [MqttStream, HomeAssistantStream])
+def test_a_fall_has_room_while_the_broker_is_away(
+    kind: type[MqttStream | HomeAssistantStream],
+) -> None:
+    client = mqtt.Client(CallbackAPIVersion.VERSION2)
+    client.max_queued_messages_set(MAX_WAITING)
+    source = replace(SOURCE, zones=("door",), kinds=("fall",), cameras=("c0",))
+    stream = kind(client, source)
+    for count in range(3 * MAX_WAITING):
+        stream.zone(replace(EVENT, count=count))
+        stream.people(replace(WATCH, time_ns=WATCH.time_ns + count * 10**10), [])
+    stream.people(WATCH, [FELL])
+    wait = [str(message.topic) for message in client._out_messages.values()]
+    assert any("fall" in topic for topic in wait) and len(wait) <= 5, wait
+    assert stream.problem.endswith("is away")
+    for _ in range(MAX_WAITING + 7):
+        stream.people(WATCH, [FELL])
+    assert re.search(r"is away: \d+ events lost$", stream.problem)
+
+
+@pytest.mark.parametrize("kind", [MqttStream, HomeAssistantStream])
+def test_a_broker_that_comes_back_is_told_all_that_is_to_stay(
+    kind: type[MqttStream | HomeAssistantStream],
+) -> None:
+    client = MagicMock()
+    client.is_connected.return_value = False
+    stream = kind(client, replace(SOURCE, zones=("door",)))
+    stream.zone(replace(EVENT, count=7))
+    stream.people(WATCH, [])
+    client.reset_mock()
+    client.is_connected.return_value = True
+    client.on_connect(client, None, None, None, None)
+    said = {call.args[0]: call.args[1] for call in client.publish.call_args_list}
+    if kind is MqttStream:
+        assert said == {"e3pose/lab/zone/door/count": "7"}
+    else:
+        assert said["e3pose/lab/home/online"] == "online", "the broker's will said offline"
+        assert json.loads(said["e3pose/lab/home/state"])["zones"] == [7]
+        client.subscribe.assert_called_once_with(BIRTH, qos=1)
 
 
 def test_wrong_password_is_reported_and_not_said(monkeypatch: pytest.MonkeyPatch) -> None:

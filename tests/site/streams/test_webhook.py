@@ -14,6 +14,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from tests.cases import each_case
 from tests.ports import free_port
 from tests.site.streams.test_streams import FELL, WATCH, slot
@@ -25,7 +27,15 @@ from e3pose.settings.events_table import EventsTable
 from e3pose.site.connect import Names, no_name
 from e3pose.site.streams import Source, open_stream
 from e3pose.site.streams.as_json import event_words
-from e3pose.site.streams.webhook import MAX_WAITING, RetryPolicy, WebhookStream, address
+from e3pose.site.streams.webhook import (
+    MAX_POSTS,
+    MAX_WAITING,
+    Notice,
+    Notices,
+    RetryPolicy,
+    WebhookStream,
+    address,
+)
 from e3pose.site.trial_notices import Answerer, send_test
 
 HERE = Path(__file__).parent
@@ -198,6 +208,68 @@ def test_trouble_is_told_and_a_receiver_that_comes_back_gets_its_notice(
         assert eventually(lambda: stream.delivered == 1)
     assert len({json.loads(one["body"])["id"] for one in receiver.got()}) == 1
     assert "delivers again" in said[1] and said[2].endswith("1 notice delivered")
+
+
+def test_a_fall_does_not_wait_for_a_notice_that_is_refused(receiver: Receiver) -> None:
+    receiver.start("hates-waves")
+    with sending(receiver, RetryPolicy(first_s=600.0, most_s=600.0)) as (stream, said):
+        assert eventually(lambda: "refused" not in stream.test())  # it has started
+        stream.people(WATCH, [replace(FELL, kind="waved", phase="ended", says="waved")])
+        assert eventually(lambda: "status 500" in stream.problem)
+        stream.people(WATCH, [FELL])
+        assert eventually(lambda: stream.delivered == 1), "the first waits for ten minutes"
+        assert "1 notice waiting" in stream.problem, "one that is delivered hides no other"
+    assert "Person 7 waved" in said[-2] and said[-2].endswith(" attempts)"), said
+
+
+@given(
+    st.lists(
+        st.tuples(
+            st.floats(0, 300),  # when it is reported
+            st.booleans(),  # urgent
+            st.sampled_from(["takes", "fails", "hangs", "refuses"]),
+        ),
+        max_size=2 * MAX_WAITING,
+    )
+)
+def test_every_notice_is_tried_at_once_whatever_the_others_do(
+    told: list[tuple[float, bool, str]],
+) -> None:
+    """A clock moved by hand, in steps of a second; an attempt takes as long as its policy lets."""
+    notices, habits, under_way = Notices(RetryPolicy()), dict[Notice, str](), list[Any]()
+    told, given_up, now_s = sorted(told), 0, 0.0
+    while told or notices.waiting or under_way:
+        for end_s, notice in [one for one in under_way if one[0] <= now_s]:
+            under_way.remove((end_s, notice))
+            if notice in notices.waiting:
+                habit = habits[notice]
+                given_up += not notices.tried(
+                    notice, habit != "takes", habit != "refuses", now_s
+                ) and habit in ("fails", "hangs")
+                assert notice.attempts <= 40, "bounded"
+        while told and told[0][0] <= now_s:
+            _, urgent, habit = told.pop(0)
+            out = notices.add(FELL, urgent, now_s)
+            habits[out if out is not None and out not in habits else notices.waiting[-1]] = habit
+            assert out is None or not urgent or out.urgent <= urgent
+        for notice in notices.due(now_s, MAX_POSTS - len(under_way)):
+            under_way.append((now_s + 10.0 * (habits[notice] == "hangs"), notice))
+        for notice in notices.waiting:
+            assert notice.attempts or now_s - notice.since_s < 2.0
+        assert len(notices.waiting) <= MAX_WAITING and len(under_way) <= MAX_POSTS
+        now_s += 1.0
+        assert now_s < 2000.0, "every notice ends"
+
+
+def test_urgent_notices_are_tried_first_and_kept_longest() -> None:
+    notices = Notices(RetryPolicy())
+    for urgent in (False, True):
+        notices.add(FELL, urgent, 0.0)
+    assert [one.urgent for one in notices.due(0.0, room=1)] == [True]
+    for _ in range(MAX_WAITING):
+        notices.add(FELL, True, 1.0)
+    out = notices.add(FELL, False, 2.0)
+    assert out is not None and (out.urgent, out.since_s) == (False, 2.0)
 
 
 def test_notice_waits_for_a_receiver_that_is_not_there_yet(receiver: Receiver) -> None:

@@ -34,7 +34,7 @@ from e3pose.model.zone_event import ZoneEvent
 from e3pose.site.connect import LiveSlot, no_name
 from e3pose.site.streams.as_json import event_words
 from e3pose.site.streams.base import Source
-from e3pose.site.streams.mqtt import PORT, SECURE_PORT, broker_problem, connected_client
+from e3pose.site.streams.mqtt import PORT, SECURE_PORT, broker_problem, connected_client, tell
 from e3pose.wire.messages import fields
 from e3pose.wire.site_messages import CameraStatus, Status
 
@@ -191,7 +191,8 @@ class HomeAssistantStream:
         self._told = frozenset[tuple[str, str]]()
         self._announced_s = time.monotonic()
         client.on_message = lambda _client, _data, message: self._hear(bytes(message.payload))
-        client.subscribe(BIRTH, qos=1)
+        client.on_connect = lambda *_: self._announce()  # again: the broker knows nothing of us
+        self._lost = 0
         self._announce()
 
     def _hear(self, said: bytes) -> None:
@@ -202,7 +203,8 @@ class HomeAssistantStream:
             self._announce()
 
     def _announce(self) -> None:
-        """Publish discovery and availability; again when Home Assistant starts."""
+        """Publish discovery and availability; again when Home Assistant or the broker starts."""
+        self._client.subscribe(BIRTH, qos=1)
         topic, message = discovery(self._source, self._told)
         self._client.publish(topic, json.dumps(message), qos=1, retain=True)
         self._client.publish(f"{self._base}/online", "online", qos=1, retain=True)
@@ -218,7 +220,8 @@ class HomeAssistantStream:
 
     def _publish(self, topic: str, text: str) -> None:
         named = topic.endswith("/told") and self._source.names is not no_name
-        self._client.publish(topic, text, qos=1, retain=not named)
+        # One that is lost is announced again: in the queue it would take the room of an event.
+        self._client.publish(topic, text, qos=0, retain=not named)
 
     def _tell_last(self) -> dict[str, Any]:
         """Say the last event, with the name that the person has now; return its words."""
@@ -230,7 +233,7 @@ class HomeAssistantStream:
     @property
     def problem(self) -> str:
         """See `stream_problems`."""
-        return broker_problem(self._client)
+        return broker_problem(self._client, self._lost)
 
     def slot(self, slot: LiveSlot) -> None:
         """See `Stream.slot`."""
@@ -292,7 +295,7 @@ class HomeAssistantStream:
         words = self._tell_last()
         if event.is_news:
             key = identifier(event.kind)
-            self._client.publish(f"{self._base}/trigger/{key}", json.dumps(words), qos=1)
+            self._lost += tell(self._client, f"{self._base}/trigger/{key}", json.dumps(words))
 
     def close(self) -> None:
         """See `Stream.close`."""

@@ -24,6 +24,7 @@ from paho.mqtt.reasoncodes import ReasonCode
 
 from e3pose.base.errors import InputError
 from e3pose.base.private import read_secret
+from e3pose.base.quantities import plural
 from e3pose.events.watch import Watch
 from e3pose.model.person_event import PersonEvent
 from e3pose.model.zone_event import ZoneEvent
@@ -103,9 +104,16 @@ def connected_client(
     return client
 
 
-def broker_problem(client: mqtt.Client) -> str:
-    """Return that a broker is away, in words; empty where it is not."""
-    return "" if client.is_connected() else f"broker {client.host}:{client.port} is away"
+def tell(client: mqtt.Client, topic: str, text: str) -> bool:
+    """Publish an event; return whether it is lost, as `MAX_WAITING` wait for the broker."""
+    return bool(client.publish(topic, text, qos=1).rc == mqtt.MQTT_ERR_QUEUE_SIZE)
+
+
+def broker_problem(client: mqtt.Client, lost: int) -> str:
+    """Return that a broker is away and how many events are lost, in words; empty for neither."""
+    problem = "" if client.is_connected() else " is away"
+    problem += f": {plural(lost, 'event')} lost" * (lost > 0)
+    return f"broker {client.host}:{client.port}{problem}" * bool(problem)
 
 
 def login(environment: Mapping[str, str]) -> tuple[str | None, str | None]:
@@ -121,16 +129,22 @@ def login(environment: Mapping[str, str]) -> tuple[str | None, str | None]:
 
 
 class MqttStream:
-    """See `Stream`."""
+    """See `Stream`.
+
+    While the broker is away events of people wait, and nothing else: other messages would take
+    their room.
+    """
 
     def __init__(self, client: mqtt.Client, source: Source) -> None:
         """Publish with a client that is connected."""
         self._client, self._prefix, self._names = client, f"e3pose/{source.site}", source.names
+        self._counts, self._lost = dict[str, int](), 0
+        client.on_connect = lambda *_: self._count()
 
     @property
     def problem(self) -> str:
         """See `stream_problems`."""
-        return broker_problem(self._client)
+        return broker_problem(self._client, self._lost)
 
     def slot(self, slot: LiveSlot) -> None:
         """See `Stream.slot`."""
@@ -138,15 +152,24 @@ class MqttStream:
 
     def zone(self, event: ZoneEvent) -> None:
         """See `Stream.zone`."""
-        topic = f"{self._prefix}/zone/{event.zone}"
-        self._client.publish(topic, json.dumps(zone_words(event)), qos=1)
-        self._client.publish(f"{topic}/count", str(event.count), qos=1, retain=True)
+        self._counts[event.zone] = event.count
+        if self._client.is_connected():
+            topic = f"{self._prefix}/zone/{event.zone}"
+            self._client.publish(topic, json.dumps(zone_words(event)), qos=1)
+            self._count(event.zone)
+
+    def _count(self, *zones: str) -> None:
+        """Publish how many people are in zones, or in all when the broker is there again."""
+        for zone, count in self._counts.copy().items():
+            if zone in (zones or self._counts):
+                topic = f"{self._prefix}/zone/{zone}/count"
+                self._client.publish(topic, str(count), qos=1, retain=True)
 
     def people(self, watch: Watch, events: Sequence[PersonEvent]) -> None:
         """See `TellsPeople.people`."""
         for event in events:
             topic = f"{self._prefix}/event/{event.kind}"
-            self._client.publish(topic, json.dumps(event_words(event, self._names)), qos=1)
+            self._lost += tell(self._client, topic, json.dumps(event_words(event, self._names)))
 
     def close(self) -> None:
         """See `Stream.close`."""

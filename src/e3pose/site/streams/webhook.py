@@ -11,6 +11,7 @@ import hashlib
 import hmac
 import http.client
 import json
+import math
 import os
 import random
 import secrets
@@ -18,10 +19,9 @@ import socket
 import ssl
 import threading
 import time
-from collections import deque
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 from urllib.parse import SplitResult, urlsplit
@@ -41,6 +41,7 @@ SECRET = "E3POSE_WEBHOOK_SECRET_FILE"
 LEAST_SECRET = 16  # characters
 SIGNATURE = "E3pose-Signature"
 MAX_WAITING = 100
+MAX_POSTS = 2 * MAX_WAITING  # at once: also of notices that were given up meanwhile
 SOON_S = 0.2
 END_S = 5.0  # for what waits when the stream ends
 AGAIN = (408, 425, 429)  # of the answers below 500, those that may be others later
@@ -68,12 +69,71 @@ class RetryPolicy:
         return longest_s * random.uniform(0.5, 1.0)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True, eq=False)
 class Notice:
-    """One event to send, and when it was first reported, monotonic time."""
+    """One event to send; its times are monotonic.
+
+    Attributes:
+        event: to tell.
+        urgent: whether it goes before others.
+        since_s: when it was reported.
+        due_s: when to try it next; infinite while an attempt goes on.
+        attempts: that have begun.
+        failed: whether the last one did.
+    """
 
     event: PersonEvent
+    urgent: bool
     since_s: float
+    due_s: float
+    attempts: int = 0
+    failed: bool = False
+
+
+class Notices:
+    """The notices that wait, each with a clock of its own: none waits for another.
+
+    Attributes:
+        waiting: in the order in which they were reported, also those being tried.
+        retry: limits of the attempts.
+    """
+
+    def __init__(self, retry: RetryPolicy) -> None:
+        """Begin without any."""
+        self.waiting: list[Notice] = []
+        self.retry = retry
+
+    def add(self, event: PersonEvent, urgent: bool, now_s: float) -> Notice | None:
+        """Let a notice wait; return the one without room: the oldest of the least urgent."""
+        self.waiting.append(Notice(event, urgent, now_s, now_s))
+        if len(self.waiting) <= MAX_WAITING:
+            return None
+        out = min(self.waiting, key=lambda one: one.urgent)
+        self.waiting.remove(out)
+        return out
+
+    def due(self, now_s: float, room: int = MAX_POSTS) -> list[Notice]:
+        """Return those to try now, urgent and new ones first; each until `tried` is called."""
+        due = [one for one in self.waiting if one.due_s <= now_s]
+        due = sorted(due, key=lambda one: (not one.urgent, one.attempts))[:room]
+        for one in due:
+            one.due_s, one.attempts = math.inf, one.attempts + 1
+        return due
+
+    def tried(self, notice: Notice, failed: bool, again: bool, now_s: float) -> bool:
+        """Take the end of an attempt; return whether the notice waits for another one."""
+        notice.failed = failed
+        if failed and again and now_s - notice.since_s < self.retry.give_up_s:
+            notice.due_s = now_s + self.retry.wait_s(notice.attempts)
+            return True
+        self.waiting.remove(notice)
+        return False
+
+    def hurry(self, now_s: float) -> None:
+        """Try all that wait now, and shortly after each attempt."""
+        self.retry = replace(self.retry, first_s=SOON_S, most_s=SOON_S)
+        for one in self.waiting:
+            one.due_s = now_s if one.due_s < math.inf else math.inf
 
 
 def open_stream(place: str, source: Source) -> WebhookStream:
@@ -131,7 +191,7 @@ def body_of(event: PersonEvent, source: Source) -> bytes:
 
 
 class WebhookStream:
-    """See `Stream`, `TellsPeople` and `CanTest`. A thread delivers, the oldest notice first.
+    """See `Stream`, `TellsPeople` and `CanTest`. Each attempt has a thread of its own.
 
     Attributes:
         delivered, given_up, silent: notices.
@@ -143,11 +203,10 @@ class WebhookStream:
         """Post to an address."""
         self.delivered = self.given_up = self.silent = 0
         self._url, self._secret, self._source = url, secret, source
-        self._retry = retry or RetryPolicy()
+        self._notices, self._posts = Notices(retry or RetryPolicy()), 0
         self._secure = ssl.create_default_context() if url.scheme == "https" else None
-        self._waiting: deque[Notice] = deque()
         self._problem = ""
-        self._ends_s = float("inf")
+        self._ends_s = math.inf
         self._changed = threading.Condition()
         self._thread = threading.Thread(target=self._run, name="webhook", daemon=True)
         self._thread.start()
@@ -155,7 +214,8 @@ class WebhookStream:
     @property
     def problem(self) -> str:
         """See `stream_problems`: waiting and given-up notices."""
-        waits = f"cannot deliver ({self._problem}), {plural(len(self._waiting), 'notice')} waiting"
+        count = plural(len(self._notices.waiting), "notice")
+        waits = f"cannot deliver ({self._problem}), {count} waiting"
         lost = f"{plural(self.given_up, 'notice')} given up"
         parts = [waits] * bool(self._problem) + [lost] * bool(self.given_up)
         return f"webhook {self._url.netloc}: {', '.join(parts)}" if parts else ""
@@ -176,9 +236,9 @@ class WebhookStream:
                 self.silent += 1
                 continue
             with self._changed:
-                if len(self._waiting) >= MAX_WAITING:
-                    self._give_up(self._waiting.popleft(), f"{MAX_WAITING} newer ones wait")
-                self._waiting.append(Notice(event, time.monotonic()))
+                out = self._notices.add(event, event.kind in told.urgent, time.monotonic())
+                if out is not None:
+                    self._give_up(out, f"{MAX_WAITING} others wait")
                 self._changed.notify()
 
     def test(self) -> str:
@@ -196,11 +256,12 @@ class WebhookStream:
         """See `Stream.close`: tries waiting notices for some seconds, then reports their loss."""
         with self._changed:
             self._ends_s = time.monotonic() + END_S
+            self._notices.hurry(time.monotonic())
             self._changed.notify()
         self._thread.join(END_S + 1.0)
         with self._changed:
-            while self._waiting:
-                self._give_up(self._waiting.popleft(), self._problem or "the stream ended")
+            while self._notices.waiting:
+                self._give_up(self._notices.waiting.pop(0), self._problem or "the stream ended")
         counts = [f"{plural(self.delivered, 'notice')} delivered"]
         counts += [f"{self.given_up} not delivered"] * (self.given_up > 0)
         counts += [f"{self.silent} not sent in quiet hours"] * (self.silent > 0)
@@ -212,48 +273,39 @@ class WebhookStream:
     def _give_up(self, notice: Notice, why: str) -> None:
         self.given_up += 1
         said = event_words(notice.event)["sentence"]  # lines are kept: without the name
-        self._say(f"not delivered ({why}): {said}")
+        self._say(f"not delivered ({why}): {said} ({plural(notice.attempts, 'attempt')})")
 
     def _run(self) -> None:
-        attempts = 0
-        while True:
-            with self._changed:
-                while not self._waiting and self._ends_s == float("inf"):
-                    self._changed.wait()
-                if not self._waiting or time.monotonic() >= self._ends_s:
+        """Begin the attempts that are due."""
+        with self._changed:
+            while self._notices.waiting or self._ends_s == math.inf:
+                now_s = time.monotonic()
+                if now_s >= self._ends_s:
                     return
-                notice = self._waiting[0]
-            problem, again = self._post(body_of(notice.event, self._source))
-            attempts += 1
-            late = time.monotonic() - notice.since_s >= self._retry.give_up_s
-            if problem and again and not late:
+                for notice in self._notices.due(now_s, MAX_POSTS - self._posts):
+                    self._posts += 1
+                    threading.Thread(target=self._try, args=(notice,), daemon=True).start()
+                next_s = min((one.due_s for one in self._notices.waiting), default=math.inf)
+                rest_s = min(next_s, self._ends_s) - now_s
+                self._changed.wait(max(rest_s, 0.01) if rest_s < math.inf else None)
+
+    def _try(self, notice: Notice) -> None:
+        """Try a notice once."""
+        problem, again = self._post(body_of(notice.event, self._source))
+        with self._changed:
+            self._posts -= 1
+            self._changed.notify()
+            if notice not in self._notices.waiting:
+                return  # given up meanwhile, for others
+            waits = self._notices.tried(notice, bool(problem), again, time.monotonic())
+            if waits:
                 self._set_problem(problem)
-                self._rest(attempts)
-                continue
-            attempts = 0
-            self._done(notice, problem)
-
-    def _rest(self, attempts: int) -> None:
-        """Wait for the next attempt; shortly, once the stream ends."""
-        with self._changed:
-            if self._ends_s < float("inf"):
-                self._changed.wait(SOON_S)
-            else:
-                wait_s = self._retry.wait_s(attempts)
-                self._changed.wait_for(lambda: self._ends_s < float("inf"), wait_s)
-
-    def _done(self, notice: Notice, problem: str) -> None:
-        """Count a notice that was delivered or given up."""
-        with self._changed:
-            if not self._waiting or self._waiting[0] is not notice:
-                return  # given up meanwhile, for newer ones
-            self._waiting.popleft()
-            if problem:
+            elif problem:
                 self._give_up(notice, problem)
             else:
                 self.delivered += 1
-        if not problem:
-            self._set_problem("")
+                if not any(one.failed for one in self._notices.waiting):
+                    self._set_problem("")
 
     def _set_problem(self, problem: str) -> None:
         """Say once that deliveries fail, and once that they succeed again."""
@@ -269,7 +321,7 @@ class WebhookStream:
         Redirects are answers like others: a signed notice goes nowhere else. Of an answer the
         status alone is read.
         """
-        url, seconds = self._url, self._retry.answer_s
+        url, seconds = self._url, self._notices.retry.answer_s
         host, port = str(url.hostname), url.port
         if self._secure is None:
             connection = http.client.HTTPConnection(host, port, timeout=seconds)
@@ -287,7 +339,7 @@ class WebhookStream:
             headers = {"Content-Type": "application/json", SIGNATURE: signed}
             connection.request("POST", target, body, headers)
             status = connection.getresponse().status
-        except (OSError, http.client.HTTPException) as error:
+        except (OSError, ValueError, http.client.HTTPException) as error:
             return str(error) or type(error).__name__, True
         finally:
             watchdog.cancel()
