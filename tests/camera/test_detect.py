@@ -13,7 +13,7 @@ from tests.cases import each_case
 from e3pose.base.errors import InputError
 from e3pose.base.lock import hold
 from e3pose.camera.detect import DetectSettings, detect_videos, partial_folder
-from e3pose.camera.provenance import load_video_starts
+from e3pose.camera.provenance import load_provenance
 from e3pose.model.camera import Camera, Rig
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17
@@ -116,7 +116,7 @@ def test_settings_choose_the_frames(tmp_path: Path) -> None:
     recording = load_recording(dest)
     assert recording.fps == 10
     assert (dest / "videos" / recording.videos["cam2"]).is_file()
-    assert load_video_starts(dest) == pytest.approx({"cam1": 0.2, "cam2": 0.1})
+    assert load_provenance(dest).video_starts_s == pytest.approx({"cam1": 0.2, "cam2": 0.1})
 
 
 @each_case("stop_after", [1, 7, 20, 27])

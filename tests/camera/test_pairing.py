@@ -8,8 +8,9 @@ import pytest
 from tests.cases import each_case
 
 from e3pose.base.errors import InputError
-from e3pose.camera.pairing import pair_videos
+from e3pose.camera.pairing import name_videos, pair_videos
 from e3pose.model.camera import Camera, Rig
+from e3pose.recording.videos import chapters_of
 
 
 def rig(*camera_ids: str) -> Rig:
@@ -54,13 +55,21 @@ def test_doubt_is_an_error_that_lists_both_sides(videos: list[str]) -> None:
     assert "cam2" in text and Path(videos[-1]).name in text
 
 
-def test_wrong_camera_or_camera_twice_is_named() -> None:
+def test_wrong_camera_is_named() -> None:
     with pytest.raises(InputError, match="'cam9', which is not in the rig"):
         pair_videos(["cam9=x.mp4"], rig("cam1"))
-    with pytest.raises(InputError, match="'cam1' is given twice"):
-        pair_videos(["cam1=x.mp4", "cam1=y.mp4"], rig("cam1", "cam2"))
     with pytest.raises(InputError, match="found none"):
         pair_videos([], rig("cam1"))
+
+
+def test_camera_again_is_its_next_chapter(tmp_path: Path) -> None:
+    first, second = tmp_path / "GX01.MP4", tmp_path / "GX02.MP4"
+    first.touch()
+    second.touch()
+    paired = pair_videos([f"cam1={first}", f"cam1={second}"], rig("cam1"))
+    assert chapters_of(paired["cam1"]) == [first, second]
+    assert name_videos([f"cam1={first}", f"cam1={second}"]) == paired
+    assert list(name_videos([f"{first}+{second.name}"])) == ["GX01"]
 
 
 def test_file_with_an_equals_sign_in_its_name_is_a_file(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ import pytest
 from tests.cases import each_case
 
 from e3pose.base.errors import InputError
-from e3pose.camera.source import Frame, VideoSource, open_video
+from e3pose.camera.source import Frame, Video, open_video
 from hostile_videos import film
 
 WIDTH, HEIGHT = 64, 48
@@ -224,6 +224,161 @@ def test_frames_before_the_first_key_frame_are_left_out(tmp_path: Path) -> None:
     assert 0 < len(frames) < 29 and video.lost_frames == 29 - len(frames)
 
 
+def repacked(
+    source: Path, path: Path, from_s: float = 0.0, drop: int = 0, begin_s: float = 0.0
+) -> Path:
+    """Pack a video anew without encoding, as lossless cutters do: what is before is not shown."""
+    with av.open(str(source)) as old, av.open(str(path), "w") as new:
+        stream = old.streams.video[0]
+        assert stream.time_base is not None
+        shift = round((from_s - begin_s) / stream.time_base)
+        copied = new.add_stream_from_template(stream)
+        for number, packet in enumerate(old.demux(stream)):
+            if packet.dts is None or packet.pts is None or number < drop:
+                continue
+            packet.pts, packet.dts, packet.stream = packet.pts - shift, packet.dts - shift, copied
+            new.mux(packet)
+    return path
+
+
+def numbered(number: int) -> np.ndarray[Any, Any]:
+    return picture(5 * number)
+
+
+def numbers(video: Video, start_s: float = 0.0) -> list[int]:
+    """The numbers of its frames, told by brightness."""
+    return [round((float(f.image.mean()) - 16) / 5) for f in video.frames(start_s)]
+
+
+def film_of_numbers(path: Path, codec: str = "libx264", key_every: int = 250) -> Path:
+    """A film of 44 frames, 20 per second, whose brightness tells their number."""
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream(codec, rate=20, options={"crf": "4"})
+        stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, "yuv420p"
+        stream.gop_size, stream.max_b_frames, stream.bit_rate = key_every, 2, 8_000_000
+        for number in range(44):
+            frame = av.VideoFrame.from_ndarray(numbered(number), format="rgb24")
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode())
+    return path
+
+
+@each_case(
+    ("codec", "key_every", "end"),
+    [("libx264", 250, ".mp4"), ("libx264", 12, ".mp4"), ("mpeg4", 250, ".mov")],
+)
+def test_lossless_cut_shows_what_players_show(
+    tmp_path: Path, codec: str, key_every: int, end: str
+) -> None:
+    whole = film_of_numbers(tmp_path / f"whole{end}", codec, key_every)
+    video = open_video(repacked(whole, tmp_path / f"cut{end}", from_s=1.3))
+    assert numbers(video) == list(range(26, 44)) and video.damage == ""
+    np.testing.assert_allclose([f.time_s for f in video], np.arange(18) / 20, atol=1e-6)
+    assert video.num_frames == 18
+    for first in (0, 1, 10, 17):
+        late = list(video.frames(first / 20))
+        assert [f.time_s for f in late] == pytest.approx(np.arange(first, 18) / 20)
+
+
+def test_time_begins_where_the_file_begins(tmp_path: Path) -> None:
+    whole = film_of_numbers(tmp_path / "whole.ts", key_every=20)
+    video = open_video(repacked(whole, tmp_path / "joined.ts", drop=5, begin_s=7.0))
+    with av.open(str(video.path)) as container:
+        packets = [p.pts * p.time_base for p in container.demux(video=0) if p.pts is not None]
+    assert numbers(video) == list(range(20, 44))
+    late_s = float(packets[-1] - min(packets)) - 23 / 20
+    damage, first_s = video.damage, next(iter(video)).time_s
+    assert f"its picture begins {first_s:.2f} s late" in damage
+    assert late_s > 0.5 and first_s == pytest.approx(late_s, abs=0.06)
+
+
+def test_picture_after_the_sound_is_late_but_an_encoders_run_up_is_none(tmp_path: Path) -> None:
+    for late_ms, first_s in ((60, 0.0), (500, 0.5)):
+        path = tmp_path / f"{late_ms}.mkv"
+        with av.open(str(path), "w") as container:
+            sound = container.add_stream("aac", rate=48000)
+            stream = container.add_stream("mpeg4", rate=20)
+            stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, "yuv420p"
+            stream.codec_context.time_base = Fraction(1, 1000)
+            for i in range(20):
+                heard = av.AudioFrame.from_ndarray(
+                    np.zeros((1, 4096), dtype=np.float32), format="fltp", layout="mono"
+                )
+                heard.sample_rate = 48000
+                container.mux(sound.encode(heard))
+                frame = av.VideoFrame.from_ndarray(picture(i), format="rgb24")
+                frame.pts, frame.time_base = late_ms + 50 * i, Fraction(1, 1000)
+                container.mux(stream.encode(frame))
+            container.mux([*sound.encode(), *stream.encode()])
+        video = open_video(path)
+        assert next(iter(video)).time_s == pytest.approx(first_s, abs=0.03)
+
+
+def test_track_of_the_cameras_size_is_taken_else_the_largest(tmp_path: Path) -> None:
+    path = tmp_path / "two.mp4"
+    with av.open(str(path), "w") as container:
+        for width, height in ((32, 24), (WIDTH, HEIGHT)):
+            stream = container.add_stream("mpeg4", rate=20)
+            stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
+        for stream in container.streams.video:
+            size = stream.codec_context.width, stream.codec_context.height
+            for i in range(4):
+                image = picture(i, size)
+                container.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="rgb24")))
+            container.mux(stream.encode())
+    assert open_video(path).image_size == (WIDTH, HEIGHT)
+    assert open_video(path, (32, 24)).image_size == (32, 24)
+    assert open_video(path, (24, 32)).image_size == (32, 24)
+    assert next(iter(open_video(path, (32, 24)))).image.shape == (24, 32, 3)
+
+
+def test_turn_is_ignored_where_asked(tmp_path: Path) -> None:
+    path = write_video(tmp_path / "a.mp4", [corners()] * 2, rotation=90)
+    assert open_video(path).image_size == (HEIGHT, WIDTH)
+    stored = open_video(path, as_stored=True)
+    assert stored.image_size == (WIDTH, HEIGHT) and not stored.turned
+    assert np.abs(next(iter(stored)).image.astype(int) - corners()).mean() < 8
+
+
+def test_chapters_are_one_film(tmp_path: Path) -> None:
+    images = [numbered(i) for i in range(30)]
+    for number in (1, 2, 3):
+        write_video(tmp_path / f"GX0{number}.MP4", images[10 * number - 10 : 10 * number])
+    film = open_video(tmp_path / "GX01.MP4+GX02.MP4+GX03.MP4")
+    assert numbers(film) == list(range(30)) and film.num_frames == 30
+    np.testing.assert_allclose([f.time_s for f in film], np.arange(30) / 20, atol=2e-3)
+    assert [f.index for f in film] == list(range(30))
+    assert numbers(film, 0.75) == list(range(15, 30))
+    write_video(tmp_path / "GX04.MP4", [picture(1, (32, 24))] * 3)
+    with pytest.raises(InputError, match=r"GX04\.MP4: found \(32, 24\).*as chapter GX01\.MP4"):
+        open_video(tmp_path / "GX01.MP4+GX04.MP4")
+    with pytest.raises(InputError, match=r"GX05\.MP4: found no file"):
+        open_video(tmp_path / "GX01.MP4+GX05.MP4")
+
+
+def test_interlaced_film_is_deinterlaced(tmp_path: Path) -> None:
+    path, height = tmp_path / "woven.mp4", 96
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream(
+            "libx264", rate=25, options={"crf": "4", "flags": "+ildct+ilme"}
+        )
+        stream.width, stream.height, stream.pix_fmt = WIDTH, height, "yuv420p"
+        for i in range(12):  # a bar moves by 3 pixels per field
+            image = np.zeros((height, WIDTH, 3), dtype=np.uint8)
+            for field in (0, 1):
+                left = 3 * (2 * i + field) % 40
+                image[field::2, left : left + 12] = 235
+            frame = av.VideoFrame.from_ndarray(image, format="rgb24").reformat(format="yuv420p")
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode())
+    video = open_video(path)
+    frames = list(video)
+    assert len(frames) == 12 and "deinterlaced" in video.damage
+    np.testing.assert_allclose([f.time_s for f in frames], np.arange(12) / 25, atol=1e-6)
+    combed = [float(np.abs(np.diff(f.image[..., 1].astype(int), axis=0)).mean()) for f in frames]
+    assert max(combed) < 8  # woven: about 30
+
+
 def test_gap_that_cannot_be_is_named(tmp_path: Path) -> None:
     path = film(tmp_path / "gap.mkv", 4, [0, 50, 10**9, 10**9 + 50])
     with pytest.raises(InputError, match=r"gap\.mkv: found a frame at 1000000 s, .* at most 86400"):
@@ -258,6 +413,6 @@ def test_source_without_timestamps_counts(tmp_path: Path) -> None:
         for i in range(10):
             container.mux(stream.encode(av.VideoFrame.from_ndarray(picture(i), format="rgb24")))
         container.mux(stream.encode())
-    video: VideoSource = open_video(path)
+    video: Video = open_video(path)
     times = [frame.time_s for frame in video]
     np.testing.assert_allclose(times, np.arange(10) / video.rate, atol=1e-6)

@@ -17,7 +17,7 @@ from tests.rigs import looking
 from tests.waiting import eventually
 
 from e3pose.base.errors import InputError
-from e3pose.camera.provenance import load_provenance, load_video_starts
+from e3pose.camera.provenance import load_provenance
 from e3pose.camera.session_videos import attach_videos
 from e3pose.edge.gather import Arrival
 from e3pose.edge.recorder import Recorder, RecorderSettings, recordings_in
@@ -228,7 +228,7 @@ def test_videos_become_part_of_the_recordings_of_their_time(tmp_path: Path) -> N
     recordings = [load_recording(part) for part in parts]
     assert [recording.num_slots for recording in recordings] == [20, 20]
     assert [set(recording.videos) for recording in recordings] == [{"c0", "c1"}] * 2
-    starts_s = [load_video_starts(part) for part in parts]
+    starts_s = [load_provenance(part).video_starts_s for part in parts]
     assert starts_s[0] == pytest.approx({"c0": 5 / FPS, "c1": 0.0})
     assert starts_s[1] == pytest.approx({"c0": 0.0, "c1": -4 / FPS})
     assert [load_provenance(part).rotations for part in parts] == [{"c1": 90}] * 2

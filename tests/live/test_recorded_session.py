@@ -15,7 +15,7 @@ from tests.live.processes import COMPILE_S, e3pose
 from tests.ports import free_port
 from tests.waiting import eventually
 
-from e3pose.camera.provenance import load_video_starts
+from e3pose.camera.provenance import load_provenance
 from e3pose.camera.source import open_video
 from e3pose.edge.recorder import recordings_in
 from e3pose.recording import Recording, load_recording
@@ -121,7 +121,7 @@ def test_videos_show_what_was_seen_at_the_same_times(
     """Detected again from the video, people are where they were in the live session."""
     part = whole(session)
     recording = load_recording(part)
-    starts_s = load_video_starts(part)
+    starts_s = load_provenance(part).video_starts_s
     for camera_id in ("cam0", "cam1"):
         series = recording.views[recording.rig.index(camera_id)]
         shown_s = [f.time_s for f in open_video(part / "videos" / f"{camera_id}.mkv").frames()]

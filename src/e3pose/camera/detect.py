@@ -39,7 +39,7 @@ from e3pose.recording import (
 )
 from e3pose.recording.calibration.world import assumed_rig
 from e3pose.recording.record import MAX_FPS, MIN_FPS
-from e3pose.recording.videos import begin_of
+from e3pose.recording.videos import VIDEOS, begin_of, chapters_of
 from e3pose.settings.limits import Rotation
 from e3pose.settings.loop import WHOLE_EVERY, LoopSettings
 from e3pose.settings.parts import make_pipeline
@@ -61,6 +61,7 @@ class DetectSettings:
             detector, so that people are upright; 0 if not given.
         offsets_s: for each camera, when its video's first frame was taken on the common clock, in
             seconds; 0 if not given.
+        as_stored: ignore the turn that videos ask players for.
         keep_videos: `refer` to the videos where they are, `link` or `copy` them into the recording.
         overwrite: replace a recording at the destination, and unfinished work of other settings.
         feedback: detect in the parts of images in which people are expected, by what all cameras
@@ -74,6 +75,7 @@ class DetectSettings:
     max_slots: int | None = None
     rotations: Mapping[str, int] = field(default_factory=dict)
     offsets_s: Mapping[str, float] = field(default_factory=dict)
+    as_stored: bool = False
     keep_videos: Literal["refer", "link", "copy"] = "refer"
     overwrite: bool = False
     feedback: bool = False
@@ -308,7 +310,8 @@ def detect_videos(
         check_feedback(detector, detector_name.partition(" ")[0])
     paths = name_videos(videos) if rig is None else pair_videos(videos, rig)
     settings = replace(settings, offsets_s={**_begins_s(paths), **settings.offsets_s})
-    sources = open_sources(paths, settings.fps)
+    sizes = {} if rig is None else {c.camera_id: c.image_size for c in rig.cameras}
+    sources = open_sources(paths, settings.fps, sizes, settings.as_stored)
     if rig is None:
         rig = assumed_rig({name: source.image_size for name, source in sources.items()})
     for option, chosen in (("offset", settings.offsets_s), ("rotation", settings.rotations)):
@@ -469,7 +472,8 @@ def _check_size(rig: Rig, camera_id: str, source: Source) -> None:
     hint = ""
     if found == expected[::-1]:
         hint = "; the sides are swapped, " + (
-            "the file asks players for a quarter turn that the calibration was made without"
+            "the file asks players for a quarter turn that the calibration was made without; "
+            "--as-stored ignores it"
             if source.turned
             else "the calibration may be of a video that players show turned"
         )
@@ -513,10 +517,12 @@ def _identity(
         "start": f"{grid.start_s:.9g} s",
         "max slots": str(grid.max_slots),
     }
+    if settings.as_stored:
+        identity["turn of videos"] = "ignored"
     if settings.feedback:
         identity["feedback"] = f"whole looks every {settings.whole_every}"
     for camera_id, source in sources.items():
-        size = source.path.stat().st_size
+        size = sum(path.stat().st_size for path in chapters_of(source.path))
         identity[f"video of {camera_id}"] = f"{source.path.name} ({size} bytes)"
         identity[f"offset of {camera_id}"] = f"{settings.offsets_s.get(camera_id, 0.0):.9g} s"
         if degrees := settings.rotations.get(camera_id, 0):
@@ -566,18 +572,23 @@ def _finish(
 ) -> None:
     rotations = {name: settings.rotations[name] for name in sources if name in settings.rotations}
     starts_s = {name: settings.start_s - settings.offsets_s.get(name, 0.0) for name in sources}
+    names = dict(recording.videos)
+    files: dict[str, Path] = {}  # by name in the recording
+    if settings.keep_videos != "refer":
+        for camera_id in names:
+            chapters = chapters_of(sources[camera_id].path)
+            marks = [""] if len(chapters) == 1 else [f"-{i + 1}" for i in range(len(chapters))]
+            kept = [
+                f"{camera_id}{m}{c.suffix.lower()}" for m, c in zip(marks, chapters, strict=True)
+            ]
+            files |= zip(kept, chapters, strict=True)
+            names[camera_id] = "+".join(kept)
     with atomic_folder(dest, settings.overwrite, held=True) as folder:
-        if settings.keep_videos == "refer":
-            save_recording(recording, folder)
-            save_provenance(folder, identity, starts_s, rotations)
-            return
-        names = {name: f"{name}{sources[name].path.suffix.lower()}" for name in recording.videos}
         save_recording(replace(recording, videos=names), folder)
-        save_provenance(folder, identity, starts_s, rotations)
-        (folder / "videos").mkdir()
-        for camera_id, name in names.items():
-            target = sources[camera_id].path.resolve()
+        save_provenance(folder, identity, starts_s, rotations, settings.as_stored)
+        for name, file in files.items():
+            (folder / VIDEOS).mkdir(exist_ok=True)
             if settings.keep_videos == "link":
-                (folder / "videos" / name).symlink_to(target)
+                (folder / VIDEOS / name).symlink_to(file.resolve())
             else:
-                shutil.copyfile(target, folder / "videos" / name)
+                shutil.copyfile(file, folder / VIDEOS / name)

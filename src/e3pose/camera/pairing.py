@@ -9,10 +9,13 @@ from pathlib import Path
 from e3pose.base.errors import InputError
 from e3pose.model.camera import Rig
 from e3pose.model.camera_fields import check_camera_id
+from e3pose.recording.videos import chapters_of
 
 
 def name_videos(videos: Sequence[Path | str]) -> dict[str, Path]:
     """Name cameras after their videos, for want of a rig: `CAMERA=path`, or the file's stem.
+
+    `CAMERA=path` again is the next chapter of that camera's film.
 
     Returns:
         Camera id to file or folder, in the order given; characters that no camera id may have
@@ -25,14 +28,15 @@ def name_videos(videos: Sequence[Path | str]) -> dict[str, Path]:
     for video in videos:
         camera_id, equals, path = str(video).partition("=")
         if not equals or Path(video).exists():
-            camera_id, path = re.sub(r"[^A-Za-z0-9_.-]", "_", Path(video).stem)[:64], str(video)
+            stem = chapters_of(Path(video))[0].stem
+            camera_id, path = re.sub(r"[^A-Za-z0-9_.-]", "_", stem)[:64], str(video)
         check_camera_id(camera_id)
-        if camera_id in named:
+        if camera_id in named and not equals:
             raise InputError(
                 f"videos: {named[camera_id]} and {path} both name camera {camera_id!r}; say "
                 "CAMERA=PATH"
             )
-        named[camera_id] = Path(path)
+        named[camera_id] = _with_chapter(named.get(camera_id), path)
     if not named:
         raise InputError("videos: found none, expected at least one")
     return named
@@ -41,7 +45,8 @@ def name_videos(videos: Sequence[Path | str]) -> dict[str, Path]:
 def pair_videos(videos: Sequence[Path | str], rig: Rig) -> dict[str, Path]:
     """Pair videos with the cameras of a rig.
 
-    `CAMERA=path` says it outright. The other files are paired by the first of three rules that
+    `CAMERA=path` says it outright; of one camera said again, it is the next chapter of its film.
+    The other files are paired by the first of three rules that
     gives each of them one camera of its own: the file's stem is the camera id; the stem holds the
     id as a word of its own, or the id the stem; the last numbers in stem and id are equal.
 
@@ -61,9 +66,7 @@ def pair_videos(videos: Sequence[Path | str], rig: Rig) -> dict[str, Path]:
             rest.append(Path(video))
             continue
         rig.index(camera_id)
-        if camera_id in paired:
-            raise InputError(f"videos: camera {camera_id!r} is given twice, expected one video")
-        paired[camera_id] = Path(path)
+        paired[camera_id] = _with_chapter(paired.get(camera_id), path)
     free = [camera_id for camera_id in rig.camera_ids if camera_id not in paired]
     for rule in (_same, _contained, _same_number):
         pairs = _by_rule(rest, free, rule)
@@ -77,6 +80,11 @@ def pair_videos(videos: Sequence[Path | str], rig: Rig) -> dict[str, Path]:
         f"{', '.join(path.name for path in rest)}, cameras {', '.join(free) or '(none left)'}; "
         "rename the files after the cameras or pass them as CAMERA=FILE"
     )
+
+
+def _with_chapter(before: Path | None, path: str) -> Path:
+    """Return a film with one more chapter, as `open_video` reads it."""
+    return Path(path if before is None else f"{before}+{Path(path).resolve()}")
 
 
 def _by_rule(

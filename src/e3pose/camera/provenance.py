@@ -16,7 +16,7 @@ FILE = "detection.toml"
 MAX_BYTES = 2**20
 
 
-class Provenance(msgspec.Struct):
+class Provenance(msgspec.Struct, frozen=True):
     """How a recording was detected.
 
     Attributes:
@@ -24,11 +24,13 @@ class Provenance(msgspec.Struct):
         video_starts_s: for each camera, which time in its video is the recording's zero.
         rotations: for each camera that is turned, by how many degrees clockwise its images were
             turned for the detector.
+        as_stored: whether the turn that videos ask players for was ignored.
     """
 
-    settings: dict[str, str]
-    video_starts_s: dict[str, float]
+    settings: dict[str, str] = {}
+    video_starts_s: dict[str, float] = {}
     rotations: dict[str, Rotation] = {}
+    as_stored: bool = False
 
 
 def save_provenance(
@@ -36,21 +38,15 @@ def save_provenance(
     settings: Mapping[str, str],
     video_starts_s: Mapping[str, float],
     rotations: Mapping[str, int] | None = None,
+    as_stored: bool = False,
 ) -> None:
-    """Write how the recording in `folder` was detected."""
-    table = {"settings": dict(settings), "video_starts_s": dict(video_starts_s)}
+    """Write how the recording in `folder` was detected, see `Provenance`."""
+    table: dict[str, object] = {"settings": dict(settings), "video_starts_s": dict(video_starts_s)}
     if rotations:
         table["rotations"] = dict(rotations)
+    if as_stored:
+        table["as_stored"] = True
     (folder / FILE).write_bytes(tomli_w.dumps(table).encode())
-
-
-def load_video_starts(folder: Path) -> dict[str, float]:
-    """Return which time in each camera's video is the recording's zero; empty if nothing says so.
-
-    Raises:
-        InputError: when the file is there but broken.
-    """
-    return load_provenance(folder).video_starts_s
 
 
 def load_provenance(folder: Path) -> Provenance:
@@ -61,7 +57,7 @@ def load_provenance(folder: Path) -> Provenance:
     """
     path = folder / FILE
     if not path.is_file():
-        return Provenance({}, {})
+        return Provenance()
     try:
         found = msgspec.convert(read_toml(path, MAX_BYTES), Provenance)
     except msgspec.ValidationError as error:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.base.errors import InputError
+from e3pose.camera.provenance import Provenance
 from e3pose.camera.source import Frame, open_video
 from e3pose.detectors.base import Image
 from e3pose.recording import Recording
@@ -132,17 +133,27 @@ def video_path(recording: Recording, camera_id: str, folder: Path | None) -> Pat
 class SlotReader:
     """Hands out a video's images; slots must not fall."""
 
-    def __init__(self, path: Path, fps: float, start_s: float, first_slot: int) -> None:
-        """Open a video.
+    def __init__(
+        self,
+        recording: Recording,
+        camera: int,
+        folder: Path | None,
+        provenance: Provenance,
+        first_slot: int = 0,
+    ) -> None:
+        """Open the video of a camera.
 
         Args:
-            path: of the video.
-            fps: slots per second.
-            start_s: which time in the video is the recording's zero.
+            recording: that names it.
+            camera: index.
+            folder: of the recording, for videos that stand in it.
+            provenance: which time in the video is the recording's zero, and how it was turned.
             first_slot: the first that will be asked for.
         """
-        grid = SlotGrid(fps, start_s)
-        source = open_video(path)
+        name = recording.rig.camera_ids[camera]
+        grid = SlotGrid(recording.fps, provenance.video_starts_s.get(name, 0.0))
+        size = recording.rig.cameras[camera].image_size
+        source = open_video(video_path(recording, name, folder), size, provenance.as_stored)
         frames = source.frames(max(0.0, grid.video_time_s(first_slot, 0.0)))
         self._frames = frames_in_slots(frames, grid, 0.0, first_slot)
         self._next = next(self._frames, None)

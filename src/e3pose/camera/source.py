@@ -1,14 +1,17 @@
 """Read the frames of a video file with their times.
 
-Times come from the file's own timestamps, so a variable frame rate and dropped frames are seen as
-they are. Pictures are turned as the file's display matrix says. Frames that cannot be decoded, and
-those that the decoder guesses until the next key frame, are left out and counted.
+Times come from the file's own timestamps and edit list, as players show it, so a variable frame
+rate, dropped frames and lossless cuts are seen as they are. Time 0 is the begin of the file, even
+where its first frames cannot be decoded. Pictures are turned as the file's display matrix says and
+deinterlaced where it says that they are interlaced. Frames that cannot be decoded, and those that
+the decoder guesses until the next key frame, are left out and counted.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +23,7 @@ from e3pose.base.errors import InputError
 from e3pose.base.jpeg import check_picture
 from e3pose.camera.orientation import Orientation, display_orientation
 from e3pose.recording.detections.openpose import frame_number
+from e3pose.recording.videos import chapters_of
 
 # Containers of moving pictures only: FFmpeg would also "play" a text file or follow a play list.
 CONTAINERS = (
@@ -33,6 +37,8 @@ FALLBACK_RATE = 25.0  # frames per second where the file does not say
 RATES = (0.001, 1000.0)  # frames per second that a recording may have
 MAX_GAP_S = 86_400.0  # between two frames: more is a damaged timestamp, and a recording of nothing
 END_TOLERANCE = 2.5  # frames by which a file may fall short of the length it announces
+# By so much sound begins before the picture where an encoder needs a run-up: no late picture.
+SOUND_RUN_UP_S = 0.1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,7 +47,7 @@ class Frame:
 
     Attributes:
         index: how many frames the reader gave before.
-        time_s: seconds since the first frame of the file.
+        time_s: seconds since the begin of the file.
     """
 
     index: int
@@ -65,6 +71,7 @@ class VideoSource:
         turned: whether the file asks for a quarter turn: `image_size` is the stored size swapped.
         rate: nominal frames per second.
         num_frames: how many frames the file announces; an estimate, for a progress bar.
+        late_s: when its first frame that can be decoded is shown, in seconds.
         lost_frames: frames the last reading could not decode.
         damage: what was wrong in the last reading, in words; empty if nothing was.
     """
@@ -74,14 +81,22 @@ class VideoSource:
     turned: bool
     rate: float
     num_frames: int
+    late_s: float = 0.0
     lost_frames: int = 0
     damage: str = ""
-    _first_s: float | None = None
+    _zero_s: float | None = None
     _length_s: float | None = None
     _orientation: Orientation = field(default_factory=Orientation)
+    _interlaced: bool = False
 
     def __iter__(self) -> Iterator[Frame]:
         return self.frames()
+
+    @property
+    def length_s(self) -> float:
+        """Seconds that it lasts, by its header."""
+        by_count = self.num_frames / self.rate
+        return by_count if self._length_s is None else self._length_s + 1 / self.rate
 
     def frames(self, start_s: float = 0.0) -> Iterator[Frame]:
         """Yield the frames from `start_s` on, in rising time.
@@ -107,7 +122,7 @@ class VideoSource:
                 self._check_size(picture, time_s)
                 yield Frame(index, time_s, picture, self._orientation)
                 index += 1
-            elif self._first_s is None:
+            elif self._zero_s is None:
                 index += 1  # without timestamps the count is the clock
         self.damage = self._describe(last_s)
 
@@ -132,7 +147,7 @@ class VideoSource:
                     continue
                 for heard in decoded:
                     for part in resampler.resample(heard):
-                        begin = round((float(part.time or 0.0) - (self._first_s or 0.0)) * rate)
+                        begin = round((float(part.time or 0.0) - (self._zero_s or 0.0)) * rate)
                         if begin >= len(samples):
                             return samples
                         chunk = part.to_ndarray().reshape(-1)[max(0, -begin) :]
@@ -143,22 +158,30 @@ class VideoSource:
         return samples[:last]
 
     def _pictures(self, start_s: float) -> Iterator[Any]:
-        if start_s > 0 and self._first_s is not None:
-            with _container(self.path) as (container, stream):
-                pictures = _decode(container, stream, self, seek_s=self._first_s + start_s)
+        if start_s > 0 and self._zero_s is not None:
+            with _container(self.path, self._stored_size) as (container, stream):
+                pictures = self._shown(container, stream, self._zero_s + start_s)
                 first = next(pictures, None)
                 if first is not None and self._time_s(first, 0) <= start_s + 1e-9:
                     yield first
                     yield from pictures
                     return
             self.lost_frames = 0  # the jump went too far, or nowhere
-        with _container(self.path) as (container, stream):
-            yield from _decode(container, stream, self)
+        with _container(self.path, self._stored_size) as (container, stream):
+            yield from self._shown(container, stream)
+
+    def _shown(self, container: Any, stream: Any, seek_s: float | None = None) -> Iterator[Any]:
+        pictures = _decode(container, stream, self, seek_s=seek_s)
+        return _deinterlaced(stream, pictures) if self._interlaced else pictures
+
+    @property
+    def _stored_size(self) -> tuple[int, int]:
+        return self._orientation.size(*self.image_size)
 
     def _time_s(self, picture: Any, index: int) -> float:
-        if self._first_s is None or picture.time is None:
+        if self._zero_s is None or picture.time is None:
             return index / self.rate
-        return float(picture.time) - self._first_s
+        return float(picture.time) - self._zero_s
 
     def _check_size(self, picture: Any, time_s: float) -> None:
         size = self._orientation.size(picture.width, picture.height)
@@ -169,7 +192,9 @@ class VideoSource:
             )
 
     def _describe(self, last_s: float) -> str:
-        parts = []
+        parts = ["interlaced, so it was deinterlaced"] if self._interlaced else []
+        if self.late_s * self.rate > END_TOLERANCE:
+            parts.append(f"its picture begins {self.late_s:.2f} s late")
         if self.lost_frames:
             parts.append(f"{self.lost_frames} damaged frames left out")
         if self._length_s is not None and np.isfinite(last_s):
@@ -181,47 +206,134 @@ class VideoSource:
         return "; ".join(parts)
 
 
-def open_video(path: Path) -> VideoSource:
+def open_video(
+    path: Path, image_size: tuple[int, int] | None = None, as_stored: bool = False
+) -> Video:
     """Open a video file and decode its first frame, to know its size and that it can be read.
+
+    Args:
+        path: the file; A.MP4+B.MP4 for chapters of one film, of which those after the first are
+            in its folder unless they say another.
+        image_size: `(width, height)` that it should have, which chooses among several tracks; the
+            largest otherwise.
+        as_stored: leave pictures as they are stored, whatever turn the file asks players for.
 
     Raises:
         InputError: naming the file and what is wrong: missing, empty, not a video, without a video
-            track, of a rate that cannot be, without a frame that can be decoded, too large, or
-            turned by an odd angle.
+            track, of a rate that cannot be, without a frame that can be decoded, too large, turned
+            by an odd angle, or a chapter unlike the first.
     """
-    path = Path(path)
+    first, *others = chapters_of(path)
+    film = _open_file(first, image_size, as_stored)
+    if not others:
+        return film
+    return Chapters((film, *(_open_file(other, film.image_size, as_stored) for other in others)))
+
+
+def _open_file(path: Path, image_size: tuple[int, int] | None, as_stored: bool) -> VideoSource:
     if not path.is_file():
         raise InputError(
             f"{path}: found {'a folder' if path.is_dir() else 'no file'}, expected a video"
         )
     if path.stat().st_size == 0:
         raise InputError(f"{path}: the file is empty, expected a video")
-    with _container(path) as (container, stream):
+    with _container(path, image_size) as (container, stream):
         counter = VideoSource(path, (0, 0), False, 0.0, 0)
         first = next(_decode(container, stream, counter, MAX_PACKETS_TO_FIRST_FRAME), None)
         if first is None:
             raise InputError(f"{path}: no frame of it can be decoded, expected a video")
-        orientation = display_orientation(first.side_data, str(path))
+        orientation = display_orientation({} if as_stored else first.side_data, str(path))
         rate = _rate(stream, path)
-        length_s = _length_s(container, stream, rate)
-        counted = int(stream.frames) or round((length_s or 0.0) * rate)
+        first_s = None if first.time is None else float(first.time)
+        zero_s = None if first_s is None else _zero_s(container, stream, first_s)
+        length_s = _length_s(container, stream, rate, zero_s)
+        counted = [int(stream.frames)] if stream.frames else []
+        counted += [] if length_s is None else [round(length_s * rate) + 1]
         return VideoSource(
             path,
             orientation.size(first.width, first.height),
             orientation.transpose,
             rate,
-            max(counted, 1),
-            _first_s=None if first.time is None else float(first.time),
+            max(min(counted, default=1), 1),
+            0.0 if first_s is None or zero_s is None else first_s - zero_s,
+            _zero_s=zero_s,
             _length_s=length_s,
             _orientation=orientation,
+            _interlaced=bool(first.interlaced_frame),
         )
 
 
-class _container:
-    """Open a file as FFmpeg container and first video stream; every failure is one line."""
+@dataclass(eq=False)
+class Chapters:
+    """A film in several files, as cameras write that begin a new file every few minutes.
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
+    A chapter begins where the one before ends by its header.
+
+    Attributes:
+        files: the chapters, in their order.
+        lost_frames: of the last reading.
+        damage: of the last reading.
+    """
+
+    files: tuple[VideoSource, ...]
+    lost_frames: int = 0
+    damage: str = ""
+
+    def __post_init__(self) -> None:
+        first = self.files[0]
+        for video in self.files[1:]:
+            if video.image_size != first.image_size or abs(video.rate / first.rate - 1) > 1e-3:
+                raise InputError(
+                    f"{video.path}: found {video.image_size} at {video.rate:g} frames per second, "
+                    f"expected {first.image_size} at {first.rate:g} as chapter {first.path.name}"
+                )
+        self.path = Path("+".join([str(first.path), *(self._name(v) for v in self.files[1:])]))
+        self.image_size, self.turned, self.rate = first.image_size, first.turned, first.rate
+        self.num_frames = sum(video.num_frames for video in self.files)
+
+    def _name(self, video: VideoSource) -> str:
+        same = video.path.resolve().parent == self.files[0].path.resolve().parent
+        return video.path.name if same else str(video.path.resolve())
+
+    def __iter__(self) -> Iterator[Frame]:
+        return self.frames()
+
+    def frames(self, start_s: float = 0.0) -> Iterator[Frame]:
+        """Yield the frames of all chapters, see `VideoSource.frames`."""
+        self.lost_frames, self.damage, damages = 0, "", []
+        begin_s, index = 0.0, 0
+        for video in self.files:
+            if begin_s + video.length_s > start_s:
+                for frame in video.frames(max(0.0, start_s - begin_s)):
+                    yield replace(frame, index=index, time_s=frame.time_s + begin_s)
+                    index += 1
+                self.lost_frames += video.lost_frames
+                damages += [f"{video.path.name} {video.damage}"] if video.damage else []
+            begin_s += video.length_s
+        self.damage = "; ".join(damages)
+
+    def sound(self, rate: int, seconds: float) -> NDArray[np.float64] | None:
+        """Return the sound of all chapters, see `VideoSource.sound`."""
+        heard, begin_s = np.zeros(0), 0.0
+        for video in self.files:
+            part = video.sound(rate, seconds - begin_s) if begin_s < seconds else np.zeros(0)
+            if part is None:
+                return None
+            begin = round(begin_s * rate)
+            heard = np.pad(heard, (0, max(0, begin + len(part) - len(heard))))
+            heard[begin : begin + len(part)] = part
+            begin_s += video.length_s
+        return heard
+
+
+Video = VideoSource | Chapters
+
+
+class _container:
+    """Open a file as FFmpeg container and its video stream; every failure is one line."""
+
+    def __init__(self, path: Path, image_size: tuple[int, int] | None = None) -> None:
+        self.path, self.image_size = path, image_size
 
     def __enter__(self) -> tuple[Any, Any]:
         import av
@@ -239,7 +351,7 @@ class _container:
                 "expected a complete file such as MP4, MKV, AVI or TS"
             ) from None
         try:
-            stream = _video_stream(self.container, self.path)
+            stream = _video_stream(self.container, self.path, self.image_size)
         except BaseException:
             self.container.close()
             raise
@@ -250,20 +362,28 @@ class _container:
         self.container.close()
 
 
-def _video_stream(container: Any, path: Path) -> Any:
-    for stream in container.streams.video:
-        if "attached_pic" in str(stream.disposition).lower():
-            continue  # the cover of a song
-        if stream.codec_context is None:
-            raise InputError(f"{path}: its video track is in a format without a decoder")
-        width, height = stream.codec_context.width, stream.codec_context.height
-        if width * height > MAX_PIXELS:
-            raise InputError(
-                f"{path}: image size {width} x {height}, expected at most {MAX_PIXELS} pixels"
-            )
-        return stream
-    kinds = ", ".join(sorted({stream.type for stream in container.streams})) or "nothing"
-    raise InputError(f"{path}: holds {kinds} but no video track, expected a video")
+def _video_stream(container: Any, path: Path, image_size: tuple[int, int] | None) -> Any:
+    """Return the stream of that size, stored upright or turned; without one the largest."""
+    streams = [
+        stream
+        for stream in container.streams.video
+        if "attached_pic" not in str(stream.disposition).lower()  # the cover of a song
+    ]
+    if not streams:
+        kinds = ", ".join(sorted({stream.type for stream in container.streams})) or "nothing"
+        raise InputError(f"{path}: holds {kinds} but no video track, expected a video")
+    streams = [stream for stream in streams if stream.codec_context is not None]
+    if not streams:
+        raise InputError(f"{path}: its video track is in a format without a decoder")
+    sizes = [(stream.codec_context.width, stream.codec_context.height) for stream in streams]
+    wanted = () if image_size is None else (image_size, image_size[::-1])
+    best = max(range(len(streams)), key=lambda i: (sizes[i] in wanted, sizes[i][0] * sizes[i][1]))
+    width, height = sizes[best]
+    if width * height > MAX_PIXELS:
+        raise InputError(
+            f"{path}: image size {width} x {height}, expected at most {MAX_PIXELS} pixels"
+        )
+    return streams[best]
 
 
 def _decode(
@@ -273,7 +393,12 @@ def _decode(
     max_packets: int | None = None,
     seek_s: float | None = None,
 ) -> Iterator[Any]:
-    """Yield intact pictures; count the damaged, and those guessed until the next key frame."""
+    """Yield intact pictures; count the damaged, and those guessed until the next key frame.
+
+    Pictures come out later than their packets go in. What is shown before the last key frame that
+    went in may still be guessed. A key frame itself may never be shown: an edit list can begin
+    behind it.
+    """
     import av
 
     if seek_s is not None:
@@ -282,7 +407,7 @@ def _decode(
         except (av.error.FFmpegError, OverflowError):
             return
     packets = container.demux(stream)
-    intact = False  # what comes before the first key frame is guessed
+    key = intact_from = np.inf  # presentation times of the last key frame, and of the first intact
     seen = 0
     while True:
         try:
@@ -292,18 +417,41 @@ def _decode(
         seen += 1
         if max_packets is not None and seen > max_packets:
             return
+        if packet.is_keyframe and packet.pts is not None:
+            key = packet.pts
+            intact_from = min(intact_from, key)
         try:
             pictures = packet.decode()
         except av.error.FFmpegError:
-            intact = False
+            key = intact_from = np.inf
             counter.lost_frames += 1
             continue
         for picture in pictures:
-            intact = not picture.is_corrupt and (intact or picture.key_frame)
-            if intact:
+            time = -np.inf if picture.pts is None else picture.pts
+            if picture.is_corrupt:
+                intact_from = key if time < key else np.inf
+            elif picture.key_frame:
+                intact_from = min(intact_from, time)
+            if not picture.is_corrupt and time >= intact_from:
                 yield picture
             else:
                 counter.lost_frames += 1
+
+
+def _deinterlaced(stream: Any, pictures: Iterator[Any]) -> Iterator[Any]:
+    """Yield pictures with both fields at the time of the first, by FFmpeg's bwdif."""
+    import av
+
+    graph = av.filter.Graph()
+    begin = graph.add_buffer(template=stream)
+    graph.link_nodes(begin, graph.add("bwdif", "send_frame"), graph.add("buffersink")).configure()
+    for picture in chain(pictures, (None,)):
+        graph.push(picture)
+        while True:
+            try:
+                yield graph.pull()
+            except (av.error.BlockingIOError, av.error.EOFError):
+                break
 
 
 def _rate(stream: Any, path: Path) -> float:
@@ -315,15 +463,30 @@ def _rate(stream: Any, path: Path) -> float:
     return rate
 
 
-def _length_s(container: Any, stream: Any, rate: float) -> float | None:
-    """Return the time from the first to the last frame that the header announces, if it does."""
+def _zero_s(container: Any, stream: Any, first_s: float) -> float:
+    """Return the presentation time at which a file begins, of which `first_s` is shown first."""
+    begins_s = [first_s]
+    if stream.start_time is not None:
+        begins_s.append(float(stream.start_time * stream.time_base))
+    begin_s = min(begins_s)
+    if container.start_time is None:
+        return begin_s
+    file_s = float(container.start_time) / 1e6
+    return file_s if file_s < begin_s - SOUND_RUN_UP_S else begin_s
+
+
+def _length_s(container: Any, stream: Any, rate: float, zero_s: float | None) -> float | None:
+    """Return the time from the begin to the last frame that the header announces, if it does."""
+    begin_s = 0.0
+    if stream.start_time is not None and zero_s is not None:
+        begin_s = float(stream.start_time * stream.time_base) - zero_s
     lengths = []
     if stream.duration:
-        lengths.append(float(stream.duration * stream.time_base))
+        lengths.append(begin_s + float(stream.duration * stream.time_base))
     elif container.duration and len(container.streams) == 1:
         lengths.append(float(container.duration) / 1e6)
-    if stream.frames:
-        lengths.append(stream.frames / rate)
+    if stream.frames and "mp4" not in container.format.name:  # whose edit list may hide some
+        lengths.append(begin_s + stream.frames / rate)
     return max(lengths) - 1 / rate if lengths else None
 
 
@@ -394,15 +557,22 @@ class ImageFolder:
                 yield ImageFrame(index, time_s, path, self.image_size)
 
 
-Source = VideoSource | ImageFolder
+Source = VideoSource | Chapters | ImageFolder
 
 
-def open_sources(paths: Mapping[str, Path], fps: float | None) -> dict[str, Source]:
+def open_sources(
+    paths: Mapping[str, Path],
+    fps: float | None,
+    sizes: Mapping[str, tuple[int, int]] | None = None,
+    as_stored: bool = False,
+) -> dict[str, Source]:
     """Open the video file or the folder of images of every camera.
 
     Args:
         paths: camera id to file or folder.
         fps: images per second of the folders.
+        sizes: camera id to the image size that it should have, where that is known.
+        as_stored: see `open_video`.
 
     Raises:
         InputError: naming what is wrong; without `fps` where there is a folder.
@@ -414,7 +584,7 @@ def open_sources(paths: Mapping[str, Path], fps: float | None) -> dict[str, Sour
     opened: dict[str, Source] = {}
     for name, path in paths.items():
         if name not in folders:
-            opened[name] = open_video(path)
+            opened[name] = open_video(path, (sizes or {}).get(name), as_stored)
             continue
         image = read_picture(next(iter(folders[name].values())))
         size = image.shape[1], image.shape[0]

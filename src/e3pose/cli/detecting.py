@@ -75,6 +75,8 @@ class FrameOptions:
     """CAMERA=DEGREES: 0, 90, 180 or 270 clockwise, by which that camera's images are turned for
     the detector so that people are upright; repeatable. Keypoints stay in pixels of the video.
     Default: what a Caliscope calibration says, else 0."""
+    as_stored: Flag = False
+    """Ignore the turn that videos ask players for, if the calibration was made without it."""
 
     def rotations(self, calibration: Path | None) -> dict[str, int]:
         """Return the rotations of these options and of a calibration file."""
@@ -117,6 +119,8 @@ def detect(
 
     A folder of numbered images stands for a video: `e3pose detect shelf/Camera* found --fps 25`.
 
+    Chapters of one camera: `e3pose detect cam0=GX010001.MP4+GX020001.MP4 cam1=b.mp4 walk`.
+
     Each slot takes the frame of each camera that is nearest in time, at most half a slot away. You
     can interrupt the command: DEST.partial keeps the work, and the same command resumes it.
 
@@ -147,6 +151,7 @@ def detect(
         max_slots=frames.max_slots,
         rotations=rotations,
         offsets_s=camera_seconds("--offset", frames.offset or []),
+        as_stored=frames.as_stored,
         keep_videos="link" if output.link_videos else "copy" if output.copy_videos else "refer",
         overwrite=output.overwrite,
         feedback=network.feedback,

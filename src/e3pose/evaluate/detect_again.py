@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from statistics import median
@@ -12,8 +12,8 @@ from typing import Any
 from e3pose.base.errors import InputError
 from e3pose.camera.look_times import LookTimes, taken
 from e3pose.camera.orientation import turned
-from e3pose.camera.provenance import load_provenance
-from e3pose.camera.slots import SlotReader, video_path
+from e3pose.camera.provenance import Provenance, load_provenance
+from e3pose.camera.slots import SlotReader
 from e3pose.detectors import make_detector
 from e3pose.detectors.focus import check_feedback, detect_expected
 from e3pose.model.expected import ExpectedView
@@ -34,8 +34,7 @@ class PixelViews:
         recording: Recording,
         detector: Any,
         folder: Path | None = None,
-        starts_s: Mapping[str, float] | None = None,
-        rotations: Mapping[str, int] | None = None,
+        provenance: Provenance = Provenance(),  # noqa: B008 - frozen
         clock: Callable[[], float] = time.perf_counter,
     ) -> None:
         """Open the videos.
@@ -44,10 +43,8 @@ class PixelViews:
             recording: with a video for every camera.
             detector: finds the people.
             folder: of the recording, for videos that stand in it.
-            starts_s: for each camera, which time in its video is the recording's zero; 0 if not
-                given.
-            rotations: for each camera, by how many degrees clockwise its images are turned for the
-                detector; 0 if not given.
+            provenance: which time in each video is the recording's zero, and how its images are
+                turned.
             clock: seconds, for the time of detections only.
 
         Raises:
@@ -60,14 +57,13 @@ class PixelViews:
                 f"one of {detector.skeleton.name}",
                 f"one of {recording.skeleton.name}, as the recording",
             )
-        degrees, self._clock = rotations or {}, clock
+        self._clock = clock
         self._detectors = [
-            turned(detector, degrees.get(name, 0)) for name in recording.rig.camera_ids
+            turned(detector, provenance.rotations.get(name, 0)) for name in recording.rig.camera_ids
         ]
-        starts = starts_s or {}
         self._readers = [
-            SlotReader(video_path(recording, name, folder), recording.fps, starts.get(name, 0.0), 0)
-            for name in recording.rig.camera_ids
+            SlotReader(recording, camera, folder, provenance)
+            for camera in range(len(recording.rig))
         ]
         self.detections_s: list[tuple[int, int, bool, float]] = []
         self._recording = recording
@@ -143,5 +139,4 @@ def open_pixels(
     detector = make_detector(name, threads=threads)
     if feedback:
         check_feedback(detector, name)
-    noted = load_provenance(folder)
-    return PixelViews(recording, detector, folder, noted.video_starts_s, noted.rotations)
+    return PixelViews(recording, detector, folder, load_provenance(folder))

@@ -16,6 +16,7 @@ from e3pose.model.camera import Camera
 from e3pose.model.pose import Poses2D
 from e3pose.recording.calibration.world import world_problem
 from e3pose.recording.record import Recording, ViewSeries
+from e3pose.recording.videos import VIDEOS, chapters_of
 
 SAMPLED_SLOTS = 60
 MAX_SAMPLED_PEOPLE = 12  # of one view
@@ -165,7 +166,7 @@ def find_problems(
         problems.append(Problem("not-placed", "rig", message))
     if folder is not None:
         for camera_id, name in recording.videos.items():
-            if not (folder / "videos" / name).is_file():
+            if not all(path.is_file() for path in chapters_of(folder / VIDEOS / name)):
                 message = f"video {name} is not there"
                 problems.append(Problem("missing-video", camera_id, message))
     return problems

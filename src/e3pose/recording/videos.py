@@ -86,6 +86,14 @@ def choose_video(videos: Sequence[Path], begin_ns: int, end_ns: int) -> Path | N
     return None if best is None else best[1]
 
 
+def chapters_of(path: Path) -> list[Path]:
+    """Return the files of a video: itself, or those of A.MP4+B.MP4."""
+    if "+" not in str(path) or Path(path).exists():
+        return [Path(path)]
+    first, *others = (Path(part) for part in str(path).split("+"))
+    return [first, *(p if len(p.parts) > 1 else first.parent / p for p in others)]
+
+
 def take_videos(recording: Path, videos: Mapping[str, Path]) -> None:
     """Move videos into a recording and name them in its header; those there already stay.
 

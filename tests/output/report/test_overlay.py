@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from tests.cases import each_case
 
 from e3pose.base.errors import InputError
+from e3pose.camera.provenance import Provenance
 from e3pose.camera.source import open_video
 from e3pose.model.camera import Camera, Rig
 from e3pose.model.people import People
@@ -149,7 +150,10 @@ def test_video_start_moves_the_frames(tmp_path: Path) -> None:
     files = {"a": video(tmp_path / "a.mp4", [60, 100, 140, 180])}
     record = recording(tmp_path, **files)
     drawn = overlay_images(
-        record, [standing(0, [True, True])], height_px=SIZE[1], video_starts_s={"a": 0.2}
+        record,
+        [standing(0, [True, True])],
+        height_px=SIZE[1],
+        provenance=Provenance({}, {"a": 0.2}),
     )
     assert abs(int(next(drawn)[110, 20, 0]) - 140) < 4
 
@@ -160,7 +164,10 @@ def test_slot_before_the_first_frame_is_black_and_after_the_last_stays(tmp_path:
     starts = {"a": -0.2}
     images = list(
         overlay_images(
-            recording(tmp_path, **files), records, height_px=SIZE[1], video_starts_s=starts
+            recording(tmp_path, **files),
+            records,
+            height_px=SIZE[1],
+            provenance=Provenance({}, starts),
         )
     )
     levels = [int(image[110, 20, 0]) for image in images]

@@ -21,7 +21,7 @@ import numpy as np
 from e3pose.base.atomic import write_file
 from e3pose.base.errors import InputError
 from e3pose.base.quantities import plural
-from e3pose.camera.provenance import load_video_starts
+from e3pose.camera.provenance import Provenance, load_provenance
 from e3pose.energy.saving import NO_SAVINGS, whole
 from e3pose.evaluate.figures import Summary, settings_json
 from e3pose.model.blind_slot import blind_words, count_blind, duty
@@ -284,9 +284,9 @@ def _pictures(
 ) -> list[str]:
     import cv2
 
-    made, starts_s = [], {} if folder is None else load_video_starts(folder)
+    made, noted = [], Provenance() if folder is None else load_provenance(folder)
     for image in overlay_images(
-        recording, slots, folder, HEIGHT_PX, video_starts_s=starts_s, cameras=[name]
+        recording, slots, folder, HEIGHT_PX, provenance=noted, cameras=[name]
     ):
         _, jpeg = cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
         made.append(base64.b64encode(jpeg.tobytes()).decode())

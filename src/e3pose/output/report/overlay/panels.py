@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from e3pose.base.errors import InputError
-from e3pose.camera.slots import SlotReader, video_path
+from e3pose.camera.provenance import Provenance
+from e3pose.camera.slots import SlotReader
 from e3pose.model.blind_slot import WORDS
 from e3pose.model.camera import Camera
 from e3pose.model.slot_record import SlotRecord
@@ -30,7 +31,7 @@ def overlay_images(
     records: Iterable[SlotRecord],
     folder: Path | None = None,
     height_px: int = 480,
-    video_starts_s: Mapping[str, float] | None = None,
+    provenance: Provenance = Provenance(),  # noqa: B008 - frozen
     cameras: Sequence[str] | None = None,
 ) -> Iterator[Image]:
     """Yield one image per slot: a panel per camera, left to right.
@@ -44,8 +45,8 @@ def overlay_images(
         records: in rising slots.
         folder: the recording's, for videos that stand in it.
         height_px: of the image.
-        video_starts_s: for each camera, which time in its video is the recording's zero; 0 if not
-            given.
+        provenance: which time in each video is the recording's zero, 0 if not given, and how its
+            images were turned.
         cameras: which to show; all that have a video by default.
 
     Raises:
@@ -54,16 +55,13 @@ def overlay_images(
     chosen = [name for name in recording.rig.camera_ids if name in (cameras or recording.videos)]
     if not chosen or any(name not in recording.videos for name in chosen):
         raise InputError(f"recording {recording.name}: no videos of {chosen or 'any camera'}")
-    starts_s = video_starts_s or {}
     readers: dict[str, SlotReader] = {}
     for record in records:
         panels = []
         for name in chosen:
-            if name not in readers:
-                path = video_path(recording, name, folder)
-                start_s = starts_s.get(name, 0.0)
-                readers[name] = SlotReader(path, recording.fps, start_s, record.slot)
             index = recording.rig.index(name)
+            if name not in readers:
+                readers[name] = SlotReader(recording, index, folder, provenance, record.slot)
             camera = recording.rig.cameras[index]
             image = readers[name].newest(record.slot)
             if image is None:
