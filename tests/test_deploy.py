@@ -16,6 +16,7 @@ from tests.cases import each_case
 from tests.node_packages import installed
 from tests.ports import free_port
 
+from e3pose.base.errors import Exit
 from e3pose.cli.app import VERBS, app
 
 DEPLOY = Path(__file__).parent.parent / "deploy"
@@ -91,7 +92,7 @@ def test_unit_is_hardened_restarts_and_ends_politely(path: Path) -> None:
     assert said["Service.CapabilityBoundingSet"] == [""]
     assert said["Service.Restart"] == ["always"] and said["Unit.StartLimitIntervalSec"] == ["0"]
     # A wrong file; of a hub also a database server that is away, which comes back.
-    final = [] if "hub" in path.name else ["2"]
+    final = [] if "hub" in path.name else [str(Exit.REFUSED.value)]
     assert said.get("Service.RestartPreventExitStatus", []) == final
     assert said["Service.KillSignal"] == ["SIGINT"]
     # It may only write where the program does.

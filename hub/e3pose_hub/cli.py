@@ -12,11 +12,12 @@ from cyclopts import App, Parameter
 from rich.table import Table
 from rich.text import Text
 
-from e3pose.base.errors import InputError
+from e3pose.base.errors import Exit, InputError
 from e3pose.base.quantities import check_seconds
 from e3pose.base.system import stand_back
 from e3pose.cli.options import OUTPUT, Flag, Whole, as_typed
 from e3pose.cli.output import JsonFile, is_stdout, wrote
+from e3pose.cli.running import begin
 from e3pose.evaluate.columns import table_console
 from e3pose.site.run import run_until_stopped
 from e3pose.store.export import write_tables
@@ -49,6 +50,7 @@ def run(hub: Path, /) -> None:
     hub
         File of the hub, or the folder that has it as hub.toml.
     """
+    begin()
     from e3pose_hub.database import open_hub
     from e3pose_hub.pull import AT_ONCE, Pulling
 
@@ -97,6 +99,7 @@ def view(
     for_s
         Stop after this many seconds.
     """
+    begin()
     from e3pose_hub.page import open_page, page_lines
 
     check_seconds("--for", for_s)
@@ -105,7 +108,7 @@ def view(
         page = open_page(found, listen)
     with page as opened:
         print("\n".join(page_lines(opened.url, found)), flush=True)
-        run_until_stopped(opened.running, for_s)
+        opened.run(for_s)
 
 
 @hub_app.command
@@ -305,7 +308,7 @@ def forgotten(
     ]  # fmt: skip
     _put_out(["site", "what", "heard", "deleted", "left"], rows, csv, json_file)
     if any(one.left for one in found):
-        sys.exit(1)
+        sys.exit(Exit.NO)
 
 
 def _put_out(

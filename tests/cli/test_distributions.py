@@ -11,9 +11,9 @@ from cyclopts import App
 from tests.cases import each_case
 from tests.distributions import FOLDERS
 
+from e3pose.base.errors import Exit
 from e3pose.cli.app import app
 from e3pose.cli.distributions import BELOW, EXTRAS, HUB, LAB, VERBS
-from e3pose.edge.learn.job import LACKS_TORCH
 from e3pose.edge.learn.trainer import main as train
 
 # Runs the program where the packages of lab and hub cannot be found.
@@ -66,5 +66,5 @@ def test_installed_they_have_their_own_verbs() -> None:
 
 
 def test_trainer_of_an_edge_says_what_to_install(capsys: pytest.CaptureFixture[str]) -> None:
-    assert train(["job"], lab="no_lab.train.online") == LACKS_TORCH
+    assert train(["job"], lab="no_lab.train.online") == Exit.REFUSED
     assert capsys.readouterr().err == "no_lab is not installed: pip install 'e3pose[train]'\n"

@@ -9,6 +9,7 @@ import pytest
 from tests.cli import commands
 from tests.ports import free_port
 
+from e3pose.base.errors import Exit
 from e3pose.cli import streaming
 from e3pose.recording import load_recording
 from e3pose.site.example import write_recorded
@@ -24,6 +25,6 @@ def test_stream_for_some_seconds_ends_where_no_slot_comes(
     monkeypatch.setattr(streaming, "FIRST_SLOT_S", 0.5)
     capsys.readouterr()
     dest = tmp_path / "poses.mcap"
-    assert commands.run("stream", site, f"mcap:{dest}", "--for", "3600") == 2
+    assert commands.run("stream", site, f"mcap:{dest}", "--for", "3600") == Exit.FAULT
     said = capsys.readouterr().err
     assert "site lab: found no slot in 0.5 s, expected an edge that runs" in said

@@ -13,6 +13,7 @@ from tests.live.processes import COMPILE_S, LiveSite, as_root, e3pose
 from tests.ports import free_port
 from tests.waiting import eventually
 
+from e3pose.base.errors import Exit
 from e3pose.recording import load_recording
 from e3pose.recording.writer import PARTIAL
 from e3pose.site.example import write_recorded
@@ -99,7 +100,7 @@ def test_record_keeps_what_a_disk_took_before_it_was_full(tmp_path: Path, record
                 )
                 assert program.poll() is None, log.read_text()
                 fill(disk / "filler")
-                assert program.wait(60) == 2
+                assert program.wait(60) == Exit.FAULT
             finally:
                 program.kill()
         (line,) = log.read_text().splitlines()[-1:]

@@ -9,6 +9,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from e3pose.base.errors import Exit
 from e3pose.cli.options import Flag, Whole
 
 
@@ -75,4 +76,4 @@ def each(
             print(f"{one}: {problem}", file=sys.stderr)
     print(f"Wrote {dest}: {plural(len(found.to_do) - failed, 'result')}, {failed} failed")
     if failed:
-        sys.exit(1)
+        sys.exit(Exit.NO)

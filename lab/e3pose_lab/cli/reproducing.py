@@ -10,8 +10,6 @@ from cyclopts import Parameter
 
 from e3pose.cli.options import Flag, Whole, as_typed
 
-EXIT_MARGIN = 1
-
 
 def reproduce(
     dest: Path = Path("reproduced"),
@@ -52,7 +50,7 @@ def reproduce(
         Address of a Dask scheduler, such as tcp://host:8786, or local. The results are the same.
         Use only a cluster you trust.
     """
-    from e3pose.base.errors import InputError
+    from e3pose.base.errors import Exit, InputError
     from e3pose_lab.reproduce.items import ITEMS
     from e3pose_lab.reproduce.job import reproduce as run
     from e3pose_lab.reproduce.sources import load_sources
@@ -91,4 +89,4 @@ def reproduce(
             file=sys.stderr,
         )
     if outcome.wrong or outcome.failed:
-        sys.exit(EXIT_MARGIN)
+        sys.exit(Exit.NO)

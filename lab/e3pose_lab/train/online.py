@@ -23,8 +23,8 @@ import numpy as np
 
 from e3pose.base.atomic import write_file
 from e3pose.base.bounded import read_bytes
-from e3pose.base.errors import InputError
-from e3pose.edge.learn.job import CARD, LACKS_TORCH, VERDICT, WEIGHTS, Job, Verdict, read_job
+from e3pose.base.errors import Exit, InputError
+from e3pose.edge.learn.job import CARD, VERDICT, WEIGHTS, Job, Verdict, read_job
 from e3pose.edge.learn.ring_buffer import load_chunk
 from e3pose.model.skeleton import Skeleton
 from e3pose.predict.attention_lstm import MAX_WEIGHTS_BYTES
@@ -48,11 +48,11 @@ def main(arguments: Sequence[str]) -> int:
     except ModuleNotFoundError as error:
         name = error.name or "a module"
         print(f"{name} is not installed: pip install 'e3pose[train]'", file=sys.stderr)
-        return LACKS_TORCH
+        return Exit.REFUSED
     except (InputError, OSError, IndexError, MemoryError) as error:
         print(str(error) or type(error).__name__, file=sys.stderr)
-        return 2
-    return 0
+        return Exit.FAULT
+    return Exit.DONE
 
 
 def step_back() -> None:

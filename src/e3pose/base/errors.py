@@ -1,14 +1,43 @@
-"""The one error that means "your input is wrong"."""
+"""What went wrong, and the exit code that says which kind of wrong it is."""
 
 from __future__ import annotations
 
+import errno
 import re
+import signal
+from enum import IntEnum
 from typing import Any
 
 MISSING = "missing"  # found, where what is expected says what to write
 # A file or database that a sentence begins with, and folders in it.
 WHERE = re.compile(r"^(?:\S+://\S+|(?:[A-Za-z]:)?[\\/]\S*): ")
 FOLDERS = re.compile(r"(?<!\S)(?:[A-Za-z]:)?[\\/](?:[^\s\\/]+[\\/])*")
+
+# Of the system: the machine cannot do what the input asks for, and may be able to later.
+MACHINE = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EMFILE, errno.ENFILE}
+
+
+class Exit(IntEnum):
+    """The exit codes of all programs; `docs/reference/faults.md` has them for people."""
+
+    DONE = 0  # the work is done, or a program that runs on was told to end
+    NO = 1  # the work is done, and its answer is no: problems found, something is left
+    REFUSED = 2  # input, options or the installation are wrong: a restart does not help
+    FAULT = 3  # it failed while it ran: a restart may help
+    GAVE_UP = 4  # a program that it starts ended again and again
+    SIGNAL = 128  # and the number of the signal that ended it before its work was done
+
+
+class Fault(Exception):
+    """A program failed while it ran; its cause says why. The command line exits with its code."""
+
+    code = Exit.FAULT
+
+
+class GaveUp(Fault):
+    """A program that was started again and again never worked."""
+
+    code = Exit.GAVE_UP
 
 
 class InputError(ValueError):
@@ -80,6 +109,22 @@ class InputError(ValueError):
     def __reduce__(self) -> tuple[Any, ...]:
         """Return what makes the error again in another process."""
         return InputError, self.args
+
+
+def exit_code(error: BaseException) -> int:
+    """Return the exit code of an error that nobody handled."""
+    if isinstance(error, KeyboardInterrupt):  # the handler of other signals says which
+        return Exit.SIGNAL + int(error.args[0] if error.args else signal.SIGINT)
+    if isinstance(error, Fault):
+        return error.code
+    if not isinstance(error, (InputError, OSError)):
+        return Exit.FAULT
+    below: BaseException | None = error
+    while below is not None:  # what a full disk caused is told as the input's fault
+        if isinstance(below, OSError) and below.errno in MACHINE:
+            return Exit.FAULT
+        below = below.__cause__ or below.__context__
+    return Exit.REFUSED
 
 
 def reason_of(error: BaseException) -> str:

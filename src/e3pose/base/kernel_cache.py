@@ -100,8 +100,11 @@ class KernelCache(FunctionCache):  # type: ignore[misc]
             return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Keep a compiled form, unless another program has just kept what this one cannot read."""
-        with suppress(*UNREADABLE):
+        """Keep a compiled form where the disk takes it.
+
+        Another program may have just kept what this one cannot read.
+        """
+        with suppress(*UNREADABLE, OSError):
             super().save_overload(sig, data)
 
     def is_filled(self) -> bool:

@@ -73,13 +73,16 @@ def lock(handle: int) -> None:
 
 
 def remove_open(path: Path, handle: int) -> None:
-    """Remove an open file and close its handle; on POSIX while nobody else can have its lock."""
+    """Remove an open file and close its handle; on POSIX while nobody else can have its lock.
+
+    One that cannot be removed stays: on a disk that is read-only by now, or, on Windows, because
+    another program has opened it meanwhile, and removes it.
+    """
     if sys.platform == "win32":
         os.close(handle)
-        with suppress(PermissionError):  # another program has opened it meanwhile, and removes it
-            path.unlink(missing_ok=True)
-    else:
+    with suppress(OSError):
         path.unlink(missing_ok=True)
+    if sys.platform != "win32":
         os.close(handle)
 
 

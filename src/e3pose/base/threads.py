@@ -7,6 +7,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from e3pose.base.errors import Fault
+
 MOST = 15  # characters that Linux keeps
 
 
@@ -44,6 +46,11 @@ class ThreadGroup:
     def running(self) -> bool:
         """Return whether all are still running."""
         return self.failure is None and not self.stopping.is_set()
+
+    def check(self) -> None:
+        """Raise `Fault` if one has failed."""
+        if self.failure is not None:
+            raise Fault(str(self.failure)) from self.failure
 
     def stop(self) -> bool:
         """Ask all to end; return False if they were already asked."""

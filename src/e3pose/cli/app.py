@@ -8,7 +8,9 @@ import os
 import signal
 import sys
 import threading
+import traceback
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from fnmatch import fnmatch
 from importlib.util import find_spec, resolve_name
 from pathlib import Path
@@ -17,14 +19,13 @@ from typing import Any, NoReturn
 from cyclopts import App, CycloptsError, Group, MissingArgumentError
 
 from e3pose import __version__
-from e3pose.base.errors import InputError, reason_of
+from e3pose.base.errors import Exit, Fault, InputError, exit_code, reason_of
 from e3pose.base.system import END_SIGNALS
 from e3pose.cli.distributions import EXTRAS as DISTRIBUTIONS
 from e3pose.cli.distributions import other_verb, with_lab
 
 VERSION = ["--version", "-V"]
-EXIT_INPUT = 2  # the input or the options are wrong
-EXIT_INTERRUPTED = 130
+SIGPIPE = 13  # which Windows has not
 MAX_MESSAGE = 1000
 
 # Verbs by group, in the order of `e3pose --help`. Each is the `module:name` of its function, or of
@@ -193,12 +194,12 @@ app = make_app()
 
 
 def main(tokens: Sequence[str] | None = None) -> None:
-    """Run one verb; print a wrong input as one line on standard error and exit with code 2."""
-    # A polite kill unwinds like any error, so that temporary files go away with us.
+    """Run one verb; say in one line on standard error what was wrong, and exit as `Exit` says."""
+    # A polite kill unwinds as Ctrl-C does, so that temporary files go away with us.
     if threading.current_thread() is threading.main_thread():
-        for number in END_SIGNALS[1:]:  # Ctrl-C is an exception
-            signal.signal(number, lambda number, _frame: sys.exit(128 + number))
-    sys.stdout = sys.stdout or io.StringIO()  # None where the caller closed it
+        for number in END_SIGNALS[1:]:
+            signal.signal(number, _interrupt)
+    _open_closed()
     if isinstance(sys.stdout, io.TextIOWrapper):  # a name that it cannot show is no reason to stop
         sys.stdout.reconfigure(errors="backslashreplace")
     try:
@@ -212,25 +213,45 @@ def main(tokens: Sequence[str] | None = None) -> None:
             program(tokens, exit_on_error=False, print_error=False)
         finally:
             sys.stdout.flush()  # here, where a full disk or a closed pipe can still be reported
-    except CycloptsError as error:
-        _fail(f"{_one_line(error)} (try --help)")
     except BrokenPipeError:  # the reader of our output went away: nothing is left to tell it
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(1)
-    except (InputError, OSError) as error:
-        _fail(_one_line(error))
-    except MemoryError:
-        _fail("out of memory, expected a smaller or shorter input")
-    except ImportError as error:
+        sys.exit(Exit.SIGNAL + SIGPIPE)
+    except (Exception, KeyboardInterrupt) as error:
+        message, code = _ending(error)
+        with suppress(OSError):  # a full disk or a closed pipe changes no code
+            print(f"e3pose: {message}", file=sys.stderr, flush=True)
+        sys.exit(code)
+
+
+def _interrupt(number: int, _frame: object) -> NoReturn:
+    raise KeyboardInterrupt(number)
+
+
+def _open_closed() -> None:
+    """Open what the caller closed: the next file or connection would become our output."""
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_RDWR), mode))
+
+
+def _ending(error: BaseException) -> tuple[str, int]:
+    """Return what to say of an error that ends a verb, and the exit code."""
+    if isinstance(error, KeyboardInterrupt):
+        return "interrupted", exit_code(error)
+    if isinstance(error, CycloptsError):
+        return f"{_one_line(error)} (try --help)", Exit.REFUSED
+    if isinstance(error, MemoryError):
+        return "out of memory, expected a smaller or shorter input", Exit.REFUSED
+    if isinstance(error, ImportError):
         missing = error.__cause__ or error  # the parser's, which loads a verb's module
         name = missing.name if isinstance(missing, ModuleNotFoundError) else None
-        extra = EXTRAS.get((name or "").split(".")[0])
-        if extra is None:
-            raise
-        _fail(f"{name} is not installed: pip install 'e3pose[{extra}]'")
-    except KeyboardInterrupt:
-        print("e3pose: interrupted", file=sys.stderr)
-        sys.exit(EXIT_INTERRUPTED)
+        if (extra := EXTRAS.get((name or "").split(".")[0])) is not None:
+            return f"{name} is not installed: pip install 'e3pose[{extra}]'", Exit.REFUSED
+    cause = (error.__cause__ if isinstance(error, Fault) else None) or error
+    if not isinstance(cause, (InputError, OSError, Fault)):  # a fault of ours
+        with suppress(OSError):
+            traceback.print_exception(cause)
+    return _one_line(cause), exit_code(error)
 
 
 def _without_words() -> list[str]:
@@ -258,12 +279,7 @@ def _refuse_retired(words: Sequence[str]) -> None:
             raise InputError(f"{old} is retired, use: {new}")
 
 
-def _fail(message: str) -> NoReturn:
-    print(f"e3pose: {message}", file=sys.stderr)
-    sys.exit(EXIT_INPUT)
-
-
-def _one_line(error: Exception) -> str:
+def _one_line(error: BaseException) -> str:
     if isinstance(error, MissingArgumentError) and error.argument is not None:
         what = (
             f"{error.keyword} needs a value" if error.keyword else f"missing {error.argument.name}"

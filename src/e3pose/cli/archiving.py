@@ -10,7 +10,7 @@ from pathlib import Path
 
 from cyclopts import App
 
-from e3pose.base.errors import InputError
+from e3pose.base.errors import Exit, InputError
 from e3pose.base.lock import hold
 from e3pose.base.quantities import age_s, plural
 from e3pose.cli.options import Flag, StorePlace, as_typed
@@ -104,7 +104,7 @@ def verify(dest: str, /) -> None:
     print(f"{days}: {plural(found.files, 'good file')}, {plural(found.rows, 'row')}, {size}")
     if found.problems:
         print(f"{plural(len(found.problems), 'problem')}")
-        sys.exit(1)
+        sys.exit(Exit.NO)
 
 
 @archive_app.command
@@ -148,7 +148,7 @@ def delete(
         print("nothing of it was there: e3pose query --what runs lists what is")
     if any(one.left != 0 for one in found):
         print("not everywhere: run e3pose archive to the places that remain, then this again")
-        sys.exit(1)
+        sys.exit(Exit.NO)
 
 
 @archive_app.command
@@ -179,7 +179,7 @@ def deleted(store: StorePlace, /, *, site: str | None = None) -> None:
         said = [f"{hub} heard" for hub in one.informed] + [f"{hub} not yet" for hub in one.pending]
         print(", ".join(said) or "no hub has asked this site")
     if any(one.pending for one in found):
-        sys.exit(1)
+        sys.exit(Exit.NO)
 
 
 def _only_site(store: str, site: str | None) -> str:

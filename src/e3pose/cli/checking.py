@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from e3pose.base.errors import Exit
 from e3pose.base.quantities import check_seconds, plural
 from e3pose.cli.options import Flag
 from e3pose.cli.progress import bar
@@ -78,5 +79,5 @@ def _show(findings: Sequence[Finding]) -> None:
     summary = f"{plural(count['problem'], 'problem')}, {plural(count['warning'], 'warning')}"
     if count["problem"]:
         print(f"e3pose: Not ready: {summary}", file=sys.stderr)
-        sys.exit(1)
+        sys.exit(Exit.NO)
     print(f"Ready: {summary}")

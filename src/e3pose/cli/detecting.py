@@ -15,7 +15,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 from rich.progress import TimeRemainingColumn as TimeLeft
 
 from e3pose.base.atomic import check_free
-from e3pose.base.errors import InputError
+from e3pose.base.errors import InputError, exit_code
 from e3pose.base.quantities import plural
 from e3pose.camera.detect import DetectReport, DetectSettings, detect_videos, partial_folder
 from e3pose.cli.options import OUTPUT, Flag, Whole, as_typed
@@ -26,8 +26,6 @@ from e3pose.detectors.weights.fetch import file_sha256
 from e3pose.recording.calibration import load_calibration, load_rig
 from e3pose.settings.limits import Rotation
 from e3pose.settings.loop import WHOLE_EVERY
-
-EXIT_INTERRUPTED = 130
 
 # What errors call a setting, and the option that sets it.
 OPTIONS = {"feedback": "--feedback", "offset": "--offset", "rotation": "--rotation"}
@@ -227,7 +225,7 @@ def _resumable(dest: Path) -> Iterator[None]:
         hint = f"; {partial_folder(dest)} keeps the work, run the same command to resume"
         if isinstance(error, KeyboardInterrupt):
             print(f"e3pose: interrupted{hint if kept else ''}", file=sys.stderr)
-            raise SystemExit(EXIT_INTERRUPTED) from None
+            raise SystemExit(exit_code(error)) from None
         if kept:
             print(f"e3pose: stopped{hint}", file=sys.stderr)
         raise

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import App, Parameter
 from msgspec import to_builtins
 
-from e3pose.base.errors import InputError
+from e3pose.base.errors import Exit, InputError
 from e3pose.base.quantities import check_seconds
 from e3pose.cli.options import OUTPUT, warn
 from e3pose.cli.output import JsonFile, is_stdout, write_json
@@ -90,7 +90,7 @@ def test(
     say("\n" + result)
     write_json(json_file, {"result": result, "told": [to_builtins(one) for one in trial.told]})
     if not (trial.was_told("fall") or trial.was_told("on-floor")):
-        raise SystemExit(1)
+        raise SystemExit(Exit.NO)
 
 
 def _say(line: str) -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Parameter
 
-from e3pose.base.errors import InputError
+from e3pose.base.errors import Exit, InputError
 from e3pose.base.quantities import plural
 from e3pose.cli.options import StorePlace, Whole, warn
 from e3pose.cli.querying import check_numbers, store_of
@@ -120,7 +120,7 @@ def find(store: StorePlace, person: Person, /, *, run: Run = None) -> None:
         print(f"Nothing of {_shown(tracks)} in {store}")
         return
     print(f"{_shown(tracks)} in {store}: {_counted(kept)}")
-    raise SystemExit(1)
+    raise SystemExit(Exit.NO)
 
 
 @people_app.command(name="forget")
@@ -169,7 +169,7 @@ def forget(
         warn("the person was there until now: forget again when they are gone")
     if left:
         print("not everywhere: run e3pose archive to the places that remain, then this again")
-        raise SystemExit(1)
+        raise SystemExit(Exit.NO)
 
 
 def _found(store: str, person: str, run: int | None) -> tuple[str, tuple[Track, ...]]:

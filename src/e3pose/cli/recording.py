@@ -9,6 +9,7 @@ from cyclopts import Parameter
 from rich.console import Console
 
 from e3pose.base.quantities import check_seconds, plural
+from e3pose.cli.running import begin
 from e3pose.settings.site_file import load_site
 
 if TYPE_CHECKING:
@@ -44,6 +45,7 @@ def record(
     logs
         Folder for the logs of the cameras. Default: `logs` beside the site file.
     """
+    begin()
     check_seconds("--for", for_s)
     from e3pose.site.record_program import record_site
 

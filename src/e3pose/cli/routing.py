@@ -9,6 +9,7 @@ from cyclopts import Parameter
 
 from e3pose.base.quantities import check_seconds
 from e3pose.cli.options import Flag
+from e3pose.cli.running import begin
 from e3pose.site.router_program import Router
 from e3pose.site.run import run_until_stopped
 from e3pose.wire.endpoint import read_endpoint
@@ -44,6 +45,7 @@ def router(
     for_s
         Stop after this many seconds.
     """
+    begin()
     check_seconds("--for", for_s)
     from e3pose.site.logs import open_log
     from e3pose.wire.network import open_network

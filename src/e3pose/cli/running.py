@@ -6,6 +6,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from e3pose.base.log_stream import outlast
 from e3pose.base.quantities import duration_s
 from e3pose.cli.options import as_typed
 from e3pose.site.interpreter import bound_heaps
@@ -24,8 +25,9 @@ def delay_ms(delay: str | None) -> float | None:
         return 1e3 * duration_s(delay)
 
 
-def begin(end_with_parent: bool) -> None:
+def begin(end_with_parent: bool = False) -> None:
     """Prepare a program that runs for months."""
     bound_heaps()
+    outlast()
     if end_with_parent:
         look_after_parent()

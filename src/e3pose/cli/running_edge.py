@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import os
-import sys
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 
 from e3pose.base.clock import WallClock
+from e3pose.base.errors import Exit
+from e3pose.base.log_stream import drain
 from e3pose.base.quantities import check_seconds
 from e3pose.cli.options import Flag, as_typed
 from e3pose.cli.running import DELAY, Child, begin, delay_ms
@@ -72,9 +73,8 @@ def edge(
             )
         print("\n".join(lines))
         if not all_ended:  # nobody waits for threads that do not end
-            sys.stdout.flush()
-            sys.stderr.flush()
-            os._exit(0)
+            drain()
+            os._exit(Exit.DONE)
         return
     with as_typed(DELAY):
         resolved = resolve_site(site[0], later_ms)

@@ -17,7 +17,7 @@ from e3pose.base.private import make_folder
 from e3pose.base.quantities import check_seconds
 from e3pose.cli.options import Flag, as_typed, warn
 from e3pose.cli.progress import LINE_S
-from e3pose.cli.running import DELAY, delay_ms
+from e3pose.cli.running import DELAY, begin, delay_ms
 from e3pose.settings.resolved import resolve_site
 from e3pose.site.example import make_example
 from e3pose.site.follow import Follower, viewer_link
@@ -66,6 +66,7 @@ def up(
     quiet
         Print nothing but the addresses of `--view`.
     """
+    begin()
     check_seconds("--for", for_s)
     from e3pose.site.ready import site_programs
 
@@ -112,7 +113,8 @@ def run_shown(
     """
     from e3pose.wire.network import open_network
 
-    make_folder(logs)
+    with suppress(OSError):  # programs then say that they run without logs
+        make_folder(logs)
     show = console.is_terminal and not console.quiet
     came_s = said_s = time.monotonic()
     newest: Status | None = None

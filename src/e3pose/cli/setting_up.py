@@ -10,7 +10,7 @@ from cyclopts import Parameter
 from e3pose.base.quantities import check_seconds
 from e3pose.base.system import open_browser
 from e3pose.cli.options import Flag
-from e3pose.site.run import run_until_stopped
+from e3pose.cli.running import begin
 
 
 def setup(
@@ -42,6 +42,7 @@ def setup(
     for_s
         Stop after this many seconds.
     """
+    begin()
     check_seconds("--for", for_s)
     from e3pose.site.setup.program import open_setup
 
@@ -49,4 +50,4 @@ def setup(
         print(f"Set up a site: {opened.url}\nCtrl-C ends it.", flush=True)
         if not no_browser:
             open_browser(opened.url)
-        run_until_stopped(opened.running, for_s)
+        opened.run(for_s)

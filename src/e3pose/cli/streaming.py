@@ -10,9 +10,10 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from e3pose.base.errors import InputError
+from e3pose.base.errors import Fault, InputError
 from e3pose.base.quantities import check_seconds
 from e3pose.cli.options import Flag, warn
+from e3pose.cli.running import begin
 from e3pose.events.watch import Watch, site_watch
 from e3pose.settings.events_table import EventsTable
 from e3pose.settings.resolved import ResolvedSite, resolve_site
@@ -66,6 +67,7 @@ def stream(
         Stop this many seconds after the first slot, which must come within a minute. Default: at
         Ctrl-C.
     """
+    begin()
     check_seconds("--for", for_s)
     from e3pose.wire.network import open_network
 
@@ -99,7 +101,7 @@ def stream(
 
         run_until_stopped(runs)
         if sender.failure is not None:
-            raise sender.failure
+            raise Fault(str(sender.failure)) from sender.failure
     print(f"Sent {sender.sent} slots, {connection.dropped} lost", file=sys.stderr)
 
 

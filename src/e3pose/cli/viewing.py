@@ -9,10 +9,9 @@ from cyclopts import Parameter
 
 from e3pose.base.quantities import check_seconds
 from e3pose.cli.options import warn
+from e3pose.cli.running import Child, begin
 from e3pose.settings.resolved import resolve_site
-from e3pose.site.interpreter import bound_heaps, reduce_pauses
-from e3pose.site.run import end_with_parent as look_after_parent
-from e3pose.site.run import run_until_stopped
+from e3pose.site.interpreter import reduce_pauses
 
 
 def view(
@@ -22,7 +21,7 @@ def view(
     listen: str | None = None,
     keys: Path | None = None,
     for_s: Annotated[float | None, Parameter(name="--for")] = None,
-    end_with_parent: Annotated[bool, Parameter(negative="", show=False)] = False,
+    end_with_parent: Child = False,
 ) -> None:
     """Serve the live page, API and streams of a running site over HTTP.
 
@@ -48,11 +47,9 @@ def view(
     check_seconds("--for", for_s)
     from e3pose.site.web.program import open_view, page_links
 
-    bound_heaps()
-    if end_with_parent:
-        look_after_parent()
+    begin(end_with_parent)
     resolved = resolve_site(site)
     with open_view(resolved, listen, keys, report=warn) as opened:
         print("\n".join(page_links(resolved.file, opened.address)), flush=True)
         reduce_pauses()
-        run_until_stopped(opened.running, for_s)
+        opened.run(for_s)

@@ -6,6 +6,7 @@ and rebuilt along the structure of an initial state; nothing is pickled.
 
 from __future__ import annotations
 
+import io
 import json
 import math
 import struct
@@ -83,8 +84,9 @@ def write_arrays(path: Path, about: Mapping[str, Any], arrays: Arrays) -> None:
     said = json.dumps({**about, "layout": layout}).encode()
     values = b"".join([array.tobytes() for array in arrays.values()])
     parts = {ABOUT: np.frombuffer(said, np.uint8), VALUES: np.frombuffer(values, np.uint8)}
-    with path.open("wb") as file:
-        np.savez(file, **parts)  # type: ignore[arg-type]
+    made = io.BytesIO()  # whose end no full disk garbles
+    np.savez(made, **parts)  # type: ignore[arg-type]
+    path.write_bytes(made.getbuffer())
 
 
 def read_arrays(path: Path) -> tuple[dict[str, Any], Arrays]:

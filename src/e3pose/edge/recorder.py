@@ -231,7 +231,7 @@ class Recorder:
         self._retry = round(RETRY_S / WRITE_S)
         writer, self._writer = self._writer, None
         if writer is not None:
-            with suppress(OSError):  # otherwise once there is room
+            with suppress(OSError, InputError):  # otherwise once there is room
                 writer.finish()
         # What the disk may not have taken is written again, into the next recording.
         self._slots.extendleft(reversed(self._unflushed))

@@ -132,12 +132,14 @@ class Camera:
     def run(self, for_s: float | None = None) -> None:
         """Run until Ctrl-C, SIGTERM, or for a number of seconds.
 
-        To be called on the main thread. What made a thread of the camera fail is raised.
+        To be called on the main thread.
+
+        Raises:
+            Fault: when a thread of the camera failed.
         """
         run_until_stopped(self.running, for_s)
         self.close()
-        if self.node.threads.failure is not None:
-            raise self.node.threads.failure
+        self.node.threads.check()
 
     def close(self) -> None:
         """End, and leave the site."""

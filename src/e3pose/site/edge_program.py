@@ -99,13 +99,15 @@ class Edge:
     def run(self, for_s: float | None = None) -> None:
         """Run until Ctrl-C, SIGTERM, or for a number of seconds.
 
-        To be called on the main thread. What made a thread of the edge fail is raised.
+        To be called on the main thread.
+
+        Raises:
+            Fault: when a thread of the edge failed.
         """
         reduce_pauses()
         run_until_stopped(self.running, for_s)
         self.server.stop()
-        if self.server.threads.failure is not None:
-            raise self.server.threads.failure
+        self.server.threads.check()
 
     def close(self) -> None:
         """Finish the current slot, save the state, leave the site."""

@@ -7,6 +7,8 @@ from typing import Any
 
 import structlog
 
+from e3pose.base.log_stream import LogStream
+
 
 def open_log(program: str, as_json: bool, **about: Any) -> Any:
     """Return a logger that writes to standard error.
@@ -21,6 +23,8 @@ def open_log(program: str, as_json: bool, **about: Any) -> Any:
         if as_json
         else structlog.dev.ConsoleRenderer(colors=sys.stderr.isatty(), pad_event_to=0)
     )
+    if isinstance(sys.stderr, LogStream):
+        sys.stderr.as_json = as_json
     structlog.configure(
         processors=[
             structlog.processors.add_log_level,

@@ -18,11 +18,10 @@ from e3pose.site.admission import edge_link
 from e3pose.site.check.finding import report as report_findings
 from e3pose.site.check.sources import source_problems
 from e3pose.site.detector_speed import measure_detections, with_time_for_all
-from e3pose.site.up import Program, camera_command, last_line, run_site
+from e3pose.site.up import Program, camera_command, run_site
 from e3pose.wire.network import open_network
 
 LOOK_S = 1.0
-MOST_RESTARTS = 3  # of a camera, before the command reports why it ends
 
 
 def record_site(
@@ -50,7 +49,8 @@ def record_site(
         The recorder, which is closed; its `written` is the recording.
 
     Raises:
-        InputError: for sources that are not there, and what ended the recording early.
+        InputError: for sources that are not there, and when nothing was recorded.
+        Fault: for what ended the recording early.
     """
     check_free(dest, None)
     resolved = resolve(site, placed=False)
@@ -64,7 +64,8 @@ def record_site(
     local = [name for name, camera in resolved.cameras.items() if camera.source]
     programs = [Program(i, camera_command(resolved, i), folder / f"{i}.log") for i in local]
     transport = open_network(*edge_link(resolved.file))
-    make_folder(folder)
+    with suppress(OSError):  # cameras then run without logs
+        make_folder(folder)
     looked_s = time.monotonic()
     plan = _plan(resolved, dest, for_s)
     with RecordServer(plan, transport, WallClock(), watch) as server:
@@ -74,15 +75,11 @@ def record_site(
             if time.monotonic() - looked_s > LOOK_S:
                 looked_s = time.monotonic()
                 look(server)
-            for program in programs:
-                if program.restarts >= MOST_RESTARTS:
-                    raise InputError(f"{program.name}: {last_line(program.log)}")
             return not server.running()
 
         with suppress(KeyboardInterrupt):
             run_site(programs, stopped, report)
-    if server.threads.failure is not None:
-        raise server.threads.failure
+    server.threads.check()
     if server.written is None:
         reasons = "; ".join(f"{name}: {why}" for name, why in server.problems().items())
         raise InputError(f"nothing was recorded{': ' if reasons else ''}{reasons}")

@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from e3pose.base.errors import Exit, Fault
 from e3pose.base.system import END_SIGNALS
 
 END_S = 8.0  # to end cleanly
@@ -36,7 +37,7 @@ def end_with_parent(end_s: float = END_S) -> None:
             pass  # there is no input, and so nobody
         signal.raise_signal(signal.SIGTERM)  # the handler runs on the main thread
         threading.Event().wait(end_s)
-        os._exit(128 + signal.SIGTERM)
+        os._exit(Exit.SIGNAL + signal.SIGTERM)
 
     threading.Thread(target=watch, name="parent", daemon=True).start()
 
@@ -53,6 +54,9 @@ def run_until_stopped(
         running: whether the program still works.
         for_s: seconds after which it is to end; None for without end.
         every_s: seconds between two calls of `running`.
+
+    Raises:
+        Fault: for what `running` raises.
     """
     stop, begun_s = threading.Event(), time.monotonic()
     signals: list[tuple[str, float]] = []
@@ -61,13 +65,15 @@ def run_until_stopped(
         signals.append((signal.Signals(number).name, time.monotonic()))
         stop.set()
         if signals[-1][1] - signals[0][1] > SAME_S:
-            os._exit(128 + number)
+            os._exit(Exit.SIGNAL + number)
 
     before = {number: signal.signal(number, end) for number in END_SIGNALS}
     try:
         while running() and (for_s is None or time.monotonic() - begun_s < for_s):
             if stop.wait(every_s):
                 break
+    except Exception as error:  # the program had started
+        raise Fault(str(error)) from error
     finally:
         if not signals:  # else it ends, and an exception from a second signal would leave threads
             for number, handler in before.items():

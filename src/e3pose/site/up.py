@@ -6,11 +6,13 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import IO
 
 from e3pose.base.child_process import ask_to_end, start_detached
-from e3pose.base.errors import InputError
+from e3pose.base.errors import Exit, GaveUp, InputError, reason_of
 from e3pose.base.private import append_to
 from e3pose.base.quantities import LEAST_SIZE_BYTES
 from e3pose.recording.videos import MAX_BYTES, VIDEOS
@@ -18,7 +20,9 @@ from e3pose.settings.resolved import ResolvedSite
 from e3pose.site.follow import ANY_HOST
 from e3pose.site.run import END_S
 
-RESTART_S = 2.0
+RESTART_S, LONGEST_RESTART_S = 2.0, 60.0  # before a program starts again; doubled if that fails
+STEADY_S = 30.0  # a program that ran for so long works
+MOST_RESTARTS = 4  # of a program that never worked
 BATTERIES = "batteries"  # folder of what is left in those of cameras on this machine
 CHILD = "--end-with-parent"
 
@@ -115,6 +119,7 @@ class Program:
         command: how to start it.
         log: where its output goes.
         restarts: how often it was started again.
+        works: whether it once ran for `STEADY_S`.
         process: the newest; None before the first start.
     """
 
@@ -122,19 +127,58 @@ class Program:
     command: Sequence[str]
     log: Path
     restarts: int = 0
+    works: bool = False
     process: subprocess.Popen[bytes] | None = None
-    _due_s: float = field(default=0.0)
+    _begun_s: float = 0.0
+    _due_s: float = 0.0  # to start again; 0 while it runs
+    _wait_s: float = 0.0
 
-    def start(self) -> None:
-        """Start it; its output is appended to its log."""
+    def start(self) -> str:
+        """Start it; its output is appended to its log. Return why there is no log, else empty."""
         self.let_go()
-        with append_to(self.log) as output:
+        problem = ""
+        with ExitStack() as stack:
+            try:
+                output: int | IO[bytes] = stack.enter_context(append_to(self.log))
+            except OSError as error:
+                output, problem = subprocess.DEVNULL, reason_of(error).lower()
             # A Ctrl-C on the terminal is for us, who end everybody in order.
             self.process = start_detached(self.command, subprocess.PIPE, output, subprocess.STDOUT)
+        self._begun_s, self._due_s = time.monotonic(), 0.0
+        return problem and f"{self.name} runs without a log: {self.log}: {problem}"
 
     def ended(self) -> int | None:
         """Return how it ended; None while it runs."""
-        return None if self.process is None else self.process.poll()
+        code = None if self.process is None else self.process.poll()
+        if code is None and self.process and time.monotonic() - self._begun_s > STEADY_S:
+            self.works, self._wait_s = True, 0.0
+        return code
+
+    def restart(self, code: int) -> str:
+        """Start it again when it is time after it ended with a code; return what there is to say.
+
+        Raises:
+            InputError: when it never worked and refuses its input.
+            GaveUp: when it never worked, however often it was started.
+        """
+        now_s = time.monotonic()
+        if self._due_s == 0.0:
+            said = f"{self.name}: {last_line(self.log)}"
+            if not self.works and code == Exit.REFUSED:
+                raise InputError(said)
+            if not self.works and self.restarts >= MOST_RESTARTS:
+                raise GaveUp(f"{said} (ended {self.restarts + 1} times, the last with code {code})")
+            self._wait_s = min(2 * self._wait_s, LONGEST_RESTART_S) or RESTART_S
+            self._due_s = now_s + self._wait_s
+            return f"{self.name} exited with code {code}; restarting in {self._wait_s:g} s"
+        if now_s < self._due_s:
+            return ""
+        self.restarts += 1
+        try:
+            return self.start()
+        except OSError as error:  # no memory or no file left
+            self._due_s = now_s + LONGEST_RESTART_S
+            return f"{self.name} cannot be started: {reason_of(error).lower()}"
 
     def let_go(self) -> None:
         """Close the pipe that keeps it running."""
@@ -153,24 +197,17 @@ def run_site(
         report: called with messages for operators.
 
     Raises:
-        InputError: when a program refuses its input: that does not get better by itself.
+        InputError: when a program that never worked refuses its input.
+        GaveUp: when a program never worked, however often it was started.
     """
     try:
-        for program in programs:
-            program.start()
+        problems = [problem for program in programs if (problem := program.start())]
+        for problem in problems[:1]:  # the others', too
+            report(problem)
         while not stopped():
             for program in programs:
-                code = program.ended()
-                if code is None:
-                    continue
-                if code == 2:
-                    raise InputError(f"{program.name}: {last_line(program.log)}")
-                if program._due_s == 0.0:
-                    program._due_s = time.monotonic() + RESTART_S
-                    report(f"{program.name} exited with code {code}; restarting in {RESTART_S:g} s")
-                elif time.monotonic() >= program._due_s:
-                    program.restarts, program._due_s = program.restarts + 1, 0.0
-                    program.start()
+                if (code := program.ended()) is not None and (said := program.restart(code)):
+                    report(said)
             time.sleep(0.1)
     finally:
         end(programs)
@@ -196,5 +233,8 @@ def end(programs: Sequence[Program]) -> None:
 
 def last_line(log: Path) -> str:
     """Return the last line that a program wrote."""
-    lines = log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
+    try:
+        lines = log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
+    except OSError as error:
+        return f"its log cannot be read: {reason_of(error).lower()}"
     return lines[-1][:500].removeprefix("e3pose: ") if lines else "exited without output"

@@ -17,7 +17,6 @@ JOB, VERDICT, WEIGHTS, CARD, COMPLAINTS = (
 )  # fmt: skip
 MAX_JOB_BYTES = 16 * 2**20
 MAX_CARD_BYTES = 2**20
-LACKS_TORCH = 3  # exit code of a trainer
 
 
 class Job(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

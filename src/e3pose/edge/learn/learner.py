@@ -19,9 +19,9 @@ from pathlib import Path
 import numpy as np
 
 from e3pose.base.clock import Clock
-from e3pose.base.errors import InputError, reason_of
+from e3pose.base.errors import Exit, InputError, reason_of
 from e3pose.base.lock import hold
-from e3pose.edge.learn.job import LACKS_TORCH, WEIGHTS, Job, read_result
+from e3pose.edge.learn.job import WEIGHTS, Job, read_result
 from e3pose.edge.learn.process import TRAINER, TrainerProcess
 from e3pose.edge.learn.ring_buffer import Gathering, Ring, slots_in
 from e3pose.edge.learn.settings import LearningSettings
@@ -227,7 +227,7 @@ class OnlineTrainer:
             return
         self._trainer = None
         if code:
-            self._failed(now_s, f"the trainer {trainer.how_it_ended()}", code == LACKS_TORCH)
+            self._failed(now_s, f"the trainer {trainer.how_it_ended()}", code == Exit.REFUSED)
             return
         try:
             self._judge(trainer)

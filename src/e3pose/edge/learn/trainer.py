@@ -6,7 +6,7 @@ import importlib
 import sys
 from collections.abc import Sequence
 
-from e3pose.edge.learn.job import LACKS_TORCH
+from e3pose.base.errors import Exit
 
 LAB = "e3pose_lab.train.online"  # with torch; an edge that does not learn is installed without it
 
@@ -17,7 +17,7 @@ def main(arguments: Sequence[str], lab: str = LAB) -> int:
         trainer = importlib.import_module(lab)
     except ModuleNotFoundError as error:
         print(f"{error.name} is not installed: pip install 'e3pose[train]'", file=sys.stderr)
-        return LACKS_TORCH
+        return Exit.REFUSED
     return int(trainer.main(arguments))
 
 

@@ -12,7 +12,7 @@ import sys
 import time
 from pathlib import Path
 
-from e3pose.base.errors import InputError, reason_of
+from e3pose.base.errors import Exit, InputError, reason_of
 from e3pose.base.system import stand_back
 
 SAY_S = 0.2  # between two lines about how far it is
@@ -39,21 +39,21 @@ def main(arguments: list[str]) -> int:
         names, note = make(request, site_file, folder, say)
     except InputError as error:
         print(json.dumps({"problem": str(error.elsewhere())}), flush=True)
-        return 1
+        return Exit.NO
     except ModuleNotFoundError as error:
         problem = (
             f"{error.name} is not installed on the machine of the page: see pip install e3pose"
         )
         print(json.dumps({"problem": problem}), flush=True)
-        return 1
+        return Exit.NO
     except OSError as error:
         print(json.dumps({"problem": reason_of(error).lower()}), flush=True)
-        return 1
+        return Exit.NO
     except MemoryError:
         print(json.dumps({"problem": "more than fits into memory: a shorter time"}), flush=True)
-        return 1
+        return Exit.NO
     print(json.dumps({"files": names, "note": note}), flush=True)
-    return 0
+    return Exit.DONE
 
 
 if __name__ == "__main__":

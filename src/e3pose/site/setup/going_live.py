@@ -125,7 +125,8 @@ class LiveSite:
             programs.append(
                 Program("view", view_command(site.file.path, *options), logs / "view.log")
             )
-            make_folder(logs)
+            with suppress(OSError):  # programs then run without logs
+                make_folder(logs)
             with closing(open_network(viewer_link(site.file, None, operates=True))) as transport:
                 self._follower = Follower(site.file.name)
                 self._follower.listen(transport)

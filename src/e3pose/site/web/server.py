@@ -13,9 +13,10 @@ from typing import TypeVar
 
 from starlette.types import ASGIApp
 
-from e3pose.base.errors import InputError
+from e3pose.base.errors import Fault, InputError
 from e3pose.base.listener import Bounds, open_socket, port_in_use
 from e3pose.base.version import Watched
+from e3pose.site.run import run_until_stopped
 from e3pose.site.serving import CONNECTIONS, PER_ADDRESS, Serving
 from e3pose.site.web.access import Door, Judge, Rules
 
@@ -49,6 +50,16 @@ class PageServer:
         for files in self.watched:
             files.update()
         return self.serving.running()
+
+    def run(self, for_s: float | None = None) -> None:
+        """Serve until Ctrl-C, SIGTERM, or for a number of seconds.
+
+        Raises:
+            Fault: when its server ended by itself.
+        """
+        run_until_stopped(self.running, for_s)
+        if not self.serving.running():
+            raise Fault("the server of the page ended by itself")
 
     def close(self) -> None:
         """End."""
