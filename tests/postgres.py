@@ -106,6 +106,13 @@ class Server:
         self.run("createdb", "-U", USER, name)
         return f"postgresql://{USER}@/{name}?host={self.folder}"
 
+    def new_hub(self) -> str:
+        """Return the URL of an empty database whose role owns it and may do no more."""
+        name = f"test_{next(self._numbers)}"
+        self.run("psql", "-U", USER, "-d", DATABASE, "-c", f"CREATE ROLE {name} LOGIN")
+        self.run("createdb", "-U", USER, "-O", name, name)
+        return f"postgresql://{name}@/{name}?host={self.folder}"
+
     def run(self, tool: str, *words: str, check: bool = True) -> subprocess.CompletedProcess[bytes]:
         """Run one of its tools."""
         environment = {**os.environ, "PGHOST": str(self.folder)}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from typing import Any
@@ -145,6 +145,8 @@ def open_hub(database: str, kept: int = 0) -> Engine:
     engine = writing_engine(url, kept)
     try:
         with engine.begin() as connection:
+            if engine.dialect.name == "postgresql":
+                check_role(lambda sql: connection.exec_driver_sql(sql).first(), shown(url))
             there = set(inspect(connection).get_table_names())
             if (there and not {"summaries", "sites"} <= there) or "slots" in there:
                 found = ", ".join(sorted(there)[:5])
@@ -153,6 +155,32 @@ def open_hub(database: str, kept: int = 0) -> Engine:
     except REFUSALS as error:
         raise InputError(f"{shown(url)}: cannot be used ({refusal_of(error)})") from None
     return engine
+
+
+# Rights by which a role does more on its server than a hub needs: by attribute, and by membership.
+RIGHTS = {"rolsuper": "SUPERUSER", "rolcreaterole": "CREATEROLE", "rolreplication": "REPLICATION"}
+MEMBERSHIPS = ("pg_write_server_files", "pg_read_server_files", "pg_execute_server_program")
+
+
+def check_role(ask: Callable[[str], Any], where: str) -> None:
+    """Raise `InputError` for a role of PostgreSQL that may do more than a hub needs.
+
+    Args:
+        ask: returns the row of a question.
+        where: the database, for the error.
+    """
+    member = (f"pg_has_role(session_user, '{name}', 'MEMBER')" for name in MEMBERSHIPS)
+    columns = ", ".join((*RIGHTS, *member))
+    role, *found = ask(f"SELECT rolname, {columns} FROM pg_roles WHERE rolname = session_user")
+    rights = [
+        right for right, has in zip((*RIGHTS.values(), *MEMBERSHIPS), found, strict=True) if has
+    ]
+    if rights:
+        raise InputError(
+            f"{where}: found the role {role} with {', '.join(rights[:3])}, by which a question "
+            "could read or write the server's files, expected a role that owns the hub's database "
+            "alone: CREATE ROLE hub LOGIN PASSWORD '...'; ALTER DATABASE ... OWNER TO hub"
+        )
 
 
 def cursor_of(connection: Connection, site: str) -> Cursor:

@@ -1,11 +1,21 @@
-"""Questions in SQL over the summaries of all sites: read-only, with limits."""
+"""Questions in SQL over the summaries of all sites: read-only, with limits.
+
+A question is answered by a process of its own, which the system ends at its deadline: neither
+SQLite nor a driver looks at a clock within one step. Nothing of its answer is executed: it is JSON.
+"""
 
 from __future__ import annotations
 
+import json
+import os
+import signal
 import sqlite3
+import subprocess
+import sys
 import time
 from collections.abc import Iterable, Sequence
 from contextlib import closing
+from decimal import Decimal
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -15,12 +25,17 @@ from sqlalchemy.engine import make_url
 from e3pose.base.errors import InputError, reason_of
 from e3pose.store.database import database_path, database_url, is_damage, reading_uri, shown
 from e3pose.store.postgres import engine_settings
+from e3pose_hub.database import check_role
 
 MOST_ROWS = 10_000
 LIMIT_S = 30.0
 MAX_VALUE_BYTES = 10_000_000  # of one value that SQLite makes
 MOST_BYTES = 1_000_000_000  # of memory that SQLite takes; it writes no temporary file
 MOST_ANSWER_BYTES = 100_000_000
+MOST_MEMORY = 3_000_000_000  # bytes of the process that answers
+FETCHED = 10  # rows at a time
+SPARE_S = 0.5  # after a deadline that the database should have kept
+START_S = 15.0  # for the process to start
 LIMIT_LENGTH = 0  # SQLite's number for it
 EXPECTED = "one SELECT from summaries, hours, sites, accesses or forgotten"
 ALLOWED = (
@@ -42,6 +57,53 @@ def answer(
     Raises:
         InputError: for what does not read, takes too long, or returns too much.
     """
+    command = [sys.executable, "-c", f"from {__name__} import _answer; _answer()"]
+    asked = json.dumps([database, sql, limit_s, most_rows])  # the address may hold a password
+    pipes: dict[str, Any] = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    with subprocess.Popen(command, **pipes) as process:
+        try:
+            said, _ = process.communicate(asked.encode(), limit_s + START_S)
+        except subprocess.TimeoutExpired:
+            said = b""
+        finally:
+            process.kill()
+    if not said:
+        raise InputError(f"query: took more than {limit_s:g} s, expected a shorter question")
+    problem, names, rows = json.loads(said)
+    if problem:
+        raise InputError(problem)
+    return names, rows
+
+
+def _answer() -> None:
+    """Answer the question on standard input."""
+    database, sql, limit_s, most_rows = json.load(sys.stdin)
+    if sys.platform != "win32":
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_DATA, (MOST_MEMORY, MOST_MEMORY))
+        signal.setitimer(signal.ITIMER_REAL, limit_s + SPARE_S)  # by default it ends the process
+    problem, names, rows = "", list[str](), list[Sequence[Any]]()
+    try:
+        names, rows = _asked(database, sql, limit_s, most_rows)
+    except InputError as error:
+        problem = str(error)
+    except MemoryError:
+        problem = f"query: needs more than {MOST_MEMORY} bytes of memory, expected fewer"
+    words = json.dumps([problem, names, [[*row] for row in rows]], default=_plain)
+    sys.stdout.write(words)
+    sys.stdout.flush()
+    os._exit(0)  # without waiting for a server that does not answer
+
+
+def _plain(value: Any) -> Any:
+    """Return a value as JSON has it: a number, or text."""
+    return float(value) if isinstance(value, Decimal) else str(value)
+
+
+def _asked(
+    database: str, sql: str, limit_s: float, most_rows: int
+) -> tuple[list[str], list[Sequence[Any]]]:
     url = database_url(database)
     path = database_path(url)
     if path is None:
@@ -115,18 +177,16 @@ def _of_server(
     plain = parts.set(drivername="postgresql").render_as_string(hide_password=False)
     settings = engine_settings(parts, read_only=False)["connect_args"]
     try:
-        with psycopg.connect(plain, autocommit=True, **settings) as connection:
-            connection.execute("SET default_transaction_read_only = on")
-            connection.execute(f"SET statement_timeout = '{round(limit_s * 1000)}ms'")
-            # It can be one statement alone: none ends the transaction that only reads.
-            with connection.cursor() as cursor:
-                # Streamed: an answer that is too large is not here before that is seen.
-                rows = _bounded(cursor.stream(sql.encode()), most_rows)
-                if not rows:  # a stream without rows does not say their names; this is still one
-                    cursor.execute(sql.encode(), prepare=True)
-                if cursor.description is None:
-                    raise InputError("query", "no question", EXPECTED)
-                return [each.name for each in cursor.description], rows
+        with psycopg.connect(plain, **settings) as connection:
+            connection.execute("SET TRANSACTION READ ONLY")
+            connection.execute(f"SET LOCAL statement_timeout = '{round(limit_s * 1000)}ms'")
+            check_role(lambda asked: connection.execute(asked).fetchone(), shown(url))
+            # Of one SELECT alone can a cursor be, and what is not fetched stays at the server.
+            with connection.cursor(name="question") as cursor:
+                cursor.itersize = FETCHED
+                cursor.execute(sql.strip().rstrip(";").encode())
+                rows = _bounded(cursor, most_rows)
+                return [each.name for each in cursor.description or ()], rows
     except psycopg.Error as error:
         reason = reason_of(error)[:300]
         raise InputError(f"{shown(url)}: query: {reason}, expected {EXPECTED}") from None

@@ -46,7 +46,7 @@ def test_deleted_day_and_person_reach_a_hub_of_either_kind(
     store = tmp_path / "lab.db"
     fill(store, "lab", FIRST - 150, 300)  # half of it before midnight
     hub_file(tmp_path, {"lab": 7447})
-    places = (str(tmp_path / "hub.db"), postgres.new_store())
+    places = (str(tmp_path / "hub.db"), postgres.new_hub())
     engines = [open_hub(place) for place in places]
     assert [fetch(engine, store) for engine in engines] == [300, 300]
     _, before_hours = counts(places[0])

@@ -179,7 +179,7 @@ def fetch(tmp_path: Path, store: Path, engine: object = None) -> int:
 
 def test_hub_keeps_them_in_either_database(tmp_path: Path, postgres: Server) -> None:
     fill(tmp_path / "lab.db", "lab", 0, 250)
-    for database in (str(tmp_path / "hub.db"), postgres.new_store()):
+    for database in (str(tmp_path / "hub.db"), postgres.new_hub()):
         engine = open_hub(database)
         assert fetch(tmp_path, tmp_path / "lab.db", engine) == 250
         assert fetch(tmp_path, tmp_path / "lab.db", engine) == 0

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 import re
+import time
 from pathlib import Path
 
 import pytest
 from tests.cli.commands import run as run_verb
-from tests.postgres import Server
+from tests.postgres import DATABASE, USER, Server
 
+from e3pose.base.errors import InputError
 from e3pose_hub import accesses as log
 from e3pose_hub.accesses import log_accesses, read_accesses
 from e3pose_hub.database import Cursor, keep, open_hub
@@ -105,7 +107,7 @@ def in_postgresql(sql: str) -> str:
 
 
 def test_questions_have_the_same_answers_in_postgresql(tmp_path: Path, postgres: Server) -> None:
-    databases = str(tmp_path / "hub.db"), postgres.new_database()
+    databases = str(tmp_path / "hub.db"), postgres.new_hub()
     for database in databases:
         engine = open_hub(database)
         for at, site in enumerate(SITES):
@@ -161,3 +163,86 @@ def test_hours_are_the_sums_of_summaries_however_they_came(tmp_path: Path) -> No
         (total,) = one.exec_driver_sql("SELECT sum(people * span_s) / 3600 FROM summaries").one()
     assert sum(row[5] for row in found) == pytest.approx(total)
     assert {row[1] % (3600 * 10**9) for row in found} == {BEGIN_NS % (3600 * 10**9)}
+
+
+ENDLESS = {
+    # One step of SQLite that never yields: it looks at no clock within it.
+    "file": "SELECT instr(hex(zeroblob(4900000)), hex(zeroblob(2400000)) || 'x')",
+    "server": "SELECT pg_sleep(60), count(*) FROM summaries",
+}
+
+
+@pytest.mark.parametrize("kind", sorted(ENDLESS))
+def test_question_without_an_end_is_ended(
+    tmp_path: Path, kind: str, request: pytest.FixtureRequest
+) -> None:
+    database = str(tmp_path / "hub.db")
+    if kind == "server":
+        database = request.getfixturevalue("postgres").new_hub()
+    open_hub(database).dispose()
+    begun_s = time.monotonic()
+    with pytest.raises(InputError, match=r"took more than|statement timeout"):
+        answer(database, ENDLESS[kind], limit_s=1.0)
+    assert time.monotonic() - begun_s < 15.0
+
+
+def test_slow_question_is_answered(tmp_path: Path) -> None:
+    """Longer than after two seconds, when a database may begin to show its progress."""
+    database = str(tmp_path / "hub.db")
+    open_hub(database).dispose()
+    counting = "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n WHERE i < {})"
+    begun_s, most = time.monotonic(), 2_000_000
+    while time.monotonic() - begun_s < 2.5:
+        begun_s, most = time.monotonic(), 2 * most
+        asked = f"{counting.format(most)} SELECT count(*), 0.5, 'å', NULL FROM n"
+        assert answer(database, asked)[1] == [[most, 0.5, "å", None]]
+
+
+def test_large_answer_of_a_server_is_refused_within_the_limit(postgres: Server) -> None:
+    database = postgres.new_hub()
+    open_hub(database).dispose()
+    begun_s = time.monotonic()
+    with pytest.raises(InputError, match="more than 100000000 bytes"):
+        answer(database, "SELECT repeat('x', 1000000) FROM generate_series(1, 150)")
+    assert time.monotonic() - begun_s < 20.0
+
+
+def test_server_runs_nothing_but_one_select(postgres: Server) -> None:
+    database = postgres.new_hub()
+    engine = open_hub(database)
+    keep(engine, "lab", [*records_of(0, 0, 5)], Cursor(1, 5), 1)
+    engine.dispose()
+    for asked in (
+        "DO $$ BEGIN COMMIT; SET TRANSACTION READ WRITE; DELETE FROM summaries; COMMIT; END $$",
+        "COPY summaries TO '/tmp/all'",
+        "SELECT 1; DELETE FROM summaries",
+        "SELECT 1) TO '/tmp/all' --",
+        "WITH gone AS (DELETE FROM summaries RETURNING 1) SELECT * FROM gone",
+        "SELECT query_to_xml('DELETE FROM summaries', true, true, '')",
+        "SELECT pg_read_file('/etc/passwd')",
+    ):
+        with pytest.raises(InputError, match="query: "):
+            answer(database, asked)
+    assert answer(database, "SELECT count(*) FROM summaries;")[1] == [[5]]
+    assert answer(database, "SELECT site, taken AS t FROM sites WHERE false") == (["site", "t"], [])
+
+
+def test_role_with_more_rights_than_a_hub_needs_is_refused(postgres: Server) -> None:
+    database = postgres.new_hub()
+    open_hub(database).dispose()
+    role = database.partition("//")[2].partition("@")[0]
+    for grant, back, right in (
+        ("ALTER ROLE {} SUPERUSER", "ALTER ROLE {} NOSUPERUSER", "SUPERUSER"),
+        ("ALTER ROLE {} CREATEROLE", "ALTER ROLE {} NOCREATEROLE", "CREATEROLE"),
+        (
+            "GRANT pg_write_server_files TO {}",
+            "REVOKE pg_write_server_files FROM {}",
+            "pg_write_server_files",
+        ),
+    ):
+        postgres.run("psql", "-U", USER, "-d", DATABASE, "-c", grant.format(role))
+        for use in (open_hub, lambda url: answer(url, "SELECT 1")):
+            with pytest.raises(InputError, match=rf"role {role} with {right}.*CREATE ROLE"):
+                use(database)
+        postgres.run("psql", "-U", USER, "-d", DATABASE, "-c", back.format(role))
+    assert answer(database, "SELECT 1 AS one") == (["one"], [[1]])
