@@ -8,7 +8,7 @@ import pytest
 from tests.cases import each_case
 
 from e3pose.base.errors import InputError
-from e3pose.settings.sources import is_recorded, located, place_of
+from e3pose.settings.sources import is_live, is_recorded, located, place_of, put_away, revealed
 
 
 def near(name: str) -> Path:
@@ -39,3 +39,40 @@ def test_recordings_keep_their_prefix() -> None:
 def test_recording_without_a_name_is_refused() -> None:
     with pytest.raises(InputError, match="recorded:RECORDING"):
         located("recorded:", near)
+
+
+SECRET = "rtsp://admin:s3cret@10.0.0.7/1"
+
+
+def test_an_address_with_a_password_moves_to_a_private_file(tmp_path: Path) -> None:
+    named = put_away(SECRET, tmp_path, "cam0")
+    assert named == "secret:secrets/cam0" and is_live(named)
+    assert (tmp_path / "secrets" / "cam0").stat().st_mode & 0o777 == 0o600
+    assert revealed(located(named, lambda name: tmp_path / name)) == SECRET
+    assert put_away(SECRET, tmp_path, "cam0") == "secret:secrets/cam0-2"  # another camera's stays
+    for source in ("usb:0", "rtsp://10.0.0.7/1", named):
+        assert put_away(source, tmp_path, "cam1") == source
+
+
+def test_an_address_comes_from_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("DOOR", SECRET)
+    assert is_live("env:DOOR") and located("env:DOOR", near) == "env:DOOR"
+    assert revealed("env:DOOR") == SECRET
+    with pytest.raises(InputError, match="env:NO_DOOR: missing: the camera's address"):
+        revealed("env:NO_DOOR")
+
+
+def test_a_secret_that_others_read_or_that_is_no_address_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "cam0"
+    for mode, text, words in (
+        (0o644, SECRET, "others can read"),
+        (0o600, "walk.mp4", "no address"),
+        (0o600, "", "empty"),
+    ):
+        file.write_text(text)
+        file.chmod(mode)
+        with pytest.raises(InputError, match=words) as refused:
+            revealed(f"secret:{file}")
+        assert "s3cret" not in str(refused.value)
+    with pytest.raises(InputError, match="secret:FILE"):
+        place_of("secret:")

@@ -72,7 +72,7 @@ def append_to(path: Path) -> IO[bytes]:
 
 
 def read_secret(path: Path, name: str) -> str:
-    """Return the line of a file that its owner alone can read.
+    """Return the line of a file that its owner alone can read, or the group of a shared folder.
 
     Args:
         path: the file.
@@ -86,7 +86,7 @@ def read_secret(path: Path, name: str) -> str:
         mode = path.stat().st_mode
     except OSError as error:
         raise InputError(name, f"{path} ({reason_of(error)})", wanted) from None
-    if mode & 0o077:
+    if mode & (0o007 if shared(path.parent) else 0o077):
         raise InputError(name, f"{path}, which others can read", wanted)
     try:
         secret = read_bytes(path, MAX_SECRET_BYTES).decode().strip("\r\n")

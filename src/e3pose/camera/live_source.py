@@ -2,6 +2,8 @@
 
     usb:0                        a camera of Video4Linux, `/dev/video0`
     rtsp://HOST/PATH             a network camera; http:// likewise
+    secret:FILE                  a private file with the address of one, and its password
+    env:NAME                     likewise a variable of the environment
     phone:FILE                   a phone whose page sends frames; `e3pose phone FILE` makes the file
     gstreamer:PIPELINE           a GStreamer pipeline, where OpenCV was built with it
     VIDEO.mp4                    a file at its own pace, again and again
@@ -22,6 +24,7 @@ from typing import Any
 
 from e3pose.base.clock import Clock
 from e3pose.base.errors import InputError, reason_of
+from e3pose.base.masking import masked
 from e3pose.base.system import require_linux
 from e3pose.camera.base import LiveFrame, LiveSource
 from e3pose.camera.phone import PhoneSource
@@ -29,6 +32,7 @@ from e3pose.camera.phone_file import load_phone
 from e3pose.camera.source import FALLBACK_RATE, Frame, open_video, read_picture
 from e3pose.model.pose import Poses2D
 from e3pose.recording import Recording, load_recording
+from e3pose.settings.sources import revealed
 
 READ_S = 1.0
 STREAMS = ("rtsp", "rtsps", "http", "https")
@@ -57,6 +61,7 @@ def make_source(
     Raises:
         InputError: when it can be seen already that there is no such source.
     """
+    name = revealed(name)
     kind, _, rest = name.partition(":")
     if pace != 1 and kind in ("usb", "phone", "gstreamer", *STREAMS):
         raise InputError("pace", f"{pace:g}", "1: live cameras cannot play slower")
@@ -226,7 +231,8 @@ class StreamSource:
             rate = self._container.streams.video[0].average_rate
             self.fps = float(rate) if rate else self.fps
         except (av.FFmpegError, OSError, IndexError, ValueError) as error:
-            raise InputError(f"source {_shown(self.url)}: {reason_of(error)[:200]}") from None
+            why = reason_of(error)[:200]
+            raise InputError(f"source {masked(self.url)[:200]}: {why}") from None
 
     def read(self) -> LiveFrame | None:
         """See `LiveSource.read`."""
@@ -280,7 +286,7 @@ class OpenCvSource:
                 raise InputError(f"source usb:{self.device}: found no /dev/video{self.device}")
             capture = cv2.VideoCapture(self.device, cv2.CAP_V4L2)
         if not capture.isOpened():
-            raise InputError(f"source {str(self.device)[:80]}: cannot be opened")
+            raise InputError(f"source {masked(str(self.device))[:80]}: cannot be opened")
         if self.asked_fps:
             capture.set(cv2.CAP_PROP_FPS, self.asked_fps)
         rate_hz = capture.get(cv2.CAP_PROP_FPS)
@@ -325,9 +331,3 @@ def _images(folder: Path, fps: float) -> Loop:
 
     height, width = read_picture(paths[0]).shape[:2]
     return Loop(fps, (width, height), len(paths) / fps, frames)
-
-
-def _shown(url: str) -> str:
-    """Return a URL without the password that it may hold."""
-    scheme, _, rest = url.partition("://")
-    return f"{scheme}://{rest.rpartition('@')[2]}"[:200]

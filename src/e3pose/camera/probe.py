@@ -13,6 +13,7 @@ import numpy as np
 
 from e3pose.base.clock import WallClock
 from e3pose.base.errors import InputError
+from e3pose.base.masking import masked
 from e3pose.camera.base import LiveSource
 from e3pose.camera.frame_rate import rate_hz, rounded_hz
 from e3pose.camera.live_source import make_source
@@ -85,7 +86,9 @@ def probe(
                 return Probe(source, frame.image_size, fps, dark, announced)
     finally:
         opened.close()
-    raise InputError("source", f"no frame of {source[:80]} in {timeout_s:g} s", "one that films")
+    raise InputError(
+        "source", f"no frame of {masked(source)[:80]} in {timeout_s:g} s", "one that films"
+    )
 
 
 def _counted_hz(opened: LiveSource) -> float | None:

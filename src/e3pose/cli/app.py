@@ -20,6 +20,7 @@ from cyclopts import App, CycloptsError, Group, MissingArgumentError
 
 from e3pose import __version__
 from e3pose.base.errors import Exit, Fault, InputError, exit_code, reason_of
+from e3pose.base.masking import masked
 from e3pose.base.system import END_SIGNALS
 from e3pose.cli.distributions import EXTRAS as DISTRIBUTIONS
 from e3pose.cli.distributions import other_verb, with_lab
@@ -219,7 +220,7 @@ def main(tokens: Sequence[str] | None = None) -> None:
     except (Exception, KeyboardInterrupt) as error:
         message, code = _ending(error)
         with suppress(OSError):  # a full disk or a closed pipe changes no code
-            print(f"e3pose: {message}", file=sys.stderr, flush=True)
+            print(f"e3pose: {masked(message)}", file=sys.stderr, flush=True)
         sys.exit(code)
 
 
@@ -250,7 +251,7 @@ def _ending(error: BaseException) -> tuple[str, int]:
     cause = (error.__cause__ if isinstance(error, Fault) else None) or error
     if not isinstance(cause, (InputError, OSError, Fault)):  # a fault of ours
         with suppress(OSError):
-            traceback.print_exception(cause)
+            print(masked("".join(traceback.format_exception(cause))), file=sys.stderr)
     return _one_line(cause), exit_code(error)
 
 

@@ -13,6 +13,7 @@ from cyclopts import Group, Parameter
 
 from e3pose.base.atomic import check_output
 from e3pose.base.errors import InputError
+from e3pose.base.masking import masked
 from e3pose.base.table import read_table
 from e3pose.cli.output import STDOUT
 from e3pose.cli.settings_options import Flag as Flag
@@ -80,7 +81,7 @@ def options_of(*kinds: type, more: Sequence[str] = ()) -> dict[str, str]:
 def warn(text: str) -> None:
     """Print a line on standard error for the person who typed the command; nothing if empty."""
     if text:
-        print(f"e3pose: warning: {text}", file=sys.stderr)
+        print(f"e3pose: warning: {masked(text)}", file=sys.stderr)
 
 
 def check_outputs(source: Path, outputs: Mapping[str, Path | None]) -> None:

@@ -10,7 +10,8 @@ from typing import Any
 from cyclopts import Group
 
 from e3pose.base.errors import MISSING, InputError
-from e3pose.cli.options import GROUPS, Flag, as_typed
+from e3pose.base.masking import has_secret
+from e3pose.cli.options import GROUPS, Flag, as_typed, warn
 from e3pose.cli.running import Child, begin
 from e3pose.cli.settings_options import options_from
 from e3pose.settings.camera_file import NodeTable, load_node
@@ -85,6 +86,11 @@ def camera(
     given, names = options.given(config)
     with as_typed(names):
         node = load_node(config, given)
+        if has_secret(given.get("source", "")):
+            warn(
+                "every user of this machine can read the password in --source while the camera "
+                "runs: --source secret:FILE reads it from a private file, env:NAME from a variable"
+            )
         log = open_log("camera", json_logs, site=node.site, camera=node.camera)
         opened = open_camera(node, log)
     opened.run()

@@ -13,6 +13,7 @@ from rich.console import Console
 
 from e3pose.base.atomic import check_free
 from e3pose.base.errors import InputError
+from e3pose.base.masking import masked
 from e3pose.base.plugins import beside
 from e3pose.base.quantities import plural, three_digits
 from e3pose.base.system import num_cores
@@ -196,7 +197,7 @@ def _probed(named: dict[str, str], rig: Rig | None) -> dict[str, Probe]:
             raise InputError(f"camera {camera_id}: {seen}")
         found[camera_id] = seen
         width, height = seen.image_size
-        print(f"{camera_id}: {named[camera_id]}, {width} x {height} at {seen.rate_words()}")
+        print(f"{camera_id}: {masked(named[camera_id])}, {width} x {height} at {seen.rate_words()}")
         if seen.nominal_fps is not None and seen.fps < seen.nominal_fps:
             warn(
                 f"camera {camera_id}: its source announces {seen.nominal_fps:.3g} frames per "

@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
-from e3pose.base.errors import InputError
+from e3pose.base.atomic import write_file
+from e3pose.base.errors import MISSING, InputError
+from e3pose.base.masking import has_secret, masked
 from e3pose.base.plugins import beside as own_beside
 from e3pose.base.plugins import is_own
+from e3pose.base.private import make_folder, read_secret
 
 T = TypeVar("T")
 
 RECORDED = "recorded:"  # keypoints of a recording, no images
 PHONE = "phone:"  # a phone that sends what its camera sees, by its file
-DEVICES = ("usb:", "gstreamer:")
+SECRET = "secret:"  # a private file whose one line is the address of a camera, with its password
+ENVIRONMENT = "env:"  # likewise a variable of the environment
+DEVICES = ("usb:", "gstreamer:", ENVIRONMENT)
+SECRETS = "secrets"  # folder of a site for such files
 
 
 def is_recorded(source: str | None) -> bool:
@@ -25,20 +32,22 @@ def is_recorded(source: str | None) -> bool:
 
 def is_live(source: str) -> bool:
     """Return whether a source films now, in place of playing what was recorded."""
-    return source.startswith(PHONE) or place_of(source) is None
+    return source.startswith((PHONE, SECRET)) or place_of(source) is None
 
 
 def place_of(source: str) -> str | None:
     """Return the file or folder that a source names; None for a device or a stream.
 
     Raises:
-        InputError: for a recording or a phone without a name.
+        InputError: for a recording, a phone or a secret without a name.
     """
     if source == RECORDED:
         raise InputError("source", repr(source), "recorded:RECORDING, a recording's folder")
     if source == PHONE:
         raise InputError("source", repr(source), "phone:FILE, as `e3pose phone FILE` makes it")
-    for kind in (RECORDED, PHONE):
+    if source == SECRET:
+        raise InputError("source", repr(source), "secret:FILE, a private file with the address")
+    for kind in (RECORDED, PHONE, SECRET):
         if source.startswith(kind):
             return source.removeprefix(kind)
     return None if "://" in source or source.startswith(DEVICES) else source
@@ -46,7 +55,47 @@ def place_of(source: str) -> str | None:
 
 def shown_source(source: str, folder: Path) -> str:
     """Return a source as a settings file in a folder has it, in at most 60 characters."""
-    return source.replace(f"{folder}/", "", 1)[:60]
+    return masked(source.replace(f"{folder}/", "", 1))[:60]
+
+
+def revealed(source: str) -> str:
+    """Return the address that a private file or the environment holds; another source as it is.
+
+    Raises:
+        InputError: for a file that is missing or that others can read, for no such variable, and
+            for what is no address.
+    """
+    if source.startswith(SECRET):
+        address = read_secret(Path(source.removeprefix(SECRET)), "source")
+    elif source.startswith(ENVIRONMENT):
+        address = os.environ.get(source.removeprefix(ENVIRONMENT), "")
+        if not address:
+            raise InputError(source, MISSING, "the camera's address in this environment variable")
+    else:
+        return source
+    if "://" not in address and not address.startswith("gstreamer:"):
+        raise InputError("source", f"no address in {source}", "rtsp://USER:PASSWORD@HOST/PATH")
+    return address
+
+
+def put_away(source: str, folder: Path, name: str) -> str:
+    """Move an address with a password to a private file of a site's folder.
+
+    Args:
+        source: of a camera.
+        folder: of the site.
+        name: of the camera.
+
+    Returns:
+        `secret:FILE`, relative to the folder; another source as it is.
+    """
+    if not has_secret(source):
+        return source
+    files = (folder / SECRETS / f"{name}{end}" for end in ("", *(f"-{i}" for i in range(2, 1000))))
+    file = next(path for path in files if not path.exists())
+    make_folder(file.parent)
+    write_file(file, f"{source}\n", private=True)
+    return f"{SECRET}{SECRETS}/{file.name}"
 
 
 def located(source: str, near: Callable[[str], Path]) -> str:

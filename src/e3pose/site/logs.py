@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import MutableMapping
 from typing import Any
 
 import structlog
 
 from e3pose.base.log_stream import LogStream
+from e3pose.base.masking import masked
 
 
 def open_log(program: str, as_json: bool, **about: Any) -> Any:
@@ -27,6 +29,7 @@ def open_log(program: str, as_json: bool, **about: Any) -> Any:
         sys.stderr.as_json = as_json
     structlog.configure(
         processors=[
+            _masked,
             structlog.processors.add_log_level,
             structlog.processors.TimeStamper(fmt="iso", utc=True),
             renderer,
@@ -35,3 +38,7 @@ def open_log(program: str, as_json: bool, **about: Any) -> Any:
         cache_logger_on_first_use=True,
     )
     return structlog.get_logger().bind(program=program, **about)
+
+
+def _masked(_logger: Any, _name: str, line: MutableMapping[str, Any]) -> MutableMapping[str, Any]:
+    return {key: masked(said) if isinstance(said, str) else said for key, said in line.items()}

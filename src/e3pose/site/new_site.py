@@ -6,7 +6,7 @@ import platform
 import re
 import socket
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
 
@@ -24,7 +24,7 @@ from e3pose.model.camera_fields import check_camera_id
 from e3pose.recording.calibration import save_rig
 from e3pose.settings.resolved import resolve
 from e3pose.settings.site_file import SITE_FILE, load_site
-from e3pose.settings.sources import is_live, located, place_of
+from e3pose.settings.sources import is_live, located, place_of, put_away
 from e3pose.site.detector_speed import (
     KEPT,
     save_times,
@@ -160,6 +160,11 @@ def fill_site(made: Path, choice: Choice, folder: Path) -> None:
     """
     if choice.rig is not None:
         save_rig(choice.rig, made / RIG_FILE)
+    probes = {
+        name: replace(seen, source=put_away(seen.source, made, name))
+        for name, seen in choice.probes.items()
+    }
+    choice = replace(choice, probes=probes)
     path = made / SITE_FILE
     path.write_text(site_text(choice, folder), encoding="utf-8")
     site = resolve(load_site(path), placed=False)  # what was written can be read

@@ -13,7 +13,7 @@ from e3pose.site.check.parts import start_problems
 from e3pose.site.check.sources import source_problems
 from e3pose.site.detector_speed import measure_detections, speed_problems
 from e3pose.site.edge_program import check_edge
-from e3pose.site.up import Program, camera_command, edge_command
+from e3pose.site.up import Program, camera_program, edge_command
 from e3pose.wire.network import check_port
 
 
@@ -47,4 +47,4 @@ def site_programs(
         selected = site.loop.num_selected or len(site.rig)
         report(speed_problems(site.file, times, selected), warn, str(site.file.path))
     edge = Program("edge", edge_command(site.file.path, *options), logs / "edge.log")
-    return [edge] + [Program(i, camera_command(site, i), logs / f"{i}.log") for i in site.cameras]
+    return [edge] + [camera_program(site, camera_id, logs) for camera_id in site.cameras]

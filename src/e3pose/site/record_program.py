@@ -18,7 +18,7 @@ from e3pose.site.admission import edge_link
 from e3pose.site.check.finding import report as report_findings
 from e3pose.site.check.sources import source_problems
 from e3pose.site.detector_speed import measure_detections, with_time_for_all
-from e3pose.site.up import Program, camera_command, run_site
+from e3pose.site.up import camera_program, run_site
 from e3pose.wire.network import open_network
 
 LOOK_S = 1.0
@@ -62,7 +62,7 @@ def record_site(
         resolved = slower
     folder = logs or resolved.file.folder / "logs"
     local = [name for name, camera in resolved.cameras.items() if camera.source]
-    programs = [Program(i, camera_command(resolved, i), folder / f"{i}.log") for i in local]
+    programs = [camera_program(resolved, camera_id, folder) for camera_id in local]
     transport = open_network(*edge_link(resolved.file))
     with suppress(OSError):  # cameras then run without logs
         make_folder(folder)

@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import IO
 
 from e3pose.base.child_process import ask_to_end, start_detached
 from e3pose.base.errors import Exit, GaveUp, InputError, reason_of
+from e3pose.base.masking import has_secret
 from e3pose.base.private import append_to
 from e3pose.base.quantities import LEAST_SIZE_BYTES
 from e3pose.recording.videos import MAX_BYTES, VIDEOS
 from e3pose.settings.resolved import ResolvedSite
+from e3pose.settings.sources import ENVIRONMENT
 from e3pose.site.follow import ANY_HOST
 from e3pose.site.run import END_S
 
@@ -25,6 +28,7 @@ STEADY_S = 30.0  # a program that ran for so long works
 MOST_RESTARTS = 4  # of a program that never worked
 BATTERIES = "batteries"  # folder of what is left in those of cameras on this machine
 CHILD = "--end-with-parent"
+SOURCE = "E3POSE_SOURCE"  # in the environment of a camera: a source that holds a password
 
 
 def edge_command(path: Path, *options: str) -> list[str]:
@@ -52,9 +56,11 @@ def camera_command(site: ResolvedSite, camera_id: str) -> list[str]:
     endpoint = site.file.link.endpoint
     if endpoint.host in ANY_HOST or endpoint.encrypted:
         endpoint = replace(endpoint, host="localhost")
+    # Every user of the machine can read command lines.
+    source = f"{ENVIRONMENT}{SOURCE}" if has_secret(camera.source) else camera.source
     command = [
         sys.executable, "-m", "e3pose", "camera",
-        "--site", site.file.name, "--name", camera_id, "--source", camera.source,
+        "--site", site.file.name, "--name", camera_id, "--source", source,
         "--endpoint", str(endpoint), "--wake-s", str(camera.wake_s),
         # On one machine every camera would measure the same watts, those of all together.
         "--provider", camera.provider, "--meter", camera.meter or "model", CHILD,
@@ -121,6 +127,7 @@ class Program:
         restarts: how often it was started again.
         works: whether it once ran for `STEADY_S`.
         process: the newest; None before the first start.
+        environment: variables beside ours.
     """
 
     name: str
@@ -129,6 +136,7 @@ class Program:
     restarts: int = 0
     works: bool = False
     process: subprocess.Popen[bytes] | None = None
+    environment: Mapping[str, str] = field(default_factory=dict)
     _begun_s: float = 0.0
     _due_s: float = 0.0  # to start again; 0 while it runs
     _wait_s: float = 0.0
@@ -143,7 +151,13 @@ class Program:
             except OSError as error:
                 output, problem = subprocess.DEVNULL, reason_of(error).lower()
             # A Ctrl-C on the terminal is for us, who end everybody in order.
-            self.process = start_detached(self.command, subprocess.PIPE, output, subprocess.STDOUT)
+            self.process = start_detached(
+                self.command,
+                subprocess.PIPE,
+                output,
+                subprocess.STDOUT,
+                {**os.environ, **self.environment},
+            )
         self._begun_s, self._due_s = time.monotonic(), 0.0
         return problem and f"{self.name} runs without a log: {self.log}: {problem}"
 
@@ -184,6 +198,13 @@ class Program:
         """Close the pipe that keeps it running."""
         if self.process is not None and self.process.stdin is not None:
             self.process.stdin.close()
+
+
+def camera_program(site: ResolvedSite, camera_id: str, logs: Path) -> Program:
+    """Return a camera of a site, run on this machine; errors as of `camera_command`."""
+    command, source = camera_command(site, camera_id), site.cameras[camera_id].source or ""
+    environment = {SOURCE: source} if has_secret(source) else {}
+    return Program(camera_id, command, logs / f"{camera_id}.log", environment=environment)
 
 
 def run_site(

@@ -10,6 +10,7 @@ import pytest
 from tests.site.setup.conftest import Asking
 
 from e3pose.base.errors import InputError
+from e3pose.camera.probe import Probe
 from e3pose.site.setup import cameras
 from e3pose.site.setup.discovery import NetworkCamera
 from e3pose.site.setup.finding import check_typed
@@ -91,8 +92,20 @@ def test_cameras_of_the_network_are_asked_for_their_streams(
     other = asking.post("streams", host="192.0.2.9", user="a", password="right")
     assert "one that was found" in other.json()["detail"]
     told = asking.post("streams", host="10.0.0.7", user="admin", password="right").json()
-    assert told["streams"] == [{"name": "Main", "source": "rtsp://admin:right@10.0.0.7/main"}]
+    assert told["streams"] == [{"name": "Main", "source": "rtsp://admin:***@10.0.0.7/main"}]
     assert asking.get("found").json()["network"][0]["why"] == ""
+    # What the page was shown adds the stream; its password goes to a private file.
+    monkeypatch.setattr(cameras, "probe", lambda source: Probe(source, (640, 480), 25.0, False))
+    asking.post("cameras", sources=[told["streams"][0]["source"]])
+    asking.server.table.setup.tasks.wait(20)
+    (camera,) = asking.get("state").json()["cameras"]
+    assert camera["source"] == "secret:room/secrets/cam0"
+    file = asking.root / "room" / "secrets" / "cam0"
+    assert file.read_text() == "rtsp://admin:right@10.0.0.7/main\n"
+    assert file.stat().st_mode & 0o777 == 0o600
+    again = asking.post("cameras", sources=[told["streams"][0]["source"]])
+    assert "no camera of the site yet" in again.json()["detail"] and "right" not in again.text
+    assert ":right" not in (asking.root / "room" / "setup.toml").read_text()
 
 
 def test_a_phone_is_added_and_shown_a_code(asking: Asking) -> None:

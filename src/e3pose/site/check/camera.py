@@ -13,6 +13,7 @@ from e3pose.settings.camera_file import NodeTable
 from e3pose.settings.sources import shown_source
 from e3pose.site.check.finding import Finding, ok, problem, warning
 from e3pose.site.check.link import CLOCK_MS, clock_problems
+from e3pose.site.check.sources import password_problems
 from e3pose.wire.keys.folder import link_of
 from e3pose.wire.keys.renewal import SOON_DAYS
 from e3pose.wire.reach import Reach, reach_edge
@@ -65,6 +66,8 @@ def suspended(node: NodeTable, machine: Machine) -> Iterator[Finding]:
 
 def _source(node: NodeTable, machine: Machine) -> Iterator[Finding]:
     what, seen = "source", machine.seen
+    if node.path is not None:
+        yield from password_problems(what, node.source, node.path)
     if isinstance(seen, InputError):
         advice = "connect the camera" if node.source.startswith("usb:") else ""
         yield problem(what, str(seen), advice)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from e3pose.base.errors import InputError
+from e3pose.base.masking import masked
 
 Level = Literal["ok", "warning", "problem"]
 
@@ -35,17 +36,17 @@ class Finding:
 
 def ok(what: str, found: str = "", advice: str = "") -> Finding:
     """Return a fact."""
-    return Finding("ok", what, found, advice)
+    return Finding("ok", what, masked(found), masked(advice))
 
 
 def warning(what: str, found: str, advice: str = "") -> Finding:
     """Return the finding of a weakness."""
-    return Finding("warning", what, found, advice)
+    return Finding("warning", what, masked(found), masked(advice))
 
 
 def problem(what: str, found: str, advice: str = "") -> Finding:
     """Return the finding of a problem, which keeps a site from working."""
-    return Finding("problem", what, found, advice)
+    return Finding("problem", what, masked(found), masked(advice))
 
 
 def report(findings: Iterable[Finding], warn: Callable[[str], object], refusing: str = "") -> None:

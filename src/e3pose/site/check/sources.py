@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 
 from e3pose.base.errors import InputError
+from e3pose.base.masking import has_secret
 from e3pose.base.plugins import is_own
 from e3pose.camera.phone_file import load_phone
 from e3pose.camera.probe import Probe, probe, probe_all
@@ -16,7 +17,7 @@ from e3pose.detectors.weights import MODELS, is_installed
 from e3pose.edge.camera_state import SHORT
 from e3pose.settings.resolved import ResolvedSite
 from e3pose.settings.site_file import CameraTable
-from e3pose.settings.sources import PHONE, is_recorded, place_of
+from e3pose.settings.sources import PHONE, SECRET, is_recorded, place_of, revealed
 from e3pose.site.check.finding import Finding, ok, problem, warning
 
 SOURCE_ADVICE = "correct its source, relative to the folder of the site file"
@@ -32,7 +33,7 @@ def source_problems(site: ResolvedSite) -> Iterator[Finding]:
                 advice = f"rotation = {degrees} in its camera file"
                 yield warning(f"camera {camera.id}", found, advice)
             continue
-        yield from _source(camera, camera.source)
+        yield from _source(camera, camera.source, site.file.path)
         if not is_recorded(camera.source):
             yield from _network(camera)
 
@@ -91,20 +92,33 @@ def _recording(camera: CameraTable) -> Iterator[Finding]:
         yield problem(what, found, 'record = "keypoints"')
 
 
-def _source(camera: CameraTable, source: str) -> Iterator[Finding]:
+def _source(camera: CameraTable, source: str, file: Path) -> Iterator[Finding]:
     """Check whether a source exists, without opening it."""
     what, place = f"camera {camera.id}", place_of(source)
+    yield from password_problems(what, source, file)
     path = None if place is None else Path(place)
     if path is not None and not path.exists():
         yield problem(what, f"source {path} does not exist", SOURCE_ADVICE)
-    elif (
-        path is not None
-        and not is_recorded(source)
-        and (broken := _broken(path, source.startswith(PHONE)))
-    ):
+    elif path is not None and not is_recorded(source) and (broken := _broken(path, source)):
         yield problem(what, broken)
     elif source.startswith("usb:") and not Path(f"/dev/video{source.partition(':')[2]}").exists():
         yield problem(what, f"{source}: no such device", "connect the camera")
+
+
+def password_problems(what: str, source: str, file: Path) -> Iterator[Finding]:
+    """Yield that a settings file has a password of a camera, and how to move it.
+
+    Args:
+        what: the camera.
+        source: what the file says of it.
+        file: of the settings.
+    """
+    if not has_secret(source):
+        return
+    readable = bool(file.stat().st_mode & 0o044)
+    found = f"its password is in {file}{', which others can read' if readable else ''}"
+    move = 'put the address into a file, chmod 600 it, and write source = "secret:FILE"'
+    yield warning(what, found, f"{move}{f'; until then, chmod 600 {file}' if readable else ''}")
 
 
 def _network(camera: CameraTable) -> Iterator[Finding]:
@@ -121,12 +135,15 @@ def _network(camera: CameraTable) -> Iterator[Finding]:
         yield problem(what, f"unknown detector {detector}", f"one of {known}")
 
 
-def _broken(path: Path, phone: bool) -> str:
-    """Return why a video, or the file of a phone, cannot be used; empty if it can."""
+def _broken(path: Path, source: str) -> str:
+    """Return why a video, or the file of a phone or an address, is unusable; empty if it is not."""
     if path.is_dir():
         return ""
     try:
-        load_phone(path) if phone else open_video(path)
+        if source.startswith(SECRET):
+            revealed(source)
+        else:
+            load_phone(path) if source.startswith(PHONE) else open_video(path)
     except InputError as error:
         return str(error)
     return ""

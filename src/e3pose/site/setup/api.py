@@ -14,6 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from e3pose import __version__
 from e3pose.base.errors import InputError
+from e3pose.base.masking import masked
 from e3pose.site.setup import cameras, judging, networks, phoning, settings, solving, walking
 from e3pose.site.setup.coverage import Coverage
 from e3pose.site.setup.going_live import LiveSite
@@ -175,7 +176,7 @@ async def _refused(_: Request, error: Exception) -> JSONResponse:
     words = str(error)
     if isinstance(error, OSError) and error.strerror:
         words = f"{error.filename or 'file'}: {error.strerror.lower()}"
-    return JSONResponse({"detail": words[:1000]}, 409)
+    return JSONResponse({"detail": masked(words)[:1000]}, 409)
 
 
 def _sites(table: Table) -> APIRouter:

@@ -10,9 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from e3pose.base.errors import InputError
+from e3pose.base.masking import masked
 from e3pose.camera.probe import Probe, find_devices, probe, probe_all
 from e3pose.settings.limits import Rotation
-from e3pose.settings.sources import is_recorded, place_of
+from e3pose.settings.sources import is_recorded, place_of, revealed
 from e3pose.simulate import SceneSettings
 from e3pose.simulate import simulate as run
 from e3pose.site.example import make_example
@@ -51,10 +52,13 @@ def start_adding(setup: SetupSession, sources: Sequence[str]) -> None:
         InputError: for what is no source, or one that is a camera already.
     """
     plan = setup.chosen_plan()
-    checked = [check_typed(source, setup.root.resolve()) for source in sources]
+    root = setup.root.resolve()
+    checked = [check_typed(setup.offered.get(source, source), root) for source in sources]
     for source in checked:
-        if any(camera.source == source for camera in plan.cameras):
-            raise InputError("source", repr(source[:80]), "one that is no camera of the site yet")
+        if any(revealed(camera.source) == source for camera in plan.cameras):
+            raise InputError(
+                "source", repr(masked(source)[:80]), "one that is no camera of the site yet"
+            )
     if not checked or len(set(checked)) < len(checked):
         raise InputError("source", "none, or one twice", "sources")
     title = "Looking at " + ("a source" if len(checked) == 1 else f"{len(checked)} sources")
@@ -147,7 +151,7 @@ def start_looking(setup: SetupSession) -> None:
             for each in cameras
         ]
         with ThreadPoolExecutor(MOST_ASKED) as pool:
-            asked = [pool.submit(_ask_streams, one, Login()) for one in setup.found]
+            asked = [pool.submit(_ask_streams, setup, one, Login()) for one in setup.found]
             for done, _ in enumerate(as_completed(asked), 1):
                 task.progress("asking each for its streams", done, len(asked))
         if not cameras:
@@ -167,20 +171,21 @@ def ask_streams(setup: SetupSession, host: str, user: str, password: str) -> dic
     """
     for one in setup.found:
         if one["host"] == host:
-            if error := _ask_streams(one, Login(user, password)):
+            if error := _ask_streams(setup, one, Login(user, password)):
                 raise error
             return one
     raise InputError("camera", repr(host[:64]), "one that was found: look in the network first")
 
 
-def _ask_streams(one: dict[str, Any], login: Login) -> InputError | None:
+def _ask_streams(setup: SetupSession, one: dict[str, Any], login: Login) -> InputError | None:
     """Note the streams of a camera that was found, or why there are none."""
     try:
         found = streams_of(one["service"], login)
     except InputError as error:
         one.update(streams=[], why=str(error))
         return error
-    one.update(streams=[{"name": each.name, "source": each.url} for each in found], why="")
+    setup.offered |= {masked(each.url): each.url for each in found}
+    one.update(streams=[{"name": each.name, "source": masked(each.url)} for each in found], why="")
     return None
 
 
@@ -245,6 +250,6 @@ def shown_source(setup: SetupSession, source: str) -> str:
     """Return a source as a person types it in the root."""
     place = place_of(source) if source else None
     if place is None:
-        return source
+        return masked(source)
     prefix = source[: len(source) - len(place)]
     return f"{prefix}{setup.shown(Path(place))}"

@@ -9,6 +9,7 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 from e3pose.base.errors import InputError
+from e3pose.base.masking import masked
 from e3pose.settings.limits import check_source
 from e3pose.settings.sources import PHONE, place_of
 from e3pose.site.setup.plan import ChosenCamera
@@ -54,24 +55,24 @@ def check_typed(source: str, folder: Path) -> str:
     """
     source = source.strip()
     if not (0 < len(source) <= MAX_SOURCE and source.isprintable()):
-        raise InputError("source", repr(source[:60]), "usb:0, rtsp://HOST/PATH or a film")
+        raise InputError("source", repr(masked(source)[:60]), "usb:0, rtsp://HOST/PATH or a film")
     check_source(source)
     if source.startswith("gstreamer:"):
         raise InputError(
             "source", "a GStreamer pipeline", "it in site.toml: a pipeline may write files"
         )
     if source.startswith(PHONE):
-        raise InputError("source", repr(source[:60]), "a phone by `Add a phone`")
+        raise InputError("source", repr(masked(source)[:60]), "a phone by `Add a phone`")
     if "://" in source:
         parts = urlsplit(source)
         if parts.scheme not in STREAMS or not parts.hostname:
-            found = repr(source[:60])
+            found = repr(masked(source)[:60])
             raise InputError("source", found, "rtsp://HOST/PATH or http://HOST/PATH")
         return source
     place = place_of(source)
     if place is None:
         if not re.fullmatch(r"usb:\d{1,3}", source):
-            raise InputError("source", repr(source[:60]), "usb:NUMBER, such as usb:0")
+            raise InputError("source", repr(masked(source)[:60]), "usb:NUMBER, such as usb:0")
         return source
     path = (folder / place).resolve()
     if not path.is_relative_to(folder.resolve()):

@@ -8,7 +8,8 @@ import shutil
 import threading
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from e3pose.base.private import make_folder
 from e3pose.recording.calibration import load_rig
 from e3pose.recording.writer import PARTIAL
 from e3pose.settings.site_file import SITE_FILE, SiteTable, load_site
+from e3pose.settings.sources import located, near, put_away
 from e3pose.site.new_site import RIG_FILE
 from e3pose.site.setup.plan import Plan, load_plan, save_plan
 from e3pose.site.setup.tasks import Task, Tasks, interrupted
@@ -42,6 +44,7 @@ class SetupSession:
         tasks: the work in the background.
         thumbnails: of cameras.
         found: cameras that the network told of, the last time somebody asked to look.
+        offered: addresses of their streams, with a password, by how the page shows them.
         times: by network and number of cameras, its speed here in words.
         lock: held while the plan is changed.
     """
@@ -51,6 +54,7 @@ class SetupSession:
     tasks: Tasks = field(default_factory=Tasks)
     thumbnails: Thumbnails = field(default_factory=Thumbnails)
     found: list[dict[str, Any]] = field(default_factory=list)
+    offered: dict[str, str] = field(default_factory=dict)
     times: dict[tuple[str, int], str] = field(default_factory=dict)
     lock: threading.RLock = field(default_factory=threading.RLock)
 
@@ -97,10 +101,19 @@ class SetupSession:
         return load_plan(self.folder)
 
     def change(self, changed: Callable[[Plan], Plan]) -> Plan:
-        """Change the plan and keep it; errors of `changed` leave it as it is."""
+        """Change the plan and keep it; errors of `changed` leave it as it is.
+
+        Passwords of cameras go to private files of the site's folder.
+        """
         with self.lock:
             plan = changed(self.plan())
             make_folder(self.folder)
+            place = partial(near, self.folder.resolve())
+            cameras = tuple(
+                replace(c, source=located(put_away(c.source, self.folder, c.id), place))
+                for c in plan.cameras
+            )
+            plan = replace(plan, cameras=cameras)
             save_plan(self.folder, plan)
             return plan
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from e3pose.base.errors import InputError
+from e3pose.base.masking import masked
 
 State = Literal["running", "done", "failed", "stopped"]
 END_S = 20.0  # for a task to notice that it is to stop
@@ -60,7 +61,7 @@ class Task:
 
     def say(self, line: str) -> None:
         """Note a line for people."""
-        self.lines = [*self.lines, line][-MAX_LINES:]
+        self.lines = [*self.lines, masked(line)][-MAX_LINES:]
 
     def body(self) -> dict[str, Any]:
         """Return it for the page."""
@@ -68,7 +69,7 @@ class Task:
         return {
             "kind": self.kind, "title": self.title, "command": self.command, "state": self.state,
             "stage": self.stage, "done": self.done, "total": self.total, "lines": self.lines,
-            "problem": self.problem, "since_s": round(end_s - self.begun_s, 1),
+            "problem": masked(self.problem), "since_s": round(end_s - self.begun_s, 1),
             "shown": self.shown, "stopping": self.stopping.is_set(),
         }  # fmt: skip
 

@@ -1,0 +1,132 @@
+"""Passwords of cameras, planted, and looked for in all that a site says, writes and shows."""
+
+from __future__ import annotations
+
+import re
+import signal
+import subprocess
+import urllib.request
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import psutil
+import pytest
+from tests.camera.mjpeg import network_camera
+from tests.cli.commands import run
+from tests.live.processes import COMPILE_S, e3pose
+from tests.ports import free_port
+from tests.rigs import looking
+from tests.waiting import eventually
+
+from e3pose.model.camera import Rig
+from e3pose.recording.calibration import save_rig
+from e3pose.settings.site_file import load_site
+from e3pose.site.follow import Follower, viewer_link
+from e3pose.wire.codec import encode
+from e3pose.wire.network import open_network
+from e3pose.wire.site_messages import Status
+
+EYES = """
+from e3pose.model.pose import Poses2D
+from e3pose.model.skeleton import COCO17
+
+class Eyes:
+    skeleton = COCO17
+
+    def detect(self, image):
+        return Poses2D.empty(17)
+"""
+PLANTED = re.compile(rb"Plant\w*")  # each password and token below
+ABSENT = "rtsp://admin:PlantE5@127.0.0.1:9/live?t=PlantF6"
+
+
+def clean(text: str | bytes, where: object) -> str:
+    """Return a text that holds no secret."""
+    content = text.encode() if isinstance(text, str) else text
+    assert not PLANTED.findall(content), where
+    return content.decode(errors="replace")
+
+
+def command_lines(program: psutil.Process) -> str:
+    """Return the command lines of a program and of all that it started."""
+    lines = []
+    for each in (program, *program.children(recursive=True)):
+        lines.append(" ".join(each.cmdline()))
+    return "\n".join(lines)
+
+
+def test_no_output_of_a_run_holds_a_password_of_a_camera(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "eyes.py").write_text(EYES)
+    K = np.array([[60.0, 0, 32], [0, 60, 24], [0, 0, 1]])
+    eyes = (
+        replace(each, image_size=(64, 48), K=K) for each in looking((4, 0), (0, 4), (-4, 0)).cameras
+    )
+    save_rig(Rig(tuple(eyes)), tmp_path / "calib.toml")
+    room = tmp_path / "room"
+    with ExitStack() as stack:
+        first, second, third = (stack.enter_context(network_camera(12.5)) for _ in range(3))
+        first = first.replace("://", "://admin:PlantA1@").replace("stream", "0/user:PlantB2/s")
+        second = second.replace("stream", "user=admin&password=PlantC3&channel=1&s")
+        given = [f"c0={first}", f"c1={second}?token=PlantD4", f"c2={third}"]
+        options = ("--detector", "eyes.py:Eyes", "--calibration", "calib.toml")
+        assert run("init", room, *given, *options) == 0
+        said = capsys.readouterr()
+        assert "admin:***@" in clean(said.out + said.err, "init")
+        path = room / "site.toml"
+        clean(text := path.read_text(), path)
+        assert 'source = "secret:secrets/c0"' in text
+        for camera_id, secret in (("c0", "PlantB2"), ("c1", "PlantD4")):
+            file = room / "secrets" / camera_id
+            assert secret in file.read_text() and file.stat().st_mode & 0o777 == 0o600
+
+        # One of before, whose file has it; its camera does not answer.
+        text = text.replace(third, ABSENT)
+        endpoint, metrics = f"tcp/127.0.0.1:{free_port()}", free_port()
+        text = text.replace(str(load_site(room).link.endpoint), endpoint)
+        view = f'[view]\nlisten = "127.0.0.1:{free_port()}"\n[link]'
+        text = text.replace("[link]", view).replace("fps =", f"metrics_port = {metrics}\nfps =", 1)
+        path.write_text(text)
+        path.chmod(0o644)
+        run("check", room)
+        said = capsys.readouterr()
+        found = " ".join(clean(said.out + said.err, "check").split())
+        assert "its password is in" in found and "chmod 600" in found and "secret:FILE" in found
+
+        with (tmp_path / "up.log").open("wb") as output:
+            words = e3pose("up", "room", "--view")
+            up = subprocess.Popen(words, stdout=output, stderr=subprocess.STDOUT)
+        follower, statuses = Follower("room"), list[Status]()
+        transport = open_network(viewer_link(load_site(room), None))
+        follower.listen(transport, None, statuses.append)
+        try:
+            program = psutil.Process(up.pid)
+            assert eventually(lambda: statuses and statuses[-1].slot > 10, COMPILE_S)
+            lines = clean(command_lines(program), "ps")
+            assert "secret:" in lines and "env:E3POSE_SOURCE" in lines
+            log = room / "logs" / "c2.log"
+            assert eventually(lambda: "127.0.0.1:9" in log.read_text(), 60), log.read_text()
+            assert eventually(lambda: "#token=" in (tmp_path / "up.log").read_text(), 60)
+            page = re.search(r"(http://\S+?)/?#token=(\S+)", (tmp_path / "up.log").read_text())
+            assert page is not None
+            for url in (f"http://127.0.0.1:{metrics}/metrics", f"{page[1]}/api/status"):
+                asked = urllib.request.Request(url, headers={"Authorization": f"Bearer {page[2]}"})
+                clean(urllib.request.urlopen(asked, timeout=10).read(), url)
+        finally:
+            transport.close()
+            up.send_signal(signal.SIGINT)
+            up.wait(60)
+        for status in statuses:
+            clean(encode(status), "wire")
+    assert run("export", room, tmp_path / "page.html") == 0
+    private = {*(room / "secrets").iterdir(), path}
+    scanned = [each for each in tmp_path.rglob("*") if each.is_file() and each not in private]
+    assert {"c0.log", "c2.log", "edge.log", "up.log", "page.html"} <= {f.name for f in scanned}
+    for file in scanned:
+        clean(file.read_bytes(), file)
+    said = capsys.readouterr()
+    clean(said.out + said.err, "export")
