@@ -10,7 +10,6 @@ import pytest
 from tests.cases import each_case
 from tests.manual_clock import ManualClock
 
-from e3pose.base.clock import WallClock
 from e3pose.edge.gather import MAX_AHEAD_SLOTS, Arrival, Gather
 from e3pose.model.pose import Poses2D
 
@@ -75,31 +74,15 @@ def test_skipped_slots_are_forgotten() -> None:
     assert gather.slot == 9
 
 
-def test_sleeper_is_woken_by_a_view_of_its_slot() -> None:
-    gather, clock = Gather(1), WallClock()
-    threading.Timer(0.005, lambda: gather.add(0, 0, arrival())).start()
-    while missing := gather.missing([0]):
-        gather.sleep(clock, clock.now_ns() + 10**9, missing)
-    assert set(gather.close()) == {0}
-
-
-def test_nobody_sleeps_once_the_views_that_are_awaited_are_here() -> None:
-    naps, clock = Naps(), ManualClock(1000)
-    gather = Gather(3, _lock=naps)
-    gather.add(0, 0, arrival())
-    gather.sleep(clock, 10**12, [0])
-    assert naps.seconds == []
-    gather.sleep(clock, 10**12, [0, 1])
-    assert len(naps.seconds) == 1
-
-
-def test_sleeper_is_woken_by_the_last_view_that_is_awaited() -> None:
+def test_sleeper_is_woken_by_the_last_awaited_view_and_nobody_sleeps_once_all_are_here() -> None:
     naps, clock = Naps(), ManualClock(1000)
     gather = Gather(3, _lock=naps)
     gather.sleep(clock, 10**12, [0, 1])
     gather.add(0, 0, arrival())
     gather.add(1, 1, arrival())
-    assert naps.woken == 0
+    assert naps.woken == 0 and len(naps.seconds) == 1
+    gather.sleep(clock, 10**12, [0])
+    assert len(naps.seconds) == 1
     gather.add(0, 1, arrival())
     assert naps.woken == 1
 

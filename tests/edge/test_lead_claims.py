@@ -17,7 +17,6 @@ from e3pose.edge.lead import (
     believed_wakes_s,
     lagging,
     lead_for,
-    lower_median,
     with_claims,
 )
 from e3pose.select.failure_detector import Silence
@@ -103,12 +102,6 @@ def test_wake_up_times_are_those_of_the_site(lie_s: float, liars: int) -> None:
 
 def test_cameras_that_never_sleep_need_no_time_to_wake() -> None:
     assert not believed_wakes_s([None, None], [0.5, 0.5], np.ones(2)).any()
-
-
-def test_lower_median_is_not_raised_by_half() -> None:
-    assert lower_median([1.0]) == 1.0
-    assert lower_median([9.0, 1.0]) == 1.0
-    assert lower_median([9.0, 1.0, 9.0, 2.0]) == 2.0
 
 
 def test_delays_that_most_cameras_have_are_blamed_on_none() -> None:

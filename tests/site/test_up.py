@@ -79,7 +79,10 @@ def test_options_of_a_camera_are_those_of_its_table(tmp_path: Path) -> None:
         wake_s = 1.5
         meter = "auto"
     """
-    full = options(camera(tmp_path, table, more="pace = 0.5"))
+    command = camera(tmp_path, table, more="pace = 0.5")
+    _, bound, unused, _ = app.parse_known_args(command[3:])
+    assert not unused and bound.arguments, "the program takes it"
+    full = options(command)
     assert full["--model"] == str(tmp_path / "nets/thin.onnx")
     assert full["--detector"] == "openpose-thin" and full["--threads"] == "2"
     assert full["--battery-wh"] == "10.0" and full["--wake-s"] == "1.5"
@@ -163,14 +166,6 @@ def test_cameras_find_an_edge_that_listens_everywhere(
     assert command.get("--keys") == keys
 
 
-def test_command_line_of_a_camera_is_one_that_the_program_takes(tmp_path: Path) -> None:
-    """What is written here and parsed there are two places; they must not part."""
-    table = 'source = "usb:0"\ndetector = "movenet-multipose"\nthreads = 2\nbattery_wh = 10.0'
-    command = camera(tmp_path, table, "tls/0.0.0.0:7001", "pace = 0.5")
-    _, bound, unused, _ = app.parse_known_args(command[3:])
-    assert not unused and bound.arguments
-
-
 def test_camera_without_a_source_is_named(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="camera c1: source"):
         camera(tmp_path, "")
@@ -178,6 +173,7 @@ def test_camera_without_a_source_is_named(tmp_path: Path) -> None:
 
 def program(folder: Path, name: str, text: str) -> Program:
     """Return a program that is a few lines of Python; they may write to files of its folder."""
+    (folder / "logs").mkdir(exist_ok=True)
     script = folder / f"{name}.py"
     script.write_text(text)
     return Program(name, [sys.executable, "-S", str(script)], folder / "logs" / f"{name}.log")
@@ -224,7 +220,6 @@ def stop_when(condition: Callable[[], bool], seconds: float = 30.0) -> Callable[
 
 
 def test_programs_run_until_stopped_and_cameras_end_before_the_edge(tmp_path: Path) -> None:
-    (tmp_path / "logs").mkdir()
     programs = [program(tmp_path, name, POLITE) for name in ("edge", "cam0", "cam1")]
     ready = [tmp_path / f"{p.name}.ready" for p in programs]
     messages: list[str] = []
@@ -238,7 +233,6 @@ def test_program_that_ends_is_reported_and_started_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(up, "RESTART_S", 0.1)
-    (tmp_path / "logs").mkdir()
     programs = [program(tmp_path, "edge", WAITS), program(tmp_path, "cam0", ONCE)]
     log, messages = programs[1].log, list[str]()
     again = stop_when(lambda: log.exists() and log.read_text().count("run") == 2)
@@ -249,7 +243,6 @@ def test_program_that_ends_is_reported_and_started_again(
 
 
 def test_program_that_refuses_its_input_ends_all_with_its_last_words(tmp_path: Path) -> None:
-    (tmp_path / "logs").mkdir()
     refuses = "import sys\nprint('loading')\nprint('e3pose: source x: found none')\nsys.exit(2)\n"
     programs = [program(tmp_path, "edge", WAITS), program(tmp_path, "cam0", refuses)]
     with pytest.raises(InputError) as messages:
@@ -259,7 +252,6 @@ def test_program_that_refuses_its_input_ends_all_with_its_last_words(tmp_path: P
 
 
 def test_program_that_says_nothing_and_refuses_has_words_too(tmp_path: Path) -> None:
-    (tmp_path / "logs").mkdir()
     silent = program(tmp_path, "edge", "import sys; sys.exit(2)\n")
     with pytest.raises(InputError, match=r"^edge: .+"):
         run_site([silent], stop_when(lambda: False), print)
@@ -267,7 +259,6 @@ def test_program_that_says_nothing_and_refuses_has_words_too(tmp_path: Path) -> 
 
 def test_who_does_not_listen_is_killed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(up, "END_S", 0.2)
-    (tmp_path / "logs").mkdir()
     one = program(tmp_path, "edge", DEAF)
     one.start()
     stopped = stop_when(lambda: "deaf" in one.log.read_text())
@@ -284,7 +275,6 @@ def test_program_that_never_started_is_no_trouble(tmp_path: Path) -> None:
 
 
 def test_pipe_that_keeps_a_program_running_ends_with_it(tmp_path: Path) -> None:
-    (tmp_path / "logs").mkdir()
     one = program(tmp_path, "edge", "import sys; sys.stdin.buffer.read()\n")
     one.start()
     assert one.process is not None and one.ended() is None

@@ -8,6 +8,7 @@ import socket
 import sqlite3
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -229,17 +230,19 @@ def test_port_of_another_program_is_reported() -> None:
     assert f"sport = :{port}" in found.advice
 
 
+def running(*cameras: CameraStatus, **more: Any) -> list[Finding]:
+    """Return what is found of a running edge with these cameras."""
+    status = Status("lab", 417, 20.0, 3, 0, cameras, **more)
+    return list(running_problems(status, read_endpoint("tcp/127.0.0.1:7001")))
+
+
 def test_cameras_of_a_running_edge_are_looked_at_one_by_one() -> None:
     cameras = (
         CameraStatus("cam0", True, clock_offset_ms=CLOCK_MS - 0.5),
         CameraStatus("cam1", True, clock_offset_ms=-CLOCK_MS - 0.5),
         CameraStatus("cam2", False, why="never seen"),
     )
-    found = list(
-        running_problems(
-            Status("lab", 417, 20.0, 3, 0, cameras), read_endpoint("tcp/127.0.0.1:7001")
-        )
-    )
+    found = running(*cameras)
     assert [finding.level for finding in found] == ["ok", "ok", "warning", "problem"]
     assert "417" in found[0].found and "+4.5 ms" in found[1].found and "-5.5 ms" in found[2].found
     assert found[3].what == "camera cam2" and found[3].found == "never seen"
@@ -247,11 +250,8 @@ def test_cameras_of_a_running_edge_are_looked_at_one_by_one() -> None:
 
 def test_blind_slots_overload_and_short_cameras_of_a_running_edge_are_warnings() -> None:
     cameras = (CameraStatus("cam0", True, why="its source brings 12.5 frames per second"),)
-    status = Status(
-        "lab", 417, 20.0, 3, 0, cameras, blind={"views-missing": 200}, blind_share=0.5,
-        overload="edge overloaded, computing takes 130% of a slot",
-    )  # fmt: skip
-    found = list(running_problems(status, read_endpoint("tcp/127.0.0.1:7001")))
+    overload = "edge overloaded, computing takes 130% of a slot"
+    found = running(*cameras, blind={"views-missing": 200}, blind_share=0.5, overload=overload)
     assert [finding.level for finding in found] == ["ok", "warning", "warning", "warning"]
     assert "130%" in found[1].found and "fps" in found[1].advice
     assert found[2].found == "50% of the last minute's slots blind"
@@ -260,12 +260,7 @@ def test_blind_slots_overload_and_short_cameras_of_a_running_edge_are_warnings()
 
 
 def test_camera_that_was_knocked_is_a_warning_with_the_command_that_mends_it() -> None:
-    camera = CameraStatus("cam1", True, turned_deg=2.0)
-    found = list(
-        running_problems(
-            Status("lab", 1, 20.0, 1, 0, (camera,)), read_endpoint("tcp/127.0.0.1:7447")
-        )
-    )
+    found = running(CameraStatus("cam1", True, turned_deg=2.0))
     assert found[-1].level == "warning" and "turned by 2.0 degrees" in found[-1].found
     assert found[-1].advice == "e3pose calibrate extrinsics SITE --only cam1"
 
@@ -273,11 +268,7 @@ def test_camera_that_was_knocked_is_a_warning_with_the_command_that_mends_it() -
 def test_check_says_what_to_do_about_a_battery_that_a_model_emptied() -> None:
     for gauge, message in ((False, "battery.json"), (True, "see its log")):
         camera = CameraStatus("cam0", False, why="battery empty", battery=0.0, gauge=gauge)
-        found = list(
-            running_problems(
-                Status("lab", 1, 20.0, 1, 0, (camera,)), read_endpoint("tcp/127.0.0.1:7447")
-            )
-        )
+        found = running(camera)
         assert found[-1].level == "problem" and message in found[-1].advice
 
 

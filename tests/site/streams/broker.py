@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import queue
 import socket
 import socketserver
 import ssl
@@ -9,6 +10,10 @@ import struct
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
+
+import paho.mqtt.client as mqtt
+from paho.mqtt.enums import CallbackAPIVersion
 
 CONNECT, PUBLISH, SUBSCRIBE, PING, END = 1, 3, 8, 12, 14
 
@@ -123,3 +128,34 @@ def broker(
         thread.start()
         yield int(server.server_address[1])
         server.shutdown()
+
+
+@contextmanager
+def listening(
+    port: int, login: tuple[str, str] | None = None, authority: Path | None = None
+) -> Iterator[tuple[mqtt.Client, queue.Queue[tuple[str, str]]]]:
+    """Connect somebody who hears and may say everything; yield it, and what it hears.
+
+    Args:
+        port: of the broker.
+        login: see `broker`.
+        authority: certificate by which it knows the broker; None for plain text.
+    """
+    heard: queue.Queue[tuple[str, str]] = queue.Queue()
+    ready = threading.Event()
+    client = mqtt.Client(CallbackAPIVersion.VERSION2)
+    if authority is not None:
+        client.tls_set(str(authority))
+    if login is not None:
+        client.username_pw_set(*login)
+    client.on_message = lambda _c, _d, message: heard.put(
+        (message.topic, message.payload.decode("utf-8", "replace"))
+    )
+    client.on_subscribe = lambda *_: ready.set()
+    client.connect("localhost" if authority else "127.0.0.1", port)
+    client.subscribe("#", qos=1)
+    client.loop_start()
+    assert ready.wait(20)
+    yield client, heard
+    client.disconnect()
+    client.loop_stop()

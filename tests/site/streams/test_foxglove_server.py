@@ -115,20 +115,24 @@ def test_subscribers_alone_get_messages_until_they_leave() -> None:
             client.recv(0.3)
 
 
-def test_a_fall_is_told_with_every_field_of_its_record() -> None:
+def test_people_are_told_and_a_fall_with_every_field_of_its_record() -> None:
     named = replace(SOURCE, names=lambda track: "Ada")
     with served(source=named) as (stream, url), joined(url) as client:
-        (events,) = (c["id"] for c in _channels(client) if c["topic"] == "/events")
-        asked = [{"id": 1, "channelId": events}]
+        ids = {c["topic"]: c["id"] for c in _channels(client)}
+        asked = [{"id": 1, "channelId": ids["/events"]}, {"id": 2, "channelId": ids["/poses"]}]
         client.send(json.dumps({"op": "subscribe", "subscriptions": asked}))
-        found: str | bytes = b""
-        while not found:  # until the server knows of the subscription
+        found: dict[int, bytes] = {}
+        while len(found) < 2:  # until the server knows of the subscriptions
             tell(stream)
+            stream.slot(slot(7))
             with suppress(TimeoutError):
-                found = client.recv(0.2)
-    assert isinstance(found, bytes) and found[0] == 1
-    assert int.from_bytes(found[5:13], "little") == FELL.time_ns
-    assert json.loads(found[13:]) == event_words(FELL, lambda track: "Ada")
+                message = client.recv(0.2)
+                assert isinstance(message, bytes) and message[0] == 1
+                found[message[1]] = message
+    assert int.from_bytes(found[1][5:13], "little") == FELL.time_ns
+    assert json.loads(found[1][13:]) == event_words(FELL, lambda track: "Ada")
+    assert int.from_bytes(found[2][5:13], "little") == TIME_NS
+    assert json.loads(found[2][13:])["people"][0]["track"] == 7
 
 
 def _channels(client: ClientConnection) -> list[dict[str, Any]]:

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import datetime
 import json
-import queue
 import re
 import ssl
 from dataclasses import replace
 from pathlib import Path
 from unittest.mock import MagicMock
 
-import paho.mqtt.client as mqtt
 import pytest
-from paho.mqtt.enums import CallbackAPIVersion
-from tests.site.streams.broker import broker
+from tests.site.streams.broker import broker, listening
 from tests.site.streams.test_streams import EVENT, FELL, SOURCE, WATCH, slot
 
 from e3pose.base.errors import InputError
@@ -44,25 +41,15 @@ def test_password_and_certificate_let_in(keys: Path, monkeypatch: pytest.MonkeyP
     monkeypatch.setenv("SSL_CERT_FILE", str(keys / "authority.pem"))
     monkeypatch.setenv("E3POSE_MQTT_USER", LOGIN[0])
     monkeypatch.setenv("E3POSE_MQTT_PASSWORD", LOGIN[1])
-    heard: queue.Queue[str] = queue.Queue()
-    ready: queue.Queue[None] = queue.Queue()
-    with broker(LOGIN, server_side(keys)) as port:
-        client = mqtt.Client(CallbackAPIVersion.VERSION2)
-        client.tls_set(str(keys / "authority.pem"))
-        client.username_pw_set(*LOGIN)
-        client.on_message = lambda _c, _d, message: heard.put(message.topic)
-        client.on_subscribe = lambda *_: ready.put(None)
-        client.connect("localhost", port)
-        client.subscribe("e3pose/lab/#")
-        client.loop_start()
-        ready.get(timeout=20)
+    with (
+        broker(LOGIN, server_side(keys)) as port,
+        listening(port, LOGIN, keys / "authority.pem") as (_, heard),
+    ):
         stream = open_stream(f"mqtts://localhost:{port}", SOURCE)
         stream.slot(slot(7))
         stream.zone(EVENT)
-        topics = {heard.get(timeout=20) for _ in range(3)}
+        topics = {heard.get(timeout=20)[0] for _ in range(3)}
         stream.close()
-        client.disconnect()
-        client.loop_stop()
     assert "e3pose/lab/poses" in topics and "e3pose/lab/zone/door" in topics
 
 

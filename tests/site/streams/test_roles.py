@@ -1,49 +1,20 @@
-"""What a client of the broker and the receiver of a webhook learn, and that they change nothing."""
+"""What a client of the broker learns, and that it changes nothing."""
 
 from __future__ import annotations
 
 import json
 import queue
-import threading
 from collections import Counter
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 
-import paho.mqtt.client as mqtt
-from paho.mqtt.enums import CallbackAPIVersion
-from tests.site.streams.broker import broker
-from tests.site.streams.test_streams import EVENT, FELL, SOURCE, WATCH, slot
-from tests.site.streams.test_webhook import Receiver, sending
-from tests.site.streams.test_webhook import receiver as receiver
-from tests.waiting import eventually
+from tests.site.streams.broker import broker, listening
+from tests.site.streams.test_streams import EVENT, FELL, OF_AN_EVENT, SOURCE, WATCH, slot
 
-from e3pose.model.person_event import PersonEvent
 from e3pose.site.streams import open_stream
 from e3pose.site.streams.base import TellsPeople
 from e3pose.site.streams.homeassistant import BIRTH
 
-OF_AN_EVENT = {*PersonEvent.__dataclass_fields__, "sentence"}
 HOME = replace(SOURCE, kinds=("fall",), zones=("door",), cameras=("cam0",))
-
-
-@contextmanager
-def listening(port: int) -> Iterator[tuple[mqtt.Client, queue.Queue[tuple[str, str]]]]:
-    """Connect somebody who hears and may say everything."""
-    heard: queue.Queue[tuple[str, str]] = queue.Queue()
-    ready = threading.Event()
-    client = mqtt.Client(CallbackAPIVersion.VERSION2)
-    client.on_message = lambda _c, _d, message: heard.put(
-        (message.topic, message.payload.decode("utf-8", "replace"))
-    )
-    client.on_subscribe = lambda *_: ready.set()
-    client.connect("127.0.0.1", port)
-    client.subscribe("#", qos=1)
-    client.loop_start()
-    assert ready.wait(20)
-    yield client, heard
-    client.disconnect()
-    client.loop_stop()
 
 
 def until(heard: queue.Queue[tuple[str, str]], topic: str) -> list[tuple[str, str]]:
@@ -91,15 +62,3 @@ def test_a_client_of_the_broker_changes_nothing_and_cannot_hurry_it() -> None:
         again = dict(until(heard, "e3pose/lab/home/told"))
         assert json.loads(again["e3pose/lab/home/told"])["track"] == 8, "it goes on"
         stream.close()
-
-
-def test_the_receiver_of_a_webhook_learns_the_event_alone(receiver: Receiver) -> None:
-    receiver.start("takes")
-    with sending(receiver) as (stream, _):
-        stream.slot(slot(7))
-        stream.people(WATCH, [FELL])
-        assert eventually(lambda: stream.delivered == 1)
-    (one,) = receiver.got()
-    body = json.loads(one["body"])
-    assert set(body) == {*OF_AN_EVENT, "id", "site"} and body["name"] == ""
-    assert "secret" not in one["body"].lower() and one["signature"].startswith("t=")

@@ -18,7 +18,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.cases import each_case
 from tests.ports import free_port
-from tests.site.streams.test_streams import FELL, WATCH, slot
+from tests.site.streams.test_streams import FELL, OF_AN_EVENT, WATCH, slot
 from tests.waiting import eventually
 
 from e3pose.base.errors import InputError
@@ -111,7 +111,8 @@ def test_notice_is_delivered_once_and_checked_as_the_page_says(receiver: Receive
     assert one["path"] == "/hook?room=2"
     body = json.loads(one["body"])
     assert (body["site"], body["kind"], body["track"], body["zone"]) == ("lab", "fall", 7, "bed")
-    assert body["sentence"].startswith("Person 7 fell") and "joints" not in one["body"]
+    assert set(body) == {*OF_AN_EVENT, "id", "site"} and body["name"] == ""
+    assert body["sentence"].startswith("Person 7 fell") and "secret" not in one["body"].lower()
     genuine, sent = checker(), one["body"].encode()
     assert genuine(sent, one["signature"], SECRET)
     assert not genuine(sent.replace(b"7", b"8"), one["signature"], SECRET)

@@ -270,6 +270,13 @@ def site(tmp_path: Path) -> Iterator[Path]:
         yield tmp_path
 
 
+@pytest.fixture
+def jobs(site: Path) -> Iterator[Jobs]:
+    made = Jobs(site / "files", site / "site.toml")
+    yield made
+    made.close()
+
+
 WISH = ExportRequest("csv", "walk", STARTED_NS, END_NS)
 
 
@@ -299,19 +306,15 @@ def test_jobs_are_there_for_the_next_program_which_says_what_was_cut_off(site: P
         again.close()
 
 
-def test_a_second_program_of_the_site_says_that_there_is_another(site: Path) -> None:
-    first = Jobs(site / "files", site / "site.toml")
-    try:
-        done = first.add(WISH)
-        assert until(first, done.number, "done")
-        second = Jobs(site / "files", site / "site.toml")
-        assert second.all() == [] and "jobs" in second.why
-        with pytest.raises(InputError):
-            second.add(WISH)
-        second.close()
-        assert first.file(done.number, "walk.csv").is_file()
-    finally:
-        first.close()
+def test_a_second_program_of_the_site_says_that_there_is_another(site: Path, jobs: Jobs) -> None:
+    done = jobs.add(WISH)
+    assert until(jobs, done.number, "done")
+    second = Jobs(site / "files", site / "site.toml")
+    assert second.all() == [] and "jobs" in second.why
+    with pytest.raises(InputError):
+        second.add(WISH)
+    second.close()
+    assert jobs.file(done.number, "walk.csv").is_file()
 
 
 def test_files_go_a_day_after_they_were_made(site: Path) -> None:
@@ -330,77 +333,61 @@ def test_files_go_a_day_after_they_were_made(site: Path) -> None:
         jobs.close()
 
 
-def test_a_job_is_removed_while_it_works_and_the_next_one_is_made(
-    site: Path, monkeypatch: pytest.MonkeyPatch
+def test_a_job_is_removed_while_it_works_and_the_next_one_is_made(site: Path, jobs: Jobs) -> None:
+    first, second = jobs.add(WISH), jobs.add(WISH)
+    assert until(jobs, first.number, "working", "done")
+    jobs.remove(first.number)
+    assert not (site / "files" / first.number).exists()
+    assert until(jobs, second.number, "done")
+    assert state_of(jobs, first.number) == "gone"
+    assert eventually(lambda: not (site / "files" / first.number).exists())
+    with pytest.raises(InputError, match="job: found"):
+        jobs.remove("../..")
+
+
+def test_folder_disk_and_queue_are_bounded(jobs: Jobs, monkeypatch: pytest.MonkeyPatch) -> None:
+    done = jobs.add(WISH)
+    assert until(jobs, done.number, "done")
+    with monkeypatch.context() as small:
+        small.setattr(limits, "MOST_BYTES", 10)
+        with pytest.raises(InputError, match="remove some"):
+            jobs.add(WISH)
+    with monkeypatch.context() as full:
+        full.setattr(limits, "LEAST_FREE", 10**18)
+        with pytest.raises(InputError, match=r"the disk has \d+ MB left"):
+            jobs.add(WISH)
+    with monkeypatch.context() as few:
+        few.setattr(limits, "MOST_JOBS", 1)
+        with pytest.raises(InputError, match="remove some, or wait"):
+            jobs.add(WISH)
+
+
+def test_what_grows_too_large_is_ended(
+    site: Path, jobs: Jobs, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    jobs = Jobs(site / "files", site / "site.toml")
-    try:
-        first, second = jobs.add(WISH), jobs.add(WISH)
-        assert until(jobs, first.number, "working", "done")
-        jobs.remove(first.number)
-        assert not (site / "files" / first.number).exists()
-        assert until(jobs, second.number, "done")
-        assert state_of(jobs, first.number) == "gone"
-        assert eventually(lambda: not (site / "files" / first.number).exists())
-        with pytest.raises(InputError, match="job: found"):
-            jobs.remove("../..")
-    finally:
-        jobs.close()
-
-
-def test_folder_disk_and_queue_are_bounded(site: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    jobs = Jobs(site / "files", site / "site.toml")
-    try:
-        done = jobs.add(WISH)
-        assert until(jobs, done.number, "done")
-        with monkeypatch.context() as small:
-            small.setattr(limits, "MOST_BYTES", 10)
-            with pytest.raises(InputError, match="remove some"):
-                jobs.add(WISH)
-        with monkeypatch.context() as full:
-            full.setattr(limits, "LEAST_FREE", 10**18)
-            with pytest.raises(InputError, match=r"the disk has \d+ MB left"):
-                jobs.add(WISH)
-        with monkeypatch.context() as few:
-            few.setattr(limits, "MOST_JOBS", 1)
-            with pytest.raises(InputError, match="remove some, or wait"):
-                jobs.add(WISH)
-    finally:
-        jobs.close()
-
-
-def test_what_grows_too_large_is_ended(site: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(limits, "LOOK_S", 0.001)
-    jobs = Jobs(site / "files", site / "site.toml")
-    try:
-        job = jobs.add(WISH)
-        assert until(jobs, job.number, "working", "done")
-        monkeypatch.setattr(limits, "LEAST_FREE", 10**18)
-        again = "done" if state_of(jobs, job.number) == "done" else "failed"
-        assert until(jobs, job.number, again)
-        if again == "failed":
-            (found,) = jobs.all()
-            assert "MB left" in found.doing and found.files == ()
-            assert os.listdir(site / "files" / job.number) == ["job.json"]
-    finally:
-        jobs.close()
+    job = jobs.add(WISH)
+    assert until(jobs, job.number, "working", "done")
+    monkeypatch.setattr(limits, "LEAST_FREE", 10**18)
+    again = "done" if state_of(jobs, job.number) == "done" else "failed"
+    assert until(jobs, job.number, again)
+    if again == "failed":
+        (found,) = jobs.all()
+        assert "MB left" in found.doing and found.files == ()
+        assert os.listdir(site / "files" / job.number) == ["job.json"]
 
 
 def test_a_folder_that_cannot_be_written_is_told(
-    site: Path, monkeypatch: pytest.MonkeyPatch
+    site: Path, jobs: Jobs, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    jobs = Jobs(site / "files", site / "site.toml")
-    try:
-        monkeypatch.setattr(limits, "make_folder", full)
-        with pytest.raises(InputError, match="No space left on device") as refused:
-            jobs.add(WISH)
-        assert str(site) not in str(refused.value)
-        assert jobs.all() == []
-    finally:
-        jobs.close()
+    monkeypatch.setattr(limits, "make_folder", full)
+    with pytest.raises(InputError, match="No space left on device") as refused:
+        jobs.add(WISH)
+    assert str(site) not in str(refused.value)
+    assert jobs.all() == []
 
 
 def test_what_lies_among_jobs_and_is_none_is_left_alone(site: Path) -> None:
