@@ -7,10 +7,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from tests.edge.learn.trainer import FAKE, SETTINGS, Make
+from tests.edge.learn.trainer import FAKE, SETTINGS, Make, live
 from tests.manual_clock import ManualClock
 
-from e3pose.edge.learn import LearningSettings, OnlineTrainer
+from e3pose.edge.learn import OnlineTrainer
 from e3pose.model.skeleton import COCO17
 
 
@@ -25,12 +25,13 @@ def make(tmp_path: Path, clock: ManualClock) -> Iterator[Make]:
     script.write_text(FAKE)
     made: list[OnlineTrainer] = []
 
-    def trainer(mode: str, settings: LearningSettings = SETTINGS) -> OnlineTrainer:
+    def trainer(mode: str, slots: int = 100) -> OnlineTrainer:
         command = (sys.executable, str(script), mode)
         one = OnlineTrainer(
-            tmp_path / "site", COCO17, settings, clock, command=command, background=False
+            tmp_path / "site", COCO17, SETTINGS, clock, command=command, background=False
         )
         made.append(one)
+        live(one, slots)
         return one
 
     yield trainer

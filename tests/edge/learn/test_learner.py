@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.edge.learn.trainer import SETTINGS, Make, live, trained, wait
+from tests.edge.learn.trainer import SETTINGS, Make, begun, live, trained, wait
 from tests.manual_clock import ManualClock
 
 from e3pose.base.errors import InputError
@@ -29,7 +29,6 @@ pytest.importorskip("onnxruntime", reason="onnxruntime is not installed: pip ins
 
 def test_a_better_network_is_handed_over_once_and_survives_a_restart(make: Make) -> None:
     trainer = make("good")
-    live(trainer, 100)
     assert trainer.poll() is None
     assert "version 1 in use" in trained(trainer)
     predictor = trainer.poll()
@@ -42,23 +41,19 @@ def test_a_better_network_is_handed_over_once_and_survives_a_restart(make: Make)
     assert version.parent == 0 and version.windows == 300
     np.testing.assert_allclose(version.error_m, np.multiply(version.parent_error_m, 0.9))
     trainer.close()
-    again = make("good")
+    again = make("good", 0)
     assert again.current == 1 and again.poll() is not None
 
 
 def test_little_motion_begins_nothing(make: Make) -> None:
-    trainer = make("good")
-    live(trainer, 70)
+    trainer = make("good", 70)
     trainer.run_once()
     assert not trainer.training and trainer.events == ()
 
 
 def test_the_newest_minutes_are_held_back_and_old_ones_learned(make: Make) -> None:
     trainer = make("hang")
-    live(trainer, 100)
-    trainer.run_once()
-    assert trainer._trainer is not None
-    job = trainer._trainer.job
+    job = begun(trainer).job
     assert [Path(p).stem for p in job.learn] == [f"{n:08d}" for n in range(1, 7)]
     assert [Path(p).stem for p in job.held_back] == [f"{n:08d}" for n in range(7, 11)]
 
@@ -66,17 +61,13 @@ def test_the_newest_minutes_are_held_back_and_old_ones_learned(make: Make) -> No
 @pytest.mark.parametrize("mode", ["worse", "hardly", "one lead", "few"])
 def test_a_network_that_is_not_better_is_not_taken(make: Make, mode: str) -> None:
     trainer = make(mode)
-    live(trainer, 100)
     assert "no change:" in trained(trainer)
     assert trainer.poll() is None and trainer.current == 0 and trainer.store.read().versions == ()
 
 
 def test_closing_ends_the_training(make: Make) -> None:
     trainer = make("hang")
-    live(trainer, 100)
-    trainer.run_once()
-    assert trainer._trainer is not None
-    process = trainer._trainer.process
+    process = begun(trainer).process
     trainer.close()
     assert process.poll() == -signal.SIGKILL
 
@@ -85,23 +76,19 @@ def test_what_was_held_back_is_learned_later_and_only_new_minutes_judge(
     make: Make, clock: ManualClock
 ) -> None:
     trainer = make("good")
-    live(trainer, 100)
     trained(trainer)
     clock.advance(200.0)
     live(trainer, 30, start=100)  # too few new seconds
     trainer.run_once()
     assert not trainer.training
     live(trainer, 20, start=130)
-    trainer.run_once()
-    assert trainer._trainer is not None
-    job = trainer._trainer.job
+    job = begun(trainer).job
     assert [int(Path(p).stem) for p in job.held_back] == [12, 13, 14, 15]
     assert job.base.endswith("000001.onnx")
 
 
 def test_going_back_hands_over_the_earlier_network(make: Make) -> None:
     trainer = make("good")
-    live(trainer, 100)
     trained(trainer)
     trainer.poll()
     assert trainer.store.back() == 0
@@ -116,7 +103,6 @@ def test_going_back_hands_over_the_earlier_network(make: Make) -> None:
 
 def test_a_choice_made_during_a_training_stands(make: Make, clock: ManualClock) -> None:
     trainer = make("good")
-    live(trainer, 100)
     trained(trainer)
     clock.advance(200.0)
     live(trainer, 60, start=100)
@@ -131,7 +117,7 @@ def test_a_swap_loses_no_slot_and_no_person(make: Make) -> None:
     recording = simulate(SceneSettings(people=2, seconds=12.0, fps=10.0, cameras=3), seed=4)
     settings = ReplaySettings(policy="all", num_selected=3, pipeline="paper")
     expected = list(replay(recording, settings))
-    trainer = make("good")
+    trainer = make("good", 0)
     collected: list[SlotRecord] = []
     gather = trainer.collect
 

@@ -8,7 +8,7 @@ import signal
 from pathlib import Path
 
 import pytest
-from tests.edge.learn.trainer import SETTINGS, Make, live, trained
+from tests.edge.learn.trainer import SETTINGS, Make, begun, live, trained
 from tests.manual_clock import ManualClock
 
 from e3pose.base.errors import InputError
@@ -37,7 +37,6 @@ def test_a_trainer_that_fails_or_lies_changes_nothing_and_is_left_alone_for_long
     make: Make, clock: ManualClock, mode: str, said: str
 ) -> None:
     trainer = make(mode)
-    live(trainer, 100)
     assert re.search(said, trained(trainer)), trainer.events
     assert trainer.poll() is None and trainer.current == 0 and trainer.store.read().versions == ()
     assert "next attempt in 10 s" in trainer.events[-1]
@@ -50,7 +49,6 @@ def test_a_trainer_that_fails_or_lies_changes_nothing_and_is_left_alone_for_long
 
 def test_waiting_grows_to_a_bound(make: Make, clock: ManualClock) -> None:
     trainer = make("crash")
-    live(trainer, 100)
     waits = []
     for _ in range(5):
         waits.append(trained(trainer).split("attempt in ")[1])
@@ -60,24 +58,19 @@ def test_waiting_grows_to_a_bound(make: Make, clock: ManualClock) -> None:
 
 def test_without_torch_it_is_long_before_the_next_attempt(make: Make) -> None:
     trainer = make("no torch")
-    live(trainer, 100)
     assert "torch is not installed; next attempt in 70 s" in trained(trainer)
 
 
 def test_a_trainer_that_cannot_be_started_changes_nothing(make: Make) -> None:
     trainer = make("good")
     trainer.command = ("/nowhere/python",)
-    live(trainer, 100)
     trainer.run_once()
     assert not trainer.training and "/nowhere/python" in trainer.events[-1]
 
 
 def test_a_trainer_that_hangs_is_ended(make: Make, clock: ManualClock) -> None:
     trainer = make("hang")
-    live(trainer, 100)
-    trainer.run_once()
-    assert trainer._trainer is not None
-    process = trainer._trainer.process
+    process = begun(trainer).process
     clock.advance(2 * SETTINGS.train_s + 61.0)
     trainer.run_once()
     assert not trainer.training and process.poll() == -signal.SIGKILL
@@ -86,21 +79,18 @@ def test_a_trainer_that_hangs_is_ended(make: Make, clock: ManualClock) -> None:
 
 def test_a_trainer_killed_from_outside_changes_nothing(make: Make) -> None:
     trainer = make("hang")
-    live(trainer, 100)
-    trainer.run_once()
-    assert trainer._trainer is not None
-    assert os.getpriority(os.PRIO_PROCESS, trainer._trainer.pid) == 19
-    os.kill(trainer._trainer.pid, signal.SIGKILL)
+    process = begun(trainer)
+    assert os.getpriority(os.PRIO_PROCESS, process.pid) == 19
+    os.kill(process.pid, signal.SIGKILL)
     assert "killed by SIGKILL" in trained(trainer)
 
 
 def test_a_damaged_version_gives_way_to_the_one_before(make: Make, tmp_path: Path) -> None:
     trainer = make("good")
-    live(trainer, 100)
     trained(trainer)
     trainer.close()
     (tmp_path / "site" / "versions" / "000001.onnx").write_bytes(b"damaged")
-    again = make("good")
+    again = make("good", 0)
     assert again.current == 0 and again.poll() is None
     assert "version 1 rejected" in again.events[0]
 
@@ -108,13 +98,12 @@ def test_a_damaged_version_gives_way_to_the_one_before(make: Make, tmp_path: Pat
 def test_a_damaged_list_of_versions_is_put_aside(make: Make, tmp_path: Path) -> None:
     (tmp_path / "site" / "versions").mkdir(parents=True)
     (tmp_path / "site" / "versions" / "versions.json").write_bytes(b"{")
-    trainer = make("good")
+    trainer = make("good", 0)
     assert trainer.current == 0 and "moved to versions.json.damaged" in trainer.events[0]
 
 
 def test_a_list_damaged_under_a_running_learner_keeps_what_runs(make: Make, tmp_path: Path) -> None:
     trainer = make("good")
-    live(trainer, 100)
     trained(trainer)
     assert trainer.poll() is not None and trainer.current == 1
     (tmp_path / "site" / "versions" / "versions.json").write_bytes(b"\0" * 100)
@@ -126,7 +115,7 @@ def test_a_list_damaged_under_a_running_learner_keeps_what_runs(make: Make, tmp_
 def test_a_full_disk_loses_poses_and_nothing_else(
     make: Make, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    trainer = make("good")
+    trainer = make("good", 0)
 
     def full(*_: object, **__: object) -> None:
         raise OSError(28, "No space left on device")
@@ -138,7 +127,7 @@ def test_a_full_disk_loses_poses_and_nothing_else(
 
 
 def test_a_disk_that_never_answers_fills_no_memory(make: Make) -> None:
-    trainer = make("good")
+    trainer = make("good", 0)
     trainer.write_waiting = lambda: None  # type: ignore[method-assign]
     live(trainer, 500)
     assert trainer._waiting.qsize() <= 8 and "too slow" in trainer.events[-1]
@@ -146,6 +135,6 @@ def test_a_disk_that_never_answers_fills_no_memory(make: Make) -> None:
 
 
 def test_only_one_process_learns_in_a_folder(make: Make) -> None:
-    make("good")
+    make("good", 0)
     with pytest.raises(InputError, match=r"poses: process [0-9]+ .*writes there already"):
-        make("good")
+        make("good", 0)

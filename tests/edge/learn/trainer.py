@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -62,6 +63,13 @@ def live(trainer: OnlineTrainer, slots: int, start: int = 0) -> None:
         people, all_on, zero = People(np.arange(2), joints), np.ones(3, dtype=bool), np.zeros(3)
         trainer.collect(SlotRecord(slot, 0.1 * slot, all_on, all_on, people, zero, zero, all_on))
         trainer.write_waiting()
+
+
+def begun(trainer: OnlineTrainer) -> Any:
+    """Begin a training that is due, and return it."""
+    trainer.run_once()
+    assert trainer._trainer is not None
+    return trainer._trainer
 
 
 def trained(trainer: OnlineTrainer) -> str:
