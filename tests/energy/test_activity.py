@@ -83,6 +83,7 @@ def test_camera_without_frames_does_not_stay_active() -> None:
     clock.advance(3600.0)
     assert modes.times().mode == "power-saving"
     assert spent_ms(modes) == {"active": 40.0, "power-saving": 3_600_000.0 - 40.0}
+    assert modes.times().idle_ns == (3_600_000 - 40) * MS
 
 
 @pytest.mark.parametrize("asleep", ["asleep", "suspended"])

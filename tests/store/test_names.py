@@ -57,6 +57,7 @@ def test_names_are_of_the_newest_run_of_the_site(place: Path) -> None:
 
 
 def test_a_store_that_is_not_there_names_nobody(tmp_path: Path) -> None:
+    assert not StoredNames().look(None) and StoredNames()(ADA) == ""
     names = StoredNames(tmp_path / "none.db", SITE, Clock())
     assert names(ADA) == ""
     write_week(tmp_path / "none.db")

@@ -9,12 +9,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from sqlalchemy import text
+from sqlalchemy import update
 from tests.cli.commands import run as run_verb
 from tests.store.conftest import record, run
 from tests.store.writers import QUICK, limit_connections, wait_for
 
-from e3pose.store import Retention, Run, Store, StoreWriter, WriterSettings
+from e3pose.base.errors import InputError
+from e3pose.store import Retention, Run, Store, StoreWriter, WriterSettings, schema
 from e3pose.store.copying import copy_store
 from e3pose.store.database import database_url, writing_engine
 from e3pose.store.outbox import read_outbox
@@ -191,9 +192,10 @@ def test_query_shows_and_writes_summaries(
 def test_damaged_summary_is_named(tmp_path: Path) -> None:
     path = tmp_path / "hall.db"
     write_minutes(path, run(), 1)
-    with writing_engine(database_url(path)).begin() as connection:
-        connection.execute(text("UPDATE summaries SET zones = 'not JSON'"))
-    with pytest.raises(Exception, match=r"summaries: number 1: zones is no JSON"):
-        read_outbox(path, "hall")
+    for wrong in ("no JSON", "3", "[]", "[" * 100_000):
+        with writing_engine(database_url(path)).begin() as connection:
+            connection.execute(update(schema.summaries).values(zones=wrong))
+        with pytest.raises(InputError, match=r"summaries: number 1: zones is no JSON"):
+            read_outbox(path, "hall")
     with sqlite3.connect(path) as found:
         assert found.execute("PRAGMA integrity_check").fetchone() == ("ok",)

@@ -185,15 +185,25 @@ def test_sigma_is_that_of_the_records_covariance(place: Place) -> None:
     np.testing.assert_allclose(sigma_m, np.sqrt(0.5), rtol=1e-3)
 
 
-@pytest.mark.parametrize("column", ["joints_m", "scores", "sigma_m", "measured"])
-def test_blob_of_wrong_size_is_named(place: Place, column: str) -> None:
-    filled = fill(place)
-    with writing_engine(database_url(filled)).begin() as connection:
-        poses = schema.poses
-        connection.execute(update(poses).where(poses.c.slot == 7).values({column: b"1234"}))
-    with pytest.raises(InputError, match=rf": poses: run 1.*{column}: found 4 bytes"):
-        Store(filled).query()
-    assert len(Store(filled).query("1", "2")) == 52, "other times are still read"
+def test_what_is_damaged_is_named(place: Place) -> None:
+    store, engine = Store(fill(place)), writing_engine(database_url(place))
+    columns = ("joints_m", "scores", "sigma_m", "measured", "dynamics")
+    damage = [("poses", {name: b"1234"}, f": run 1.*{name}: found 4 bytes") for name in columns]
+    damage.append(("poses", {"scores": b"\0\x40" * 17}, r": .*scores: found one outside \[0, 1\]"))
+    for name in ("occlusion", "deficit", "energy_j"):
+        damage.append(("slots", {name: b"1234"}, f": run 1, slot .*{name}: found 4 bytes"))
+    for slot, (table, values, said) in enumerate(damage):
+        rows, when = schema.ROWS[table], f"{slot / 25:.2f}"
+        with engine.begin() as connection:
+            connection.execute(update(rows).where(rows.c.slot == slot).values(values))
+        with pytest.raises(InputError, match=table + said):
+            store.query(when, when) if table == "poses" else store.rows(table, when, when)
+    assert len(store.query("1", "2")) == 52, "other times are still read"
+    for joints in ("no JSON", "3", "[" * 100_000):
+        with engine.begin() as connection:
+            connection.execute(update(schema.runs).values(joints=joints))
+        with pytest.raises(InputError, match="runs: run 1: joints and cameras are no lists"):
+            store.runs()
 
 
 def test_record_that_does_not_fit_is_refused_and_reported(place: Place) -> None:
