@@ -10,7 +10,9 @@ from dataclasses import replace
 from pathlib import Path
 from unittest.mock import MagicMock
 
+import paho.mqtt.client as mqtt
 import pytest
+from paho.mqtt.enums import CallbackAPIVersion
 from tests.site.streams.broker import broker, listening
 from tests.site.streams.test_streams import EVENT, FELL, SOURCE, WATCH, slot
 
