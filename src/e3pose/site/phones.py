@@ -116,8 +116,9 @@ def _certificate(folder: Path, keys: Path | None, hosts: list[str]) -> bytes:
     now = datetime.datetime.now(datetime.timezone.utc)
     at = folder if keys is None or not all((keys / name).is_file() for name in AUTHORITY) else keys
     if at == folder and not (folder / AUTHORITY[0]).exists():
-        for name, content in zip(AUTHORITY, make_authority("phones", now), strict=True):
-            write_file(folder / name, content, private=name.endswith(".key"))
+        own, own_key = make_authority("phones", now)
+        write_file(folder / AUTHORITY[1], own_key, private=True)
+        write_file(folder / AUTHORITY[0], own)  # last: where it is, its key is
     authority, key = (read_bytes(at / name, MAX_PEM_BYTES) for name in AUTHORITY)
     names = [*hosts, "localhost"]
     if (folder / CERTIFICATE).exists():

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import datetime
+import os
+import shutil
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -61,6 +64,69 @@ def test_renewed_certificate_is_that_of_the_same_holder(
     assert read_roll(keys) == roll  # nothing is revoked
     check_certificates(certificates_in(keys / place, role), later + 100 * DAY)  # type: ignore[arg-type]
     assert path.with_suffix(".key").stat().st_mode & 0o077 == 0
+
+
+COMMANDS: dict[str, Callable[[Path], object]] = {
+    "init": lambda keys: init_keys(keys / "new", "lab", [], NOW),
+    "add": lambda keys: add_keys(keys, "cam2", NOW),
+    "add --again": lambda keys: add_keys(keys, "cam1", NOW, again=True),
+    "renew edge": lambda keys: renew_keys(keys, "edge", NOW),
+    "renew cam1": lambda keys: renew_keys(keys, "cam1", NOW),
+    "revoke": lambda keys: revoke_keys(keys, "cam1"),
+}
+
+
+class Killed(BaseException):
+    """Stands for the end of a program in the middle of its work."""
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_command_that_is_killed_leaves_whole_pairs_and_can_be_repeated(
+    keys: Path, tmp_path: Path, command: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    replace, left = os.replace, 0
+
+    def cut_off(*places: Path) -> None:
+        nonlocal left
+        left -= 1
+        if left == 0:
+            raise Killed
+        replace(*places)
+
+    monkeypatch.setattr(os, "replace", cut_off)
+    for step in range(1, 30):
+        folder, left = tmp_path / f"{step}", step
+        shutil.copytree(keys, folder)
+        try:
+            COMMANDS[command](folder)
+        except Killed:
+            left = 0
+            for certificate in (path for path in folder.rglob("*.pem") if "/." not in str(path)):
+                role = certificate.stem
+                if role != "authority":
+                    check_certificates(certificates_in(certificate.parent, role), NOW)  # type: ignore[arg-type]
+            if not (command == "init" and (folder / "new").exists()):
+                COMMANDS[command](folder)
+            continue
+        assert step > 1, "nothing was replaced"
+        return
+    raise AssertionError("never done")
+
+
+def test_renewal_keeps_a_private_key_and_replaces_one_that_does_not_fit(keys: Path) -> None:
+    files = certificates_in(keys / "cameras/cam1", "camera")
+    before = files.key.read_bytes()
+    renew_keys(keys, "cam1", NOW)
+    assert files.key.read_bytes() == before
+    files.key.write_bytes((keys / "edge.key").read_bytes())
+    with pytest.raises(InputError, match=r"another certificate, .* `e3pose keys renew`"):
+        check_certificates(files, NOW)
+    renew_keys(keys, "cam1", NOW)
+    check_certificates(files, NOW)
+    for damage in (lambda: files.key.write_text("damaged"), files.key.unlink):
+        damage()
+        renew_keys(keys, "cam1", NOW)
+        check_certificates(files, NOW)
 
 
 def test_who_has_no_certificate_gets_none(keys: Path) -> None:

@@ -54,6 +54,7 @@ def make_certificate(
     common_name: str,
     hosts: Sequence[str],
     now: datetime.datetime,
+    own: bytes = b"",
 ) -> tuple[bytes, bytes]:
     """Return certificate and private key, PEM, of one program.
 
@@ -63,12 +64,18 @@ def make_certificate(
         common_name: by which access rules know the program.
         hosts: names and addresses under which it is reached.
         now: the time from which it is valid.
+        own: the program's private key, PEM; a new one is made where it cannot be read.
     """
     issuer = x509.load_pem_x509_certificate(authority)
     issuer_key = serialization.load_pem_private_key(authority_key, password=None)
     if not isinstance(issuer_key, ec.EllipticCurvePrivateKey):
         raise ValueError("the key of the authority is no elliptic curve key")
-    key = ec.generate_private_key(ec.SECP256R1())
+    try:
+        key = serialization.load_pem_private_key(own, password=None)
+    except UNREADABLE:
+        key = None
+    if not isinstance(key, ec.EllipticCurvePrivateKey):
+        key = ec.generate_private_key(ec.SECP256R1())
     certificate = (
         x509.CertificateBuilder()
         .subject_name(x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, common_name)]))
@@ -112,7 +119,10 @@ def problem_with(
     except UNREADABLE:  # whose words are of PEM and framing
         return "found no certificate or key, expected what `e3pose keys` made"
     if private.public_key() != own.public_key():
-        return "found a key that belongs to another certificate"
+        return (
+            "found a key that belongs to another certificate, expected both of one pair: "
+            "`e3pose keys renew` with its name makes one; copy the folder to its machine"
+        )
     try:
         own.verify_directly_issued_by(issuer)
     except (InvalidSignature, ValueError, TypeError):

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import datetime
 import re
+import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -189,10 +190,13 @@ def _add(
     place = folder / f"{kind}s" / name
     if place.is_symlink() or place.parent.is_symlink():
         raise InputError(f"{place}: found a symbolic link, expected a folder")
-    make_folder(place)
-    write_file(place / "authority.pem", authority)
-    write_file(place / f"{kind}.pem", certificate)
-    write_file(place / f"{kind}.key", private, private=True)
+    make_folder(place.parent)
+    with atomic_folder(place, overwrite=True, ours=(f"{kind}.pem",), private=True) as made:
+        if place.is_dir():  # what else lies there stays
+            shutil.copytree(place, made, dirs_exist_ok=True)
+        write_file(made / "authority.pem", authority)
+        write_file(made / f"{kind}.pem", certificate)
+        write_file(made / f"{kind}.key", private, private=True)
     revoked = (*roll.revoked, known[name]) if name in known else roll.revoked
     known[name] = subject
     _write_roll(folder, replace(roll, **{f"{kind}s": known}, revoked=revoked, count=number))  # type: ignore[arg-type]

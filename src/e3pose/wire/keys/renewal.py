@@ -65,7 +65,8 @@ def renewal_advice(name: str) -> str:
 def renew_keys(folder: Path, name: str, now: datetime.datetime) -> Path:
     """Make a new certificate for the edge, a camera, a viewer, an operator, a hub or a router.
 
-    It has the name and the hosts of the old one, which stays valid until it expires.
+    It has the name, the hosts and the private key of the old one, which stays valid until it
+    expires. One file changes, so that a kill leaves the old pair or the new one.
 
     Args:
         folder: of the site's keys.
@@ -97,15 +98,17 @@ def renew_keys(folder: Path, name: str, now: datetime.datetime) -> Path:
             wanted = "expected what `e3pose keys` made"
             raise InputError(f"{path}: found no certificate, {wanted}") from None
         _check_subject(folder, name, subject)
+        place = path.with_suffix(".key")
+        own = read_bytes(place, MAX_PEM_BYTES) if place.is_file() else b""
         try:
-            made, private = make_certificate(authority, key, subject, hosts, now)
+            made, private = make_certificate(authority, key, subject, hosts, now, own)
         except UNREADABLE:
             raise InputError(
                 f"{folder}: authority.pem, authority.key: found no certificate and its key, "
                 "expected those that `e3pose keys init` made"
             ) from None
-        # Who reads between the two finds a key of another certificate, and reads again.
-        write_file(path.with_suffix(".key"), private, private=True)
+        if private != own:  # there was none that can be read
+            write_file(place, private, private=True)
         write_file(path, made)
     return path.parent
 
