@@ -10,6 +10,8 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from typing import IO
 
+PASSES = sys.platform != "win32"  # whether a program can be given an open socket
+
 
 def start_detached(
     command: Sequence[str],
@@ -18,6 +20,7 @@ def start_detached(
     stderr: int | IO[bytes],
     environment: Mapping[str, str] | None = None,
     last: bool = False,
+    passed: Sequence[int] = (),
 ) -> subprocess.Popen[bytes]:
     """Start a program that a Ctrl-C at our terminal does not reach.
 
@@ -28,6 +31,7 @@ def start_detached(
         stderr: likewise.
         environment: ours if None.
         last: whether all other programs come before it.
+        passed: handles of sockets that it shares with us; see `PASSES`.
     """
     if sys.platform == "win32":
         flags = subprocess.CREATE_NEW_PROCESS_GROUP
@@ -36,8 +40,9 @@ def start_detached(
             command, stdin=stdin, stdout=stdout, stderr=stderr, env=environment, creationflags=flags
         )
     process = subprocess.Popen(
-        command, stdin=stdin, stdout=stdout, stderr=stderr, env=environment, start_new_session=True
-    )
+        command, stdin=stdin, stdout=stdout, stderr=stderr, env=environment, start_new_session=True,
+        pass_fds=passed,
+    )  # fmt: skip
     if last:
         with suppress(OSError):  # it may be over already
             os.setpriority(os.PRIO_PROCESS, process.pid, 19)

@@ -22,7 +22,7 @@ from e3pose.settings.resolved import resolve_site
 from e3pose.site.example import make_example
 from e3pose.site.follow import Follower, viewer_link
 from e3pose.site.screen import compiling_words, screen
-from e3pose.site.up import Program, run_site, view_command
+from e3pose.site.up import Program, run_site
 
 if TYPE_CHECKING:
     from e3pose.settings.resolved import ResolvedSite
@@ -55,7 +55,8 @@ def up(
     example
         Create the folder first, with four cameras that play a simulated scene.
     view
-        Also run `e3pose view`: the live page, at the printed address.
+        Also run `e3pose view`: the live page, at the printed address. Its port is that of the site
+        file; by default 8470, or the next free one.
     delay
         Publish poses a second time, smoothed, this much later, such as 200ms. Default:
         `smooth_delay_ms` of the site file.
@@ -84,10 +85,10 @@ def up(
     heard = (lambda _: None) if quiet else warn  # the log of the edge has its warnings
     programs = site_programs(resolved, folder, *options, warn=heard, measuring=measuring)
     if view:
-        from e3pose.site.web.program import address_of, page_links
+        from e3pose.site.web.program import page_links, view_program
 
-        programs.append(Program("view", view_command(resolved.file.path), folder / "view.log"))
-        address = address_of(resolved.file)
+        page, address = view_program(resolved, folder, warn)
+        programs.append(page)
         print("\n".join(page_links(resolved.file, address)), flush=True)
     end_s = float("inf") if for_s is None else time.monotonic() + for_s
     with suppress(KeyboardInterrupt):

@@ -21,6 +21,7 @@ def view(
     listen: str | None = None,
     keys: Path | None = None,
     for_s: Annotated[float | None, Parameter(name="--for")] = None,
+    handle: Annotated[int | None, Parameter(name="--socket", show=False)] = None,
     end_with_parent: Child = False,
 ) -> None:
     """Serve the live page, API and streams of a running site over HTTP.
@@ -35,12 +36,14 @@ def view(
     site
         Site file, or the folder that contains site.toml.
     listen
-        HOST:PORT instead of the site file's. Default: 127.0.0.1:8470.
+        HOST:PORT instead of the site file's. Default: 127.0.0.1:8470, or the next free port.
     keys
         Folder from `e3pose keys add NAME --operator`, or `--viewer` to read only. Default on the
         edge server: the first operator, else the first viewer.
     for_s
         Stop after this many seconds.
+    handle
+        Serve at this open socket, which the parent process has.
     end_with_parent
         Stop when standard input closes, a pipe from the parent process.
     """
@@ -49,7 +52,7 @@ def view(
 
     begin(end_with_parent)
     resolved = resolve_site(site)
-    with open_view(resolved, listen, keys, report=warn) as opened:
+    with open_view(resolved, listen, keys, report=warn, handle=handle) as opened:
         print("\n".join(page_links(resolved.file, opened.address)), flush=True)
         reduce_pauses()
         opened.run(for_s)

@@ -40,6 +40,7 @@ MAX_CORNERS = 100
 SITE_FILE = "site.toml"
 T = TypeVar("T")
 DEFAULT_ENDPOINT = Endpoint("tcp", "127.0.0.1", 7447)
+DEFAULT_LISTEN = Endpoint("tcp", "127.0.0.1", 8470)
 DEFAULT_DETECTOR = "movenet-multipose"
 
 
@@ -112,7 +113,7 @@ class ViewTable:
         pictures_per_s: the most that it asks each camera for.
     """
 
-    listen: Endpoint = entry(Endpoint("tcp", "127.0.0.1", 8470), read=read_host_port)
+    listen: Endpoint = entry(DEFAULT_LISTEN, read=read_host_port)
     hosts: tuple[str, ...] = ()
     proxies: tuple[str, ...] = ()
     tokens: Path = Path("view-tokens.toml")

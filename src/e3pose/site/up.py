@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import socket
 import subprocess
 import sys
 import time
@@ -124,6 +125,7 @@ class Program:
         name: what to call it.
         command: how to start it.
         log: where its output goes.
+        passed: sockets that it is given, which outlast its restarts.
         restarts: how often it was started again.
         works: whether it once ran for `STEADY_S`.
         process: the newest; None before the first start.
@@ -133,6 +135,7 @@ class Program:
     name: str
     command: Sequence[str]
     log: Path
+    passed: Sequence[socket.socket] = ()
     restarts: int = 0
     works: bool = False
     process: subprocess.Popen[bytes] | None = None
@@ -157,6 +160,7 @@ class Program:
                 output,
                 subprocess.STDOUT,
                 {**os.environ, **self.environment},
+                passed=[each.fileno() for each in self.passed],
             )
         self._begun_s, self._due_s = time.monotonic(), 0.0
         return problem and f"{self.name} runs without a log: {self.log}: {problem}"
@@ -242,6 +246,8 @@ def end(programs: Sequence[Program]) -> None:
                 ask_to_end(program.process)
         deadline_s = time.monotonic() + END_S
         for program in group:
+            for each in program.passed:
+                each.close()
             if program.process is None:
                 continue
             try:

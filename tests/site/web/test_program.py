@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import datetime
+import os
 import socket
 import ssl
+from dataclasses import replace
 from pathlib import Path
 
 import httpx
@@ -14,11 +16,15 @@ from tests.memory_transport import Hub
 from tests.rigs import looking
 from tests.site.tables import write_site
 
+from e3pose.base.child_process import PASSES
 from e3pose.base.errors import InputError
 from e3pose.recording.calibration import save_rig
 from e3pose.settings.resolved import resolve
-from e3pose.site.web.program import address_of, open_view
+from e3pose.site.up import end
+from e3pose.site.web import program
+from e3pose.site.web.program import address_of, open_view, take_port, view_program
 from e3pose.site.web.server import listening_at
+from e3pose.wire.endpoint import Endpoint
 from e3pose.wire.keys.folder import init_keys
 from e3pose.wire.keys.renewal import renew_keys
 
@@ -59,6 +65,52 @@ def test_port_that_is_taken_is_an_error_that_names_it(tmp_path: Path) -> None:
             open_view(site, f"127.0.0.1:{port}", transport=Hub().join())
     with open_view(site, f"127.0.0.1:{port}", transport=Hub().join()) as view:  # it is free again
         assert view.running()
+
+
+def test_default_port_that_is_taken_gives_way_to_the_next_free_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told = list[str]()
+    with listening_at("127.0.0.1", 0) as other:
+        port = other.getsockname()[1]
+        default = Endpoint("tcp", "127.0.0.1", port)
+        monkeypatch.setattr(program, "DEFAULT_LISTEN", default)
+        site = write_site(tmp_path)
+        nobody_asked = replace(site, view=replace(site.view, listen=default))
+        address, listening = take_port(nobody_asked, report=told.append)
+        with listening:
+            assert address.port > port and listening.getsockname()[1] == address.port
+            assert told == [f"port {port} is in use: the page is at port {address.port}"]
+        asked = write_site(tmp_path, f'[view]\nlisten = "127.0.0.1:{port}"\n')
+        for site, listen in ((asked, None), (nobody_asked, f"127.0.0.1:{port}")):
+            with pytest.raises(InputError, match=f"port {port} is in use: stop .* or choose"):
+                take_port(site, listen)
+        address, listening = take_port(asked, fixed=False)
+        listening.close()
+        assert address.port > port
+
+
+@pytest.mark.skipif(not PASSES, reason="sockets are not passed on here")
+def test_page_of_up_has_its_port_before_it_starts_and_over_restarts(tmp_path: Path) -> None:
+    save_rig(looking((4, 0), (0, 4)), tmp_path / "rig.toml")
+    site = resolve(write_site(tmp_path, '[view]\nlisten = "127.0.0.1:0"\n'))
+    page, address = view_program(site, tmp_path, print)
+    client = socket.create_connection((address.host, address.port))  # waits for whoever serves
+    with pytest.raises(InputError, match="is in use"):
+        take_port(site.file, f"127.0.0.1:{address.port}")
+    handle = int(page.command[page.command.index("--socket") + 1])
+    for _ in range(2):  # a restart
+        child = os.dup(handle)
+        with open_view(site, transport=Hub().join(), handle=child) as view:
+            assert view.address.port == address.port
+            client.sendall(b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n")
+            assert client.recv(12) == b"HTTP/1.1 200"
+        client.close()
+        client = socket.create_connection((address.host, address.port))
+    client.close()
+    end([page])
+    with listening_at(address.host, address.port):
+        pass
 
 
 def test_answers_leave_at_once(tmp_path: Path) -> None:

@@ -10,14 +10,12 @@ from typing import Any
 from e3pose.base.errors import InputError
 from e3pose.base.private import make_folder
 from e3pose.settings.resolved import ResolvedSite, resolve_site
-from e3pose.site.example import free_port
 from e3pose.site.follow import LOCAL_OPERATOR, Follower, operator_of, viewer_link
 from e3pose.site.ready import site_programs
 from e3pose.site.setup.session import SetupSession
-from e3pose.site.up import Program, run_site, view_command
-from e3pose.site.web.program import Address, address_of, page_links
+from e3pose.site.up import run_site
+from e3pose.site.web.program import page_links, view_program
 from e3pose.wire.codec import decode, encode
-from e3pose.wire.endpoint import Endpoint
 from e3pose.wire.network import check_port, open_network
 from e3pose.wire.site_messages import Control, Controlled
 from e3pose.wire.topics import of_control
@@ -121,10 +119,8 @@ class LiveSite:
         try:
             logs = site.file.folder / "logs"
             programs = site_programs(site, logs, warn=self._say)
-            address, options = _free_address(site)
-            programs.append(
-                Program("view", view_command(site.file.path, *options), logs / "view.log")
-            )
+            page, address = view_program(site, logs, self._say, fixed=False)
+            programs.append(page)
             with suppress(OSError):  # programs then run without logs
                 make_folder(logs)
             with closing(open_network(viewer_link(site.file, None, operates=True))) as transport:
@@ -173,13 +169,3 @@ def ask_edge(transport: Transport, site: ResolvedSite, operator: str, control: C
     if said.problem:
         raise InputError(said.problem)
     return said.said
-
-
-def _free_address(site: ResolvedSite) -> tuple[Address, tuple[str, ...]]:
-    """Return where the live page listens: as the file says, or on a free port of loopback."""
-    address = address_of(site.file)
-    with suppress(InputError):
-        check_port(Endpoint("tcp", address.host, address.port))
-        return address, ()
-    listen = f"127.0.0.1:{free_port()}"
-    return address_of(site.file, listen), ("--listen", listen)

@@ -51,7 +51,9 @@ def open_setup(site: Path | None = None, listen: str | None = None) -> SetupServ
     if not at.here_alone:
         raise InputError("--listen", at.place, "an address of loopback: set-up is for this machine")
     setup = desk_of(site)
-    listening = listening_at(at.host, at.port, "such as another `e3pose setup`, ")
+    listening = listening_at(
+        at.host, at.port, "such as another `e3pose setup`, or choose another with --listen"
+    )
     address = f"{at.host}:{listening.getsockname()[1]}"
     # Every question needs the token: the page lists files and shows what cameras see.
     rules = Rules(

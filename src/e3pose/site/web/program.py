@@ -12,14 +12,16 @@ from typing import Any
 
 import numpy as np
 
+from e3pose.base.child_process import PASSES
 from e3pose.base.errors import InputError
 from e3pose.base.version import Watched
 from e3pose.output.report.scene import FRUSTUM_SHARE, bounds, frustum, millimetres, neck
 from e3pose.settings.resolved import ResolvedSite
-from e3pose.settings.site_file import SiteTable, load_site
+from e3pose.settings.site_file import DEFAULT_LISTEN, SiteTable, load_site
 from e3pose.site.follow import ANY_HOST, LOCAL_OPERATOR, operator_of, viewer_link
 from e3pose.site.keep.jobs import Jobs
 from e3pose.site.trial_notices import send_test
+from e3pose.site.up import Program, view_command
 from e3pose.site.web.access import Rules
 from e3pose.site.web.app import PageContent, make_app
 from e3pose.site.web.control import Ask
@@ -41,6 +43,7 @@ from e3pose.wire.transport import Transport
 ASK_S = 3.0  # for the edge to answer
 PICTURE_S = 1.0  # for a camera to answer
 NAMES_S = 5.0  # between two looks at names that others may have changed
+PORTS_TRIED = 20  # after the default one
 FILES = "view-files"  # folder beside the site file, of what the page made
 
 
@@ -99,6 +102,63 @@ def address_of(site: SiteTable, listen: str | None = None) -> Address:
             )
         certificate = key = None
     return Address(host, port, certificate, key, frozenset(hosts))
+
+
+def take_port(
+    site: SiteTable,
+    listen: str | None = None,
+    report: Callable[[str], object] = lambda line: None,
+    fixed: bool = True,
+) -> tuple[Address, socket.socket]:
+    """Return where the view of a site listens, and the socket that has the port.
+
+    Where the port is taken, it is the next free one, if nobody asked for that one.
+
+    Args:
+        site: its file.
+        listen: in place of the file's.
+        report: called with a line about another port.
+        fixed: whether a port that the file or `listen` names is the only one.
+
+    Raises:
+        InputError: for a port that is taken, and as `address_of` does.
+    """
+    address = address_of(site, listen)
+    asked = fixed and (listen is not None or site.view.listen is not DEFAULT_LISTEN)
+    advice = "or choose another with --listen, or listen under [view] of the site file"
+    last = address.port + (0 if asked or address.port == 0 else PORTS_TRIED)
+    for port in range(address.port, min(last, 65535) + 1):
+        try:
+            listening = listening_at(address.host, port, advice)
+        except InputError:
+            if port == last:
+                raise
+            continue
+        found = listening.getsockname()[1]
+        if address.port not in (0, found):
+            report(f"port {address.port} is in use: the page is at port {found}")
+        return replace(address, port=found), listening
+    raise AssertionError("the last port raises")
+
+
+def view_program(
+    site: ResolvedSite, logs: Path, report: Callable[[str], object], fixed: bool = True
+) -> tuple[Program, Address]:
+    """Return the program that serves the page of a site, and its address, whose port it has.
+
+    Args:
+        site: what its file says.
+        logs: folder of its log.
+        report: see `take_port`.
+        fixed: likewise.
+    """
+    address, listening = take_port(site.file, report=report, fixed=fixed)
+    options, passed = ["--socket", str(listening.fileno())], [listening]
+    if not PASSES:
+        options, passed = ["--listen", f"{address.host}:{address.port}"], []
+        listening.close()
+    command = view_command(site.file.path, *options)
+    return Program("view", command, logs / "view.log", passed), address
 
 
 def page_links(site: SiteTable, address: Address) -> list[str]:
@@ -168,6 +228,7 @@ def open_view(
     keys: Path | None = None,
     transport: Transport | None = None,
     report: Callable[[str], object] = lambda line: None,
+    handle: int | None = None,
 ) -> View:
     """Serve a site over HTTP until the view is closed.
 
@@ -177,14 +238,17 @@ def open_view(
         keys: folder of a viewer's certificate.
         transport: how to reach the edge; by default that of the site file.
         report: called with lines for operators.
+        handle: of a socket that listens already, which the program was given.
 
     Raises:
         InputError: for a port that is taken, and all that is wrong in the file.
     """
-    address = address_of(site.file, listen)
     tokens = open_tokens(site.file.view.tokens)
-    listening = listening_at(address.host, address.port)
-    address = replace(address, port=listening.getsockname()[1])
+    if handle is None:
+        address, listening = take_port(site.file, listen, report)
+    else:
+        listening = socket.socket(fileno=handle)
+        address = replace(address_of(site.file, listen), port=listening.getsockname()[1])
     rules = rules_of(site.file, address, tokens)
     rules.guesses.report = report
     feed = Feed(

@@ -84,13 +84,15 @@ def serve(
     return Serving(Door(app, rules), listening, bounds, secure)
 
 
-def listening_at(host: str, port: int, other: str = "") -> socket.socket:
+def listening_at(
+    host: str, port: int, advice: str = "or choose another with --listen"
+) -> socket.socket:
     """Return a socket that listens where `--listen` says.
 
     Args:
         host: name or address of this machine.
         port: of it; 0 for a free one.
-        other: the program that may have the port, such as `such as another run`.
+        advice: what else to do where the port is taken.
 
     Raises:
         InputError: naming a port that is taken, or an address of another machine.
@@ -100,7 +102,7 @@ def listening_at(host: str, port: int, other: str = "") -> socket.socket:
     except OSError as error:
         if error.errno != errno.EADDRINUSE:
             raise InputError("--listen", f"{host}:{port}", "an address of this machine") from None
-        raise InputError(port_in_use(port, f"{other}or choose another with --listen")) from None
+        raise InputError(port_in_use(port, advice)) from None
 
 
 def https_of(
