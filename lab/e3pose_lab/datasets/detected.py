@@ -11,7 +11,7 @@ from e3pose.model.camera import Rig
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17, Skeleton
 from e3pose.recording import ViewSeries, load_recording
-from e3pose.recording.detections.openpose import Progress, read_detections
+from e3pose.recording.detections.importing import Progress, read_detections
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,7 +15,7 @@ from e3pose.base.errors import InputError
 from e3pose.model.camera import Camera, Rig
 from e3pose.model.skeleton import COCO17
 from e3pose.recording import Recording, Truth
-from e3pose.recording.detections.openpose import Progress
+from e3pose.recording.detections.importing import Progress
 from e3pose.recording.detections.views import MAX_SLOTS
 from e3pose.recording.json_lines import METRE_LIMIT
 from e3pose_lab.datasets.detected import detected_views

@@ -20,7 +20,7 @@ from e3pose.recording import Recording, Truth, ViewSeries
 from e3pose.recording.arrays import floats, integers, load_arrays
 from e3pose.recording.calibration import load_rig
 from e3pose.recording.calibration.panoptic import METRES_PER_UNIT, WORLD_FROM_PANOPTIC
-from e3pose.recording.detections.openpose import Progress, frame_number, read_detections
+from e3pose.recording.detections.importing import Progress, frame_number, read_detections
 from e3pose.recording.detections.views import MAX_SLOTS, poses_from_triples
 from e3pose.recording.record import MAX_PEOPLE
 

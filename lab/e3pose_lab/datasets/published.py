@@ -16,7 +16,7 @@ from e3pose.base.errors import InputError, reason_of
 from e3pose.model.camera import Camera, Rig
 from e3pose.model.skeleton import SHELF14
 from e3pose.recording import Recording, Truth
-from e3pose.recording.detections.openpose import Progress, frame_number
+from e3pose.recording.detections.importing import Progress, frame_number
 from e3pose.recording.json_lines import METRE_LIMIT
 from e3pose_lab.datasets.detected import detected_views
 

@@ -18,7 +18,6 @@ from e3pose.base.errors import InputError
 from e3pose.base.lock import hold
 from e3pose.camera.look_times import LookTimes, taken
 from e3pose.camera.orientation import turned
-from e3pose.camera.pairing import name_videos, pair_videos
 from e3pose.camera.provenance import save_provenance
 from e3pose.camera.slots import Picture, SlotGrid, frames_in_slots
 from e3pose.camera.source import ImageFolder, Source, open_sources
@@ -38,6 +37,7 @@ from e3pose.recording import (
     save_recording,
 )
 from e3pose.recording.calibration.world import assumed_rig
+from e3pose.recording.pairing import name_videos, pair_videos
 from e3pose.recording.record import MAX_FPS, MIN_FPS
 from e3pose.recording.videos import VIDEOS, begin_of, chapters_of
 from e3pose.settings.limits import Rotation

@@ -22,7 +22,7 @@ from e3pose.base.bounded import read_bytes
 from e3pose.base.errors import InputError
 from e3pose.base.jpeg import check_picture
 from e3pose.camera.orientation import Orientation, display_orientation
-from e3pose.recording.detections.openpose import frame_number
+from e3pose.recording.detections.importing import frame_numbers
 from e3pose.recording.videos import chapters_of
 
 # Containers of moving pictures only: FFmpeg would also "play" a text file or follow a play list.
@@ -595,10 +595,8 @@ def open_sources(
 def _numbered(folder: Path) -> dict[int, Path]:
     """Return the images of a folder by the last number in their names, in rising order."""
     found: dict[int, Path] = {}
-    for path in sorted(folder.iterdir()):
-        if path.suffix.lower() not in KINDS:
-            continue
-        number = frame_number(path.name)
+    images = [path for path in sorted(folder.iterdir()) if path.suffix.lower() in KINDS]
+    for number, path in zip(frame_numbers([p.name for p in images]), images, strict=True):
         if number in found:
             raise InputError(f"{path}: number {number} appears twice, as {found[number].name} too")
         found[number] = path

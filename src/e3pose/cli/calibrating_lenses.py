@@ -15,11 +15,11 @@ from e3pose.base.errors import InputError
 from e3pose.base.quantities import check_within, plural
 from e3pose.calibrate.board import Board, as_pdf, as_svg, draw_page, largest_square_mm
 from e3pose.calibrate.board_views import find_board
-from e3pose.camera.pairing import name_videos
 from e3pose.cli.options import Flag, Whole
 from e3pose.cli.output import JsonFile, is_stdout, write_json
 from e3pose.model.camera import Rig
 from e3pose.recording.calibration import save_rig
+from e3pose.recording.pairing import name_videos
 
 DEFAULT_BOARD = "charuco-5x7-36mm"  # what `calibrate board` makes for A4
 

@@ -16,7 +16,6 @@ from e3pose.calibrate.ball import check_colours
 from e3pose.calibrate.board import Board
 from e3pose.calibrate.points_file import load_markers, load_points
 from e3pose.calibrate.recordings import first_seconds, known_lenses, with_lenses
-from e3pose.camera.pairing import name_videos
 from e3pose.cli.calibrating_lenses import DEFAULT_BOARD, camera_bar, toml_path
 from e3pose.cli.calibrating_one import place_again
 from e3pose.cli.detecting import camera_seconds
@@ -26,6 +25,7 @@ from e3pose.cli.progress import stage_progress
 from e3pose.model.noises import detector_of, load_noise
 from e3pose.recording import load_recording
 from e3pose.recording.calibration import load_rig, save_rig
+from e3pose.recording.pairing import name_videos
 
 if TYPE_CHECKING:
     from e3pose.calibrate.places import KnownLength, Places

@@ -15,7 +15,6 @@ from e3pose.base.quantities import length_m
 from e3pose.calibrate.board import Board
 from e3pose.calibrate.board_views import find_board
 from e3pose.calibrate.recordings import first_seconds
-from e3pose.camera.pairing import name_videos
 from e3pose.camera.provenance import load_provenance
 from e3pose.cli.calibrating_lenses import DEFAULT_BOARD, check_picture, toml_path
 from e3pose.cli.calibrating_places import expected_values
@@ -27,6 +26,7 @@ from e3pose.model.noises import detector_of, load_noise
 from e3pose.recording import load_recording
 from e3pose.recording.calibration import load_rig, save_rig
 from e3pose.recording.calibration.world import require_placed, world_problem
+from e3pose.recording.pairing import name_videos
 
 if TYPE_CHECKING:
     from e3pose.calibrate.align import Move

@@ -12,10 +12,10 @@ from e3pose.base.atomic import check_free
 from e3pose.base.errors import InputError
 from e3pose.base.quantities import plural
 from e3pose.cli.distributions import add_absent
+from e3pose.cli.options import Flag
 from e3pose.cli.progress import track_progress
 from e3pose.recording import Recording, save_recording
-from e3pose.recording.detections.coco import import_coco
-from e3pose.recording.detections.openpose import import_openpose
+from e3pose.recording.detections.importing import ImportSettings, import_detections
 
 import_app = App(name="import", help="Convert a data set or detections into a recording.")
 
@@ -28,13 +28,13 @@ Folders = Annotated[
     Parameter(
         name="--folder",
         negative="",
-        help="CAMERA=FOLDER of the detections, if the names are ambiguous; repeatable.",
+        help="CAMERA=NAME of the folder or file, if the names are ambiguous; repeatable.",
     ),
 ]
 
 
-@import_app.command
-def openpose(
+@import_app.command(name=("detections", "openpose", "coco"))
+def detections(
     source: Path,
     dest: Dest,
     /,
@@ -42,53 +42,47 @@ def openpose(
     calibration: Calibration,
     fps: Rate,
     folder: Folders = None,
-    overwrite: Overwrite = False,
-) -> None:
-    """Import OpenPose JSON: CAMERA/FRAME_keypoints.json with BODY_25, COCO-18 or COCO-17.
-
-    Example: `e3pose import openpose pose-2d recordings/walk --calibration rig.toml --fps 60`
-
-    A folder belongs to the camera whose id it has, exactly or with a suffix such as _json, or
-    whose id it alone begins or ends with. A missing frame number is a lost view.
-
-    Parameters
-    ----------
-    source
-        Folder with one folder per camera.
-    """
-    check_free(dest, overwrite)
-    recording = import_openpose(source, calibration, fps, parse_folders(folder), reading)
-    save(recording, dest, overwrite)
-
-
-@import_app.command
-def coco(
-    source: Path,
-    dest: Dest,
-    /,
-    *,
-    calibration: Calibration,
-    fps: Rate,
     images: Path | None = None,
+    skeleton: str | None = None,
     detector: str = "",
+    score_scale: float | None = None,
+    strict: Flag = False,
     overwrite: Overwrite = False,
 ) -> None:
-    """Import COCO keypoint results (also AlphaPose) of images named CAMERA/FRAME.
+    """Import the 2D poses of another tool: OpenPose, AlphaPose, MMPose, DeepLabCut and others.
 
-    Example: `e3pose import coco results.json recordings/walk --calibration rig.toml --fps 30`
+    Example: `e3pose import detections pose-2d walk --calibration rig.toml --fps 60`
+
+    Example: `e3pose import detections results.json walk --calibration rig.toml --fps 30`
+
+    A folder or file belongs to the camera whose id its name is or holds, or else whose last number
+    it has; in one file of all cameras, images are named CAMERA/FRAME. A missing frame number is a
+    lost view. What cannot be read costs that view alone, and is counted.
 
     Parameters
     ----------
     source
-        JSON list of results, or COCO data set with images and annotations.
+        Folder with a folder or file per camera, or one file: JSON, CSV or .npy.
     images
         COCO data set whose `images` table maps image_id to a file name.
+    skeleton
+        Order of the keypoints, such as body25b, where their number does not tell.
     detector
         Detector of the results: the name of a shipped noise model such as openpose, or any other
         name. Without it, the noise is learned from a cautious start.
+    score_scale
+        Number that scores are divided by. Default: their highest, if it is above 1.5.
+    strict
+        Refuse files and people that cannot be read.
     """
     check_free(dest, overwrite)
-    save(import_coco(source, calibration, fps, images, detector), dest, overwrite)
+    settings = ImportSettings(
+        parse_folders(folder), images, skeleton, score_scale, detector, strict
+    )
+    recording, notes = import_detections(source, calibration, fps, settings, reading)
+    save(recording, dest, overwrite)
+    for note in notes:
+        print(f"  {note}")
 
 
 @import_app.command(show=False)

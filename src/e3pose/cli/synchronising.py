@@ -13,7 +13,6 @@ from e3pose.base.arrays import Floats
 from e3pose.base.atomic import check_free
 from e3pose.base.errors import InputError
 from e3pose.calibrate.recordings import first_seconds
-from e3pose.camera.pairing import name_videos
 from e3pose.camera.source import open_video
 from e3pose.cli.options import Flag, warn
 from e3pose.cli.output import JsonFile, is_stdout, write_json, wrote
@@ -21,6 +20,7 @@ from e3pose.cli.progress import stage_progress
 from e3pose.model.noises import detector_of, load_noise
 from e3pose.recording import Recording, load_recording, save_recording
 from e3pose.recording.calibration import load_rig
+from e3pose.recording.pairing import name_videos
 
 if TYPE_CHECKING:
     from e3pose.calibrate.synchronise import Synchrony

@@ -15,8 +15,7 @@ from e3pose.base.errors import InputError
 from e3pose.model.skeleton import BODY25, COCO17, convert
 from e3pose.output.exports import ExportSettings, export
 from e3pose.recording.calibration import save_rig
-from e3pose.recording.detections.coco import import_coco
-from e3pose.recording.detections.openpose import import_openpose
+from e3pose.recording.detections.importing import ImportSettings, import_detections
 
 TAKE = take()
 FIRST, SECOND = TAKE.motions
@@ -47,7 +46,7 @@ def test_openpose_without_cameras_is_3d(tmp_path: Path) -> None:
 def test_openpose_of_cameras_can_be_imported(tmp_path: Path) -> None:
     ((path, _),) = export(TAKE, tmp_path / "op", "openpose", CAMERAS)
     save_rig(RIG, tmp_path / "rig.toml")
-    recording = import_openpose(path, tmp_path / "rig.toml", 25.0)
+    recording, _ = import_detections(path, tmp_path / "rig.toml", 25.0)
     assert recording.num_slots == 40 and recording.skeleton == BODY25
     for camera in range(len(RIG)):
         view = recording.view(12, camera)
@@ -86,7 +85,10 @@ def test_coco_needs_cameras_and_can_be_imported(tmp_path: Path) -> None:
     save_rig(RIG, tmp_path / "rig.toml")
     results = [{**one, "keypoints": _scored(one)} for one in document["annotations"]]
     (tmp_path / "results.json").write_text(json.dumps(results))
-    recording = import_coco(tmp_path / "results.json", tmp_path / "rig.toml", 25.0, path)
+    settings = ImportSettings(images=path)
+    recording, _ = import_detections(
+        tmp_path / "results.json", tmp_path / "rig.toml", 25.0, settings
+    )
     view = recording.view(MISSING_FRAMES.start, 2)
     assert view is not None and len(view) == 2
     wanted = RIG.cameras[2].project(SECOND.joints_m[MISSING_FRAMES.start - 6, 14])

@@ -8,8 +8,8 @@ import pytest
 from tests.cases import each_case
 
 from e3pose.base.errors import InputError
-from e3pose.camera.pairing import name_videos, pair_videos
 from e3pose.model.camera import Camera, Rig
+from e3pose.recording.pairing import name_videos, pair_names, pair_videos
 from e3pose.recording.videos import chapters_of
 
 
@@ -76,3 +76,45 @@ def test_file_with_an_equals_sign_in_its_name_is_a_file(tmp_path: Path) -> None:
     file = tmp_path / "take=3_cam1.mp4"
     file.touch()
     assert pair_videos([str(file)], rig("cam1", "cam2")) == {"cam1": file}
+
+
+@each_case(
+    ("names", "camera_ids", "expected", "left"),
+    [
+        (["a", "b"], ["b", "a"], {"a": "a", "b": "b"}, []),
+        (["cam01_json", "cam02_json"], ["cam01", "cam02"], {"cam01": "cam01_json"}, []),
+        (["Cam1-keypoints", "cam10"], ["cam1", "cam10"], {"cam1": "Cam1-keypoints"}, []),
+        (["walk_left", "walk_right"], ["left", "right"], {"left": "walk_left"}, []),
+        (["1_json", "11_json"], ["cam_1", "cam_11"], {"cam_1": "1_json", "cam_11": "11_json"}, []),
+        (["hd_00_03", "hd_00_13"], ["00_03", "00_13"], {"00_03": "hd_00_03"}, []),
+        (["cam0.json", "cam1.json", "all.json"], ["cam0", "cam1"], {"cam1": "cam1.json"},
+         ["all.json"]),
+        (["cam1"], ["cam1", "cam2"], {"cam1": "cam1"}, []),
+    ],
+)  # fmt: skip
+def test_folders_and_files_find_their_camera(
+    names: list[str], camera_ids: list[str], expected: dict[str, str], left: list[str]
+) -> None:
+    paired, unpaired = pair_names(Path("json"), names, camera_ids, {})
+    assert {camera_id: paired[camera_id] for camera_id in expected} == expected
+    assert unpaired == left and len(paired) == len(names) - len(left)
+    swapped = dict(zip(camera_ids, reversed(names[:2]), strict=False))
+    if len(names) == len(camera_ids) == 2:
+        assert pair_names(Path("json"), names, camera_ids, swapped) == (swapped, [])
+
+
+@each_case(
+    ("names", "given", "message"),
+    [
+        (["cam10"], {}, "without a folder: cam1, b; folders without a camera: cam10"),
+        (["cam1", "x"], {}, "without a folder: b; folders without a camera: x"),
+        (["cam1", "b"], {"eve": "cam1"}, "camera 'eve' is not one of cam1, b"),
+        (["cam1", "b"], {"cam1": "../a"}, "'../a' holds no detections"),
+        (["cam1", "b"], {"cam1": "b", "b": "b"}, "one folder for two cameras"),
+    ],
+)
+def test_folders_and_cameras_left_over_are_listed(
+    names: list[str], given: dict[str, str], message: str
+) -> None:
+    with pytest.raises(InputError, match=message):
+        pair_names(Path("json"), names, ["cam1", "b"], given)

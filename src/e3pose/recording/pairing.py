@@ -1,10 +1,11 @@
-"""Pair videos with cameras by name."""
+"""Pair videos, folders and files of detections with cameras by name."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import TypeVar
 
 from e3pose.base.errors import InputError
 from e3pose.model.camera import Rig
@@ -68,13 +69,10 @@ def pair_videos(videos: Sequence[Path | str], rig: Rig) -> dict[str, Path]:
         rig.index(camera_id)
         paired[camera_id] = _with_chapter(paired.get(camera_id), path)
     free = [camera_id for camera_id in rig.camera_ids if camera_id not in paired]
-    for rule in (_same, _contained, _same_number):
-        pairs = _by_rule(rest, free, rule)
-        if pairs is not None:
-            paired |= pairs
-            return {name: paired[name] for name in rig.camera_ids if name in paired}
-        if rule is _contained and any(rule(p.stem.lower(), c.lower()) for p in rest for c in free):
-            break  # some names do hold an id: numbers must not settle what they leave in doubt
+    pairs = _by_name({path: chapters_of(path)[0].stem for path in rest}, free)
+    if len(pairs) == len(rest):
+        paired |= pairs
+        return {name: paired[name] for name in rig.camera_ids if name in paired}
     raise InputError(
         f"videos: cannot tell which camera each belongs to: found files "
         f"{', '.join(path.name for path in rest)}, cameras {', '.join(free) or '(none left)'}; "
@@ -82,20 +80,78 @@ def pair_videos(videos: Sequence[Path | str], rig: Rig) -> dict[str, Path]:
     )
 
 
+def pair_names(
+    source: Path, names: Sequence[str], camera_ids: Sequence[str], given: Mapping[str, str]
+) -> tuple[dict[str, str], list[str]]:
+    """Pair the folders or files below a folder with cameras, by the rules of `pair_videos`.
+
+    Args:
+        source: the folder, for errors.
+        names: in it.
+        camera_ids: of the rig.
+        given: camera id to name, which goes before any rule.
+
+    Returns:
+        Camera id to name, and the names that belong to no camera.
+
+    Raises:
+        InputError: listing both sides, when names and cameras are left over.
+    """
+    for camera_id, name in given.items():
+        if camera_id not in camera_ids:
+            raise InputError(
+                f"--folder: camera {camera_id[:64]!r} is not one of {_list(camera_ids)}"
+            )
+        if name not in names:
+            raise InputError(
+                f"--folder: {name[:120]!r} holds no detections in {source}, which has "
+                f"{_list(names)}"
+            )
+    if len(set(given.values())) != len(given):
+        raise InputError("--folder: found one folder for two cameras, expected one each")
+    left = {name: Path(name).stem for name in names if name not in given.values()}
+    free = [camera_id for camera_id in camera_ids if camera_id not in given]
+    paired = {**given, **_by_name(left, free)}
+    unpaired = [name for name in names if name not in paired.values()]
+    lonely = [camera_id for camera_id in camera_ids if camera_id not in paired]
+    if not paired or (unpaired and lonely):
+        raise InputError(
+            f"{source}: cameras without a folder: {_list(lonely)}; folders without a camera: "
+            f"{_list(unpaired)}; expected one per camera, or --folder CAMERA=FOLDER"
+        )
+    return paired, unpaired
+
+
+def _list(names: Sequence[str]) -> str:
+    return ", ".join(name[:64] for name in names[:40]) or "none"
+
+
 def _with_chapter(before: Path | None, path: str) -> Path:
     """Return a film with one more chapter, as `open_video` reads it."""
     return Path(path if before is None else f"{before}+{Path(path).resolve()}")
 
 
-def _by_rule(
-    videos: Sequence[Path], camera_ids: Sequence[str], fits: Callable[[str, str], bool]
-) -> dict[str, Path] | None:
-    pairs: dict[str, Path] = {}
-    for path in videos:
-        candidates = [name for name in camera_ids if fits(path.stem.lower(), name.lower())]
-        if len(candidates) != 1 or candidates[0] in pairs:
-            return None
-        pairs[candidates[0]] = path
+Named = TypeVar("Named", Path, str)
+
+
+def _by_name(stems: Mapping[Named, str], camera_ids: Sequence[str]) -> dict[str, Named]:
+    """Return the pairs of cameras and things that the first rules settle without doubt."""
+    pairs: dict[str, Named] = {}
+    for rule in (_same, _contained, _same_number):
+        left = [(thing, stem) for thing, stem in stems.items() if thing not in pairs.values()]
+        free = [name for name in camera_ids if name not in pairs]
+        fitting = [
+            (thing, c) for thing, stem in left for c in free if rule(stem.lower(), c.lower())
+        ]
+        for thing, camera_id in fitting:
+            if (
+                [c for _, c in fitting].count(camera_id)
+                == [t for t, _ in fitting].count(thing)
+                == 1
+            ):
+                pairs[camera_id] = thing
+        if rule is _contained and (pairs or fitting):
+            break  # some names do hold an id: numbers must not settle what they leave in doubt
     return pairs
 
 

@@ -1,0 +1,375 @@
+"""Forms in which tools write the people of pictures: JSON, CSV and arrays, one table of fields.
+
+A form is told by its fields, not by its name. Every reader gives the same: pictures with people.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import zip_longest
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from e3pose.base.arrays import Floats
+from e3pose.base.bounded import UNDECODABLE, open_regular, read_bytes
+from e3pose.base.errors import InputError, reason_of
+from e3pose.recording.arrays import BROKEN, read_array
+
+MAX_FILE_BYTES = 1 * 2**30
+PERSON = 1  # COCO's category
+# Fields with the keypoints of a person, in the order of their tools; the first is the body.
+KEYPOINTS = ("pose_keypoints_2d", "pose_keypoints", "keypoints", "landmarks")
+MORE = ("foot_kpts", "face_kpts", "lefthand_kpts", "righthand_kpts")  # of COCO-WholeBody
+APART = ("face_keypoints_2d", "hand_left_keypoints_2d", "hand_right_keypoints_2d")
+SCORES = ("keypoint_scores", "scores", "keypoints_visible")
+PEOPLE = ("people", "instances", "predictions", "poses")
+FRAMES = ("instance_info", "frames", "annotations")
+SUFFIXES = (".json", ".csv", ".npy")
+EXPECTED = (
+    "people as OpenPose, AlphaPose, MMPose, COCO results, DeepLabCut, Caliscope or FreeMoCap "
+    "write them"
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Picture:
+    """The people of one picture.
+
+    Attributes:
+        name: name of the image, frame number, or None where the file is the picture.
+        people: `(num_people, count, 3)` x, y and score of each keypoint; 0 where missing.
+        camera: its place in the file, for files of several cameras.
+        unused: keypoints of a person that stand apart and are not read, as OpenPose's hands.
+    """
+
+    name: str | int | None
+    people: tuple[Floats, ...]
+    camera: int | None = None
+    unused: int = 0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pictures:
+    """What a file holds.
+
+    Attributes:
+        pictures: in the order of the file.
+        names: of keypoints, where it tells them.
+        all_named: whether every picture is named, also those of nobody.
+    """
+
+    pictures: list[Picture]
+    names: tuple[str, ...] = ()
+    all_named: bool = False
+
+
+def read_pictures(path: Path, images: Mapping[Any, str] | None = None) -> Pictures:
+    """Read a file of detections.
+
+    Args:
+        path: .json, .csv or .npy.
+        images: name of the image of an `image_id`, from another file.
+
+    Raises:
+        InputError: naming the file and what is wrong with it.
+    """
+    if path.suffix.lower() == ".npy":
+        return _arrays(path)
+    content = read_bytes(path, MAX_FILE_BYTES)
+    if path.suffix.lower() == ".csv":
+        return _csv(content, path)
+    value = parse(content, path)
+    try:
+        return _json(value, images or {})
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+def parse(content: bytes, path: Path) -> Any:
+    """Return what JSON holds, also with NaN, which Python and NumPy write for missing numbers."""
+    try:
+        return msgspec.json.decode(content)
+    except UNDECODABLE as first:
+        found = str(first)[:200] if content.strip() else "an empty file"
+        try:
+            return json.loads(content)
+        except (ValueError, RecursionError):
+            raise InputError(f"{path}: {found}, expected {EXPECTED}") from None
+
+
+def image_table(value: Any) -> dict[Any, str]:
+    """Return the names of images by their id of a COCO data set; empty without any."""
+    table: dict[Any, str] = {}
+    entries = value.get("images") if isinstance(value, Mapping) else None
+    for index, image in enumerate(entries if isinstance(entries, list) else ()):
+        name = image.get("file_name") if isinstance(image, Mapping) else None
+        if not isinstance(name, str) or not isinstance(image.get("id"), str | int):
+            raise InputError(f"images[{index}]: found no id with a file_name")
+        if image["id"] in table:
+            raise InputError(f"images[{index}]: image {str(image['id'])[:40]} appears twice")
+        table[image["id"]] = name
+    return table
+
+
+def _json(value: Any, images: Mapping[Any, str]) -> Pictures:
+    own = image_table(value)
+    if own or images:
+        images = {**images, **own}
+    if isinstance(value, Mapping):
+        for key in PEOPLE:
+            if isinstance(value.get(key), list):
+                return Pictures(
+                    [Picture(None, _people(value[key], key), unused=_apart(value[key]))]
+                )
+        for key in FRAMES:
+            if isinstance(value.get(key), list):
+                return _of_list(value[key], key, images)
+        if value and all(isinstance(v, Mapping) and "people" in v for v in value.values()):
+            return Pictures([Picture(k, _people(v["people"], k)) for k, v in value.items()])
+        if _field(value, KEYPOINTS) is not None:  # arrays of all people of a picture
+            return Pictures([Picture(None, _stacked(value))])
+        raise InputError(f"found fields {', '.join(map(str, value))[:120]!r}, expected {EXPECTED}")
+    if isinstance(value, list):
+        return _of_list(value, "", images)
+    raise InputError(f"found {type(value).__name__}, expected {EXPECTED}")
+
+
+def _of_list(entries: Sequence[Any], key: str, images: Mapping[Any, str]) -> Pictures:
+    """Read a list of pictures with people, or of people that name their picture."""
+    pictures: list[Picture] = []
+    found: dict[Any, list[Floats]] = {name: [] for name in images.values()}
+    for index, entry in enumerate(entries):
+        where = f"{key}[{index}]"
+        if not isinstance(entry, Mapping):
+            raise InputError(f"{where}: found {type(entry).__name__}, expected {EXPECTED}")
+        people = next((entry[name] for name in PEOPLE if isinstance(entry.get(name), list)), None)
+        name = _field(entry, ("frame_id", "frame", "frame_number", "image_id", "file_name"))
+        if people is not None:
+            pictures.append(Picture(index if name is None else name, _people(people, where)))
+            continue
+        if entry.get("category_id", PERSON) != PERSON:
+            continue
+        name = entry.get("image_id", entry.get("file_name", name))
+        if images and name not in images and entry.get("file_name") is None:
+            raise InputError(
+                f"{where}.image_id: found {str(name)[:80]!r}, expected an image of the images "
+                "table (--images FILE) or <camera>/<frame>"
+            )
+        name = images.get(name, entry.get("file_name") or name)
+        found.setdefault(name, []).append(_person(entry, where))
+    if None in found:  # people without a picture: the file is theirs
+        return Pictures([Picture(None, tuple(found[None]))])
+    pictures += [Picture(name, tuple(people)) for name, people in found.items()]
+    return Pictures(pictures, all_named=bool(images) or not found)
+
+
+def _people(entries: Sequence[Any], where: str) -> tuple[Floats, ...]:
+    if entries and all(isinstance(entry, list) for entry in entries):  # lists within lists
+        entries = entries[0] if len(entries) == 1 else entries
+    people = []
+    for index, entry in enumerate(entries):
+        if not isinstance(entry, Mapping):
+            raise InputError(f"{where}[{index}]: found {type(entry).__name__}, expected a person")
+        person = _person(entry, f"{where}[{index}]")
+        if len(person):
+            people.append(person)
+    return tuple(people)
+
+
+def _apart(entries: Sequence[Any]) -> int:
+    return max(
+        (sum(len(e.get(key) or ()) // 3 for key in APART) for e in entries if isinstance(e, dict)),
+        default=0,
+    )
+
+
+def _field(entry: Mapping[str, Any], names: Sequence[str]) -> Any:
+    return next((entry[name] for name in names if entry.get(name) is not None), None)
+
+
+def _person(entry: Mapping[str, Any], where: str) -> Floats:
+    """Return `(count, 3)` of a person, whatever the tool calls its fields."""
+    values = _field(entry, KEYPOINTS)
+    if values is None:
+        raise InputError(f"{where}: found no keypoints, expected one of {', '.join(KEYPOINTS)}")
+    scores = _field(entry, SCORES)
+    if values and isinstance(values[0], Mapping):  # MediaPipe
+        rows = [[v.get("x"), v.get("y"), v.get("visibility", 1.0)] for v in values]
+        return clean(_numbers(rows, where), None, where)
+    body = _numbers(values, where)
+    if body.ndim == 1:
+        more = [_numbers(entry[name], where) for name in MORE if entry.get(name)]
+        body = np.concatenate([body, *more])
+        if len(body) % 3:
+            raise InputError(f"{where}: found {len(body)} numbers, expected x, y, score of each")
+        body = body.reshape(-1, 3)
+        flags = set(body[:, 2].tolist())
+        if flags <= {0.0, 1.0, 2.0} and (2.0 in flags or scores is not None):
+            # Flags of annotations: 0 not labelled, 1 labelled, 2 visible.
+            fitting = scores is not None and len(scores) == len(body)
+            shown = _numbers(scores, where) if fitting else np.ones(len(body))
+            body = np.column_stack([body[:, :2], np.where(body[:, 2] > 0, shown, 0.0)])
+        return clean(body, None, where)
+    return clean(body, None if scores is None else _numbers(scores, where), where)
+
+
+def _stacked(value: Mapping[str, Any]) -> tuple[Floats, ...]:
+    points = _numbers(_field(value, KEYPOINTS), "keypoints")
+    scores = _field(value, SCORES)
+    if points.ndim != 3:
+        raise InputError(f"keypoints: found shape {points.shape}, expected people x joints x 2")
+    given = [None] * len(points) if scores is None else _numbers(scores, "scores")
+    return tuple(clean(p, s, "keypoints") for p, s in zip_longest(points, given))
+
+
+def _numbers(values: Any, where: str) -> Floats:
+    """Return numbers as an array, NaN for null and empty text."""
+    try:
+        return np.array(_without_gaps(values), dtype=np.float64)
+    except (TypeError, ValueError, OverflowError, RecursionError):
+        raise InputError(f"{where}: found what are not numbers, expected keypoints") from None
+
+
+def _without_gaps(value: Any) -> Any:
+    if isinstance(value, list):
+        return [_without_gaps(item) for item in value]
+    if isinstance(value, bool) or (isinstance(value, str) and value.strip()):
+        raise ValueError
+    return np.nan if value is None or isinstance(value, str) else value
+
+
+def clean(points: Floats, scores: Floats | None, where: str) -> Floats:
+    """Return `(count, 3)` with 0 where tools write NaN, -1 or no score for what they miss.
+
+    Args:
+        points: `(count, 2 or 3)` x, y and perhaps score.
+        scores: `(count,)`; None for those of `points`, or 1.
+        where: for the error.
+    """
+    if (
+        points.ndim != 2
+        or points.shape[1] not in (2, 3)
+        or len(points) != len(points if scores is None else scores)
+    ):
+        raise InputError(f"{where}: found keypoints of shape {points.shape}, expected joints x 3")
+    if scores is None:
+        scores = points[:, 2] if points.shape[1] == 3 else np.ones(len(points))
+    xy = points[:, :2]
+    missing = ~np.isfinite(xy).all(axis=1) | ~(scores > 0) | (xy == -1).all(axis=1)
+    if points.shape[1] == 2:
+        missing |= (xy == 0).all(axis=1)
+    return np.where(missing[:, None], 0.0, np.column_stack([xy, scores]))
+
+
+def _csv(content: bytes, path: Path) -> Pictures:
+    try:
+        rows = list(csv.reader(io.StringIO(content.decode("utf-8-sig"))))
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"{path}: found no CSV ({str(error)[:80]})") from None
+    heads = {row[0]: row for row in rows[:4] if row}
+    if "bodyparts" in heads and "coords" in heads:
+        return _deeplabcut(rows, heads, path)
+    if rows and {"point_id", "img_loc_x", "img_loc_y"} <= set(rows[0]):
+        return _caliscope(rows, path)
+    raise InputError(f"{path}: found columns {', '.join(rows[0])[:120] if rows else 'none'!r}, "
+                     "expected those of DeepLabCut or Caliscope")  # fmt: skip
+
+
+def _deeplabcut(
+    rows: Sequence[Sequence[str]], heads: Mapping[str, Sequence[str]], path: Path
+) -> Pictures:
+    """Rows of frames; columns of individual, body part and coordinate."""
+    parts, coords = heads["bodyparts"], heads["coords"]
+    who = heads.get("individuals", ["single"] * len(parts))
+    first = next((i for i, c in enumerate(coords) if c in ("x", "y", "likelihood")), len(coords))
+    columns = [
+        (who[i], parts[i], coords[i], i) for i in range(first, min(map(len, (parts, coords, who))))
+    ]
+    names = tuple(dict.fromkeys(part for _, part, _, _ in columns))
+    people_ids = list(dict.fromkeys(person for person, _, _, _ in columns))
+    place = {"x": 0, "y": 1, "likelihood": 2}
+    pictures = []
+    begin = rows.index(coords) + 1
+    for number, row in enumerate(rows[begin:], begin + 1):
+        found = np.full((len(people_ids), len(names), 3), np.nan)
+        found[..., 2] = 1.0
+        for person, part, coord, i in columns:
+            if coord in place:
+                text = row[i] if i < len(row) else ""
+                value = _float(text, f"{path}:{number}")
+                found[people_ids.index(person), names.index(part), place[coord]] = value
+        people = tuple(clean(p, None, f"{path}:{number}") for p in found)
+        label = row[first - 1] if row and first else ""
+        name: str | int = int(label) if label.isdigit() else label
+        pictures.append(Picture(name, tuple(p for p in people if p[:, 2].any())))
+    return Pictures(pictures, names, all_named=True)
+
+
+def _caliscope(rows: Sequence[Sequence[str]], path: Path) -> Pictures:
+    """Rows of points; a row names camera, frame and point."""
+    at = {name: index for index, name in enumerate(rows[0])}
+    camera_key = next((key for key in ("port", "cam_id") if key in at), None)
+    frame_key = next((key for key in ("sync_index", "frame_index") if key in at), None)
+    if camera_key is None or frame_key is None:
+        raise InputError(
+            f"{path}: found no column of cameras and frames, expected port, sync_index"
+        )
+    found: dict[tuple[int, int], dict[int, tuple[float, float]]] = {}
+    for number, row in enumerate(rows[1:], 2):
+        where = f"{path}:{number}"
+        if len(row) < len(at):
+            raise InputError(f"{where}: found {len(row)} columns, expected {len(at)}")
+        camera, frame, point = (
+            int(_float(row[at[key]], where)) for key in (camera_key, frame_key, "point_id")
+        )
+        xy = _float(row[at["img_loc_x"]], where), _float(row[at["img_loc_y"]], where)
+        found.setdefault((camera, frame), {})[point] = xy
+    count = 1 + max((max(points) for points in found.values()), default=0)
+    if count > 1000:
+        raise InputError(f"{path}: found point {count - 1}, expected at most 999")
+    pictures = []
+    for (camera, frame), points in found.items():
+        person = np.full((count, 2), np.nan)
+        for point, xy in points.items():
+            person[point] = xy
+        pictures.append(Picture(frame, (clean(person, None, str(path)),), camera=camera))
+    return Pictures(pictures, all_named=True)
+
+
+def _float(text: str, where: str) -> float:
+    try:
+        value = float(text) if text.strip() else np.nan
+    except ValueError:
+        raise InputError(f"{where}: found {text[:40]!r}, expected a number") from None
+    return value
+
+
+def _arrays(path: Path) -> Pictures:
+    """FreeMoCap's array: cameras x frames x keypoints x 2 or 3."""
+    with open_regular(path, MAX_FILE_BYTES) as file:
+        try:
+            array = read_array(file, path.stat().st_size)
+        except BROKEN as error:
+            raise InputError(f"{path}: {reason_of(error)[:200]}") from None
+    if array.ndim != 4 or array.shape[-1] not in (2, 3) or array.dtype.kind not in "fiu":
+        wanted = "numbers of cameras x frames x joints x 2"
+        raise InputError(f"{path}: found {array.dtype} of shape {array.shape}, expected {wanted}")
+    points = array[..., :2].astype(np.float64)
+    pictures = [
+        Picture(frame, _one(points[camera, frame]), camera=camera)
+        for camera in range(len(points))
+        for frame in range(points.shape[1])
+    ]
+    return Pictures(pictures, all_named=True)
+
+
+def _one(points: Floats) -> tuple[Floats, ...]:
+    person = clean(points[:, :2], None, "array")
+    return (person,) if person[:, 2].any() else ()

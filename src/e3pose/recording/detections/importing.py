@@ -1,0 +1,390 @@
+"""Detections of other tools: find the files of each camera, and make a recording of them."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from math import gcd
+from pathlib import Path, PurePosixPath
+
+import numpy as np
+
+from e3pose.base.arrays import Floats
+from e3pose.base.bounded import read_bytes
+from e3pose.base.errors import InputError
+from e3pose.base.quantities import plural
+from e3pose.model.camera import Rig
+from e3pose.model.pose import Poses2D
+from e3pose.model.skeleton import Skeleton
+from e3pose.recording import Recording
+from e3pose.recording.calibration import load_rig
+from e3pose.recording.detections.forms import (
+    MAX_FILE_BYTES,
+    SUFFIXES,
+    Picture,
+    Pictures,
+    image_table,
+    parse,
+    read_pictures,
+)
+from e3pose.recording.detections.layouts import Layout, choose_layout, named_layout
+from e3pose.recording.detections.views import check_fps, poses_from_triples, series_from_frames
+from e3pose.recording.pairing import pair_names
+
+NUMBER = re.compile(r"\d{1,18}")
+MAX_NAME = 300
+SHARE = 1.5  # keypoints within it are shares of the image, not pixels
+PERCENT = 1.5  # scores above it are on another scale than 0 to 1
+
+Progress = Callable[[Sequence[Path]], Iterable[Path]]
+People = list[dict[int, tuple[Floats, ...]]]  # per camera, by frame number
+
+
+@dataclass(frozen=True, slots=True)
+class ImportSettings:
+    """What the files themselves do not say.
+
+    Attributes:
+        folders: camera id to the name of its folder or file, where names alone do not tell.
+        images: COCO data set whose `images` names the image of an `image_id`.
+        skeleton: layout of the keypoints, where their count does not tell.
+        score_scale: what scores are divided by; None for their highest where that is beyond 1.5.
+        detector: what made them; empty if unknown.
+        strict: refuse what could be left out.
+    """
+
+    folders: Mapping[str, str] = field(default_factory=dict)
+    images: Path | None = None
+    skeleton: str | None = None
+    score_scale: float | None = None
+    detector: str = ""
+    strict: bool = False
+
+
+@dataclass(eq=False)
+class Reader:
+    """Reads detections; one bad file or person costs that alone.
+
+    Attributes:
+        notes: what a user should know, in order.
+    """
+
+    source: Path
+    rig: Rig
+    settings: ImportSettings
+    notes: list[str] = field(default_factory=list)
+    _bad: list[str] = field(default_factory=list)
+
+    def read(self, progress: Progress) -> tuple[Skeleton, list[dict[int, Poses2D]], int]:
+        """Return the skeleton, per camera its views by frame number, and the step of numbers."""
+        people, names = self._people(progress)
+        seen = [person for camera in people for found in camera.values() for person in found]
+        if not seen:
+            why = f": {self._bad[0]}" if self._bad else ""
+            raise InputError(f"{self.source}: found nobody, expected a person{why}")
+        count = Counter(len(person) for person in seen).most_common(1)[0][0]
+        others = sum(len(person) != count for person in seen)
+        if others:
+            self._leave_out(f"{plural(others, 'person', 'people')} without {count} keypoints")
+        stack = np.stack([person for person in seen if len(person) == count])
+        layout = self._layout(stack, names)
+        divide_by = self._score_scale(stack)
+        shares = not np.abs(stack[stack[..., 2] > 0][:, :2]).max(initial=0.0) > SHARE
+        if shares:
+            self.notes.append("keypoints are shares of the image, taken times its size")
+        frames: list[dict[int, Poses2D]] = []
+        for index, camera in enumerate(people):
+            size = np.array([*self.rig.cameras[index].image_size, 1.0])
+            views: dict[int, Poses2D] = {}
+            for frame, found in camera.items():
+                fitting = [p for p in found if len(p) == count]
+                triples = np.array(fitting, dtype=np.float64).reshape(-1, count, 3)
+                triples = layout.of_skeleton(triples) / [1.0, 1.0, divide_by]
+                where = f"{self.source}: camera {self.rig.camera_ids[index]} frame {frame}"
+                try:
+                    views[frame] = poses_from_triples(triples * (size if shares else 1.0), where)
+                except InputError as error:
+                    self._leave_out(str(error))
+            frames.append(views)
+        if self._bad:
+            self.notes.insert(0, f"left out {plural(len(self._bad), 'item')}: {self._bad[0]}")
+        return layout.skeleton, frames, self._step(frames)
+
+    def _people(self, progress: Progress) -> tuple[People, tuple[str, ...]]:
+        """Return per camera who is in each frame, and the names of keypoints if files tell."""
+        images: Mapping[object, str] = {}
+        if self.settings.images is not None:
+            path = self.settings.images
+            try:
+                images = image_table(parse(read_bytes(path, MAX_FILE_BYTES), path))
+            except InputError as error:
+                raise error if str(path) in str(error) else InputError(f"{path}: {error}") from None
+        sources = self._sources()
+        files = [(path, camera) for camera, paths in sources for path in paths]
+        people: People = [{} for _ in self.rig.camera_ids]
+        read: dict[int | None, list[tuple[Path, Pictures]]] = {}
+        for path, (_, camera) in zip(progress([p for p, _ in files]), files, strict=True):
+            try:
+                read.setdefault(camera, []).append((path, read_pictures(path, images)))
+            except InputError as error:
+                if len(files) == 1:
+                    raise
+                self._leave_out(str(error))
+        names: tuple[str, ...] = ()
+        for camera, found in read.items():
+            for _, pictures in found:
+                names = names or pictures.names
+            self._place(people, camera, found)
+        if not any(pictures.all_named for found in read.values() for _, pictures in found) and any(
+            picture.name is not None
+            for found in read.values()
+            for _, pictures in found
+            for picture in pictures.pictures
+        ):
+            self._fill(people)
+        unused = max((p.unused for found in read.values() for _, ps in found for p in ps.pictures),
+                     default=0)  # fmt: skip
+        if unused:
+            self.notes.append(f"{unused} keypoints of hands and face are not used")
+        return people, names
+
+    def _sources(self) -> list[tuple[int | None, list[Path]]]:
+        """Return the files of each camera; None for a file of several cameras."""
+        source = self.source
+        if source.is_file():
+            return [(0 if len(self.rig) == 1 else None, [source])]
+        if not source.is_dir():
+            raise InputError(f"{source}: found nothing, expected a folder or file of detections")
+        entries = sorted(e for e in source.iterdir() if not e.name.startswith("."))
+        folders = {e.name: _files(e) for e in entries if e.is_dir() and _files(e)}
+        if not folders:
+            folders = {e.name: [e] for e in entries if e.suffix.lower() in SUFFIXES}
+        paired, unpaired = pair_names(source, list(folders), self.rig.camera_ids,
+                                      self.settings.folders)  # fmt: skip
+        for name in unpaired:
+            self._leave_out(f"{source / name}: belongs to no camera (--folder CAMERA={name})")
+        lonely = [camera_id for camera_id in self.rig.camera_ids if camera_id not in paired]
+        if lonely:
+            self.notes.append(f"cameras without detections are left out: {', '.join(lonely)}")
+            self.rig = self.rig.subset(
+                [i for i, c in enumerate(self.rig.camera_ids) if c in paired]
+            )
+        return [(i, folders[paired[name]]) for i, name in enumerate(self.rig.camera_ids)]
+
+    def _place(
+        self, people: People, camera: int | None, found: Sequence[tuple[Path, Pictures]]
+    ) -> None:
+        """Give pictures their camera and frame number."""
+        entries = [(path, picture) for path, pictures in found for picture in pictures.pictures]
+        labels = [path.name if picture.name is None else picture.name for path, picture in entries]
+        cameras = self._cameras(camera, entries, labels)
+        for index in {*cameras}:
+            own = [i for i, c in enumerate(cameras) if c == index]
+            texts = [label for i in own if isinstance(label := labels[i], str)]
+            numbers = iter(frame_numbers([PurePosixPath(t.replace("\\", "/")).name for t in texts]))
+            for i in own:
+                label = labels[i]
+                number = next(numbers) if isinstance(label, str) else int(label)
+                if number in people[index]:
+                    raise InputError(
+                        f"{entries[i][0]}: frame number {number} of camera "
+                        f"{self.rig.camera_ids[index]} appears twice"
+                    )
+                people[index][number] = entries[i][1].people
+
+    def _cameras(
+        self,
+        camera: int | None,
+        entries: Sequence[tuple[Path, Picture]],
+        labels: Sequence[str | int],
+    ) -> list[int]:
+        """Return the camera of each picture: of its file, its number, or a folder in its name."""
+        if camera is not None:
+            return [camera] * len(entries)
+        stated = {picture.camera for _, picture in entries if picture.camera is not None}
+        numbered = self._by_number(stated, entries[0][0]) if stated else {}
+        found = []
+        for (path, picture), label in zip(entries, labels, strict=True):
+            if picture.camera is not None:
+                found.append(numbered[picture.camera])
+                continue
+            parts = PurePosixPath(str(label).replace("\\", "/")).parent.parts
+            fitting = [index for index, name in enumerate(self.rig.camera_ids) if name in parts]
+            if len(fitting) != 1:
+                raise InputError(
+                    f"{path}: file name: found {str(label)[:120]!r}, expected <camera>/<frame> "
+                    f"with a camera of {', '.join(self.rig.camera_ids)}"
+                )
+            found += fitting
+        return found
+
+    def _by_number(self, numbers: set[int], path: Path) -> dict[int, int]:
+        """Return the cameras of a file's numbers: those that names end in, else their places."""
+        ends = [re.findall(r"\d+", name)[-1:] for name in self.rig.camera_ids]
+        named = {int(end[0][-9:]): i for i, end in enumerate(ends) if end}
+        if numbers <= {*named} and len(named) == len(self.rig):
+            return named
+        if numbers <= {*range(len(self.rig))}:
+            return {number: number for number in numbers}
+        raise InputError(
+            f"{path}: cameras {sorted(numbers)[:40]}: expected those of "
+            f"{', '.join(self.rig.camera_ids)}"
+        )
+
+    def _fill(self, people: People) -> None:
+        """Count frames without a result as empty views: lists of results do not tell of them."""
+        numbers = [number for camera in people for number in camera]
+        seen = range(min(numbers), max(numbers) + 1) if numbers else range(0)
+        if len(seen) > 1000 + 100 * len(numbers):
+            raise InputError(
+                f"{self.source}: frame numbers: found {seen[0]} to {seen[-1]}, expected "
+                "consecutive ones"
+            )
+        step = _step(numbers)
+        for camera in people:
+            for number in seen[::step]:
+                camera.setdefault(number, ())
+
+    def _layout(self, people: Floats, names: Sequence[str]) -> Layout:
+        layout = None
+        if names and self.settings.skeleton is None:
+            layout = named_layout(names)
+            if layout is None:
+                raise InputError(
+                    f"{self.source}: found the body parts {', '.join(names)[:200]}, expected "
+                    "left and right elbow, wrist, knee and ankle among them"
+                )
+        if layout is None:
+            layout, note = choose_layout(people, self.settings.skeleton, str(self.source))
+            self.notes += [note] if note else []
+        if layout.unused:
+            self.notes.append(f"{layout.unused} of {layout.count} joints not used: "
+                              f"{layout.skeleton.name} does not have them")  # fmt: skip
+        return layout
+
+    def _score_scale(self, people: Floats) -> float:
+        scale, highest = self.settings.score_scale, float(people[..., 2].max())
+        if scale is None and highest > PERCENT:
+            scale = highest
+            self.notes.append(f"scores go up to {highest:.3g}: divided by it (--score-scale)")
+        return scale or 1.0
+
+    def _step(self, frames: Sequence[Mapping[int, Poses2D]]) -> int:
+        step = _step([number for camera in frames for number in camera])
+        if step > 1:
+            self.notes.append(f"frame numbers go in steps of {step}: --fps is the rate of the "
+                              f"numbers, of which every {step}. is a slot")  # fmt: skip
+        return step
+
+    def _leave_out(self, reason: str) -> None:
+        if self.settings.strict:
+            raise InputError(reason)
+        self._bad.append(reason)
+
+
+def import_detections(
+    source: Path,
+    calibration: Path,
+    fps: float,
+    settings: ImportSettings | None = None,
+    progress: Progress = iter,
+) -> tuple[Recording, list[str]]:
+    """Read the 2D poses that another tool found, in any form that `forms` reads.
+
+    Args:
+        source: a folder with a folder or file for each camera, or a file with all cameras.
+        calibration: the rig, in any format that `e3pose.recording.calibration` reads.
+        fps: frame numbers per second.
+        settings: what the files do not say.
+        progress: wraps the list of files that is read.
+
+    Returns:
+        A recording whose slot 0 is the lowest frame number of any camera, and what a user should
+        know of how it was read.
+
+    Raises:
+        InputError: naming the file and field that is wrong.
+    """
+    check_fps(fps)
+    settings = settings or ImportSettings()
+    reader = Reader(source, load_rig(calibration), settings)
+    skeleton, frames, step = reader.read(progress)
+    frames = [{number // step: view for number, view in camera.items()} for camera in frames]
+    num_slots, views = series_from_frames(frames, fps / step, len(skeleton), str(source))
+    name = "".join(char for char in source.resolve().stem if char.isprintable())
+    recording = Recording(
+        name=name[:200] or "detections",
+        rig=reader.rig,
+        fps=fps / step,
+        num_slots=num_slots,
+        skeleton=skeleton,
+        views=views,
+        detector=settings.detector,
+        source=f"Detections of {source.resolve().name}, {skeleton.name}",
+    )
+    return recording, reader.notes
+
+
+def read_detections(
+    source: Path, rig: Rig, folders: Mapping[str, str], progress: Progress = iter
+) -> tuple[Skeleton, list[dict[int, Poses2D]]]:
+    """Return the skeleton and, per camera of `rig`, frame number to view; nothing is left out.
+
+    Raises:
+        InputError: for files without people, or without a camera, or the reverse.
+    """
+    reader = Reader(source, rig, ImportSettings(folders=folders, strict=True))
+    skeleton, frames, _ = reader.read(progress)
+    if len(reader.rig) < len(rig):
+        raise InputError(f"{source}: {reader.notes[0]}")
+    return skeleton, frames
+
+
+def _files(folder: Path) -> list[Path]:
+    return sorted(
+        path
+        for path in folder.iterdir()
+        if path.suffix.lower() in SUFFIXES and not path.name.startswith(".")
+    )
+
+
+def _step(numbers: Sequence[int]) -> int:
+    """Return the step in which frame numbers go; 1 unless all go in it."""
+    first = min(numbers, default=0)
+    step = 0
+    for number in numbers:
+        step = gcd(step, number - first)
+        if step == 1:
+            break
+    return step or 1
+
+
+def frame_numbers(names: Sequence[str]) -> list[int]:
+    """Return the frame number of each file name, such as 12 of `walk_000012_keypoints_2d.json`.
+
+    It is the last number that differs in all of them; of a single file the longest.
+
+    Raises:
+        InputError: for a name without a number.
+    """
+    found = []
+    for name in names:
+        # The length is checked first: a search takes time with it.
+        numbers = NUMBER.findall(name.rsplit(".", 1)[0]) if len(name) < MAX_NAME else []
+        if not numbers:
+            raise InputError(f"{name[:120]!r}: found no frame number in the file name")
+        found.append(numbers)
+    if len(found) == 1:
+        return [int(max(reversed(found[0]), key=len))]
+    for place in range(1, min(map(len, found), default=0) + 1):
+        numbers = [int(of_name[-place]) for of_name in found]
+        if len({*numbers}) == len(numbers):
+            return numbers
+    return [int(numbers[-1]) for numbers in found]
+
+
+def frame_number(name: str) -> int:
+    """Return the frame number of one file name, see `frame_numbers`; the last of equally long."""
+    return frame_numbers([name])[0]

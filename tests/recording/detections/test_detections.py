@@ -1,0 +1,401 @@
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from tests.cases import each_case
+
+from e3pose.base.errors import InputError
+from e3pose.model.camera import Camera, Rig
+from e3pose.model.skeleton import COCO17, SKELETONS
+from e3pose.recording import Recording
+from e3pose.recording.calibration import load_rig, save_rig
+from e3pose.recording.detections.importing import (
+    ImportSettings,
+    frame_numbers,
+    import_detections,
+    read_detections,
+)
+from e3pose.recording.detections.layouts import LAYOUTS, named_layout
+
+K = [[900, 0, 640], [0, 900, 360], [0, 0, 1]]
+STRICT = ImportSettings(strict=True)
+# A person who stands, by joint: x and y in pixels.
+BODY = {
+    "nose": (300, 100), "left_eye": (306, 95), "right_eye": (294, 95), "left_ear": (314, 98),
+    "right_ear": (286, 98), "left_shoulder": (336, 150), "right_shoulder": (264, 150),
+    "left_elbow": (345, 212), "right_elbow": (255, 212), "left_wrist": (350, 265),
+    "right_wrist": (250, 265), "left_hip": (321, 262), "right_hip": (279, 262),
+    "left_knee": (323, 350), "right_knee": (277, 350), "left_ankle": (324, 438),
+    "right_ankle": (276, 438), "neck": (300, 150), "mid_hip": (300, 262), "top_head": (300, 70),
+    "left_heel": (322, 448), "right_heel": (278, 448), "left_big_toe": (330, 455),
+    "right_big_toe": (270, 455), "left_small_toe": (336, 453), "right_small_toe": (264, 453),
+}  # fmt: skip
+
+
+def person(layout: str = "coco17", x: float = 0.0, score: float = 0.9) -> list[list[float]]:
+    """Keypoints of somebody in an order of them; what the order has beyond is at (9, 9)."""
+    found = next(one for one in LAYOUTS if one.name == layout)
+    rows = [[9.0, 9.0, 0.5]] * found.count
+    for joint, column in zip(found.skeleton.joints, found.columns, strict=True):
+        if column >= 0:
+            rows[column] = [BODY[joint][0] + x, BODY[joint][1], score]
+    return rows
+
+
+def openpose(*people: Sequence[Sequence[float]], **more: Any) -> dict[str, Any]:
+    return {"people": [{"pose_keypoints_2d": np.ravel(p).tolist(), **more} for p in people]}
+
+
+def write(path: Path, content: Any) -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(content if isinstance(content, str) else json.dumps(content))
+    return path
+
+
+@pytest.fixture
+def calibration(tmp_path: Path) -> Path:
+    return rig_of(tmp_path, "cam1", "cam2")
+
+
+def rig_of(tmp_path: Path, *camera_ids: str) -> Path:
+    cameras = tuple(
+        Camera.from_world_to_camera(name, (1280, 720), K, np.eye(3), [0.5 * n, 0, 3])
+        for n, name in enumerate(camera_ids)
+    )
+    save_rig(Rig(cameras), tmp_path / "rig.toml")
+    return tmp_path / "rig.toml"
+
+
+def counts(recording: Recording) -> list[list[int | None]]:
+    """People of each slot by camera; None where the view is lost."""
+    found = []
+    for camera in range(len(recording.rig)):
+        views = [recording.view(slot, camera) for slot in range(recording.num_slots)]
+        found.append([None if view is None else len(view) for view in views])
+    return found
+
+
+@each_case("layout", [layout.name for layout in LAYOUTS if layout.name != "coco17"])
+def test_orders_of_keypoints_land_on_the_same_joints(tmp_path: Path, layout: str) -> None:
+    source, wanted = tmp_path / "json", next(one for one in LAYOUTS if one.name == layout)
+    for camera in ("cam1", "cam2"):
+        write(source / camera / "0_keypoints.json", openpose(person(layout)))
+    recording, notes = import_detections(source, rig_of(tmp_path, "cam1", "cam2"), 25)
+    assert recording.skeleton == wanted.skeleton and recording.detector == ""
+    view = recording.view(0, 0)
+    assert view is not None
+    for joint, xy in zip(recording.skeleton.joints, view.keypoints_px[0], strict=True):
+        if np.isfinite(xy).all():
+            assert xy.tolist() == pytest.approx(BODY[joint]), joint
+    assert np.isfinite(view.keypoints_px[0, :, 0]).sum() >= 12
+    assert (f"{wanted.unused} of {wanted.count} joints not used" in "".join(notes)) == bool(
+        wanted.unused
+    )
+
+
+def test_an_order_that_limbs_do_not_tell_is_asked_for(tmp_path: Path, calibration: Path) -> None:
+    dots = [[9.0 * i, 50.0, 0.9 * (i in (0, 5, 6))] for i in range(25)]
+    source = write(tmp_path / "json" / "cam1" / "0.json", openpose(dots)).parent.parent
+    with pytest.raises(InputError, match="body25 or body25b, and limbs do not tell which"):
+        import_detections(source, calibration, 25)
+    settings = ImportSettings(skeleton="body25")
+    assert import_detections(source, calibration, 25, settings)[0].skeleton.name == "body25"
+    with pytest.raises(InputError, match="--skeleton: found 'coco17', expected of 25: body25, bo"):
+        import_detections(source, calibration, 25, ImportSettings(skeleton="coco17"))
+
+
+def test_people_land_in_their_camera_and_slot(tmp_path: Path, calibration: Path) -> None:
+    source = tmp_path / "json"
+    write(source / "cam1_json/w2_000005_keypoints.json", openpose(person()))
+    write(source / "cam1_json/w2_000007_keypoints.json", openpose(person(), person(x=500)))
+    write(source / "cam2_json/w2_000006_keypoints.json", {"people": []})
+    recording, _ = import_detections(source, calibration, fps=50.0)
+    assert counts(recording) == [[1, None, 2], [None, 0, None]]
+    np.testing.assert_allclose(recording.views[0].times_s, [0, 0.04])
+
+
+MMPOSE = {"frame_id": 4, "instances": [
+    {"keypoints": [row[:2] for row in person()], "keypoint_scores": [0.9] * 17}]}  # fmt: skip
+RESULT = {"image_id": "cam1/4.jpg", "category_id": 1, "keypoints": np.ravel(person()).tolist()}
+WHOLE = {
+    **RESULT,
+    "foot_kpts": np.ravel(person("coco23")[17:]).tolist(),
+    "face_kpts": [5.0, 5.0, 1.0] * 68,
+    "lefthand_kpts": [5.0, 5.0, 1.0] * 21,
+    "righthand_kpts": [5.0, 5.0, 1.0] * 21,
+}
+LANDMARKS = [{"x": x / 1280, "y": y / 720, "z": 0.1, "visibility": v}
+             for x, y, v in person("mediapipe33")]  # fmt: skip
+DLC_NAMES = [joint.title().replace("_", " ") for joint in COCO17.joints]
+DLC = "\n".join([
+    ",".join(["scorer", *["net"] * 51]),
+    ",".join(["bodyparts", *[name for name in DLC_NAMES for _ in range(3)]]),
+    ",".join(["coords", *["x", "y", "likelihood"] * 17]),
+    ",".join(["4", *map(str, np.ravel(person()))]),
+])  # fmt: skip
+POINTS = "\n".join([
+    "sync_index,port,frame_index,frame_time,point_id,img_loc_x,img_loc_y",
+    *(f"4,1,7,0.1,{i},{x},{y}" for i, (x, y, _) in enumerate(person("mediapipe33"))),
+])  # fmt: skip
+
+
+@each_case(
+    ("file", "content", "skeleton"),
+    [
+        ("cam1/x_04_keypoints.json", openpose(person()), "coco17"),
+        ("cam1/4.json", MMPOSE, "coco17"),
+        ("cam1.json", {"meta_info": {}, "instance_info": [MMPOSE]}, "coco17"),
+        ("cam1.json", [{**RESULT, "image_id": "4.jpg"}], "coco17"),
+        ("cam1/alphapose-results.json", [{**RESULT, "image_id": "4.jpg"}], "coco17"),
+        ("cam1.json", {"4.jpg": openpose(person())}, "coco17"),
+        ("", [RESULT], "coco17"),
+        ("", [WHOLE], "halpe26"),
+        ("cam1/4.json", {"keypoints": [[row[:2] for row in person()]], "scores": [[0.9] * 17]},
+         "coco17"),
+        ("cam1/4.json", {"people": [{"landmarks": LANDMARKS}]}, "halpe26"),
+        ("cam1.csv", DLC, "coco17"),
+        ("", POINTS, "halpe26"),
+    ],
+)  # fmt: skip
+def test_forms_of_tools_are_told_by_their_fields(
+    tmp_path: Path, file: str, content: Any, skeleton: str
+) -> None:
+    calibration = rig_of(tmp_path, "cam1", "cam2")
+    one = "all.csv" if isinstance(content, str) else "all.json"
+    source = write(tmp_path / "in" / (file or one), content)
+    recording, _ = import_detections(tmp_path / "in" if file else source, calibration, 25)
+    view = recording.view(0, recording.rig.index("cam1"))
+    assert view is not None and recording.skeleton.name == skeleton
+    joints = recording.skeleton.joints
+    for joint in ("left_wrist", "right_ankle", "left_shoulder", "nose"):
+        xy = view.keypoints_px[0, joints.index(joint)]
+        assert xy.tolist() == pytest.approx(BODY[joint], abs=1e-6), joint
+
+
+def test_arrays_of_cameras_and_frames_are_read(tmp_path: Path, calibration: Path) -> None:
+    array = np.full((2, 3, 33, 3), np.nan)
+    array[0, 2], array[1, 0] = person("mediapipe33"), person("mediapipe33")
+    np.save(tmp_path / "mediapipe2d.npy", array)
+    recording, _ = import_detections(tmp_path / "mediapipe2d.npy", calibration, 25)
+    assert counts(recording) == [[0, 0, 1], [1, 0, 0]]
+    np.save(tmp_path / "bad.npy", np.array([{}], dtype=object), allow_pickle=True)
+    with pytest.raises(InputError, match=r"bad\.npy"):
+        import_detections(tmp_path / "bad.npy", calibration, 25)
+
+
+@each_case("missing", [[None, None, None], [-1, -1, -1], [0, 0, 0], [9, 9, 0], ["", "", 1],
+                       [5.0, float("nan"), 1.0]])  # fmt: skip
+def test_what_tools_write_for_missing_is_missing(tmp_path: Path, missing: list[Any]) -> None:
+    calibration = rig_of(tmp_path, "cam1", "cam2")
+    rows: list[Any] = person()
+    rows[3] = missing
+    flat = [value for row in rows for value in row]
+    content = {"people": [{"pose_keypoints_2d": flat}]}
+    write(tmp_path / "json/cam1/0.json", content)
+    view = import_detections(tmp_path / "json", calibration, 25)[0].view(0, 0)
+    assert view is not None and view.scores[0, 3] == 0 and view.scores[0, 4] == 0.9
+
+
+def test_scores_on_another_scale_are_divided(tmp_path: Path, calibration: Path) -> None:
+    for scale, expected, told in ((1.04, 1.0, False), (4.0, 1.0, True), (0.5, 0.5, False)):
+        write(tmp_path / "json/cam1/0.json", openpose(person(score=scale)))
+        recording, notes = import_detections(tmp_path / "json", calibration, 25)
+        view = recording.view(0, 0)
+        assert view is not None and view.scores[0, 0] == expected
+        assert ("divided by it (--score-scale)" in "".join(notes)) == told
+    settings = ImportSettings(score_scale=2.0)
+    view = import_detections(tmp_path / "json", calibration, 25, settings)[0].view(0, 0)
+    assert view is not None and view.scores[0, 0] == 0.25
+
+
+def test_shares_of_the_image_are_taken_times_its_size(tmp_path: Path, calibration: Path) -> None:
+    shares = [[x / 1280, y / 720, score] for x, y, score in person()]
+    write(tmp_path / "json/cam1/0.json", openpose(shares))
+    recording, notes = import_detections(tmp_path / "json", calibration, 25)
+    view = recording.view(0, 0)
+    assert view is not None and "shares of the image" in notes[-1]
+    assert view.keypoints_px[0, 0].tolist() == pytest.approx(BODY["nose"])
+
+
+@each_case(
+    ("content", "message"),
+    [
+        ("", "an empty file"),
+        ('{"people": [{"pose_keypoi', "truncated"),
+        ("{}", "found fields"),
+        ("3", "found int"),
+        ({"people": [{"pose": []}]}, "found no keypoints"),
+        ({"people": [{"pose_keypoints_2d": [1.0] * 50}]}, "found 50 numbers"),
+        ({"people": [{"pose_keypoints_2d": ["left"] * 51}]}, "not numbers"),
+        ({"people": [{"pose_keypoints_2d": [1e9, 5.0, 0.5] * 17}]}, r"beyond 1e\+06 px"),
+        ({"people": [{"pose_keypoints_2d": [1.0] * 54}]}, "1 person without 51"),
+        ({"people": [{"pose_keypoints_2d": [[1.0]] * 51}]}, "shape"),
+        ({"people": 3}, "found fields"),
+        ({"people": [3]}, "expected a person"),
+        ('{"x": ' + "[" * 200_000, "expected people"),
+        ('{"people": NaN}', "found fields"),
+    ],
+)
+def test_one_bad_file_costs_that_view(tmp_path: Path, content: Any, message: str) -> None:
+    calibration, source = rig_of(tmp_path, "cam1", "cam2"), tmp_path / "json"
+    write(source / "cam1/0_keypoints.json", content)
+    write(source / "cam1/.1_keypoints.json", "hidden")
+    write(source / "cam2/0_keypoints.json", openpose(person()))
+    write(source / "cam2/1_keypoints.json", openpose(person()))
+    message = message.replace("without 51", "without 17 keypoints")
+    recording, notes = import_detections(source, calibration, 25)
+    assert recording.num_slots == 2 and "left out 1 item" in notes[0]
+    with pytest.raises(InputError, match=message) as caught:
+        import_detections(source, calibration, 25, STRICT)
+    assert "\n" not in str(caught.value)
+
+
+@each_case(
+    ("names", "numbers"),
+    [
+        (["000000000012_keypoints.json"], [12]),
+        (["cam2_walk3_000017_keypoints.json"], [17]),
+        (["cam01.0007.json", "cam01.0008.json"], [7, 8]),
+        (["c_000012_kpts_2d.json", "c_000013_kpts_2d.json"], [12, 13]),
+        (["c_000012_kpts_2d.json"], [12]),
+        (["12.json", "7.json"], [12, 7]),
+    ],
+)
+def test_number_that_differs_is_the_frame(names: list[str], numbers: list[int]) -> None:
+    assert frame_numbers(names) == numbers
+
+
+@each_case(
+    ("names", "message"),
+    [
+        (["a_keypoints.json"], "no frame number"),
+        (["1_keypoints.json", "01_keypoints.json"], "frame number 1 of camera cam1 appears twice"),
+        (["1_k.json", "99999999999_k.json"], "frame numbers: found 1 to 999999"),
+    ],
+)
+def test_frame_numbers_are_checked(tmp_path: Path, names: list[str], message: str) -> None:
+    calibration = rig_of(tmp_path, "cam1", "cam2")
+    write(tmp_path / "json/cam2/1_keypoints.json", {"people": []})
+    write(tmp_path / "json/cam2/2_keypoints.json", {"people": []})
+    for name in names:
+        write(tmp_path / "json/cam1" / name, openpose(person()))
+    with pytest.raises(InputError, match=message):
+        import_detections(tmp_path / "json", calibration, 25)
+
+
+def test_a_long_file_name_takes_no_time() -> None:
+    with pytest.raises(InputError, match="no frame number"):
+        frame_numbers(["1" * 1_000_000])
+
+
+def test_every_fifth_frame_is_a_slot(tmp_path: Path, calibration: Path) -> None:
+    for number in range(3, 30, 5):
+        write(tmp_path / f"json/cam1/{number}.json", openpose(person()))
+    recording, notes = import_detections(tmp_path / "json", calibration, 50)
+    assert (recording.num_slots, recording.fps) == (6, 10.0) and "steps of 5" in notes[-1]
+
+
+def test_cameras_without_detections_are_left_out(tmp_path: Path) -> None:
+    calibration = rig_of(tmp_path, "cam1", "cam2", "cam3")
+    for camera in ("cam1", "cam3"):
+        write(tmp_path / f"json/{camera}/0.json", openpose(person()))
+    recording, notes = import_detections(tmp_path / "json", calibration, 25)
+    assert recording.rig.camera_ids == ("cam1", "cam3")
+    assert notes == ["cameras without detections are left out: cam2"]
+    with pytest.raises(InputError, match="cameras without detections are left out: cam2"):
+        read_detections(tmp_path / "json", load_rig(calibration), {})
+
+
+def test_a_recording_with_nobody_is_refused(tmp_path: Path, calibration: Path) -> None:
+    write(tmp_path / "json/cam1/0.json", {"people": []})
+    with pytest.raises(InputError, match="found nobody, expected a person"):
+        import_detections(tmp_path / "json", calibration, 25)
+    with pytest.raises(InputError, match="found nothing, expected a folder"):
+        import_detections(tmp_path / "absent", calibration, 25)
+    for fps in (0.0, -1.0, float("nan"), float("inf"), 1e6):
+        with pytest.raises(InputError, match="--fps"):
+            import_detections(tmp_path / "json", calibration, fps)
+
+
+def test_names_of_body_parts_are_known_in_many_spellings() -> None:
+    for spell in ("{s}_{p}", "{S}{P}", "{p}_{a}", "{A} {p}"):
+        names = []
+        for joint in SKELETONS["coco17"].joints:
+            side, _, part = joint.rpartition("_")
+            words = {"s": side, "S": side.title(), "a": side[:1], "A": side[:1].upper(),
+                     "p": part, "P": part.title()}  # fmt: skip
+            names.append(spell.format(**words).strip("_ "))
+        layout = named_layout(names)
+        assert layout is not None and sum(c >= 0 for c in layout.columns) == 17, spell
+    assert named_layout(["snout", "tail"]) is None
+
+
+TABLE = {
+    "images": [
+        {"id": 7, "file_name": "cam1/1.jpg"},
+        {"id": 8, "file_name": "data/cam1/3.jpg"},
+        {"id": 9, "file_name": "cam2\\2.png"},
+    ]
+}
+
+
+def result(image_id: int | str, **more: Any) -> dict[str, Any]:
+    return {**RESULT, "image_id": image_id, **more}
+
+
+def test_images_of_a_table_without_people_are_empty_views(tmp_path: Path) -> None:
+    calibration = rig_of(tmp_path, "cam1", "cam2")
+    results = [result(7), result(7), result(9), result(7, category_id=2)]
+    source = write(tmp_path / "r.json", results)
+    settings = ImportSettings(images=write(tmp_path / "i.json", TABLE))
+    recording, _ = import_detections(source, calibration, 30, settings)
+    assert counts(recording) == [[2, None, 0], [None, 1, None]]
+    whole = write(tmp_path / "w.json", {**TABLE, "annotations": [result(8)]})
+    assert counts(import_detections(whole, calibration, 30)[0]) == [[0, None, 1], [None, 0, None]]
+    listed = write(tmp_path / "l.json", [result("cam1/3.jpg"), result("cam2\\5.png")])
+    assert counts(import_detections(listed, calibration, 30)[0]) == [[1, 0], [0, 1]]
+
+
+@each_case(("more", "score"), [({}, 1.0), ({"scores": [0.25] * 17}, 0.25)])
+def test_flags_of_annotations_are_no_scores(
+    tmp_path: Path, more: dict[str, Any], score: float
+) -> None:
+    calibration, annotation = rig_of(tmp_path, "cam1", "cam2"), result(8, **more)
+    annotation["keypoints"] = list(annotation["keypoints"])
+    annotation["keypoints"][2::3] = [2, 1, 0] + [2] * 14
+    source = write(tmp_path / "r.json", {**TABLE, "annotations": [annotation]})
+    view = import_detections(source, calibration, 30)[0].view(2, 0)
+    assert view is not None
+    assert view.scores[0].tolist() == pytest.approx([score, score, 0.0] + [score] * 14)
+
+
+@each_case(
+    ("results", "table", "message"),
+    [
+        ([], None, "r.json: found nobody"),
+        ([result(3)], None, "file name: found '3', expected <camera>/<frame>"),
+        ([result("middle/3.jpg")], None, "file name: found 'middle/3.jpg'"),
+        ([result("cam1/cam2/3.jpg")], None, "file name: found 'cam1/cam2/3.jpg'"),
+        ([result("cam1/a.jpg")], None, "'a.jpg': found no frame number"),
+        ([result("cam1/1.jpg"), result("cam1/9999999999.jpg")], None, "frame numbers"),
+        ([{"image_id": "cam1/1.jpg"}], None, r"\[0\]: found no keypoints"),
+        ([result(70)], TABLE, r"\[0\].image_id: found '70'"),
+        ([result(7)], {"images": [TABLE["images"][0]] * 2}, r"images\[1\]: image 7 appears twice"),
+        ([result(7)], {"images": [{"id": 7}]}, r"i.json: images\[0\]: found no id"),
+        ([result(7)], {"images": [{"id": 7, "file_name": "eve/1.jpg"}]}, "file name: found 'eve"),
+    ],
+)
+def test_broken_results_and_tables_are_named(
+    tmp_path: Path, results: Any, table: Any, message: str
+) -> None:
+    calibration = rig_of(tmp_path, "cam1", "cam2")
+    images = None if table is None else write(tmp_path / "i.json", table)
+    source = write(tmp_path / "r.json", results)
+    with pytest.raises(InputError, match=message) as caught:
+        import_detections(source, calibration, 30, ImportSettings(images=images))
+    assert "\n" not in str(caught.value)
