@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
@@ -22,9 +22,14 @@ def jpeg(level: int) -> bytes:
 
 
 @contextmanager
-def network_camera(fps: float) -> Iterator[str]:
-    """Serve a camera of 64 x 48 that films so many frames per second; yield its URL."""
-    images, stop = [jpeg(level) for level in (100, 140, 180)], threading.Event()
+def network_camera(fps: float, shown: Sequence[bytes] = ()) -> Iterator[str]:
+    """Serve a camera that films so many frames per second; yield its URL.
+
+    Args:
+        fps: of it.
+        shown: its images, again and again, which a test may change; else some of 64 x 48.
+    """
+    images, stop = shown or [jpeg(level) for level in (100, 140, 180)], threading.Event()
 
     class Camera(BaseHTTPRequestHandler):
         def do_GET(self) -> None:

@@ -4,16 +4,24 @@ from __future__ import annotations
 
 import threading
 import time
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
+from tests.camera.mjpeg import network_camera
+from tests.edge.one_process import started
 from tests.memory_transport import Hub
-from tests.waiting import eventually
+from tests.waiting import eventually, settled
 
 from e3pose.base.clock import SlotTimes, WallClock
 from e3pose.base.errors import InputError
+from e3pose.camera import live
 from e3pose.camera.base import LiveFrame
-from e3pose.camera.live import CameraNode, NodeSettings
-from e3pose.camera.live_source import RecordedDetector
+from e3pose.camera.live import CameraNode, NodeSettings, Repeats
+from e3pose.camera.live_source import RecordedDetector, StreamSource
 from e3pose.camera.schedule import Schedule
 from e3pose.model.pose import Poses2D
 
@@ -60,6 +68,74 @@ def test_failing_source_is_reported_once_and_its_return_once() -> None:
         while node.counts.captured < 3 and time.monotonic() < end_s:
             time.sleep(0.02)
     assert messages[1:] == ["frames from the source again"] and node.problem == ""
+
+
+def problems(marks: list[int | None], every_s: float) -> list[str]:
+    repeats, found = Repeats(), list[str]()
+    for number, mark in enumerate(marks):
+        frame = LiveFrame(round(number * every_s * 1e9), (8, 8), lambda: None)
+        if mark is not None:
+            frame = replace(frame, mark=partial(int, mark))
+        found.append(repeats.problem(frame))
+    return found
+
+
+def test_only_a_picture_that_never_changes_for_five_seconds_is_a_problem() -> None:
+    still = problems([7] * 140 + [8, 9, 9], 0.04)
+    assert still.index("the same picture for 5 s") in range(125, 140)
+    assert still[-3:] == ["", "", ""], "it counts again from the first picture that differs"
+    assert not any(problems(list(range(400)), 0.04)), "noise of a still room"
+    assert not any(problems([None] * 400, 0.04)), "a film, or a codec that sends changes alone"
+    assert not any(problems([n // 90 for n in range(900)], 0.04)), "a film at a ninetieth"
+    assert not any(problems([1, 1, 2, 2, 3, 3], 60.0)), "a closed source begins with an old one"
+    assert problems([1] * 12, 60.0)[-1].startswith("the same picture for")
+
+
+def test_a_frozen_network_camera_counts_for_nothing_until_its_picture_changes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its keypoints are always where they were: nobody would seem to measure better."""
+    monkeypatch.setattr(live, "SAME_NS", 1_000_000_000)
+    monkeypatch.setattr(live, "SAME_EVERY_NS", 100_000_000)
+    site = started(tmp_path, num_selected=3)
+    camera = site.recording.rig.cameras[2]
+    size, rng = camera.image_size[::-1], np.random.default_rng(1)
+    alive = [
+        cv2.imencode(".jpg", rng.integers(0, 9, (*size, 3), dtype=np.uint8))[1].tobytes()
+        for _ in range(3)
+    ]
+    shown, seen = list(alive), site.recording.views[2].view(0) or Poses2D.empty(17)
+
+    class Still:
+        def detect(self, image: object) -> Poses2D:
+            return seen
+
+    def views() -> int:
+        return node.counts.sent
+
+    with network_camera(20.0, shown) as url:
+        edge = site.start_edge()
+        nodes = [site.start_camera(name) for name in site.recording.rig.camera_ids[:2]]
+        node = CameraNode(
+            NodeSettings("lab", camera.camera_id, site.recording.skeleton.joints),
+            StreamSource(url, site.clock), Still(), site.hub.join(), site.clock,
+        )  # fmt: skip
+        node.start()
+        try:
+            assert eventually(lambda: len(site.online()) == 3 and views() > 5)
+            del shown[1:]
+            assert eventually(lambda: "the same picture" in site.camera(camera.camera_id).why)
+            assert site.online() == set(site.recording.rig.camera_ids[:2])
+            assert eventually(lambda: site.reported("camera-lost", camera.camera_id))
+            assert "the same picture for 1 s" in site.events[-1].message
+            assert settled(views) == views(), "no view of it comes any more"
+            shown += alive[1:]
+            before = views()
+            assert eventually(lambda: len(site.online()) == 3 and views() > before)
+        finally:
+            for one in (*nodes, node):
+                one.stop()
+            edge.stop()
 
 
 @pytest.mark.parametrize(("delay_ms", "slot"), [(0, 7), (200, 5)])

@@ -19,11 +19,14 @@ class LiveFrame:
         image_size: `(width, height)` in pixels.
         image: returns what is to be detected in: an RGB image `(height, width, 3)`, or whatever the
             detector of a simulated source takes. It is converted when it is first asked for.
+        mark: returns a number that frames share only where they are the same; None where a source
+            repeats the frames of a still room, as films and most codecs do.
     """
 
     captured_ns: int
     image_size: tuple[int, int]
     image: Callable[[], Any]
+    mark: Callable[[], int] | None = None
 
     def shared(self) -> LiveFrame:
         """Return a frame for several threads, which converts its image once."""

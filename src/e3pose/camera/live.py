@@ -202,6 +202,36 @@ SLEEP_STEP_NS = 200_000_000  # how soon a camera asleep follows an order to wake
 MISSED_FRAMES = 3  # a film that is played slowly has more than a second between two frames
 
 
+SAME_NS = 5_000_000_000  # of one picture, before it is reported
+SAME_EVERY_NS = 500_000_000  # comparing takes a thousandth of a core then
+
+
+class Repeats:
+    """Notices a source that sends one picture again and again, as one does whose sensor hangs.
+
+    Two pictures of a still room differ by the sensor's noise. A source that is closed between two
+    pictures may begin with an old one: a picture must come often as well as for long.
+    """
+
+    def __init__(self) -> None:
+        """Begin."""
+        self._mark, self._since_ns, self._next_ns, self._count = -1, 0, 0, 0
+        self._problem = ""
+
+    def problem(self, frame: LiveFrame) -> str:
+        """Return what is wrong with a source whose newest frame this is; empty for nothing."""
+        now_ns = frame.captured_ns
+        if frame.mark is None or (now_ns < self._next_ns and not self._problem):
+            return self._problem
+        mark, self._next_ns, self._count = frame.mark(), now_ns + SAME_EVERY_NS, self._count + 1
+        if mark != self._mark:
+            self._mark, self._since_ns, self._count, self._problem = mark, now_ns, 0, ""
+        same_ns = now_ns - self._since_ns
+        if same_ns >= SAME_NS and self._count >= SAME_NS // SAME_EVERY_NS and not self._problem:
+            self._problem = f"the same picture for {same_ns / 1e9:.0f} s"
+        return self._problem
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class _Seen:
     frame: LiveFrame
@@ -262,6 +292,7 @@ class CameraNode:
         self._processor = ProcessorTime()
         self._image_size: tuple[int, int] | None = None  # until the first frame
         self._rate, self._gate = FrameRate(), Gate(detector, settings.gate)
+        self._repeats = Repeats()
         self._newest = (0, -1)  # session of the edge and slot of the newest frame
         self.threads = ThreadGroup(self._wake)
 
@@ -372,7 +403,7 @@ class CameraNode:
                     self._find("no frames from the source")
                 continue
             frame_ns = now_ns
-            self._find("")
+            self._find(self._repeats.problem(frame))
             self._take(frame)
 
     def _open(self) -> bool:
@@ -432,8 +463,13 @@ class CameraNode:
         self._awake.set()
 
     def _may_close(self) -> bool:
-        """Return whether the next active slot is farther away than the wake-up time."""
+        """Return whether the next active slot is farther away than the wake-up time.
+
+        A camera with a problem gets no orders, and finds only by its source that it is over.
+        """
         schedule = self.schedule
+        if self.problem:
+            return False
         if schedule.idle_mode != "aggressive-power-saving" or schedule.times is None:
             return False
         now_ns = self.edge_ns()
@@ -445,7 +481,7 @@ class CameraNode:
         self.counts.captured += 1
         self._image_size = frame.image_size
         schedule = self.schedule
-        if schedule.times is None:
+        if schedule.times is None or self.problem:
             return
         edge_ns = self.offset.offset.edge_ns(frame.captured_ns - self.settings.delay_ns)
         self._rate.add(frame.captured_ns)

@@ -12,6 +12,7 @@ import socket
 import ssl
 import threading
 import time
+import zlib
 from contextlib import suppress
 from dataclasses import dataclass, field
 from http.server import BaseHTTPRequestHandler
@@ -361,7 +362,9 @@ class PhoneSource:
             if nominal is not None and 1 <= nominal <= 240:
                 self._nominal = nominal
             self._rate.add(captured_ns)
-            self._newest = LiveFrame(captured_ns, size, lambda: _decoded(jpeg, size))
+            self._newest = LiveFrame(
+                captured_ns, size, lambda: _decoded(jpeg, size), lambda: zlib.crc32(jpeg)
+            )
             self._came.notify()
             return self._rate.hz(self._nominal)
 
