@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import io
 import re
+import zipfile
 from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.lib import format as npy
 from tests.calibrate.people_scenes import distances
 from tests.calibrate.wand_scenes import carried, ring
 from tests.cases import each_case
@@ -14,6 +17,7 @@ from tests.cli.commands import run
 
 from e3pose.base.errors import InputError
 from e3pose.calibrate.places import from_wand_seen
+from e3pose.calibrate.points_file import load_points
 from e3pose.calibrate.wand import Wand
 from e3pose.recording.calibration import load_rig, save_rig
 
@@ -124,3 +128,18 @@ def test_points_of_a_wand_are_read_from_files(
         for more in (("--distance", "cam0,cam1=3m"), ("--ball", "green")):
             assert run(*words, *lenses, "--wand", "tip,tail=500mm", *more) == 2
             assert "wand" in capsys.readouterr().err
+
+
+def test_points_that_unpack_to_gigabytes_are_refused_unread(tmp_path: Path) -> None:
+    rig = ring(751)
+    with zipfile.ZipFile(tmp_path / "wand.npz", "w", zipfile.ZIP_DEFLATED) as file:
+        head = io.BytesIO()
+        npy.write_array_header_1_0(
+            head, {"descr": "<f8", "fortran_order": False, "shape": (10**8, 2)}
+        )
+        file.writestr(f"{rig.camera_ids[0]}.npy", head.getvalue())
+    with pytest.raises(InputError, match=r"wand.npz: cannot be read .*promises 1600000000 bytes"):
+        load_points(tmp_path / "wand.npz", rig)
+    (tmp_path / "wand.npz").write_bytes(b"no archive")
+    with pytest.raises(InputError, match=r"wand.npz: found no .npz archive"):
+        load_points(tmp_path / "wand.npz", rig)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -70,7 +71,7 @@ def test_failing_source_is_reported_once_and_its_return_once() -> None:
     assert messages[1:] == ["frames from the source again"] and node.problem == ""
 
 
-def problems(marks: list[int | None], every_s: float) -> list[str]:
+def problems(marks: Sequence[int | None], every_s: float) -> list[str]:
     repeats, found = Repeats(), list[str]()
     for number, mark in enumerate(marks):
         frame = LiveFrame(round(number * every_s * 1e9), (8, 8), lambda: None)

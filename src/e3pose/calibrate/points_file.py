@@ -11,9 +11,10 @@ import numpy as np
 
 from e3pose.base.arrays import Floats
 from e3pose.base.bounded import read_bytes
-from e3pose.base.errors import InputError
+from e3pose.base.errors import InputError, reason_of
 from e3pose.base.quantities import plural
 from e3pose.model.camera import Rig
+from e3pose.recording.arrays import BROKEN, open_archive, read_array
 
 MAX_BYTES = 200_000_000
 MAX_POINTS = 1_000_000
@@ -99,18 +100,19 @@ def _from_csv(path: Path, rig: Rig) -> tuple[Floats, list[str]]:
 
 
 def _from_npz(path: Path, rig: Rig) -> Floats:
-    if not path.is_file():
-        raise InputError(f"{path}: found no file")
     arrays = {}
     try:
-        with np.load(path, allow_pickle=False) as file:
-            for name in file.files:
+        with open_archive(path) as archive:
+            for entry in archive.infolist():
+                name = entry.filename.removesuffix(".npy")
                 rig.index(name)
-                arrays[name] = np.asarray(file[name], dtype=np.float64)
+                with archive.open(entry) as member:
+                    array = read_array(member, min(entry.file_size, 16 * MAX_POINTS), "fiu")
+                arrays[name] = array.astype(np.float64)
     except InputError as error:
-        raise InputError(f"{path}: {error}") from None
-    except Exception as error:  # zip and numpy raise what they please on broken files
-        raise InputError(f"{path}: cannot be read as .npz ({type(error).__name__})") from None
+        raise error.at(path) from None
+    except BROKEN as error:
+        raise InputError(f"{path}: cannot be read as .npz ({reason_of(error)[:200]})") from None
     sizes = {array.shape for array in arrays.values()}
     if len(sizes) != 1:
         raise InputError(f"{path}: found arrays of shapes {sorted(sizes)}, expected one shape")

@@ -82,8 +82,7 @@ def _parquet(path: Path, tracks: Sequence[tuple[int, int]]) -> int:
         if "track" not in schema.names:
             raise ValueError("no column track")
         with parquet.ParquetWriter(temporary, schema, compression="zstd") as writer:
-            for group in range(source.num_row_groups):
-                table = source.read_row_group(group)
+            for table in source.iter_batches():
                 gone = compute.is_null(table["track"])
                 gone = compute.and_(gone, compute.invert(gone))  # none
                 for run, track in tracks:
@@ -93,5 +92,5 @@ def _parquet(path: Path, tracks: Sequence[tuple[int, int]]) -> int:
                     gone = compute.or_(gone, compute.fill_null(mine, False))
                 kept = table.filter(compute.invert(gone))
                 removed += len(table) - len(kept)
-                writer.write_table(kept)
+                writer.write_batch(kept)
     return removed

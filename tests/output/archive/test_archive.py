@@ -73,7 +73,7 @@ def test_closed_hours_are_archived_once_and_say_what_the_store_says(
     assert (entry.slots, entry.rows, entry.tracks) == (60, 120, PEOPLE)
     content = place.read(f"{manifest.folder}/{name}")
     assert content is not None and len(content) == entry.bytes
-    take = read_wide(Path(name), parquet.read_table(io.BytesIO(content)))
+    take = read_wide(Path(name), parquet.ParquetFile(io.BytesIO(content)), 10**6)
     stored = Store(store).query(BEGIN + DAY, BEGIN + DAY + HOUR - 1, track=11)
     assert take.motions[1].first == stored.slots[0] == 24 * 60
     np.testing.assert_allclose(take.motions[1].joints_m, stored.people.joints_m, atol=0.0005)

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pyarrow
 import pytest
+from pyarrow import parquet
 from tests.cases import each_case
 from tests.output.exports.takes import MISSING_FRAMES, STARTED_NS, records, take
 
@@ -14,6 +17,7 @@ from e3pose.estimate.smooth import SmoothSettings, smoothed
 from e3pose.evaluate.poses_table import write_poses
 from e3pose.model.skeleton import COCO17
 from e3pose.model.take import FILLED, MEASURED, PREDICTED
+from e3pose.output.exports import ExportSettings, export, source
 from e3pose.output.exports.resample import resampled
 from e3pose.output.exports.source import Asked, take_from_store, take_from_table
 from e3pose.store import Run, StoreWriter
@@ -106,6 +110,43 @@ def test_tables_of_something_else_are_refused(tmp_path: Path, text: str, message
     (tmp_path / "poses.csv").write_text(text)
     with pytest.raises(InputError, match=message):
         take_from_table(tmp_path / "poses.csv", Asked())
+
+
+@each_case(
+    ("column", "values", "most_rows", "message"),
+    [
+        ("", None, 3, "found 4 rows, expected 1 to 3"),
+        ("x", None, 100, "found no column x"),
+        ("joint", [1, 2, 3, 4], 100, "joint: found int64"),
+        ("y", [[1.0] * 9] * 4, 100, "y: found list"),
+        ("z", ["far"] * 4, 100, "z: found string"),
+    ],
+)
+def test_what_is_no_table_of_poses_is_refused_before_a_row_of_it_is_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, column: str, values: list[Any] | None,
+    most_rows: int, message: str,
+) -> None:  # fmt: skip
+    """A file of 1.4 MB took 3 GB and 31 s, as its columns were looked at afterwards."""
+    columns = {name: [0.0, 1.0, 2.0, 3.0] for name in ("slot", "track", "time", "x", "y", "z")}
+    table: dict[str, list[Any]] = {**columns, "joint": ["nose"] * 4, "other": [0] * 4}
+    table = {name: one for name, one in table.items() if name != column or values is not None}
+    table |= {column: values} if values is not None else {}
+    parquet.write_table(pyarrow.table(table), tmp_path / "a.parquet")
+    monkeypatch.setattr(source, "MAX_ROWS", most_rows)
+    for reads in ("read_table", "read_pandas"):
+        monkeypatch.setattr(parquet, reads, lambda *_, **__: pytest.fail("it was read"))
+    with pytest.raises(InputError, match=message):
+        take_from_table(tmp_path / "a.parquet", Asked())
+
+
+def test_a_wide_file_of_too_many_rows_is_refused_unread(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ((path, _),) = export(TAKE, tmp_path / "a.parquet", "parquet", ExportSettings(wide=True))
+    assert take_from_table(path, Asked()).skeleton == COCO17
+    monkeypatch.setattr(source, "MAX_ROWS", 17 * 20)
+    with pytest.raises(InputError, match="rows, expected at most 20"):
+        take_from_table(path, Asked())
 
 
 def test_poses_of_several_runs_are_not_one_take(store: Path, tmp_path: Path) -> None:

@@ -107,9 +107,10 @@ def left_there(place: Place, what: Forgotten) -> int:
                 continue
             content = place.read(name)
             if content is not None:
-                tracks = parquet.read_table(BytesIO(content), columns=["track"]).column("track")
-                everybody = what.track_id is None
-                rows += len(tracks) if everybody else tracks.to_pylist().count(what.track_id)
+                file = parquet.ParquetFile(BytesIO(content))
+                for batch in file.iter_batches(columns=["track"]):
+                    of_person = batch.column("track").to_numpy(False) == what.track_id
+                    rows += len(batch) if what.track_id is None else int(of_person.sum())
     return rows
 
 

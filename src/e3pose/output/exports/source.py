@@ -26,6 +26,8 @@ from e3pose.store.times import as_when
 
 TABLES = (".csv", ".parquet")
 NEEDED = ("slot", "track", "joint", "x", "y", "z")
+USED = {*NEEDED, "time", "time_ns", "score", "sigma", "measured", "run"}
+NUMBERS = ("int", "uint", "float", "double", "halffloat", "bool")  # as Parquet files name them
 MAX_ROWS = 40_000_000  # of a table in memory: as many joints as a store gives at once
 NS = 1_000_000_000
 
@@ -113,9 +115,9 @@ def take_from_table(path: Path, asked: Asked) -> Take:
     for option, value in (("--site", asked.site), ("--run", asked.run)):
         if value is not None:
             raise InputError(f"{option}: found with {path}, expected a store: a table is one run")
-    if path.suffix.lower() == ".parquet" and is_wide(_metadata(path)):
-        return _chosen(path, read_wide(path, _table(path)), asked)
-    table = _read(path)
+    table = (_parquet if path.suffix.lower() == ".parquet" else _csv)(path)
+    if isinstance(table, Take):
+        return _chosen(path, table, asked)
     runs = set(np.unique(table["run"]).tolist()) if "run" in table else {0}
     if len(runs) > 1:
         raise InputError(f"{path}: found rows of {len(runs)} runs, expected one: query --run")
@@ -187,19 +189,33 @@ def _chosen(path: Path, take: Take, asked: Asked) -> Take:
     return replace(take, motions=tuple(motions))
 
 
-def _metadata(path: Path) -> dict[bytes, bytes] | None:
+def _parquet(path: Path) -> Take | dict[str, NDArray[Any]]:
+    """Return the columns of a table, or all of a wide one.
+
+    Columns and counts are in a file's last bytes: of one that is no such table nothing is read.
+    """
     from pyarrow import parquet
 
+    with _readable(path), parquet.ParquetFile(path) as file:
+        schema = file.schema_arrow
+        if is_wide(schema.metadata):
+            return read_wide(path, file, MAX_ROWS)
+        _check(path, schema.names, file.metadata.num_rows)
+        used = [column for column in schema if column.name in USED]
+        for column in used:
+            found = str(column.type)
+            if found.startswith(NUMBERS) is (column.name == "joint"):
+                raise InputError(column.name, found, "numbers, and text as joint", str(path))
+        names = [column.name for column in used]
+        return _columns(path, parquet.read_table(path, columns=names, read_dictionary=["joint"]))
+
+
+def _csv(path: Path) -> dict[str, NDArray[Any]]:
+    from pyarrow import csv
+
     with _readable(path):
-        found: dict[bytes, bytes] | None = parquet.read_schema(path).metadata
-        return found
-
-
-def _table(path: Path) -> Any:
-    from pyarrow import csv, parquet
-
-    with _readable(path):
-        return (csv.read_csv if path.suffix.lower() == ".csv" else parquet.read_table)(path)
+        _check(path, csv.open_csv(path).schema.names, 1)
+        return _columns(path, csv.read_csv(path))
 
 
 @contextmanager
@@ -208,28 +224,32 @@ def _readable(path: Path) -> Iterator[None]:
 
     try:
         yield
-    except (pyarrow.ArrowException, UnicodeDecodeError) as error:
+    except InputError:
+        raise
+    except (pyarrow.ArrowException, OSError, UnicodeDecodeError) as error:
         raise InputError(
             f"{path}: {str(error).splitlines()[0][:120]}, expected a table of poses"
         ) from None
 
 
-def _read(path: Path) -> dict[str, NDArray[Any]]:
-    import pyarrow
-
-    found = _table(path)
-    missing = [name for name in NEEDED if name not in found.column_names]
-    if missing or not {"time", "time_ns"} & set(found.column_names):
+def _check(path: Path, names: Sequence[str], num_rows: int) -> None:
+    """Raise `InputError` for a table without the columns of poses, or with too many rows."""
+    missing = [name for name in NEEDED if name not in names]
+    if missing or not {"time", "time_ns"} & set(names):
         raise InputError(
             f"{path}: found no column {', '.join(missing) or 'time'}, expected a table of replay "
             "--poses or export --what poses"
         )
-    if not 0 < found.num_rows <= MAX_ROWS:
-        raise InputError(f"{path}: found {found.num_rows} rows, expected 1 to {MAX_ROWS}")
-    columns = {name: found.column(name) for name in found.column_names}
-    wanted = (*NEEDED, "time", "time_ns", "score", "sigma", "measured", "run")
+    if not 0 < num_rows <= MAX_ROWS:
+        raise InputError(f"{path}: found {num_rows} rows, expected 1 to {MAX_ROWS}")
+
+
+def _columns(path: Path, found: Any) -> dict[str, NDArray[Any]]:
+    import pyarrow
+
+    _check(path, found.column_names, found.num_rows)
     try:
-        table = {name: columns[name].to_numpy() for name in wanted if name in columns}
+        table = {name: found.column(name).to_numpy() for name in USED & set(found.column_names)}
     except (pyarrow.ArrowException, ValueError) as error:
         raise InputError(f"{path}: {str(error)[:120]}, expected a table of poses") from None
     scores = table.get("score", np.ones(1))

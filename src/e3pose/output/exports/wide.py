@@ -85,11 +85,14 @@ def without_person(content: bytes, track: int) -> tuple[bytes, int]:
     import pyarrow
     from pyarrow import compute, parquet
 
-    table = parquet.read_table(pyarrow.BufferReader(content))
-    table = table.filter(compute.not_equal(table.column("track"), track))
-    made = pyarrow.BufferOutputStream()
-    parquet.write_table(table, made, row_group_size=ROWS_PER_GROUP, **_encoding(table.schema))
-    return made.getvalue().to_pybytes(), table.num_rows
+    made, rows = pyarrow.BufferOutputStream(), 0
+    file = parquet.ParquetFile(pyarrow.BufferReader(content))
+    with parquet.ParquetWriter(made, file.schema_arrow, **_encoding(file.schema_arrow)) as writer:
+        for batch in file.iter_batches(ROWS_PER_GROUP):
+            kept = batch.filter(compute.not_equal(batch.column("track"), track))
+            writer.write_batch(kept)
+            rows += kept.num_rows
+    return made.getvalue().to_pybytes(), rows
 
 
 def is_wide(metadata: Mapping[bytes, bytes] | None) -> bool:
@@ -97,22 +100,28 @@ def is_wide(metadata: Mapping[bytes, bytes] | None) -> bool:
     return KEY in (metadata or {})
 
 
-def read_wide(path: Path, table: Any) -> Take:
+def read_wide(path: Path, file: Any, most_joints: int) -> Take:
     """Return the take of a wide file.
 
     Args:
         path: of the file, for messages.
-        table: as pyarrow read it.
+        file: opened by pyarrow.
+        most_joints: that it may have in all its rows.
 
     Raises:
-        InputError: for metadata or columns that no export writes.
+        InputError: for metadata or columns that no export writes, and what has more, unread.
     """
-    about = _checked(path, table.schema.metadata[KEY])
+    schema, num_rows = file.schema_arrow, file.metadata.num_rows
+    about = _checked(path, schema.metadata[KEY])
     joints = tuple(about["joints"])
     wanted = [*FIRST_COLUMNS, *(f"{joint}_{part}" for joint in joints for part in PARTS)]
-    missing = [name for name in wanted if name not in table.column_names]
-    if missing or any(not str(table.schema.field(name).type).startswith("int") for name in wanted):
+    missing = [name for name in wanted if name not in schema.names]
+    if missing or any(not str(schema.field(name).type).startswith("int") for name in wanted):
         raise InputError(f"{path}: found no integer column {(missing or ['_x'])[0]}")
+    if num_rows * len(joints) > most_joints:
+        expected = f"at most {most_joints // len(joints)}"
+        raise InputError(f"{path}: found {num_rows} rows, expected {expected}")
+    table = file.read(wanted)
     slots, tracks, measured, filled = (
         table.column(name).fill_null(0).to_numpy().astype(np.int64) for name in FIRST_COLUMNS
     )
