@@ -336,7 +336,7 @@ class OpenCvSource:
 
 def _mark(rows: NDArray[np.uint8]) -> int:
     """Return a number of a picture by every fourth of its rows, which all have noise."""
-    return zlib.crc32(np.ascontiguousarray(rows[::4]))
+    return zlib.crc32(rows[::4].tobytes())
 
 
 def _pictures(frames: Iterator[Frame]) -> Iterator[tuple[float, Callable[[], Any]]]:

@@ -29,6 +29,7 @@ class StoredNames:
         kept_s: for how long a look serves.
         run: number of the run; None while the store does not have it.
         called: its tracks that have a name or a colour.
+        first_ns: when those who are there came, by track, nanoseconds since 1970.
     """
 
     place: str | Path | None = None
@@ -37,6 +38,7 @@ class StoredNames:
     kept_s: float = KEPT_S
     run: int | None = None
     called: Mapping[int, Called] = field(default_factory=dict)
+    first_ns: Mapping[int, int] = field(default_factory=dict)
     _due_s: float = 0.0
     _of_ns: int | None = 0
     _engines: dict[str, Engine] = field(default_factory=dict)
@@ -59,7 +61,9 @@ class StoredNames:
         before = self.run, self.called
         self._due_s, self._of_ns = self.now_s() + self.kept_s, run_ns
         try:
-            self.run, self.called = names_of(self.place, self.site, run_ns, self._engines)
+            self.run, self.called, self.first_ns = names_of(
+                self.place, self.site, run_ns, self._engines
+            )
         except InputError:  # no store yet, or one that cannot be read now
-            self.run, self.called = None, {}
+            self.run, self.called, self.first_ns = None, {}, {}
         return before != (self.run, self.called)

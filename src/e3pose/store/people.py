@@ -27,6 +27,7 @@ from e3pose.store.forgetting import Forgotten, changing
 from e3pose.store.query import Store, columns_of
 
 Track = tuple[int, int]  # run and track
+LATELY_NS = 60_000_000_000
 OF_PEOPLE = (schema.poses, schema.tracks, schema.events, schema.zones)  # tables with a track
 MAX_NAME = 100
 # In the order of the scene's palette, which draws a track without one by its number.
@@ -106,8 +107,8 @@ def names_of(
     site: str,
     started_ns: int | None,
     engines: dict[str, Engine] | None = None,
-) -> tuple[int | None, dict[int, Called]]:
-    """Return a run and its tracks that have a name or a colour.
+) -> tuple[int | None, dict[int, Called], dict[int, int]]:
+    """Return a run, its tracks that have a name or a colour, and since when somebody is there.
 
     Args:
         store: path or URL.
@@ -116,7 +117,8 @@ def names_of(
         engines: see `database.reading`.
 
     Returns:
-        The run's number, None where the store does not have it yet, and what tracks are called.
+        The run's number, None where the store does not have it yet, what tracks are called, and
+        when those that were there within `LATELY_NS` came, nanoseconds since 1970.
 
     Raises:
         InputError: when the store cannot be read.
@@ -129,12 +131,16 @@ def names_of(
             run = schema.run_id_of(connection, site, started_ns)
         columns = {column.name: column for column in columns_of(connection, schema.tracks)}
         name, colour = columns["name"], columns["colour"]
+        c = schema.tracks.c
+        newest = select(func.max(c.last_ns)).where(c.run_id == run).scalar_subquery()
+        lately = c.last_ns >= newest - LATELY_NS
         found = connection.execute(
-            select(schema.tracks.c.track_id, name, colour)
-            .where(schema.tracks.c.run_id == run)
-            .where(name.is_not(None) | colour.is_not(None))
-        )
-        return run, {row[0]: Called(row[1], row[2]) for row in found}
+            select(c.track_id, name, colour, c.first_ns, lately)
+            .where(c.run_id == run)
+            .where(name.is_not(None) | colour.is_not(None) | lately)
+        ).all()
+        called = {row[0]: Called(row[1], row[2]) for row in found if row[1] or row[2]}
+        return run, called, {row[0]: row[3] for row in found if row[4]}
 
 
 def tracks_of(

@@ -6,6 +6,7 @@ import asyncio
 import json
 import threading
 from contextlib import AsyncExitStack
+from dataclasses import replace
 from typing import Any
 
 import msgspec
@@ -13,12 +14,15 @@ import numpy as np
 import pytest
 from tests.cases import each_case
 from tests.memory_transport import Hub
-from tests.site.web.watched import FPS, Watched, poses, status
+from tests.site.web.watched import FPS, STARTED_NS, Watched, poses, status
 from tests.waiting import eventually
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection
 from websockets.sync.client import connect as connect_socket
 
+from e3pose.events.watch import begin_watch
+from e3pose.model.skeleton import COCO17
+from e3pose.settings.events_table import EventsTable
 from e3pose.settings.site_file import ZoneTable
 from e3pose.site.web.feed import (
     MAX_FOLLOWERS,
@@ -215,6 +219,43 @@ def test_what_is_read_slowly_brings_no_older_status_after_a_newer(
         return [event.body["slot"] for event in told if event.kind == "status"]
 
     assert asyncio.run(follow()) == ([3, 4, 4] if slowly == "names" else [3, 3, 4])
+
+
+def test_who_was_there_before_the_page_is_in_view_since_the_store_says(watched: Watched) -> None:
+    """The list, the line of time and the dialog of a person say one time, the store's."""
+    with socket(watched) as following:
+        numbers = iter(range(300, 400))
+
+        def since() -> int:
+            watched.publish(next(numbers))
+            while (event := json.loads(following.recv(10)))["type"] != "slot":
+                pass
+            return int(event["people"][0]["since_ns"])
+
+        assert eventually(lambda: since() == STARTED_NS), "track 10 is stored from slot 0 on"
+    with watched.client() as client:
+        rows = client.get("/api/tracks", params={"start": STARTED_NS, "end": 2**62}).json()["rows"]
+    assert {row["first_ns"] for row in rows} == {STARTED_NS}
+
+
+def test_without_a_store_somebody_is_there_since_the_first_slot_not_the_first_look() -> None:
+    async def follow() -> dict[str, Any]:
+        feed, hub = Feed("lab", doing=begin_watch(EventsTable(), COCO17.joints)), Hub()
+        assert feed.doing is not None
+        feed.doing = replace(feed.doing, rules={}, memories={})  # of a site without events
+        feed.listen(hub.join())
+        feed.attach(asyncio.get_running_loop())
+        for slot in (3, 4):
+            hub.join().publish("e3pose/lab/poses", encode(poses(slot)))
+        async with feed.follow("10.0.0.1") as queue:
+            for slot in (300, 301):
+                hub.join().publish("e3pose/lab/poses", encode(poses(slot)))
+            await asyncio.sleep(0)
+            told = [queue.get_nowait() for _ in range(queue.qsize())]
+        return [event.body for event in told if event.kind == "slot"][-1]
+
+    person = asyncio.run(follow())["people"][0]
+    assert person["state"] is not None and person["since_ns"] == poses(3).time_edge_ns
 
 
 def test_so_many_and_no_more_follow() -> None:

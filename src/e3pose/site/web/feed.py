@@ -65,6 +65,8 @@ class Feed:
         delayed: the newest one that was smoothed; None before the first.
         recent: the newest slots by number, for pictures and smoothed poses, which come later.
         doing: who does what, by the poses at once; None where nobody follows it.
+        since_ns: since when the people of the newest slot are there, by track: as the store says,
+            and before it does, since the first slot that came here.
         told: the newest events of people, oldest first.
         around: looks at the site's disk and certificates.
         names: what people in sight are called.
@@ -81,6 +83,7 @@ class Feed:
     delayed_zones: Zones = field(default_factory=lambda: Zones(()))
     recent: dict[int, LiveSlot] = field(default_factory=dict)
     doing: Watch | None = None
+    since_ns: dict[int, int] = field(default_factory=dict)
     told: deque[PersonEvent] = field(default_factory=lambda: deque(maxlen=MAX_TOLD))
     around: Surroundings = field(default_factory=Surroundings)
     names: StoredNames = field(default_factory=StoredNames)
@@ -182,7 +185,7 @@ class Feed:
             queue.put_nowait(self._status_event(self.status))
         slot, zones = (self.delayed, self.delayed_zones) if delayed else (self.slot, self.zones)
         if slot is not None:
-            queue.put_nowait(event_of_slot(slot, zones, self.doing))
+            queue.put_nowait(event_of_slot(slot, zones, self.doing, self.since_ns))
         if self.told:
             queue.put_nowait(event_of_told(list(self.told)))
         self._queues[queue] = Place(address, delayed)
@@ -207,6 +210,11 @@ class Feed:
         if self._wanted is not None:
             self.zones, self._wanted = Zones(self._wanted), None
         self.zones, events = advance(self.zones, self.slot)
+        now_ns, stored_ns = self.slot.time_ns, self.names.first_ns
+        self.since_ns = {
+            track: min(self.since_ns.get(track, now_ns), stored_ns.get(track, now_ns))
+            for track in self.slot.people.track_ids.tolist()
+        }
         self._follow_people(self.slot)
         self._tell(self.slot, self.zones, events, delayed=False)
 
@@ -254,7 +262,7 @@ class Feed:
         self, slot: LiveSlot, zones: Zones, events: Sequence[ZoneEvent], delayed: bool
     ) -> None:
         if any(place.delayed == delayed for place in list(self._queues.values())):
-            self._hand_on(event_of_slot(slot, zones, self.doing), delayed)
+            self._hand_on(event_of_slot(slot, zones, self.doing, self.since_ns), delayed)
             for event in events:
                 self._hand_on(Encoded("zone", zone_words(event)), delayed)
 

@@ -17,6 +17,7 @@ from e3pose.settings.resolved import ResolvedSite
 from e3pose.site.connect import LiveSlot
 from e3pose.site.zones import Zones
 
+NOBODY: Mapping[int, int] = {}
 UNSURE_M = 0.06  # definition: a joint with a larger sigma is shown as uncertain
 POSTURE = (
     "state", "probability", "speed_mps", "hips_m", "trunk_deg", "arms_raised", "since_ns"
@@ -40,19 +41,25 @@ def page_watch(site: ResolvedSite) -> Watch:
     return replace(watch, rules={}, memories={})
 
 
-def doing(slot: LiveSlot, watch: Watch | None, zones: Zones) -> list[dict[str, Any]]:
+def doing(
+    slot: LiveSlot, watch: Watch | None, zones: Zones, since_ns: Mapping[int, int] = NOBODY
+) -> list[dict[str, Any]]:
     """Return the state of each person of a slot, in the slot's order.
 
     Args:
         slot: with its people.
         watch: after the slot, or one just before it; None where nobody follows people.
         zones: after the slot.
+        since_ns: by track, since when somebody is there; the watch may know it better of one whose
+            number changed, and later of one who was there before it began.
     """
-    unsure = unsure_parts(slot)
-    return [
-        {**posture(track, watch), "zones": _stays(track, zones), "unsure": unsure[row]}
-        for row, track in enumerate(slot.people.track_ids.tolist())
-    ]
+    unsure, found = unsure_parts(slot), list[dict[str, Any]]()
+    for row, track in enumerate(slot.people.track_ids.tolist()):
+        does = posture(track, watch)
+        known = [ns for ns in (does["since_ns"], since_ns.get(track)) if ns is not None]
+        does |= {"since_ns": min(known, default=None), "zones": _stays(track, zones)}
+        found.append({**does, "unsure": unsure[row]})
+    return found
 
 
 def unsure_parts(slot: LiveSlot) -> list[list[str]]:

@@ -20,7 +20,7 @@ from e3pose.model.people import People
 from e3pose.model.person_event import PersonEvent
 from e3pose.site.connect import LiveSlot
 from e3pose.site.web.notices import Notice
-from e3pose.site.web.postures import doing, told
+from e3pose.site.web.postures import NOBODY, doing, told
 from e3pose.site.zones import Zones
 from e3pose.wire.messages import fields
 from e3pose.wire.site_messages import CameraStatus, Status
@@ -114,13 +114,16 @@ class Encoded:
         return b"event: " + self.kind.encode() + b"\ndata: " + self.json + b"\n\n"
 
 
-def event_of_slot(slot: LiveSlot, zones: Zones, watch: Watch | None = None) -> Encoded:
+def event_of_slot(
+    slot: LiveSlot, zones: Zones, watch: Watch | None = None, since_ns: Mapping[int, int] = NOBODY
+) -> Encoded:
     """Return the event of a slot that was published, with the people in each zone.
 
     Args:
         slot: which.
         zones: who is in which.
         watch: who does what; None where nobody follows it.
+        since_ns: see `doing`.
     """
     found = people(slot.people)
     body = {
@@ -137,7 +140,7 @@ def event_of_slot(slot: LiveSlot, zones: Zones, watch: Watch | None = None) -> E
         "delay_ms": slot.delay_ms,
         "people": [
             {**person, **does}
-            for person, does in zip(found, doing(slot, watch, zones), strict=True)
+            for person, does in zip(found, doing(slot, watch, zones, since_ns), strict=True)
         ],
         "zones": zones.counts(),
     }
