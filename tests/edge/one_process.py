@@ -105,14 +105,14 @@ class Site:
 
 
 @cache
-def _scene() -> Recording:
+def scene() -> Recording:
     scene = SceneSettings("ring", people=2, seconds=4.0, fps=20, cameras=3)
     return simulate(scene, seed=4)
 
 
 def started(folder: Path, **options: Any) -> Site:
     """Return a site of which nothing runs yet, and somebody who follows it."""
-    made = Site(_scene(), folder, **options)
+    made = Site(scene(), folder, **options)
     viewer = made.hub.join()
     viewer.subscribe("e3pose/lab/poses", lambda t, p: made.poses.append(decode(p, Poses, "edge")))
     viewer.subscribe(

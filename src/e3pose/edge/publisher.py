@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,9 +18,21 @@ from e3pose.pipeline import SlotRecord
 from e3pose.settings.edge import EdgeSettings
 from e3pose.wire import topics
 from e3pose.wire.codec import encode
+from e3pose.wire.site_messages import Poses
 
 if TYPE_CHECKING:
     from e3pose.store.writer import WriterStatus
+
+MOST_WAITING = 250  # messages that wait to be stored: 10 s at 25 slots per second
+
+
+class Waiting(NamedTuple):
+    """A message that waits until its slot is stored."""
+
+    slot: int
+    topic: str
+    message: Callable[[WriterStatus | None], Poses]
+    last_ns: int | None  # when the last view of its slot arrived
 
 
 class Publisher:
@@ -53,6 +65,9 @@ class Publisher:
         self._times_ns: dict[int, int] = {}  # of the slots that wait
         self._last_in_ns: dict[int, int] = {}  # slot to arrival of its last view, until published
         self._posterior: Posterior | None = None  # of the newest slot
+        self._waits = settings.publish_stored
+        self._waiting: list[Waiting] = []
+        self._stored: WriterStatus | None = None
 
     def publish(
         self,
@@ -76,20 +91,41 @@ class Publisher:
             stored: how the store is doing; None without one.
         """
         self._posterior = estimate.posterior
-        self._last_in_ns = {slot: max(*came_ns.values(), time_ns)} if came_ns else {}
-        now_ns = self._clock.now_ns()
-        message = poses_message(
-            slot,
-            estimate.people,
-            self._joints,
-            time_ns,
-            now_ns,
-            self._camera_ids[selected].tolist(),
-            self._camera_ids[sorted(came_ns)].tolist(),
-            blind,
-            stored,
-        )
-        self._queue.put(self._topic, encode(message), slot)
+        if not self._waits or len(self._last_in_ns) > MOST_WAITING:
+            self._last_in_ns.clear()
+        last_ns = max(*came_ns.values(), time_ns) if came_ns else None
+        chosen, came = self._camera_ids[selected].tolist(), self._camera_ids[sorted(came_ns)]
+
+        def message(stored: WriterStatus | None) -> Poses:
+            now_ns = self._clock.now_ns()
+            return poses_message(
+                slot,
+                estimate.people,
+                self._joints,
+                time_ns,
+                now_ns,
+                chosen,
+                came.tolist(),
+                blind,
+                stored,
+            )
+
+        self._put(Waiting(slot, self._topic, message, last_ns), stored)
+
+    def _put(self, made: Waiting, stored: WriterStatus | None) -> None:
+        """Queue a message, or those whose slots are stored by now."""
+        ready = [made]
+        if self._waits:
+            lost = stored is None or self._stored is None or stored.shed > self._stored.shed
+            known = [] if lost else self._waiting  # which of them were given up, nobody knows
+            waiting = [*known, made][-MOST_WAITING:]
+            newest = -1 if stored is None else stored.acknowledged_slot
+            ready = [each for each in waiting if each.slot <= newest]
+            self._waiting, self._stored = [each for each in waiting if each.slot > newest], stored
+        for each in ready:
+            if each.last_ns is not None:
+                self._last_in_ns[each.slot] = each.last_ns
+            self._queue.put(each.topic, encode(each.message(stored)), each.slot)
 
     def warm_up(self) -> None:
         """Compile the kernels of delayed poses."""
@@ -114,11 +150,15 @@ class Publisher:
         self._times_ns[record.slot] = time_ns
         late = self._delayed.push(record, self._posterior)
         if late is not None:
-            then_ns, now_ns = self._times_ns.pop(late.slot), self._clock.now_ns()
-            message = poses_message(
-                late.slot, late.people, self._joints, then_ns, now_ns, delay_s=self._delay_s
-            )
-            self._queue.put(self._delayed_topic, encode(message), late.slot)
+            then_ns, people = self._times_ns.pop(late.slot), late.people
+
+            def message(_: WriterStatus | None) -> Poses:
+                now_ns = self._clock.now_ns()
+                return poses_message(
+                    late.slot, people, self._joints, then_ns, now_ns, delay_s=self._delay_s
+                )
+
+            self._put(Waiting(late.slot, self._delayed_topic, message, None), self._stored)
         return self._clock.now_ns() - begun_ns
 
     def latency_ns(self, topic: str, slot: int) -> int | None:

@@ -20,6 +20,7 @@ class EdgeSettings:
         adaptive_lead: whether the lead follows the delays; otherwise it stays.
         start_wait_s: how long to wait for the rest once two cameras are there.
         pace: seconds of the scene that pass in a second; below 1 recordings are played slower.
+        publish_stored: whether poses are published once they are stored, not at once.
         wakes_s: `(num_cameras,)` configured wake-up times; empty where none are.
         smooth_delay_s: how much later poses are published a second time, smoothed; 0 for never.
     """
@@ -32,4 +33,5 @@ class EdgeSettings:
     start_wait_s: float = 3.0
     pace: float = 1.0
     smooth_delay_s: float = 0.0
+    publish_stored: bool = False
     wakes_s: Sequence[float] = ()

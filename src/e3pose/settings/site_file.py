@@ -84,6 +84,7 @@ class StoreTable:
         max_bytes: the most to keep, such as `20GB`; of a file only.
         spool_bytes: room for what the database cannot take, such as `200MB`.
         outbox_s: how many minutes of summaries to keep, such as `60d`.
+        publish: when poses are published: `at-once`, or once they are `stored`.
     """
 
     place: Path | str = entry(key="path", read=read_place, write='"poses.db"')
@@ -91,6 +92,7 @@ class StoreTable:
     max_bytes: int | None = entry(None, key="max_size", read=size_bytes)
     spool_bytes: int = entry(32_000_000, key="spool", read=size_bytes)
     outbox_s: float = entry(60 * 86400.0, key="outbox", read=age_s, write='"60d"')
+    publish: Literal["at-once", "stored"] = "at-once"
 
     def __post_init__(self) -> None:
         check_within("spool", self.spool_bytes, 1e6, 1e9)

@@ -282,6 +282,7 @@ def make_edge(
         adaptive_lead=site.file.lead == "adaptive",
         pace=site.file.pace,
         smooth_delay_s=site.file.smooth_delay_ms / 1e3,
+        publish_stored=site.file.store is not None and site.file.store.publish == "stored",
         wakes_s=[camera.wake_s for camera in site.cameras.values()],
     )
     watch = DisplacementWatch(site.rig)
@@ -305,6 +306,7 @@ def open_store(
     if site.file.store is None:
         return None
     from e3pose.store import Retention, StoreWriter, WriterSettings
+    from e3pose.store.writer import COMMIT_S, COMMIT_SOON_S
 
     run = Run(
         site=site.file.name,
@@ -317,6 +319,7 @@ def open_store(
         software=f"e3pose {__version__}",
     )
     keeping = WriterSettings(
+        commit_s=COMMIT_S if site.file.store.publish == "at-once" else COMMIT_SOON_S,
         retention=Retention(site.file.store.keep_s, site.file.store.max_bytes),
         spool_bytes=site.file.store.spool_bytes,
         spool_beside=site.file.folder / site.file.name,

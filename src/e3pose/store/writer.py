@@ -38,6 +38,9 @@ from e3pose.store.saver import NO_SLOT, Saver
 from e3pose.store.spool import DEFAULT_BYTES
 from e3pose.store.summaries import Minutes
 
+COMMIT_S = 0.5  # with the commit itself well within the second that is promised
+COMMIT_SOON_S = 0.1  # where poses are published once they are stored
+
 
 @dataclass(frozen=True, slots=True)
 class WriterSettings:
@@ -56,7 +59,7 @@ class WriterSettings:
         summaries: minutes kept in the outbox, the newest; 0 for none.
     """
 
-    commit_s: float = 0.5  # with the commit itself well within the second that is promised
+    commit_s: float = COMMIT_S
     commit_slots: int = 256
     queue_slots: int = 2000
     spool_bytes: int = DEFAULT_BYTES

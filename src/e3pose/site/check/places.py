@@ -7,14 +7,16 @@ import shutil
 import stat
 from collections.abc import Iterator
 from contextlib import suppress
+from math import ceil
 from pathlib import Path
 
 from e3pose.base.errors import InputError
 from e3pose.base.quantities import plural
-from e3pose.settings.site_file import SiteTable
+from e3pose.settings.site_file import SiteTable, StoreTable
 from e3pose.site.check.finding import Finding, ok, problem, warning
 
 FREE_BYTES = 10**9
+COMMIT_MOST_S = 0.65  # from a slot to its commit, with the commit before it at work
 STORE_CHECK_S = 5.0  # at its database
 
 
@@ -36,8 +38,22 @@ def place_problems(site: SiteTable) -> Iterator[Finding]:
             if file.stat().st_mode & stat.S_IROTH:
                 found = f"readable by every user of this machine: {file}"
                 yield warning(what, found, f"chmod o-rwx {file}*")
+    if site.store is not None:
+        yield kill_cost(site.store, site.fps * site.pace)
     if store is None:
         yield warning("store", "no [store]: poses are not stored", "[store] path = 'poses.db'")
+
+
+def kill_cost(store: StoreTable, slots_per_s: float) -> Finding:
+    """Return how many published slots a kill of the edge may take from its store."""
+    if store.publish == "stored":
+        return ok("store", "poses are published once they are stored: a kill costs none")
+    slots = ceil(slots_per_s * COMMIT_MOST_S)
+    return ok(
+        "store",
+        f"after a kill or a power failure up to {plural(slots, 'published slot')} may be missing",
+        'publish = "stored" under [store] publishes none before it is stored',
+    )
 
 
 def store_problems(site: SiteTable) -> Iterator[Finding]:

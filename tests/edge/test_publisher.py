@@ -1,0 +1,97 @@
+"""Poses that are published once they are stored: none is published before, or without."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Iterator
+from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.edge.one_process import scene
+from tests.manual_clock import ManualClock
+from tests.waiting import eventually
+
+from e3pose.edge.publisher import MOST_WAITING, Publisher
+from e3pose.edge.send_queue import SendQueue
+from e3pose.estimate.base import Estimate
+from e3pose.evaluate.replay import replay
+from e3pose.pipeline import SlotRecord
+from e3pose.settings.edge import EdgeSettings
+from e3pose.settings.loop import ReplaySettings
+from e3pose.store import Run, StoreWriter, WriterSettings
+from e3pose.store.writer import WriterStatus
+
+Computed = list[tuple[SlotRecord, Estimate]]
+FINE = WriterStatus(-1, 0, 0, 0, None)
+
+
+@pytest.fixture(scope="module")
+def computed() -> Computed:
+    estimates: list[Estimate] = []
+    settings = ReplaySettings(policy="round-robin", num_selected=2)
+    records = list(replay(scene(), settings, publish=estimates.append))
+    return list(zip(records, estimates, strict=True))
+
+
+class Edge:
+    """What an edge does with computed slots, and what it sent."""
+
+    def __init__(self, delay_s: float = 0.0) -> None:
+        joints = scene().skeleton.joints
+        settings = EdgeSettings("lab", joints, 0.1, (), publish_stored=True, smooth_delay_s=delay_s)
+        self.queue, rig = SendQueue(), scene().rig
+        self._publisher = Publisher(settings, rig, scene().interval_s, self.queue, ManualClock())
+        self._nobody = np.zeros(len(rig), dtype=bool)
+
+    def slot(self, record: SlotRecord, estimate: Estimate, stored: WriterStatus) -> None:
+        self._publisher.publish(record.slot, 0, estimate, {}, self._nobody, stored=stored)
+        self._publisher.publish_delayed(record, 0, busy=False)
+
+    def sent(self) -> Iterator[tuple[str, int]]:
+        found = list[tuple[str, int]]()
+        self.queue.send_waiting(lambda topic, _, slot: found.append((topic.split("/")[-1], slot)))
+        yield from found
+
+
+def test_every_slot_that_is_sent_is_in_the_database(tmp_path: Path, computed: Computed) -> None:
+    path, edge, sent = tmp_path / "live.db", Edge(delay_s=0.2), list[tuple[str, int]]()
+    recording = scene()
+    run = Run("lab", "lab", 1, recording.interval_s, "coco17", recording.skeleton.joints,
+              recording.rig.camera_ids)  # fmt: skip
+    with StoreWriter(path, run, WriterSettings(commit_s=0.01)) as writer:
+        for record, estimate in computed:
+            edge.slot(record, estimate, writer.status())
+            assert writer.append(record)
+            for topic, slot in edge.sent():
+                sent.append((topic, slot))
+                with closing(sqlite3.connect(path)) as reader:
+                    assert reader.execute(f"SELECT 1 FROM slots WHERE slot = {slot}").fetchone()
+        last, estimate = computed[-1]
+        assert eventually(lambda: writer.status().acknowledged_slot == last.slot)
+        edge.slot(replace(last, slot=last.slot + 1), estimate, writer.status())
+        sent += edge.sent()
+    slots = [slot for topic, slot in sent if topic == "poses"]
+    assert slots == [record.slot for record, _ in computed]  # each once, in order
+    assert len(sent) - len(slots) > len(computed) // 2  # the smoothed ones, too
+
+
+def test_slots_wait_for_a_store_in_trouble_and_the_oldest_are_given_up(computed: Computed) -> None:
+    edge, (record, estimate) = Edge(), computed[0]
+    for slot in range(MOST_WAITING + 50):
+        edge.slot(replace(record, slot=slot), estimate, replace(FINE, problem="full"))
+        assert not list(edge.sent())
+    edge.slot(replace(record, slot=999), estimate, replace(FINE, acknowledged_slot=998))
+    assert len(list(edge.sent())) == MOST_WAITING - 1
+
+
+def test_nothing_is_sent_that_the_store_may_have_given_up(computed: Computed) -> None:
+    edge, (record, estimate) = Edge(), computed[0]
+    for slot in range(3):
+        edge.slot(replace(record, slot=slot), estimate, FINE)
+    edge.slot(replace(record, slot=3), estimate, replace(FINE, acknowledged_slot=2, shed=1))
+    assert not list(edge.sent())
+    edge.slot(replace(record, slot=4), estimate, replace(FINE, acknowledged_slot=3, shed=1))
+    assert list(edge.sent()) == [("poses", 3)]
