@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime
 import os
+import re
 import socket
 import sqlite3
 from collections.abc import Iterable
@@ -276,7 +277,7 @@ def found(folder: Path) -> dict[str, str]:
     """Return the level of what is found, by its name; the worst of each."""
     worst: dict[str, str] = {}
     site = write_site(folder, '[store]\npath = "live.db"\n')
-    for finding in (*place_problems(site), *store_problems(site)):
+    for finding in wrong((*place_problems(site), *store_problems(site))):
         if worst.get(finding.what) != "problem":
             worst[finding.what] = finding.level
     return worst
@@ -317,6 +318,19 @@ def test_files_that_everybody_may_read_are_reported(tmp_path: Path) -> None:
     (tmp_path / "live.db").chmod(0o644)
     (tmp_path / "state.npz").chmod(0o640)
     assert found(tmp_path) == {"store": "warning"}
+
+
+def test_what_a_kill_may_take_from_the_store_is_stated(tmp_path: Path) -> None:
+    def said(publish: str) -> list[str]:
+        site = write_site(tmp_path, f'[store]\npath = "live.db"\npublish = "{publish}"\n')
+        return [finding.line for finding in place_problems(site) if finding.level == "ok"]
+
+    (line,) = said("at-once")
+    assert (
+        re.search(r"up to \d+ published slots may be missing", line)
+        and 'publish = "stored"' in line
+    )
+    assert said("stored") == ["store: poses are published once they are stored: a kill costs none"]
 
 
 def test_place_that_is_no_folder_and_a_site_that_keeps_nothing_are_reported(tmp_path: Path) -> None:
