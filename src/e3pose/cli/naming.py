@@ -18,6 +18,7 @@ from e3pose.store.exported import FORMS, forget_rows
 from e3pose.store.times import iso_text
 
 if TYPE_CHECKING:
+    from e3pose.settings.resolved import ResolvedSite
     from e3pose.store.people import Track
 
 people_app = App(name="people", help="List, name, colour, merge and forget people of a store.")
@@ -139,6 +140,10 @@ def forget(
     The files are written anew, so that nothing is left in their bytes. It works while the site
     runs, which keeps its slots in a spool meanwhile; somebody who is still there is stored again.
 
+    With a site as STORE, its other files as well: the state that the edge resumes from, poses that
+    it learns from, and files that the page made. Recordings, in which nobody can be deleted, are
+    named; exit code 1 while anything is left.
+
     Parameters
     ----------
     also
@@ -146,6 +151,7 @@ def forget(
         .parquet), to forget the person in.
     """
     from e3pose.output.archive.deleting import delete_everywhere
+    from e3pose.site.traces import forget_beside
     from e3pose.store.people import people_of, requests_of, write_anew
 
     place, tracks = _found(store, person, run)
@@ -159,6 +165,15 @@ def forget(
             print(f"{path}: {plural(forget_rows(path, tracks), 'row')} deleted")
     print(f"Forgets {_shown(tracks)}")
     left = False
+    site = _site_of(store)
+    if site is not None:
+        span_ns = (
+            min((person.first_ns for person in there), default=time.time_ns()),
+            max((person.last_ns for person in there), default=0),
+        )
+        for trace in forget_beside(site, asked, span_ns):
+            print(f"{trace.place}: {trace.said}")
+            left |= trace.left
     stores = [str(path) for path in also or () if path.suffix.lower() not in FORMS]
     for where in (*stores, place):
         for one in (one for what in asked for one in delete_everywhere(where, what)):
@@ -168,7 +183,9 @@ def forget(
     if any(time.time() - person.last_ns / 1e9 < THERE_S for person in there):
         warn("the person was there until now: forget again when they are gone")
     if left:
-        print("not everywhere: run e3pose archive to the places that remain, then this again")
+        print(
+            "not everywhere: see to the places that remain (archives: e3pose archive), then again"
+        )
         raise SystemExit(Exit.NO)
 
 
@@ -179,6 +196,15 @@ def _found(store: str, person: str, run: int | None) -> tuple[str, tuple[Track, 
     check_numbers({"--run": (run,), "PERSON": (int(person),) if person.isdecimal() else ()})
     place, site = store_of(store, None)
     return place, tracks_of(place, person, site, run)
+
+
+def _site_of(store: str) -> ResolvedSite | None:
+    """Return the site that was named; None for a store alone."""
+    if store_of(store, None)[1] is None:
+        return None
+    from e3pose.settings.resolved import resolve_site
+
+    return resolve_site(Path(store))
 
 
 def _shown(tracks: Sequence[Track]) -> str:

@@ -142,6 +142,24 @@ def load_checkpoint(path: Path, pipeline: Pipeline) -> Checkpoint:
     return Checkpoint(state, origin, lead, made, run)
 
 
+def forget_people(path: Path, pipeline: Pipeline) -> None:
+    """Take everybody out of a checkpoint: those it follows, and those who left.
+
+    What the loop learned of cameras and places stays.
+
+    Raises:
+        InputError: as `load_checkpoint`.
+    """
+    found = load_checkpoint(path, pipeline)
+    pattern = initial_state(replace(pipeline, lead_slots=found.lead_slots))
+    nobody = flatten(pattern)
+    kept = {  # axes that are empty at first are those of people
+        name: nobody[name] if nobody[name].size == 0 else array
+        for name, array in flatten(found.state).items()
+    }
+    save_checkpoint(path, replace(found, state=rebuild(pattern, kept, str(path))), pipeline)
+
+
 def flatten(value: Any, name: str = "state") -> Arrays:
     """Return the arrays and numbers of nested records, by the names of their fields."""
     if is_dataclass(value):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -98,17 +98,7 @@ class Ring:
     def write(self, chunk: Chunk) -> Path:
         """Write a file, and drop the oldest ones beyond the bound."""
         path = self.folder / f"{self.next:08d}.npz"
-        with atomic_file(path, private=True) as temporary, temporary.open("wb") as file:
-            np.savez(
-                file,
-                version=np.array([FORMAT_VERSION]),
-                run=np.array([chunk.run]),
-                joints=np.array(self.skeleton.joints),
-                slots=chunk.slots,
-                track_ids=chunk.people.track_ids,
-                joints_m=chunk.people.joints_m,
-                scores=chunk.people.scores,
-            )
+        _write(path, chunk, self.skeleton.joints)
         self.next += 1
         self.prune()
         return path
@@ -120,6 +110,50 @@ class Ring:
             total += path.stat().st_size
             if total > self.max_bytes:
                 path.unlink(missing_ok=True)
+
+
+def _write(path: Path, chunk: Chunk, joints: Sequence[str]) -> None:
+    with atomic_file(path, private=True) as temporary, temporary.open("wb") as file:
+        np.savez(
+            file,
+            version=np.array([FORMAT_VERSION]),
+            run=np.array([chunk.run]),
+            joints=np.array(joints),
+            slots=chunk.slots,
+            track_ids=chunk.people.track_ids,
+            joints_m=chunk.people.joints_m,
+            scores=chunk.people.scores,
+        )
+
+
+def forget_poses(
+    path: Path, joints: Sequence[str], track_ids: Collection[int], span_ns: tuple[int, int]
+) -> int:
+    """Delete the poses of a person from a file; return how many there were.
+
+    A file that cannot be read, of which nothing is learned either, goes as a whole.
+
+    Args:
+        path: the file.
+        joints: of the site.
+        track_ids: of the person, who was there in `span_ns` (first, last) alone.
+        span_ns: nanoseconds since 1970.
+    """
+    try:
+        chunk = load_chunk(path, joints)
+    except InputError:
+        path.unlink(missing_ok=True)
+        return 0
+    if chunk.run > span_ns[1] or path.stat().st_mtime_ns < span_ns[0]:
+        return 0
+    kept = ~np.isin(chunk.people.track_ids, list(track_ids))
+    if not kept.any():
+        path.unlink(missing_ok=True)
+    elif not kept.all():
+        people = chunk.people
+        left = People(people.track_ids[kept], people.joints_m[kept], people.scores[kept])
+        _write(path, Chunk(chunk.run, chunk.slots[kept], left), joints)
+    return int((~kept).sum())
 
 
 def load_chunk(path: Path, joints: Sequence[str]) -> Chunk:

@@ -33,6 +33,7 @@ MOST_JOBS = 50
 MOST_WAITING = 10
 LEAST_FREE = 300_000_000  # bytes that a disk keeps, for the store
 LOOK_S = 0.5  # between two looks at the size of what is being made
+FILES = "view-files"  # folder beside the site file, of what the page made
 NUMBER = re.compile(r"[0-9a-f]{16}")
 JOB = "job.json"
 MAX_JOB_BYTES = 65_536
@@ -169,7 +170,7 @@ class Jobs:
             except OSError as error:
                 raise InputError(f"no folder for files: {_reason(error)}") from None
             self._stack.enter_context(hold(self.folder / "jobs"))
-            for job in _jobs_in(self.folder):
+            for job in jobs_in(self.folder):
                 self._jobs[job.number] = job
                 if job.state in ("waiting", "working"):
                     with suppress(OSError, InputError):
@@ -299,7 +300,7 @@ class Jobs:
         )
 
 
-def _jobs_in(folder: Path) -> Iterator[Job]:
+def jobs_in(folder: Path) -> Iterator[Job]:
     """Yield the jobs of earlier programs; other folders are left alone."""
     for path in sorted(folder.glob(f"*/{JOB}")):
         if not NUMBER.fullmatch(path.parent.name) or path.parent.is_symlink():

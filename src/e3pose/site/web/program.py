@@ -19,7 +19,7 @@ from e3pose.output.report.scene import FRUSTUM_SHARE, bounds, frustum, millimetr
 from e3pose.settings.resolved import ResolvedSite
 from e3pose.settings.site_file import DEFAULT_LISTEN, SiteTable, load_site
 from e3pose.site.follow import ANY_HOST, LOCAL_OPERATOR, operator_of, viewer_link
-from e3pose.site.keep.jobs import Jobs
+from e3pose.site.keep.jobs import FILES, Jobs
 from e3pose.site.trial_notices import send_test
 from e3pose.site.up import Program, view_command
 from e3pose.site.web.access import Rules
@@ -44,7 +44,6 @@ ASK_S = 3.0  # for the edge to answer
 PICTURE_S = 1.0  # for a camera to answer
 NAMES_S = 5.0  # between two looks at names that others may have changed
 PORTS_TRIED = 20  # after the default one
-FILES = "view-files"  # folder beside the site file, of what the page made
 
 
 @dataclass(frozen=True, slots=True)
