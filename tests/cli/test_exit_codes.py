@@ -169,7 +169,7 @@ def test_up_ends_with_the_code_of_what_its_programs_do(
     of_children(monkeypatch, child(tmp_path, "edge", Exit.FAULT))
     assert run(*site) == Exit.GAVE_UP
     said, times = capsys.readouterr().err, up.MOST_RESTARTS + 1
-    assert f"edge: last words (ended {times} times, the last with code 3)" in said
+    assert f"edge: last words (ended {times} times, the last with code 4)" in said
     monkeypatch.setattr(up, "STEADY_S", 0.1)  # one that worked is never given up
     works = child(tmp_path, "edge", Exit.REFUSED, ran_s=0.3)
     of_children(monkeypatch, works)

@@ -4,18 +4,26 @@ from __future__ import annotations
 
 import csv
 import json
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from tests.calibrate.people_scenes import walk
 from tests.cases import each_case
 from tests.cli.commands import refused, run
 from tests.cli.one_person import one_person
 
+from e3pose.base.errors import Exit
+from e3pose.calibrate.people_3d import doubt_people
+from e3pose.model.camera import Camera, Rig
+from e3pose.model.noises import load_noise
 from e3pose.model.skeleton import COCO17
-from e3pose.recording import save_recording
+from e3pose.recording import Recording, save_recording
 
 NUM_SLOTS = 25
+UPRIGHT = np.eye(3)
 COLUMNS = ["slot", "time", "track", "joint", "x", "y", "z", "score", "measured", "sigma"]
 
 
@@ -127,3 +135,40 @@ def test_wrong_option_is_one_line_and_nothing_is_written(
 def test_missing_recording_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run("replay", str(tmp_path / "nothing")) == 2
     assert "nothing" in capsys.readouterr().err
+
+
+def moved(recording: Recording, R: Any = UPRIGHT, scale: float = 1.0, shrink: int = 1) -> Recording:
+    """Return a recording with a calibration in other axes, units or pixels, and no truth."""
+    smaller = np.diag([1 / shrink, 1 / shrink, 1.0])
+    cameras = tuple(
+        Camera.from_world_to_camera(
+            c.camera_id, (c.image_size[0] // shrink, c.image_size[1] // shrink), smaller @ c.K,
+            c.R @ np.asarray(R).T, scale * c.t,
+        )
+        for c in recording.rig.cameras
+    )  # fmt: skip
+    return replace(recording, rig=Rig(cameras), truth=None)
+
+
+def test_nobody_found_is_a_result_with_a_reason(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    walking = walk(3, seconds=4.0, fps=12.0)
+    for name, recording, words in (
+        ("units", moved(walking, scale=10.0), "m tall: are the calibration's lengths metres"),
+        ("pixels", moved(walking, shrink=4), "keypoints lie outside the"),
+    ):
+        save_recording(recording, tmp_path / name)
+        poses = tmp_path / f"{name}.csv"
+        assert run("replay", tmp_path / name, "--poses", poses) == Exit.NOBODY
+        error = capsys.readouterr().err
+        assert "found nobody: " in error and words in error and poses.is_file()
+        assert run("info", tmp_path / name) == 0
+        assert words in " ".join(capsys.readouterr().out.split())
+
+
+def test_people_who_lie_are_told_with_the_axes() -> None:
+    walking, noise = walk(3, seconds=4.0, fps=12.0), load_noise("openpose")
+    assert doubt_people(walking, noise) == ""
+    y_down = [[1.0, 0, 0], [0, 0, -1.0], [0, 1.0, 0]]
+    assert "up is along -y, expected z" in doubt_people(moved(walking, y_down), noise)

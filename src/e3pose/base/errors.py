@@ -23,8 +23,9 @@ class Exit(IntEnum):
     DONE = 0  # the work is done, or a program that runs on was told to end
     NO = 1  # the work is done, and its answer is no: problems found, something is left
     REFUSED = 2  # input, options or the installation are wrong: a restart does not help
-    FAULT = 3  # it failed while it ran: a restart may help
-    GAVE_UP = 4  # a program that it starts ended again and again
+    NOBODY = 3  # the work is done and found no person; it says why
+    FAULT = 4  # it failed while it ran: a restart may help
+    GAVE_UP = 5  # a program that it starts ended again and again
     SIGNAL = 128  # and the number of the signal that ended it before its work was done
 
 

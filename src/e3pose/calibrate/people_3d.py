@@ -9,10 +9,13 @@ from numpy.typing import NDArray
 
 from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
-from e3pose.calibrate.matched_people import Joints
+from e3pose.calibrate.matched_people import Joints, match_people
+from e3pose.calibrate.recordings import first_seconds
 from e3pose.calibrate.triangulation import place_points
 from e3pose.model.camera import Rig
+from e3pose.model.noise import Noise
 from e3pose.model.skeleton import Skeleton
+from e3pose.recording.record import Recording
 
 # Shares of stature after Drillis and Contini, as tabulated by Winter: thigh, shank, and from the
 # middle of the hips to that of the shoulders.
@@ -84,6 +87,50 @@ def statures(people: People3D) -> Floats:
                 shares += share
         found.append(lengths / shares if shares >= 0.5 else np.nan)
     return np.array(found)
+
+
+PEOPLE_M = (0.8, 2.5)  # statures outside it are those of another unit, or of wrong lenses
+CHECKED_S = 60.0  # of a recording are enough to know how tall people are
+MIN_MOMENTS = 8
+LYING = "people would lie"
+
+
+def doubt_people(recording: Recording, noise: Noise) -> str:
+    """Return why people cannot be right in the world of a recording's rig; empty if they can.
+
+    People are matched by rays alone, which no unit of length changes.
+
+    Args:
+        recording: of placed cameras, with the keypoints of people.
+        noise: what scores promise.
+    """
+    if not recording.rig.placed or len(recording.rig) < 2:
+        return ""
+    used = first_seconds(recording, CHECKED_S)
+    people = place_people(used.rig, match_people(used, noise, used.rig), used.skeleton, used.fps)
+    found = statures(people)
+    if not np.isfinite(found).any():
+        return ""
+    tall_m = float(np.nanmedian(found))
+    if not PEOPLE_M[0] <= tall_m <= PEOPLE_M[1]:
+        return (
+            f"people would be {tall_m:.3g} m tall: are the calibration's lengths metres, and is "
+            'the size of its board right? (a TOML file can say [metadata] units = "mm"; '
+            "e3pose calibrate align --height gives the scale from people)"
+        )
+    trunks = people.of("left_shoulder", "right_shoulder") - people.of("left_hip", "right_hip")
+    trunks = trunks[np.isfinite(trunks).all(axis=-1)]
+    if len(trunks) < MIN_MOMENTS:
+        return ""
+    up = np.median(trunks / np.linalg.norm(trunks, axis=-1)[:, None], axis=0)
+    axis = int(np.argmax(np.abs(up)))
+    if axis == 2 and up[2] > 0:
+        return ""
+    name = ("-" if up[axis] < 0 else "") + "xyz"[axis]
+    return (
+        f"{LYING}: their up is along {name}, expected z: e3pose calibrate align "
+        f"CALIBRATION fixed.toml --up={name}"
+    )
 
 
 ASSUMED_SHARE = 0.06  # how far off a guess from people of average stature may be

@@ -23,7 +23,7 @@ from e3pose.cli.placed import check_world
 from e3pose.detectors import DETECTORS, Detector, identify, is_network, make_detector
 from e3pose.detectors.weights import MODELS, find_weights
 from e3pose.detectors.weights.fetch import file_sha256
-from e3pose.recording.calibration import load_calibration, load_rig
+from e3pose.recording.calibration import load_calibration
 from e3pose.settings.limits import Rotation
 from e3pose.settings.loop import WHOLE_EVERY
 
@@ -156,11 +156,14 @@ def detect(
         whole_every=network.whole_every,
     )
     check_free(dest, output.overwrite)
-    rig = None if calibration is None else load_rig(calibration)
+    known = None if calibration is None else load_calibration(calibration)
+    rig = None if known is None else known.rig
     detector, name = _detector(network.model, network.family, network.provider, network.threads)
     with _resumable(dest), as_typed(OPTIONS), frame_bar() as progress:
         report = detect_videos(videos, rig, detector, dest, settings, name, progress)
     _print(dest, report)
+    for note in () if known is None else known.notes:
+        print(f"  {note}")
     if rig is None or not rig.placed:
         print(f"  not calibrated: e3pose calibrate extrinsics {dest} rig.toml --update")
     else:

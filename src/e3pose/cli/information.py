@@ -12,6 +12,7 @@ from rich.text import Text
 from e3pose.base.quantities import plural
 from e3pose.camera.provenance import load_provenance
 from e3pose.cli.output import JsonFile, is_stdout, write_json
+from e3pose.cli.placed import doubts
 from e3pose.evaluate.columns import print_tables, table_console
 from e3pose.model.noises import DEFAULT, detector_of
 from e3pose.recording import load_recording
@@ -44,6 +45,8 @@ def info(
     loaded = load_recording(recording)
     description = describe(loaded)
     problems = find_problems(loaded, recording, load_provenance(recording).rotations)
+    if not any(problem.kind == "not-z-up" for problem in problems):
+        problems += [Problem("people", "rig", words) for words in doubts(loaded, recording)[:1]]
     if not is_stdout(json_file):
         _print_description(table_console(200), description, problems)
     if json_file is not None:

@@ -24,6 +24,27 @@ def load_placed(path: Path) -> Recording:
     return recording
 
 
+def doubts(recording: Recording, path: Path, calibration: object = None) -> list[str]:
+    """Return what makes the 3D of a recording doubtful, the worst first.
+
+    Args:
+        recording: as loaded.
+        path: of it.
+        calibration: the file to mend; that of the recording if None.
+    """
+    from e3pose.calibrate.people_3d import LYING, doubt_people
+    from e3pose.model.noises import detector_of, load_noise
+
+    if not recording.rig.placed:
+        return []
+    file = path / "calibration.toml" if calibration is None else calibration
+    world = world_problem(recording.rig, file, load_provenance(path).rotations)[1]
+    people = doubt_people(recording, load_noise(detector_of(recording)))
+    if world and people.startswith(LYING):
+        people = ""  # the axes again
+    return [words.replace("CALIBRATION", str(file)) for words in (people, world) if words]
+
+
 def check_world(
     rig: Rig, where: object, file: object, rotations: Mapping[str, int] | None = None
 ) -> None:

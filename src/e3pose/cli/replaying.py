@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from e3pose.base.errors import InputError
+from e3pose.base.errors import Exit, InputError
 from e3pose.base.quantities import duration_s
 from e3pose.cli.fault_options import FaultOptions
 from e3pose.cli.options import (
@@ -26,7 +28,7 @@ from e3pose.cli.options import (
     warn,
 )
 from e3pose.cli.output import JsonFile, is_stdout, write_json, wrote
-from e3pose.cli.placed import load_placed
+from e3pose.cli.placed import doubts, load_placed
 from e3pose.cli.progress import track_progress
 from e3pose.cli.smoothing import SmoothOptions
 from e3pose.cli.storing import StoreOptions, stored
@@ -40,6 +42,7 @@ from e3pose.evaluate.smoothed import smooth_poses, smooth_records
 from e3pose.evaluate.summary import summarise
 from e3pose.evaluate.tables import print_summary
 from e3pose.output.report import write_report
+from e3pose.recording.problems import find_problems
 from e3pose.settings.limits import check_smooth_delay
 from e3pose.settings.parts import warnings_of
 
@@ -112,6 +115,7 @@ class OutputOptions:
 
 
 OUTPUTS = OutputOptions()
+COSMETIC = ("flat-scores", "missing-video", "no-truth", "rate")  # problems that hide nobody
 
 
 def replay(
@@ -194,6 +198,16 @@ def replay(
     notes = () if main.read_view is None else (main.read_view.summary(),)
     summary = main.summary(records, notes, held_out)
     outputs.write(source, records, summary, notes, store.file(), recording)
+    if not any(len(record.people) for record in records):
+        why = doubts(whole, recording) + [
+            f"{problem.where}: {problem.message}"
+            for problem in find_problems(whole)
+            if problem.kind not in COSMETIC
+        ]
+        also = f"; e3pose info {quote(str(recording))} tells more" if len(why) > 1 else ""
+        reason = why[0] if why else "no two cameras see the same person"
+        print(f"e3pose: found nobody: {reason}{also}", file=sys.stderr)
+        sys.exit(Exit.NOBODY)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

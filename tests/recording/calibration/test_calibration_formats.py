@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from dataclasses import replace
 from pathlib import Path
@@ -253,3 +254,91 @@ def test_published_panoptic_calibration_stands_on_its_floor(tmp_path: Path, file
     u = x * (1 + k1 * r2 + k2 * r2**2 + k3 * r2**3) + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
     expected_u = K[0, 0, 0] * u + K[0, 0, 2]
     np.testing.assert_allclose(rig.project(points_m)[0, :, 0], expected_u, atol=0.5)
+
+
+def _rows(cameras: Any) -> list[dict[str, Any]]:
+    return [
+        {
+            "name": c.name, "K": c.K.tolist(), "DC": c.distortion.tolist(), "R": c.R.tolist(),
+            "T": [[float(v)] for v in c.t], "width": c.size[0], "height": c.size[1],
+        }
+        for c in cameras
+        if c.size is not None
+    ]  # fmt: skip
+
+
+def _multical(cameras: Any) -> dict[str, Any]:
+    entries = {c.name: {"model": "standard", "image_size": c.size, "K": c.K.tolist(),
+                        "dist": [c.distortion.tolist()]} for c in cameras}  # fmt: skip
+    poses = {f"{c.name}_to_hall_1": {"R": c.R.tolist(), "T": c.t.tolist()} for c in cameras}
+    return {"cameras": entries, "camera_poses": poses}
+
+
+@each_case("form", ["list", "table", "multical"])
+def test_json_of_named_fields_is_read(tmp_path: Path, files: Any, form: str) -> None:
+    rows = _rows(files.known)
+    content: Any = {
+        "list": rows,
+        "table": {"cameras": {row["name"]: row for row in rows}},
+        "multical": _multical(files.known),
+    }[form]
+    path = tmp_path / "rig.json"
+    path.write_text(json.dumps(content, indent=1))
+    known = load_calibration(path)
+    assert known.format == "opencv" and known.notes == ()
+    for camera, wanted in zip(known.rig.cameras, files.known, strict=True):
+        assert camera.camera_id == wanted.name and camera.image_size == wanted.size
+        np.testing.assert_allclose(camera.R, wanted.R, atol=1e-9)
+        np.testing.assert_allclose(camera.t, wanted.t, atol=1e-9)
+        np.testing.assert_allclose(camera.distortion, wanted.distortion)
+
+
+def test_chain_of_kalibr_is_placed_from_its_first_camera(tmp_path: Path, files: Any) -> None:
+    text, last = "", np.eye(4)
+    for index, known in enumerate(files.known):
+        T = np.eye(4)
+        T[:3, :3], T[:3, 3] = known.R, known.t
+        rows = "".join(f"  - {row}\n" for row in (T @ np.linalg.inv(last)).tolist())
+        text += f"cam{index}:\n" + (f"  T_cn_cnm1:\n{rows}" if index else "")
+        fx, fy, cx, cy = (known.K[i, j] for i, j in ((0, 0), (1, 1), (0, 2), (1, 2)))
+        text += (
+            f"  distortion_coeffs: {known.distortion[:4].tolist()}\n  distortion_model: radtan\n"
+            f"  intrinsics: [{fx}, {fy}, {cx}, {cy}]\n  resolution: {list(known.size)}\n"
+        )
+        last = T
+    path = tmp_path / "camchain.yaml"
+    path.write_text(text)
+    rig = load_rig(path)
+    first = np.eye(4)
+    first[:3, :3], first[:3, 3] = files.known[0].R, files.known[0].t
+    assert rig.camera_ids == ("cam0", "cam1", "cam2")
+    for camera, known in zip(rig.cameras, files.known, strict=True):
+        np.testing.assert_allclose(camera.R @ first[:3, :3], known.R, atol=1e-9)
+        np.testing.assert_allclose(camera.t + camera.R @ first[:3, 3], known.t, atol=1e-9)
+    path.write_text(text.replace("T_cn_cnm1", "T_other"))
+    with pytest.raises(InputError, match="camera cam1: T_cn_cnm1: found nothing"):
+        load_rig(path)
+
+
+def test_what_tools_leave_in_a_file_is_passed_over(tmp_path: Path, files: Any) -> None:
+    path = files.write("anipose", tmp_path)
+    path.write_text(path.read_text() + "\n[capture_volume]\nstage = 1\nRMSE = { overall = 0.7 }\n")
+    assert len(load_rig(path)) == 3
+    longer = files.with_second(distortion=[*files.known[1].distortion, *[0.0] * 9])
+    rig = load_rig(files.write("anipose", tmp_path, longer))
+    assert rig.cameras[1].distortion.tolist() == [*files.known[1].distortion, 0, 0, 0]
+    prism = files.with_second(distortion=[*files.known[1].distortion, *[0.0] * 6, 1e-4])
+    with pytest.raises(InputError, match="hall_2: distortion: found 12 coefficients"):
+        load_rig(files.write("anipose", tmp_path, prism))
+
+
+def test_camera_of_caliscope_without_a_place_is_left_out(tmp_path: Path, files: Any) -> None:
+    path = files.write("caliscope", tmp_path)
+    text = path.read_text()
+    last = text.rindex("[cam")
+    lines = [
+        line for line in text[last:].splitlines() if not line.startswith(("rotation =", "tra"))
+    ]
+    path.write_text(text[:last] + "\n".join(lines) + "\n")
+    known = load_calibration(path)
+    assert len(known.rig) == 2 and "is left out: it has no place yet" in known.notes[-1]

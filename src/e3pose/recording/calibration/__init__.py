@@ -22,7 +22,7 @@ from e3pose.recording.calibration import (
     qualisys,
 )
 
-FORMATS: dict[str, Callable[[Path], Rig]] = {
+FORMATS: dict[str, Callable[[Path, list[str]], Rig]] = {
     "anipose": anipose.load,
     "pose2sim": anipose.load,
     "caliscope": caliscope.load,
@@ -32,6 +32,7 @@ FORMATS: dict[str, Callable[[Path], Rig]] = {
     "opencv": opencv.load,
 }
 TOML_FORMATS = (None, "anipose", "pose2sim", "caliscope")
+JSON = re.compile(r"\s*(\{|\[\s*\{)")  # how it begins
 TOML = re.compile(r"\[|(?![<{])[^:=]+=")  # how its first line begins
 
 
@@ -44,11 +45,13 @@ class Calibration:
         rotations: 90, 180 or 270 for each camera that is turned: by how many degrees clockwise its
             images are turned for people in them to be upright. Only Caliscope's files say so.
         format: the key of `FORMATS` that it is in.
+        notes: what a user should know of how it was read.
     """
 
     rig: Rig
     rotations: Mapping[str, int]
     format: str
+    notes: tuple[str, ...] = ()
 
 
 def load_rig(path: Path, format: str | None = None) -> Rig:
@@ -78,12 +81,13 @@ def load_calibration(path: Path, format: str | None = None) -> Calibration:
     text = "" if path.is_dir() else fields.read_text(path)
     lines = (line.strip() for line in text.splitlines())
     first = next((line for line in lines if line and not line.startswith("#")), "")
-    is_toml = format in TOML_FORMATS and TOML.match(first)
+    is_toml = format in TOML_FORMATS and TOML.match(first) and not JSON.match(text)
     tables = parse_toml(text, str(path)) if is_toml else {}
     if format is None:
         format = _of_folder(path) if path.is_dir() else _of_text(path, text, first, tables)
     turned = caliscope.rotations(path, tables) if format == "caliscope" else {}
-    return Calibration(FORMATS[format](path), turned, format)
+    notes: list[str] = []
+    return Calibration(FORMATS[format](path, notes), turned, format, tuple(notes))
 
 
 def save_rig(rig: Rig, path: Path) -> None:
@@ -107,8 +111,8 @@ def _of_text(path: Path, text: str, first: str, tables: Mapping[str, Any]) -> st
     """Return the format of a file: of its text, first line, and tables if it is TOML."""
     if first.startswith("<"):
         return "qualisys"
-    if first.startswith("{"):
-        return "panoptic"
+    if JSON.match(text):
+        return "panoptic" if '"distCoef"' in text and '"cameras"' in text else "opencv"
     if TOML.match(first):
         return "caliscope" if caliscope.looks_like(tables) else "anipose"
     if first.startswith(("%YAML", "---")) or re.match(r"[^:]+:", first):

@@ -22,10 +22,12 @@ from e3pose.base.errors import InputError
 from e3pose.model.camera import Camera, Rig
 from e3pose.recording.calibration import fields
 
+CAMERA = {"matrix", "size", "distortions", "rotation", "translation", "name"}
 
-def load(path: Path) -> Rig:
+
+def load(path: Path, notes: list[str]) -> Rig:
     """Read aniposelib's or Pose2Sim's TOML."""
-    return read(path, parse(path, fields.read_text(path)))
+    return read(path, parse(path, fields.read_text(path)), notes)
 
 
 def parse(path: Path, text: str) -> dict[str, Any]:
@@ -33,7 +35,7 @@ def parse(path: Path, text: str) -> dict[str, Any]:
     return parse_toml(text, str(path))
 
 
-def read(path: Path, tables: Mapping[str, Any]) -> Rig:
+def read(path: Path, tables: Mapping[str, Any], notes: list[str]) -> Rig:
     """Make a rig of aniposelib's tables, in the order of the file."""
     kind = tables.get("format")
     if isinstance(kind, str):
@@ -45,11 +47,11 @@ def read(path: Path, tables: Mapping[str, Any]) -> Rig:
         metres_per_unit = fields.units_of(metadata["units"], f"{path}: metadata")
     cameras = []
     for section, entry in tables.items():
-        if section == "metadata":
-            continue
+        if section == "metadata" or (isinstance(entry, Mapping) and not CAMERA & {*entry}):
+            continue  # of another tool
         shown = section[:80].encode("unicode_escape").decode()
         camera = fields.table(entry, f"{path}: camera {shown}")
-        name = fields.name_of(camera.get("name", section))
+        name = fields.safe_id(fields.name_of(camera.get("name", section)), notes)
         cameras.append(read_camera(path, shown, name, camera, metres_per_unit))
     placed = _flag(metadata, "placed", True, f"{path}: metadata")
     assumed_units = None if "units" in metadata or not placed else "metres"

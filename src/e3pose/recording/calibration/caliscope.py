@@ -18,9 +18,9 @@ from e3pose.recording.calibration import anipose, fields
 QUARTERS = 4
 
 
-def load(path: Path) -> Rig:
+def load(path: Path, notes: list[str]) -> Rig:
     """Read Caliscope's TOML."""
-    return read(path, anipose.parse(path, fields.read_text(path)))
+    return read(path, anipose.parse(path, fields.read_text(path)), notes)
 
 
 def looks_like(tables: Mapping[str, Any]) -> bool:
@@ -32,7 +32,7 @@ def looks_like(tables: Mapping[str, Any]) -> bool:
     )
 
 
-def read(path: Path, tables: Mapping[str, Any]) -> Rig:
+def read(path: Path, tables: Mapping[str, Any], notes: list[str]) -> Rig:
     """Make a rig of Caliscope's tables, without the cameras that are marked `ignore`.
 
     Raises:
@@ -43,8 +43,12 @@ def read(path: Path, tables: Mapping[str, Any]) -> Rig:
     if "units" in metadata:
         metres_per_unit = fields.units_of(metadata["units"], f"{path}: metadata")
     cameras = []
-    for shown, name, camera in _cameras(path, tables):
+    for shown, named, camera in _cameras(path, tables):
         _degrees(camera, f"{path}: camera {shown}")
+        name = fields.safe_id(named, notes)
+        if "rotation" not in camera and "translation" not in camera:
+            notes.append(f"camera {name} is left out: it has no place yet")
+            continue
         cameras.append(anipose.read_camera(path, shown, name, camera, metres_per_unit))
     return fields.make_rig(path, cameras, None if "units" in metadata else "metres")
 
@@ -63,7 +67,7 @@ def rotations(path: Path, tables: Mapping[str, Any]) -> dict[str, int]:
         InputError: for a field that is wrong.
     """
     found = {
-        name: _degrees(camera, f"{path}: camera {shown}")
+        fields.safe_id(name, []): _degrees(camera, f"{path}: camera {shown}")
         for shown, name, camera in _cameras(path, tables)
     }
     return {name: degrees for name, degrees in found.items() if degrees}

@@ -24,7 +24,7 @@ USUAL_SIZES = (
 SIZE_TOLERANCE = 0.05  # of a side: how far a principal point may lie from twice the middle
 
 
-def load(path: Path) -> Rig:
+def load(path: Path, notes: list[str]) -> Rig:
     """Read EasyMocap's pair of files, given either of them or their folder.
 
     Raises:
@@ -39,7 +39,7 @@ def load(path: Path) -> Rig:
     if len(names) > fields.MAX_CAMERAS:
         raise InputError(f"{intrinsics_path}: names: found {len(names)} cameras")
     cameras = [
-        _camera((intrinsics_path, intrinsics), (extrinsics_path, extrinsics), name)
+        _camera((intrinsics_path, intrinsics), (extrinsics_path, extrinsics), name, notes)
         for name in names
     ]
     return fields.make_rig(folder, cameras, "metres")
@@ -49,6 +49,7 @@ def _camera(
     intrinsics: tuple[Path, Mapping[str, Any]],
     extrinsics: tuple[Path, Mapping[str, Any]],
     name: str,
+    notes: list[str],
 ) -> Camera:
     shown = name[:80].encode("unicode_escape").decode()
 
@@ -62,13 +63,17 @@ def _camera(
         size = (float(numbers(intrinsics, "W", ())), float(numbers(intrinsics, "H", ())))
     else:
         size = guess_size(float(K[0, 2]), float(K[1, 2]))
+        notes.append(
+            f"camera {shown}: the file says no image size, taken for {size[0]:g} x {size[1]:g} "
+            "by its principal point"
+        )
     if f"Rot_{name}" in extrinsics[1]:
         rotation = numbers(extrinsics, "Rot", (3, 3))
     else:
         rotation = numbers(extrinsics, "R", (3,), (3, 3))
     return fields.make_camera(
         intrinsics[0].parent,
-        name,
+        fields.safe_id(name, notes),
         size,
         K,
         rotation,

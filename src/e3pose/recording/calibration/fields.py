@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import re
+import unicodedata
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -14,6 +16,7 @@ from e3pose.base.arrays import Floats
 from e3pose.base.bounded import read_bytes
 from e3pose.base.errors import InputError
 from e3pose.model.camera import Camera, Rig
+from e3pose.model.distortion import LENGTHS
 from e3pose.model.rotations import rotation_of
 
 MAX_BYTES = 2_000_000  # a thousand cameras fit
@@ -102,8 +105,23 @@ def scalar(value: object, where: str) -> float:
 
 
 def name_of(value: object) -> str:
-    """Return a camera's name as text; whether it is a safe one, `Camera` judges."""
+    """Return a camera's name as text."""
     return value if isinstance(value, str) else _shown(value)
+
+
+def safe_id(name: str, notes: list[str]) -> str:
+    """Return the camera id of a name such as `Cam 1` or `Küche`, which other tools allow.
+
+    Args:
+        name: of the camera in a file.
+        notes: take what a user should know of it.
+    """
+    plain = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode()
+    safe = re.sub(r"[^A-Za-z0-9_.-]+", "_", plain.strip())[:64].lstrip("-.")
+    if not safe.strip("_") or safe == name:
+        return name  # nothing of it is left, so that `Camera` refuses it
+    notes.append(f"camera {name[:64]!r} is called {safe}")
+    return safe
 
 
 def units_of(value: object, where: str) -> float:
@@ -160,6 +178,8 @@ def make_camera(
         InputError: naming file, camera and field.
     """
     width, height = np.asarray(image_size, dtype=np.float64)
+    if not fisheye and len(distortion) > LENGTHS[-1] and not distortion[LENGTHS[-1] :].any():
+        distortion = distortion[: LENGTHS[-1]]  # thin prism and tilt of a lens that has none
     try:
         if width != int(width) or height != int(height):
             raise InputError(

@@ -1,45 +1,47 @@
-"""Calibration files of OpenCV's FileStorage (YAML).
+"""Calibration files of named fields: OpenCV's FileStorage (YAML), JSON, Kalibr and multical.
 
-One camera a file, named by `camera_name` or else by the file; or one file with a `cameras` list of
-such cameras; or a folder of files. `FIELDS` has the accepted names; the first that is there counts.
+One camera a file, named by `camera_name` or else by the file; or one file with a `cameras` list or
+table of such cameras, or a list of them alone; or a folder of files. Kalibr's chain places each
+camera against the one before it. `FIELDS` has the accepted names; the first that is there counts.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
 from e3pose.model.camera import Camera, Rig
-from e3pose.recording.calibration import fields
-from e3pose.recording.calibration.nodes import load_nodes
+from e3pose.recording.calibration import fields, panoptic
+from e3pose.recording.calibration.nodes import parse
 
 FIELDS: Mapping[str, tuple[str, ...]] = {
     "name": ("camera_name", "name"),
-    "matrix": ("camera_matrix", "Camera_Matrix", "cameraMatrix", "intrinsics", "K"),
+    "matrix": (
+        "camera_matrix", "Camera_Matrix", "cameraMatrix", "intrinsics", "K", "matrix", "mtx",
+    ),
     "distortion": (
-        "distortion_coefficients",
-        "Distortion_Coefficients",
-        "distCoeffs",
-        "distortion",
-        "dist",
-        "D",
+        "distortion_coefficients", "Distortion_Coefficients", "distCoeffs", "distortion", "dist",
+        "D", "DC", "distCoef", "distortions", "distortion_coeffs",
     ),
     "rotation": ("R", "rotation_matrix", "rotation", "rvec"),
     "translation": ("T", "t", "translation_vector", "translation", "tvec"),
     "width": ("image_width", "image_Width", "width"),
     "height": ("image_height", "image_Height", "height"),
+    "size": ("image_size", "resolution", "size", "img_size"),
     "fisheye": ("fisheye", "fisheye_model"),
     "units": ("units",),
-}
+}  # fmt: skip
 FISHEYE_MODELS = ("fisheye", "equidistant", "kannala_brandt")
-PINHOLE_MODELS = ("plumb_bob", "rational_polynomial", "pinhole", "none")
+PINHOLE_MODELS = ("plumb_bob", "rational_polynomial", "pinhole", "none", "radtan", "standard")
 
 
-def load(path: Path) -> Rig:
-    """Read OpenCV YAML: a file, or a folder with a file for each camera.
+def load(path: Path, notes: list[str]) -> Rig:
+    """Read OpenCV YAML or JSON: a file, or a folder with a file for each camera.
 
     Raises:
         InputError: for a field that is missing or wrong, or too many files.
@@ -53,21 +55,75 @@ def load(path: Path) -> Rig:
             )
     cameras, assumed = [], False
     for file in files:
-        nodes = load_nodes(file)
-        entries = nodes.get("cameras", [nodes])
-        if not isinstance(entries, list):
-            raise InputError(f"{file}: cameras: found something else, expected a list")
-        common = {name: nodes[name] for name in FIELDS["units"] if name in nodes}
-        for index, entry in enumerate(entries):
+        text = fields.read_text(file)
+        nodes = panoptic.parse(file, text) if text.lstrip()[:1] in "[{" else parse(file, text)
+        common, entries = _entries(file, nodes)
+        for index, (default, entry) in enumerate(entries):
             where = f"{file}: camera number {index + 1}"
             camera = {**common, **fields.table(entry, where)}
             assumed |= "units" not in camera
-            default = file.stem if entry is nodes else None
-            cameras.append(_camera(file, where, camera, default))
+            cameras.append(_camera(file, where, camera, default, notes))
     return fields.make_rig(path, cameras, "metres" if assumed else None)
 
 
-def _camera(path: Path, where: str, nodes: Mapping[str, Any], default_name: str | None) -> Camera:
+def _entries(file: Path, nodes: Any) -> tuple[dict[str, Any], list[tuple[str | None, Any]]]:
+    """Return what all cameras of a file share, and each with its name, where that is a key."""
+    if isinstance(nodes, list):
+        return {}, [(None, entry) for entry in nodes]
+    common = {name: nodes[name] for name in FIELDS["units"] if name in nodes}
+    poses = nodes.get("camera_poses")  # of multical
+    if isinstance(poses, Mapping) and isinstance(nodes.get("cameras"), Mapping):
+        known = {name.split("_to_")[0]: pose for name, pose in poses.items()}
+        return common, [
+            (name, {**fields.table(entry, f"{file}: camera {name[:80]}"),
+                    **fields.table(known.get(name, {}), f"{file}: pose of camera {name[:80]}")})
+            for name, entry in nodes["cameras"].items()
+        ]  # fmt: skip
+    cameras = nodes.get("cameras", nodes)
+    if isinstance(cameras, list):
+        return common, [(None, entry) for entry in cameras]
+    if not isinstance(cameras, Mapping):
+        raise InputError(f"{file}: cameras: found something else, expected a list")
+    if "cam0" in cameras and "intrinsics" in fields.table(cameras["cam0"], f"{file}: cam0"):
+        return common, [*_kalibr(file, cameras)]
+    if cameras is nodes and not all(isinstance(entry, Mapping) for entry in nodes.values()):
+        return common, [(file.stem, nodes)]
+    matrices = {"data", "rows", "cols", "dt"}  # fields of one camera, not cameras
+    if cameras is nodes and any({*entry} & matrices for entry in nodes.values()):
+        return common, [(file.stem, nodes)]
+    return common, list(cameras.items())
+
+
+def _kalibr(file: Path, nodes: Mapping[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Yield the cameras of Kalibr's chain, each placed against the one before."""
+    T_camera_world = np.eye(4)  # the world is the first camera's
+    for name in (f"cam{index}" for index in range(len(nodes))):
+        where = f"{file}: camera {name}"
+        camera = fields.table(fields.field(nodes, name, str(file)), where)
+        if name != "cam0":
+            link = fields.field(camera, "T_cn_cnm1", where)
+            T_camera_world = fields.numbers(link, [(4, 4)], f"{where}: T_cn_cnm1") @ T_camera_world
+        fx, fy, cx, cy = fields.numbers(
+            fields.field(camera, "intrinsics", where), [(4,)], f"{where}: intrinsics"
+        ).tolist()
+        yield (
+            name,
+            {
+                **{key: value for key, value in camera.items() if key != "intrinsics"},
+                "K": [[fx, 0, cx], [0, fy, cy], [0, 0, 1]],
+                "R": T_camera_world[:3, :3].tolist(),
+                "T": T_camera_world[:3, 3].tolist(),
+            },
+        )
+
+
+def _camera(
+    path: Path,
+    where: str,
+    nodes: Mapping[str, Any],
+    default_name: str | None,
+    notes: list[str],
+) -> Camera:
     def node(key: str) -> tuple[str, Any]:
         for name in FIELDS[key]:
             if name in nodes:
@@ -87,10 +143,15 @@ def _camera(path: Path, where: str, nodes: Mapping[str, Any], default_name: str 
     name = fields.name_of(name)
     where = f"{path}: camera {name[:80].encode('unicode_escape').decode()}"
     metres_per_unit = fields.units_of(optional("units", "m"), where)
+    size: Any = optional("size", None)
+    if size is None:
+        size = float(numbers("width", ())), float(numbers("height", ()))
+    else:
+        size = numbers("size", (2,))
     return fields.make_camera(
         path,
-        name,
-        (float(numbers("width", ())), float(numbers("height", ()))),
+        fields.safe_id(name, notes),
+        size,
         numbers("matrix", (3, 3)),
         numbers("rotation", (3, 3), (3,)),
         numbers("translation", (3,)) * metres_per_unit,

@@ -19,23 +19,23 @@ METRES_PER_UNIT = 0.01
 WORLD_FROM_PANOPTIC = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 
 
-def load(path: Path) -> Rig:
+def load(path: Path, notes: list[str]) -> Rig:
     """Read a Panoptic calibration, all its cameras.
 
     Raises:
         InputError: for a field that is missing or wrong, or too many cameras.
     """
-    document = fields.table(_parse(path, fields.read_text(path)), f"{path}")
+    document = fields.table(parse(path, fields.read_text(path)), f"{path}")
     entries = fields.field(document, "cameras", f"{path}")
     if not isinstance(entries, list):
         raise InputError(f"{path}: cameras: found something else, expected a list")
     if len(entries) > fields.MAX_CAMERAS:
         raise InputError(f"{path}: found {len(entries)} cameras")
-    cameras = [_camera(path, index, entry) for index, entry in enumerate(entries)]
+    cameras = [_camera(path, index, entry, notes) for index, entry in enumerate(entries)]
     return fields.make_rig(path, cameras, "centimetres")
 
 
-def _camera(path: Path, index: int, entry: object) -> Camera:
+def _camera(path: Path, index: int, entry: object, notes: list[str]) -> Camera:
     camera = fields.table(entry, f"{path}: camera number {index + 1}")
     name = fields.name_of(fields.field(camera, "name", f"{path}: camera number {index + 1}"))
     where = f"{path}: camera {name[:80].encode('unicode_escape').decode()}"
@@ -47,7 +47,7 @@ def _camera(path: Path, index: int, entry: object) -> Camera:
         rotation = numbers("R", (3, 3)) @ WORLD_FROM_PANOPTIC.T
     return fields.make_camera(
         path,
-        name,
+        fields.safe_id(name, notes),
         numbers("resolution", (2,)),
         numbers("K", (3, 3)),
         rotation,
@@ -56,7 +56,9 @@ def _camera(path: Path, index: int, entry: object) -> Camera:
     )
 
 
-def _parse(path: Path, text: str) -> Any:
+def parse(path: Path, text: str) -> Any:
+    """Return what the JSON of a calibration holds; raise `InputError` if it is none."""
+
     def unique(pairs: list[tuple[str, Any]]) -> Mapping[str, Any]:
         named = dict(pairs)
         if len(named) < len(pairs):

@@ -23,12 +23,12 @@ MODELS_WITH_VIDEO = ("video", "none")  # others of Qualisys' cameras see markers
 TO_OPENCV = np.diag([1.0, -1.0, -1.0])  # from y up, looking along -z
 
 
-def load(path: Path) -> Rig:
+def load(path: Path, notes: list[str]) -> Rig:
     """Read the active video cameras of a Qualisys calibration."""
     root = _parse(path, fields.read_text(path))
     entries = [e for e in root.findall("cameras/camera") if e.get("active", "1") == "1"]
     videos = [e for e in entries if _films(e)]
-    cameras = [_camera(path, index, entry) for index, entry in enumerate(videos or entries)]
+    cameras = [_camera(path, index, entry, notes) for index, entry in enumerate(videos or entries)]
     return fields.make_rig(path, cameras, "millimetres")
 
 
@@ -37,7 +37,7 @@ def _films(entry: ElementTree.Element) -> bool:
     return any(word in model for word in MODELS_WITH_VIDEO)
 
 
-def _camera(path: Path, index: int, entry: ElementTree.Element) -> Camera:
+def _camera(path: Path, index: int, entry: ElementTree.Element, notes: list[str]) -> Camera:
     name = entry.get("serial", "")
     where = f"{path}: camera {fields.name_of(name)[:80]} (number {index + 1})"
 
@@ -83,6 +83,7 @@ def _camera(path: Path, index: int, entry: ElementTree.Element) -> Camera:
     distortion = np.array([k1, k2, p1, p2, k3])
     with np.errstate(all="ignore"):
         translation_m = -rotation @ center_m
+    name = fields.safe_id(name, notes)
     return fields.make_camera(path, name, size, K, rotation, translation_m, distortion)
 
 

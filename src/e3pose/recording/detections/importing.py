@@ -19,7 +19,7 @@ from e3pose.model.camera import Rig
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import Skeleton
 from e3pose.recording import Recording
-from e3pose.recording.calibration import load_rig
+from e3pose.recording.calibration import load_calibration
 from e3pose.recording.detections.forms import (
     MAX_FILE_BYTES,
     SUFFIXES,
@@ -309,7 +309,8 @@ def import_detections(
     """
     check_fps(fps)
     settings = settings or ImportSettings()
-    reader = Reader(source, load_rig(calibration), settings)
+    known = load_calibration(calibration)
+    reader = Reader(source, known.rig, settings, list(known.notes))
     skeleton, frames, step = reader.read(progress)
     frames = [{number // step: view for number, view in camera.items()} for camera in frames]
     num_slots, views = series_from_frames(frames, fps / step, len(skeleton), str(source))
