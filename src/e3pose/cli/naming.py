@@ -14,11 +14,11 @@ from e3pose.base.quantities import plural
 from e3pose.cli.options import StorePlace, Whole, warn
 from e3pose.cli.querying import check_numbers, store_of
 from e3pose.evaluate.columns import print_tables, table_console
+from e3pose.settings.resolved import ResolvedSite, resolve_site
 from e3pose.store.exported import FORMS, forget_rows
 from e3pose.store.times import iso_text
 
 if TYPE_CHECKING:
-    from e3pose.settings.resolved import ResolvedSite
     from e3pose.store.people import Track
 
 people_app = App(name="people", help="List, name, colour, merge and forget people of a store.")
@@ -202,8 +202,6 @@ def _site_of(store: str) -> ResolvedSite | None:
     """Return the site that was named; None for a store alone."""
     if store_of(store, None)[1] is None:
         return None
-    from e3pose.settings.resolved import resolve_site
-
     return resolve_site(Path(store))
 
 

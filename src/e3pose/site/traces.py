@@ -1,4 +1,4 @@
-"""What a site's folder has of a person beside its store: forget it there, or name it."""
+"""Forget a person in the files of a site beside its store, and name the files left over."""
 
 from __future__ import annotations
 

@@ -173,7 +173,7 @@ class Program:
         return code
 
     def restart(self, code: int) -> str:
-        """Start it again when it is time after it ended with a code; return what there is to say.
+        """Start it again, when due, after it ended with a code; return a line for operators.
 
         Raises:
             InputError: when it never worked and refuses its input.
