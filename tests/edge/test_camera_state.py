@@ -274,6 +274,8 @@ def test_edge_that_was_restarted_expects_whom_it_never_heard() -> None:
     ("modes", "back_s", "session", "late_s", "mean_s"),
     [
         (["suspended"], 3.0, 1, 3.0, 2.25),  # of 4 s, as its alarm was 1 s early
+        (["asleep"], 1.1, 1, 1.1, 1.3),
+        (["asleep"], 0.9, 1, 0.0, 1.2),  # too little to tell anybody
         (["asleep"], -0.5, 1, 0.0, 0.5),  # in time
         (["asleep"], -97.0, 2, 0.0, 0.5),  # its program was started again
         (["asleep"], 9.0, 2, 0.0, 0.5),

@@ -227,13 +227,16 @@ def test_sampler_adds_up_watts_and_states_what_is_measured(tmp_path: Path) -> No
     assert sampler()["energy_j"] < expected_j + 30
 
 
+class Looking:
+    """A meter that says what a test wants."""
+
+    watts = 8.0
+
+    def read(self, mode: object) -> Reading:
+        return Reading(self.watts, None, True, "measured: a test")
+
+
 def test_watts_of_heartbeats_which_fall_between_looks_are_not_added_up(tmp_path: Path) -> None:
-    class Looking:
-        watts = 8.0
-
-        def read(self, mode: object) -> Reading:
-            return Reading(self.watts, None, True, "measured: a test")
-
     clock, meter = ManualClock(), Looking()
     sampler = PowerSampler(meter, ModeClock(clock.now_ns), tmp_path)
     sampler.sample()
@@ -271,11 +274,18 @@ def test_meter_that_fails_for_hours_counts_nothing_and_goes_on(tmp_path: Path) -
     assert found_j(1.0, 1000) - before_j < 15.1, "hours without a reading are not made up"
 
 
-def test_only_known_meters_are_opened(tmp_path: Path) -> None:
-    modes = ModeClock(ManualClock().now_ns)
+def test_only_known_meters_are_opened(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = ManualClock()
+    modes = ModeClock(clock.now_ns)
     with pytest.raises(InputError, match=r"meter: found 'watt', expected auto or model"):
         open_sampler(GENERIC, modes, "watt")
-    assert open_sampler(GENERIC, modes, "model")()["measured"] is False
+    monkeypatch.setattr("e3pose.energy.meters.sampler.choose_meter", lambda *_, **__: Looking())
+    for how, watts in (("auto", 8.0), ("model", GENERIC.watts("power-saving"))):
+        sampler = open_sampler(GENERIC, modes, how)
+        sampler.sample()
+        clock.advance(1.0)
+        fields = sampler()
+        assert fields["power_w"] == pytest.approx(watts) and fields["measured"] is (how == "auto")
 
 
 def test_what_runs_beside_the_modes_is_added_to_models_alone(tmp_path: Path) -> None:
