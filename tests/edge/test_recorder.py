@@ -30,6 +30,7 @@ from e3pose.wire.messages import Heartbeat
 RIG = looking((4, 0), (0, 4), (-4, 0))
 BEGIN_NS = 1_800_000_000 * 10**9
 FPS = 20.0
+POSES = Poses2D(np.full((1, 17, 2), 5.0), np.full((1, 17), 0.5))
 
 
 def settings(folder: Path) -> RecorderSettings:
@@ -40,10 +41,9 @@ def record(asked: RecorderSettings, slots: Sequence[int]) -> list[str]:
     """Let three cameras see a person in some slots; return the messages."""
     messages: list[str] = []
     recorder = Recorder(asked, RIG, lambda kind, line: messages.append(f"{kind}: {line}"))
-    poses = Poses2D(np.full((1, 17, 2), 5.0), np.full((1, 17), 0.5))
     for slot in slots:
         time_ns = BEGIN_NS + round(slot * 1e9 / FPS)
-        recorder.keep(slot, time_ns, {i: Arrival(poses, time_ns + 10**6, 0) for i in range(3)})
+        recorder.keep(slot, time_ns, {i: Arrival(POSES, time_ns + 10**6, 0) for i in range(3)})
     recorder.close()
     return messages
 
@@ -61,14 +61,13 @@ def test_views_of_the_cameras_asked_for_are_a_recording(tmp_path: Path) -> None:
 
 def test_parts_have_the_processor_time_of_their_cameras(tmp_path: Path) -> None:
     recorder = Recorder(settings(tmp_path / "recordings"), RIG, lambda kind, line: None)
-    poses = Poses2D(np.full((1, 17, 2), 5.0), np.full((1, 17), 0.5))
     for second in range(3):
         beat = Heartbeat(
             "c0", 1, 0, "active", detected=10 * second, active_s=second, cpu_s=1.5 * second,
             look_cpu_s=second,
         )  # fmt: skip
         recorder.processor.take(beat)
-        recorder.keep(second, BEGIN_NS + second * 10**9, {0: Arrival(poses, BEGIN_NS, 0)})
+        recorder.keep(second, BEGIN_NS + second * 10**9, {0: Arrival(POSES, BEGIN_NS, 0)})
     recorder.close()
     (part,) = recordings_in(tmp_path / "recordings")
     found = load_recording(part).processor
@@ -87,10 +86,9 @@ def test_oldest_parts_make_room(tmp_path: Path) -> None:
     asked = replace(settings(tmp_path), part_s=1.0, max_bytes=round(2.5 * size))
     messages: list[str] = []
     recorder = Recorder(asked, RIG, lambda kind, line: messages.append(line))
-    poses = Poses2D(np.full((1, 17, 2), 5.0), np.full((1, 17), 0.5))
     for slot in range(100, 200):
         time_ns = BEGIN_NS + round(slot * 1e9 / FPS)
-        recorder.keep(slot, time_ns, {0: Arrival(poses, time_ns, 0), 1: Arrival(poses, time_ns, 0)})
+        recorder.keep(slot, time_ns, {0: Arrival(POSES, time_ns, 0), 1: Arrival(POSES, time_ns, 0)})
         if slot % 20 == 19:
             assert eventually(lambda: not recorder.waiting)
     recorder.close()
@@ -114,15 +112,15 @@ def in_trouble(folder: Path) -> tuple[Recorder, list[str]]:
     recorder = Recorder(settings(folder), RIG, lambda kind, line: said.append(f"{kind}: {line}"))
     folder.rmdir()
     folder.write_text("in the way")
-    recorder.keep(0, BEGIN_NS, {0: Arrival(Poses2D.empty(17), BEGIN_NS, 0)})
+    recorder.keep(0, BEGIN_NS, {0: Arrival(POSES, BEGIN_NS, 0)})
     assert eventually(lambda: said)
     return recorder, said
 
 
 def test_folder_that_cannot_be_written_is_reported_once(tmp_path: Path) -> None:
-    folder, poses = tmp_path / "recordings", Poses2D.empty(17)
+    folder = tmp_path / "recordings"
     recorder, messages = in_trouble(folder)
-    recorder.keep(1, BEGIN_NS, {0: Arrival(poses, BEGIN_NS, 0)})
+    recorder.keep(1, BEGIN_NS, {0: Arrival(POSES, BEGIN_NS, 0)})
     recorder.close()
     assert [line.partition(":")[0] for line in messages] == ["record-trouble"]
 
@@ -156,12 +154,11 @@ def test_full_disk_costs_no_slot_that_the_queue_holds(
     recorder = Recorder(
         settings(folder), RIG, lambda kind, line: messages.append(f"{kind}: {line}")
     )
-    poses = Poses2D(np.full((1, 17, 2), 5.0), np.full((1, 17), 0.5))
 
     def keep(first: int, end: int) -> None:
         for slot in range(first, end):
             time_ns = BEGIN_NS + round(slot * 1e9 / FPS)
-            recorder.keep(slot, time_ns, {0: Arrival(poses, time_ns, 0)})
+            recorder.keep(slot, time_ns, {0: Arrival(POSES, time_ns, 0)})
 
     def kept() -> set[int]:
         found: set[int] = set()
@@ -194,10 +191,10 @@ def test_slots_beyond_the_queue_are_counted(
 ) -> None:
     monkeypatch.setattr("e3pose.edge.recorder.RETRY_S", 1.0)
     monkeypatch.setattr("e3pose.edge.recorder.QUEUE_SLOTS", 50)
-    folder, poses = tmp_path / "recordings", Poses2D.empty(17)
+    folder = tmp_path / "recordings"
     recorder, messages = in_trouble(folder)
     for slot in range(1, 70):
-        recorder.keep(slot, BEGIN_NS, {0: Arrival(poses, BEGIN_NS, 0)})
+        recorder.keep(slot, BEGIN_NS, {0: Arrival(POSES, BEGIN_NS, 0)})
     folder.unlink()
     folder.mkdir()
     assert eventually(lambda: len(messages) == 2)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
 import pytest
+from msgspec import structs
 from tests.cases import each_case
 
 from e3pose.edge.consumers import Consumers
@@ -30,34 +32,36 @@ PROFILE = load_profile("generic")  # 10 W active, 5.2 W in power-saving
 BEAT_S = 0.5
 
 
-def lived(
-    camera: CameraEnergy,
+def beats(
+    count: int = 600,
     *,
     active_w: float = 7.0,
     idle_w: float = 3.0,
-    beats: int = 600,
-    measured: bool = True,
-    battery_j: float | None = None,
-    charging_w: float = 0.0,
     session: int = 1,
     begin_s: float = 0.0,
     beat_s: float = BEAT_S,
     noise_w: float = 0.0,
-) -> CameraEnergy:
-    """Return a camera after heartbeats with changing duty."""
+    **fields: Any,
+) -> Iterator[Heartbeat]:
+    """Yield heartbeats of a camera with changing duty, and with these fields."""
     rng = np.random.default_rng(session)
     energy_j = active_s = idle_s = 0.0
-    for number in range(beats):
-        beat = Heartbeat(
-            camera_id="c", session=session, sent_edge_ns=round((begin_s + number * beat_s) * 1e9),
-            mode="active", energy_j=energy_j, measured=measured, active_s=active_s, idle_s=idle_s,
-            battery_j=battery_j, charging_w=charging_w,
-        )  # fmt: skip
-        camera = observe(camera, beat)
+    for number in range(count):
+        yield Heartbeat(**{
+            "camera_id": "c", "session": session, "mode": "active", "measured": True,
+            "sent_edge_ns": round((begin_s + number * beat_s) * 1e9), "energy_j": energy_j,
+            "active_s": active_s, "idle_s": idle_s, **fields,
+        })  # fmt: skip
         share = rng.uniform(0.1, 0.9)
         active_s += share * beat_s
         idle_s += (1 - share) * beat_s
         energy_j += beat_s * (share * active_w + (1 - share) * idle_w + noise_w * rng.normal())
+
+
+def lived(camera: CameraEnergy, **of_beats: Any) -> CameraEnergy:
+    """Return a camera after heartbeats; see `beats`."""
+    for beat in beats(**of_beats):
+        camera = observe(camera, beat)
     return camera
 
 
@@ -125,7 +129,7 @@ def test_a_day_of_sleeping_leaves_the_idle_power_as_it_is() -> None:
 
 
 def test_heartbeats_out_of_order_are_left_out() -> None:
-    camera = lived(new_camera(PROFILE), beats=10)
+    camera = lived(new_camera(PROFILE), count=10)
     assert camera.beat is not None
     assert observe(camera, camera.beat) is camera
 
@@ -147,9 +151,9 @@ def test_budgets_follow_what_was_learned_and_the_batteries() -> None:
 
 def test_a_cloud_is_no_evening() -> None:
     sunny = lived(new_camera(PROFILE), battery_j=1000.0, charging_w=4.0)
-    cloud = lived(sunny, battery_j=1000.0, begin_s=300.0, beats=60)  # half a minute
+    cloud = lived(sunny, battery_j=1000.0, begin_s=300.0, count=60)  # half a minute
     assert 3.5 < cloud.supply().charging_w < 4.0
-    evening = lived(sunny, battery_j=1000.0, begin_s=300.0, beats=7200)
+    evening = lived(sunny, battery_j=1000.0, begin_s=300.0, count=7200)
     assert evening.supply().charging_w < 0.05
 
 
@@ -163,20 +167,10 @@ def test_ledger_takes_heartbeats_and_estimates_every_minute() -> None:
     assert new, "the first holds from the beginning"
     assert not ledger.estimate()[1]
     assert [slot.measured for slot in before.slots] == [False, False]
-    rng = np.random.default_rng(0)
-    energy_j = active_s = 0.0
-    for number in range(200):
-        now_ns[0] = round(number * BEAT_S * 1e9)
+    for beat in beats(200):
+        now_ns[0] = beat.sent_edge_ns
         for camera_id in ("a", "stranger"):
-            ledger.take(
-                Heartbeat(
-                    camera_id, 1, now_ns[0], "active", energy_j=energy_j, measured=True,
-                    active_s=active_s, idle_s=number * BEAT_S - active_s,
-                )
-            )  # fmt: skip
-        spent_s = BEAT_S * rng.uniform(0.1, 0.9)
-        active_s += spent_s
-        energy_j += 7.0 * spent_s + 3.0 * (BEAT_S - spent_s)
+            ledger.take(structs.replace(beat, camera_id=camera_id))
     after, new = ledger.estimate()
     assert new
     assert [slot.measured for slot in after.slots] == [True, False]
@@ -184,8 +178,7 @@ def test_ledger_takes_heartbeats_and_estimates_every_minute() -> None:
     assert not ledger.estimate()[1]
     np.testing.assert_allclose(ledger.charge(np.array([True, True])), [0.28, 0.4], rtol=0.02)
     assert len(kept) == 199
-    last_j = energy_j - (7.0 * spent_s + 3.0 * (BEAT_S - spent_s))  # what was reported last
-    assert sum(reading.energy_j for reading in kept) == pytest.approx(last_j)
+    assert sum(reading.energy_j for reading in kept) == pytest.approx(beat.energy_j)
     assert {reading.source for reading in kept} == {"measured"}
     assert {reading.span_s for reading in kept} == {BEAT_S}
 
@@ -209,21 +202,11 @@ def test_pipeline_follows_the_estimate() -> None:
     assert on_mains.policy == DriftPlusPenalty(2)
     owner.after_slot(consumers, record)
     assert owner.pipeline is on_mains, "nothing changes within a minute"
-    energy_j = active_s = 0.0
-    rng = np.random.default_rng(0)
-    for number in range(300):
-        now_ns[0] = round(number * BEAT_S * 1e9)
-        spent_s = BEAT_S * rng.uniform(0.1, 0.9)
-        active_s += spent_s
-        energy_j += 7.0 * spent_s + 3.0 * (BEAT_S - spent_s)
+    for beat in beats(300):
+        now_ns[0] = beat.sent_edge_ns
+        left_j = 5.0 * (3600 - now_ns[0] / 1e9)
         for camera_id in "ab":
-            ledger.take(
-                Heartbeat(
-                    camera_id, 1, now_ns[0], "active", energy_j=energy_j, measured=True,
-                    active_s=active_s, idle_s=(number + 1) * BEAT_S - active_s,
-                    battery_j=5.0 * (3600 - now_ns[0] / 1e9),
-                )
-            )  # fmt: skip
+            ledger.take(structs.replace(beat, camera_id=camera_id, battery_j=left_j))
     news = owner.after_slot(consumers, record)
     changed = owner.pipeline
     np.testing.assert_allclose(changed.queue.budget, 0.5, atol=0.02)  # 5 W between 3 and 7
@@ -253,7 +236,7 @@ def test_battery_that_cannot_last_is_reported_once() -> None:
 
 def other_power(times: float) -> CameraEnergy:
     """Return a camera whose meter says so many times the power of the others."""
-    return lived(new_camera(PROFILE), active_w=7.0 * times, idle_w=3.0 * times, beats=600)
+    return lived(new_camera(PROFILE), active_w=7.0 * times, idle_w=3.0 * times, count=600)
 
 
 @each_case("times", [1e-9, 0.1, 5.0, 1e9])
@@ -268,7 +251,7 @@ def test_made_up_costs_do_not_change_the_price_of_others(times: float, liars: in
 
 def test_costs_half_learned_do_not_change_the_price_of_others() -> None:
     """A camera of which little is measured costs what its likes do, not what it seems to so far."""
-    vague = lived(new_camera(PROFILE), active_w=5.5, idle_w=3.0, beats=8)
+    vague = lived(new_camera(PROFILE), active_w=5.5, idle_w=3.0, count=8)
     cameras = [*[lived(new_camera(PROFILE))] * 3, vague]
     estimate = estimate_energy(cameras, [Budget("duty", 0.5)] * 4, 0.04, 0.0, 2)
     assert [slot.measured for slot in estimate.slots] == [True] * 3 + [False]
@@ -281,7 +264,7 @@ def test_meters_that_drift_never_move_what_the_other_half_costs() -> None:
     for hour in range(1, 72):
         times = 5.0 ** (hour / 72)
         drifting = lived(
-            drifting, active_w=7.0 * times, idle_w=3.0 * times, beats=60, session=1 + hour,
+            drifting, active_w=7.0 * times, idle_w=3.0 * times, count=60, session=1 + hour,
             begin_s=3600.0 * hour, beat_s=60.0, noise_w=0.1,
         )  # fmt: skip
         for half in (1, 2):
