@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 import pytest
 from tests.cases import each_case
-from tests.memory_transport import Hub
+from tests.memory_transport import Hub, MemoryTransport
 from tests.site.web.watched import FPS, STARTED_NS, Watched, poses, status
 from tests.waiting import eventually
 from websockets.exceptions import ConnectionClosed, InvalidStatus
@@ -133,13 +133,17 @@ def test_token_may_come_as_a_protocol(watched: Watched) -> None:
         assert json.loads(following.recv(10))["type"] == "edge"
 
 
+def listening(**options: Any) -> tuple[Feed, MemoryTransport]:
+    """Return a feed on the running loop, and the edge that it hears."""
+    feed, hub = Feed("lab", **options), Hub()
+    feed.listen(hub.join())
+    feed.attach(asyncio.get_running_loop())
+    return feed, hub.join()
+
+
 def test_who_is_slow_gets_the_newest() -> None:
     async def follow() -> list[int]:
-        feed = Feed("lab")
-        hub = Hub()
-        feed.listen(hub.join())
-        feed.attach(asyncio.get_running_loop())
-        edge = hub.join()
+        feed, edge = listening()
         async with feed.follow("10.0.0.1") as queue:
             for slot in range(MAX_WAITING + 10):
                 edge.publish("e3pose/lab/poses", encode(poses(slot)))
@@ -152,10 +156,8 @@ def test_who_is_slow_gets_the_newest() -> None:
 def test_followers_are_told_when_the_edge_goes_and_comes_back() -> None:
     async def follow() -> list[dict[str, Any]]:
         now_s, told = 0.0, []
-        feed, hub = Feed("lab", now_s=lambda: now_s), Hub()
-        feed.listen(hub.join())
-        feed.attach(asyncio.get_running_loop())
-        edge, watching = hub.join(), asyncio.create_task(feed.watch())
+        feed, edge = listening(now_s=lambda: now_s)
+        watching = asyncio.create_task(feed.watch())
         async with feed.follow("a") as queue:
             told.append(await queue.get())
             assert feed.silent_s() is None and not feed.there()
@@ -184,10 +186,7 @@ def test_what_is_read_slowly_brings_no_older_status_after_a_newer(
     monkeypatch: pytest.MonkeyPatch, slowly: str
 ) -> None:
     async def follow() -> list[int]:
-        feed, hub = Feed("lab"), Hub()
-        feed.listen(hub.join())
-        feed.attach(asyncio.get_running_loop())
-        edge = hub.join()
+        feed, edge = listening()
         edge.publish("e3pose/lab/status", encode(status(3)))
 
         comes = threading.Thread(
@@ -292,11 +291,9 @@ def test_an_event_is_encoded_once_for_all() -> None:
 def test_zone_events_and_counts_are_reported() -> None:
     async def follow() -> list[dict[str, Any]]:
         zone = ZoneTable("door", ((0.0, -1.0), (2.0, -1.0), (2.0, 5.0), (0.0, 5.0)))
-        feed, hub = Feed("lab", zones=Zones((zone,))), Hub()
-        feed.listen(hub.join())
-        feed.attach(asyncio.get_running_loop())
+        feed, edge = listening(zones=Zones((zone,)))
         async with feed.follow("10.0.0.1") as queue:
-            hub.join().publish("e3pose/lab/poses", encode(poses(3)))
+            edge.publish("e3pose/lab/poses", encode(poses(3)))
             await asyncio.sleep(0)
             return [json.loads(queue.get_nowait().json) for _ in range(queue.qsize())]
 
