@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from tests.rigs import looking
 
 from e3pose.base.errors import InputError
+from e3pose.calibrate.matched_people import Joints
 from e3pose.calibrate.people_3d import (
     MIN_LIMBS,
     SHANK,
@@ -17,6 +18,8 @@ from e3pose.calibrate.people_3d import (
     from_distance,
     from_limb,
     from_stature,
+    place_people,
+    statures,
 )
 from e3pose.model.skeleton import COCO17
 
@@ -59,6 +62,22 @@ def test_distance_needs_two_places(second: str) -> None:
         from_distance(rig, "c0", second, 2.0)
 
 
+def test_joints_are_placed_where_two_views_agree() -> None:
+    rig, rng = looking((4, 0), (0, 4), (-4, 0)), np.random.default_rng(0)
+    truth_m = rng.uniform((-0.5, -0.5, 0.2), (0.5, 0.5, 1.8), (2 * 17, 3))
+    pixels = np.stack([camera.project(truth_m) for camera in rig.cameras])
+    pixels[2, 0] += 200.0  # wrong in one view
+    pixels[2, 1] = np.nan  # not seen there
+    pixels[:, 2] += [[150.0, 90.0], [-150.0, 120.0], [20.0, -200.0]]  # wrong in all
+    numbers = np.repeat([7, 8], 17), np.repeat([3, 4], 17), np.tile(np.arange(17), 2)
+    joints = Joints(pixels, np.full(pixels.shape[:2], 2.0), *numbers)
+    found = place_people(rig, joints, COCO17, 25.0)
+    assert (found.person.tolist(), found.slot.tolist()) == ([7, 8], [3, 4])
+    assert np.isnan(found.joints[0, 2]).all()
+    placed_m = np.delete(found.joints.reshape(-1, 3), 2, axis=0)
+    np.testing.assert_allclose(placed_m, np.delete(truth_m, 2, axis=0), atol=0.01)
+
+
 def test_limb_has_its_measured_length() -> None:
     people = standing([1.8, 1.8], unit_m=2.5, moments=MIN_LIMBS // 2)
     scale = from_limb(people, "left_hip", "left_knee", 1.8 * THIGH)
@@ -71,6 +90,7 @@ def test_limb_has_its_measured_length() -> None:
 
 def test_stature_is_that_of_most_people_who_were_seen_long_enough() -> None:
     people = standing([1.8, 1.8, 1.2], unit_m=2.5)
+    np.testing.assert_allclose(2.5 * statures(people), [1.8, 1.8, 1.2])
     people.joints[-MIN_LIMBS:-1] = np.nan  # of a child nothing but a moment
     known = from_stature(people, 1.8)
     assert known.factor == pytest.approx(2.5) and known.known_from == "people 1.8 m tall"

@@ -68,8 +68,8 @@ def test_two_programs_that_speak_as_one_camera_are_distinguished() -> None:
     assert message in why(camera, at_ns)
     for later_s, expected in (
         (1, message),
-        (cameras.RIVAL_S / 2, message),
-        (cameras.RIVAL_S, ""),
+        (9.4, message),
+        (10, ""),
     ):  # one of them ended
         later_ns = at_ns + round(later_s * SECOND)
         camera = speak(camera, 9, later_ns)
@@ -92,10 +92,8 @@ def test_last_word_of_a_program_that_ended_may_come_late() -> None:
 
 
 def test_silence_is_noticed_within_two_seconds() -> None:
-    assert why(well(), NOW + round(cameras.SILENT_S * SECOND) - 1) == ""
-    assert cameras.SILENT_S < 2 and "silent for" in why(
-        well(), NOW + round(cameras.SILENT_S * SECOND) + 1
-    )
+    assert why(well(), NOW + 1_900_000_000) == ""
+    assert "silent for" in why(well(), NOW + 1_900_000_001)
 
 
 @each_case(
@@ -150,7 +148,7 @@ def test_frozen_camera_is_noticed_though_it_speaks() -> None:
     camera = well()
     for second in range(1, 9):
         camera = with_heartbeat(camera, BEAT, NOW + second * SECOND)
-        frozen = second > cameras.FROZEN_S
+        frozen = second > 5
         assert why(camera, NOW + second * SECOND) == ("no new frames" if frozen else "")
     asleep = well()
     for second in range(1, 9):
@@ -162,25 +160,28 @@ def test_frozen_camera_is_noticed_though_it_speaks() -> None:
 
 def test_nonsense_leads_to_quarantine_and_out_again() -> None:
     camera = well()
-    for _ in range(cameras.WRONG_LIMIT - 1):
+    for _ in range(19):
         camera = cameras.with_invalid_message(camera, "found 18 joints", NOW)
     assert why(camera) == ""
     camera = cameras.with_invalid_message(camera, "found 18 joints", NOW)
     assert why(camera) == "sends invalid messages (found 18 joints)"
-    later = NOW + round(cameras.QUARANTINE_S * SECOND)
+    later = NOW + 5 * SECOND
+    assert camera.quarantined_until_ns == later
     assert why(with_heartbeat(camera, structs.replace(BEAT, captured=11), later), later) == ""
 
 
 def test_rare_nonsense_is_forgiven() -> None:
-    camera = well()
-    for second in range(200):
-        camera = cameras.with_invalid_message(camera, "", NOW + second * SECOND)
-    assert camera.quarantined_until_ns == 0
+    for gap_s, quarantined in ((1.0, False), (0.53, False), (0.52, True)):  # twenty in ten seconds
+        camera = well()
+        for number in range(200):
+            at_ns = NOW + round(number * gap_s * SECOND)
+            camera = cameras.with_invalid_message(camera, "", at_ns)
+        assert (camera.quarantined_until_ns > 0) is quarantined, gap_s
 
 
 def test_flood_is_noticed_and_ends_with_its_second() -> None:
     camera = well()
-    limit = round(cameras.FLOOD_RATE * (25 + 10))
+    limit = 4 * (25 + 10)
     for _ in range(limit):
         camera = with_message(camera, NOW)
     assert not cameras.flooding(camera, 25, NOW)
