@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import re
+import shlex
 from collections.abc import Mapping
 
 from e3pose.base.errors import InputError
@@ -139,3 +140,8 @@ def plural(number: float, one: str, many: str = "") -> str:
     """
     shown = str(number) if isinstance(number, int) else f"{number:g}"
     return f"{shown} {one if number == 1 else many or one + 's'}"
+
+
+def shell(path: object) -> str:
+    """Return a path or name as a word of a command to paste into a shell."""
+    return shlex.quote(str(path))

@@ -12,7 +12,7 @@ from rich.progress import Progress
 
 from e3pose.base.atomic import check_output, write_file
 from e3pose.base.errors import InputError
-from e3pose.base.quantities import check_within, plural
+from e3pose.base.quantities import check_within, plural, shell
 from e3pose.calibrate.board import Board, as_pdf, as_svg, draw_page, largest_square_mm
 from e3pose.calibrate.board_views import find_board
 from e3pose.cli.options import Flag, Whole
@@ -157,7 +157,7 @@ def intrinsics(
     for report in reports:
         print("\n".join(as_lines(report)))
     print(f"{dest}: lenses of {', '.join(named)}; where they stand is not known yet")
-    print(f"Then: e3pose calibrate extrinsics VIDEO... rig.toml --intrinsics {dest}")
+    print(f"Then: e3pose calibrate extrinsics VIDEO... rig.toml --intrinsics {shell(dest)}")
 
 
 def toml_path(word: str) -> Path:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from e3pose.base.atomic import write_file
 from e3pose.base.errors import InputError
-from e3pose.base.quantities import plural
+from e3pose.base.quantities import plural, shell
 from e3pose.calibrate.recordings import last_seconds
 from e3pose.cli.calibrating_lenses import toml_path
 from e3pose.cli.output import is_stdout, write_json
@@ -96,7 +96,7 @@ def _of_site(path: Path, camera_id: str, seconds: float) -> tuple[Recording, Rig
         raise InputError(
             f"{folder}: found no recording of {ENOUGH_S:.0f} s, expected what the cameras saw "
             'since: set record = "keypoints" in [[camera]] of the site file, or stop the edge and '
-            f"run e3pose record {path} walk --for 60"
+            f"run e3pose record {shell(path)} walk --for 60"
         )
     rig = rig.subset([rig.index(name) for name in recording.rig.camera_ids])
     return replace(recording, rig=rig), rig, toml_path(str(own))

@@ -16,7 +16,7 @@ from rich.progress import TimeRemainingColumn as TimeLeft
 
 from e3pose.base.atomic import check_free
 from e3pose.base.errors import InputError, exit_code
-from e3pose.base.quantities import plural
+from e3pose.base.quantities import plural, shell
 from e3pose.camera.detect import DetectReport, DetectSettings, detect_videos, partial_folder
 from e3pose.cli.options import OUTPUT, Flag, Whole, as_typed
 from e3pose.cli.placed import check_world
@@ -165,7 +165,7 @@ def detect(
     for note in () if known is None else known.notes:
         print(f"  {note}")
     if rig is None or not rig.placed:
-        print(f"  not calibrated: e3pose calibrate extrinsics {dest} rig.toml --update")
+        print(f"  not calibrated: e3pose calibrate extrinsics {shell(dest)} rig.toml --update")
     else:
         check_world(rig, calibration, calibration, rotations)
 

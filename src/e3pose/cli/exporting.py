@@ -12,7 +12,7 @@ from cyclopts import Group, Parameter
 
 from e3pose.base.atomic import check_output
 from e3pose.base.errors import MISSING, InputError
-from e3pose.base.quantities import duration_s, plural
+from e3pose.base.quantities import duration_s, plural, shell
 from e3pose.cli.options import Flag, Whole, as_typed
 from e3pose.cli.output import wrote
 from e3pose.cli.progress import track_progress
@@ -189,7 +189,8 @@ def _write_page(source: str, dest: Path, period: PeriodOptions, smoothing: Smoot
     path = Path(source)
     if (path / "recording.toml").is_file():
         raise InputError(
-            f"{source}: found a recording, expected a site: e3pose replay {source} --report {dest}"
+            f"{source}: found a recording, expected a site: e3pose replay {shell(source)} "
+            f"--report {shell(dest)}"
         )
     if not (path.is_dir() or path.suffix == ".toml"):
         raise InputError(f"{source}: found a store, expected its site, which names its cameras")
@@ -236,7 +237,7 @@ def _take(source: str, dest: Path, asked: Asked) -> Take:
         return take_from_table(path, asked)
     if (path / "recording.toml").is_file():
         raise InputError(
-            f"{source}: found a recording, expected poses: first run e3pose replay {source} "
+            f"{source}: found a recording, expected poses: first run e3pose replay {shell(source)} "
             "--poses poses.parquet"
         )
     store, site = store_of(source, asked.site)

@@ -13,6 +13,7 @@ from rich.text import Text
 
 from e3pose.base.bounded import read_bytes
 from e3pose.base.errors import InputError
+from e3pose.base.quantities import shell
 from e3pose.cli.options import Flag
 from e3pose.cli.output import wrote
 from e3pose.wire.access import Kind
@@ -47,7 +48,10 @@ def init(
         Folder to create.
     """
     init_keys(out, site, host or [], _now())
-    print(f"Wrote {out}: certificates of site {site}; next: e3pose keys add CAMERA --keys {out}")
+    print(
+        f"Wrote {out}: certificates of site {site}; next: e3pose keys add CAMERA "
+        f"--keys {shell(out)}"
+    )
 
 
 @keys_app.command(name="add")

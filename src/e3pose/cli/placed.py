@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from e3pose.base.quantities import shell
 from e3pose.camera.provenance import load_provenance
 from e3pose.cli.options import warn
 from e3pose.cli.progress import notice_compiling
@@ -42,7 +43,7 @@ def doubts(recording: Recording, path: Path, calibration: object = None) -> list
     people = doubt_people(recording, load_noise(detector_of(recording)))
     if world and people.startswith(LYING):
         people = ""  # the axes again
-    return [words.replace("CALIBRATION", str(file)) for words in (people, world) if words]
+    return [words.replace("CALIBRATION", shell(file)) for words in (people, world) if words]
 
 
 def check_world(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 from rich.console import Console
 
-from e3pose.base.quantities import check_seconds, plural
+from e3pose.base.quantities import check_seconds, plural, shell
 from e3pose.cli.running import begin
 from e3pose.settings.site_file import load_site
 
@@ -82,4 +82,7 @@ def _report(server: RecordServer, calibration: Path) -> None:
     if (server.views < server.slots / 2).any():
         print("  some cameras missed half of the slots: is fps too high? See e3pose check")
     if not plan.rig.placed:
-        print(f"Next: e3pose calibrate extrinsics {server.written} {calibration} --update")
+        print(
+            f"Next: e3pose calibrate extrinsics {shell(server.written)} {shell(calibration)} "
+            "--update"
+        )

@@ -6,13 +6,12 @@ import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from shlex import quote
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
 from e3pose.base.errors import Exit, InputError
-from e3pose.base.quantities import duration_s
+from e3pose.base.quantities import duration_s, shell
 from e3pose.cli.fault_options import FaultOptions
 from e3pose.cli.options import (
     GOAL,
@@ -123,7 +122,7 @@ def replay(
     /,
     *,
     policy: str | None = None,
-    cameras: Annotated[float | None, Parameter(alias="-C", group=GOAL)] = None,
+    cameras: Annotated[float | Literal["all"] | None, Parameter(alias="-C", group=GOAL)] = None,
     loop: LoopOptions = LOOP,
     energy: EnergyOptions = ENERGY,
     faults: FaultOptions = FAULTS,
@@ -155,12 +154,16 @@ def replay(
         Camera selection: all, random, round-robin, independent, central-2d, e3pose-mv, e3pose,
         information. Default: set by --pipeline.
     cameras
-        Cameras per slot C; a mean such as 1.5 is allowed. Default: 2, and 3 with --pipeline paper.
+        Cameras per slot C, a mean such as 1.5, or all. Default: 2, and 3 with --pipeline paper.
     delay
         Smooth the poses with the slots of this time after them, such as 200ms, as the delayed poses
         of a live site.
     """
     smoothing = smooth.settings()
+    if cameras == "all":
+        if policy not in (None, "all"):
+            raise InputError("--cameras", f"all with --policy {policy}", "one of them")
+        policy, cameras = "all", None
     asked = loop.settings(policy, cameras)
     delay_s = delay_of(delay, smoothing.method, asked.pipeline)
     smoothed = "--delay" if delay_s else "--smooth" if smoothing.method else None
@@ -204,7 +207,7 @@ def replay(
             for problem in find_problems(whole)
             if problem.kind not in COSMETIC
         ]
-        also = f"; e3pose info {quote(str(recording))} tells more" if len(why) > 1 else ""
+        also = f"; e3pose info {shell(recording)} tells more" if len(why) > 1 else ""
         reason = why[0] if why else "no two cameras see the same person"
         print(f"e3pose: found nobody: {reason}{also}", file=sys.stderr)
         sys.exit(Exit.NOBODY)

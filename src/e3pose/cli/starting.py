@@ -15,7 +15,7 @@ from e3pose.base.atomic import check_free
 from e3pose.base.errors import InputError
 from e3pose.base.masking import masked
 from e3pose.base.plugins import beside
-from e3pose.base.quantities import plural, three_digits
+from e3pose.base.quantities import plural, shell, three_digits
 from e3pose.base.system import num_cores
 from e3pose.camera.orientation import Orientation
 from e3pose.camera.probe import Probe, find_devices, probe, probe_all
@@ -252,6 +252,6 @@ def _report(choice: Choice, folder: Path, path: Path) -> None:
         report(speed_problems(load_site(path), choice.times, choice.num_selected), warn)
     if choice.rig is None:
         print("Missing: the calibration. Let people walk through the room, then")
-        print(f"  e3pose record {folder} walk --for 60")
-        print(f"  e3pose calibrate extrinsics walk {folder / RIG_FILE} --update")
-    print(f"Check it: e3pose check {folder}. Start it: e3pose up {folder}")
+        print(f"  e3pose record {shell(folder)} walk --for 60")
+        print(f"  e3pose calibrate extrinsics walk {shell(folder / RIG_FILE)} --update")
+    print(f"Check it: e3pose check {shell(folder)}. Start it: e3pose up {shell(folder)}")

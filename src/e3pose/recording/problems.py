@@ -11,7 +11,7 @@ import numpy as np
 
 from e3pose.base.arrays import Floats
 from e3pose.base.nan_statistics import mean_of_known
-from e3pose.base.quantities import plural
+from e3pose.base.quantities import plural, shell
 from e3pose.model.camera import Camera
 from e3pose.model.pose import Poses2D
 from e3pose.recording.calibration.world import world_problem
@@ -112,6 +112,7 @@ def _line_distances(pixels: Floats, candidates: Floats, F: Floats) -> Floats:
 
 
 # Limits beyond which something deserves a line.
+OUTSIDE_PX = 5.0  # networks place a joint at the border this far beyond it
 OUTSIDE_SHARE = 0.02  # of keypoints outside the image
 RATE_SHARE = 0.005  # difference between the times and fps
 JITTER_SHARE = 0.25  # of a slot, 95th percentile
@@ -161,7 +162,7 @@ def find_problems(
     else:
         message = (
             f"it is not known where the cameras stand: e3pose calibrate extrinsics "
-            f"{recording.name if folder is None else folder} rig.toml --update"
+            f"{shell(recording.name if folder is None else folder)} rig.toml --update"
         )
         problems.append(Problem("not-placed", "rig", message))
     if folder is not None:
@@ -248,7 +249,8 @@ def _keypoint_problems(camera: Camera, series: ViewSeries) -> list[Problem]:
         problems.append(Problem("flat-scores", where, message))
     pixels = series.keypoints_px[seen]
     width, height = camera.image_size
-    outside = ((pixels < -0.5) | (pixels > np.array([width, height]) - 0.5)).any(axis=-1)
+    last = np.array([width, height]) - 1
+    outside = ((pixels < -OUTSIDE_PX) | (pixels > last + OUTSIDE_PX)).any(axis=-1)
     if outside.mean() > OUTSIDE_SHARE:
         problems.append(
             Problem(

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import cast
 
 from e3pose.base.errors import InputError
+from e3pose.base.quantities import shell
 from e3pose.detectors import skeleton_of
 from e3pose.energy.budgets import Budget, parse_budget
 from e3pose.model.camera import Rig
@@ -188,8 +189,8 @@ def calibrate_advice(site: SiteTable) -> str:
     """Return the commands that make the calibration of a site."""
     folder = site.folder if site.path.name == SITE_FILE else site.path
     return (
-        f"let people walk through the room, `e3pose record {folder} walk --for 60`, then "
-        f"`e3pose calibrate extrinsics walk {site.calibration} --update`"
+        f"let people walk through the room, `e3pose record {shell(folder)} walk --for 60`, then "
+        f"`e3pose calibrate extrinsics walk {shell(site.calibration)} --update`"
     )
 
 

@@ -18,7 +18,7 @@ from msgspec import Meta
 from e3pose.base.bounded import read_toml
 from e3pose.base.errors import InputError
 from e3pose.base.plugins import beside as own_beside
-from e3pose.base.quantities import age_s, check_within, duration_s, size_bytes
+from e3pose.base.quantities import age_s, check_within, duration_s, shell, size_bytes
 from e3pose.base.table import check_bounds, convert, entry, read_table
 from e3pose.model.camera_fields import check_camera_id
 from e3pose.settings.energy import EnergySettings, IdleMode
@@ -319,7 +319,7 @@ def load_site(named: Path) -> SiteTable:
     if not path.exists():
         raise InputError(
             f"{path}: file not found, expected a site file or its folder; create one with "
-            f"e3pose init {path.parent if path.suffix else path}"
+            f"e3pose init {shell(path.parent if path.suffix else path)}"
         )
     table = read_toml(path, MAX_BYTES)
     try:

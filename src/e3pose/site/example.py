@@ -14,6 +14,7 @@ import tomli_w
 
 from e3pose.base.atomic import atomic_folder
 from e3pose.base.errors import InputError
+from e3pose.base.quantities import shell
 from e3pose.model.camera import Rig
 from e3pose.recording import Recording, save_recording
 from e3pose.recording.calibration import save_rig
@@ -117,7 +118,7 @@ def make_example(folder: Path) -> Path:
     if folder.exists() and not (folder.is_dir() and not any(folder.iterdir())):
         raise InputError(
             f"{folder}: is there already, expected a new folder; run the site in it with "
-            f"`e3pose up {folder}`, without --example"
+            f"`e3pose up {shell(folder)}`, without --example"
         )
     with atomic_folder(folder, private=True) as made:
         recording = simulate(SCENE, 0)

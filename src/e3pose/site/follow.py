@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from e3pose.base.errors import InputError
+from e3pose.base.quantities import shell
 from e3pose.settings.site_file import SiteTable
 from e3pose.wire import topics
 from e3pose.wire.access import Kind, Link
@@ -139,7 +140,7 @@ def viewer_link(site: SiteTable, viewer: Path | None, operates: bool = False) ->
             if not found:
                 raise InputError(
                     f"{folder}: found no viewer's certificate, expected one: "
-                    f"e3pose keys add NAME --viewer --keys {folder}"
+                    f"e3pose keys add NAME --viewer --keys {shell(folder)}"
                 )
             viewer = found[0].parent
         kind: Kind = "operator" if (viewer / "operator.pem").exists() else "viewer"

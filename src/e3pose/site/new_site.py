@@ -14,7 +14,7 @@ import tomli_w
 
 from e3pose.base.atomic import atomic_folder, check_free
 from e3pose.base.errors import InputError
-from e3pose.base.quantities import plural, three_digits
+from e3pose.base.quantities import plural, shell, three_digits
 from e3pose.base.system import claim_address, num_cores
 from e3pose.camera.probe import Probe
 from e3pose.detectors.timing import DetectionTimes
@@ -186,7 +186,7 @@ def site_text(choice: Choice, folder: Path) -> str:
     return "\n".join(
         [
             f"# The site {choice.name}, made by `e3pose init` ({made}).",
-            f"# Check it: e3pose check {folder}    Start it: e3pose up {folder}",
+            f"# Check it: e3pose check {shell(folder)}    Start it: e3pose up {shell(folder)}",
             "# All keys: docs/reference/site-file.md. Paths are relative to this file.",
             "",
             'format = "e3pose-site"',
@@ -208,7 +208,7 @@ def site_text(choice: Choice, folder: Path) -> str:
             f'endpoint = "tcp/127.0.0.1:{_port()}"',
             "",
             "[store]",
-            _line('path = "live.db"', f"e3pose query {folder}"),
+            _line('path = "live.db"', f"e3pose query {shell(folder)}"),
             'keep = "30d"',
             'max_size = "20GB"',
             "",
@@ -234,8 +234,8 @@ def _calibration(choice: Choice, folder: Path) -> list[str]:
         return [_line(setting, "names and locates the cameras")]
     return [
         _line(setting, "missing, to be made by"),
-        f"#   e3pose record {folder} walk --for 60",
-        f"#   e3pose calibrate extrinsics walk {folder / RIG_FILE} --update",
+        f"#   e3pose record {shell(folder)} walk --for 60",
+        f"#   e3pose calibrate extrinsics walk {shell(folder / RIG_FILE)} --update",
     ]
 
 

@@ -18,7 +18,7 @@ from e3pose.model.skeleton import COCO17
 from e3pose.settings.events_table import EventsTable
 from e3pose.site.streams import Source
 from e3pose.site.streams.base import TellsCameras, TellsPeople
-from e3pose.site.streams.homeassistant import HURRY_S, HomeAssistantStream, discovery
+from e3pose.site.streams.homeassistant import HURRY_S, HomeAssistantStream, discovery, identifiers
 from e3pose.wire.site_messages import CameraStatus, Status
 
 SOURCE = Source("lab", COCO17, 12.5, cameras=("c0", "hall 2"), zones=("door",), kinds=tuple(RULES))
@@ -55,6 +55,13 @@ def test_every_component_is_as_documented() -> None:
         assert REQUIRED[kind] <= set(component) <= REQUIRED[kind] | OPTIONAL[kind]
         assert component.get("device_class") in {None, *CLASSES.get(kind, ())}
     assert {"zone_door", "occupied_door", "camera_hall_2"} <= set(message["components"])
+
+
+def test_names_that_differ_in_marks_alone_stay_two() -> None:
+    source = replace(SOURCE, zones=("bed.1", "bed_1", "door 1"))
+    zones = [key for key in discovery(source)[1]["components"] if key.startswith("zone_")]
+    assert len(zones) == 3 and {"zone_bed_1", "zone_door_1"} < set(zones)
+    assert len(set(identifiers(["a b", "a.b", "a/b"]).values())) == 3
 
 
 @pytest.fixture

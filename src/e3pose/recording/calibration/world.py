@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from e3pose.base.errors import InputError
+from e3pose.base.quantities import shell
 from e3pose.model.camera import Camera, Rig
 
 UP_SHARE = 0.3  # mean of the images' up directions along world z, from which a rig is upright
@@ -45,7 +46,8 @@ def require_placed(rig: Rig, where: object) -> None:
     if not rig.placed:
         raise InputError(
             f"{where}: it is not known where the cameras stand, expected a calibration: "
-            f"e3pose calibrate extrinsics {where} rig.toml (docs/how-to/calibrate-cameras.md)"
+            f"e3pose calibrate extrinsics {shell(where)} rig.toml "
+            "(docs/how-to/calibrate-cameras.md)"
         )
 
 
@@ -82,7 +84,7 @@ def world_problem(
         name = ("-" if up[axis] < 0 else "") + "xyz"[axis]
         return "not-z-up", (
             f"the images' up points {up[2]:+.2f} along world z on average, expected near 1; "
-            f"it points along {name}: e3pose calibrate align {file} fixed.toml --up={name}"
+            f"it points along {name}: e3pose calibrate align {shell(file)} fixed.toml --up={name}"
         )
     if np.median(centers[:, 2]) < FLOOR_M:
         return "below-floor", (

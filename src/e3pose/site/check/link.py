@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from e3pose.base.errors import InputError
+from e3pose.base.quantities import shell
 from e3pose.settings.resolved import ResolvedSite
 from e3pose.site.admission import edge_link
 from e3pose.site.check.finding import Finding, ok, problem, warning
@@ -28,7 +29,7 @@ def link_problems(site: ResolvedSite) -> Iterator[Finding]:
     except InputError as error:
         advice = []
         if table.endpoint.encrypted and not (folder / "keys.toml").exists():
-            advice.append(f"e3pose keys init {site.file.name} --out {folder}")
+            advice.append(f"e3pose keys init {site.file.name} --out {shell(folder)}")
         if table.endpoint.encrypted and table.keys is None:
             advice.append("keys = 'keys' in [link]")
         yield problem("link", str(error), ", and ".join(advice))
@@ -45,7 +46,7 @@ def link_problems(site: ResolvedSite) -> Iterator[Finding]:
         yield warning("link", found, "endpoint = 'tls/0.0.0.0:7447'")
     for camera_id in site.rig.camera_ids:
         if roll is None or camera_id not in roll.cameras:
-            how = f"e3pose keys add {camera_id} --keys {folder}, then copy its folder to the camera"
+            how = f"e3pose keys add {camera_id} --keys {shell(folder)}, then copy its folder there"
             yield problem(f"certificate {camera_id}", "missing", how)
     if roll is not None:
         yield from _certificates(folder, roll, site.file.name)
@@ -64,14 +65,17 @@ def _certificates(folder: Path, roll: Roll, site: str) -> Iterator[Finding]:
             except InputError as error:
                 refused.add(name)
                 option = "" if kind == "camera" else f" --{kind}"
-                again = f"e3pose keys add {name}{option} --again --keys {folder}, then copy {place}"
+                command = f"e3pose keys add {name}{option} --again --keys {shell(folder)}"
+                again = f"{command}, then copy {place}"
                 yield problem(f"certificate {name}", str(error), again)
     for name, until in expiring(folder, datetime.datetime.now(datetime.timezone.utc)):
         if name in refused:
             continue
-        renew = f"e3pose keys renew {name} --keys {folder}"
+        renew = f"e3pose keys renew {name} --keys {shell(folder)}"
         if name == AUTHORITY:
-            renew = f"e3pose keys init {site} --out {folder}-new, then copy all its folders"
+            renew = (
+                f"e3pose keys init {site} --out {shell(f'{folder}-new')}, then copy all its folders"
+            )
         elif name != EDGE:
             renew += ", then copy its folder"
         yield warning(f"certificate {name}", f"expires on {until:%Y-%m-%d}", renew)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from e3pose.base.errors import InputError
-from e3pose.base.quantities import plural, three_digits
+from e3pose.base.quantities import plural, shell, three_digits
 from e3pose.base.system import num_cores
 from e3pose.camera.orientation import Orientation
 from e3pose.detectors import DETECTORS
@@ -189,8 +189,8 @@ def _fill(setup: SetupSession, choice: Choice) -> None:
 
 def init_command(setup: SetupSession, detector: str) -> str:
     """Return the command line that writes the site file."""
-    words = [f"{c.id}={shown_source(setup, c.source)}" for c in setup.plan().cameras]
+    words = [shell(f"{c.id}={shown_source(setup, c.source)}") for c in setup.plan().cameras]
     turned = [f"{c.id}: {c.rotation}" for c in setup.plan().cameras if c.rotation]
     more = f"  # then rotation = ... in site.toml ({', '.join(turned)})" if turned else ""
     network = f" --detector {detector}" if detector else ""
-    return f"e3pose init {setup.name} {' '.join(words)}{network}{more}"
+    return f"e3pose init {shell(setup.name)} {' '.join(words)}{network}{more}"

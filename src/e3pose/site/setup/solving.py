@@ -159,8 +159,8 @@ def move_world(setup: SetupSession, camera_id: str, x: float, y: float, what: st
     if results.get("check"):  # its map is of the world of before
         setup.keep_result("check", None)
     option = "--origin" if what == "origin" else "--x-axis"
-    file = setup.shown(setup.calibration)
-    return f"e3pose calibrate align {file} {file} {option}={words}"
+    files = " ".join(2 * [setup.shown(setup.calibration)])
+    return f"e3pose calibrate align {files} {option}={words}"
 
 
 def _move_recording(setup: SetupSession, move: Move) -> None:

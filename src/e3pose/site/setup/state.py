@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from e3pose.base.quantities import plural
+from e3pose.base.quantities import plural, shell
 from e3pose.site.setup.cameras import shown_source, simulate_command
 from e3pose.site.setup.going_live import LiveSite
 from e3pose.site.setup.judging import check_command
@@ -70,9 +70,9 @@ def _steps(
          "cameras placed" if placed else ""),
         ("check", "Check", checked, placed, f"{record_command(setup, 'second')}\n"
          f"{check_command(setup)}", "" if not checked else results["check"]["grade"]),
-        ("live", "Go live", live.body()["live"], placed, f"e3pose up {setup.name} --view",
+        ("live", "Go live", live.body()["live"], placed, f"e3pose up {shell(setup.name)} --view",
          live.state if live.on else ""),
-        ("change", "Change", False, setup.has_site, f"e3pose check {setup.name}", ""),
+        ("change", "Change", False, setup.has_site, f"e3pose check {shell(setup.name)}", ""),
     )  # fmt: skip
     return [
         {"id": key, "title": title, "done": done, "open": opened, "command": command, "words": says}

@@ -18,6 +18,7 @@ from e3pose.base.bounded import read_bytes
 from e3pose.base.errors import InputError
 from e3pose.base.jpeg import jpeg_size
 from e3pose.base.private import make_folder
+from e3pose.base.quantities import shell
 from e3pose.edge.gather import Arrival
 from e3pose.edge.record_server import RecordServer
 from e3pose.settings.resolved import ASSUMED_SIZE, ResolvedSite, resolve
@@ -111,7 +112,8 @@ def forget_pictures(folder: Path) -> None:
 def record_command(setup: SetupSession, which: Which) -> str:
     """Return the command line that records the next walk."""
     folder = setup.folder / setup.free_folder(which)
-    return f"e3pose record {setup.name} {setup.shown(folder)} --for {60 if which == 'walk' else 30}"
+    seconds = 60 if which == "walk" else 30
+    return f"e3pose record {shell(setup.name)} {setup.shown(folder)} --for {seconds}"
 
 
 def start_walk(setup: SetupSession, which: Which, snapshots: Snapshots) -> Coverage:

@@ -19,6 +19,7 @@ import json
 import re
 import ssl
 import time
+import zlib
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -83,6 +84,18 @@ def identifier(text: str) -> str:
     return re.sub(r"[^a-zA-Z0-9_-]", "_", text)
 
 
+def identifiers(names: Sequence[str]) -> dict[str, str]:
+    """Return an id of its own for each name: `bed.1` beside `bed_1` ends in its checksum."""
+    plain = {name: identifier(name) for name in names}
+    taken = {*names}
+    return {
+        name: f"{key}_{zlib.crc32(name.encode()):08x}"
+        if name != key and (key in taken or [*plain.values()].count(key) > 1)
+        else key
+        for name, key in plain.items()
+    }
+
+
 def does(camera: CameraStatus) -> str:
     """Return the activity of a camera, one of `DOES`."""
     if camera.paused:
@@ -125,28 +138,29 @@ def discovery(
     add("people", "sensor", "People", "value_json.people", icon="mdi:account-group", **counted)
     for state in STATES:
         add(f"state_{state}", "sensor", f"People {state}", f"value_json.states.{state}", **counted)
+    zone_ids, camera_ids = identifiers(source.zones), identifiers(source.cameras)
     for index, zone in enumerate(source.zones):
         value = f"value_json.zones[{index}]"
-        add(f"zone_{identifier(zone)}", "sensor", f"People in {zone}", value, **counted)
+        add(f"zone_{zone_ids[zone]}", "sensor", f"People in {zone}", value, **counted)
         add(
-            f"occupied_{identifier(zone)}", "binary_sensor", f"{zone} occupied",
+            f"occupied_{zone_ids[zone]}", "binary_sensor", f"{zone} occupied",
             f"'ON' if {value} > 0 else 'OFF'", device_class="occupancy",
         )  # fmt: skip
     for index, camera in enumerate(source.cameras):
         value = f"'ON' if value_json.cameras[{index}] else 'OFF'"
         add(
-            f"camera_{identifier(camera)}", "binary_sensor", f"Camera {camera}", value,
+            f"camera_{camera_ids[camera]}", "binary_sensor", f"Camera {camera}", value,
             device_class="running", entity_category="diagnostic",
         )  # fmt: skip
         add(
-            f"does_{identifier(camera)}", "sensor", f"Camera {camera} does",
+            f"does_{camera_ids[camera]}", "sensor", f"Camera {camera} does",
             f"value_json[{index}].does", device_class="enum", options=list(DOES),
             entity_category="diagnostic", state_topic=f"{base}/cameras",
         )  # fmt: skip
         for field, (title, keys) in SENSORS.items():
             if (camera, field) in told:
                 add(
-                    f"{field}_{identifier(camera)}", "sensor", f"{title} {camera}",
+                    f"{field}_{camera_ids[camera]}", "sensor", f"{title} {camera}",
                     f"value_json[{index}].{field}", state_class="measurement",
                     entity_category="diagnostic", state_topic=f"{base}/cameras", **keys,
                 )  # fmt: skip
