@@ -196,7 +196,8 @@ def revoke(hub: Path, name: str, /) -> None:
 
     Example: `e3pose hub revoke house ada`
 
-    Tokens of sites' own pages that the user was handed stay valid: replace those at the sites.
+    Live pages of sites refuse the user from the next question of `e3pose hub run` on, also those
+    that are open; without such questions after an hour.
 
     Parameters
     ----------
@@ -206,8 +207,9 @@ def revoke(hub: Path, name: str, /) -> None:
         Of the user.
     """
     with as_typed({"user": "NAME"}):
-        revoke_user(load_hub(hub), name)
-    print(f"{name}: revoked")
+        found = load_hub(hub)
+        revoke_user(found, name)
+    print(f"{name}: revoked here; at sites with the next question, in about {found.every_s:g} s")
 
 
 @hub_app.command

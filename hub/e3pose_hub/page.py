@@ -21,7 +21,6 @@ from e3pose.site.web.access import Rules, token_of
 from e3pose.site.web.page import FILES as FILES_OF_SITE
 from e3pose.site.web.page import make_page
 from e3pose.site.web.server import PageServer, https_of, listening_at, serve
-from e3pose.site.web.tokens import open_tokens
 from e3pose.store.database import REFUSALS, refusal_of
 from e3pose.wire.endpoint import read_host_port
 from e3pose_hub.accesses import log_accesses
@@ -147,15 +146,10 @@ def _page_of(hub: Hub, name: str, user: User) -> tuple[str, str]:
     site = hub.sites[name]
     if not site.page:
         raise InputError(f"{name}: page: not found, expected the address of its live page")
-    if not site.page_tokens:
+    if not site.page_users:
         return site.page, "live page, by a token of their own"
-    place = hub.path.parent / site.page_tokens
-    if not place.is_file():
-        raise InputError(f"{name}: page_tokens: no such file, expected the tokens of its page")
-    tokens = open_tokens(place)
-    operates = user.role == "operator"
-    token = tokens.write if operates else tokens.read
-    return f"{site.page}#token={token}", f"live page, to {'control' if operates else 'see'}"
+    how = "control" if user.role == "operator" else "see"
+    return f"{site.page}#token={user.page_token(name)}", f"live page, to {how}"
 
 
 def page_lines(url: str, hub: Hub) -> list[str]:

@@ -10,6 +10,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from enum import Enum, auto
 
+from msgspec.structs import replace as replace_field
 from sqlalchemy import Engine
 
 from e3pose.base.errors import InputError
@@ -23,11 +24,13 @@ from e3pose.wire.topics import of_outbox
 from e3pose_hub.database import Cursor, cursor_of, keep, note_problem
 from e3pose_hub.records import summaries_in, tombstones_in
 from e3pose_hub.settings import Hub, holder_at
+from e3pose_hub.users import users_of
 
 Ask = Callable[[bytes], bytes | None]
 ANSWER_S = 10.0
 JOIN_S = 5.0
 PAUSE_S = 0.25  # between two parts: a site answers four a second
+NOTHING = OutboxQuestion()
 TRIES = 3  # of a part that gets lost
 SLOWEST = 16  # of a site that does not answer: the usual time between two questions times this
 SOON = 0.25  # of it, after the first failure
@@ -95,6 +98,7 @@ def pull(
     pause: Callable[[], object],
     now_ns: int,
     turn: Turn | None = None,
+    question: OutboxQuestion = NOTHING,
 ) -> int:
     """Fetch the new summaries of a site; return how many.
 
@@ -105,6 +109,7 @@ def pull(
         pause: waits between two questions.
         now_ns: the time.
         turn: bounds it; None for no bounds.
+        question: with the users who may open the site's page.
 
     Raises:
         InputError: when the site does not answer, or sends what no edge sends.
@@ -113,7 +118,7 @@ def pull(
         cursor = cursor_of(connection, site)
     count = 0
     while turn is None or not turn.over():
-        part = _asked(site, ask, pause, cursor.taken, turn)
+        part = _asked(site, ask, pause, replace_field(question, after=cursor.taken), turn)
         if part.problem:
             raise InputError(f"{site}: {part.problem}")
         if part.begun_ns != cursor.begun_ns:  # another outbox: from its beginning
@@ -139,10 +144,14 @@ def pull(
 
 
 def _asked(
-    site: str, ask: Ask, pause: Callable[[], object], after: int, turn: Turn | None
+    site: str,
+    ask: Ask,
+    pause: Callable[[], object],
+    question: OutboxQuestion,
+    turn: Turn | None,
 ) -> OutboxPart:
     for _ in range(TRIES):
-        answer = ask(encode(OutboxQuestion(after)))
+        answer = ask(encode(question))
         if answer is not None:
             if turn is not None:
                 turn.take(len(answer))
@@ -189,7 +198,7 @@ class Pulling:
             said: called with a site and why it cannot be asked, or that it can again.
         """
         self._hub, self._engine, self._said = hub, engine, said
-        self._stop = threading.Event()
+        self._users, self._stop = users_of(hub), threading.Event()
         self._pool = ThreadPoolExecutor(AT_ONCE, "pull")
         self._problems: dict[str, str] = {}
         self._sizes = Rate(BYTES_PER_S, MOST_BYTES, time.monotonic)
@@ -237,9 +246,11 @@ class Pulling:
                 if not transport.connected():
                     raise InputError(f"{site}: {_unreachable(link)}")
                 topic = of_outbox(site, holder_at(link))
+                asked = self._users.page_tokens(site, self._hub.sites[site].group)
                 pull(
                     self._engine, site, lambda q: transport.ask(topic, q, ANSWER_S),
                     lambda: self._stop.wait(PAUSE_S), time.time_ns(), turn,
+                    OutboxQuestion(0, *asked),
                 )  # fmt: skip
             finally:
                 transport.close()

@@ -45,7 +45,8 @@ class SiteOfHub:
         keys: folder of a hub's certificate of that site, for tls.
         group: that it belongs to; people are given rights by group.
         page: address of its live page.
-        page_tokens: file of that page's tokens, which the hub's page hands to whom has the right.
+        page_users: whether that page lets in users of the hub, as `hubs` in its site file says.
+        page_tokens: no longer used; accepted for a release.
     """
 
     name: str
@@ -53,6 +54,7 @@ class SiteOfHub:
     keys: str = ""
     group: str = ""
     page: str = entry("", read=read_page)
+    page_users: bool = False
     page_tokens: str = ""
 
     def __post_init__(self) -> None:

@@ -45,6 +45,10 @@ class User(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     token_sha256: Annotated[str, Meta(pattern="^[0-9a-f]{64}$")]
     groups: tuple[Group, ...]
 
+    def page_token(self, site: str) -> str:
+        """Return the user's token for the page of a site; another after the next grant."""
+        return hmac.new(bytes.fromhex(self.token_sha256), site.encode(), "sha256").hexdigest()
+
 
 class UsersFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The file of a hub's users.
@@ -70,13 +74,27 @@ class Users:
     path: Path
     _read: tuple[Version | None, tuple[User, ...]] = (None, ())
 
+    def all(self) -> tuple[User, ...]:
+        """Return them."""
+        version = version_of([self.path])
+        if version is None or version != self._read[0]:
+            self._read = version, read_users(self.path)
+        return self._read[1]
+
+    def page_tokens(self, site: str, group: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """Return the hashes of the tokens of who may see the page of a site, and control it."""
+        hashes: dict[str, list[str]] = {"viewer": [], "operator": []}
+        for user in self.all():
+            if group in user.groups:
+                token = user.page_token(site)
+                hashes[user.role].append(hashlib.sha256(token.encode()).hexdigest())
+        return tuple(hashes["viewer"]), tuple(hashes["operator"])
+
     def of_token(self, token: str) -> User | None:
         """Return the user of a token; all are compared, so that the time reveals nothing."""
         given = hashlib.sha256(token.encode(errors="replace")).hexdigest()
-        found, version = None, version_of([self.path])
-        if version is None or version != self._read[0]:
-            self._read = version, read_users(self.path)
-        for user in self._read[1]:
+        found = None
+        for user in self.all():
             if hmac.compare_digest(user.token_sha256, given):
                 found = user
         return found

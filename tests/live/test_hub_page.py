@@ -17,13 +17,12 @@ from tests.site.web.browser import Page, in_browser
 from tests.waiting import eventually
 
 from e3pose.site.web.server import PageServer
-from e3pose.site.web.tokens import open_tokens
 from e3pose.store.summaries import MINUTE_NS
 from e3pose_hub.accesses import read_accesses
 from e3pose_hub.database import Cursor, keep, note_problem, open_hub
 from e3pose_hub.page import open_page
 from e3pose_hub.settings import load_hub
-from e3pose_hub.users import grant, revoke
+from e3pose_hub.users import Users, grant, revoke, users_of
 from simulated_sites import records_of
 
 pytestmark = in_browser
@@ -55,8 +54,7 @@ def house(tmp_path_factory: pytest.TempPathFactory) -> Iterator[House]:
         lines += ["[[site]]", f'name = "{site}"', f'group = "{group}"']
         lines += [f'endpoint = "tcp/127.0.0.1:{7000 + at}"']
         if site != "gym":
-            lines += [f'page = "https://127.0.0.1:{8000 + at}/"', f'page_tokens = "{site}.toml"']
-            open_tokens(folder / f"{site}.toml")
+            lines += [f'page = "https://127.0.0.1:{8000 + at}/"', "page_users = true"]
     (folder / "hub.toml").write_text("\n".join(lines))
     engine, hub = open_hub(str(folder / "hub.db")), load_hub(folder)
     now_ns = time.time_ns()
@@ -136,12 +134,13 @@ def test_way_to_a_site_s_own_page_is_with_the_rights_one_has_and_logged(
 ) -> None:
     see(page, house, house.bob)
     assert page.run("document.querySelector('td.go button').textContent") == "See"
-    for name, token, scope in (("ada", house.ada, "write"), ("bob", house.bob, "read")):
+    for name, token in (("ada", house.ada), ("bob", house.bob)):
         asked = httpx.post(
             house.view.url + "api/open", json={"site": "lab"},
             headers={"Authorization": f"Bearer {token}"},
         )  # fmt: skip
-        own = getattr(open_tokens(house.folder / "lab.toml"), scope)
+        users = Users(users_of(load_hub(house.folder)).path).all()
+        own = next(user for user in users if user.name == name).page_token("lab")
         assert asked.json() == {"url": f"https://127.0.0.1:8000/#token={own}"}
         newest = read_accesses(str(house.folder / "hub.db"), limit=1)[0]
         assert (newest.who, newest.site) == (name, "lab")

@@ -143,7 +143,7 @@ def load_checkpoint(path: Path, pipeline: Pipeline) -> Checkpoint:
 
 
 def forget_people(path: Path, pipeline: Pipeline) -> None:
-    """Take everybody out of a checkpoint: those it follows, and those who left.
+    """Take all people out of a checkpoint, present and departed.
 
     What the loop learned of cameras and places stays.
 

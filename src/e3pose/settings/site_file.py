@@ -109,6 +109,7 @@ class ViewTable:
         proxies: addresses of reverse proxies before it, such as 127.0.0.1: the clients that they
             name are believed, and every reader needs a token.
         tokens: file of the tokens, made where it is missing.
+        hubs: whose users may open the page, each by a token of their own.
         insecure: whether plain http beyond this machine is allowed.
         pictures: whether the page shows small pictures of what cameras see; by default where it
             listens on loopback. Each camera must allow it too.
@@ -119,6 +120,7 @@ class ViewTable:
     hosts: tuple[str, ...] = ()
     proxies: tuple[str, ...] = ()
     tokens: Path = Path("view-tokens.toml")
+    hubs: tuple[str, ...] = ()
     insecure: bool = False
     pictures: bool | None = None
     pictures_per_s: Annotated[float, Meta(ge=0.1, le=5)] = 2.0
@@ -130,6 +132,8 @@ class ViewTable:
                 ipaddress.ip_address(proxy)
             except ValueError:
                 raise InputError("proxies", repr(proxy[:100]), "addresses") from None
+        for hub in self.hubs:
+            check_camera_id(hub)  # it becomes a file
 
 
 @dataclass(frozen=True, slots=True)

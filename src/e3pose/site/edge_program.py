@@ -44,6 +44,7 @@ from e3pose.site.event_sink import EventSink
 from e3pose.site.interpreter import reduce_pauses
 from e3pose.site.program_log import NO_LOG, Log
 from e3pose.site.run import run_until_stopped
+from e3pose.site.web.tokens import hub_tokens
 from e3pose.site.zones import Zones
 from e3pose.store.rows import Event, Run
 from e3pose.wire.keys.folder import not_admitted
@@ -247,7 +248,8 @@ def make_edge(
     if site.file.store is not None:
         from e3pose.site.outbox_answers import OutboxAnswers
 
-        outbox = OutboxAnswers(site.file.store.place, site.file.name).answer
+        box = OutboxAnswers(site.file.store.place, site.file.name, tokens=hub_tokens(site.file))
+        outbox = box.answer
     pipeline, event_log = parts.pipeline, EventLog(clock, report)
     state_file = StateFile(pipeline, site.file.state, event_log.report, clock.now_ns())
     state_file.take_up()

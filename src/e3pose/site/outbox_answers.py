@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import json
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from pathlib import Path
 
 import msgspec
 
+from e3pose.base.atomic import write_file
 from e3pose.base.errors import InputError
+from e3pose.base.private import make_folder
 from e3pose.store.acknowledgements import Hubs
 from e3pose.store.outbox import Outbox, read_outbox
 from e3pose.wire.codec import decode, encode
@@ -25,7 +29,11 @@ class OutboxAnswers:
     """Answers questions for the outbox of a site; on a thread of the transport."""
 
     def __init__(
-        self, store: str | Path, site: str, now_s: Callable[[], float] = time.monotonic
+        self,
+        store: str | Path,
+        site: str,
+        now_s: Callable[[], float] = time.monotonic,
+        tokens: Mapping[str, Path] | None = None,
     ) -> None:
         """Name the store.
 
@@ -33,7 +41,9 @@ class OutboxAnswers:
             store: path or URL.
             site: its name.
             now_s: a clock.
+            tokens: by hub, where the page finds whom of its users to let in.
         """
+        self._tokens = tokens or {}
         self._store, self._site, self._now_s = store, site, now_s
         self._hubs, self._lock = Hubs(store, site), threading.Lock()
         self._free_s: dict[str, float] = {}  # when each may ask again; their names are granted
@@ -49,6 +59,10 @@ class OutboxAnswers:
             self._free_s[hub] = now_s + 1 / PER_S
         try:
             asked = decode(payload, OutboxQuestion, "hub")
+            if (path := self._tokens.get(hub)) is not None:
+                with suppress(OSError):  # a full disk: those of before count until they are old
+                    make_folder(path.parent)
+                    write_file(path, json.dumps([asked.readers, asked.writers]), private=True)
             found = read_outbox(self._store, self._site, asked.after, MOST_ROWS)
         except InputError:  # its text has places that are none of a hub's business
             return encode(OutboxPart(problem="the summaries of the site cannot be read"))

@@ -228,14 +228,22 @@ class Picture(msgspec.Struct, array_like=True, frozen=True, tag="picture"):
     why: str = ""
 
 
+Digest = Annotated[str, msgspec.Meta(pattern="^[0-9a-f]{64}$")]
+Digests = Annotated[tuple[Digest, ...], msgspec.Meta(max_length=500)]
+
+
 class OutboxQuestion(msgspec.Struct, array_like=True, frozen=True, tag="outbox-question"):
     """Request of a hub for summaries of the site.
 
     Attributes:
         after: number up to which it has them.
+        readers: SHA-256 of the tokens, hexadecimal, by which its users may see the site's page now.
+        writers: likewise of those who may also control the site.
     """
 
     after: Count = 0
+    readers: Digests = ()
+    writers: Digests = ()
 
 
 class Tombstone(msgspec.Struct, array_like=True, frozen=True):

@@ -32,6 +32,7 @@ WRITE_PREFIX, PICTURE_PREFIX = "/api/control", "/api/pictures"
 READS_PER_S, READ_BURST = 50.0, 100.0
 WRITES_PER_S, WRITE_BURST = 5.0, 10.0
 MAX_BODY_BYTES = 4096
+LOOK_S = 1.0  # between two looks whether an answer goes to somebody who may have it
 CLOSED = 4403  # what a WebSocket that was refused would be closed with
 HEADERS = {
     "Content-Security-Policy": (
@@ -238,7 +239,8 @@ class Door:
             scope, refusal = self.rules.judge(connection["path"], headers, client)
         if refusal is None:
             connection.setdefault("state", {}).update(scope=scope, client=client.address)
-            return await self.app(connection, receive, _with_headers(send))
+            send = _with_headers(self._while_let_in(connection, token_of(headers), send))
+            return await self.app(connection, receive, send)
         if connection["type"] == "websocket":
             await receive()
             await send({"type": "websocket.close", "code": CLOSED, "reason": refusal.why})
@@ -247,6 +249,25 @@ class Door:
             {"detail": refusal.why}, refusal.status, {**HEADERS, **refusal.headers}
         )
         return await answer(connection, receive, send)
+
+    def _while_let_in(self, connection: Connection, token: str, send: Send) -> Send:
+        """Return a `send` that ends an answer when its token is revoked."""
+        looked_s, over = time.monotonic(), False
+
+        async def forward(message: Message) -> None:
+            nonlocal looked_s, over
+            if token and not over and time.monotonic() - looked_s > LOOK_S:
+                looked_s, over = time.monotonic(), self.rules.tokens.scope(token) is None
+                if over and connection["type"] == "http":  # its reader hears that it is whole
+                    await send({"type": "http.response.body", "body": b""})
+                elif over:
+                    await send({"type": "websocket.close", "code": CLOSED, "reason": "revoked"})
+            if over and connection["type"] == "websocket":
+                raise RuntimeError("revoked")
+            if not over:
+                await send(message)
+
+        return forward
 
     async def _delay(self, address: str, token: str) -> Refusal | None:
         """Wait before a token is compared, while tokens are guessed."""

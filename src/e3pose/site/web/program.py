@@ -31,7 +31,7 @@ from e3pose.site.web.notices import surroundings
 from e3pose.site.web.pictures import PictureRules, make_pictures
 from e3pose.site.web.postures import page_watch
 from e3pose.site.web.server import PageServer, https_of, listening_at, serve
-from e3pose.site.web.tokens import Tokens, open_tokens
+from e3pose.site.web.tokens import PageTokens, Tokens, hub_tokens, open_tokens
 from e3pose.site.zones import Zones
 from e3pose.store import Store
 from e3pose.store.names import StoredNames
@@ -212,13 +212,13 @@ class View(PageServer):
     """
 
     address: Address
-    rules: Rules[Tokens]
+    rules: Rules[PageTokens]
     feed: Feed
 
     @property
     def tokens(self) -> Tokens:
         """Rights to read and write."""
-        return self.rules.tokens
+        return self.rules.tokens.own
 
 
 def open_view(
@@ -318,7 +318,7 @@ def keeping(site: ResolvedSite, report: Callable[[str], object], stack: ExitStac
     return Keeping(place, site.file.name, jobs, folder, report)
 
 
-def rules_of(site: SiteTable, address: Address, tokens: Tokens) -> Rules[Tokens]:
+def rules_of(site: SiteTable, address: Address, tokens: Tokens) -> Rules[PageTokens]:
     """Return the access rules of a view.
 
     Args:
@@ -330,7 +330,7 @@ def rules_of(site: SiteTable, address: Address, tokens: Tokens) -> Rules[Tokens]
     # Behind a proxy, those on loopback are from anywhere.
     here = is_loopback(address.host) and not proxies
     return Rules(
-        tokens,
+        PageTokens(tokens, tuple(hub_tokens(site).values())),
         address.hosts,
         here,
         address.certificate is not None,
@@ -339,7 +339,7 @@ def rules_of(site: SiteTable, address: Address, tokens: Tokens) -> Rules[Tokens]
     )
 
 
-def picture_rules(site: SiteTable, rules: Rules[Tokens], operates: bool) -> PictureRules:
+def picture_rules(site: SiteTable, rules: Rules[PageTokens], operates: bool) -> PictureRules:
     """Return the rules for pictures of a site.
 
     Args:
