@@ -33,7 +33,7 @@ from e3pose.site.web.pictures import (
     reprojected,
 )
 from e3pose.site.web.program import picture_rules
-from e3pose.site.web.tokens import Tokens, make_tokens
+from e3pose.site.web.tokens import PageTokens, make_tokens
 from e3pose.wire.codec import decode, encode
 from e3pose.wire.site_messages import CameraStatus, Picture, PictureQuestion, Status
 from lies import jpeg_header, lies_of_fields, picture_schemes
@@ -315,7 +315,7 @@ def test_route_knows_its_cameras() -> None:
 def test_pictures_are_shown_on_loopback_and_elsewhere_where_the_site_says_so(
     tmp_path: Any, view: str, here: bool, operates: bool, shown: bool, why: str
 ) -> None:
-    page = Rules(make_tokens(), frozenset(), here, open_pictures=here)
+    page = Rules(PageTokens(make_tokens()), frozenset(), here, open_pictures=here)
     rules = picture_rules(write_site(tmp_path, f"[view]\n{view}\n"), page, operates)
     assert rules.shown is shown and why in rules.why and bool(rules.why) is bool(why)
     assert rules.for_scope("read")["shown"] is (shown and here)
@@ -323,15 +323,15 @@ def test_pictures_are_shown_on_loopback_and_elsewhere_where_the_site_says_so(
 
 
 def test_beyond_loopback_pictures_take_the_write_token(watched: Watched) -> None:
-    rules: Rules[Tokens] = watched.view.rules
+    rules: Rules[PageTokens] = watched.view.rules
     headers = {"host": "localhost"}
     assert rules.open_pictures and rules.judge("/api/pictures/c0", headers, Client("a"))[1] is None
     beyond = Rules(rules.tokens, rules.hosts, open_reading=False)
     assert beyond.judge("/api/pictures/c0", headers, Client("a"))[1] is not None
-    read = headers | {"authorization": f"Bearer {rules.tokens.read}"}
+    read = headers | {"authorization": f"Bearer {rules.tokens.own.read}"}
     refusal = beyond.judge("/api/pictures/c0", read, Client("a"))[1]
     assert refusal is not None and refusal.status == 403
-    write = headers | {"authorization": f"Bearer {rules.tokens.write}"}
+    write = headers | {"authorization": f"Bearer {rules.tokens.own.write}"}
     assert beyond.judge("/api/pictures/c0", write, Client("a"))[1] is None
     assert PictureRules(True).for_scope("read")["why"] == "Pictures need the write token."
 
