@@ -399,3 +399,54 @@ def test_broken_results_and_tables_are_named(
     with pytest.raises(InputError, match=message) as caught:
         import_detections(source, calibration, 30, ImportSettings(images=images))
     assert "\n" not in str(caught.value)
+
+
+ODD: tuple[Any, ...] = (None, [], {}, "", "x", -1, 0, 1e308, 10**400, True, [[]], [None], {"keypoints": []}, "1e5")
+
+
+def mutated(value: Any, rng: np.random.Generator) -> Any:
+    """A copy with one part missing, doubled, renamed or replaced by something odd."""
+    odd = ODD[int(rng.integers(len(ODD)))]
+    if isinstance(value, dict) and value:
+        key = list(value)[int(rng.integers(len(value)))]
+        kind = int(rng.integers(6))
+        if kind == 0:
+            return {k: v for k, v in value.items() if k != key}
+        if kind == 1:
+            return {**value, f"{key}_": value[key]}
+        return {**value, key: odd if kind == 2 else mutated(value[key], rng)}
+    if isinstance(value, list) and value:
+        at, kind = int(rng.integers(len(value))), int(rng.integers(6))
+        if kind == 0:
+            return value[:at] + value[at + 1 :]
+        if kind == 1:
+            return [*value, *value]
+        return [*value[:at], odd if kind == 2 else mutated(value[at], rng), *value[at + 1 :]]
+    return odd
+
+
+@each_case("form", ["openpose", "results", "whole", "mmpose", "images", "arrays", "landmarks"])
+def test_odd_files_of_every_form_are_read_or_named(tmp_path: Path, form: str) -> None:
+    content: Any = {
+        "openpose": openpose(person(), person()), "results": [RESULT, RESULT], "whole": [WHOLE],
+        "mmpose": {"instance_info": [MMPOSE, MMPOSE]},
+        "images": {**TABLE, "annotations": [{**RESULT, "image_id": 7}]},
+        "arrays": {"keypoints": [[row[:2] for row in person()]], "scores": [[0.9] * 17]},
+        "landmarks": {"people": [{"landmarks": LANDMARKS}]},
+    }[form]  # fmt: skip
+    calibration, rng = rig_of(tmp_path, "cam1", "cam2"), np.random.default_rng(len(form))
+    one = form in ("results", "whole", "images")
+    source = tmp_path / ("all.json" if one else "in")
+    read = 0
+    for _ in range(60):
+        changed = content
+        for _ in range(int(rng.integers(1, 4))):
+            changed = mutated(changed, rng)
+        write(source if one else source / "cam1" / "4.json", changed)
+        try:
+            recording, _ = import_detections(source, calibration, 25)
+        except InputError as error:
+            assert "\n" not in str(error) and len(str(error)) < 1000
+        else:
+            read += recording.num_slots > 0
+    assert read > 0

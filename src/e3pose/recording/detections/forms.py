@@ -10,7 +10,6 @@ import io
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +22,7 @@ from e3pose.base.errors import InputError, reason_of
 from e3pose.recording.arrays import BROKEN, read_array
 
 MAX_FILE_BYTES = 1 * 2**30
+MAX_NUMBER = 10**15  # of a frame or an image
 PERSON = 1  # COCO's category
 # Fields with the keypoints of a person, in the order of their tools; the first is the body.
 KEYPOINTS = ("pose_keypoints_2d", "pose_keypoints", "keypoints", "landmarks")
@@ -30,6 +30,7 @@ MORE = ("foot_kpts", "face_kpts", "lefthand_kpts", "righthand_kpts")  # of COCO-
 APART = ("face_keypoints_2d", "hand_left_keypoints_2d", "hand_right_keypoints_2d")
 SCORES = ("keypoint_scores", "scores", "keypoints_visible")
 PEOPLE = ("people", "instances", "predictions", "poses")
+FRAME_NAMES = ("image_id", "frame_id", "frame", "frame_number", "file_name")
 FRAMES = ("instance_info", "frames", "annotations")
 SUFFIXES = (".json", ".csv", ".npy")
 EXPECTED = (
@@ -63,11 +64,13 @@ class Pictures:
         pictures: in the order of the file.
         names: of keypoints, where it tells them.
         all_named: whether every picture is named, also those of nobody.
+        bad: of each entry that cannot be read, why.
     """
 
     pictures: list[Picture]
     names: tuple[str, ...] = ()
     all_named: bool = False
+    bad: tuple[str, ...] = ()
 
 
 def read_pictures(path: Path, images: Mapping[Any, str] | None = None) -> Pictures:
@@ -119,73 +122,105 @@ def image_table(value: Any) -> dict[Any, str]:
 
 
 def _json(value: Any, images: Mapping[Any, str]) -> Pictures:
-    own = image_table(value)
-    if own or images:
-        images = {**images, **own}
-    if isinstance(value, Mapping):
-        for key in PEOPLE:
-            if isinstance(value.get(key), list):
-                return Pictures(
-                    [Picture(None, _people(value[key], key), unused=_apart(value[key]))]
-                )
-        for key in FRAMES:
-            if isinstance(value.get(key), list):
-                return _of_list(value[key], key, images)
-        if value and all(isinstance(v, Mapping) and "people" in v for v in value.values()):
-            return Pictures([Picture(k, _people(v["people"], k)) for k, v in value.items()])
-        if _field(value, KEYPOINTS) is not None:  # arrays of all people of a picture
-            return Pictures([Picture(None, _stacked(value))])
-        raise InputError(f"found fields {', '.join(map(str, value))[:120]!r}, expected {EXPECTED}")
+    images = {**images, **image_table(value)}
+    bad: list[str] = []
     if isinstance(value, list):
         return _of_list(value, "", images)
-    raise InputError(f"found {type(value).__name__}, expected {EXPECTED}")
+    if not isinstance(value, Mapping):
+        raise InputError(f"found {type(value).__name__}, expected {EXPECTED}")
+    for key in PEOPLE:
+        if isinstance(value.get(key), list):
+            people = _people(value[key], key, bad)
+            return Pictures([Picture(None, people, unused=_apart(value[key]))], bad=tuple(bad))
+    for key in FRAMES:
+        if isinstance(value.get(key), list):
+            return _of_list(value[key], key, images)
+    named = {k: v["people"] for k, v in value.items() if isinstance(v, Mapping) and "people" in v}
+    if named and len(named) == len(value):
+        return Pictures([Picture(k, _people(v, k, bad)) for k, v in named.items()], bad=tuple(bad))
+    if _field(value, KEYPOINTS) is not None:  # arrays of all people of a picture
+        return Pictures([Picture(None, _stacked(value))])
+    raise InputError(f"found fields {', '.join(map(str, value))[:120]!r}, expected {EXPECTED}")
 
 
 def _of_list(entries: Sequence[Any], key: str, images: Mapping[Any, str]) -> Pictures:
     """Read a list of pictures with people, or of people that name their picture."""
     pictures: list[Picture] = []
+    bad: list[str] = []
     found: dict[Any, list[Floats]] = {name: [] for name in images.values()}
     for index, entry in enumerate(entries):
         where = f"{key}[{index}]"
-        if not isinstance(entry, Mapping):
-            raise InputError(f"{where}: found {type(entry).__name__}, expected {EXPECTED}")
-        people = next((entry[name] for name in PEOPLE if isinstance(entry.get(name), list)), None)
-        name = _field(entry, ("frame_id", "frame", "frame_number", "image_id", "file_name"))
-        if people is not None:
-            pictures.append(Picture(index if name is None else name, _people(people, where)))
-            continue
-        if entry.get("category_id", PERSON) != PERSON:
-            continue
-        name = entry.get("image_id", entry.get("file_name", name))
-        if images and name not in images and entry.get("file_name") is None:
-            raise InputError(
-                f"{where}.image_id: found {str(name)[:80]!r}, expected an image of the images "
-                "table (--images FILE) or <camera>/<frame>"
-            )
-        name = images.get(name, entry.get("file_name") or name)
-        found.setdefault(name, []).append(_person(entry, where))
+        try:
+            if not isinstance(entry, Mapping):
+                raise InputError(f"{where}: found {type(entry).__name__}, expected {EXPECTED}")
+            people = next((entry[k] for k in PEOPLE if isinstance(entry.get(k), list)), None)
+            if people is not None:
+                name = _name(entry, FRAME_NAMES, where)
+                seen = _people(people, where, bad)
+                pictures.append(Picture(index if name is None else name, seen))
+            elif entry.get("category_id", PERSON) == PERSON:
+                found.setdefault(_image(entry, images, where), []).append(_person(entry, where))
+        except InputError as error:
+            bad.append(str(error))
     if None in found:  # people without a picture: the file is theirs
-        return Pictures([Picture(None, tuple(found[None]))])
+        return Pictures([Picture(None, tuple(found[None]))], bad=tuple(bad))
     pictures += [Picture(name, tuple(people)) for name, people in found.items()]
-    return Pictures(pictures, all_named=bool(images) or not found)
+    if bad and not any(picture.people for picture in pictures):
+        raise InputError(bad[0])
+    return Pictures(pictures, all_named=bool(images) or not found, bad=tuple(bad))
 
 
-def _people(entries: Sequence[Any], where: str) -> tuple[Floats, ...]:
-    if entries and all(isinstance(entry, list) for entry in entries):  # lists within lists
-        entries = entries[0] if len(entries) == 1 else entries
+def _image(entry: Mapping[str, Any], images: Mapping[Any, str], where: str) -> str | int | None:
+    """Return the name of the image that an entry is of."""
+    name, file_name = _name(entry, FRAME_NAMES, where), _name(entry, ("file_name",), where)
+    if images and name not in images and file_name is None:
+        raise InputError(
+            f"{where}.image_id: found {str(name)[:80]!r}, expected an image of the images "
+            "table (--images FILE) or <camera>/<frame>"
+        )
+    return images.get(name, name if file_name is None else file_name)
+
+
+def _name(entry: Mapping[str, Any], names: Sequence[str], where: str) -> str | int | None:
+    found = _field(entry, names)
+    if isinstance(found, float) and found.is_integer():
+        found = int(found)
+    if found is None or isinstance(found, str):
+        return found
+    if isinstance(found, int) and not isinstance(found, bool) and abs(found) < MAX_NUMBER:
+        return found
+    raise InputError(f"{where}: found {type(found).__name__} for a picture, expected its name")
+
+
+def _people(entries: Any, where: object, bad: list[str]) -> tuple[Floats, ...]:
+    if not isinstance(entries, list):
+        raise InputError(f"{where}: found {type(entries).__name__}, expected a list of people")
+    if len(entries) == 1 and isinstance(entries[0], list):  # lists within lists
+        entries = entries[0]
     people = []
     for index, entry in enumerate(entries):
-        if not isinstance(entry, Mapping):
-            raise InputError(f"{where}[{index}]: found {type(entry).__name__}, expected a person")
-        person = _person(entry, f"{where}[{index}]")
+        place = f"{where}[{index}]"
+        try:
+            if not isinstance(entry, Mapping):
+                raise InputError(f"{place}: found {type(entry).__name__}, expected a person")
+            person = _person(entry, place)
+        except InputError as error:
+            bad.append(str(error))
+            continue
         if len(person):
             people.append(person)
+    if bad and not people:
+        raise InputError(bad[-1])
     return tuple(people)
 
 
 def _apart(entries: Sequence[Any]) -> int:
     return max(
-        (sum(len(e.get(key) or ()) // 3 for key in APART) for e in entries if isinstance(e, dict)),
+        (
+            sum(len(e[key]) // 3 for key in APART if isinstance(e.get(key), list))
+            for e in entries
+            if isinstance(e, Mapping)
+        ),
         default=0,
     )
 
@@ -200,12 +235,16 @@ def _person(entry: Mapping[str, Any], where: str) -> Floats:
     if values is None:
         raise InputError(f"{where}: found no keypoints, expected one of {', '.join(KEYPOINTS)}")
     scores = _field(entry, SCORES)
-    if values and isinstance(values[0], Mapping):  # MediaPipe
+    if not isinstance(values, list) or not isinstance(scores, list | None):
+        raise InputError(f"{where}: found keypoints of {type(values).__name__}, expected a list")
+    if values and all(isinstance(value, Mapping) for value in values):  # MediaPipe
         rows = [[v.get("x"), v.get("y"), v.get("visibility", 1.0)] for v in values]
         return clean(_numbers(rows, where), None, where)
     body = _numbers(values, where)
     if body.ndim == 1:
         more = [_numbers(entry[name], where) for name in MORE if entry.get(name)]
+        if any(part.ndim != 1 for part in more):
+            raise InputError(f"{where}: found keypoints within keypoints, expected numbers")
         body = np.concatenate([body, *more])
         if len(body) % 3:
             raise InputError(f"{where}: found {len(body)} numbers, expected x, y, score of each")
@@ -225,8 +264,12 @@ def _stacked(value: Mapping[str, Any]) -> tuple[Floats, ...]:
     scores = _field(value, SCORES)
     if points.ndim != 3:
         raise InputError(f"keypoints: found shape {points.shape}, expected people x joints x 2")
-    given = [None] * len(points) if scores is None else _numbers(scores, "scores")
-    return tuple(clean(p, s, "keypoints") for p, s in zip_longest(points, given))
+    if scores is None:
+        return tuple(clean(person, None, "keypoints") for person in points)
+    given = _numbers(scores, "scores")
+    if given.shape != points.shape[:2]:
+        raise InputError(f"scores: found shape {given.shape}, expected {points.shape[:2]}")
+    return tuple(clean(p, s, "keypoints") for p, s in zip(points, given, strict=True))
 
 
 def _numbers(values: Any, where: str) -> Floats:

@@ -127,7 +127,10 @@ class Reader:
         read: dict[int | None, list[tuple[Path, Pictures]]] = {}
         for path, (_, camera) in zip(progress([p for p, _ in files]), files, strict=True):
             try:
-                read.setdefault(camera, []).append((path, read_pictures(path, images)))
+                pictures = read_pictures(path, images)
+                read.setdefault(camera, []).append((path, pictures))
+                for why in pictures.bad:
+                    self._leave_out(f"{path}: {why}")
             except InputError as error:
                 if len(files) == 1:
                     raise

@@ -175,7 +175,8 @@ def _misfit(people: Floats, skeleton: Skeleton) -> float:
     """Return how far the lengths of limbs are from people's up to a scale, as a mean logarithm."""
     points = np.where(people[..., 2:] > 0, people[..., :2], np.nan)
     limbs = [(skeleton.index(a), skeleton.index(b)) for a, b in BODY_LIMBS]
-    lengths = np.stack([np.linalg.norm(points[:, a] - points[:, b], axis=-1) for a, b in limbs])
+    apart = np.stack([points[:, a] - points[:, b] for a, b in limbs])
+    lengths = np.hypot(apart[..., 0], apart[..., 1])
     shares = np.array([list(KINDS.values())[kind_of(a, b)].share for a, b in BODY_LIMBS])
     with np.errstate(divide="ignore"), warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # a limb that nobody shows
