@@ -401,7 +401,22 @@ def test_broken_results_and_tables_are_named(
     assert "\n" not in str(caught.value)
 
 
-ODD: tuple[Any, ...] = (None, [], {}, "", "x", -1, 0, 1e308, 10**400, True, [[]], [None], {"keypoints": []}, "1e5")
+ODD: tuple[Any, ...] = (
+    None,
+    [],
+    {},
+    "",
+    "x",
+    -1,
+    0,
+    1e308,
+    10**400,
+    True,
+    [[]],
+    [None],
+    {"keypoints": []},
+    "1e5",
+)
 
 
 def mutated(value: Any, rng: np.random.Generator) -> Any:
