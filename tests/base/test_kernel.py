@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numba.core.caching import FunctionCache
 from tests.cases import each_case
 
 from e3pose.base import kernel_cache
@@ -104,3 +105,16 @@ def test_threads_that_call_a_new_kernel_share_what_is_compiled() -> None:
     for thread in threads:
         thread.join()
     assert {value for value, _ in found} == {4.0} and len({made for _, made in found}) == 1
+
+
+def test_full_disk_keeps_no_kernel_and_stops_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(FunctionCache, "save_overload", full)
+
+    @kernel
+    def half(number: float) -> float:
+        return number / 2
+
+    assert half(4.0) == 2.0

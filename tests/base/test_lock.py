@@ -118,3 +118,17 @@ def test_two_writers_of_one_recording_are_distinguished(tmp_path: Path) -> None:
             pass
     assert (dest / "recording.toml").read_text() == "first"
     assert [entry.name for entry in tmp_path.iterdir()] == ["walk"]
+
+
+def test_lock_on_a_disk_that_turned_read_only_stays_and_ends_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def read_only(*_: object, **__: object) -> None:
+        raise OSError(30, "Read-only file system")
+
+    with hold(tmp_path / "state.npz"):
+        monkeypatch.setattr(Path, "unlink", read_only)
+    monkeypatch.undo()
+    with hold(tmp_path / "state.npz"):  # nobody holds it
+        pass
+    assert not lock_file(tmp_path / "state.npz").exists()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cache
@@ -15,6 +15,7 @@ from tests.waiting import eventually
 from e3pose.base.clock import WallClock
 from e3pose.camera.live import CameraNode, NodeSettings
 from e3pose.camera.live_source import RecordedDetector, RecordedSource
+from e3pose.edge.consumers import NO_CONSUMERS, Consumers
 from e3pose.edge.events import EventLog
 from e3pose.edge.server import EdgeServer
 from e3pose.edge.state_file import StateFile
@@ -47,6 +48,7 @@ class Site:
     num_selected: int = 2
     smooth_delay_s: float = 0.0
     feedback: bool = False
+    consume: Callable[[EventLog], Consumers] = lambda log: NO_CONSUMERS
 
     def start_edge(self) -> EdgeServer:
         edge = self.make_edge()
@@ -76,6 +78,7 @@ class Site:
             self.clock,
             StateFile(pipeline, self.folder / "state.npz", event_log.report, self.clock.now_ns()),
             event_log,
+            self.consume(event_log),
         )
         return self.edge
 

@@ -274,6 +274,16 @@ def test_program_that_never_started_is_no_trouble(tmp_path: Path) -> None:
     assert never.ended() is None
 
 
+def test_program_whose_log_cannot_be_opened_runs_without_one(tmp_path: Path) -> None:
+    programs = [program(tmp_path, name, POLITE) for name in ("edge", "cam0")]
+    (tmp_path / "logs").rmdir()
+    ready = [tmp_path / f"{p.name}.ready" for p in programs]
+    messages: list[str] = []
+    run_site(programs, stop_when(lambda: all(p.exists() for p in ready)), messages.append)
+    (said,) = messages  # for all of them
+    assert said.startswith("edge runs without a log: ") and [p.ended() for p in programs] == [0, 0]
+
+
 def test_pipe_that_keeps_a_program_running_ends_with_it(tmp_path: Path) -> None:
     one = program(tmp_path, "edge", "import sys; sys.stdin.buffer.read()\n")
     one.start()
