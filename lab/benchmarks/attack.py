@@ -2,7 +2,7 @@
 
 python lab/benchmarks/attack.py                    # about ten minutes
 ATTACK_SECONDS=60 python lab/benchmarks/attack.py  # or --seconds 60; --decodes bounds the fuzzing
-python lab/benchmarks/attack.py --only lies        # or fuzz, files, live, clocks
+python lab/benchmarks/attack.py --only lies        # or fuzz, files, live, clocks, tested
 
 Everything is sent to 127.0.0.1, to programs that this one starts, and it ends by itself. What does
 not hold at a live site is tried once more, as other programs may have taken the cores. The exit
@@ -17,6 +17,7 @@ import json
 import os
 import socket
 import ssl
+import subprocess
 import sys
 import threading
 import time
@@ -40,13 +41,30 @@ from e3pose.wire.keys.folder import add_keys, certificates_in, revoke_keys
 from e3pose.wire.network import open_network
 from live_site import Site, live_site, wait
 
-SHARES = {"fuzz": 0.15, "files": 0.1, "live": 0.25, "lies": 0.5, "clocks": 0.0}  # of the time
+# Shares of the time; what has none takes as long as it does.
+SHARES = {"fuzz": 0.15, "files": 0.1, "live": 0.25, "lies": 0.5, "clocks": 0.0, "tested": 0.0}
+TESTS = Path(__file__).parents[2] / "tests"
 LARGE_BYTES = 100_000_000
 IDLE = 200  # connections that say nothing
 ENTRY_S = 60.0  # after which somebody who does not get in gives up
 STEP_S = 0.05  # between two looks at the edge
 RATE_SHARE = 0.9  # of the poses per second, and of the views in them, before it is attacked
 FPS = 25.0
+# Attacks that are tests, each with a site of its own; what needs root says so elsewhere.
+TESTED = {
+    "disk of a whole site full, then free": "live/test_full_disk.py::"
+    "test_up_outlasts_a_disk_that_is_full_or_read_only[full]",
+    "disk of a whole site turned read-only": "live/test_full_disk.py::"
+    "test_up_outlasts_a_disk_that_is_full_or_read_only[read-only]",
+    "no file may grow, all output closed": "live/test_full_disk.py::"
+    "test_up_runs_where_no_file_can_grow_and_nothing_can_be_said",
+    "`keys` killed at every step": "wire/keys/test_renewal.py::"
+    "test_command_that_is_killed_leaves_whole_pairs_and_can_be_repeated",
+    "port of the page taken": "site/web/test_program.py::"
+    "test_default_port_that_is_taken_gives_way_to_the_next_free_one",
+    "slots published, not stored": "edge/test_publisher.py",
+    "exit code of every program": "cli/test_exit_codes.py",
+}
 HONEST = ("cam0", "cam1", "cam2")  # of four
 
 
@@ -298,6 +316,20 @@ def live(seconds: float) -> list[Result]:
     return results
 
 
+def tested() -> list[Result]:
+    """Run the attacks that are tests."""
+    results = []
+    for name, place in TESTED.items():
+        begun_s, command = time.monotonic(), [sys.executable, "-m", "pytest", "-q", "-rs"]
+        ended = subprocess.run([*command, TESTS / place], capture_output=True, text=True)
+        lines = ended.stdout.strip().splitlines()
+        said = next((line for line in lines if line.startswith("SKIPPED")), lines[-1])
+        figures = f"{said[:120]}; {time.monotonic() - begun_s:.0f} s"
+        results.append(Result(name, figures, ended.returncode == 0))
+        report(results[-1])
+    return results
+
+
 def report(result: Result) -> None:
     print(f"{'held  ' if result.held else 'FAILED'}  {result.name}: {result.figures}", flush=True)
 
@@ -325,6 +357,8 @@ def main() -> None:
         results += tell(seconds["lies"], report)
     if "clocks" in wanted:
         results += clocks(report)  # takes as long as it does
+    if "tested" in wanted:
+        results += tested()
     missed = [result.name for result in results if not result.held]
     busy, cores = os.getloadavg()[2], os.cpu_count() or 1
     print(f"{len(missed)} of {len(results)} did not hold; load {busy:.1f} on {cores} cores")
