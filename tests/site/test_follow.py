@@ -131,12 +131,3 @@ def test_site_without_a_viewer_names_the_command_that_makes_one(tmp_path: Path) 
     site = write_site(tmp_path, '[link]\nendpoint = "tls/0.0.0.0:7001"\nkeys = "keys"\n')
     with pytest.raises(InputError, match="e3pose keys add NAME --viewer"):
         viewer_link(site, None)
-
-
-def test_certificate_that_expired_is_refused(tmp_path: Path) -> None:
-    long_ago = NOW - datetime.timedelta(days=2000)
-    init_keys(tmp_path / "keys", "lab", [], NOW)
-    add_keys(tmp_path / "keys", "wall", long_ago, kind="viewer")
-    site = write_site(tmp_path, '[link]\nendpoint = "tls/0.0.0.0:7001"\nkeys = "keys"\n')
-    with pytest.raises(InputError, match="expired on"):
-        viewer_link(site, None)

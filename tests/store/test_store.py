@@ -178,13 +178,6 @@ def test_different_skeletons_are_named(place: Place) -> None:
         Store(place).query(joint="left_knee")
 
 
-def test_sigma_is_that_of_the_records_covariance(place: Place) -> None:
-    with StoreWriter(place, run()) as writer:
-        writer.append(record(0))
-    sigma_m = Store(place).query().people.sigma_m
-    np.testing.assert_allclose(sigma_m, np.sqrt(0.5), rtol=1e-3)
-
-
 def test_what_is_damaged_is_named(place: Place) -> None:
     store, engine = Store(fill(place)), writing_engine(database_url(place))
     columns = ("joints_m", "scores", "sigma_m", "measured", "dynamics")

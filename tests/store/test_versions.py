@@ -17,6 +17,7 @@ from e3pose.base.errors import InputError
 from e3pose.store import EnergyReading, Event, Store, StoreWriter, migrations, schema
 from e3pose.store.database import database_url, writing_engine
 from e3pose.store.delivery import Delivery, known
+from e3pose.store.people import kept_of
 from e3pose.store.rows import energy_row, event_row, slot_rows
 
 Place = Path | str
@@ -73,6 +74,8 @@ def test_store_of_version_1_is_read_as_it_is(old: Place) -> None:
     rows = Store(old).rows("slots")
     assert len(rows) == SLOTS and all(row["blind"] is None for row in rows)
     assert Store(old).rows("zones") == []
+    kept = {"poses": SLOTS, "tracks": 1, "events": 0, "zones": 0}
+    assert kept_of(old, ((1, 10),)) == kept, "events had no track, zones no table"
     assert version(old) == 1
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from sqlalchemy import Connection, Engine, Table, func, select, text, tuple_, update
+from sqlalchemy import Connection, Engine, Table, func, inspect, select, text, tuple_, update
 
 from e3pose.base.errors import InputError
 from e3pose.store import schema
@@ -245,8 +245,9 @@ def _changed(
 
 
 def _count(connection: Connection, table: Table, tracks: Sequence[Track]) -> int:
-    names = {column.name for column in columns_of(connection, table) if column.table is not None}
-    if "track_id" not in names:  # a store of an earlier version
+    there = inspect(connection)
+    columns = there.get_columns(table.name) if there.has_table(table.name) else ()
+    if all(column["name"] != "track_id" for column in columns):  # a store of an earlier version
         return 0
     asked = select(func.count()).select_from(table).where(_among(table, tracks))
     return int(connection.scalar(asked) or 0)
