@@ -48,6 +48,13 @@ class Part(JITCodeLibrary):  # type: ignore[misc]
         """Return none: there is no machine code."""
         return 0
 
+    def _get_module_for_linking(self) -> Any:
+        """Return the code itself where numba would copy it: nobody else has functions of it."""
+        for function in self._final_module.functions:
+            if function.linkage == llvm.Linkage.external and not function.is_declaration:
+                function.linkage = llvm.Linkage.linkonce_odr
+        return self._final_module
+
 
 class Whole(JITCodeLibrary):  # type: ignore[misc]
     """A library with all the parts that it calls, directly or not."""
@@ -171,6 +178,25 @@ def _executable(self: Any, library: Any, fndesc: Any, env: Any) -> Any:
 
 
 cpu.CPUContext.get_executable = _executable
+
+_get_call_type = types.BaseFunction.get_call_type
+_known: dict[tuple[int, int, Any], tuple[Any, Any]] = {}
+
+
+def _call_type(self: Any, context: Any, args: Any, kws: Any) -> Any:
+    """Find the form of an operator or a function of numba's own once for the types of its call.
+
+    numba would try all its forms again at each plus sign, a fifth of the time of all compiling.
+    """
+    if kws:
+        return _get_call_type(self, context, args, kws)
+    key = id(self), id(context), tuple(args)
+    if key not in _known:  # with what has the ids, so that nothing else gets them
+        _known[key] = _get_call_type(self, context, args, kws), (self, context)
+    return _known[key][0]
+
+
+types.BaseFunction.get_call_type = _call_type
 
 
 def dispatcher_of(function: Callable[..., Any]) -> Any:

@@ -12,7 +12,7 @@ import numpy as np
 from e3pose.base.arrays import Floats
 from e3pose.base.bounded import read_bytes
 from e3pose.base.errors import InputError
-from e3pose.base.kernel_arguments import Held, hold
+from e3pose.base.kernel_arguments import Held
 from e3pose.model.skeleton import Skeleton
 from e3pose.predict.base import Prediction
 from e3pose.predict.kernels.tracks import Curves, Joints
@@ -126,7 +126,7 @@ class AttentionLstm:
     def _predict(self, history_m: Floats, interval_s: float, lead_slots: int) -> Prediction:
         """Return the prediction of some tracks."""
         if self._held is None:
-            self._held = hold(self._parts)
+            self._held = Held(self._parts)
         shape = lead_slots, history_m.shape[1], self.num_joints
         joints_m, error_m = np.empty((*shape, 3)), np.empty(shape)
         self._run(

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from e3pose.base.arrays import Floats
-from e3pose.base.kernel_arguments import Held, hold
+from e3pose.base.kernel_arguments import Held
 from e3pose.model.camera import Rig
 from e3pose.model.project import Optics, make_optics
 from e3pose.select.kernels import boxes as kernels
@@ -120,4 +120,4 @@ def expected_views(rig: Rig, joints_m: Floats) -> tuple[Floats, Floats]:
 
 @lru_cache(maxsize=64)
 def _optics(rig: Rig) -> Held[Optics]:
-    return hold(make_optics(rig))
+    return Held(make_optics(rig))

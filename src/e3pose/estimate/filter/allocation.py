@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 
 from e3pose.base.kernel import LANES
-from e3pose.base.kernel_arguments import Held, hold
+from e3pose.base.kernel_arguments import Held
 from e3pose.estimate.filter.bias import memory_terms
 from e3pose.estimate.filter.scratch import (
     MAX_LEFTOVERS,
@@ -66,7 +66,7 @@ def make_constants(model: Model) -> Constants:
 @lru_cache(maxsize=64)
 def held_constants(model: Model) -> Held[Constants]:
     """Return the constants of a model as kernels take them."""
-    return hold(make_constants(model))
+    return Held(make_constants(model))
 
 
 def make_workspace(model: Model, num_tracks: int, num_people: int, num_waiting: int) -> Workspace:

@@ -12,7 +12,7 @@ import numpy as np
 from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
 from e3pose.base.kernel import kernel
-from e3pose.base.kernel_arguments import Held, hold
+from e3pose.base.kernel_arguments import Held
 from e3pose.estimate.filter.allocation import held_constants, make_workspace
 from e3pose.estimate.filter.associate import associate
 from e3pose.estimate.filter.births import give_birth
@@ -169,7 +169,7 @@ class StepKernel:
                 max(old, room[2], MAX_LEFTOVERS),
             )
             self._workspace = make_workspace(model, *self._room)
-            self._held_workspace = hold(self._workspace)
+            self._held_workspace = Held(self._workspace)
             self._newest = (None,) * len(self._workspace.tracks)
         return self._workspace
 

@@ -45,7 +45,7 @@ def predict_tracks(
         joints_m: `(num_leads, num_tracks, num_joints, 3)` metres, filled.
         error_m: `(num_leads, num_tracks, num_joints)` metres, filled.
     """
-    weights, joints, curves = parts.values
+    weights, joints, curves = parts.values.weights, parts.values.joints, parts.values.curves
     num_common, num_leads, num_tracks = len(joints.columns), len(joints_m), joints_m.shape[1]
     common_m = np.full((history_slots, num_tracks, num_common, 3), np.nan)
     before = history_slots - len(history_m)

@@ -58,7 +58,8 @@ def expect_boxes(rig: Held[Optics], joints_m: Floats, occlusion: Floats, shares:
     pixels = np.empty((*joints_m.shape[:2], 2))
     boxes, sizes = np.empty((num_cameras, num_people, 4)), np.empty((num_people, 2))
     for camera in range(num_cameras):
-        sizes[:] = optics.sizes[camera]
+        for person in range(num_people):  # numba takes seconds to compile a row for all
+            sizes[person, 0], sizes[person, 1] = optics.sizes[camera, 0], optics.sizes[camera, 1]
         project_people(camera, optics, joints_m, pixels)
         box_people(pixels, sizes, boxes[camera], shares[camera])
     occlude(boxes, occlusion)
