@@ -11,10 +11,13 @@ deviation it is a logarithm in steps of 4 %, of a correlation a step of 1/127; 0
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.base.arrays import Floats
+from e3pose.base.kernel import kernel
 
 Bytes = NDArray[np.uint8]
 
@@ -24,20 +27,24 @@ STEPS_PER_OCTAVE = 16.0
 MOST_CORRELATED = 0.99
 
 
-def dynamics_of(state: Floats, covariance: Floats) -> Floats:
-    """Return the dynamics `(*batch, 6)` of joints.
+@kernel
+def find_dynamics(state: Floats, covariance: Floats, dynamics: Floats) -> None:
+    """Fill the dynamics of a joint.
 
     Args:
-        state: `(*batch, 6)` position and velocity.
-        covariance: `(*batch, 6, 6)` of them.
+        state: `(6,)` position and velocity.
+        covariance: `(6, 6)` of them.
+        dynamics: `(6,)`, filled.
     """
-    position, both, velocity = (
-        np.trace(covariance[..., a : a + 3, b : b + 3], axis1=-2, axis2=-1) / 3
-        for a, b in ((0, 0), (0, 3), (3, 3))
-    )
-    sigma_m, sigma_mps = np.sqrt(position), np.sqrt(velocity)
-    spread = np.stack([sigma_m, sigma_mps, both / (sigma_m * sigma_mps)], axis=-1)
-    return np.concatenate([state[..., 3:], spread], axis=-1)
+    position = both = velocity = 0.0
+    for axis in range(3):
+        dynamics[axis] = state[3 + axis]
+        position += covariance[axis, axis]
+        both += covariance[axis, 3 + axis]
+        velocity += covariance[3 + axis, 3 + axis]
+    sigma_m, sigma_mps = math.sqrt(position / 3), math.sqrt(velocity / 3)
+    dynamics[3], dynamics[4] = sigma_m, sigma_mps
+    dynamics[5] = both / 3 / (sigma_m * sigma_mps)
 
 
 def covariance_of(dynamics: Floats) -> Floats:

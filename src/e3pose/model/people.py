@@ -99,13 +99,17 @@ class People:
         return cls(none, np.zeros((0, num_joints, 3)))
 
     @classmethod
-    def unchecked(cls, joints_m: Floats, scores: Floats) -> People:
-        """Return people before identity, whose check would take a fifth of a small slot's time."""
+    def unchecked(cls, joints_m: Floats, scores: Floats, **known: Any) -> People:
+        """Return people as a kernel made them: a check would take a fifth of a small slot's time.
+
+        Besides `known` fields they have numbers of rows, are measured where they have a score, and
+        nothing else is known of them.
+        """
         people = object.__new__(cls)
         unknown_m = np.full(scores.shape, np.nan)
         values = np.arange(len(scores)), joints_m, scores, scores > 0, unknown_m, None, None
         for item, value in zip(fields(cls), values, strict=True):
-            object.__setattr__(people, item.name, value)
+            object.__setattr__(people, item.name, known.get(item.name, value))
         return people
 
     @classmethod

@@ -23,7 +23,6 @@ from e3pose.estimate.filter.reidentification import Identities, identify
 from e3pose.estimate.filter.shown import grade
 from e3pose.estimate.filter.state import known_of
 from e3pose.estimate.filter.steer import foreseen, steer
-from e3pose.model.dynamics import dynamics_of
 from e3pose.model.people import People
 from e3pose.model.pose import Poses2D
 from e3pose.predict.base import Prediction
@@ -87,13 +86,7 @@ class Filtered:
         lasting = memory.lasting.after(grades.share_of_biases(), passed_s)
         grades = grades.grown(AT_ONCE * lasting.excess)
         history = memory.history.after(shown.track_ids, shown.joints_m)
-        moving = dynamics_of(belief.state[rows], belief.covariance[rows])
-        people = replace(
-            shown,
-            track_ids=everybody[rows],
-            full_covariance_m2=grades.stated_m2,
-            dynamics=np.where((shown.scores > 0)[..., None], moving, np.nan),
-        )
+        people = replace(shown, track_ids=everybody[rows], full_covariance_m2=grades.stated_m2)
         estimate = Estimate(
             people,
             replace(history, track_ids=people.track_ids),

@@ -24,6 +24,8 @@ from e3pose.estimate.filter.repeated_errors import (
 )
 from e3pose.estimate.filter.scratch import Constants
 from e3pose.estimate.filter.state import Belief, Known, Model
+from e3pose.model.dynamics import SIZE as DYNAMICS
+from e3pose.model.dynamics import find_dynamics
 from e3pose.model.people import People
 
 HALF_SCORE_M = 0.1  # definition: standard deviation of a joint at which its score is a half
@@ -53,11 +55,15 @@ def shown(belief: Belief, model: Model) -> Flags:
 
 
 def people_of(belief: Belief, model: Model) -> People:
-    """Return the published people by the tracks' ids, as sure as the belief is of them."""
+    """Return the published people by the tracks' ids, as sure as the belief is of them.
+
+    Their `sigma_m` is left unknown.
+    """
     (rows,) = shown(belief, model).nonzero()
     shape = len(rows), len(model.skeleton)
     joints_m, covariance_m2 = np.empty((*shape, 3)), np.empty((*shape, 3, 3))
     measured, scores = np.empty(shape, dtype=bool), np.empty(shape)
+    dynamics = np.empty((*shape, DYNAMICS))
     show(
         model.proportions,
         rows,
@@ -70,9 +76,15 @@ def people_of(belief: Belief, model: Model) -> People:
         covariance_m2,
         measured,
         scores,
+        dynamics,
     )
-    return People(
-        belief.track_ids[rows], joints_m, scores, measured, full_covariance_m2=covariance_m2
+    return People.unchecked(
+        joints_m,
+        scores,
+        track_ids=belief.track_ids[rows],
+        measured=measured,
+        full_covariance_m2=covariance_m2,
+        dynamics=dynamics,
     )
 
 
@@ -158,6 +170,7 @@ def show(
     covariance_m2: Floats,
     measured: Flags,
     scores: Floats,
+    dynamics: Floats,
 ) -> None:
     """Fill the arrays of `People` with the tracks at `rows`.
 
@@ -176,11 +189,15 @@ def show(
                     covariance_m2[index, joint, a, b] = block if ever_measured else np.nan
     keep_all(body, bones_m[rows], bone_counts[rows], joints_m, covariance_m2, measured)
     for index in range(len(rows)):
+        track = rows[index]
         for joint in range(state.shape[1]):
             block = covariance_m2[index, joint]
             variance = (block[0, 0] + block[1, 1] + block[2, 2]) / 3
             score = max(1.0 / (1.0 + variance / HALF_SCORE_M**2), LEAST_SCORE)
             scores[index, joint] = score if math.isfinite(variance) else 0.0
+            find_dynamics(state[track, joint], covariance[track, joint], dynamics[index, joint])
+            if not math.isfinite(variance):
+                dynamics[index, joint] = np.nan
 
 
 @kernel

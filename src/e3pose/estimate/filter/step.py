@@ -147,9 +147,10 @@ class StepKernel:
             workspace.waiting.scores[rows],
         )
         (kept,) = np.nonzero(~workspace.offers.flags[0, :num_tracks])
-        newest = tuple(column[kept] for column in workspace.tracks)
         if len(kept) == num_tracks:
-            self._newest = newest
+            newest = self._newest = tuple(column[:num_tracks].copy() for column in workspace.tracks)
+        else:
+            newest = tuple(column[kept] for column in workspace.tracks)
         site = now, leftovers, failed_pairs, detection_map, noise, next_id
         arrays: tuple[Any, ...] = (*newest, *site)
         belief = Belief(*arrays)
