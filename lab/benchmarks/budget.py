@@ -2,10 +2,14 @@
 
     python lab/benchmarks/budget.py            # fails where a limit of budget.toml is exceeded
 
+    python lab/benchmarks/budget.py --only first
+
 CPU is counted, not time on the clock, and divided by the CPU of a loop of plain Python and numpy
 that runs in turns with what is measured: a busy or slow machine changes the ratio little. Imports
 and verbs start in fresh interpreters. Programs are those of a site over TLS on loopback, whose five
-cameras replay four simulated people at 25 slots per second.
+cameras replay four simulated people at 25 slots per second. A first start is that of its edge with
+an empty cache of compiled kernels, all processes that it starts counted: until its first pose, and
+until everything is compiled.
 """
 
 from __future__ import annotations
@@ -17,18 +21,23 @@ import pty
 import statistics
 import subprocess
 import sys
+import tempfile
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import psutil
 
 from e3pose.base.bounded import parse_toml
 from e3pose.cli.app import VERBS
+from e3pose.site.up import Program
+from e3pose.wire.arrays import unpack
+from e3pose.wire.site_messages import Poses
 from live_site import Site, live_site, wait
 
 LIMITS = Path(__file__).with_name("budget.toml")
@@ -119,6 +128,71 @@ def starts(runs: int) -> dict[str, tuple[float, float]]:
     }
 
 
+class FirstStart(threading.Thread):
+    """Watches an edge and the processes that it starts.
+
+    Attributes:
+        peak_mb: the largest sum of their proportional set sizes.
+        first: seconds and CPU seconds until the first pose.
+    """
+
+    def __init__(self) -> None:
+        super().__init__(daemon=True)
+        self.peak_mb, self.first = 0.0, (0.0, 0.0)
+        self.over = threading.Event()
+        self._cpu_s: dict[int, float] = {}  # by process, also of those that ended
+
+    def begin(self, program: Program) -> None:
+        """Start to watch when the edge does."""
+        if program.name == "edge":
+            self._program, self._begun_s = program, time.monotonic()
+            self.start()
+
+    def posed(self, poses: Poses) -> None:
+        """Note the first pose."""
+        if not self.first[0] and len(unpack(poses.track_ids)):
+            self.first = self.spent()
+
+    def spent(self) -> tuple[float, float]:
+        """Return seconds and CPU seconds so far."""
+        return time.monotonic() - self._begun_s, sum(self._cpu_s.values())
+
+    def run(self) -> None:
+        """Look at all processes ten times a second."""
+        while not self.over.wait(0.1):
+            if self._program.process is None:
+                continue
+            with suppress(psutil.Error):
+                edge, size = psutil.Process(self._program.process.pid), 0.0
+                for each in (edge, *edge.children(recursive=True)):
+                    self._cpu_s[each.pid] = _cpu_s([each])
+                    size += each.memory_full_info().pss / 1e6
+                self.peak_mb = max(self.peak_mb, size)
+
+
+def first_start() -> dict[str, tuple[float, float]]:
+    """Return CPU in reference loops and MB until the first pose, and until all is compiled."""
+    watch, unit_s = FirstStart(), reference_s()
+    with (
+        tempfile.TemporaryDirectory(prefix="e3pose-") as cache,
+        patch.dict(os.environ, NUMBA_CACHE_DIR=cache),
+        live_site(change=watch.begin, on_poses=watch.posed, settle_s=0.0) as site,
+    ):
+        while site.follower.status is None or site.follower.status.compiling_s is not None:
+            wait(0.2)
+        watch.over.set()
+        compiled_s, cpu_s = watch.spent()
+    first_s, first_cpu_s = watch.first
+    print(
+        f"first pose after {first_s:.1f} s ({first_cpu_s:.1f} s of CPU), all compiled after "
+        f"{compiled_s:.1f} s ({cpu_s:.1f} s of CPU), at most {watch.peak_mb:.0f} MB"
+    )
+    return {
+        "first pose": (first_cpu_s / unit_s, watch.peak_mb),
+        "first start": (cpu_s / unit_s, watch.peak_mb),
+    }
+
+
 @contextmanager
 def top_of(site: Site) -> Iterator[psutil.Process]:
     """Run `e3pose top` on a terminal of its own."""
@@ -194,10 +268,17 @@ def main() -> int:
     parser.add_argument("--seconds", type=float, default=10.0, help="that programs are watched")
     parser.add_argument("--runs", type=int, default=1, help="fresh interpreters of each start")
     parser.add_argument("--limits", type=Path, default=LIMITS)
+    parser.add_argument("--only", choices=("starts", "running", "first"))
     parser.add_argument("--json", type=Path, help="write the figures here too")
     options = parser.parse_args()
     limits = parse_toml(options.limits.read_text(), str(options.limits))
-    measured = {**starts(options.runs), **running(options.seconds)}
+    parts: dict[str, Callable[[], dict[str, tuple[float, float]]]] = {
+        "starts": lambda: starts(options.runs),
+        "running": lambda: running(options.seconds),
+        "first": first_start,
+    }
+    chosen = parts if options.only is None else (options.only,)
+    measured = {name: cost for part in chosen for name, cost in parts[part]().items()}
     rows = costs(measured, limits)
     print(table(rows))
     if options.json:

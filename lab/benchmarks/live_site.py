@@ -25,6 +25,7 @@ from e3pose.site.follow import Follower, viewer_link
 from e3pose.site.up import Program, camera_command, edge_command, end, view_command
 from e3pose.wire.keys.folder import add_keys, init_keys
 from e3pose.wire.network import open_network
+from e3pose.wire.site_messages import Poses
 
 SETTLE_S = 4.0
 PAGE = "page"
@@ -165,6 +166,8 @@ def live_site(
     keys_made: datetime.datetime | None = None,
     more: Callable[[int], str] = lambda camera: "",
     change: Callable[[Program], None] = lambda program: None,
+    on_poses: Callable[[Poses], object] | None = None,
+    settle_s: float = SETTLE_S,
 ) -> Iterator[Site]:
     """Start a site and wait until its slots flow; end it at the end.
 
@@ -183,6 +186,8 @@ def live_site(
         more: lines of the site file on the camera of an index.
         keys_made: from when on the certificates are valid; None for now.
         change: called with each program before it starts.
+        on_poses: called with the poses of each slot.
+        settle_s: to wait after the first slots.
     """
     with tempfile.TemporaryDirectory(prefix="e3pose-live-") as name:
         folder = Path(name)
@@ -216,13 +221,13 @@ def live_site(
             programs.append(Program(PAGE, command, folder / "page.log"))
         follower = Follower("bench")
         transport = open_network(viewer_link(site.file, None))
-        follower.listen(transport)
+        follower.listen(transport, on_poses)
         for program in programs:
             change(program)
             program.start()
         try:
             _wait_until_it_runs(follower, programs)
-            time.sleep(SETTLE_S)
+            time.sleep(settle_s)
             made = Site(folder, programs, follower, metrics_port, page_port)
             made.begin_count()
             yield made

@@ -47,3 +47,5 @@ def test_work_between_two_kernels_does_not_count() -> None:
     assert compiling.left_s() == pytest.approx(30.0)
     compile_one(kernels[1])
     assert compiling.left_s() == pytest.approx(20.0)
+    compiling.skip(__name__, 30.0)
+    assert compiling.left_s() == 0.0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import math
 import sys
 from typing import Any
 
@@ -11,7 +12,7 @@ import pytest
 
 from e3pose.base.arrays import Floats
 from e3pose.base.dispatcher import Part, Whole
-from e3pose.base.kernel import kernel
+from e3pose.base.kernel import INTERPRETING, kernel
 
 
 @kernel
@@ -45,6 +46,20 @@ def outer(values: Floats) -> float:
     for row in range(3):
         room[row] = checked(values[row:])
     return float(room.sum())
+
+
+@kernel
+def without_domain(value: float) -> tuple[float, float, float]:
+    return 1.0 / math.sqrt(value), math.log(value), math.exp(1e3 + value)
+
+
+def test_interpreted_kernels_go_on_where_python_would_not(monkeypatch: pytest.MonkeyPatch) -> None:
+    compiled = [without_domain(value) for value in (-1.0, 0.0, 4.0)]
+    monkeypatch.setattr(INTERPRETING, "on", True)
+    with np.errstate(all="ignore"):
+        interpreted = [without_domain(value) for value in (-1.0, 0.0, 4.0)]
+    np.testing.assert_allclose(interpreted, compiled, rtol=1e-15)
+    assert np.isnan(compiled[0][0]) and compiled[1][:2] == (np.inf, -np.inf)
 
 
 def forms(function: Any) -> list[type]:

@@ -11,10 +11,12 @@ from typing import Any
 import numpy as np
 import pytest
 from tests.cases import each_case
+from tests.live.processes import COMPILE_S
+from tests.waiting import eventually
 
 from e3pose.base.dispatcher import KernelDispatcher
 from e3pose.edge import precompile
-from e3pose.edge.precompile import warm_up
+from e3pose.edge.precompile import Beside, warm_up
 from e3pose.model.skeleton import SKELETONS, Skeleton
 from e3pose.pipeline import initial_state, step
 from e3pose.recording.record import ViewSeries
@@ -69,6 +71,32 @@ def test_somebody_is_followed_before_the_first_slot(
     monkeypatch.setattr(precompile, "step", counted)
     warm_up(make_pipeline(empty, CASES["default"]), skeleton.joints)
     assert shown[-1] == 1
+
+
+@pytest.mark.slow
+def test_edges_of_a_program_share_a_process_that_compiles(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = simulate(SceneSettings("ring", people=1, seconds=0.5, cameras=4), seed=0)
+    given = make_pipeline(scene, CASES["target"]), scene.skeleton.joints, None
+    monkeypatch.setattr(precompile, "is_cached", lambda kernel: None)
+    assert Beside.start(*given) is None  # nothing can be kept
+    monkeypatch.setattr(precompile, "is_cached", lambda kernel: False)
+    unknown = replace(given[0], policy=lambda: None)  # type: ignore[arg-type]
+    assert Beside.start(unknown, *given[1:]) is None  # cannot be given to a process
+    beside = Beside.start(*given)
+    assert beside is not None and Beside.start(*given) is beside
+    assert eventually(beside.ended, COMPILE_S) and beside._process.returncode == 0
+    beside.leave()
+    beside.leave()
+
+
+def test_what_a_process_says_is_left_passes() -> None:
+    beside = object.__new__(Beside)
+    beside._left_s = beside._said_s = 0.0
+    assert beside.left_s() == 0.0
+    beside._follow([b"compiling: 40 s left\n", b"compiling: 35 s left\n", b"nonsense\n"])
+    assert 34.0 < beside.left_s() <= 35.0
+    beside._said_s -= 60.0
+    assert beside.left_s() == 1.0
 
 
 @pytest.mark.slow

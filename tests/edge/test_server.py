@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,10 +16,12 @@ from tests.edge.one_process import Site, site_at_work, started
 from tests.waiting import WAIT_S, eventually, settled
 
 from e3pose.base.clock import WallClock
+from e3pose.base.kernel import INTERPRETING
 from e3pose.edge import camera_state, server
 from e3pose.edge.consumers import Consumers
+from e3pose.edge.precompile import Beside
 from e3pose.model.look_request import LookRequest
-from e3pose.pipeline import SlotRecord
+from e3pose.pipeline import SlotRecord, step
 from e3pose.select.policies.base import Selection, Situation
 from e3pose.store.rows import Event
 from e3pose.store.writer import WriterStatus
@@ -371,6 +374,32 @@ def test_edge_says_that_it_compiles_and_orders_nobody_before_it_is_done(
         for node in made.nodes.values():
             node.stop()
         edge.stop()
+
+
+def test_poses_are_interpreted_while_a_process_compiles(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    done, left = threading.Event(), threading.Event()
+    beside = SimpleNamespace(ended=done.is_set, left_s=lambda: 30.0, leave=left.set)
+    monkeypatch.setattr(Beside, "start", lambda *_: beside)
+    interpreted: list[bool] = []
+
+    def noted(*given: Any) -> Any:
+        interpreted.append(INTERPRETING.on)
+        return step(*given)
+
+    monkeypatch.setattr(server, "step", noted)
+    with site_at_work(tmp_path) as made:
+        edge = made.edge
+        assert not edge.ready
+        assert eventually(lambda: bool(made.poses) and len(unpack(made.poses[-1].track_ids)) > 0)
+        assert edge.status().compiling_s == 30.0
+        assert all(interpreted) and not edge.status().overload
+        done.set()
+        slot = edge.state.slot
+        assert eventually(lambda: edge.ready and edge.state.slot > slot + 20)
+        assert edge.status().compiling_s is None and left.is_set()
+        assert not interpreted[-1] and edge.threads.failure is None
 
 
 class Displaced:

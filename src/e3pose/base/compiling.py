@@ -53,6 +53,11 @@ class Compiling:
         """Add a function that may have to be compiled."""
         self._expected[function] = WEIGHTS.get(function.__name__, 1.0)
 
+    def skip(self, package: str, spent_s: float) -> None:
+        """Count the functions of a package as compiled before, in so many seconds."""
+        self._done |= {each for each in self._expected if each.__module__.startswith(package)}
+        self._spent_s += spent_s
+
     def notify(self, event: Any) -> None:
         """Take an event of numba: a function is about to be compiled, or is compiled."""
         function = event.data["dispatcher"].py_func

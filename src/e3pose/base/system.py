@@ -149,13 +149,6 @@ def num_cores() -> int:
     return os.cpu_count() or 1
 
 
-def free_bytes() -> float:
-    """Return the free memory of this machine; infinite where that is not told."""
-    if sys.platform == "linux":
-        return float(os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
-    return float("inf")
-
-
 def claim_address(listening: socket.socket) -> None:
     """Let a socket take an address that a program has just left, and none that one listens at."""
     import socket

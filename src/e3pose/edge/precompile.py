@@ -1,28 +1,36 @@
-"""Compile and load everything before the first slot.
+"""Compile and load everything before the first slot, or beside the first ones.
 
-The predictor's kernels are a third of the work: they are compiled in a process of their own
-meanwhile, where there is a second core and memory for it. Compiled code reaches this one through
-the cache on disk.
+A first start compiles for about a minute. A process of its own does that, and leaves compiled code
+in the cache on disk. Meanwhile the edge interprets its kernels: a few slots a second, with all
+cameras, and no more than poses need. The network would take seconds, so that nobody is steered.
 """
 
 from __future__ import annotations
 
+import logging
+import os
+import pickle
+import re
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
+import threading
+import time
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from tempfile import TemporaryFile
 
 import numpy as np
 
+from e3pose.base.compiling import COMPILING
 from e3pose.base.kernel import is_cached
-from e3pose.base.system import free_bytes, num_cores
+from e3pose.estimate.filter.estimator import Filtered
+from e3pose.estimate.filter.step import step_slot
+from e3pose.estimate.smooth.delayed import Delayed
 from e3pose.model.camera import Rig
 from e3pose.model.pose import Poses2D
-from e3pose.model.skeleton import SKELETONS
 from e3pose.pipeline import Pipeline, initial_state, step
-from e3pose.predict.attention_lstm import AttentionLstm
+from e3pose.predict.velocities import ConstantVelocity
 
-HELPER_BYTES = 1.5e9  # free memory from which a second process compiles
 SLOTS = 12  # until a person is followed, selected for, and foreseen
 # Somebody who stands: height and, of left joints, distance from the middle, metres.
 STANDING_M = {
@@ -33,24 +41,15 @@ STANDING_M = {
 OTHERS_M = (1.5, 0.05)
 
 
-def warm_up(
-    pipeline: Pipeline, joints: Sequence[str], more: Callable[[], None] = lambda: None
-) -> None:
-    """Run a few synthetic slots through the loop and discard them; then call `more`.
+def warm_up(pipeline: Pipeline, joints: Sequence[str], delayed: Delayed | None = None) -> None:
+    """Run a few synthetic slots through the loop and discard them.
 
     Args:
         pipeline: the loop.
         joints: names of the skeleton's joints.
-        more: what else is to be compiled.
+        delayed: what smooths slots for later, too.
     """
     state = initial_state(pipeline)
-    helper = _start_helper(pipeline)
-    if helper is not None:
-        try:
-            pipeline.estimator.estimate(state.memory, {}, 0.0, pipeline.clock)
-            helper.wait()
-        finally:
-            helper.terminate()
     histories_m = np.zeros((2, 2, pipeline.num_joints, 3))
     pipeline.predictor.predict(histories_m, pipeline.interval_s, pipeline.lead_slots)
     if pipeline.steering is not None:
@@ -60,7 +59,77 @@ def warm_up(
     selecting = replace(pipeline, warmup_slots=0)  # the policy as well
     for _ in range(SLOTS):
         state, _record = step(selecting, state, views, everybody)
-    more()
+    if delayed is not None:
+        delayed.warm_up()
+
+
+def without_extras(pipeline: Pipeline) -> Pipeline:
+    """Return the loop that only says who is where, by the views of all cameras."""
+    return replace(
+        pipeline,
+        predictor=ConstantVelocity(),
+        steering=None,
+        warmup_slots=sys.maxsize,
+        needs=frozenset(),
+        feedback=None,
+        rests=None,
+    )
+
+
+class Beside:
+    """A process that compiles what a loop needs; all edges of a program share it."""
+
+    _running: Beside | None = None
+
+    def __init__(self, given: bytes) -> None:
+        with TemporaryFile() as file:
+            file.write(given)
+            file.seek(0)
+            command = [sys.executable, "-m", "e3pose.edge.precompile"]
+            self._process = subprocess.Popen(
+                command, stdin=file, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+            )
+        self._users, self._left_s, self._said_s = 0, 0.0, time.monotonic()
+        threading.Thread(
+            target=self._follow, args=(self._process.stdout or (),), daemon=True
+        ).start()
+
+    @classmethod
+    def start(
+        cls, pipeline: Pipeline, joints: Sequence[str], delayed: Delayed | None
+    ) -> Beside | None:
+        """Start the process; None where all is compiled, or compiled code cannot be kept."""
+        if not isinstance(pipeline.estimator, Filtered) or is_cached(step_slot) is not False:
+            return None
+        if cls._running is None or cls._running.ended():
+            plain = replace(pipeline, clock=time.monotonic, waking=None)
+            try:
+                cls._running = cls(pickle.dumps((plain, joints, delayed)))
+            except (pickle.PicklingError, AttributeError, TypeError):  # parts of a plug-in
+                return None
+        cls._running._users += 1
+        return cls._running
+
+    def ended(self) -> bool:
+        """Return whether it has compiled everything, or cannot."""
+        return self._process.poll() is not None
+
+    def left_s(self) -> float:
+        """Return the seconds that are left; 0 while that is unknown."""
+        return max(self._left_s - (time.monotonic() - self._said_s), min(self._left_s, 1.0))
+
+    def leave(self) -> None:
+        """End it unless another edge waits for it."""
+        self._users -= 1
+        if not self._users:
+            self._process.terminate()
+            self._process.wait()
+
+    def _follow(self, said: Iterable[bytes]) -> None:
+        """Read what it says is left."""
+        for line in said:
+            if found := re.search(rb"(\d+) s left", line):
+                self._left_s, self._said_s = float(found[1]), time.monotonic()
 
 
 def _seen(rig: Rig, joints: Sequence[str]) -> dict[int, Poses2D]:
@@ -85,24 +154,24 @@ def _standing_m(joint: str) -> tuple[float, float, float]:
     return side * aside_m, 0.02, height_m
 
 
-def compile_prediction() -> None:
-    """Compile the kernels of the learned predictor."""
-    skeleton = SKELETONS["coco17"]
-    AttentionLstm(skeleton).predict(np.zeros((2, 2, len(skeleton), 3)), 0.04, 2)
+def _compile(spent_s: str = "") -> None:
+    """Compile the filter, and then, as a program anew for its memory, everything else.
 
-
-def _start_helper(pipeline: Pipeline) -> subprocess.Popen[bytes] | None:
-    """Start a process that compiles for the predictor; None if it does not help."""
-    from e3pose.predict.kernels.prediction import predict_tracks
-
-    predictors = (pipeline.predictor, pipeline.steering)
-    if not any(isinstance(predictor, AttentionLstm) for predictor in predictors):
-        return None
-    if is_cached(predict_tracks) is not False or num_cores() < 2 or free_bytes() < HELPER_BYTES:
-        return None
-    command = [sys.executable, "-m", "e3pose.edge.precompile"]
-    return subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
+    Args:
+        spent_s: seconds that the filter took; empty if it is not compiled.
+    """
+    begun_s = time.monotonic()
+    pipeline, joints, delayed = pickle.load(sys.stdin.buffer)
+    if spent_s:
+        COMPILING.skip("e3pose.estimate", float(spent_s))
+        warm_up(pipeline, joints, delayed)
+        return
+    pipeline.estimator.estimate(pipeline.estimator.begin(), {}, 0.0, pipeline.clock)
+    os.lseek(0, 0, os.SEEK_SET)
+    spent_s = f"{time.monotonic() - begun_s}"
+    os.execv(sys.executable, [sys.executable, "-m", "e3pose.edge.precompile", spent_s])
 
 
 if __name__ == "__main__":
-    compile_prediction()
+    logging.basicConfig(stream=sys.stdout, format="%(message)s", level=logging.INFO)
+    _compile(*sys.argv[1:])

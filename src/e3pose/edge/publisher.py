@@ -61,7 +61,7 @@ class Publisher:
         self._delayed_topic = topics.of_site(settings.site, "poses-delayed")
         lag = lag_slots(settings.smooth_delay_s, interval_s)
         self._delay_s = lag * interval_s
-        self._delayed = Delayed(settings.joints, lag) if settings.smooth_delay_s else None
+        self.delayed = Delayed(settings.joints, lag) if settings.smooth_delay_s else None
         self._times_ns: dict[int, int] = {}  # of the slots that wait
         self._last_in_ns: dict[int, int] = {}  # slot to arrival of its last view, until published
         self._posterior: Posterior | None = None  # of the newest slot
@@ -127,11 +127,6 @@ class Publisher:
                 self._last_in_ns[each.slot] = each.last_ns
             self._queue.put(each.topic, encode(each.message(stored)), each.slot)
 
-    def warm_up(self) -> None:
-        """Compile the kernels of delayed poses."""
-        if self._delayed is not None:
-            self._delayed.warm_up()
-
     def publish_delayed(self, record: SlotRecord, time_ns: int, busy: bool) -> int:
         """Publish an earlier slot, smoothed, unless the edge is busy; return the ns it took.
 
@@ -140,15 +135,15 @@ class Publisher:
             time_ns: when it was.
             busy: whether the edge is; slots that wait are then never published.
         """
-        if self._delayed is None or self._posterior is None:
+        if self.delayed is None or self._posterior is None:
             return 0
         if busy:
-            self._delayed.forget()
+            self.delayed.forget()
             self._times_ns.clear()
             return 0
         begun_ns = self._clock.now_ns()
         self._times_ns[record.slot] = time_ns
-        late = self._delayed.push(record, self._posterior)
+        late = self.delayed.push(record, self._posterior)
         if late is not None:
             then_ns, people = self._times_ns.pop(late.slot), late.people
 

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from e3pose.edge.lead import Lead
     from e3pose.edge.membership import Membership
     from e3pose.edge.overload import Load
+    from e3pose.edge.precompile import Beside
     from e3pose.edge.send_queue import SendQueue
     from e3pose.edge.state_file import StateFile
     from e3pose.pipeline import Pipeline, SlotState
@@ -59,6 +60,7 @@ class RunningEdge(Protocol):
     times: SlotTimes | None
     newest: SlotRecord | None
     ready: bool
+    compiling: Beside | None
     started_ns: int
 
     @property
@@ -237,7 +239,7 @@ def site_status(edge: RunningEdge) -> Status:
         num_selected=_number(policy, "num_selected"),
         target_error_mm=None if target_m is None else 1000 * target_m,
         quality_weight=_number(policy, "quality_weight"),
-        compiling_s=None if edge.ready else _compiling_left_s(),
+        compiling_s=None if edge.ready else _compiling_left_s(edge.compiling),
         slots=counts.slots,
         blind=counts.blind,
         blind_share=counts.blind_share(),
@@ -251,11 +253,13 @@ def site_status(edge: RunningEdge) -> Status:
     )
 
 
-def _compiling_left_s() -> float:
+def _compiling_left_s(beside: Beside | None) -> float:
     """Return the seconds until all kernels are compiled; 0 while that is unknown.
 
     It imports nothing: another thread may be importing numba just now.
     """
+    if beside is not None:
+        return beside.left_s()
     compiling = getattr(sys.modules.get("e3pose.base.compiling"), "COMPILING", None)
     return (compiling.left_s() or 0.0) if compiling is not None and compiling.begun else 0.0
 

@@ -11,12 +11,14 @@ It contains no mathematics: it owns the clock, the threads and the counters.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
 
 from e3pose.base.arrays import Flags, Floats, Integers
 from e3pose.base.clock import Clock, SlotTimes
+from e3pose.base.kernel import INTERPRETING
 from e3pose.base.quantities import plural
 from e3pose.base.threads import ThreadGroup
 from e3pose.edge.camera_state import (
@@ -34,7 +36,7 @@ from e3pose.edge.camera_state import (
     waits_s,
 )
 from e3pose.edge.consumers import NO_CONSUMERS, Consumers
-from e3pose.edge.counters import Counts
+from e3pose.edge.counters import Counts, Durations
 from e3pose.edge.events import EventLog
 from e3pose.edge.gather import Arrival, Gather
 from e3pose.edge.housekeeping import Housekeeping
@@ -54,12 +56,13 @@ from e3pose.edge.membership import Membership
 from e3pose.edge.orders import Orders
 from e3pose.edge.overload import Load, after_work, level_change
 from e3pose.edge.pipeline_owner import PipelineOwner, lasting, skip_to, still_true, with_lead
-from e3pose.edge.precompile import warm_up
+from e3pose.edge.precompile import Beside, warm_up, without_extras
 from e3pose.edge.publisher import Publisher
 from e3pose.edge.reports import site_status
 from e3pose.edge.send_queue import SendQueue
 from e3pose.edge.state_file import StateFile
 from e3pose.estimate.base import Estimate
+from e3pose.estimate.smooth.delayed import Delayed
 from e3pose.model.blind_slot import no_choice
 from e3pose.pipeline import Pipeline, SlotRecord, SlotState, initial_state, step
 from e3pose.select.failure_detector import Silence, acknowledge_late
@@ -134,6 +137,7 @@ class EdgeServer:
         self.newest: SlotRecord | None = None
         self._resume()
         self.ready = False  # whether all kernels are compiled
+        self.compiling: Beside | None = None  # meanwhile they are interpreted
         self.publisher = Publisher(settings, pipeline.rig, interval_s, self.send_queue, clock)
         self.threads = ThreadGroup(self._wake)
         self.housekeeping = Housekeeping(self)
@@ -162,8 +166,10 @@ class EdgeServer:
         self.membership.join()  # cameras connect while it gets ready
         self.start_sending()
         self.threads.start("keeping", self.housekeeping.run)  # tells how long that takes
-        warm_up(self.pipeline, self.settings.joints, self.publisher.warm_up)
-        self.ready = True
+        self.compiling = Beside.start(*self._compiled())
+        if self.compiling is None:
+            warm_up(*self._compiled())
+            self.ready = True
         self.threads.start("fusion", self._run_slots)
 
     def stop(self) -> None:
@@ -172,6 +178,8 @@ class EdgeServer:
             return
         self.gather.wake()
         self.threads.join(END_S, without="sending")
+        if self.compiling is not None:
+            self.compiling.leave()
         self.housekeeping.keep_checkpoint()
         self.send_queue.close()
         self.threads.join(END_S)
@@ -226,13 +234,31 @@ class EdgeServer:
         if not self.inbox.wait_for_cameras(stopping, wait_s, resumes=self.times is not None):
             return
         times = self.times = self._begin()
+        INTERPRETING.on = not self.ready
         while not self.threads.stopping.is_set():
+            if self.compiling is not None:
+                self._compile(times, self.compiling)
             self._catch_up(times)
             self._forgive()
             slot = self.state.slot
             if not self._wait_for_views(times, slot):
                 return
             self._compute(times, slot, self.gather.close())
+
+    def _compiled(self) -> tuple[Pipeline, Sequence[str], Delayed | None]:
+        """Return what is to be compiled, as `warm_up` takes it."""
+        return self.pipeline, self.settings.joints, self.publisher.delayed
+
+    def _compile(self, times: SlotTimes, beside: Beside) -> None:
+        """Go on to a slot that can be ordered in time; compute as usual once all is compiled."""
+        if beside.ended():
+            INTERPRETING.on = False
+            warm_up(*self._compiled())  # from disk
+            beside.leave()
+            self.ready, self.compiling = True, None
+            self.counts.stepping, self.counts.latency = Durations(), Durations()
+        self._skip(times.slot_at(self.clock.now_ns()) + 1 + self.lead.slots)
+        self._order_ahead(times, 0)
 
     def _begin(self) -> SlotTimes:
         now_ns = self.clock.now_ns()
@@ -251,7 +277,7 @@ class EdgeServer:
 
     def _order_ahead(self, times: SlotTimes, start: int) -> None:
         """Send the orders of future slots, from `start` slots ahead."""
-        for ahead in range(start, self.lead.slots):
+        for ahead in range(start, self.lead.slots if self.ready else 1):
             decision, until = self.state.selections[ahead], self.state.asleep_until
             slot = self.state.slot + ahead
             self.orders.give(times, slot, decision, ahead + 1, asleep_until=until)
@@ -332,9 +358,34 @@ class EdgeServer:
             selected, stored = turn.ordered & turn.reached, self.consumers.stored()
             self.publisher.publish(slot, time_ns, estimate, used, selected, blind, stored)
 
-        self.state, record = step(self.owner.shed(self.load), state, views, turn.usable, publish)
+        pipeline = self.owner.shed(self.load) if self.ready else without_extras(self.pipeline)
+        try:
+            with nullcontext() if self.ready else np.errstate(all="ignore"):
+                self.state, record = step(pipeline, state, views, turn.usable, publish)
+        except (ArithmeticError, ValueError):  # where a compiled kernel goes on with NaN
+            if self.ready:
+                raise
+            return
         record = replace(record, blind=blind)
         took_ns = self.clock.now_ns() - begun_ns
+        if self.ready:
+            self._order_next(times, slot, record, turn, newest_late)
+        self.orders.forget_before(slot)
+        self.newest = record
+        self.counts.count_slot(len(used), turn.ordered & turn.online, record, begun_ns, took_ns)
+        self.consumers.observe(record, time_ns, arrivals)
+        self.consumers.keep(record, time_ns, arrivals)
+        took_ns += self.publisher.publish_delayed(
+            record, time_ns, busy=self.load.level > 0 or not self.ready
+        )
+        self._judge(turn, record, took_ns / 1e9, behind_s)
+        self._update_pipeline(times, record, turn.online)
+        self.housekeeping.quiet.set()
+
+    def _order_next(
+        self, times: SlotTimes, slot: int, record: SlotRecord, turn: Turn, newest_late: Flags
+    ) -> None:
+        """Give the orders that were decided in a slot."""
         lead = self.pipeline.lead_slots
         none = no_choice(turn.expected, self.state.silence.answering(slot + lead), newest_late)
         decision = self._with_trial(times, slot, record.next_selection, turn.states)
@@ -342,24 +393,17 @@ class EdgeServer:
         self.orders.give(times, slot + lead, decision, lead, record.expected, none, until)
         late_s = (self.clock.now_ns() - self._deadline_ns(times, slot)) / 1e9
         self.owner.use_lead(with_edge_delay(self.lead, late_s, self.interval_ns / 1e9))
-        self.orders.forget_before(slot)
-        self.newest = record
-        self.counts.count_slot(len(used), turn.ordered & turn.online, record, begun_ns, took_ns)
-        self.consumers.observe(record, time_ns, arrivals)
-        self.consumers.keep(record, time_ns, arrivals)
-        took_ns += self.publisher.publish_delayed(record, time_ns, self.load.level > 0)
-        self._judge(turn, record, took_ns / 1e9, behind_s)
-        self._update_pipeline(times, record, turn.online)
-        self.housekeeping.quiet.set()
 
     def _judge(self, turn: Turn, record: SlotRecord, took_s: float, behind_s: float) -> None:
         """Note whether the edge keeps up, and if it does, how its cameras answer."""
         before, slot_s = self.load, self.interval_ns / 1e9
         awake = int(record.selected.sum()) if record.slot >= self.pipeline.warmup_slots else None
-        self.load = after_work(before, took_s, slot_s, awake, behind_s)
+        if self.ready:
+            self.load = after_work(before, took_s, slot_s, awake, behind_s)
         if said := level_change(before, self.load):
             self.event_log.report("overload", said)
-        given_up, fair = self.state.silence.failures > 0, not self.load.overloaded()
+        given_up = self.state.silence.failures > 0
+        fair = self.ready and not self.load.overloaded()
         self.answers = after_slot(self.answers, turn, given_up, slot_s, fair)
 
     def _with_trial(self, times: SlotTimes, slot: int, decision: Flags, states: Integers) -> Flags:
@@ -403,7 +447,7 @@ class EdgeServer:
             self.event_log.report("camera-overslept", said, name)
         for kind, line, camera_id in self.owner.after_slot(self.consumers, record):
             self.event_log.report(kind, line, camera_id)
-        if not self.settings.adaptive_lead:
+        if not (self.settings.adaptive_lead and self.ready):
             return
         counted = followed(self.answers, self.state.silence) & online
         wake_s = float(self._wakes_s(counted).max())

@@ -126,10 +126,10 @@ def _blind(status: Status) -> Text:
 
 
 def compiling_words(rest_s: float) -> str:
-    """Return how long the edge still compiles, or that it gets ready if that is unknown (0)."""
+    """Return how long the edge still compiles, or that it does if that is unknown (0)."""
     if rest_s:
-        return f"compiling: {rest_s:.0f} s left (first start only), then cameras get orders"
-    return "getting ready, then cameras get orders; a first start compiles for a minute or so"
+        return f"compiling: {rest_s:.0f} s left (first start only); until then few poses a second"
+    return "getting ready; a first start compiles for a minute or so, with few poses a second"
 
 
 def _expected_error(status: Status) -> Text:

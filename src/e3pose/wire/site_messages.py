@@ -309,8 +309,8 @@ class Status(msgspec.Struct, array_like=True, frozen=True, tag="status"):
         blind_share: blind slots, as a share of the last minute's slots.
         overload: what an overloaded edge says of itself; empty if it is not overloaded.
         events_ns: when each of `events` happened, by the edge's clock, nanoseconds since 1970.
-        compiling_s: seconds until the edge has compiled its kernels and orders cameras, 0 while
-            unknown; None if it has.
+        compiling_s: seconds until the edge has compiled its kernels, 0 while unknown; None if it
+            has. Until then there are few slots a second, or none.
         check: what rests cost so far, and whether nobody rests because of it; empty while nothing
             is known.
         run_ns: when the run began that its slots and tracks belong to, nanoseconds since 1970:

@@ -24,7 +24,9 @@ from tests.estimate.filter.agreement import (
 )
 from tests.reference.filter_step import step
 
+from e3pose.base.kernel import INTERPRETING
 from e3pose.estimate.filter import Belief, Model
+from e3pose.estimate.filter.step import StepKernel
 from e3pose.model.camera import Camera, Rig
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17, Skeleton
@@ -115,6 +117,26 @@ def test_equals_the_reference_when_all_goes_wrong(seed: int) -> None:
     slots = list(spoilt(seen(ring(), int(rng.integers(1, 6)), seed)[:60], rng))
     _, births = follow(model(), slots)
     assert births > 3
+
+
+@each_case("bent", [False, True])
+def test_interpreted_kernels_do_the_same_when_all_goes_wrong(
+    bent: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A first start interprets them, and gets no error where compiled ones give none."""
+    site, slots = through_lenses(ring(), seen(ring(), 3)) if bent else (model(), seen(ring(), 3))
+    slots = list(spoilt(slots[:40], np.random.default_rng(1)))
+    compiled, belief = [], Belief.empty(site)
+    for views, time_s in slots:
+        belief, _ = KERNEL(site, belief, views, time_s)
+        compiled.append(belief)
+    monkeypatch.setattr(INTERPRETING, "on", True)
+    interpreted, belief = StepKernel(), Belief.empty(site)
+    with np.errstate(all="ignore"):
+        for (views, time_s), wanted in zip(slots, compiled, strict=True):
+            belief, _ = interpreted(site, belief, views, time_s)
+            assert_agree(belief, wanted)
+    assert belief.next_id > 2
 
 
 @pytest.mark.shared

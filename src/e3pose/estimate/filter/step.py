@@ -85,10 +85,6 @@ class StepKernel:
             Any, ...
         ] = ()  # columns of the newest belief, as the workspace has them
 
-    def warm_up(self, model: Model) -> None:
-        """Compile, or load from the cache, all that a slot needs; takes seconds the first time."""
-        self(model, Belief.empty(model), {}, 0.0)
-
     def __call__(
         self, model: Model, belief: Belief, views: Mapping[int, Poses2D], time_s: float
     ) -> tuple[Belief, People]:

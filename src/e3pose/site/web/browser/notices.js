@@ -18,8 +18,8 @@ function first() {
   }
   if (status.compiling_s != null) {
     return status.compiling_s
-      ? `The edge is compiling: ${Math.round(status.compiling_s)} s left. Cameras connect meanwhile and get orders then; this happens only at the first start.`
-      : "The edge is getting ready. Cameras connect meanwhile; a first start compiles for a minute or so.";
+      ? `The edge is compiling: ${Math.round(status.compiling_s)} s left, at the first start only. Until then there are few poses a second, and all cameras are active.`
+      : "The edge is getting ready. A first start compiles for a minute or so, with few poses a second.";
   }
   if (known.smoothed && status.smoothed_ms === null) {
     return `The edge publishes no smoothed poses at present: ${status.overload ? "it is overloaded" : "it was started without a delay"}. Choose “now” to see poses.`;
