@@ -11,6 +11,8 @@ from tests.site.web.browser import Page, in_browser
 from tests.site.web.watched import Watched, watched_site
 from tests.waiting import eventually
 
+from e3pose.base.errors import InputError
+from e3pose.model.camera_fields import check_camera_id
 from e3pose.store.people import people_of, set_name
 
 pytestmark = in_browser
@@ -87,6 +89,31 @@ def test_a_name_and_a_colour_stay_with_the_person(page: Page, watched: Watched) 
     assert page.shows("state", "past")
     assert eventually(lambda: page.text("people").count("Ada <b>L</b>") == 2)
     assert page.messages == []
+
+
+HOSTILE = """<img src=x onerror="window.hit=1"><svg onload='window.hit=1'>{{x}}${x}"""
+
+
+def test_a_name_runs_no_script(page: Page, watched: Watched) -> None:
+    """In the list, in the drawing, in the dialog and its box, and in the past.
+
+    Names of cameras, zones and sites are letters, digits and dashes; those of people are anything.
+    """
+    for word in (HOSTILE, "<script>x"):
+        with pytest.raises(InputError):
+            check_camera_id(word)  # also of zones, and of a site by the same letters
+    set_name(watched.folder / "lab.db", ((1, 10),), HOSTILE)
+    opened(page, watched, watched.view.tokens.write)
+    assert eventually(lambda: HOSTILE in page.text("people"))
+    day_of(page, 0)
+    assert page.shows("day-title", HOSTILE)
+    assert page.run("document.getElementById('name').value") == HOSTILE
+    close(page)
+    page.of("past", "void m.seek(m.past.span.begin_s + 1.0)")
+    assert page.shows("state", "past") and eventually(lambda: HOSTILE in page.text("people"))
+    made = "document.querySelectorAll('img[onerror], svg[onload], img[src=x]').length"
+    assert page.run(made) == 0 and page.run("window.hit === undefined")
+    assert page.messages == []  # nor did anything hold it back
 
 
 def test_somebody_who_was_taken_for_another_gets_the_own_name(page: Page, watched: Watched) -> None:

@@ -11,12 +11,12 @@ from __future__ import annotations
 import re
 
 MASK = "***"
-_NAMES = (
-    r"[\w.-]*?(?:pas|pwd|psw|secret|token|key|auth|credential|session|sign|ticket)[\w.-]*?"
+_NAMES = (  # bounded, so that no long word takes more than its length in time
+    r"[\w.-]{0,20}?(?:pas|pwd|psw|secret|token|key|auth|credential|session|sign|ticket)[\w.-]{0,20}?"
     r"|t|p|k|pw|pin|code|sig"
 )
 _END = r"_[a-z]+=|[\"'):,;.\]]*(?:\s|$)"  # of a value: the next name, or the end of the address
-_ADDRESS = re.compile(r"\b([a-z][a-z0-9+.-]*)://(\S+)", re.IGNORECASE)
+_ADDRESS = re.compile(r"\b([a-z][a-z0-9+.-]{0,20})://(\S+)", re.IGNORECASE)
 _PARAMETER = re.compile(rf"(?<![a-z0-9])({_NAMES})=(?:(?!{_END})[^&])+", re.IGNORECASE)
 _USER = re.compile(r"[\w.%+-]{1,40}")
 _LOGIN = re.compile(r"(?<=/)[^/:?&=]+:(?=[^/])[^/?&\"']+(?=[/?&])")

@@ -15,6 +15,7 @@ from typing import Any
 import pytest
 
 from e3pose.base.errors import InputError
+from e3pose.site.setup import onvif
 from e3pose.site.setup.onvif import Denied, Login, parse, streams_of
 
 LOGIN = Login("admin", "s3cret <&>")
@@ -210,3 +211,29 @@ def test_who_is_not_there_is_said() -> None:
 def test_text_with_entities_is_not_parsed() -> None:
     assert parse(b"<a/>") is not None
     assert parse('<!DOCTYPE a SYSTEM "x"><a/>'.encode("utf-16")) is None
+
+
+def test_an_answer_by_drops_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each byte comes within the time for one: nothing but a limit for all of them ends it."""
+    monkeypatch.setattr(onvif, "WHOLE_S", 0.5)
+    stop = threading.Event()
+
+    class Drops(BaseHTTPRequestHandler):
+        def do_POST(self) -> None:
+            self.send_response(200)
+            self.end_headers()
+            while not stop.wait(0.05):
+                self.wfile.write(b" ")
+
+        def log_message(self, *_: Any) -> None:
+            """Say nothing."""
+
+    server = ThreadingHTTPServer(("127.0.0.1", 0), Drops)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    try:
+        with pytest.raises(InputError, match="no answer in time"):
+            streams_of(f"http://127.0.0.1:{server.server_port}/device")
+    finally:
+        stop.set()
+        server.shutdown()
+        server.server_close()

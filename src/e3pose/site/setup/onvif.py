@@ -20,8 +20,9 @@ from urllib.parse import quote, urlsplit
 from xml.sax.saxutils import escape
 
 from e3pose.base.errors import InputError
+from e3pose.store.timed_calls import TimedCalls
 
-ASK_S = 4.0
+ASK_S, WHOLE_S = 4.0, 8.0  # without a byte of an answer, and for all of it
 MAX_BYTES, MOST_PROFILES = 2**18, 8
 DEVICE, MEDIA = "http://www.onvif.org/ver10/device/wsdl", "http://www.onvif.org/ver10/media/wsdl"
 SCHEMA, SOAP = "http://www.onvif.org/ver10/schema", "http://www.w3.org/2003/05/soap-envelope"
@@ -137,11 +138,19 @@ class _Asking:
         request = urllib.request.Request(
             url, content, {"Content-Type": "application/soap+xml; charset=utf-8"}
         )
-        try:
-            with urllib.request.build_opener(*handlers).open(request, timeout=ASK_S) as answer:
-                return answer.status, answer.read(MAX_BYTES)
-        except urllib.error.HTTPError as error:  # a fault of SOAP comes with status 400 or 500
-            return error.code, error.read(MAX_BYTES)
+        answers = list[tuple[int, bytes]]()
+
+        def call() -> None:
+            opener = urllib.request.build_opener(*handlers)
+            try:
+                with opener.open(request, timeout=ASK_S) as answer:
+                    answers.append((answer.status, answer.read(MAX_BYTES)))
+            except urllib.error.HTTPError as error:  # a fault of SOAP comes with status 400 or 500
+                answers.append((error.code, error.read(MAX_BYTES)))
+
+        try:  # the timeout of a socket is for each of its bytes: an answer by drops takes days
+            TimedCalls(WHOLE_S, lambda: None).call(call)
+            return answers[0]
         except (OSError, ValueError) as error:
             why = getattr(getattr(error, "reason", error), "strerror", None) or "no answer in time"
             raise InputError(f"{self.host}: {why.lower()}") from None
