@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import resource
 import subprocess
 import sys
 import threading
@@ -133,6 +132,8 @@ def test_all_that_a_program_says_is_written_before_it_ends(tmp_path: Path) -> No
 
 
 def test_file_that_may_grow_no_more_changes_nothing_for_its_program(tmp_path: Path) -> None:
+    resource = pytest.importorskip("resource", reason="no limits of processes here")
+
     def small() -> None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
 
