@@ -74,6 +74,24 @@ def test_camera_that_the_edge_does_not_admit_says_what_to_do() -> None:
     assert "certificate revoked" in messages[2] and "e3pose keys add cam1" in messages[2]
 
 
+def test_camera_whose_way_has_an_expired_certificate_says_so_and_looks_now_and_then() -> None:
+    messages, looks = list[str](), list[str]()
+
+    def expired() -> str:
+        looks.append("")
+        return "camera.pem: certificate expired" if len(looks) > 1 else ""
+
+    endpoint = read_endpoint("tls/127.0.0.1:7447")
+    watch = EdgeWatch(messages.append, endpoint, "cam1", alone_s=5.0, expired=expired)
+    for now_s in range(100, 200):
+        watch.update(False, False, float(now_s))
+    assert [message[:20] for message in messages] == [
+        "no answer from the e",
+        "camera.pem: certific",
+    ]
+    assert len(looks) == 2
+
+
 def test_edge_that_is_there_at_once_is_reported() -> None:
     messages: list[str] = []
     watch = EdgeWatch(messages.append, read_endpoint("tcp/127.0.0.1:7447"), "cam1")

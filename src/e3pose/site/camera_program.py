@@ -34,9 +34,10 @@ from e3pose.site.run import run_until_stopped
 from e3pose.wire.endpoint import Endpoint
 from e3pose.wire.keys.folder import link_of
 from e3pose.wire.network import open_network
+from e3pose.wire.reach import expired_on_the_way
 from e3pose.wire.transport import Transport
 
-ALONE_S = 5.0
+ALONE_S, LOOK_S = 5.0, 60.0
 RESTS: dict[Sleep, tuple[str, ...]] = {
     "off": (),
     "process": ("asleep",),
@@ -67,12 +68,16 @@ class EdgeWatch:
         endpoint: of the edge.
         camera_id: of the camera.
         alone_s: seconds without the edge before a warning.
+        expired: returns which certificate has expired; it may take seconds.
     """
 
     report: Callable[[str], None]
     endpoint: Endpoint
     camera_id: str
     alone_s: float = ALONE_S
+    expired: Callable[[], str] = str
+    _look_s: float = 0.0
+    _expired: str = ""
     _there: bool = False
     _since_s: float | None = None
     _reported: str = ""
@@ -88,7 +93,7 @@ class EdgeWatch:
         if self._since_s is None:
             self._since_s = now_s
         if there != self._there:
-            self._there, self._since_s, self._reported = there, now_s, ""
+            self._there, self._since_s, self._look_s, self._reported = there, now_s, 0.0, ""
             self.report("edge connected" if there else "edge disconnected, reconnecting")
         elif not there and now_s - self._since_s >= self.alone_s:
             why = f"no answer from the edge at {self.endpoint}, still trying"
@@ -98,6 +103,9 @@ class EdgeWatch:
                     f"or unknown, or another site; `e3pose keys list` on the edge shows it, "
                     f"`e3pose keys add {self.camera_id}` makes a new one"
                 )
+            if now_s >= self._look_s:
+                self._look_s, self._expired = now_s + LOOK_S, self.expired()
+            why = self._expired or why
             if why != self._reported:
                 self._reported = why
                 self.report(why)
@@ -181,7 +189,9 @@ def open_camera(
         runs_on = getattr(made.detector, "provider", "")  # a recording has no network
         provider = {"provider": runs_on} if runs_on else {}
         log.info("ready", source=table.source, endpoint=str(table.endpoint), **provider)
-        watch = EdgeWatch(log.info, table.endpoint, table.camera)
+        watch = EdgeWatch(
+            log.info, table.endpoint, table.camera, expired=lambda: expired_on_the_way(link)
+        )
         return Camera(made, watch, clock, stack.pop_all())
     raise AssertionError("an exit stack lets no error pass")
 

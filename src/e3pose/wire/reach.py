@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import datetime
 import socket
+import ssl
 import threading
 import time
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Literal
 
 from e3pose.base.clock import WallClock
-from e3pose.base.errors import reason_of
+from e3pose.base.errors import InputError, reason_of
 from e3pose.wire import topics
 from e3pose.wire.access import Link
 from e3pose.wire.clock_exchange import exchange_time
+from e3pose.wire.keys.folder import expired
 from e3pose.wire.network import open_network
 from e3pose.wire.offset import Exchange
 
@@ -62,6 +65,28 @@ def reach_edge(link: Link, camera_id: str, timeout_s: float) -> Reach:
         return Reach("no-route", reason_of(error), expires=expires)
     exchange = _ask_time(link, camera_id, timeout_s)
     return Reach("silent" if exchange is None else "answered", "", exchange, expires)
+
+
+def expired_on_the_way(link: Link) -> str:
+    """Return which certificate of a camera or its edge has expired, when, and what to do.
+
+    The edge's is what it shows to anybody who connects; empty where none is known to have expired.
+    """
+    from e3pose.wire.keys import authority
+
+    if link.certificates is None:
+        return ""
+    with suppress(OSError, InputError):
+        if problem := expired(link.certificates):
+            return problem
+        shown = ssl.get_server_certificate(link.endpoint.address, timeout=CONNECT_S)
+        until = authority.expires(shown.encode())
+        if until < datetime.datetime.now(datetime.timezone.utc):
+            return (
+                f"the certificate of the edge at {link.endpoint} expired on {until:%Y-%m-%d %H:%M} "
+                "UTC: `e3pose keys renew edge` there makes a new one; restart the edge"
+            )
+    return ""
 
 
 def _ask_time(link: Link, camera_id: str, timeout_s: float) -> Exchange | None:

@@ -287,10 +287,32 @@ def link_of(
     """
     files = None
     if endpoint.encrypted and keys is not None:
+        if problem := expired(certificates_in(keys, role)):
+            raise InputError(problem)
         files = valid_certificates(keys, role)
     link = Link(role, site, endpoint, files, upstream, insecure)
     check_link(link)
     return link
+
+
+def expired(files: Certificates) -> str:
+    """Return which certificate of a program has expired, when, and what to do; empty for none.
+
+    Raises:
+        InputError: for a certificate that cannot be read.
+    """
+    from e3pose.wire.keys import authority
+
+    name = "edge" if files.certificate.stem == "edge" else holder(files)
+    advice = f"e3pose keys renew {name}` on the edge makes a new one; copy its folder"
+    found = {files.certificate: advice, files.authority: "e3pose keys init` a new folder; copy all"}
+    now = datetime.datetime.now(datetime.timezone.utc)
+    for path, advice in found.items():
+        until = authority.expires(read_bytes(path, MAX_PEM_BYTES))
+        if until < now:
+            when = f"expired on {until:%Y-%m-%d %H:%M} UTC"
+            return f"{path}: certificate {when}: `{advice} here and restart this program"
+    return ""
 
 
 def check_certificates(files: Certificates, now: datetime.datetime) -> None:
