@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
-from e3pose.base.errors import InputError
+from e3pose.base.errors import InputError, reason_of
 from e3pose.events.body import Joints, joints_of
 from e3pose.events.people import Person, Persons, Seen, follow, heirs_in
 from e3pose.events.rules import Rule, Snapshot, inherited, make_rules
@@ -35,6 +35,7 @@ class Watch:
         shown: those of the newest slot.
         slot: the newest.
         time_ns: when people were followed last.
+        faults: by kind, why a rule failed in the newest slot; the others go on.
     """
 
     joints: Joints
@@ -45,6 +46,7 @@ class Watch:
     shown: Persons
     slot: int = -1
     time_ns: int = 0
+    faults: Mapping[str, str] = field(default_factory=dict)
 
 
 def begin_watch(
@@ -87,14 +89,19 @@ def advance(watch: Watch, seen: Seen) -> tuple[Watch, list[PersonEvent]]:
     known, shown = follow(watch.known, seen, watch.joints, watch.zones)
     heirs = heirs_in(shown)
     snapshot = Snapshot(seen.slot, seen.time_ns, shown, known)
-    memories, events = dict[str, Any](), list[PersonEvent]()
+    memories, events, faults = dict[str, Any](), list[PersonEvent](), dict[str, str]()
     for kind, rule in watch.rules.items():
         before = inherited(watch.memories[kind], heirs) if heirs else watch.memories[kind]
-        memories[kind], told = rule.advance(before, snapshot)
+        try:
+            memories[kind], told = rule.advance(before, snapshot)
+        except Exception as error:  # one's own rules may do anything
+            memories[kind], told = before, []
+            faults[kind] = f"{type(error).__name__}: {reason_of(error)[:200]}"
         events += told
     now = replace(
-        watch, memories=memories, known=known, shown=shown, slot=seen.slot, time_ns=seen.time_ns
-    )
+        watch, memories=memories, known=known, shown=shown, slot=seen.slot, time_ns=seen.time_ns,
+        faults=faults,
+    )  # fmt: skip
     return now, events
 
 

@@ -63,7 +63,11 @@ class EventSink:
             for event in events:
                 self.writer.zone(event)
             if self.watch is not None:
+                failed = self.watch.faults
                 self.watch, told = watching.advance(self.watch, seen)
+                for kind, why in self.watch.faults.items():
+                    if kind not in failed:
+                        self.writer.event(Event(time_ns, "rule-failed", f"{kind}: {why}"))
                 for each in told:
                     self.writer.event(stored(each))
                 if self.watch.slot == record.slot:

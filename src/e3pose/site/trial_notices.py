@@ -115,8 +115,8 @@ def _asked(folder: Path) -> str:
 
 def _answers(folder: Path, word: str) -> list[str]:
     found: list[str] = []
-    with suppress(OSError):
-        for path in sorted(folder.glob(f"*{ANSWER}"))[:MOST_FILES]:
+    for path in sorted(folder.glob(f"*{ANSWER}"))[:MOST_FILES]:
+        with suppress(OSError):  # one that cannot be read hides no other
             first, *lines = lines_of(path, 1 + MOST_LINES) or [""]
             if first == word:
                 found += lines

@@ -305,7 +305,7 @@ def jobs_in(folder: Path) -> Iterator[Job]:
     for path in sorted(folder.glob(f"*/{JOB}")):
         if not NUMBER.fullmatch(path.parent.name) or path.parent.is_symlink():
             continue
-        with suppress(InputError, OSError, ValueError, KeyError, TypeError):
+        with suppress(InputError, OSError, ValueError, KeyError, TypeError, RecursionError):
             told = json.loads(read_bytes(path, MAX_JOB_BYTES))
             request = ExportRequest(
                 **{**told["request"], "tracks": tuple(told["request"]["tracks"])}

@@ -5,16 +5,26 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
+from typing import TypeVar
 
-from e3pose.base.errors import InputError
+from e3pose.base.errors import InputError, reason_of
 from e3pose.events import watch as watching
 from e3pose.events.watch import Watch
+from e3pose.model.zone_event import ZoneEvent
 from e3pose.site.connect import Connection, LiveSlot
 from e3pose.site.streams.base import Stream, TellsCameras, TellsPeople
 from e3pose.site.zones import Zones, advance
 from e3pose.wire.site_messages import Status
 
 END_S = 5.0
+T = TypeVar("T")
+
+
+def _send(slot: LiveSlot, events: Sequence[ZoneEvent], stream: Stream) -> None:
+    stream.slot(slot)
+    for event in events:
+        stream.zone(event)
 
 
 class Sender:
@@ -53,6 +63,7 @@ class Sender:
         self._about_cameras = [stream for stream in streams if isinstance(stream, TellsCameras)]
         self._status: Status | None = None
         self._watch = watch if self._telling else None
+        self._faults = set[object]()  # of streams and rules that fail at present
         self._thread = threading.Thread(target=self._run, name="stream", daemon=True)
 
     def __enter__(self) -> Sender:
@@ -77,16 +88,35 @@ class Sender:
         if self._watch is None:
             return
         self._watch, events = watching.advance(self._watch, slot)
-        for stream in self._telling:
-            stream.people(self._watch, events)
+        for kind in self._watch.rules:
+            self._note(kind, f"event {kind}", self._watch.faults.get(kind, ""))
+        watch = self._watch
+        self._each(self._telling, "people", lambda stream: stream.people(watch, events))
 
     def _tell_cameras(self) -> None:
         """Tell how cameras are, when that is new."""
         status = self._connection.newest_status
         if status is not None and status is not self._status:
             self._status = status
-            for stream in self._about_cameras:
-                stream.cameras(status)
+            self._each(self._about_cameras, "cameras", lambda stream: stream.cameras(status))
+
+    def _each(self, streams: Sequence[T], what: str, send: Callable[[T], object]) -> None:
+        """Send to each stream: where there are several, one that fails does not end the others."""
+        for stream in streams:
+            why = ""
+            try:
+                send(stream)
+            except Exception as error:
+                if len(self._streams) == 1:
+                    raise  # the program ends with it
+                why = f"{type(error).__name__}: {reason_of(error)[:200]}"
+            self._note((stream, what), type(stream).__name__, why)
+
+    def _note(self, who: object, name: str, why: str) -> None:
+        """Report a fault once, as long as it lasts."""
+        if why and who not in self._faults:
+            self.report(f"{name}: left out ({why}), the others go on")
+        (self._faults.add if why else self._faults.discard)(who)
 
     def _run(self) -> None:
         silent = False
@@ -95,10 +125,7 @@ class Sender:
                 for slot in self._connection:
                     silent = False
                     self._zones, events = advance(self._zones, slot)
-                    for stream in self._streams:
-                        stream.slot(slot)
-                        for event in events:
-                            stream.zone(event)
+                    self._each(self._streams, "slots", partial(_send, slot, events))
                     self._tell_cameras()
                     self._tell(slot)
                     self.sent += 1
