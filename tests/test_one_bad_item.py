@@ -30,7 +30,7 @@ from e3pose.output.archive.places import Folder
 from e3pose.settings.events_table import EventsTable
 from e3pose.site import stream_problems, trial_notices
 from e3pose.site.connect import Connection
-from e3pose.site.keep.jobs import JOB, Job, _jobs_in
+from e3pose.site.keep.jobs import JOB, Job, jobs_in
 from e3pose.site.keep.request import ExportRequest
 from e3pose.site.streams.send import Sender
 from e3pose.site.zones import Zones
@@ -132,7 +132,7 @@ def jobs_of_a_page(bad: Bad, folder: Path) -> Found:
         path = folder / job.number / JOB
         path.parent.mkdir()
         path.write_text("[" * 5000 if one else json.dumps(asdict(job)))
-    return len(list(_jobs_in(folder))), sum(bad)
+    return len(list(jobs_in(folder))), sum(bad)
 
 
 def rows_of_a_store(bad: Bad, folder: Path) -> Found:

@@ -16,7 +16,7 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-from hostile_tables import TABLES, make_tables, try_table
+from hostile_tables import TABLES, make_tables, try_bombs, try_table
 from hostile_trials import Trial
 from hostile_videos import VIDEOS, try_video
 
@@ -37,6 +37,7 @@ def try_all(kind: str = "", init: bool = True) -> Iterator[Trial]:
                 good = path.read_bytes()
                 for table in TABLES:
                     yield try_table(table, path, words, good)
+            yield from try_bombs(folder)
 
 
 def main() -> None:

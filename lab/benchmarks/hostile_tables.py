@@ -2,10 +2,19 @@
 
 from __future__ import annotations
 
+import io
 import re
-from collections.abc import Callable
+import zipfile
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import cv2
+import numpy as np
+import pyarrow
+from numpy.lib import format as npy
+from pyarrow import parquet
+
+import hostile_videos
 from e3pose.model import noises
 from e3pose.recording import save_recording
 from e3pose.simulate.settings import SceneSettings
@@ -104,6 +113,62 @@ def make_tables(folder: Path) -> dict[str, tuple[Path, list[str]]]:
         "noise.toml": (folder / "noise.toml", [*replay, "--noise", str(folder / "noise.toml")]),
         "camera.toml": (camera, ["camera", str(camera)]),
     }
+
+
+def parquet_of(path: Path, names: str, rows: int = 10_000_000) -> None:
+    """Write columns of zeros, which a file of a megabyte holds by the gigabyte."""
+    zeros = pyarrow.array(np.zeros(rows))
+    columns = {name: zeros for name in names.split()}
+    if "joint" in columns:
+        columns["joint"] = pyarrow.DictionaryArray.from_arrays(np.zeros(rows, np.int8), ["nose"])
+    parquet.write_table(pyarrow.table(columns), path, compression="zstd")
+
+
+def points_of(path: Path) -> None:
+    """Write an array that says that it has 1.6 GB, in an archive of some bytes."""
+    header = io.BytesIO()
+    npy.write_array_header_1_0(
+        header, {"descr": "<f8", "fortran_order": False, "shape": (10**8, 2)}
+    )
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("cam0.npy", header.getvalue())
+
+
+def pictures_of(folder: Path) -> None:
+    """Write a JPEG that goes over its picture 400 times."""
+    grey = np.full((2000, 2000, 3), 128, np.uint8)
+    coded = cv2.imencode(".jpg", grey, [cv2.IMWRITE_JPEG_PROGRESSIVE, 1])[1].tobytes()
+    scan = coded[coded.rindex(b"\xff\xda") : -2]
+    folder.mkdir()
+    (folder / "1.jpg").write_bytes(coded[:-2] + 400 * scan + coded[-2:])
+
+
+# What is small and unpacks to much, or takes long: how it is made, and the verb that reads it.
+# `$` stands for it, `~` for the folder.
+BOMBS: dict[str, tuple[str, Callable[[Path], None], str]] = {
+    "Parquet of other columns, 1.2 GB": (
+        "a.parquet", lambda p: parquet_of(p, "a b c d e f g h i j k l m n o"), "export $ ~/x.trc",
+    ),
+    "Parquet of 50 million rows": (
+        "b.parquet", lambda p: parquet_of(p, "slot track joint time x y z", 50_000_000),
+        "export $ ~/x.trc",
+    ),
+    "points of 1.6 GB": (
+        "a.npz", points_of,
+        "calibrate extrinsics $ ~/x.toml --intrinsics ~/rec/calibration.toml",
+    ),
+    "JPEG of 400 scans": (
+        "jpegs", pictures_of, f"detect $ ~/x --model {hostile_videos.__file__}:Nobody --fps 5",
+    ),
+}  # fmt: skip
+
+
+def try_bombs(folder: Path) -> Iterator[Trial]:
+    """Give each to its verb, in a folder with a recording `rec`."""
+    for name, (file, make, words) in BOMBS.items():
+        make(folder / file)
+        words = words.replace("$", str(folder / file)).replace("~", str(folder))
+        yield tried(name, words.split()[0], words.split())
 
 
 def try_table(name: str, path: Path, words: list[str], good: bytes) -> Trial:
