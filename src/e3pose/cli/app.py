@@ -39,6 +39,7 @@ GROUPS: dict[str, dict[str, str | Callable[..., Any]]] = {
         "up": ".running_site:up",
     },
     "Recordings": {
+        "reconstruct": ".reconstructing:reconstruct",
         "detect": ".detecting:detect",
         "import": ".importing:import_app",
         "attach": ".attaching:attach",
@@ -88,6 +89,7 @@ USAGE = {
     "edge": "[OPTIONS] SITE...",
     "evaluate-predictor": "[OPTIONS] RECORDING...",
     "init": "[OPTIONS] FOLDER [SOURCE...]",
+    "reconstruct": "[OPTIONS] FILM...",
     "stream": "[OPTIONS] SITE TARGET...",
     "sync": "[OPTIONS] VIDEO... | RECORDING [DEST]",
     "train": "[OPTIONS] RECORDING...",
