@@ -151,6 +151,8 @@ def placed(record: T, folder: Path) -> T:
                 found[item.name] = _placed(value, folder)
             except InputError as error:
                 raise error.under(key or item.name) from None
+    if all(value is getattr(record, name) for name, value in found.items()):
+        return record  # the default, where nobody wrote another
     return replace(record, **found)  # type: ignore[type-var]
 
 

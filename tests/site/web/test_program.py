@@ -20,6 +20,7 @@ from e3pose.base.child_process import PASSES
 from e3pose.base.errors import InputError
 from e3pose.recording.calibration import save_rig
 from e3pose.settings.resolved import resolve
+from e3pose.settings.site_file import DEFAULT_LISTEN
 from e3pose.site.up import end
 from e3pose.site.web import program
 from e3pose.site.web.program import address_of, open_view, take_port, view_program
@@ -70,6 +71,9 @@ def test_port_that_is_taken_is_an_error_that_names_it(tmp_path: Path) -> None:
 def test_default_port_that_is_taken_gives_way_to_the_next_free_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    assert write_site(tmp_path).view.listen is DEFAULT_LISTEN
+    written = f'[view]\nlisten = "{DEFAULT_LISTEN.place}"\n'
+    assert write_site(tmp_path, written).view.listen is not DEFAULT_LISTEN
     told = list[str]()
     with listening_at("127.0.0.1", 0) as other:
         port = other.getsockname()[1]
