@@ -79,15 +79,17 @@ def up(
     folder = logs or resolved.file.folder / "logs"
     if folder.exists() and not folder.is_dir():
         raise InputError(f"--logs: found a file, expected a folder: {folder}")
+    page = None
+    if view:
+        from e3pose.site.web.program import page_links, view_program
+
+        page, address = view_program(resolved, folder, warn)  # first: a port is found at once
     options = () if delay is None else ("--delay", delay)
     measuring = Console(stderr=True).status("measuring the networks")
     console = Console(quiet=quiet)
     heard = (lambda _: None) if quiet else warn  # the log of the edge has its warnings
     programs = site_programs(resolved, folder, *options, warn=heard, measuring=measuring)
-    if view:
-        from e3pose.site.web.program import page_links, view_program
-
-        page, address = view_program(resolved, folder, warn)
+    if page is not None:
         programs.append(page)
         print("\n".join(page_links(resolved.file, address)), flush=True)
     end_s = float("inf") if for_s is None else time.monotonic() + for_s
