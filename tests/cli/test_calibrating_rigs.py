@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from tests.cli.commands import run
 from e3pose.calibrate.align import Move
 from e3pose.calibrate.recordings import first_seconds
 from e3pose.calibrate.synchronise import with_offsets
+from e3pose.camera.provenance import load_provenance, save_provenance
 from e3pose.recording import load_recording, save_recording
 from e3pose.recording.calibration import load_rig, save_rig
 from e3pose.recording.record import Recording
@@ -144,6 +146,21 @@ def test_sync_says_by_how_much_a_live_camera_is_late(
     assert all(0 <= delay_ms < 25 for delay_ms in delays_ms.values())
     assert run("sync", tmp_path / "late", "--max-shift", "1") == 0
     assert "add to the delay_ms of the cameras: cam0" in capsys.readouterr().out
+
+
+def test_sync_keeps_where_the_videos_begin(recording: Recording, tmp_path: Path) -> None:
+    late_s = np.zeros(len(recording.rig))
+    late_s[1] = 0.3
+    videos = {name: f"/films/{name}.mp4" for name in recording.rig.camera_ids}
+    late = replace(with_offsets(recording, late_s), videos=videos)
+    save_recording(late, tmp_path / "late")
+    save_provenance(tmp_path / "late", {}, dict.fromkeys(videos, 1.0), {"cam1": 90}, True)
+    assert run("sync", tmp_path / "late", tmp_path / "in-step", "--max-shift", "1") == 0
+    noted = load_provenance(tmp_path / "in-step")
+    assert (noted.rotations, noted.as_stored) == ({"cam1": 90}, True)
+    assert noted.video_starts_s.pop("cam1") == pytest.approx(1.0, abs=0.05)
+    for start_s in noted.video_starts_s.values():  # they wait for cam1, which was late
+        assert start_s == pytest.approx(0.7, abs=0.05)
 
 
 def test_sync_says_what_to_record_where_little_is_seen(

@@ -13,6 +13,7 @@ from e3pose.base.arrays import Floats
 from e3pose.base.atomic import check_free
 from e3pose.base.errors import InputError
 from e3pose.calibrate.recordings import first_seconds
+from e3pose.camera.provenance import load_provenance, save_provenance
 from e3pose.camera.source import open_video
 from e3pose.cli.options import Flag, warn
 from e3pose.cli.output import JsonFile, is_stdout, write_json, wrote
@@ -138,6 +139,15 @@ def _by_people(
         found = synchronise(used, load_noise(noise or detector_of(loaded)), max_shift, progress)
     if dest is not None:
         save_recording(with_offsets(loaded, found.offsets_s), dest, overwrite)
+        noted = load_provenance(recording)
+        later_s = dict(
+            zip(loaded.rig.camera_ids, found.offsets_s - found.offsets_s.min(), strict=True)
+        )
+        starts_s = {
+            name: noted.video_starts_s.get(name, 0.0) - float(later_s[name])
+            for name in loaded.videos
+        }
+        save_provenance(dest, noted.settings, starts_s, noted.rotations, noted.as_stored)
     write_json(json_output, _values(loaded, found))
     if is_stdout(json_output):
         return
