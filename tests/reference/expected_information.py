@@ -17,7 +17,6 @@ from e3pose.select.kernels.blind_places import INFORMATION_RATIO
 from e3pose.select.kernels.foresight import (
     BEHIND_M,
     BEHIND_SHARE,
-    SIZE_POWER,
 )
 from e3pose.select.newcomers import Entrants
 
@@ -33,8 +32,6 @@ def foresee(rig: Rig, outlook: Outlook, interval_s: float, ordered: Flags) -> Fo
     delivered = outlook.expected.delivered * likely
     weight = weight * delivered.T[..., None]
     full = np.stack([(jacobian[..., a] * jacobian[..., b]).sum(axis=-1) for a, b in UPPER], axis=-1)
-    pixels_per_m = np.sqrt(full[..., [0, 3, 5]].sum(axis=-1).mean(axis=-1) / 2)
-    sigma_m = outlook.expected.sigma_px[:, None] / pixels_per_m  # (num_cameras, num_tracks)
     full = full * weight[..., None]  # (num_cameras, num_tracks, num_joints, 6)
     terms = memory_terms(outlook.memory)
     prior, since_s = np.empty(full.shape[1:]), outlook.expected.last_seen_s.copy()
@@ -54,7 +51,7 @@ def foresee(rig: Rig, outlook: Outlook, interval_s: float, ordered: Flags) -> Fo
         prior=prior,
         views=full,
         counted=1 / inflation(since_s.T, terms),
-        new=(sigma_m / sigma_m.mean(axis=0)) ** SIZE_POWER / worth_inflation(since_s.T, terms),
+        new=1 / worth_inflation(since_s.T, terms),
         weights=delivered.max(axis=1, initial=0.0),
         entrants=Entrants.none(len(rig)),
     )

@@ -21,7 +21,7 @@ from e3pose.model.noise import ErrorMemory
 from e3pose.model.projection import project
 from e3pose.model.uncertainty import expected_distance_m
 from e3pose.select.expected_information import Foresight, foresee
-from e3pose.select.kernels.foresight import BEHIND_SHARE, SIZE_POWER
+from e3pose.select.kernels.foresight import BEHIND_SHARE
 
 RIG = looking((4, 0), (0, 4), (-4, 0), (3, 3))
 
@@ -41,12 +41,6 @@ def person(x: float, y: float) -> Floats:
 def subsets(num_cameras: int) -> NDArray[np.bool_]:
     numbers = np.arange(2**num_cameras)
     return np.asarray((numbers[:, None] >> np.arange(num_cameras)) & 1 == 1)
-
-
-def worth_of_size(jacobian: Floats) -> Floats:
-    """Return `(num_cameras, num_tracks)` what a view is worth beside one of usual size."""
-    sigma_m = 1 / np.sqrt((jacobian**2).sum(axis=(-1, -2)).mean(axis=-1))
-    return np.asarray((sigma_m / sigma_m.mean(axis=0)) ** SIZE_POWER)
 
 
 def random_foresight(seed: int, num_cameras: int = 6) -> Foresight:
@@ -74,13 +68,12 @@ def test_it_is_the_textbook_formula() -> None:
     jacobian = project(people, RIG.projections)[2]
     # A view that comes long after the one before counts for more than a usual one.
     never = np.array(np.inf)
-    looks = np.swapaxes(jacobian, -1, -2) @ jacobian * 0.7 / 9
-    worth = worth_of_size(jacobian)[..., None, None, None] / worth_inflation(never, TERMS)
-    information = np.eye(3) / 0.1**2 + (looks * worth)[[0, 3]].sum(axis=0)
+    looks = sum(np.swapaxes(jacobian[c], -1, -2) @ jacobian[c] for c in (0, 3)) * 0.7 / 9
+    information = np.eye(3) / 0.1**2 + looks / worth_inflation(never, TERMS)
     gain = 0.5 * (np.linalg.slogdet(information)[1] - np.log(0.1**-6)).mean()
     # Nobody hides anybody but in camera 3, where the second person stands beside the first.
     assert foresight.information(chosen[None])[0] == pytest.approx(gain, rel=1e-9)
-    information = np.eye(3) / 0.1**2 + looks[[0, 3]].sum(axis=0) / inflation(never, TERMS)
+    information = np.eye(3) / 0.1**2 + looks / inflation(never, TERMS)
     error = expected_distance_m(np.linalg.inv(information)).mean()
     assert foresight.expected_error_m(chosen[None])[0] == pytest.approx(error, rel=1e-9)
 
@@ -208,19 +201,7 @@ def test_what_is_known_is_carried_as_a_kalman_filter_would(num_ordered: int) -> 
     expected = np.linalg.inv(covariance[:, :3, :3])[:, [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]]
     np.testing.assert_allclose(found.prior[0], expected, rtol=1e-6, atol=1e-9)
     np.testing.assert_allclose(found.counted[:, 0], 1 / inflation(since_s, TERMS))
-    worth = worth_of_size(jacobian)[:, 0] / worth_inflation(since_s, TERMS)
-    np.testing.assert_allclose(found.new[:, 0], worth)
-
-
-def test_a_camera_at_half_the_distance_is_worth_little_more_but_states_less_error() -> None:
-    rig = looking((3, 0), (6, 0))  # in pixels its errors are twice as small a share of a person
-    found = foresee(rig, outlook(np.array([[[0.0, 0.0, 1.0]]]), rig), SLOT_S)
-    each = found.views[:, 0, 0, [0, 3, 5]].sum(axis=-1)
-    assert each[0] / each[1] == pytest.approx(4, rel=0.1)
-    worth = each * found.new[:, 0]
-    assert worth[0] / worth[1] == pytest.approx(2 ** (2 - SIZE_POWER), rel=0.1)
-    near, far = found.expected_error_m(np.eye(2, dtype=bool))
-    assert near < far
+    np.testing.assert_allclose(found.new[:, 0], 1 / worth_inflation(since_s, TERMS))
 
 
 def test_without_a_memory_views_in_flight_tell_nothing_of_a_later_slot() -> None:

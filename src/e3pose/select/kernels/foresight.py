@@ -25,10 +25,6 @@ from e3pose.select.kernels.blind_places import worth
 BEHIND_SHARE = 0.5
 # tuned: m | by reasoning | not measured
 BEHIND_M = 0.1  # nearer than this two people stand side by side
-# tuned: power | simulated, nine scenes, seeds 701 to 708: 0, 1, 1.5, 2 are 2.5, 1.0, 0.7, 0.2 %
-#   behind round robin in `round-table`, 1 keeps most behind walls; errors of real detectors say 1
-#   to 2, docs/research/camera-selection.md | not measured
-SIZE_POWER = 1.5  # of a person's size in the image with which the variance of keypoints grows
 MOST_PRODUCT = 1e200  # numerics: of ratios before their logarithm is taken
 
 
@@ -67,7 +63,6 @@ def foresee_views(
     """
     views, weights = foreseen.views, foreseen.weights
     weights[:] = 0.0
-    sigma_m = np.empty((len(views), len(weights)))
     for camera in range(len(views)):
         _expect(
             expected.joints_m,
@@ -78,7 +73,6 @@ def foresee_views(
             expected.shows[:, camera],
             views[camera],
             weights,
-            sigma_m[camera],
         )
     since_s = expected.last_seen_s.copy()
     steps = (
@@ -91,10 +85,8 @@ def foresee_views(
     carry(*steps, carried, views, since_s, foreseen.prior)
     for camera in range(len(views)):
         for track in range(len(weights)):
-            inflated = worth_inflation(since_s[track, camera], terms)
-            far = sigma_m[camera, track] / sigma_m[:, track].mean()
             foreseen.counted[camera, track] = 1.0 / inflation(since_s[track, camera], terms)
-            foreseen.new[camera, track] = far**SIZE_POWER / inflated
+            foreseen.new[camera, track] = 1.0 / worth_inflation(since_s[track, camera], terms)
 
 
 @kernel
@@ -107,12 +99,10 @@ def _expect(
     shows: Floats,
     information: Floats,
     weights: Floats,
-    sigma_m: Floats,
 ) -> None:
     """Fill the expected `information` of a camera `(num_tracks, num_joints, 6)`.
 
     Raises `weights` to what it delivers. Joints outside the image or behind others count less.
-    Fills `sigma_m` `(num_tracks,)`: what the error of a keypoint is at the person.
     """
     num_tracks, num_joints, _ = joints_m.shape
     pixels = np.empty((num_tracks, num_joints, 2))
@@ -126,15 +116,12 @@ def _expect(
     for track in range(num_tracks):
         expected = delivered[track] * worth(shows[track])
         weights[track] = max(weights[track], expected)
-        weight, squares = expected / sigma_px**2, 0.0
+        weight = expected / sigma_px**2
         for joint in range(num_joints):
-            row = information[track, joint]
-            squares += row[0] + row[3] + row[5]
             u, v = pixels[track, joint, 0], pixels[track, joint, 1]
             share = _in_front(u, v, depths[track], boxes, depths)
             for entry in range(6):
                 information[track, joint, entry] *= share * weight * inside[track, joint]
-        sigma_m[track] = sigma_px / math.sqrt(squares / (2 * num_joints))  # pixels per metre
 
 
 @kernel
