@@ -172,3 +172,5 @@ def test_people_who_lie_are_told_with_the_axes() -> None:
     assert doubt_people(walking, noise) == ""
     y_down = [[1.0, 0, 0], [0, 0, -1.0], [0, 1.0, 0]]
     assert "up is along -y, expected z" in doubt_people(moved(walking, y_down), noise)
+    z_down = [[1.0, 0, 0], [0, -1.0, 0], [0, 0, -1.0]]
+    assert "up is along -z, expected z" in doubt_people(moved(walking, z_down), noise)
