@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import shutil
+import signal
+import subprocess
+import sys
 from collections import namedtuple
 from pathlib import Path
 from typing import Any
@@ -120,6 +123,34 @@ def test_upgrade_that_fails_leaves_the_store_as_it_was(
     assert problem is not None and "what_is_not_there" in problem
     assert tables(old) == before
     assert len(Store(old).query()) == 2 * SLOTS
+
+
+KILLED = """
+import os, signal, sys
+from e3pose.store import migrations
+from e3pose.store.forgetting import changing
+
+step = migrations.STEPS[int(sys.argv[2])]
+
+def killed(connection):
+    step(connection)
+    os.kill(os.getpid(), signal.SIGKILL)
+
+migrations.STEPS[int(sys.argv[2])] = killed
+with changing(sys.argv[1]):
+    pass
+"""
+
+
+@pytest.mark.parametrize("step", [2, schema.VERSION // 2, schema.VERSION])
+def test_upgrade_that_is_killed_loses_nothing(old: Place, step: int) -> None:
+    words = [sys.executable, "-c", KILLED, str(old), str(step)]
+    assert subprocess.run(words, check=False).returncode == -signal.SIGKILL
+    assert version(old) == 1 and len(Store(old).query()) == 2 * SLOTS
+    with StoreWriter(old, run()) as writer:
+        writer.append(record(SLOTS), wait=True)
+    assert version(old) == schema.VERSION
+    assert Store(old).query().slots.tolist() == sorted([*range(SLOTS + 1)] * 2)
 
 
 def test_upgrade_without_room_is_refused(old: Place, monkeypatch: pytest.MonkeyPatch) -> None:
