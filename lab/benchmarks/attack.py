@@ -71,6 +71,7 @@ TESTED = {
     "a day deleted across a hub": "hub/test_forgotten.py",
     "person forgotten, edge stopped": "site/test_traces.py",
     "an ONVIF camera that answers by drops": "site/setup/test_onvif.py",
+    "images on the wire that nobody asked for": "live/test_on_the_wire.py",
     "script in a person's name": "live/test_view_names.py::test_a_name_runs_no_script",
 }
 HONEST = ("cam0", "cam1", "cam2")  # of four
