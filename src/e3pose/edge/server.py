@@ -246,7 +246,7 @@ class EdgeServer:
             self._compute(times, slot, self.gather.close())
 
     def _compiled(self) -> tuple[Pipeline, Sequence[str], Delayed | None]:
-        """Return what is to be compiled, as `warm_up` takes it."""
+        """Return the loop to compile, as `warm_up` takes it."""
         return self.pipeline, self.settings.joints, self.publisher.delayed
 
     def _compile(self, times: SlotTimes, beside: Beside) -> None:
