@@ -179,6 +179,7 @@ def first_start() -> dict[str, tuple[float, float]]:
         live_site(change=watch.begin, on_poses=watch.posed, settle_s=0.0) as site,
     ):
         while site.follower.status is None or site.follower.status.compiling_s is not None:
+            site.edge()  # raises if it has ended
             wait(0.2)
         watch.over.set()
         compiled_s, cpu_s = watch.passed_s(), sum(watch.beside_s.values())
