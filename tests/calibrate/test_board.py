@@ -175,5 +175,5 @@ def test_folder_of_pictures_is_searched_in_order(tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / "3.png"), np.zeros((10, 10), dtype=np.uint8))
     with pytest.raises(InputError, match="found 10x10 after 640x480"):
         find_board("cam1", tmp_path, board)
-    with pytest.raises(InputError, match="found no file"):
+    with pytest.raises(InputError, match="file not found"):
         find_board("cam1", tmp_path / "no.png", board)
