@@ -225,6 +225,8 @@ HERE_NOT = {
     "--model openpose-thin": FILMS,
     "detect cam1.mp4 cam2.mp4 cam3.mp4 walk --calibration room.toml": FILMS,
     "detect cam1.mp4 cam2.mp4 cam3.mp4 walk --calibration Calib.toml --feedback": FILMS,
+    "detect demo-output/recording/videos/cam0?.mp4 clip "
+    "--calibration demo-output/recording/calibration.toml": FILMS,
     "detect photos/cam* stills --calibration rig.toml --fps 1": FILMS,
     "detect recordings/videos/*/*-20261122T15*.mkv again --calibration rig.toml "
     "--model openpose-thin": FILMS,
