@@ -134,6 +134,9 @@ def main() -> None:
     with checked_out(options.against) as other:
         if other is None and options.against != "none":
             print(f"commit {options.against} is not in this checkout: no ratios")
+        for root in (ROOT, other):
+            if root is not None:  # a process that compiles is slower afterwards as well
+                in_process(root)
         rounds: list[tuple[Costs, Costs | None]] = []
         for _ in range(options.rounds):
             mine = in_process(ROOT, options.cold)
