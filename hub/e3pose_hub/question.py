@@ -63,12 +63,16 @@ def answer(
     with subprocess.Popen(command, **pipes) as process:
         try:
             said, _ = process.communicate(asked.encode(), limit_s + START_S)
+            late = sys.platform != "win32" and process.returncode == -signal.SIGALRM
         except subprocess.TimeoutExpired:
-            said = b""
+            said, late = b"", True
         finally:
             process.kill()
-    if not said:
+    if late:
         raise InputError(f"query: took more than {limit_s:g} s, expected a shorter question")
+    if not said:
+        ended = f"the process that answers ended with {process.returncode}"
+        raise InputError(f"query: {ended}, expected a question that takes less memory")
     problem, names, rows = json.loads(said)
     if problem:
         raise InputError(problem)
