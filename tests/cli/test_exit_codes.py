@@ -24,7 +24,7 @@ from e3pose.camera.live import CameraNode
 from e3pose.edge.server import EdgeServer
 from e3pose.recording import save_recording
 from e3pose.simulate import SceneSettings, simulate
-from e3pose.site import ready, up
+from e3pose.site import ready, record_program, up
 from e3pose.site.admission import Admission
 from e3pose.site.example import write_recorded
 from e3pose.site.router_program import Router
@@ -174,6 +174,18 @@ def test_up_ends_with_the_code_of_what_its_programs_do(
     works = child(tmp_path, "edge", Exit.REFUSED, ran_s=0.3)
     of_children(monkeypatch, works)
     assert run(*site[:2], "--for", "4", "--quiet") == Exit.DONE and works.restarts > 2
+
+
+def test_record_gives_up_on_a_camera_that_never_works(
+    place: Path, tmp_path: Path, monkeypatch: Patch
+) -> None:
+    monkeypatch.setattr(up, "RESTART_S", 0.01)
+
+    def camera(_site: object, camera_id: str, _logs: Path) -> Program:
+        return child(tmp_path, camera_id, Exit.FAULT)
+
+    monkeypatch.setattr(record_program, "camera_program", camera)
+    assert run("record", place / "site", tmp_path / "walk", "--for", "20") == Exit.GAVE_UP
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

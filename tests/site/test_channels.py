@@ -206,7 +206,7 @@ def test_site_goes_on_where_no_file_takes_anything(
     troubles = {"store-full", "checkpoint", "record-trouble"}
     lost, first = site.edge.status().slots_lost, site.poses[-1].slot
     with fault(disk):
-        assert eventually(lambda: troubles <= set(said()))
+        assert eventually(lambda: troubles <= set(said())), (said(), site.events[-9:])
         count = len(site.poses)
         assert eventually(lambda: len(site.poses) > count + 50)
         assert all(said()[kind] == 1 for kind in troubles), said()  # once, not once a second
