@@ -92,6 +92,8 @@ def test_writer_upgrades_a_store_of_version_1(
     assert version(old) == schema.VERSION
     assert [e.kind for e in reported] == ["store-upgraded"]
     assert reported[0].message.endswith(f"upgraded from schema 1 to {schema.VERSION}")
+    with StoreWriter(old, run(), report=reported.append):
+        assert len(reported) == 1, "once"
     after = Store(old).query()
     assert after.slots.tolist() == sorted([*range(SLOTS + 1)] * 2)
     np.testing.assert_array_equal(after.time_ns[:-2], before.time_ns)
