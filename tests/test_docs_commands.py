@@ -36,7 +36,6 @@ RUNS = (
     "--help",
     "--version",
     "calibrate align walk room.toml --origin cam1 --x-axis cam2",
-    "calibrate align walk room/rig.toml --origin cam1 --x-axis cam3",
     "calibrate align yup.toml room.toml --up=y",
     "calibrate board --paper a3",
     "calibrate check walk --picture error.png",
@@ -74,13 +73,14 @@ RUNS = (
     "query demo-output/site/live.db --what slots",
     "replay my-recording --pipeline memory --noise my-noise.toml",
     "replay walk --cameras 2",
+    "replay walk --cameras all --smooth rts --poses poses.parquet --report walk.html",
+    "replay walk --pipeline paper --report paper.html",
     "replay walk --lifetime 6h --battery-wh 50,cam1=60",
     "replay walk --rest asleep --watts 40W",
     "replay walk --store live.db",
     "replay stills --pipeline paper --matcher rays --policy all --predictor zero-velocity "
     "--poses poses.parquet",
     "replay walk --cameras 1 --smooth rts --poses poses.parquet --report walk.html",
-    "replay walk --cameras 2 --poses poses.parquet --report walk.html",
     "replay walk --cameras 2 --report walk.html",
     "replay walk --policy examples/02_own_policy.py:PlainView",
     "replay walk --policy round-robin --cameras 1 --hold-out cam2",
@@ -94,6 +94,16 @@ RUNS = (
 )
 
 ELSEWHERE = {
+    **dict.fromkeys(
+        (
+            "reconstruct cam1.mp4 cam2.mp4 cam3.mp4 --calibration calibration.toml",
+            "reconstruct cam1.mp4 cam2.mp4 cam3.mp4 --calibration Calib.toml --out walk3d",
+        ),
+        "tests/cli/test_reconstructing.py",
+    ),
+    "import detections SOURCE DEST --calibration rig.toml --fps 30": (
+        "tests/recording/detections/test_detections.py"
+    ),
     "evaluate walk --policies round-robin,information --cameras 1,2 --hold-out each": (
         "tests/evaluate/test_held_out.py"
     ),
@@ -211,6 +221,9 @@ DATA = "needs a data set that the project does not ship"
 TRAINS = "trains for minutes with torch; tests/lab/train trains for seconds"
 DAY = "asks for poses of one afternoon"
 HERE_NOT = {
+    "reconstruct phone1.mp4 phone2.mp4 phone3.mp4 --height 171cm": FILMS,
+    "reconstruct phone1.mp4 phone2.mp4 phone3.mp4 --height 171cm --out walk3d": FILMS,
+    "stream room osc://127.0.0.1:9000 lsl:room": LIVE,
     "archive room s3://bucket/poses": "needs an object store; its tests have one in memory",
     "--install-completion": "writes to the start-up file of the shell",
     "calibrate align rig.toml room.toml --floor cam1=floor1.png --board charuco-5x7-54mm": BOARD,
@@ -221,12 +234,8 @@ HERE_NOT = {
     "--calibration shelf-truth/calibration.toml --fps 25": DATA,
     "detect cam1.mp4 cam2.mp4 cam3.mp4 cam4.mp4 walk --model openpose-thin": FILMS,
     "detect cam1.mp4 cam2.mp4 cam3.mp4 walk --calibration Calib.toml --model openpose-thin": FILMS,
-    "detect cam1.mp4 cam2.mp4 cam3.mp4 walk --calibration calibration.toml "
-    "--model openpose-thin": FILMS,
     "detect cam1.mp4 cam2.mp4 cam3.mp4 walk --calibration room.toml": FILMS,
     "detect cam1.mp4 cam2.mp4 cam3.mp4 walk --calibration Calib.toml --feedback": FILMS,
-    "detect demo-output/recording/videos/cam0?.mp4 clip "
-    "--calibration demo-output/recording/calibration.toml": FILMS,
     "detect photos/cam* stills --calibration rig.toml --fps 1": FILMS,
     "detect recordings/videos/*/*-20261122T15*.mkv again --calibration rig.toml "
     "--model openpose-thin": FILMS,

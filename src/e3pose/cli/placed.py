@@ -10,6 +10,7 @@ from e3pose.base.quantities import shell
 from e3pose.camera.provenance import load_provenance
 from e3pose.cli.options import warn
 from e3pose.cli.progress import notice_compiling
+from e3pose.model.noises import detector_of, load_noise
 from e3pose.recording import Recording, load_recording
 from e3pose.recording.calibration.world import require_placed, world_problem
 
@@ -34,7 +35,6 @@ def doubts(recording: Recording, path: Path, calibration: object = None) -> list
         calibration: the file to mend; that of the recording if None.
     """
     from e3pose.calibrate.people_3d import LYING, doubt_people
-    from e3pose.model.noises import detector_of, load_noise
 
     if not recording.rig.placed:
         return []

@@ -19,6 +19,7 @@ from e3pose.base.bounded import read_bytes, read_toml
 from e3pose.base.errors import InputError
 from e3pose.base.quantities import duration_s, shell
 from e3pose.camera.source import Source, open_sources
+from e3pose.cli.app import app
 from e3pose.cli.options import Flag
 from e3pose.recording import load_recording
 from e3pose.recording.calibration import load_calibration
@@ -67,8 +68,6 @@ class Steps:
         Raises:
             SystemExit: with its exit code if it failed.
         """
-        from e3pose.cli.app import app
-
         texts = [str(word) for word in words]
         command = " ".join(["e3pose", *map(shell, texts)])
         inputs = {str(path): _stamp(path) for path in reads}
