@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import os
-import signal
 import sqlite3
 import subprocess
 import sys
@@ -23,6 +22,7 @@ from typing import Any
 from sqlalchemy.engine import make_url
 
 from e3pose.base.errors import InputError, reason_of
+from e3pose.base.system import bound_process, ended_by_deadline
 from e3pose.store.database import database_path, database_url, is_damage, reading_uri, shown
 from e3pose.store.postgres import engine_settings
 from e3pose_hub.database import check_role
@@ -63,7 +63,7 @@ def answer(
     with subprocess.Popen(command, **pipes) as process:
         try:
             said, _ = process.communicate(asked.encode(), limit_s + START_S)
-            late = sys.platform != "win32" and process.returncode == -signal.SIGALRM
+            late = ended_by_deadline(process.returncode)
         except subprocess.TimeoutExpired:
             said, late = b"", True
         finally:
@@ -82,11 +82,7 @@ def answer(
 def _answer() -> None:
     """Answer the question on standard input."""
     database, sql, limit_s, most_rows = json.load(sys.stdin)
-    if sys.platform != "win32":
-        import resource
-
-        resource.setrlimit(resource.RLIMIT_DATA, (MOST_MEMORY, MOST_MEMORY))
-        signal.setitimer(signal.ITIMER_REAL, limit_s + SPARE_S)  # by default it ends the process
+    bound_process(limit_s + SPARE_S, MOST_MEMORY)
     problem, names, rows = "", list[str](), list[Sequence[Any]]()
     try:
         names, rows = _asked(database, sql, limit_s, most_rows)

@@ -165,6 +165,23 @@ def stand_back() -> None:
             os.nice(10)
 
 
+def bound_process(limit_s: float, most_memory: int) -> None:
+    """Have the system end this process after a time, and refuse it more memory, in bytes.
+
+    Windows does neither: there its parent waits as long, and ends it.
+    """
+    if sys.platform != "win32":
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_DATA, (most_memory, most_memory))
+        signal.setitimer(signal.ITIMER_REAL, limit_s)  # by default its signal ends the process
+
+
+def ended_by_deadline(returncode: int) -> bool:
+    """Return whether a process ended by the deadline of `bound_process`."""
+    return sys.platform != "win32" and returncode == -signal.SIGALRM
+
+
 def require_linux(thing: str, instead: str) -> None:
     """Raise `InputError` on another system.
 
