@@ -7,6 +7,7 @@ import io
 import os
 import re
 import shutil
+import sys
 import zipfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -137,7 +138,10 @@ RECORDINGS: dict[str, tuple[Break, str]] = {
         text(HEADER, "[truth]", '[videos]\ncam0 = "../x.mp4"\n[truth]'),
         "videos.cam0: found '../x.mp4'",
     ),
-    "camera called ../x": (text(RIG, 'name = "cam0"', 'name = "../x"'), "calibration.toml: camera"),
+    "camera called ../x": (
+        text(RIG, 'name = "cam0"', 'name = "../x"'),
+        "frames: found camera 'cam0'",
+    ),
     "two cameras of one name": (text(RIG, '"cam0"', '"cam1"'), "appears twice"),
     "no rig": (gone(RIG), "calibration.toml: file not found"),
     "empty rig": (whole(RIG, ""), "calibration.toml: file is empty"),
@@ -370,6 +374,7 @@ def test_a_closed_output_is_no_error(made: Path, monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr("sys.stdout", None)
     with pytest.raises(SystemExit, match="0"):
         main(["info", str(made)])
+    sys.stdout.close()  # which `main` opened
 
 
 def test_an_interruption_says_so(

@@ -264,6 +264,7 @@ def run(
     gather = SimulatedGather(cameras)
     gather.air = air
     edge.gather = edge.inbox.gather = gather
+    edge.ready = True  # kernels are compiled where they are called
     edge.membership.join()
     made = [
         SimulatedCamera(index, recording, air, LyingTransport(hub.join(), seed=index))

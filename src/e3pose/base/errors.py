@@ -122,7 +122,8 @@ def exit_code(error: BaseException) -> int:
         return Exit.FAULT
     below: BaseException | None = error
     while below is not None:  # what a full disk caused is told as the input's fault
-        if isinstance(below, OSError) and below.errno in MACHINE:
+        of_system = type(below).__module__ == "builtins"  # FFmpeg's errors of broken films are not
+        if isinstance(below, OSError) and of_system and below.errno in MACHINE:
             return Exit.FAULT
         below = below.__cause__ or below.__context__
     return Exit.REFUSED

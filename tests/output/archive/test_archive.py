@@ -19,7 +19,7 @@ from tests.live.processes import as_root
 from tests.output.archive.days import BEGIN, DAY, FIRST_DAY, HOUR, PEOPLE, SECOND_DAY, fill
 from tests.waiting import eventually
 
-from e3pose.base.errors import InputError
+from e3pose.base.errors import Exit, InputError
 from e3pose.output.archive.checking import Checked, check_archive
 from e3pose.output.archive.deleting import delete_everywhere
 from e3pose.output.archive.manifest import NAME, Manifest, days_of, read_manifest
@@ -152,7 +152,7 @@ def test_full_disk_is_told_and_goes_on_where_there_is_room(
     disk.mkdir()
     as_root("mount", "-t", "tmpfs", "-o", "size=100k", "tmpfs", str(disk))
     try:
-        assert run_verb("archive", store, disk / "a") == 2
+        assert run_verb("archive", store, disk / "a") == Exit.FAULT
         assert "no space left" in capsys.readouterr().err
         there = check_archive(Folder(disk / "a"))
         assert there.problems == () and 0 < there.files < 7

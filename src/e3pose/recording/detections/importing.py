@@ -156,7 +156,7 @@ class Reader:
     def _sources(self) -> list[tuple[int | None, list[Path]]]:
         """Return the files of each camera; None for a file of several cameras."""
         source = self.source
-        if source.is_file():
+        if source.exists() and not source.is_dir():  # a pipe is refused where it is read
             return [(0 if len(self.rig) == 1 else None, [source])]
         if not source.is_dir():
             raise InputError(f"{source}: found nothing, expected a folder or file of detections")

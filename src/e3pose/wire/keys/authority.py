@@ -140,7 +140,7 @@ def expires(certificate: bytes) -> datetime.datetime:
     try:
         return x509.load_pem_x509_certificate(certificate).not_valid_after_utc
     except UNREADABLE:
-        raise InputError("found no certificate, expected what `e3pose keys` made") from None
+        raise InputError("found no certificate or key, expected what `e3pose keys` made") from None
 
 
 def hosts_of(certificate: bytes) -> list[str]:

@@ -303,13 +303,17 @@ def expired(files: Certificates) -> str:
     """
     from e3pose.wire.keys import authority
 
-    name = "edge" if files.certificate.stem == "edge" else holder(files)
-    advice = f"e3pose keys renew {name}` on the edge makes a new one; copy its folder"
-    found = {files.certificate: advice, files.authority: "e3pose keys init` a new folder; copy all"}
     now = datetime.datetime.now(datetime.timezone.utc)
-    for path, advice in found.items():
-        until = authority.expires(read_bytes(path, MAX_PEM_BYTES))
+    for path in (files.certificate, files.authority):
+        try:
+            until = authority.expires(read_bytes(path, MAX_PEM_BYTES))
+        except InputError as error:
+            raise error if str(path) in str(error) else InputError(f"{path}: {error}") from None
         if until < now:
+            advice = "e3pose keys init` a new folder; copy all"
+            if path == files.certificate:
+                name = "edge" if path.stem == "edge" else holder(files)
+                advice = f"e3pose keys renew {name}` on the edge makes a new one; copy its folder"
             when = f"expired on {until:%Y-%m-%d %H:%M} UTC"
             return f"{path}: certificate {when}: `{advice} here and restart this program"
     return ""
