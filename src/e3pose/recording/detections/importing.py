@@ -135,20 +135,15 @@ class Reader:
                 if len(files) == 1:
                     raise
                 self._leave_out(str(error))
-        names: tuple[str, ...] = ()
         for camera, found in read.items():
-            for _, pictures in found:
-                names = names or pictures.names
             self._place(people, camera, found)
-        if not any(pictures.all_named for found in read.values() for _, pictures in found) and any(
-            picture.name is not None
-            for found in read.values()
-            for _, pictures in found
-            for picture in pictures.pictures
-        ):
+        every = [pictures for found in read.values() for _, pictures in found]
+        single = [picture for pictures in every for picture in pictures.pictures]
+        named = any(picture.name is not None for picture in single)
+        if named and not any(pictures.all_named for pictures in every):
             self._fill(people)
-        unused = max((p.unused for found in read.values() for _, ps in found for p in ps.pictures),
-                     default=0)  # fmt: skip
+        names = next((pictures.names for pictures in every if pictures.names), ())
+        unused = max((picture.unused for picture in single), default=0)
         if unused:
             self.notes.append(f"{unused} keypoints of hands and face are not used")
         return people, names

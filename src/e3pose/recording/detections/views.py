@@ -64,7 +64,6 @@ def series_from_frames(
         raise InputError(
             f"{where}: frame numbers: found {first} to {last}, expected at most {MAX_SLOTS} slots"
         )
-    check_pixels(frames, where)
     series = []
     for camera in frames:
         order = sorted(camera)
@@ -80,19 +79,3 @@ def check_fps(fps: float) -> float:
     if not MIN_FPS <= fps <= MAX_FPS:
         raise InputError(f"--fps: found {fps:g}, expected a rate from {MIN_FPS:g} to {MAX_FPS:g}")
     return fps
-
-
-def check_pixels(frames: Sequence[Mapping[int, Poses2D]], where: str) -> None:
-    """Raise `InputError` if all keypoints lie within one pixel of the corner: they are shares."""
-    largest = 0.0
-    for camera in frames:
-        for view in camera.values():
-            seen = np.abs(view.keypoints_px[view.scores > 0])
-            largest = max(largest, float(seen.max(initial=0.0)))
-            if largest > 1.5:
-                return
-    if largest > 0:
-        raise InputError(
-            f"{where}: keypoints: found no coordinate beyond {largest:g}, expected pixels, not "
-            "shares of the image (OpenPose: --keypoint_scale 0)"
-        )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shlex
 import shutil
 import threading
 from collections.abc import Callable
@@ -17,6 +16,7 @@ from e3pose.base.atomic import write_file
 from e3pose.base.bounded import read_bytes
 from e3pose.base.errors import InputError, reason_of
 from e3pose.base.private import make_folder
+from e3pose.base.quantities import shell
 from e3pose.recording.calibration import load_rig
 from e3pose.recording.writer import PARTIAL
 from e3pose.settings.site_file import SITE_FILE, SiteTable, load_site
@@ -164,8 +164,8 @@ class SetupSession:
     def shown(self, path: Path) -> str:
         """Return a path as a person types it in the root, quoted for a shell if need be."""
         with suppress(ValueError):
-            return shlex.quote(path.relative_to(self.root).as_posix())
-        return shlex.quote(str(path))
+            return shell(path.relative_to(self.root).as_posix())
+        return shell(path)
 
     def start(self, task: Task, work: Callable[[Task], object]) -> None:
         """Begin work in the background; see `Tasks.start`."""
