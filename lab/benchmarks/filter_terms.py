@@ -17,10 +17,11 @@ scenes also two. `--policy information` selects. `--rare` has what single terms 
 A cell is the change of the error in percent (more is worse in that version) with the standard error
 over its replays, which are paired, and after it what else changed: people missed (m) and false
 people (n), in percent of all people; changes of identity (c) per 100 people seconds; joints in the
-stated 90 % radius (i), limbs that are a fifth too long or too short (l) and limbs of Shelf (PCP),
-in percent. Every judge counts m and n but Shelf, whose labels leave people out, so n is not known.
-To a held-out camera a pose in its image that it detects nobody at is false, in percent of poses:
-many are people whom it misses, so only the change tells. `false people` has one camera per slot at
+stated 90 % radius (i), limbs that are wrong (w, `e3pose.evaluate.wrong_limbs`) or a fifth too long
+or too short (l) and limbs of Shelf (PCP), in percent. Every judge counts m and n but Shelf, whose
+labels leave people out, so n is not known. To a held-out camera a pose in its image that it detects
+nobody at is false, in percent of poses: many are people whom it misses, so only the change tells,
+as with w, which includes limbs that it has wrong itself. `false people` has one camera per slot at
 30 and 60 slots per second, where a term can make people up and no error shows it.
 """
 
@@ -59,6 +60,7 @@ MOVED_PX, GUESSED_PX, IMAGE_PX = (3.3, 2.26), 60.0, 1032
 # Changes from which a cell has them; a rare false person counts, so theirs is that of rounding.
 TELLING = {
     "missed": 0.005, "nobody": 0.005, "changes": 0.5, "in 90": 1.5, "limbs": 0.3, "PCP": 0.3,
+    "wrong": 0.05,
 }  # fmt: skip
 PARTS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
 HEAD, FEET = ("nose", "eye", "ear"), ("toe", "heel")
@@ -205,6 +207,7 @@ def figures(case: Case, policy: str, cameras: float, phase: int) -> dict[str, fl
     from e3pose.evaluate.metrics import mean_errors_m
     from e3pose.evaluate.replay import ReplaySettings, replay
     from e3pose.evaluate.summary import accuracy
+    from e3pose.evaluate.wrong_limbs import wrong_by_truth
     from e3pose.model.uncertainty import distance_within_m
 
     names = [joint.lower() for joint in case.recording.skeleton.joints]
@@ -221,15 +224,18 @@ def figures(case: Case, policy: str, cameras: float, phase: int) -> dict[str, fl
             of_joints = [said.joints[case.recording.skeleton.joints[i]].median_mm for i in use]
             off_mm = float(np.nanmean([np.nan if mm is None else mm for mm in of_joints]))
         missed, unseen = said.missed_percent or 0.0, said.unseen_percent or 0.0
-        return {"mm": off_mm or float("nan"), "missed": missed, "nobody": unseen}
+        wrong = said.wrong_limbs_percent or 0.0
+        return {"mm": off_mm or float("nan"), "wrong": wrong, "missed": missed, "nobody": unseen}
     if case.expected is None:
         found = accuracy(case.recording, records)
         pcp = found.pcp.actors["average"] if found.pcp else float("nan")
         missed = 100 * (1 - (found.recall_500mm or 0.0))
-        return {"mm": found.mpjpe_mm or float("nan"), "PCP": pcp, "missed": missed}
+        wrong = found.wrong_limbs_percent or 0.0
+        return {"mm": found.mpjpe_mm or float("nan"), "wrong": wrong, "PCP": pcp, "missed": missed}
     off_m: list[Floats] = []
     inside: list[Floats] = []
     odd: list[Floats] = []
+    turned: list[Floats] = []
     ends = np.array(case.recording.skeleton.limbs).T
     there = met = shown = changes = 0
     who: dict[int, int] = {}
@@ -251,6 +257,7 @@ def figures(case: Case, policy: str, cameras: float, phase: int) -> dict[str, fl
                 off = np.linalg.norm(joints_m[row] - expected[person], axis=-1)
                 known = np.isfinite(off)
                 both = record.people.joints_m[row], case.expected[record.slot][person]
+                turned.append(wrong_by_truth(*both, case.recording.skeleton.joints))
                 shown_m, true_m = (np.linalg.norm(np.subtract(*p[ends]), axis=-1) for p in both)
                 odd.append(np.abs(np.log(shown_m / true_m)) > np.log(1.2))
                 off_m.append(off[known])
@@ -261,6 +268,7 @@ def figures(case: Case, policy: str, cameras: float, phase: int) -> dict[str, fl
         "mm": 1000 * float(np.concatenate(off_m).mean()) if off_m else float("nan"),
         "in 90": 100 * float(np.concatenate(inside).mean()) if inside else float("nan"),
         "limbs": 100 * float(np.concatenate(odd).mean()) if odd else float("nan"),
+        "wrong": 100 * float(np.nanmean(np.concatenate(turned))) if turned else float("nan"),
         "missed": 100 * (1 - met / max(there, 1)),
         "nobody": 100 * (shown - met) / max(there, 1),
         "changes": 100 * changes / max(seconds, 1e-9),

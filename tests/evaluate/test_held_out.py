@@ -66,6 +66,36 @@ def test_distance_in_the_image_and_across_the_ray() -> None:
     assert (found.missed_percent, found.unseen_percent) == (0, 0)
 
 
+@each_case(
+    ("turned_by", "moved_m", "wrong"),
+    [(0, 0, 0), (25, 0, 0), (35, 0, 100), (0, 0.14, 0), (0, 0.16, 100)],
+)
+def test_wrong_limbs_in_an_image(turned_by: float, moved_m: float, wrong: float) -> None:
+    """A forearm that is turned in the plane of the image, or moved along it."""
+    camera, people = SCENE.rig.cameras[1], truth()[:1].copy()
+    elbow, wrist = (SCENE.skeleton.index(f"left_{name}") for name in ("elbow", "wrist"))
+    up, aside = -camera.R[1], camera.R[0]
+    people[0, 0, wrist] = people[0, 0, elbow] + 0.25 * up
+    seen_px = camera.project(people[0, 0])
+    series = replace(
+        SCENE.views[1],
+        slots=SCENE.views[1].slots[:1],
+        times_s=SCENE.views[1].times_s[:1],
+        starts=np.array([0, 1]),
+        keypoints_px=seen_px[None],
+        scores=np.ones((1, 17)),
+    )
+    angle = np.radians(turned_by)
+    people[0, 0, wrist] = people[0, 0, elbow] + 0.25 * (np.cos(angle) * up + np.sin(angle) * aside)
+    people[0, 0, [elbow, wrist]] += moved_m * aside
+    views = (SCENE.views[0], series, *SCENE.views[2:])
+    found = judge(only("c1", replace(SCENE, views=views)), records([people[0]])).mean
+    assert found.joints["left_wrist"].wrong_limbs_percent == wrong
+    assert found.joints["right_wrist"].wrong_limbs_percent == 0
+    assert found.joints["left_shoulder"].wrong_limbs_percent is None
+    assert (found.limbs, found.joints["left_ankle"].limbs) == (6, 1)
+
+
 def test_people_without_a_partner_are_counted() -> None:
     aside = truth()[0] + [0, 0, 0.9]
     nobody = np.zeros((0, 17, 3))

@@ -20,6 +20,7 @@ from e3pose.evaluate.metrics import (
     poses_within,
     precision_500mm,
     recall_500mm,
+    wrong_limbs,
 )
 
 HOMES = [0.0, 10.0, 20.0, 30.0]  # where actors stand, far from each other
@@ -47,6 +48,24 @@ def found(slots: list[list[tuple[float, float]]], truth: list[list[float]]) -> C
 
 
 NAN = float("nan")
+
+
+@each_case(
+    ("turned_by", "moved_m", "wrong"),
+    [(0, 0, 0), (25, 0, 0), (35, 0, 1), (180, 0, 1), (0, 0.14, 0), (0, 0.16, 1), (0, NAN, NAN)],
+)
+def test_wrong_limbs(turned_by: float, moved_m: float, wrong: float) -> None:
+    """A forearm is turned about its elbow, or moved; 35 degrees move its end by 150 mm."""
+    names = ("left_shoulder", "left_elbow", "left_wrist")
+    true_m = np.array([[0, 0, 1.4], [0, 0, 1.1], [0, 0, 0.85]])
+    angle = np.radians(turned_by)
+    joints_m = true_m.copy()
+    joints_m[2] = joints_m[1] - 0.25 * np.array([np.sin(angle), 0, np.cos(angle)])
+    joints_m[2, 1] += moved_m
+    joints_m[1, 1] += min(moved_m, 0.14)
+    result = candidates([joints_m[None]], [np.array([0.9])], true_m[None, None])
+    upper = NAN if np.isnan(moved_m) else 0
+    np.testing.assert_equal(wrong_limbs(result, names), [[NAN, upper, wrong]])
 
 
 @each_case(

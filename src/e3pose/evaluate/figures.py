@@ -253,6 +253,8 @@ class Accuracy:
     mpjpe_mm: float | None = None
     p95_mm: float | None = None
     p99_mm: float | None = None
+    wrong_limbs_percent: float | None = None
+    wrong_limbs: Mapping[str, float] | None = None
     recall_500mm: float | None = None
     joint_coverage: float | None = None
     id_switches: int | None = None
@@ -272,6 +274,8 @@ class Distances:
         median_px: likewise.
         mean_mm: across the ray, at the depth of the joint.
         median_mm: likewise.
+        limbs: how many are compared; of a joint those that end in it.
+        wrong_limbs_percent: of these (`evaluate.wrong_limbs`).
     """
 
     keypoints: int = 0
@@ -279,6 +283,8 @@ class Distances:
     median_px: float | None = None
     mean_mm: float | None = None
     median_mm: float | None = None
+    limbs: int = 0
+    wrong_limbs_percent: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,8 +18,8 @@ from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
 from e3pose.base.nan_statistics import mean_of_known
 from e3pose.evaluate.figures import Distances, HeldOut, HeldOutCamera
+from e3pose.evaluate.wrong_limbs import wrong_in_view, wrong_percent
 from e3pose.model.camera import Camera
-from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import Skeleton
 from e3pose.model.slot_record import SlotRecord
 from e3pose.recording import Recording, ViewSeries
@@ -121,17 +121,23 @@ def _one(
     rows = [row for row, name in enumerate(skeleton.joints) if name in COMPARED]
     rows = rows if len(rows) >= LEAST_KEYPOINTS else list(range(len(skeleton)))
     off = [np.zeros((0, len(skeleton), 2))]
+    wrong = [np.zeros((0, len(skeleton)))]
     people = poses = unseen = 0
     for record in records:
         view = series.view(record.slot)
         if view is None:  # a lost view judges nobody
             continue
         joints_m = record.people.joints_m
-        apart = _apart(camera, joints_m, view)  # (num_poses, num_detections, num_joints, 2)
+        sure_px = np.where((view.scores > SURE_SCORE)[..., None], view.keypoints_px, np.nan)
+        apart = _apart(camera, joints_m, sure_px)  # (num_poses, num_detections, num_joints, 2)
         mean_m = mean_of_known(apart[..., rows, 1], LEAST_KEYPOINTS, np.inf)
         pairs = zip(*linear_sum_assignment(np.minimum(mean_m, 2 * SAME_M)), strict=True)
         same = [pair for pair in pairs if mean_m[pair] < SAME_M]
         off += [apart[pair][None] for pair in same]
+        wrong += [
+            wrong_in_view(camera, joints_m[[pose]], sure_px[[detection]], skeleton.joints)
+            for pose, detection in same
+        ]
         counted = (view.scores[:, rows] > SURE_SCORE).sum(axis=-1) >= LEAST_KEYPOINTS
         pixels = camera.project(joints_m[:, rows])  # NaN counts as outside the image
         inside = ((pixels >= 0) & (pixels < camera.image_size)).all(axis=-1)
@@ -139,35 +145,47 @@ def _one(
         people, poses = people + int(counted.sum()), poses + int(shown.sum())
         shown[[pose for pose, _ in same]] = False
         unseen += int(shown.sum())
-    found = np.concatenate(off)
+    found, turned = np.concatenate(off), np.concatenate(wrong)
     return HeldOutCamera(
-        **asdict(_distances(found[:, rows])),
+        **asdict(_distances(found[:, rows], turned[:, rows])),
         people=people,
         missed_percent=100 * (people - len(found)) / people if people else None,
         poses=poses,
         unseen_percent=100 * unseen / poses if poses else None,
-        joints={name: _distances(found[:, row]) for row, name in enumerate(skeleton.joints)},
+        joints={
+            name: _distances(found[:, row], turned[:, row])
+            for row, name in enumerate(skeleton.joints)
+        },
     )
 
 
-def _apart(camera: Camera, joints_m: Floats, view: Poses2D) -> Floats:
+def _apart(camera: Camera, joints_m: Floats, keypoints_px: Floats) -> Floats:
     """Return `(num_poses, num_detections, num_joints, 2)` pixels and metres across the ray."""
-    sure = (view.scores > SURE_SCORE)[..., None]
-    keypoints_px = np.where(sure, view.keypoints_px, np.nan)
     apart_px = np.linalg.norm(camera.project(joints_m)[:, None] - keypoints_px, axis=-1)
     depth_m = joints_m @ camera.R[2] + camera.t[2]
     focal_px = np.sqrt(camera.K[0, 0] * camera.K[1, 1])
     return np.stack([apart_px, apart_px * depth_m[:, None] / focal_px], axis=-1)
 
 
-def _distances(off: Floats) -> Distances:
-    """Return the figures of `(*batch, 2)` pixels and metres, NaN where a keypoint is missing."""
+def _distances(off: Floats, wrong: Floats) -> Distances:
+    """Return the figures of joints.
+
+    Args:
+        off: `(*batch, 2)` pixels and metres, NaN where a keypoint is missing.
+        wrong: `(*batch)` of `wrong_in_view`.
+    """
     known = off[np.isfinite(off).all(axis=-1)]
     if not len(known):
         return Distances()
     (mean_px, mean_m), (median_px, median_m) = known.mean(axis=0), np.median(known, axis=0)
     return Distances(
-        len(known), float(mean_px), float(median_px), 1e3 * float(mean_m), 1e3 * float(median_m)
+        len(known),
+        float(mean_px),
+        float(median_px),
+        1e3 * float(mean_m),
+        1e3 * float(median_m),
+        int(np.isfinite(wrong).sum()),
+        wrong_percent(wrong),
     )
 
 

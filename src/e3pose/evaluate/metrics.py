@@ -1,4 +1,4 @@
-"""Accuracy against the truth: AP_K, MPJPE, recall, identity switches (docs/reference/metrics.md).
+"""Accuracy against the truth (docs/reference/metrics.md).
 
 Every function takes poses of one skeleton, slot by slot: `predicted[slot]` is
 `(num_persons, num_joints, 3)` and `truth` is `(num_slots, num_actors, num_joints, 3)`, metres, NaN
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from e3pose.base.arrays import Floats, Integers
 from e3pose.base.nan_statistics import mean_of_known
+from e3pose.evaluate.wrong_limbs import wrong_by_truth
 
 THRESHOLD = 0.5  # of the true limb length
 MID_HIP = 14  # an extra joint, the mean of both hips
@@ -122,15 +123,15 @@ class Candidates:
         errors_m: `(num_predictions,)` mean joint error to that truth; inf if there was none.
         actors: `(num_predictions,)` which labelled actor of which slot, one number; -1 if none.
         coverage: `(num_predictions,)` share of that truth's joints which the prediction has.
-        joint_errors_m: `(num_predictions, num_joints)` distance of each joint; NaN where either
-            lacks it.
+        pairs_m: `(num_predictions, 2, num_joints, 3)` the prediction and that truth, NaN where
+            missing.
         num_truths: labelled actors over all slots.
     """
 
     errors_m: Floats
     actors: Integers
     coverage: Floats
-    joint_errors_m: Floats
+    pairs_m: Floats
     num_truths: int
 
 
@@ -164,7 +165,7 @@ def candidates(predicted: Sequence[Floats], scores: Sequence[Floats], truth: Flo
     errors: list[float] = []
     actors: list[int] = []
     coverage: list[float] = []
-    joint_errors: list[Floats] = [np.zeros((0, truth.shape[2]))]
+    pairs_m: list[Floats] = [np.zeros((0, 2, *truth.shape[2:]))]
     for people, actors_m, wanted, numbers in zip(predicted, truth, annotated, number, strict=True):
         distance = mean_errors_m(people, actors_m)
         for person, nearest in enumerate(distance.argmin(axis=1)):
@@ -173,15 +174,14 @@ def candidates(predicted: Sequence[Floats], scores: Sequence[Floats], truth: Flo
             has = np.isfinite(people[person]).all(axis=-1) & wanted[nearest]
             errors.append(error)
             actors.append(int(numbers[nearest]) if matched else -1)
-            apart = np.linalg.norm(people[person] - actors_m[nearest], axis=-1)
-            joint_errors.append(apart[None])
+            pairs_m.append(np.stack([people[person], actors_m[nearest]])[None])
             coverage.append(float(has.sum() / wanted[nearest].sum()) if matched else 0.0)
     order = np.argsort(-np.concatenate([*scores, np.zeros(0)]), kind="stable")
     return Candidates(
         np.array(errors, dtype=np.float64)[order],
         np.array(actors, dtype=np.int64)[order],
         np.array(coverage, dtype=np.float64)[order],
-        np.concatenate(joint_errors)[order],
+        np.concatenate(pairs_m)[order],
         int(labelled.sum()),
     )
 
@@ -238,9 +238,26 @@ def joint_quantile_mm(found: Candidates, share: float) -> float | None:
         found: from `candidates`.
         share: of the joints, [0, 1].
     """
-    errors_m = found.joint_errors_m[first_matches(found, MATCH_LIMIT_M)]
+    joints_m, true_m = _matched(found)
+    errors_m = np.linalg.norm(joints_m - true_m, axis=-1)
     known = errors_m[np.isfinite(errors_m)]
     return float(1000 * np.quantile(known, share)) if len(known) else None
+
+
+def wrong_limbs(found: Candidates, names: Sequence[str]) -> Floats:
+    """Return `(num_matches, num_joints)` of `wrong_by_truth`, of first matches.
+
+    Args:
+        found: from `candidates`.
+        names: of the joints.
+    """
+    joints_m, true_m = _matched(found)
+    return wrong_by_truth(joints_m, true_m, names)
+
+
+def _matched(found: Candidates) -> Floats:
+    """Return `(2, num_matches, num_joints, 3)` joints of first matches below 500 mm, and truth."""
+    return np.asarray(found.pairs_m[first_matches(found, MATCH_LIMIT_M)].swapaxes(0, 1))
 
 
 def recall_500mm(found: Candidates) -> float | None:

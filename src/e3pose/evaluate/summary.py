@@ -29,6 +29,7 @@ from e3pose.evaluate.figures import (
 )
 from e3pose.evaluate.metrics import count_parts, group_percent, pcp_percent
 from e3pose.evaluate.waking import asleep_in
+from e3pose.evaluate.wrong_limbs import wrong_percent
 from e3pose.model.blind_slot import count_blind, duty, seeing
 from e3pose.model.noises import detector_of
 from e3pose.model.people import People
@@ -138,6 +139,13 @@ def accuracy(recording: Recording, records: Sequence[SlotRecord]) -> Accuracy:
     rooted = rooted[..., kept, :]
     people = [joints[:, kept] for joints in predicted]
     found = metrics.candidates(people, scores, rooted)
+    names = truth.skeleton.joints[kept]
+    wrong = metrics.wrong_limbs(found, names)
+    wrong_by_joint = {
+        name: percent
+        for name, each in zip(names, wrong.T, strict=True)
+        if (percent := wrong_percent(each)) is not None
+    }
     ids = [np.zeros(0, np.int64) if r is None else r.people.track_ids for r in scored]
     whole, known = recording.truth_complete, found.num_truths > 0
     return Accuracy(
@@ -146,6 +154,8 @@ def accuracy(recording: Recording, records: Sequence[SlotRecord]) -> Accuracy:
         mpjpe_mm=metrics.mpjpe_mm(found),
         p95_mm=metrics.joint_quantile_mm(found, 0.95),
         p99_mm=metrics.joint_quantile_mm(found, 0.99),
+        wrong_limbs_percent=wrong_percent(wrong),
+        wrong_limbs=wrong_by_joint or None,
         recall_500mm=metrics.recall_500mm(found),
         joint_coverage=metrics.joint_coverage(found),
         id_switches=metrics.id_switches(people, ids, rooted) if known else None,
