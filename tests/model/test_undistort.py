@@ -28,6 +28,8 @@ LENSES: dict[str, tuple[list[float], bool]] = {
     "four": ([-0.28, 0.09, 0.0012, -0.0008], False),
     "five": ([-0.28, 0.09, 0.0012, -0.0008, -0.01], False),
     "eight": ([0.4, 0.06, 0.0012, -0.0008, 0.003, 0.62, 0.11, 0.005], False),
+    "thin prism": ([-0.28, 0.09, 0.001, -0.001, 0, 0, 0, 0, 0.01, -0.02, -0.015, 0.02], False),
+    "tilted": ([0.4, 0.06, 0.001, 0, 0, 0.6, 0.1, 0, 0.01, 0, 0, 0.01, 0.05, -0.08], False),
     "pole": ([0.0, 0.0, 0.0, 0.0, 0.0, -0.25, 0.0, 0.0], False),
     "folding": ([-0.3, 0.0, 0.002, -0.001], False),
     "much tangential": ([-0.3, 0.1, 0.05, -0.04], False),
@@ -46,9 +48,10 @@ def camera(lens: str) -> Camera:
 
 
 def random_camera(rng: np.random.Generator) -> Camera:
-    length = int(rng.choice([4, 4, 5, 8]))
+    length = int(rng.choice([4, 4, 5, 8, 12, 14]))
     fisheye = length == 4 and bool(rng.random() < 0.5)
-    usual = (0.1, 0.05, 0.02, 0.01) if fisheye else (0.3, 0.1, 0.002, 0.002, 0.05, 0.3, 0.1, 0.05)
+    brown = (0.3, 0.1, 0.002, 0.002, 0.05, 0.3, 0.1, 0.05, *[0.003] * 4, 0.03, 0.03)
+    usual = (0.1, 0.05, 0.02, 0.01) if fisheye else brown
     coefficients = rng.normal(size=length) * usual[:length] * rng.choice([0.3, 1, 3])
     return Camera("a", SIZE, K, np.eye(4), coefficients, fisheye)
 

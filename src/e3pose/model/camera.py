@@ -37,7 +37,7 @@ class Camera:
         image_size: `(width, height)` in pixels.
         K: `(3, 3)` intrinsic matrix in pixels.
         T_world_camera: `(4, 4)` camera-to-world transform, metres.
-        distortion: `(0,)`, `(4,)`, `(5,)` or `(8,)` OpenCV coefficients; `(4,)` if `fisheye`.
+        distortion: OpenCV's coefficients, 0, 4, 5, 8, 12 or 14; `(4,)` if `fisheye`.
         fisheye: whether `distortion` is OpenCV's fisheye (equidistant) model.
         lens_assumed: whether `K` is a guess from the image size, and the lens unknown.
         known_to: angle off the axis, radians, up to which a lens with distortion was measured:

@@ -16,6 +16,7 @@ from e3pose.model.rotations import nearest_rotation
 CAMERA_ID = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,63}")
 MAX_DISTANCE_M = 1000.0
 MAX_COEFFICIENT = 1e6
+MAX_TILT = 1.5  # radians, of a sensor against its lens
 ROTATION_TOLERANCE = 1e-3  # a rotation printed with four digits is a rotation
 
 
@@ -77,6 +78,8 @@ class CameraFields:
             raise self._error(
                 "distortion", f"{found.tolist()}", f"numbers within {MAX_COEFFICIENT:g}"
             )
+        if not (np.abs(found[12:]) < MAX_TILT).all():
+            raise self._error("distortion", f"a tilt of {found[12:].tolist()}", "radians below 1.5")
         found.flags.writeable = False
         return found
 

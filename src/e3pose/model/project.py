@@ -10,7 +10,16 @@ import numpy as np
 from e3pose.base.arrays import Floats
 from e3pose.base.kernel import kernel
 from e3pose.model.camera import MIN_DEPTH_M, Rig
-from e3pose.model.undistort import FISHEYE, IDEAL, LENS, LIMITS, Lenses, make_lenses
+from e3pose.model.undistort import (
+    FISHEYE,
+    IDEAL,
+    LENS,
+    LIMITS,
+    TILT,
+    Lenses,
+    make_lenses,
+    through,
+)  # fmt: skip
 
 
 class Optics(NamedTuple):
@@ -85,7 +94,9 @@ def distorted(model: int, numbers: Floats, x: float, y: float) -> tuple[float, f
     k3, k4, k5, k6 = numbers[LENS + 4], numbers[LENS + 5], numbers[LENS + 6], numbers[LENS + 7]
     factor = 1.0 + squared * (k1 + squared * (k2 + squared * k3))
     factor /= 1.0 + squared * (k4 + squared * (k5 + squared * k6))
-    return (
-        x * factor + 2 * p1 * x * y + p2 * (squared + 2 * x * x),
-        y * factor + p1 * (squared + 2 * y * y) + 2 * p2 * x * y,
-    )
+    s1, s2, s3, s4 = numbers[LENS + 8], numbers[LENS + 9], numbers[LENS + 10], numbers[LENS + 11]
+    real_x = x * factor + 2 * p1 * x * y + p2 * (squared + 2 * x * x)
+    real_y = y * factor + p1 * (squared + 2 * y * y) + 2 * p2 * x * y
+    real_x += squared * (s1 + s2 * squared)
+    real_y += squared * (s3 + s4 * squared)
+    return through(numbers, TILT, real_x, real_y)

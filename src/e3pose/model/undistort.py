@@ -20,21 +20,22 @@ from e3pose.model.pose import MAX_PIXEL, MISSING_SCORE
 
 IDEAL, BROWN, FISHEYE = range(3)
 SMALL_ERROR = TOLERANCE * 1e-3  # a point this near takes no more steps
-K, LENS, LIMITS = 0, 5, 13  # where fx, skew, cx, fy, cy, the coefficients and the limits begin
+# Where fx, skew, cx, fy, cy, the coefficients, the limits, the tilt and its inverse begin.
+K, LENS, LIMITS, TILT, UPRIGHT = 0, 5, 17, 19, 28
 
 
 class Lenses(NamedTuple):
     """What is constant about the lenses of a rig."""
 
     models: Integers  # (num_cameras,) IDEAL, BROWN or FISHEYE
-    numbers: Floats  # (num_cameras, 15) K, 8 coefficients, the limits of angle and ideal radius
+    numbers: Floats  # (num_cameras, 37) K, 12 coefficients, limits of angle and radius, tilts
     tables: Floats  # (num_cameras, 2, TABLE_SIZE) real radius, and tangent, by angle
 
 
 def make_lenses(rig: Rig) -> Lenses:
     """Collect the lenses of a rig."""
     models = np.full(len(rig), IDEAL, np.int64)
-    numbers = np.zeros((len(rig), 15))
+    numbers = np.zeros((len(rig), 37))
     tables = np.zeros((len(rig), 2, TABLE_SIZE))
     for index, camera in enumerate(rig.cameras):
         lens = camera.lens
@@ -42,8 +43,10 @@ def make_lenses(rig: Rig) -> Lenses:
             continue
         models[index] = FISHEYE if lens.fisheye else BROWN
         numbers[index, K:LENS] = camera.K[[0, 0, 0, 1, 1], [0, 1, 2, 1, 2]]
-        numbers[index, LENS:LIMITS] = lens.padded
-        numbers[index, LIMITS:] = lens.angle_limit, lens.radius_limit
+        numbers[index, LENS:LIMITS] = lens.padded[: LIMITS - LENS]
+        numbers[index, LIMITS:TILT] = lens.angle_limit, lens.radius_limit
+        numbers[index, TILT:UPRIGHT] = lens.tilt.ravel()
+        numbers[index, UPRIGHT:] = np.linalg.inv(lens.tilt).ravel()
         with np.errstate(all="ignore"):  # a model may end at a pole
             tables[index] = lens.table[0], np.tan(lens.table[1])
     return Lenses(models, numbers, tables)
@@ -88,6 +91,7 @@ def undistort_slot(
                     if abs(u) <= MAX_PIXEL and abs(v) <= MAX_PIXEL:
                         y = (v - cy) / fy
                         x = (u - cx - skew * y) / fx
+                        x, y = through(numbers[camera], UPRIGHT, x, y)
                 lanes[lane] = x
                 lanes[LANES + lane] = y
                 lanes[2 * LANES + lane] = math.sqrt(x * x + y * y)
@@ -108,6 +112,17 @@ def undistort_slot(
 
 
 @kernel
+def through(numbers: Floats, at: int, x: float, y: float) -> tuple[float, float]:
+    """Return a point through the homography that begins at a place; NaN for one behind it."""
+    w = numbers[at + 6] * x + numbers[at + 7] * y + numbers[at + 8]
+    w = w if w > 0 else np.nan
+    return (
+        (numbers[at] * x + numbers[at + 1] * y + numbers[at + 2]) / w,
+        (numbers[at + 3] * x + numbers[at + 4] * y + numbers[at + 5]) / w,
+    )
+
+
+@kernel
 def _find(radius: float, radii: Floats) -> tuple[int, float]:
     """Return where `numpy.interp` finds a radius: the last entry not above it, and a share."""
     place = 0
@@ -122,9 +137,10 @@ def _find(radius: float, radii: Floats) -> tuple[int, float]:
 
 @kernel
 def _solve_brown(numbers: Floats, table: Floats, lanes: Floats) -> None:
-    """Take Newton steps in the plane; the Jacobian is symmetric."""
+    """Take Newton steps in the plane."""
     k1, k2, p1, p2 = numbers[LENS], numbers[LENS + 1], numbers[LENS + 2], numbers[LENS + 3]
     k3, k4, k5, k6 = numbers[LENS + 4], numbers[LENS + 5], numbers[LENS + 6], numbers[LENS + 7]
+    s1, s2, s3, s4 = numbers[LENS + 8], numbers[LENS + 9], numbers[LENS + 10], numbers[LENS + 11]
     pitch = numbers[LIMITS] / (TABLE_SIZE - 1)
     for lane in range(LANES):
         radius = lanes[2 * LANES + lane]
@@ -146,17 +162,21 @@ def _solve_brown(numbers: Floats, table: Floats, lanes: Floats) -> None:
             above_slope = k1 + squared * (2 * k2 + 3 * squared * k3)
             below_slope = k4 + squared * (2 * k5 + 3 * squared * k6)
             slope = inverse * (above_slope - factor * below_slope)
-            xx = factor + 2 * x * x * slope + 2 * p1 * y + 6 * p2 * x
-            xy = 2 * x * y * slope + 2 * p1 * x + 2 * p2 * y
-            yy = factor + 2 * y * y * slope + 6 * p1 * y + 2 * p2 * x
+            prism_x, prism_y = 2 * (s1 + 2 * s2 * squared), 2 * (s3 + 2 * s4 * squared)
+            both = 2 * x * y * slope + 2 * p1 * x + 2 * p2 * y
+            xx = factor + 2 * x * x * slope + 2 * p1 * y + 6 * p2 * x + prism_x * x
+            yy = factor + 2 * y * y * slope + 6 * p1 * y + 2 * p2 * x + prism_y * y
+            xy, yx = both + prism_x * y, both + prism_y * x
             error_x = lanes[lane] - x * factor - 2 * p1 * x * y - p2 * (squared + 2 * x * x)
             error_y = lanes[LANES + lane] - y * factor - p1 * (squared + 2 * y * y) - 2 * p2 * x * y
+            error_x -= squared * (s1 + s2 * squared)
+            error_y -= squared * (s3 + s4 * squared)
             error = abs(error_x) if abs(error_x) > abs(error_y) else abs(error_y)
-            scale = 1.0 / (xx * yy - xy * xy)
+            scale = 1.0 / (xx * yy - xy * yx)
             go_on = error > SMALL_ERROR and step < NEWTON_STEPS
             busy |= go_on
             step_x = scale * (yy * error_x - xy * error_y)
-            step_y = scale * (xx * error_y - xy * error_x)
+            step_y = scale * (xx * error_y - yx * error_x)
             lanes[3 * LANES + lane] = x + step_x if go_on else x
             lanes[4 * LANES + lane] = y + step_y if go_on else y
             lanes[5 * LANES + lane] = error

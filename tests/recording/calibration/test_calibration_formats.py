@@ -327,9 +327,13 @@ def test_what_tools_leave_in_a_file_is_passed_over(tmp_path: Path, files: Any) -
     longer = files.with_second(distortion=[*files.known[1].distortion, *[0.0] * 9])
     rig = load_rig(files.write("anipose", tmp_path, longer))
     assert rig.cameras[1].distortion.tolist() == [*files.known[1].distortion, 0, 0, 0]
-    prism = files.with_second(distortion=[*files.known[1].distortion, *[0.0] * 6, 1e-4])
-    with pytest.raises(InputError, match="hall_2: distortion: found 12 coefficients"):
-        load_rig(files.write("anipose", tmp_path, prism))
+    for more in ([1e-4], [1e-4, 0.0, 0.0]):  # thin prism, and a sensor without tilt
+        prism = files.with_second(distortion=[*files.known[1].distortion, *[0.0] * 6, *more])
+        assert len(load_rig(files.write("anipose", tmp_path, prism)).cameras[1].distortion) == 12
+    for more, message in (([0.0, 0.1], "found 13 coeff"), ([0.0, 0.0, 1.6], "found a tilt of")):
+        odd = files.with_second(distortion=[*files.known[1].distortion, *[0.0] * 6, *more])
+        with pytest.raises(InputError, match=f"hall_2: distortion: {message}"):
+            load_rig(files.write("anipose", tmp_path, odd))
 
 
 def test_camera_of_caliscope_without_a_place_is_left_out(tmp_path: Path, files: Any) -> None:

@@ -178,8 +178,8 @@ def make_camera(
         InputError: naming file, camera and field.
     """
     width, height = np.asarray(image_size, dtype=np.float64)
-    if not fisheye and len(distortion) > LENGTHS[-1] and not distortion[LENGTHS[-1] :].any():
-        distortion = distortion[: LENGTHS[-1]]  # thin prism and tilt of a lens that has none
+    if not fisheye and len(distortion) in LENGTHS[4:]:  # OpenCV pads with zeros
+        distortion = distortion[: next(n for n in LENGTHS[3:] if not distortion[n:].any())]
     try:
         if width != int(width) or height != int(height):
             raise InputError(
