@@ -17,9 +17,10 @@ from tests.cli.one_person import one_person
 
 from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
-from e3pose.evaluate.held_out import SURE_SCORE, joined, judge, of_cameras, turns
+from e3pose.evaluate.held_out import SURE_SCORE, joined, judge, turns
 from e3pose.model.people import People
 from e3pose.recording import Recording, save_recording
+from e3pose.recording.record import of_cameras
 
 NUM_SLOTS = 25
 SCENE = one_person([0.2, 1.7, 3.4, 4.9], NUM_SLOTS)

@@ -29,6 +29,8 @@ def rig(*camera_ids: str) -> Rig:
         (["left", "right"], ["right=x.mp4", "left=y.mp4"], ["y", "x"]),
         (["left", "right"], ["right=x.mp4", "left.mp4"], ["left", "x"]),
         (["a", "b", "c"], ["c.mp4", "a.mp4"], ["a", "c"]),
+        (["Kuche", "Cam_1"], ["Cam 1.mp4", "Küche.mp4"], ["Küche", "Cam 1"]),
+        (["Kuche", "Cam_1"], ["Cam 1=a.mp4", "Küche=b.mp4"], ["b", "a"]),
     ],
 )
 def test_pairs_by_name(camera_ids: Sequence[str], videos: list[str], stems: list[str]) -> None:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +15,7 @@ from e3pose.base.errors import InputError, reason_of
 from e3pose.model.camera import Camera, Rig
 from e3pose.model.skeleton import SHELF14
 from e3pose.recording import Recording, Truth
+from e3pose.recording.calibration import load_rig
 from e3pose.recording.detections.importing import Progress, frame_number
 from e3pose.recording.json_lines import METRE_LIMIT
 from e3pose_lab.datasets.detected import detected_views
@@ -26,8 +26,6 @@ MAX_MATRIX_BYTES = 100_000
 MAX_FRAMES = 100_000
 FPS = 25.0
 IMAGES = ("*.png", "*.jpg", "*.jpeg")
-# What VoxelPose's file has of a camera, and how many numbers.
-VOXELPOSE = {"R": 9, "T": 3, "fx": 1, "fy": 1, "cx": 1, "cy": 1, "k": 3, "p": 2}
 WHERE = "http://campar.in.tum.de/Chair/MultiHumanPose"
 
 
@@ -212,39 +210,16 @@ def _rig(source: Path, layout: Layout) -> Rig:
 
 
 def _rig_of_voxelpose(path: Path, layout: Layout) -> Rig:
-    """Read R, T (a centre in millimetres), fx, fy, cx, cy, k (3) and p (2) of every camera."""
-    try:
-        table = json.loads(read_bytes(path, MAX_MATRIX_BYTES))
-        numbers = [
-            {key: np.array(camera[key], dtype=np.float64).ravel() for key in VOXELPOSE}
-            for camera in (table[str(number)] for number in range(layout.cameras))
-        ]
-    except (ValueError, KeyError, TypeError, RecursionError) as error:
-        raise InputError(
-            f"{path}: found {type(error).__name__} ({str(error)[:60]}), expected cameras 0 to "
-            f"{layout.cameras - 1} with {', '.join(VOXELPOSE)}"
-        ) from None
-    cameras = []
-    for number, camera in enumerate(numbers):
-        for key, count in VOXELPOSE.items():
-            if len(camera[key]) != count or not np.isfinite(camera[key]).all():
-                raise InputError(
-                    f"{path}: camera {number}: {key}: found {len(camera[key])} values, expected "
-                    f"{count} numbers"
-                )
-        (fx,), (fy,), (cx,), (cy,) = (camera[key] for key in ("fx", "fy", "cx", "cy"))
-        K = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
-        R, k, p = camera["R"].reshape(3, 3), camera["k"], camera["p"]
-        distortion = np.array([k[0], k[1], p[0], p[1], k[2]])
-        try:
-            cameras.append(
-                Camera.from_world_to_camera(
-                    f"Camera{number}", layout.image_size, K, R, -R @ camera["T"] / 1000, distortion
-                )
-            )
-        except InputError as error:
-            raise InputError(f"{path}: camera {number}: {error}") from None
-    return Rig(tuple(cameras))
+    """Read the cameras that VoxelPose publishes, which do not say their image size."""
+    rig = load_rig(path)
+    if rig.camera_ids != tuple(str(number) for number in range(layout.cameras)):
+        raise InputError(f"{path}: found other cameras, expected 0 to {layout.cameras - 1}")
+    return Rig(
+        tuple(
+            replace(camera, camera_id=f"Camera{camera.camera_id}", image_size=layout.image_size)
+            for camera in rig.cameras
+        )
+    )
 
 
 def decomposed(projection: Floats, where: str = "projection") -> tuple[Floats, Floats, Floats]:

@@ -20,7 +20,7 @@ from e3pose.cli.calibrating_lenses import DEFAULT_BOARD, check_picture, toml_pat
 from e3pose.cli.calibrating_places import expected_values
 from e3pose.cli.options import Flag, as_typed
 from e3pose.cli.output import JsonFile, is_stdout, number_or_null, write_json
-from e3pose.cli.placed import check_world
+from e3pose.cli.placed import check_world, without_unplaced
 from e3pose.cli.progress import stage_progress
 from e3pose.model.noises import detector_of, load_noise
 from e3pose.recording import load_recording
@@ -188,6 +188,7 @@ def check(
         rig = load_rig(calibration)
         own = [rig.index(name) for name in loaded.rig.camera_ids]
         loaded = replace(loaded, rig=rig.subset(own))
+    loaded = without_unplaced(loaded, calibration or recording)
     file = calibration or recording / "calibration.toml"
     check_world(loaded.rig, calibration or recording, file, load_provenance(recording).rotations)
     with stage_progress() as (_, progress):

@@ -165,7 +165,8 @@ def detect(
     for note in () if known is None else known.notes:
         print(f"  {note}")
     if rig is None or not rig.placed:
-        print(f"  not calibrated: e3pose calibrate extrinsics {shell(dest)} rig.toml --update")
+        which = ", ".join(rig.unplaced if rig else ()) or "cameras"
+        print(f"  {which} not placed: e3pose calibrate extrinsics {shell(dest)} rig.toml --update")
     else:
         check_world(rig, calibration, calibration, rotations)
 

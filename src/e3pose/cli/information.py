@@ -22,6 +22,8 @@ from e3pose.recording.problems import Problem, find_problems
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from e3pose.model.camera import Rig
+
 
 def info(
     recording: Path,
@@ -48,13 +50,15 @@ def info(
     if not any(problem.kind == "not-z-up" for problem in problems):
         problems += [Problem("people", "rig", words) for words in doubts(loaded, recording)[:1]]
     if not is_stdout(json_file):
-        _print_description(table_console(200), description, problems)
+        _print_description(table_console(200), description, problems, loaded.rig)
     if json_file is not None:
         content = {**msgspec.to_builtins(description), "problems": msgspec.to_builtins(problems)}
         write_json(json_file, content)
 
 
-def _print_description(console: Console, description: Description, problems: list[Problem]) -> None:
+def _print_description(
+    console: Console, description: Description, problems: list[Problem], rig: Rig
+) -> None:
     facts = Table.grid(padding=(0, 2))
     first, end = description.scored_slots
     scored = "all" if (first, end) == (0, description.num_slots) else f"{first} to {end - 1}"
@@ -76,7 +80,7 @@ def _print_description(console: Console, description: Description, problems: lis
         facts.add_row(Text(label, style="bold"), Text(value))
     console.print(facts)
     console.print()
-    _print_cameras(console, description.cameras)
+    _print_cameras(console, description.cameras, rig)
     console.print()
     if not problems:
         console.print(Text("No problems found.", style="green"))
@@ -86,11 +90,16 @@ def _print_description(console: Console, description: Description, problems: lis
         console.print(Text(f"  {problem.where}: {problem.message}"), soft_wrap=True)
 
 
-def _print_cameras(console: Console, cameras: tuple[CameraDescription, ...]) -> None:
+def _print_cameras(console: Console, cameras: tuple[CameraDescription, ...], rig: Rig) -> None:
+    titles = [camera.title for camera in rig.cameras]
     columns: dict[str, list[str]] = {
+        **({"title": titles} if any(titles) else {}),
         "image": [f"{c.image_size[0]} x {c.image_size[1]}" for c in cameras],
         "lens": [c.lens for c in cameras],
-        "centre, m": [" ".join(f"{value:.2f}" for value in c.center_m) for c in cameras],
+        "centre, m": [
+            " ".join(f"{value:.2f}" for value in c.center_m) if i in rig.placed_ones else "unknown"
+            for i, c in enumerate(cameras)
+        ],
         "views": [str(c.frames) for c in cameras],
         "lost": [str(c.lost) for c in cameras],
         "people, mean": [_number(c.mean_people, "{:.2f}") for c in cameras],
@@ -99,7 +108,7 @@ def _print_cameras(console: Console, cameras: tuple[CameraDescription, ...]) -> 
         "median score": [_number(c.median_score, "{:.2f}") for c in cameras],
         "video": [c.video or "-" for c in cameras],
     }
-    left = ("camera", "image", "lens", "centre, m", "video")
+    left = ("camera", "title", "image", "lens", "centre, m", "video")
     print_tables(console, {"camera": [c.camera_id for c in cameras]}, columns, left=left)
 
 

@@ -13,17 +13,26 @@ from e3pose.cli.progress import notice_compiling
 from e3pose.model.noises import detector_of, load_noise
 from e3pose.recording import Recording, load_recording
 from e3pose.recording.calibration.world import require_placed, world_problem
+from e3pose.recording.record import with_places
 
 if TYPE_CHECKING:
     from e3pose.model.camera import Rig
 
 
 def load_placed(path: Path) -> Recording:
-    """Load a recording whose cameras are placed; warn if its axes or unit look wrong."""
+    """Load a recording of the cameras that are placed; warn if its axes or unit look wrong."""
     notice_compiling()
-    recording, rotations = load_recording(path), load_provenance(path).rotations
+    recording = without_unplaced(load_recording(path), path)
+    rotations = load_provenance(path).rotations
     check_world(recording.rig, path, path / "calibration.toml", rotations)
     return recording
+
+
+def without_unplaced(recording: Recording, where: object) -> Recording:
+    """Leave out the cameras without a place, where others have one, and say so."""
+    if recording.rig.unplaced:
+        warn(f"{where}: left out without a place: {', '.join(recording.rig.unplaced)}")
+    return with_places(recording)
 
 
 def doubts(recording: Recording, path: Path, calibration: object = None) -> list[str]:
@@ -36,6 +45,7 @@ def doubts(recording: Recording, path: Path, calibration: object = None) -> list
     """
     from e3pose.calibrate.people_3d import LYING, doubt_people
 
+    recording = with_places(recording)
     if not recording.rig.placed:
         return []
     file = path / "calibration.toml" if calibration is None else calibration

@@ -105,7 +105,7 @@ class OutputOptions:
         if self.report is not None:
             write_report(source, records, summary, self.report, folder=folder)
         if not is_stdout(self.json_file):
-            print_summary(summary)
+            print_summary(summary, titles=source.rig.titles)
             for note in notes:
                 print(note)
             for path in (self.poses, self.report, store):

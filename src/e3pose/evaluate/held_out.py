@@ -23,6 +23,7 @@ from e3pose.model.camera import Camera
 from e3pose.model.skeleton import Skeleton
 from e3pose.model.slot_record import SlotRecord
 from e3pose.recording import Recording, ViewSeries
+from e3pose.recording.record import of_cameras
 
 EACH = "each"
 MIN_CAMERAS = 2  # that are left to estimate from
@@ -73,17 +74,6 @@ def turns(recording: Recording, camera_ids: Sequence[str]) -> list[Turn]:
         found = f"{len(set(camera_ids))} of {len(ids)} cameras"
         raise InputError("hold_out", found, f"at least {MIN_CAMERAS} cameras that are left")
     return [(of_cameras(recording, left), of_cameras(recording, camera_ids))]
-
-
-def of_cameras(recording: Recording, camera_ids: Sequence[str]) -> Recording:
-    """Return the recording as if there were only some of its cameras, in the order of the rig."""
-    rows = [row for row, name in enumerate(recording.rig.camera_ids) if name in camera_ids]
-    by_camera: dict[str, Any] = {
-        item: {k: v for k, v in getattr(recording, item).items() if k in camera_ids}
-        for item in ("videos", "battery_wh", "dies_at_s", "processor")
-    }
-    views = tuple(recording.views[row] for row in rows)
-    return replace(recording, rig=recording.rig.subset(rows), views=views, **by_camera)
 
 
 def judge(judges: Recording, records: Sequence[SlotRecord]) -> HeldOut:

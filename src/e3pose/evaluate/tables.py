@@ -80,8 +80,10 @@ FIGURE_NAMES = {
 }
 
 
-def print_summary(summary: Summary, console: Console | None = None) -> None:
-    """Print the figures of one replay and what every camera did."""
+def print_summary(
+    summary: Summary, console: Console | None = None, titles: Mapping[str, str] | None = None
+) -> None:
+    """Print the figures of one replay and what every camera did, by their titles."""
     console = table_console() if console is None else console
     title = f"policy {summary.policy}, {plural(summary.slots, 'slot')}"
     if summary.smooth is not None:
@@ -112,7 +114,7 @@ def print_summary(summary: Summary, console: Console | None = None) -> None:
     for camera_id, share in selection.duty.items():
         figure = energy.cameras[camera_id]
         cameras.add_row(
-            camera_id,
+            (titles or {}).get(camera_id, camera_id),
             f"{100 * share:.1f}",
             str(whole(100 * (1 - figure.mean_watts / figure.active_watts))),
             f"{figure.mean_watts:.2f}",

@@ -42,6 +42,7 @@ class Camera:
         lens_assumed: whether `K` is a guess from the image size, and the lens unknown.
         known_to: angle off the axis, radians, up to which a lens with distortion was measured:
             nothing is placed or seen beyond; None for all of the image.
+        title: what people call it, such as `Küche`; its id if empty.
 
     Raises:
         InputError: naming the camera and the field that is wrong.
@@ -55,6 +56,7 @@ class Camera:
     fisheye: bool = False
     lens_assumed: bool = False
     known_to: float | None = None
+    title: str = ""
 
     def __post_init__(self) -> None:
         known = CameraFields(check_camera_id(self.camera_id))
@@ -232,7 +234,8 @@ class Rig:
 
     Attributes:
         cameras: the cameras.
-        placed: whether it is known where they stand; if not, their extrinsics mean nothing.
+        placed: whether it is known where they all stand; if not, their extrinsics mean nothing.
+        unplaced: ids of those that have no place where the others do; else empty.
 
     Raises:
         InputError: when two cameras share an id or there is none.
@@ -240,9 +243,14 @@ class Rig:
 
     cameras: tuple[Camera, ...]
     placed: bool = True
+    unplaced: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "cameras", tuple(self.cameras))
+        if self.unplaced:
+            object.__setattr__(self, "placed", False)
+            if len(self.unplaced) == len(self.cameras):
+                object.__setattr__(self, "unplaced", ())
         ids = self.camera_ids
         if not ids:
             raise InputError("rig: found no camera, expected at least one")
@@ -258,6 +266,15 @@ class Rig:
         """Camera ids in camera-axis order."""
         return tuple(camera.camera_id for camera in self.cameras)
 
+    @property
+    def titles(self) -> dict[str, str]:
+        """What people call each camera, by its id; with the id where two are called the same."""
+        titles = [camera.title or camera.camera_id for camera in self.cameras]
+        return {
+            name: title if titles.count(title) == 1 else f"{title} ({name})"
+            for name, title in zip(self.camera_ids, titles, strict=True)
+        }
+
     def index(self, camera_id: str) -> int:
         """Return where `camera_id` stands on the camera axis; raise `InputError` if nowhere."""
         try:
@@ -270,7 +287,15 @@ class Rig:
 
     def subset(self, indices: Sequence[int]) -> Rig:
         """Return the rig of the cameras at `indices`, in that order."""
-        return Rig(tuple(self.cameras[i] for i in indices), self.placed)
+        cameras = tuple(self.cameras[i] for i in indices)
+        left = tuple(c.camera_id for c in cameras if c.camera_id in self.unplaced)
+        return Rig(cameras, self.placed or bool(self.unplaced and not left), left)
+
+    @property
+    def placed_ones(self) -> list[int]:
+        """Indices of the cameras that have a place."""
+        known = self.placed or bool(self.unplaced)
+        return [i for i, c in enumerate(self.camera_ids) if known and c not in self.unplaced]
 
     @cached_property
     def projections(self) -> Floats:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import unicodedata
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,6 +27,18 @@ def check_camera_id(camera_id: object) -> str:
         wanted = "1 to 64 letters, digits, '_', '-' or '.', not starting with '-' or '.'"
         raise InputError("camera id", repr(str(camera_id)[:80]), wanted)
     return camera_id
+
+
+def safe_id(name: str) -> str:
+    """Return the camera id of a name such as `Cam 1` or `Küche`, which other tools allow.
+
+    It is `cam` for a name in another script, and the name itself where it holds no letter.
+    """
+    plain = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode()
+    safe = re.sub(r"[^A-Za-z0-9_.-]+", "_", plain.strip())[:64].lstrip("-.")
+    if safe.strip("_"):
+        return safe
+    return "cam" if any(char.isalnum() for char in name) else name
 
 
 @dataclass(frozen=True, slots=True)

@@ -49,7 +49,7 @@ class Distortion:
         if len(self.coefficients) == 0:
             return points
         with np.errstate(all="ignore"):  # what diverges is refused at the end
-            given, points = points, _through(np.linalg.inv(self.tilt), points)
+            given, points = points, _through(self.upright, points)
             radius = np.hypot(points[..., 0], points[..., 1])[..., None]
             distorted_radii, angles = self.table
             angle = np.interp(radius, distorted_radii, angles)
@@ -103,6 +103,11 @@ class Distortion:
         turn = np.array([[cos_y, 0, -sin_y], [0, 1, 0], [sin_y, 0, cos_y]]) @ about_x
         flat = [[turn[2, 2], 0, -turn[0, 2]], [0, turn[2, 2], -turn[1, 2]], [0, 0, 1]]
         return np.asarray(flat @ turn, dtype=np.float64)
+
+    @cached_property
+    def upright(self) -> Floats:
+        """The inverse of `tilt`."""
+        return np.asarray(np.linalg.inv(self.tilt), dtype=np.float64)
 
     @cached_property
     def table(self) -> tuple[Floats, Floats]:

@@ -46,7 +46,7 @@ def make_lenses(rig: Rig) -> Lenses:
         numbers[index, LENS:LIMITS] = lens.padded[: LIMITS - LENS]
         numbers[index, LIMITS:TILT] = lens.angle_limit, lens.radius_limit
         numbers[index, TILT:UPRIGHT] = lens.tilt.ravel()
-        numbers[index, UPRIGHT:] = np.linalg.inv(lens.tilt).ravel()
+        numbers[index, UPRIGHT:] = lens.upright.ravel()
         with np.errstate(all="ignore"):  # a model may end at a pole
             tables[index] = lens.table[0], np.tan(lens.table[1])
     return Lenses(models, numbers, tables)

@@ -9,7 +9,7 @@ from typing import TypeVar
 
 from e3pose.base.errors import InputError
 from e3pose.model.camera import Rig
-from e3pose.model.camera_fields import check_camera_id
+from e3pose.model.camera_fields import check_camera_id, safe_id
 from e3pose.recording.videos import chapters_of
 
 
@@ -30,7 +30,7 @@ def name_videos(videos: Sequence[Path | str]) -> dict[str, Path]:
         camera_id, equals, path = str(video).partition("=")
         if not equals or Path(video).exists():
             stem = chapters_of(Path(video))[0].stem
-            camera_id, path = re.sub(r"[^A-Za-z0-9_.-]", "_", stem)[:64], str(video)
+            camera_id, path = safe_id(stem), str(video)
         check_camera_id(camera_id)
         if camera_id in named and not equals:
             raise InputError(
@@ -66,7 +66,7 @@ def pair_videos(videos: Sequence[Path | str], rig: Rig) -> dict[str, Path]:
         if not equals or Path(video).exists():
             rest.append(Path(video))
             continue
-        rig.index(camera_id)
+        camera_id = rig.camera_ids[rig.index(safe_id(camera_id))]
         paired[camera_id] = _with_chapter(paired.get(camera_id), path)
     free = [camera_id for camera_id in rig.camera_ids if camera_id not in paired]
     pairs = _by_name({path: chapters_of(path)[0].stem for path in rest}, free)
@@ -97,6 +97,7 @@ def pair_names(
     Raises:
         InputError: listing both sides, when names and cameras are left over.
     """
+    given = {name if name in camera_ids else safe_id(name): made for name, made in given.items()}
     for camera_id, name in given.items():
         if camera_id not in camera_ids:
             raise InputError(
@@ -141,7 +142,10 @@ def _by_name(stems: Mapping[Named, str], camera_ids: Sequence[str]) -> dict[str,
         left = [(thing, stem) for thing, stem in stems.items() if thing not in pairs.values()]
         free = [name for name in camera_ids if name not in pairs]
         fitting = [
-            (thing, c) for thing, stem in left for c in free if rule(stem.lower(), c.lower())
+            (thing, c)
+            for thing, stem in left
+            for c in free
+            if rule(safe_id(stem).lower(), c.lower())
         ]
         for thing, camera_id in fitting:
             if (

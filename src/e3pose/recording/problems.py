@@ -15,7 +15,7 @@ from e3pose.base.quantities import plural, shell
 from e3pose.model.camera import Camera
 from e3pose.model.pose import Poses2D
 from e3pose.recording.calibration.world import world_problem
-from e3pose.recording.record import Recording, ViewSeries
+from e3pose.recording.record import Recording, ViewSeries, with_places
 from e3pose.recording.videos import VIDEOS, chapters_of
 
 SAMPLED_SLOTS = 60
@@ -155,6 +155,11 @@ def find_problems(
         problems += _time_problems(camera.camera_id, series, recording)
         problems += _keypoint_problems(camera, series)
     problems += _copied_views(recording)
+    for name in recording.rig.unplaced:
+        where = "has no place, so replay leaves it out; to place all cameras by people: e3pose "
+        command = f"calibrate extrinsics {shell(folder or recording.name)} rig.toml --update"
+        problems.append(Problem("not-placed", name, where + command))
+    recording = with_places(recording)
     if recording.rig.placed:
         problems += _rig_problems(recording, rotations)
         problems += _consistency_problems(recording)

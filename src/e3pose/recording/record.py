@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import PurePath
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -276,3 +277,24 @@ def _check_video(camera_id: str, name: str) -> None:
             f"recording: videos.{camera_id}: found {name[:80]!r}, expected the name of a file in "
             "the videos folder or an absolute path"
         )
+
+
+def of_cameras(recording: Recording, camera_ids: Sequence[str]) -> Recording:
+    """Return the recording as if there were only some of its cameras, in the order of the rig."""
+    rows = [row for row, name in enumerate(recording.rig.camera_ids) if name in camera_ids]
+    by_camera: dict[str, Any] = {
+        item: {k: v for k, v in getattr(recording, item).items() if k in camera_ids}
+        for item in ("videos", "battery_wh", "dies_at_s", "processor")
+    }
+    views = tuple(recording.views[row] for row in rows)
+    return replace(recording, rig=recording.rig.subset(rows), views=views, **by_camera)
+
+
+def with_places(recording: Recording) -> Recording:
+    """Return the recording without the cameras that have no place, where others have one."""
+    rig = recording.rig
+    return (
+        of_cameras(recording, [rig.camera_ids[i] for i in rig.placed_ones])
+        if rig.unplaced
+        else recording
+    )

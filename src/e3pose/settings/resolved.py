@@ -141,6 +141,8 @@ def resolve(site: SiteTable, placed: bool = True) -> ResolvedSite:
     rig, turned = (None, {}) if known is None else (known.rig, known.rotations)
     if placed and (rig is None or not rig.placed):
         found = "no " if rig is None else "lenses without places in "
+        if rig is not None and rig.unplaced:
+            found = f"no place of {', '.join(rig.unplaced)[:300]} in "
         wanted = f"one: {calibrate_advice(site)}"
         raise InputError("calibration", f"{found}{site.calibration}", wanted, str(site.path))
     if rig is None and not named:

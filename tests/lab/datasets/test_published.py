@@ -163,9 +163,9 @@ def test_cameras_of_voxelpose_are_read_where_there_are_no_matrices(tmp_path: Pat
 @each_case(
     ("changes", "words"),
     [
-        ({"R": [[1.0]]}, r"camera 1: R: found 1 values, expected 9"),
-        ({"T": [[1], [2], [float("nan")]]}, r"camera 1: T: found 3 values, expected 3 numbers"),
-        ({"fx": "wide"}, r"found ValueError .* expected cameras 0 to 2 with R, T, fx"),
+        ({"R": [[1.0]]}, r"camera 1: R: found numbers of shape \(1, 1\), expected \(3, 3\)"),
+        ({"T": [[1], [2], [float("nan")]]}, r"camera 1: T: found a value that is not finite"),
+        ({"fx": "wide"}, r"camera 1: fx: found 'wide', expected a number"),
         ({"R": np.zeros((3, 3)).tolist()}, r"camera 1: "),
     ],
 )

@@ -16,6 +16,7 @@ from e3pose.base.errors import InputError
 from e3pose.model.camera import Camera, Rig
 from e3pose.recording.calibration import FORMATS, load_calibration, load_rig, save_rig
 from e3pose.recording.calibration.easymocap import guess_size
+from e3pose.recording.calibration.world import world_problem
 
 NAMES = ["anipose", "pose2sim", "caliscope", "qualisys", "panoptic", "easymocap", "opencv"]
 
@@ -80,12 +81,14 @@ def test_easymocap_rotation_vector_serves_when_the_matrix_is_absent(
         ((533.0, 948.1), (1080, 1920)),
         ((1019.0, 1041.0), (2048, 2048)),
         ((300.0, 300.0), (600, 600)),
+        ((516.0, 388.0), (1032, 776)),
     ],
 )
 def test_size_follows_from_the_principal_point(
     center: tuple[float, float], size: tuple[int, int]
 ) -> None:
-    assert guess_size(*center) == size
+    notes: list[str] = []
+    assert guess_size(*center, "a", notes) == size and "no image size" in notes[0]
 
 
 def test_opencv_folder_has_a_camera_a_file(tmp_path: Path, files: Any) -> None:
@@ -336,13 +339,63 @@ def test_what_tools_leave_in_a_file_is_passed_over(tmp_path: Path, files: Any) -
             load_rig(files.write("anipose", tmp_path, odd))
 
 
-def test_camera_of_caliscope_without_a_place_is_left_out(tmp_path: Path, files: Any) -> None:
-    path = files.write("caliscope", tmp_path)
-    text = path.read_text()
-    last = text.rindex("[cam")
-    lines = [
-        line for line in text[last:].splitlines() if not line.startswith(("rotation =", "tra"))
-    ]
-    path.write_text(text[:last] + "\n".join(lines) + "\n")
+@each_case("form", ["caliscope", "anipose", "json"])
+def test_cameras_without_a_place_are_kept_unplaced(tmp_path: Path, files: Any, form: str) -> None:
+    if form == "json":
+        rows = [
+            {"name": c.name, "K": c.K.tolist(), "DC": c.distortion.tolist(), "R": c.R.tolist(),
+             "T": c.t.tolist(), "width": c.size[0], "height": c.size[1]} for c in files.known
+        ]  # fmt: skip
+        del rows[2]["R"], rows[2]["T"]
+        path = tmp_path / "rig.json"
+        path.write_text(json.dumps(rows))
+    else:
+        path = files.write(form, tmp_path)
+        text = path.read_text()
+        last = text.rindex("[cam")
+        lines = [
+            line for line in text[last:].splitlines() if not line.startswith(("rotation =", "tra"))
+        ]
+        path.write_text(text[:last] + "\n".join(lines) + "\n")
+    rig = load_rig(path)
+    save_rig(rig, tmp_path / "again.toml")
+    for read in (rig, load_rig(tmp_path / "again.toml")):
+        assert (len(read), read.placed, read.unplaced) == (3, False, (read.camera_ids[2],))
+        assert read.subset([0, 1]).placed and not read.subset([2]).placed
+    world = world_problem(rig.subset(rig.placed_ones))
+    assert world == world_problem(load_rig(files.write("caliscope", tmp_path)).subset([0, 1]))
+
+
+def test_cameras_of_voxelpose_are_read(tmp_path: Path, files: Any) -> None:
+    cameras = {
+        str(number): {
+            "R": c.R.tolist(), "T": (-1000 * c.R.T @ c.t)[:, None].tolist(),
+            "fx": c.K[0, 0], "fy": c.K[1, 1], "cx": c.K[0, 2], "cy": c.K[1, 2],
+            "k": [[c.distortion[0]], [c.distortion[1]], [c.distortion[4]]],
+            "p": c.distortion[2:4, None].tolist(),
+        }
+        for number, c in enumerate(files.known)
+    }  # fmt: skip
+    path = tmp_path / "calibration_room.json"
+    path.write_text(json.dumps(cameras))
     known = load_calibration(path)
-    assert len(known.rig) == 2 and "is left out: it has no place yet" in known.notes[-1]
+    assert "the file says no image size" in known.notes[0]
+    for camera, true in zip(known.rig.cameras, files.known, strict=True):
+        np.testing.assert_allclose(camera.R, true.R, atol=1e-12)
+        np.testing.assert_allclose(camera.t, true.t, atol=1e-9)
+        np.testing.assert_allclose(camera.distortion, true.distortion)
+
+
+def test_names_are_kept_as_titles_beside_safe_ids(tmp_path: Path, files: Any) -> None:
+    path = files.write("anipose", tmp_path, files.with_second(name="Küche 1\t"))
+    rig = load_rig(path)
+    save_rig(rig, tmp_path / "again.toml")
+    for read in (rig, load_rig(tmp_path / "again.toml")):
+        assert read.titles == {**{c: c for c in rig.camera_ids}, "Kuche_1": "Küche 1"}
+    names = ("Cam_1", "Cam 1", "日本", "中国")
+    known = replace(files.known[0], name="a")
+    path = files.write(
+        "anipose", tmp_path, [replace(known, name=n, t=known.t + i) for i, n in enumerate(names)]
+    )
+    notes = load_calibration(path).notes
+    assert load_rig(path).camera_ids == ("Cam_1", "Cam_1_2", "cam", "cam_2"), notes

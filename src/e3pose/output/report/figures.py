@@ -120,13 +120,13 @@ def _state_words(scene: Mapping[str, Any]) -> list[list[str]]:
     ]
 
 
-def energy_bars(energy: Energy, cameras: Sequence[str]) -> dict[str, Any]:
-    """Draw joules spent per camera against always awake."""
+def energy_bars(energy: Energy, cameras: Mapping[str, str]) -> dict[str, Any]:
+    """Draw joules spent per camera, titles by id, against always awake."""
     each = [energy.cameras[camera] for camera in cameras]
     spent = [one.energy_j for one in each]
     full = [one.energy_j * one.active_watts / one.mean_watts for one in each]
     saved = [100 * (1 - one.mean_watts / one.active_watts) for one in each]
-    names = [_short(camera) for camera in cameras]
+    names = [_short(title) for title in cameras.values()]
     bars = [
         {
             "type": "bar", "orientation": "h", "y": names, "x": full, "name": "always active",

@@ -150,12 +150,12 @@ def _charts(
 ) -> dict[str, Any]:
     if not records:
         return {}
-    cameras = recording.rig.camera_ids
+    cameras = recording.rig.titles
     shares = duty(records, len(cameras)).tolist()
     charts = {
         "strips": figures.strips(drawn),
         "energy": summary.energy and figures.energy_bars(summary.energy, cameras),
-        "duty": figures.duty_bars(shares, budget(summary, len(cameras)), cameras),
+        "duty": figures.duty_bars(shares, budget(summary, len(cameras)), [*cameras.values()]),
     }
     return {name: chart for name, chart in charts.items() if chart is not None}
 
@@ -182,7 +182,7 @@ def _settings(
     recording: Recording, summary: Summary, lead: str | None, details: Mapping[str, str]
 ) -> str:
     rows: dict[str, Any] = {
-        "cameras": ", ".join(recording.rig.camera_ids),
+        "cameras": ", ".join(recording.rig.titles.values()),
         "slots per second": f"{recording.fps:g}",
         "skeleton": recording.skeleton.name,
     }
@@ -276,7 +276,7 @@ def film(
         return {"why": str(error.elsewhere())}
     except ModuleNotFoundError as error:
         return {"why": f"{error.name} is not installed: pip install 'e3pose[camera]'"}
-    return {"cameras": chosen, "at": at, "jpeg": pictures}
+    return {"cameras": [recording.rig.titles[name] for name in chosen], "at": at, "jpeg": pictures}
 
 
 def _pictures(

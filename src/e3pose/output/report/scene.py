@@ -66,7 +66,7 @@ def scene(recording: Recording, records: Sequence[SlotRecord]) -> dict[str, Any]
         "people": [_people(record, number) for record in shown],
         "truth": [_truth(recording.truth, record.slot) for record in shown],
         "truthLimbs": [list(i) for i in recording.truth.skeleton.limbs] if recording.truth else [],
-        "cameras": list(recording.rig.camera_ids),
+        "cameras": list(recording.rig.titles.values()),
         "frustums": [millimetres(frustum(camera, size_m)) for camera in recording.rig.cameras],
         "low": millimetres(low),
         "high": millimetres(high),

@@ -13,6 +13,7 @@ from typing import Any
 
 from e3pose.base.errors import InputError
 from e3pose.model.camera import Rig
+from e3pose.model.camera_fields import safe_id
 from e3pose.recording.calibration import anipose, fields
 
 QUARTERS = 4
@@ -38,19 +39,10 @@ def read(path: Path, tables: Mapping[str, Any], notes: list[str]) -> Rig:
     Raises:
         InputError: for a field that is missing or wrong.
     """
-    metadata = fields.table(tables.get("metadata", {}), f"{path}: metadata")
-    metres_per_unit = 1.0
-    if "units" in metadata:
-        metres_per_unit = fields.units_of(metadata["units"], f"{path}: metadata")
-    cameras = []
-    for shown, named, camera in _cameras(path, tables):
+    entries = [*_cameras(path, tables)]
+    for shown, _, camera in entries:
         _degrees(camera, f"{path}: camera {shown}")
-        name = fields.safe_id(named, notes)
-        if "rotation" not in camera and "translation" not in camera:
-            notes.append(f"camera {name} is left out: it has no place yet")
-            continue
-        cameras.append(anipose.read_camera(path, shown, name, camera, metres_per_unit))
-    return fields.make_rig(path, cameras, None if "units" in metadata else "metres")
+    return anipose.read_cameras(path, entries, tables.get("metadata", {}), notes)
 
 
 def rotations(path: Path, tables: Mapping[str, Any]) -> dict[str, int]:
@@ -67,7 +59,7 @@ def rotations(path: Path, tables: Mapping[str, Any]) -> dict[str, int]:
         InputError: for a field that is wrong.
     """
     found = {
-        fields.safe_id(name, []): _degrees(camera, f"{path}: camera {shown}")
+        safe_id(name): _degrees(camera, f"{path}: camera {shown}")
         for shown, name, camera in _cameras(path, tables)
     }
     return {name: degrees for name, degrees in found.items() if degrees}

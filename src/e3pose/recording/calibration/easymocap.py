@@ -11,6 +11,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
 from e3pose.model.camera import Camera, Rig
@@ -18,8 +20,9 @@ from e3pose.recording.calibration import fields
 from e3pose.recording.calibration.nodes import load_nodes
 
 USUAL_SIZES = (
-    (640, 480), (800, 600), (1024, 768), (1280, 720), (1280, 960), (1280, 1024), (1440, 1080),
-    (1920, 1080), (1920, 1200), (2048, 2048), (2560, 1440), (2704, 1520), (3840, 2160),
+    (360, 288), (640, 480), (800, 600), (1024, 768), (1032, 776), (1280, 720), (1280, 960),
+    (1280, 1024), (1440, 1080), (1920, 1080), (1920, 1200), (2048, 2048), (2560, 1440),
+    (2704, 1520), (3840, 2160),
 )  # fmt: skip
 SIZE_TOLERANCE = 0.05  # of a side: how far a principal point may lie from twice the middle
 
@@ -42,7 +45,7 @@ def load(path: Path, notes: list[str]) -> Rig:
         _camera((intrinsics_path, intrinsics), (extrinsics_path, extrinsics), name, notes)
         for name in names
     ]
-    return fields.make_rig(folder, cameras, "metres")
+    return fields.make_rig(folder, cameras, "metres", notes)
 
 
 def _camera(
@@ -62,18 +65,14 @@ def _camera(
     if f"H_{name}" in intrinsics[1] or f"W_{name}" in intrinsics[1]:
         size = (float(numbers(intrinsics, "W", ())), float(numbers(intrinsics, "H", ())))
     else:
-        size = guess_size(float(K[0, 2]), float(K[1, 2]))
-        notes.append(
-            f"camera {shown}: the file says no image size, taken for {size[0]:g} x {size[1]:g} "
-            "by its principal point"
-        )
+        size = guess_size(float(K[0, 2]), float(K[1, 2]), shown, notes)
     if f"Rot_{name}" in extrinsics[1]:
         rotation = numbers(extrinsics, "Rot", (3, 3))
     else:
         rotation = numbers(extrinsics, "R", (3,), (3, 3))
     return fields.make_camera(
         intrinsics[0].parent,
-        fields.safe_id(name, notes),
+        name,
         size,
         K,
         rotation,
@@ -82,13 +81,24 @@ def _camera(
     )
 
 
-def guess_size(center_u: float, center_v: float) -> tuple[float, float]:
-    """Return the usual image size with its middle near the principal point, else twice that."""
-    wanted = (2 * center_u, 2 * center_v)
-    for width, height in (*USUAL_SIZES, *((h, w) for w, h in USUAL_SIZES)):
-        if (
-            abs(wanted[0] - width) <= SIZE_TOLERANCE * width
-            and abs(wanted[1] - height) <= SIZE_TOLERANCE * height
-        ):
-            return (float(width), float(height))
-    return (float(round(wanted[0])), float(round(wanted[1])))
+def guess_size(
+    center_u: float, center_v: float, name: str, notes: list[str]
+) -> tuple[float, float]:
+    """Return the usual image size with its middle near the principal point, else twice that.
+
+    Args:
+        center_u: x of the principal point, pixels.
+        center_v: its y.
+        name: of the camera.
+        notes: take that the size is a guess.
+    """
+    wanted = np.array([2 * center_u, 2 * center_v])
+    sizes = np.array([*USUAL_SIZES, *((h, w) for w, h in USUAL_SIZES)], dtype=np.float64)
+    off = (np.abs(wanted - sizes) / sizes).max(axis=1)
+    nearest = sizes[off.argmin()] if off.min() <= SIZE_TOLERANCE else wanted.round()
+    width, height = nearest.tolist()
+    notes.append(
+        f"camera {name}: the file says no image size, taken for {width:g} x {height:g} by its "
+        "principal point"
+    )
+    return width, height

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-import re
-import unicodedata
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +15,7 @@ from e3pose.base.arrays import Floats
 from e3pose.base.bounded import read_bytes
 from e3pose.base.errors import InputError
 from e3pose.model.camera import Camera, Rig
+from e3pose.model.camera_fields import safe_id
 from e3pose.model.distortion import LENGTHS
 from e3pose.model.rotations import rotation_of
 
@@ -109,19 +109,9 @@ def name_of(value: object) -> str:
     return value if isinstance(value, str) else _shown(value)
 
 
-def safe_id(name: str, notes: list[str]) -> str:
-    """Return the camera id of a name such as `Cam 1` or `Küche`, which other tools allow.
-
-    Args:
-        name: of the camera in a file.
-        notes: take what a user should know of it.
-    """
-    plain = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode()
-    safe = re.sub(r"[^A-Za-z0-9_.-]+", "_", plain.strip())[:64].lstrip("-.")
-    if not safe.strip("_") or safe == name:
-        return name  # nothing of it is left, so that `Camera` refuses it
-    notes.append(f"camera {name[:64]!r} is called {safe}")
-    return safe
+def shown_title(name: str) -> str:
+    """Return a name as people read it: one line, at most 64 characters."""
+    return "".join(char for char in name if char.isprintable()).strip()[:64]
 
 
 def units_of(value: object, where: str) -> float:
@@ -161,22 +151,25 @@ def make_camera(
     translation_m: Floats,
     distortion: Floats,
     fisheye: bool = False,
+    title: str = "",
 ) -> Camera:
     """Make a camera from a file's fields.
 
     Args:
         path: the file, for errors.
-        name: id of the camera.
+        name: of the camera in the file, from which its id is made.
         image_size: `(2,)` width and height, pixels.
         K: `(3, 3)` intrinsics, pixels.
         rotation: `(3, 3)` world to camera.
         translation_m: `(3,)` world to camera, metres.
         distortion: OpenCV coefficients of the lens model.
         fisheye: whether they are those of OpenCV's fisheye model.
+        title: what people call it; its name in the file where that is no id.
 
     Raises:
         InputError: naming file, camera and field.
     """
+    camera_id = safe_id(name)
     width, height = np.asarray(image_size, dtype=np.float64)
     if not fisheye and len(distortion) in LENGTHS[4:]:  # OpenCV pads with zeros
         distortion = distortion[: next(n for n in LENGTHS[3:] if not distortion[n:].any())]
@@ -186,8 +179,8 @@ def make_camera(
                 f"camera {name[:80]}: image size: found ({width:g}, {height:g}), "
                 "expected whole pixels"
             )
-        return Camera.from_world_to_camera(
-            name,
+        camera = Camera.from_world_to_camera(
+            camera_id,
             (int(width), int(height)),
             K,
             rotation_matrix(rotation),
@@ -195,11 +188,18 @@ def make_camera(
             distortion,
             fisheye,
         )
+        return replace(camera, title=title or ("" if camera_id == name else shown_title(name)))
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
 
 
-def make_rig(path: Path, cameras: Sequence[Camera], assumed_units: str | None) -> Rig:
+def make_rig(
+    path: Path,
+    cameras: Sequence[Camera],
+    assumed_units: str | None,
+    notes: list[str],
+    unplaced: Sequence[int] = (),
+) -> Rig:
     """Make the rig of a file.
 
     Args:
@@ -207,6 +207,8 @@ def make_rig(path: Path, cameras: Sequence[Camera], assumed_units: str | None) -
         cameras: as read, in metres.
         assumed_units: what the lengths were taken for, checked for plausibility; None if the file
             states its units, which is trusted.
+        notes: take which id a camera has whose name is none.
+        unplaced: indices of cameras whose lens the file has, and no place.
 
     Raises:
         InputError: for no camera, too many, two of one name, or implausible distances.
@@ -215,23 +217,36 @@ def make_rig(path: Path, cameras: Sequence[Camera], assumed_units: str | None) -
         raise InputError(f"{path}: found {len(cameras)} cameras, expected at most {MAX_CAMERAS}")
     if not cameras:
         raise InputError(f"{path}: found no camera, expected at least one")
+    named: dict[str, Camera] = {}
+    for camera in cameras:
+        camera_id, number = camera.camera_id, 2
+        while camera.title and camera_id in named:  # cleaned names may meet
+            camera_id, number = f"{camera.camera_id[:60]}_{number}", number + 1
+        if camera.title:
+            notes.append(f"camera {camera.title!r} is called {camera_id}")
+        if camera_id in named:
+            raise InputError(f"{path}: camera id {camera_id!r} appears twice, expected unique ids")
+        named[camera_id] = replace(camera, camera_id=camera_id)
+    lost = tuple(list(named)[index] for index in unplaced)
     try:
-        rig = Rig(tuple(cameras))
+        rig = Rig(tuple(named.values()), len(lost) < len(cameras), lost)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
     if assumed_units is not None:
-        extent = float(np.linalg.norm(rig.centers_m - rig.centers_m[0], axis=1).max())
+        own = rig.placed_ones or [0]
+        apart_m = np.linalg.norm(rig.centers_m[own] - rig.centers_m[own[0]], axis=1)
+        extent = float(apart_m.max())
         if extent > PLAUSIBLE_M:
-            farthest = int(np.argmax(np.linalg.norm(rig.centers_m - rig.centers_m[0], axis=1)))
+            farthest = rig.camera_ids[own[int(apart_m.argmax())]]
             raise InputError(
-                f"{path}: camera {rig.camera_ids[farthest]}: translation: found cameras "
-                f"{extent:.4g} m apart when lengths are read as {assumed_units}, expected at most "
-                f"{PLAUSIBLE_M:g} m; are they millimetres or centimetres? "
+                f"{path}: camera {farthest}: translation: found cameras {extent:.4g} m apart when "
+                f"lengths are read as {assumed_units}, expected at most {PLAUSIBLE_M:g} m; are "
+                "they millimetres or centimetres? "
                 '(a TOML file can say so: [metadata] units = "mm")'
             )
-        if len(rig) > 1 and extent < 0.01:
+        if len(own) > 1 and extent < 0.01:
             raise InputError(
-                f"{path}: camera {rig.camera_ids[1]}: translation: found all cameras within "
+                f"{path}: camera {rig.camera_ids[own[1]]}: translation: found all cameras within "
                 f"{extent * 1000:.2g} mm when lengths are read as {assumed_units}, "
                 "expected at least 10 mm; is the file in other units, or not yet calibrated?"
             )

@@ -1,8 +1,9 @@
-"""Calibration files of named fields: OpenCV's FileStorage (YAML), JSON, Kalibr and multical.
+"""Calibration files of named fields: OpenCV's YAML, JSON, Kalibr, multical, VoxelPose.
 
 One camera a file, named by `camera_name` or else by the file; or one file with a `cameras` list or
 table of such cameras, or a list of them alone; or a folder of files. Kalibr's chain places each
 camera against the one before it. `FIELDS` has the accepted names; the first that is there counts.
+A camera of JSON with neither rotation nor translation is kept unplaced.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import numpy as np
 from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
 from e3pose.model.camera import Camera, Rig
-from e3pose.recording.calibration import fields, panoptic
+from e3pose.recording.calibration import easymocap, fields, panoptic
 from e3pose.recording.calibration.nodes import parse
 
 FIELDS: Mapping[str, tuple[str, ...]] = {
@@ -36,6 +37,7 @@ FIELDS: Mapping[str, tuple[str, ...]] = {
     "fisheye": ("fisheye", "fisheye_model"),
     "units": ("units",),
 }  # fmt: skip
+VOXELPOSE = {"R", "T", "fx", "fy", "cx", "cy", "k", "p"}  # T is a centre, in millimetres
 FISHEYE_MODELS = ("fisheye", "equidistant", "kannala_brandt")
 PINHOLE_MODELS = ("plumb_bob", "rational_polynomial", "pinhole", "none", "radtan", "standard")
 
@@ -53,20 +55,26 @@ def load(path: Path, notes: list[str]) -> Rig:
             raise InputError(
                 f"{path}: found {len(files)} YAML files, expected 1 to {fields.MAX_CAMERAS}"
             )
-    cameras, assumed = [], False
+    cameras, unplaced, assumed = list[Camera](), list[int](), False
     for file in files:
         text = fields.read_text(file)
-        nodes = panoptic.parse(file, text) if text.lstrip()[:1] in "[{" else parse(file, text)
-        common, entries = _entries(file, nodes)
+        is_json = text.lstrip()[:1] in "[{"  # and so not cut short
+        nodes = panoptic.parse(file, text) if is_json else parse(file, text)
+        common, entries = _entries(file, nodes, notes)
         for index, (default, entry) in enumerate(entries):
             where = f"{file}: camera number {index + 1}"
             camera = {**common, **fields.table(entry, where)}
             assumed |= "units" not in camera
+            if is_json and not {*FIELDS["rotation"], *FIELDS["translation"]} & camera.keys():
+                unplaced.append(len(cameras))
+                camera |= {"R": np.eye(3).tolist(), "T": [0.0] * 3}
             cameras.append(_camera(file, where, camera, default, notes))
-    return fields.make_rig(path, cameras, "metres" if assumed else None)
+    return fields.make_rig(path, cameras, "metres" if assumed else None, notes, unplaced)
 
 
-def _entries(file: Path, nodes: Any) -> tuple[dict[str, Any], list[tuple[str | None, Any]]]:
+def _entries(
+    file: Path, nodes: Any, notes: list[str]
+) -> tuple[dict[str, Any], list[tuple[str | None, Any]]]:
     """Return what all cameras of a file share, and each with its name, where that is a key."""
     if isinstance(nodes, list):
         return {}, [(None, entry) for entry in nodes]
@@ -86,6 +94,8 @@ def _entries(file: Path, nodes: Any) -> tuple[dict[str, Any], list[tuple[str | N
         raise InputError(f"{file}: cameras: found something else, expected a list")
     if "cam0" in cameras and "intrinsics" in fields.table(cameras["cam0"], f"{file}: cam0"):
         return common, [*_kalibr(file, cameras)]
+    if cameras and all(isinstance(e, Mapping) and {*e} >= VOXELPOSE for e in cameras.values()):
+        return common, [(name, _voxelpose(file, name, e, notes)) for name, e in cameras.items()]
     if cameras is nodes and not all(isinstance(entry, Mapping) for entry in nodes.values()):
         return common, [(file.stem, nodes)]
     matrices = {"data", "rows", "cols", "dt"}  # fields of one camera, not cameras
@@ -115,6 +125,29 @@ def _kalibr(file: Path, nodes: Mapping[str, Any]) -> Iterator[tuple[str, dict[st
                 "T": T_camera_world[:3, 3].tolist(),
             },
         )
+
+
+def _voxelpose(
+    file: Path, name: str, camera: Mapping[str, Any], notes: list[str]
+) -> dict[str, Any]:
+    """Return the fields of a camera of VoxelPose, which has no image size."""
+    where = f"{file}: camera {name[:80]}"
+
+    def numbers(key: str, *shape: int) -> Floats:
+        return fields.numbers(camera[key], [shape], f"{where}: {key}")
+
+    fx, fy, cx, cy = (float(numbers(key)) for key in ("fx", "fy", "cx", "cy"))
+    k, p, R = numbers("k", 3), numbers("p", 2), numbers("R", 3, 3)
+    size = camera.get("size")
+    if size is None:
+        size = easymocap.guess_size(cx, cy, name, notes)
+    return {
+        "K": [[fx, 0, cx], [0, fy, cy], [0, 0, 1]],
+        "dist": [*k[:2].tolist(), *p.tolist(), float(k[2])],
+        "R": R.tolist(),
+        "T": (-R @ numbers("T", 3) / 1000).tolist(),
+        "size": list(size),
+    }
 
 
 def _camera(
@@ -150,7 +183,7 @@ def _camera(
         size = numbers("size", (2,))
     return fields.make_camera(
         path,
-        fields.safe_id(name, notes),
+        name,
         size,
         numbers("matrix", (3, 3)),
         numbers("rotation", (3, 3), (3,)),

@@ -32,7 +32,7 @@ def load(path: Path, notes: list[str]) -> Rig:
     if len(entries) > fields.MAX_CAMERAS:
         raise InputError(f"{path}: found {len(entries)} cameras")
     cameras = [_camera(path, index, entry, notes) for index, entry in enumerate(entries)]
-    return fields.make_rig(path, cameras, "centimetres")
+    return fields.make_rig(path, cameras, "centimetres", notes)
 
 
 def _camera(path: Path, index: int, entry: object, notes: list[str]) -> Camera:
@@ -47,7 +47,7 @@ def _camera(path: Path, index: int, entry: object, notes: list[str]) -> Camera:
         rotation = numbers("R", (3, 3)) @ WORLD_FROM_PANOPTIC.T
     return fields.make_camera(
         path,
-        fields.safe_id(name, notes),
+        name,
         numbers("resolution", (2,)),
         numbers("K", (3, 3)),
         rotation,

@@ -29,7 +29,7 @@ def load(path: Path, notes: list[str]) -> Rig:
     entries = [e for e in root.findall("cameras/camera") if e.get("active", "1") == "1"]
     videos = [e for e in entries if _films(e)]
     cameras = [_camera(path, index, entry, notes) for index, entry in enumerate(videos or entries)]
-    return fields.make_rig(path, cameras, "millimetres")
+    return fields.make_rig(path, cameras, "millimetres", notes)
 
 
 def _films(entry: ElementTree.Element) -> bool:
@@ -83,7 +83,6 @@ def _camera(path: Path, index: int, entry: ElementTree.Element, notes: list[str]
     distortion = np.array([k1, k2, p1, p2, k3])
     with np.errstate(all="ignore"):
         translation_m = -rotation @ center_m
-    name = fields.safe_id(name, notes)
     return fields.make_camera(path, name, size, K, rotation, translation_m, distortion)
 
 

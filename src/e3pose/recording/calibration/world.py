@@ -44,8 +44,9 @@ def require_placed(rig: Rig, where: object) -> None:
         where: the file or recording that they are from.
     """
     if not rig.placed:
+        which = f"camera {', '.join(rig.unplaced)} stands" if rig.unplaced else "the cameras stand"
         raise InputError(
-            f"{where}: it is not known where the cameras stand, expected a calibration: "
+            f"{where}: it is not known where {which}, expected a calibration: "
             f"e3pose calibrate extrinsics {shell(where)} rig.toml "
             "(docs/how-to/calibrate-cameras.md)"
         )
