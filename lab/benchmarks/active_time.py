@@ -29,15 +29,16 @@ import sys
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 from unittest.mock import patch
 
 import numpy as np
 
-from e3pose.camera.base import LiveDetector, LiveFrame, LiveSource
-from e3pose.camera.live_source import make_source
+from e3pose.camera.base import LiveFrame, LiveSource
+from e3pose.camera.live_source import RecordedSource, make_source
 from e3pose.cli.app import main as e3pose
 from e3pose.energy.activity import ModeClock
 from e3pose.energy.meters.base import Reading
@@ -45,6 +46,7 @@ from e3pose.energy.meters.sampler import PowerSampler
 from e3pose.energy.profiles import load_profile
 from e3pose.energy.site_energy import new_camera, observe, slot_cost
 from e3pose.model.pose import Poses2D
+from e3pose.model.skeleton import COCO17, Skeleton
 from e3pose.site import camera_program
 from e3pose.site.up import Program
 from e3pose.wire.messages import Heartbeat
@@ -63,14 +65,14 @@ HEIGHT, WIDTH = 180, 320
 class Network:
     """A network that takes a part of a slot, and notes when it runs."""
 
-    inner: LiveDetector
     look_s: float
     begun_ns: list[int] = field(default_factory=list)
+    skeleton: Skeleton = COCO17
 
-    def detect(self, image: Any) -> Poses2D:
+    def detect(self, image: object, found: Poses2D | None = None) -> Poses2D:
         self.begun_ns.append(time.monotonic_ns())
         time.sleep(self.look_s)
-        return Poses2D.empty(17) if isinstance(image, np.ndarray) else self.inner.detect(image)
+        return Poses2D.empty(17) if found is None else found
 
 
 @dataclass
@@ -109,6 +111,21 @@ class Sampler(PowerSampler):
         return fields
 
 
+class Looked(RecordedSource):
+    """A recording whose keypoints a network takes its time for."""
+
+    network: Network
+
+    def read(self) -> LiveFrame | None:
+        frame = super().read()
+        if frame is None or frame.poses is None:
+            return frame
+        return replace(frame, poses=partial(self._found, frame.poses))
+
+    def _found(self, poses: Callable[[], Poses2D]) -> Poses2D:
+        return self.network.detect(None, poses())
+
+
 @dataclass
 class Pictures:
     """A source that shows pictures, which stay the same for two seconds of three."""
@@ -138,12 +155,11 @@ class Pictures:
 def run_camera(log: str, slot_s: str, look: str, pictures: str, *words: str) -> None:
     """Run `e3pose camera` with an exact meter and, if `pictures` is `yes`, with pictures."""
     networks: list[Network] = []
-    detector_of, look_s = camera_program._detector, float(look) * float(slot_s)
+    look_s = float(look) * float(slot_s)
 
-    def network(node: Any, source: Any) -> tuple[LiveDetector, tuple[str, ...], str]:
-        finds, joints, name = detector_of(node, getattr(source, "inner", source))
-        networks.append(Network(finds, look_s))
-        return networks[-1], joints, name
+    def network(node: object = None) -> Network:
+        networks.append(Network(look_s))
+        return networks[-1]
 
     def sampler(_profile: object, modes: ModeClock, *_: object) -> PowerSampler:
         meter = ExactMeter(networks, float(slot_s), look_s)
@@ -153,7 +169,11 @@ def run_camera(log: str, slot_s: str, look: str, pictures: str, *words: str) -> 
 
     def source(*arguments: Any) -> LiveSource:
         made = make_source(*arguments)
-        return Pictures(made) if pictures == "yes" else made
+        if pictures == "yes" or not isinstance(made, RecordedSource):
+            return Pictures(made)
+        made.__class__ = Looked
+        cast(Looked, made).network = network()
+        return made
 
     with (
         patch.object(camera_program, "_detector", network),

@@ -15,7 +15,7 @@ from attack_inputs import Result
 from e3pose.base.clock import WallClock
 from e3pose.camera.base import NodeSettings
 from e3pose.camera.live import CameraNode
-from e3pose.camera.live_source import RecordedDetector, RecordedSource
+from e3pose.camera.live_source import RecordedSource
 from e3pose.camera.pictures import Pictures
 from e3pose.edge.camera_state import NEAR_S
 from e3pose.edge.inbox import BEAT_S
@@ -151,9 +151,7 @@ def liars(site: Site, camera_ids: list[str]) -> Iterator[list[LyingTransport]]:
         settings = NodeSettings("bench", camera_id, recording.skeleton.joints)
         source = RecordedSource(recording, camera_id, clock)
         pictures = Pictures(camera_id, clock)
-        nodes.append(
-            CameraNode(settings, source, RecordedDetector(), transport, clock, pictures=pictures)
-        )
+        nodes.append(CameraNode(settings, source, None, transport, clock, pictures=pictures))
         transports.append(transport)
     for node in nodes:
         node.start()

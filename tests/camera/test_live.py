@@ -22,9 +22,15 @@ from e3pose.base.errors import InputError
 from e3pose.camera import live
 from e3pose.camera.base import LiveFrame
 from e3pose.camera.live import CameraNode, NodeSettings, Repeats
-from e3pose.camera.live_source import RecordedDetector, StreamSource
+from e3pose.camera.live_source import StreamSource
 from e3pose.camera.schedule import Schedule
 from e3pose.model.pose import Poses2D
+
+
+def nobody(captured_ns: int) -> LiveFrame:
+    """Return a frame of a source that detects, in which nobody is."""
+    view = Poses2D.empty(17)
+    return LiveFrame(captured_ns, (640, 480), lambda: view, poses=lambda: view)
 
 
 class Unplugged:
@@ -43,7 +49,7 @@ class Unplugged:
 
     def read(self) -> LiveFrame | None:
         time.sleep(0.02)
-        return LiveFrame(time.time_ns(), (640, 480), lambda: Poses2D.empty(17))
+        return nobody(time.time_ns())
 
     def close(self) -> None:
         pass
@@ -55,7 +61,7 @@ def test_failing_source_is_reported_once_and_its_return_once() -> None:
     node = CameraNode(
         NodeSettings("lab", "cam0", tuple(map(str, range(17)))),
         source,
-        RecordedDetector(),
+        None,
         Hub().join(),
         WallClock(),
         report=messages.append,
@@ -143,10 +149,10 @@ def test_a_frozen_network_camera_counts_for_nothing_until_its_picture_changes(
 def test_what_a_frame_is_late_by_is_taken_off_its_time(delay_ms: int, slot: int) -> None:
     joints = tuple(map(str, range(17)))
     settings = NodeSettings("lab", "cam0", joints, delay_ns=delay_ms * 10**6)
-    node = CameraNode(settings, Unplugged(), RecordedDetector(), Hub().join(), WallClock())
+    node = CameraNode(settings, Unplugged(), None, Hub().join(), WallClock())
     times = SlotTimes(0, 10**8)
     node.schedule = Schedule(session=1, times=times, active={slot: True})
-    node._take(LiveFrame(times.middle_ns(7), (640, 480), lambda: Poses2D.empty(17)))
+    node._take(nobody(times.middle_ns(7)))
     seen = node._frames.take()
     assert seen is not None and seen.slot == slot
 
@@ -156,12 +162,10 @@ def test_what_was_spent_is_taken_before_the_frame_of_an_active_slot_is_passed_on
         return {"energy_j": float(node._frames._thing is not None)}
 
     settings, times = NodeSettings("lab", "cam0", tuple(map(str, range(17)))), SlotTimes(0, 10**8)
-    node = CameraNode(
-        settings, Unplugged(), RecordedDetector(), Hub().join(), WallClock(), meter=meter
-    )
+    node = CameraNode(settings, Unplugged(), None, Hub().join(), WallClock(), meter=meter)
     node.schedule = Schedule(session=1, times=times, active={7: True})
     node._spending.told.clear()  # as a heartbeat that waits for a slot does
-    node._take(LiveFrame(times.middle_ns(7), (640, 480), lambda: Poses2D.empty(17)))
+    node._take(nobody(times.middle_ns(7)))
     assert node._frames._thing is not None
     spent = node._spending._taken.pop()
     assert (spent["energy_j"], spent["mode"], spent["active_s"]) == (0.0, "active", 0.0)
@@ -181,7 +185,7 @@ def test_first_frame_that_comes_during_a_heartbeat_delays_no_hello() -> None:
     hub.fault = asked
     joints = tuple(map(str, range(17)))
     settings = NodeSettings("lab", "cam0", joints)
-    node = CameraNode(settings, source, RecordedDetector(), hub.join(), WallClock())
+    node = CameraNode(settings, source, None, hub.join(), WallClock())
     with node:
         assert eventually(lambda: "e3pose/lab/camera/cam0/hello" in said)
     assert (

@@ -15,7 +15,7 @@ from tests.cases import each_case
 
 from e3pose.base.clock import WallClock
 from e3pose.base.errors import InputError
-from e3pose.camera.live_source import Loop, PacedSource, RecordedDetector, make_source, slower
+from e3pose.camera.live_source import Loop, PacedSource, make_source, slower
 from e3pose.recording import save_recording
 from e3pose.simulate import DetectorSettings, SceneSettings, simulate
 
@@ -99,7 +99,8 @@ def test_recording_shows_its_keypoints_at_its_pace(tmp_path: Path) -> None:
     source.open()
     frame = source.read()
     assert frame is not None
-    poses = RecordedDetector().detect(frame.image())
+    assert frame.poses is not None
+    poses = frame.poses()
     seen = [recording.view(slot, 1) for slot in range(recording.num_slots)]
     assert any(v is not None and np.array_equal(v.scores, poses.scores) for v in seen)
 

@@ -14,7 +14,7 @@ from tests.waiting import eventually
 
 from e3pose.base.clock import WallClock
 from e3pose.camera.live import CameraNode, NodeSettings
-from e3pose.camera.live_source import RecordedDetector, RecordedSource
+from e3pose.camera.live_source import RecordedSource
 from e3pose.edge.consumers import NO_CONSUMERS, Consumers
 from e3pose.edge.events import EventLog
 from e3pose.edge.server import EdgeServer
@@ -86,7 +86,7 @@ class Site:
         node = CameraNode(
             NodeSettings("lab", camera_id, self.recording.skeleton.joints, **settings),
             RecordedSource(self.recording, camera_id, self.clock),
-            RecordedDetector(),
+            None,
             self.hub.join(),
             self.clock,
             report=lambda line: self.words.append(f"{camera_id}: {line}"),

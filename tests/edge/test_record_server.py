@@ -12,7 +12,7 @@ from tests.waiting import eventually
 from e3pose.base.clock import WallClock
 from e3pose.camera.base import NodeSettings
 from e3pose.camera.live import CameraNode
-from e3pose.camera.live_source import RecordedDetector, RecordedSource
+from e3pose.camera.live_source import RecordedSource
 from e3pose.edge.record_server import RecordingPlan, RecordServer
 from e3pose.recording import Recording, load_recording
 from e3pose.recording.calibration.world import assumed_rig
@@ -38,7 +38,7 @@ def test_recording_holds_what_the_cameras_saw(shown: Recording, tmp_path: Path) 
         CameraNode(
             NodeSettings("lab", camera_id, shown.skeleton.joints),
             RecordedSource(shown, camera_id, clock),
-            RecordedDetector(),
+            None,
             hub.join(),
             clock,
         )

@@ -5,14 +5,14 @@ from __future__ import annotations
 import signal
 import sys
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from threading import Event
 
 from e3pose.base.clock import WallClock
 from e3pose.camera.base import LiveFrame, NodeSettings
 from e3pose.camera.live import CameraNode
-from e3pose.camera.live_source import RecordedDetector, RecordedSource
+from e3pose.camera.live_source import RecordedSource
 from e3pose.recording import load_recording
 from e3pose.site.run import run_until_stopped
 from e3pose.wire.access import Link
@@ -67,7 +67,7 @@ def main() -> None:
     node = CameraNode(
         NodeSettings("lab", camera_id, recording.skeleton.joints),
         _Stamped(source, clock),
-        RecordedDetector(),
+        None,
         transport,
         clock,
     )
@@ -96,7 +96,7 @@ class _Stamped:
         if frame is None:
             return None
         late_ns = self.source.clock.now_ns() - frame.captured_ns
-        return LiveFrame(self.clock.now_ns() - late_ns, frame.image_size, frame.image)
+        return replace(frame, captured_ns=self.clock.now_ns() - late_ns)
 
     def close(self) -> None:
         self.source.close()

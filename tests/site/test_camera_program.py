@@ -38,11 +38,12 @@ def test_camera_on_its_side_detects_in_turned_images(tmp_path: Path) -> None:
     node, seeing = load_node(tmp_path / "camera.toml"), Seeing()
     image = np.zeros((240, 320, 3), dtype=np.uint8)
     made = make_camera(node, Hub().join(), WallClock(), print, lambda _: {}, seeing)
+    assert made.detector is not None
     made.detector.detect(image)
     straight = replace(node, rotation=0)
-    make_camera(straight, Hub().join(), WallClock(), print, lambda _: {}, seeing).detector.detect(
-        image
-    )
+    upright = make_camera(straight, Hub().join(), WallClock(), print, lambda _: {}, seeing).detector
+    assert upright is not None
+    upright.detect(image)
     assert seeing.shown == [(320, 240), (240, 320)]
     named = make_camera(node, Hub().join(), WallClock(), print, lambda _: {})
     assert isinstance(named.detector, Turned)

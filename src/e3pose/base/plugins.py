@@ -42,13 +42,18 @@ def member(group: str, thing: str, name: str, known: Mapping[str, T], more: str 
     """
     if name in known:
         return known[name]
+    offered = {point.name: point for point in entry_points(group=group)}
+    listed = f"one of {', '.join([*known, *sorted(offered)])}{more}, or module:Name"
     if is_own(name):
-        return _own(thing, name)  # type: ignore[no-any-return]
-    for point in entry_points(group=group):
-        if point.name == name:
-            return point.load()  # type: ignore[no-any-return]
-    listed = f"one of {', '.join(known)}{more}, or module:Name"
+        return _own(thing, name, listed)  # type: ignore[no-any-return]
+    if name in offered:
+        return offered[name].load()  # type: ignore[no-any-return]
     raise InputError(thing, repr(name[:80]), listed)
+
+
+def is_offered(group: str, name: str, known: Mapping[str, object]) -> bool:
+    """Return whether a family or an installed package has a member of this name."""
+    return name in known or any(point.name == name for point in entry_points(group=group))
 
 
 def maker(
@@ -89,7 +94,7 @@ def beside(name: str, folder: Path) -> str:
     return f"{path.resolve()}:{match['name']}" if path.is_file() else name
 
 
-def _own(thing: str, name: str) -> Any:
+def _own(thing: str, name: str, expected: str) -> Any:
     match = OWN.fullmatch(beside(name, Path()))
     assert match is not None
     place, wanted = match["module"], match["name"]
@@ -98,9 +103,9 @@ def _own(thing: str, name: str) -> Any:
             _file(Path(place)) if place.endswith(FILE_ENDING) else importlib.import_module(place)
         )
     except (ImportError, OSError) as error:
-        raise InputError(thing, f"{name!r}, but {error}", "module:Name of yours") from None
+        raise InputError(thing, f"{name!r}, but {error}", expected) from None
     if not hasattr(module, wanted):
-        raise InputError(thing, f"no {wanted} in {place}", "module:Name of yours")
+        raise InputError(thing, f"no {wanted} in {place}", expected)
     return getattr(module, wanted)
 
 

@@ -5,9 +5,12 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
+from e3pose.base.clock import Clock
+from e3pose.model.expected import ExpectedView
 from e3pose.model.pose import Poses2D
+from e3pose.model.skeleton import Skeleton
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -17,16 +20,19 @@ class LiveFrame:
     Attributes:
         captured_ns: when it was taken, by the camera's clock.
         image_size: `(width, height)` in pixels.
-        image: returns what is to be detected in: an RGB image `(height, width, 3)`, or whatever the
-            detector of a simulated source takes. It is converted when it is first asked for.
+        image: returns what is to be detected in, an RGB image `(height, width, 3)`; its poses where
+            a source that detects has no images. It is converted when it is first asked for.
         mark: returns a number that frames share only where they are the same; None where a source
             repeats the frames of a still room, as films and most codecs do.
+        poses: returns who is in it, pixels of `image_size`; None where the camera's detector has to
+            look.
     """
 
     captured_ns: int
     image_size: tuple[int, int]
     image: Callable[[], Any]
     mark: Callable[[], int] | None = None
+    poses: Callable[[], Poses2D] | None = None
 
     def shared(self) -> LiveFrame:
         """Return a frame for several threads, which converts its image once."""
@@ -60,6 +66,51 @@ class LiveSource(Protocol):
     def close(self) -> None:
         """Stop capturing and release the device; `open` may follow."""
         ...
+
+
+@runtime_checkable
+class DetectingSource(LiveSource, Protocol):
+    """A source whose frames have poses: a sensor that detects, or a recording.
+
+    Attributes:
+        skeleton: the joint axis of its poses.
+        detector: what finds them, the name of their noise model.
+    """
+
+    skeleton: Skeleton
+    detector: str
+
+
+@runtime_checkable
+class SteeredSource(DetectingSource, Protocol):
+    """One that can detect in a part of the image."""
+
+    def expect(self, expected: ExpectedView | None) -> None:
+        """Detect where people are expected from the next frame on; None for the whole image."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class SourceSettings:
+    """How a source is made.
+
+    Attributes:
+        name: what follows its scheme: `0` of `usb:0`; all of a source that has none.
+        camera_id: of the camera, for recordings of several.
+        clock: of the camera.
+        fps: frames per second to ask for; None for the source's own.
+        size: `(width, height)` to ask for, pixels; None for the source's own.
+        pace: how fast what was recorded is played; 0.1 is a tenth of its speed.
+        begin_s: when a round of it begins, since 1970; nothing is shown before.
+    """
+
+    name: str
+    camera_id: str
+    clock: Clock
+    fps: float | None = None
+    size: tuple[int, int] | None = None
+    pace: float = 1.0
+    begin_s: float = 0.0
 
 
 class LiveDetector(Protocol):

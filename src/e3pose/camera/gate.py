@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,7 +63,7 @@ class Gate:
 
     def look(
         self,
-        image: Any,
+        image: NDArray[np.uint8],
         expected: ExpectedView | None,
         captured_ns: int,
         begin: Callable[[], None] = lambda: None,
@@ -74,12 +73,12 @@ class Gate:
         A look at a part of the image says nothing of the rest: a look at all of it is taken.
 
         Args:
-            image: what the detector takes; one that is no RGB image always counts as changed.
+            image: `(height, width, 3)` RGB.
             expected: people expected in it; None asks for the whole image.
             captured_ns: when it was taken, by the camera's clock.
             begin: called before the network runs, if it does.
         """
-        if not self._on or not isinstance(image, np.ndarray):
+        if not self._on:
             begin()
             return detect_expected(self.detector, image, expected)
         small, since_s = small_grey(image), (captured_ns - self._looked_ns) / 1e9

@@ -23,7 +23,7 @@ from typing import Any, Generic, TypeVar
 from e3pose.base.clock import Clock
 from e3pose.base.errors import InputError
 from e3pose.base.threads import ThreadGroup
-from e3pose.camera.base import LiveDetector, LiveFrame, LiveSource
+from e3pose.camera.base import LiveDetector, LiveFrame, LiveSource, SteeredSource
 from e3pose.camera.base import NodeSettings as NodeSettings
 from e3pose.camera.frame_rate import FrameRate
 from e3pose.camera.gate import Gate
@@ -249,7 +249,7 @@ class CameraNode:
         self,
         settings: NodeSettings,
         source: LiveSource,
-        detector: LiveDetector,
+        detector: LiveDetector | None,
         transport: Transport,
         clock: Clock,
         meter: Callable[[Activity], dict[str, Any]] = lambda mode: {},
@@ -259,12 +259,12 @@ class CameraNode:
         suspend: Suspend | None = None,
         modes: ModeClock | None = None,
     ) -> None:
-        """Create a camera with a loaded detector.
+        """Create a camera with a loaded detector, or with a source that detects.
 
         Args:
             settings: of the camera.
             source: its frames; the node opens and closes it.
-            detector: its network.
+            detector: its network; None where each frame of the source has its poses.
             transport: how to reach the edge; the node closes it.
             clock: of this machine.
             meter: the power fields of a heartbeat (`power_w`, `energy_j`, `measured`, ...), and
@@ -291,7 +291,9 @@ class CameraNode:
         self._lock = threading.Lock()
         self._processor = ProcessorTime()
         self._image_size: tuple[int, int] | None = None  # until the first frame
-        self._rate, self._gate = FrameRate(), Gate(detector, settings.gate)
+        self._rate = FrameRate()
+        self._gate = None if detector is None else Gate(detector, settings.gate)
+        self._steered = source if isinstance(source, SteeredSource) else None
         self._repeats = Repeats()
         self._newest = (0, -1)  # session of the edge and slot of the newest frame
         self.threads = ThreadGroup(self._wake)
@@ -492,6 +494,8 @@ class CameraNode:
             return
         self._newest = (schedule.session, slot)
         active = schedule.is_active(slot)
+        if self._steered is not None:  # the next frame is exposed by now or soon
+            self._steered.expect(schedule.expected.get(slot + 1))
         self._spending.begin_slot(active)
         if self.recorder is not None:
             frame = frame.shared()
@@ -503,7 +507,7 @@ class CameraNode:
     # Detecting.
 
     def _run_detect(self) -> None:
-        warned, uses = False, uses_feedback(self.detector)
+        warned, uses = False, self._steered is not None or uses_feedback(self.detector)
         while (seen := self._frames.take()) is not None:
             self._look(seen)
             if seen.expected is not None and not uses and not warned:
@@ -514,12 +518,18 @@ class CameraNode:
     def _look(self, seen: _Seen) -> None:
         """Pass on what is in a frame; a network that runs makes the slot an active one."""
         begun_ns = self.clock.now_ns()
+        frame = seen.frame if self.pictures is None else seen.frame.shared()
         with self._processor.looking():
-            image, taken_ns = seen.frame.image(), seen.frame.captured_ns
             begin = partial(self.modes.look, seen.came_ns, seen.interval_ns)
-            poses = self._gate.look(image, seen.expected, taken_ns, begin)
+            if frame.poses is not None:
+                begin()
+                poses = frame.poses()
+            elif self._gate is not None:
+                poses = self._gate.look(frame.image(), seen.expected, frame.captured_ns, begin)
+            else:
+                raise InputError("source", "frames without poses", "poses, or a detector")
         if self.pictures is not None:
-            self.pictures.offer(image, seen.slot, max(seen.edge_ns, 0), seen.frame.image_size)
+            self.pictures.offer(frame.image(), seen.slot, max(seen.edge_ns, 0), frame.image_size)
         done_ns = self.clock.now_ns()
         looked = poses.unchanged_s <= 0
         self.counts.unchanged += not looked

@@ -9,6 +9,7 @@
     VIDEO.mp4                    a file at its own pace, again and again
     FOLDER                       its images, at --fps
     recorded:RECORDING           the keypoints of a recording, for trying a site without cameras
+    module:Name                  one of your own; packages offer schemes as `e3pose.sources`
 
 Files and recordings begin at the place that the time of day says, so that all cameras of a site on
 one machine, or on machines with the same time, show the same moment.
@@ -19,7 +20,7 @@ from __future__ import annotations
 import time
 import zlib
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -29,69 +30,20 @@ from numpy.typing import NDArray
 from e3pose.base.clock import Clock
 from e3pose.base.errors import InputError, reason_of
 from e3pose.base.masking import masked
+from e3pose.base.plugins import is_offered, is_own, maker
 from e3pose.base.system import require_linux
-from e3pose.camera.base import LiveFrame, LiveSource
+from e3pose.camera.base import LiveFrame, LiveSource, SourceSettings
 from e3pose.camera.phone import PhoneSource
 from e3pose.camera.phone_file import load_phone
 from e3pose.camera.source import FALLBACK_RATE, Frame, open_video, read_picture
 from e3pose.model.pose import Poses2D
 from e3pose.recording import Recording, load_recording
-from e3pose.settings.sources import revealed
+from e3pose.settings.sources import PHONE, place_of, revealed, scheme_of
 
 READ_S = 1.0
 STREAMS = ("rtsp", "rtsps", "http", "https")
 IMAGES = (".jpg", ".jpeg", ".png", ".bmp", ".webp")
 OPEN_TIMEOUT_US = 5_000_000
-
-
-def make_source(
-    name: str,
-    camera_id: str,
-    clock: Clock,
-    fps: float | None,
-    pace: float = 1.0,
-    begin_s: float = 0.0,
-) -> LiveSource:
-    """Return the source that a name means; see the top of this module.
-
-    Args:
-        name: what to capture.
-        camera_id: of the camera, for recordings of several.
-        clock: of the camera.
-        fps: frames per second to ask for; by default the source's own.
-        pace: how fast what was recorded is played; 0.1 is a tenth of its speed.
-        begin_s: when a round of it begins, since 1970; nothing is shown before.
-
-    Raises:
-        InputError: when it can be seen already that there is no such source.
-    """
-    name = revealed(name)
-    kind, _, rest = name.partition(":")
-    if pace != 1 and kind in ("usb", "phone", "gstreamer", *STREAMS):
-        raise InputError("pace", f"{pace:g}", "1: live cameras cannot play slower")
-    if kind == "usb":
-        if not (rest.isascii() and rest.isdigit() and len(rest) < 4):
-            raise InputError("source", repr(name[:80]), "usb:NUMBER, such as usb:0")
-        require_linux(f"source {name}", "a film, RTSP or HTTP")
-        return OpenCvSource(int(rest), clock, fps)
-    if kind == "gstreamer":
-        return OpenCvSource(rest, clock, fps)
-    if kind in STREAMS and "://" in name:
-        return StreamSource(name, clock)
-    if kind == "phone":
-        load_phone(Path(rest))  # an error of it is said here
-        return PhoneSource(Path(rest), clock)
-    if kind == "recorded":
-        return RecordedSource(load_recording(Path(rest)), camera_id, clock, pace, begin_s)
-    path = Path(name)
-    if path.is_dir():
-        return PacedSource(slower(_images(path, fps or 25.0), pace), clock, begin_s)
-    video = open_video(path)
-    length_s = video.num_frames / video.rate
-    loop = Loop(
-        video.rate, video.image_size, length_s, lambda start_s: _pictures(video.frames(start_s))
-    )
-    return PacedSource(slower(loop, pace), clock, begin_s)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -179,7 +131,7 @@ class PacedSource:
 
 
 class RecordedSource(PacedSource):
-    """The keypoints of a recording as if its camera saw them now; `RecordedDetector` reads them."""
+    """The keypoints of a recording as if its camera saw them now."""
 
     def __init__(
         self,
@@ -189,7 +141,7 @@ class RecordedSource(PacedSource):
         pace: float = 1.0,
         begin_s: float = 0.0,
     ) -> None:
-        self.recording = recording
+        self.skeleton, self.detector = recording.skeleton, recording.detector
         camera = recording.rig.index(camera_id)
         series, interval_s = recording.views[camera], recording.interval_s
 
@@ -203,13 +155,10 @@ class RecordedSource(PacedSource):
         loop = Loop(recording.fps, size, length_s, frames)
         super().__init__(slower(loop, pace), clock, begin_s)
 
-
-class RecordedDetector:
-    """Takes the keypoints that a `RecordedSource` shows as they are."""
-
-    def detect(self, image: Poses2D) -> Poses2D:
-        """Return what is shown."""
-        return image
+    def read(self) -> LiveFrame | None:
+        """See `LiveSource.read`; without images, poses are shown in their place."""
+        frame = super().read()
+        return None if frame is None else replace(frame, poses=frame.image)
 
 
 @dataclass(slots=True, eq=False)
@@ -355,3 +304,93 @@ def _images(folder: Path, fps: float) -> Loop:
 
     height, width = read_picture(paths[0]).shape[:2]
     return Loop(fps, (width, height), len(paths) / fps, frames)
+
+
+def make_source(
+    name: str,
+    camera_id: str,
+    clock: Clock,
+    fps: float | None = None,
+    pace: float = 1.0,
+    begin_s: float = 0.0,
+    size: tuple[int, int] | None = None,
+) -> LiveSource:
+    """Return the source that a name means; see the top of this module.
+
+    Args:
+        name: `SCHEME:WHAT`, of `SOURCES` or an installed package; a file or folder; `module:Name`.
+        camera_id: see `SourceSettings`, likewise what follows.
+        clock: of the camera.
+        fps: to ask for.
+        pace: of what was recorded.
+        begin_s: of a round.
+        size: to ask for.
+
+    Raises:
+        InputError: when it can be seen already that there is no such source.
+    """
+    name = revealed(name)
+    scheme, place = scheme_of(name), place_of(name)
+    live = place is None or name.startswith(PHONE)
+    if pace != 1 and live:
+        raise InputError("pace", f"{pace:g}", "1: live cameras cannot play slower")
+    own = live and is_own(name) and not is_offered(GROUP, scheme, SOURCES)
+    key = name if own else scheme or "file"
+    rest = name if "://" in name else name[len(scheme) + 1 :] if scheme else name
+    make = maker(GROUP, "source", key, SOURCES, more=", a video, a folder of images")
+    return make(SourceSettings(rest, camera_id, clock, fps, size, pace, begin_s))
+
+
+def _device(asked: SourceSettings) -> LiveSource:
+    number = asked.name
+    if not (number.isascii() and number.isdigit() and len(number) < 4):
+        raise InputError("source", repr(number[:80]), "usb:NUMBER, such as usb:0")
+    require_linux(f"source usb:{number}", "a film, RTSP or HTTP")
+    return OpenCvSource(int(number), asked.clock, asked.fps)
+
+
+def _pipeline(asked: SourceSettings) -> LiveSource:
+    return OpenCvSource(asked.name, asked.clock, asked.fps)
+
+
+def _stream(asked: SourceSettings) -> LiveSource:
+    if "://" not in asked.name:
+        raise InputError("source", repr(masked(asked.name)[:80]), "rtsp://HOST/PATH or http://HOST")
+    return StreamSource(asked.name, asked.clock)
+
+
+def _phone(asked: SourceSettings) -> LiveSource:
+    load_phone(Path(asked.name))  # an error of it is said here
+    return PhoneSource(Path(asked.name), asked.clock)
+
+
+def _recording(asked: SourceSettings) -> LiveSource:
+    recording = load_recording(Path(asked.name))
+    return RecordedSource(recording, asked.camera_id, asked.clock, asked.pace, asked.begin_s)
+
+
+def _file(asked: SourceSettings) -> LiveSource:
+    path = Path(asked.name)
+    if path.is_dir():
+        loop = _images(path, asked.fps or 25.0)
+    else:
+        video = open_video(path)
+        loop = Loop(
+            video.rate,
+            video.image_size,
+            video.num_frames / video.rate,
+            lambda start_s: _pictures(video.frames(start_s)),
+        )
+    return PacedSource(slower(loop, asked.pace), asked.clock, asked.begin_s)
+
+
+GROUP = "e3pose.sources"  # the entry points of other packages
+# By scheme. To add one: a maker and a line here, or a package; the contract test then runs it.
+SOURCES: dict[str, Callable[[SourceSettings], LiveSource]] = {
+    "usb": _device,
+    **dict.fromkeys(STREAMS, _stream),
+    "phone": _phone,
+    "gstreamer": _pipeline,
+    "recorded": _recording,
+    "file": _file,
+}

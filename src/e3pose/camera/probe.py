@@ -22,7 +22,7 @@ from e3pose.camera.sleep import SUSPEND, open_suspend
 from e3pose.camera.source import open_video
 from e3pose.detectors.timing import DEFAULT_SIZE, Workload, time_detections
 from e3pose.settings.camera_file import NodeTable
-from e3pose.settings.sources import is_live, is_recorded
+from e3pose.settings.sources import detects, is_live
 
 COUNT_S = 3.0  # in which the frames of a live source are counted
 SETTLE_S = 0.5  # after the first frame: a stream may begin with a burst
@@ -200,7 +200,7 @@ def examine(node: NodeTable, states: Path = STATES) -> Machine:
 
 
 def _detect_s(node: NodeTable, size: tuple[int, int]) -> float | InputError | None:
-    if is_recorded(node.source):
+    if detects(node.source):
         return None
     upright = Orientation.from_degrees(node.rotation).size(*size)
     workload = Workload(node.detector, node.model, node.provider, node.threads, upright)

@@ -26,7 +26,7 @@ from e3pose.energy.meters.battery import Charge, read_charge
 from e3pose.energy.meters.choose import choose_meter
 from e3pose.energy.profiles import load_profile, modes_of, profile_text
 from e3pose.evaluate.columns import print_tables, table_console
-from e3pose.settings.sources import is_recorded
+from e3pose.settings.sources import detects
 from e3pose.site.measure_modes import measure_modes, measured_profile
 
 if TYPE_CHECKING:
@@ -167,8 +167,8 @@ def measure(
     """
     check_within("--seconds", seconds, 1, 600)
     check_within("--wakes", wakes, 1, 100)
-    if is_recorded(source):
-        raise InputError("source", "a recording, which has no images", "a camera or a video")
+    if detects(source):
+        raise InputError("source", "one that brings poses", "a camera or a video")
     base = load_profile(profile)
     check_within("--pace", pace, 1e-3, 1)
     frames = make_source(source, "camera", WallClock(), None, pace)

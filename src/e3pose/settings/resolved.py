@@ -15,7 +15,7 @@ from e3pose.detectors import skeleton_of
 from e3pose.energy.budgets import Budget, parse_budget
 from e3pose.model.camera import Rig
 from e3pose.model.noises import DEFAULT, SHIPPED
-from e3pose.model.skeleton import Skeleton, common_skeleton, skeleton_by_name
+from e3pose.model.skeleton import COCO17, Skeleton, common_skeleton, skeleton_by_name
 from e3pose.pipeline import Pipeline
 from e3pose.recording.calibration import load_calibration
 from e3pose.recording.calibration.world import assumed_rig
@@ -31,7 +31,7 @@ from e3pose.settings.site_file import (
     SiteTable,
     load_site,
 )
-from e3pose.settings.sources import RECORDED, is_recorded
+from e3pose.settings.sources import RECORDED, detects, is_recorded, scheme_of
 
 ASSUMED_SIZE = (1280, 720)  # of images, until a camera was seen
 OF_ENERGY = ("profile", "battery_wh", "lifetime")
@@ -198,7 +198,7 @@ def calibrate_advice(site: SiteTable) -> str:
 
 def _with_detector(camera: CameraTable) -> CameraTable:
     """Return a camera with the detector that runs on this machine."""
-    here = camera.source is not None and not is_recorded(camera.source)
+    here = camera.source is not None and not detects(camera.source)
     return replace(camera, detector=camera.detector or (DEFAULT_DETECTOR if here else None))
 
 
@@ -208,6 +208,8 @@ def _output(camera: CameraTable) -> tuple[str, Skeleton | None]:
         folder = Path((camera.source or "").removeprefix(RECORDED))
         with suppress(InputError):  # an error when the camera starts
             return camera.detector or read_detector(folder), read_skeleton(folder)
+    elif camera.source and detects(camera.source):
+        return camera.detector or scheme_of(camera.source), COCO17
     elif camera.detector is not None:
         with suppress(InputError, ImportError):  # an error of the camera, which runs it
             return camera.detector, skeleton_of(camera.detector, camera.model)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Callable
 from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
@@ -21,13 +22,27 @@ RECORDED = "recorded:"  # keypoints of a recording, no images
 PHONE = "phone:"  # a phone that sends what its camera sees, by its file
 SECRET = "secret:"  # a private file whose one line is the address of a camera, with its password
 ENVIRONMENT = "env:"  # likewise a variable of the environment
-DEVICES = ("usb:", "gstreamer:", ENVIRONMENT)
+SENSORS = ("imx500:",)  # devices that detect
 SECRETS = "secrets"  # folder of a site for such files
+# Two characters at least: `C:` is a drive. A file of such a name is written `./NAME`.
+SCHEME = re.compile(r"([A-Za-z][A-Za-z0-9_.+-]+):")
+OWN_FILE = re.compile(r".+\.py:[A-Za-z_]\w*")  # a source of one's own, in a file
 
 
 def is_recorded(source: str | None) -> bool:
     """Return whether a source plays the keypoints of a recording."""
     return (source or "").startswith(RECORDED)
+
+
+def detects(source: str | None) -> bool:
+    """Return whether a source brings poses, so that its camera runs no network."""
+    return is_recorded(source) or (source or "").startswith(SENSORS)
+
+
+def scheme_of(source: str) -> str:
+    """Return the scheme of a source, such as `usb` or `rtsp`; empty for a file or folder."""
+    found = SCHEME.match(source)
+    return "" if found is None or OWN_FILE.fullmatch(source) else found[1]
 
 
 def is_live(source: str) -> bool:
@@ -50,7 +65,7 @@ def place_of(source: str) -> str | None:
     for kind in (RECORDED, PHONE, SECRET):
         if source.startswith(kind):
             return source.removeprefix(kind)
-    return None if "://" in source or source.startswith(DEVICES) else source
+    return None if scheme_of(source) or OWN_FILE.fullmatch(source) else source
 
 
 def shown_source(source: str, folder: Path) -> str:
@@ -110,7 +125,7 @@ def located(source: str, near: Callable[[str], Path]) -> str:
     """
     place = place_of(source)
     if place is None:
-        return source
+        return own_beside(source, near("."))
     return f"{source[: len(source) - len(place)]}{near(place)}"
 
 

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from e3pose.base.clock import Clock, WallClock
-from e3pose.camera.base import LiveDetector, NodeSettings
+from e3pose.camera.base import DetectingSource, LiveDetector, LiveSource, NodeSettings
 from e3pose.camera.live import CameraNode
-from e3pose.camera.live_source import RecordedDetector, make_source
+from e3pose.camera.live_source import make_source
 from e3pose.camera.orientation import turned
 from e3pose.camera.pictures import Pictures
 from e3pose.camera.sleep import open_suspend
@@ -28,7 +28,6 @@ from e3pose.model.skeleton import skeleton_of_joints
 from e3pose.recording.videos import MAX_BYTES, PART_S
 from e3pose.settings.camera_file import NodeTable, load_node
 from e3pose.settings.limits import Sleep
-from e3pose.settings.sources import is_recorded
 from e3pose.site.program_log import NO_LOG, Log
 from e3pose.site.run import run_until_stopped
 from e3pose.wire.endpoint import Endpoint
@@ -159,6 +158,7 @@ def open_camera(
     log: Log | None = None,
     *,
     detector: Detector | None = None,
+    source: LiveSource | None = None,
     clock: Clock | None = None,
 ) -> Camera:
     """Start a camera of a site, which then works by itself until it is closed.
@@ -167,6 +167,8 @@ def open_camera(
         node: the camera file, or what it says.
         log: gets messages for operators; by default they are discarded.
         detector: in place of the file's: any object with `skeleton` and `detect`.
+        source: in place of the file's: any `LiveSource`, or a `DetectingSource`, which needs no
+            detector; its times are those of `clock`.
         clock: the camera's.
 
     Raises:
@@ -181,7 +183,7 @@ def open_camera(
     transport = open_network(link)
     with ExitStack() as stack:
         stack.callback(transport.close)
-        made = make_camera(table, transport, clock, log.warning, power, detector, modes)
+        made = make_camera(table, transport, clock, log.warning, power, detector, modes, source)
         if (recorder := made.recorder) is not None:
             power.extra_j = lambda: recorder.spent_j
         stack.enter_context(power)
@@ -204,6 +206,7 @@ def make_camera(
     meter: Callable[[Any], dict[str, Any]],
     detector: Detector | None = None,
     modes: ModeClock | None = None,
+    source: LiveSource | None = None,
 ) -> CameraNode:
     """Return a camera, its network loaded and tried, not yet started.
 
@@ -215,18 +218,20 @@ def make_camera(
         meter: the power fields of its heartbeats.
         detector: in place of the one that the configuration names.
         modes: what `meter` reads of what the camera does.
+        source: in place of the one that the configuration names.
 
     Raises:
         InputError: when the source or the network cannot be used, or the machine not be suspended.
     """
     suspend = open_suspend(node.sleep, node.suspend_command)
-    source = make_source(node.source, node.camera, clock, node.fps, node.pace, node.begin_s)
-    finds: LiveDetector
-    if detector is None:
-        finds, joints, name = _detector(node, source)
+    if source is None:
+        source = make_source(node.source, node.camera, clock, node.fps, node.pace, node.begin_s)
+    finds: LiveDetector | None = None
+    if isinstance(source, DetectingSource) and detector is None:
+        joints, name = tuple(source.skeleton.joints), source.detector
     else:
-        finds, joints = turned(detector, node.rotation), tuple(detector.skeleton.joints)
-        name = node.detector
+        made = turned(detector or _detector(node), node.rotation)
+        finds, joints, name = made, tuple(made.skeleton.joints), node.detector
     settings = NodeSettings(
         site=node.site,
         camera_id=node.camera,
@@ -274,13 +279,8 @@ def _recorder(node: NodeTable, report: Callable[[str], Any]) -> VideoRecorder | 
     return VideoRecorder(settings, report)
 
 
-def _detector(node: NodeTable, source: Any) -> tuple[LiveDetector, tuple[str, ...], str]:
-    """Return the detector, its joints, and its name."""
-    if is_recorded(node.source):
-        recording = source.recording
-        return RecordedDetector(), recording.skeleton.joints, recording.detector
-
+def _detector(node: NodeTable) -> Detector:
+    """Return the detector of a camera, loaded and tried: the first detection is slow."""
     made = make_detector(node.detector, node.model, node.provider, node.threads)
-    detector = turned(made, node.rotation)
-    detector.detect(np.zeros((480, 640, 3), dtype=np.uint8))  # the first detection is slow
-    return detector, detector.skeleton.joints, node.detector
+    made.detect(np.zeros((480, 640, 3), dtype=np.uint8))
+    return made

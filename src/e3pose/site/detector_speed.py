@@ -19,7 +19,7 @@ from e3pose.camera.orientation import Orientation
 from e3pose.detectors.timing import DEFAULT_SIZE, DetectionTimes, Workload, time_detections
 from e3pose.settings.resolved import ResolvedSite
 from e3pose.settings.site_file import SiteTable
-from e3pose.settings.sources import is_recorded
+from e3pose.settings.sources import detects
 from e3pose.site.check.finding import Finding, ok, problem, warning
 
 KEPT = "look-times.json"  # beside the site file
@@ -33,7 +33,7 @@ def workloads_of(site: ResolvedSite) -> dict[str, Workload]:
     """Return the cameras whose networks `e3pose up` runs here, with their settings."""
     found = {}
     for (name, camera), seen in zip(site.cameras.items(), site.rig.cameras, strict=True):
-        if camera.source is None or is_recorded(camera.source):
+        if camera.source is None or detects(camera.source):
             continue
         found[name] = Workload(
             camera.detector or "",

@@ -13,7 +13,7 @@ from e3pose.model.noises.file import FORMAT, VERSION, NoiseFile, decode_noise
 DEFAULT = "unknown"  # of a recording that does not say what detected it
 FILES = ("simulated", "openpose-thin", "movenet-multipose", "openpose")
 # Detectors that no recording was at hand of: OpenPose's noise, larger to be on the safe side.
-ASSUMED = ("yolo-pose", "trt-pose", "rtmlib", DEFAULT)
+ASSUMED = ("imx500", "yolo-pose", "trt-pose", "rtmlib", DEFAULT)
 MODEL_OF_ASSUMED, LARGER = "openpose", 1.5
 SHIPPED = (*FILES, *ASSUMED)
 # Recordings of formats 1 and 2 name their detector in the source, in words: `Detected by NAME ...`,

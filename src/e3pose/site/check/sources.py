@@ -17,7 +17,7 @@ from e3pose.detectors.weights import MODELS, is_installed
 from e3pose.edge.camera_state import SHORT
 from e3pose.settings.resolved import ResolvedSite
 from e3pose.settings.site_file import CameraTable
-from e3pose.settings.sources import PHONE, SECRET, is_recorded, place_of, revealed
+from e3pose.settings.sources import PHONE, SECRET, detects, is_recorded, place_of, revealed
 from e3pose.site.check.finding import Finding, ok, problem, warning
 
 SOURCE_ADVICE = "correct its source, relative to the folder of the site file"
@@ -34,7 +34,7 @@ def source_problems(site: ResolvedSite) -> Iterator[Finding]:
                 yield warning(f"camera {camera.id}", found, advice)
             continue
         yield from _source(camera, camera.source, site.file.path)
-        if not is_recorded(camera.source):
+        if not detects(camera.source):
             yield from _network(camera)
 
 
