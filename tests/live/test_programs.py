@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import signal
 import socket
@@ -63,12 +64,23 @@ def write_site(
     return path
 
 
-def test_up_says_which_camera_cannot_start(tmp_path: Path, recording: Path) -> None:
+def test_up_goes_on_without_a_camera_that_cannot_start(tmp_path: Path, recording: Path) -> None:
     (tmp_path / "broken.mp4").write_bytes(b"no video")
     path = write_site(tmp_path, recording, cam1="broken.mp4")
+    code, out, err = run("up", str(path), "--for", "12", seconds=120)
+    assert code == 0 and "cam1" in err and "broken.mp4" in err, err
+    said = " ".join(out.split())
+    assert said.count("the others go on") == 1 and "cam1: " in said, out
+    assert re.search(r"\b[1-9]\d* slots\b", (tmp_path / "logs" / "edge.log").read_text()), out
+
+
+def test_up_says_why_no_camera_can_start(tmp_path: Path, recording: Path) -> None:
+    (tmp_path / "broken.mp4").write_bytes(b"no video")
+    cameras = load_rig(recording / "calibration.toml").camera_ids
+    path = write_site(tmp_path, recording, **dict.fromkeys(cameras, "broken.mp4"))
     code, _, err = run("up", str(path), "--quiet", "--for", "60", seconds=90)
     assert code == 2
-    assert err.count("\n") == 1 and "cam1" in err and "broken.mp4" in err, err
+    assert err.count("\n") == 1 and cameras[0] in err and "broken.mp4" in err, err
 
 
 def test_port_that_is_taken_is_one_line(tmp_path: Path, recording: Path) -> None:

@@ -13,7 +13,7 @@ from tests.cases import each_case
 from tests.rigs import looking
 from tests.site.tables import resolved_site
 
-from e3pose.base.errors import InputError
+from e3pose.base.errors import GaveUp, InputError
 from e3pose.cli.app import app
 from e3pose.recording.calibration import save_rig
 from e3pose.site import up
@@ -242,12 +242,44 @@ def test_program_that_ends_is_reported_and_started_again(
     assert log.read_text() == "run\nrun\n"  # both runs in one log
 
 
-def test_program_that_refuses_its_input_ends_all_with_its_last_words(tmp_path: Path) -> None:
-    refuses = "import sys\nprint('loading')\nprint('e3pose: source x: found none')\nsys.exit(2)\n"
-    programs = [program(tmp_path, "edge", WAITS), program(tmp_path, "cam0", refuses)]
-    with pytest.raises(InputError) as messages:
-        run_site(programs, stop_when(lambda: False), print)
-    assert str(messages.value) == "cam0: source x: found none"
+REFUSES = "import sys\nprint('loading')\nprint('e3pose: source x: found none')\nsys.exit(2)\n"
+CRASHES = "print('out of luck')\nraise SystemExit(4)\n"
+CAMERA, PAGE = up.Role.CAMERA, up.Role.PAGE
+
+
+@pytest.mark.parametrize(
+    ("others", "ends"),
+    [
+        ({"edge": REFUSES, "cam0": WAITS}, "edge: source x: found none"),
+        (
+            {"edge": CRASHES, "cam0": WAITS},
+            "edge: out of luck (ended 2 times, the last with code 4)",
+        ),
+        ({"edge": WAITS, "cam0": REFUSES}, "cam0: source x: found none"),
+        ({"edge": WAITS, "cam0": REFUSES, "cam1": CRASHES, "view": WAITS}, "cam"),
+        ({"edge": WAITS, "cam0": REFUSES, "cam1": WAITS}, ""),
+        ({"edge": WAITS, "cam0": WAITS, "cam1": CRASHES, "view": REFUSES}, ""),
+    ],
+)
+def test_program_that_never_works_ends_a_site_that_needs_it(
+    others: dict[str, str], ends: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name, value in {"RESTART_S": 0.01, "LONGEST_RESTART_S": 0.3, "MOST_RESTARTS": 1}.items():
+        monkeypatch.setattr(up, name, value)
+    programs = [program(tmp_path, *each) for each in others.items()]
+    for each in programs[1:]:
+        each.role = PAGE if each.name == "view" else CAMERA
+    messages, bad = list[str](), [each for each in programs if others[each.name] != WAITS]
+    tried = stop_when(lambda: all(each.restarts > 3 for each in bad))
+    if ends:
+        with pytest.raises((InputError, GaveUp)) as caught:
+            run_site(programs, stop_when(lambda: False), messages.append)
+        assert str(caught.value).startswith(ends)
+    else:
+        run_site(programs, tried, messages.append)
+        assert all(each.restarts > 3 for each in bad), "tried again"
+        left_out = [line for line in messages if "the others go on" in line]
+        assert sorted(line.partition(":")[0] for line in left_out) == [each.name for each in bad]
     assert programs[0].ended() is not None
 
 

@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
+from enum import Enum
 from pathlib import Path
 from typing import IO
 
@@ -115,6 +116,14 @@ def _video_options(site: ResolvedSite, camera_id: str) -> list[str]:
     return options
 
 
+class Role(Enum):
+    """What becomes of a site when one of its programs never works."""
+
+    NEEDED = "the site ends"
+    CAMERA = "the site goes on, as long as another camera does"
+    PAGE = "the site goes on"
+
+
 @dataclass(eq=False)
 class Program:
     """One process of the site, started again when it ends by itself.
@@ -130,6 +139,8 @@ class Program:
         works: whether it once ran for `STEADY_S`.
         process: the newest; None before the first start.
         environment: variables beside ours.
+        role: what becomes of the site without it.
+        failure: why it never worked, once that is known.
     """
 
     name: str
@@ -140,6 +151,8 @@ class Program:
     works: bool = False
     process: subprocess.Popen[bytes] | None = None
     environment: Mapping[str, str] = field(default_factory=dict)
+    role: Role = Role.NEEDED
+    failure: InputError | GaveUp | None = None
     _begun_s: float = 0.0
     _due_s: float = 0.0  # to start again; 0 while it runs
     _wait_s: float = 0.0
@@ -169,23 +182,27 @@ class Program:
         """Return how it ended; None while it runs."""
         code = None if self.process is None else self.process.poll()
         if code is None and self.process and time.monotonic() - self._begun_s > STEADY_S:
-            self.works, self._wait_s = True, 0.0
+            self.works, self._wait_s, self.failure = True, 0.0, None
         return code
 
     def restart(self, code: int) -> str:
         """Start it again, when due, after it ended with a code; return a line for operators.
 
-        Raises:
-            InputError: when it never worked and refuses its input.
-            GaveUp: when it never worked, however often it was started.
+        One that refuses its input, or ended again and again, and never worked has a `failure`; it
+        is said once and tried again all the same, as somebody may mend what it needs.
         """
         now_s = time.monotonic()
         if self._due_s == 0.0:
-            said = f"{self.name}: {last_line(self.log)}"
+            said, left_out = f"{self.name}: {last_line(self.log)}", self.failure is not None
             if not self.works and code == Exit.REFUSED:
-                raise InputError(said)
-            if not self.works and self.restarts >= MOST_RESTARTS:
-                raise GaveUp(f"{said} (ended {self.restarts + 1} times, the last with code {code})")
+                self.failure = InputError(said)
+            elif not self.works and self.restarts >= MOST_RESTARTS:
+                times = f"ended {self.restarts + 1} times, the last with code {code}"
+                self.failure = GaveUp(f"{said} ({times})")
+            if self.failure is not None:
+                self._due_s = now_s + LONGEST_RESTART_S
+                again = f"the others go on; tried again every {LONGEST_RESTART_S:g} s"
+                return "" if left_out else f"{self.failure}; {again}"
             self._wait_s = min(2 * self._wait_s, LONGEST_RESTART_S) or RESTART_S
             self._due_s = now_s + self._wait_s
             return f"{self.name} exited with code {code}; restarting in {self._wait_s:g} s"
@@ -222,8 +239,8 @@ def run_site(
         report: called with messages for operators.
 
     Raises:
-        InputError: when a program that never worked refuses its input.
-        GaveUp: when a program never worked, however often it was started.
+        InputError: when a program that the site needs never worked and refuses its input.
+        GaveUp: when such a one never worked, however often it was started.
     """
     try:
         problems = [problem for program in programs if (problem := program.start())]
@@ -231,11 +248,23 @@ def run_site(
             report(problem)
         while not stopped():
             for program in programs:
-                if (code := program.ended()) is not None and (said := program.restart(code)):
+                if (code := program.ended()) is None:
+                    continue
+                said = program.restart(code)
+                if program.failure is not None and _ends_site(program, programs):
+                    raise program.failure
+                if said:
                     report(said)
             time.sleep(0.1)
     finally:
         end(programs)
+
+
+def _ends_site(program: Program, programs: Sequence[Program]) -> bool:
+    """Return whether a site cannot go on without a program that never worked."""
+    cameras = [each for each in programs if each.role is Role.CAMERA]
+    none = all(each.failure is not None and each.ended() is not None for each in cameras)
+    return program.role is Role.NEEDED or (program.role is Role.CAMERA and none)
 
 
 def end(programs: Sequence[Program]) -> None:

@@ -21,7 +21,7 @@ from e3pose.settings.site_file import DEFAULT_LISTEN, SiteTable, load_site
 from e3pose.site.follow import ANY_HOST, LOCAL_OPERATOR, operator_of, viewer_link
 from e3pose.site.keep.jobs import FILES, Jobs
 from e3pose.site.trial_notices import send_test
-from e3pose.site.up import Program, view_command
+from e3pose.site.up import Program, Role, view_command
 from e3pose.site.web.access import Rules
 from e3pose.site.web.app import PageContent, make_app
 from e3pose.site.web.control import Ask
@@ -157,7 +157,7 @@ def view_program(
         options, passed = ["--listen", f"{address.host}:{address.port}"], []
         listening.close()
     command = view_command(site.file.path, *options)
-    return Program("view", command, logs / "view.log", passed), address
+    return Program("view", command, logs / "view.log", passed, role=Role.PAGE), address
 
 
 def page_links(site: SiteTable, address: Address) -> list[str]:
