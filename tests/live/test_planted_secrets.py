@@ -39,6 +39,11 @@ class Eyes:
         return Poses2D.empty(17)
 """
 PLANTED = re.compile(rb"Plant\w*")  # each password and token below
+TOKENS = """format = "e3pose-view-tokens"
+version = 1
+read = "PlantReadG7-for-the-page-of-the-site"
+write = "PlantWriteH8-for-the-page-of-the-site"
+"""
 ABSENT = "rtsp://admin:PlantE5@127.0.0.1:9/live?t=PlantF6"
 
 
@@ -92,6 +97,8 @@ def test_no_output_of_a_run_holds_a_password_of_a_camera(
         text = text.replace("[link]", view).replace("fps =", f"metrics_port = {metrics}\nfps =", 1)
         path.write_text(text)
         path.chmod(0o644)
+        tokens = room / "view-tokens.toml"
+        tokens.write_text(TOKENS)
         run("check", room)
         said = capsys.readouterr()
         found = " ".join(clean(said.out + said.err, "check").split())
@@ -112,7 +119,7 @@ def test_no_output_of_a_run_holds_a_password_of_a_camera(
             assert eventually(lambda: "127.0.0.1:9" in log.read_text(), 60), log.read_text()
             assert eventually(lambda: "#token=" in (tmp_path / "up.log").read_text(), 60)
             page = re.search(r"(http://\S+?)/?#token=(\S+)", (tmp_path / "up.log").read_text())
-            assert page is not None
+            assert page is not None and page[2].startswith("PlantWriteH8")
             for url in (f"http://127.0.0.1:{metrics}/metrics", f"{page[1]}/api/status"):
                 asked = urllib.request.Request(url, headers={"Authorization": f"Bearer {page[2]}"})
                 clean(urllib.request.urlopen(asked, timeout=10).read(), url)
@@ -122,10 +129,25 @@ def test_no_output_of_a_run_holds_a_password_of_a_camera(
             up.wait(60)
         for status in statuses:
             clean(encode(status), "wire")
-    assert run("export", room, tmp_path / "page.html") == 0
-    private = {*(room / "secrets").iterdir(), path}
+        path.write_text(text.replace(ABSENT, third.replace("://", "://admin:PlantI9@")))
+        assert run("record", room, "walk", "--for", "1") == 0
+    printed = (tmp_path / "up.log").read_text()
+    (tmp_path / "up.log").write_text(printed.replace(page[2], ""))  # whom it is printed for
+    for command in (
+        ("export", room, "page.html"),
+        ("export", room, "slots.parquet", "--what", "slots"),
+        ("query", room, "--what", "summaries", "--json", "minutes.json"),
+        ("query", room, "--what", "runs", "--json", "runs.json"),
+        ("archive", room, "archive"),
+        ("replay", "walk", "--cameras", "2", "--json", "summary.json"),
+        ("top", room, "--once"),
+    ):
+        run(*command)
+    private = {*(room / "secrets").iterdir(), path, tokens}
     scanned = [each for each in tmp_path.rglob("*") if each.is_file() and each not in private]
-    assert {"c0.log", "c2.log", "edge.log", "up.log", "page.html"} <= {f.name for f in scanned}
+    logs = {f"{name}.log" for name in ("c0", "c2", "edge", "view", "up")}
+    made = {"page.html", "slots.parquet", "minutes.json", "runs.json", "summary.json", "live.db"}
+    assert logs | made | {"recording.toml"} <= {f.name for f in scanned}
     for file in scanned:
         clean(file.read_bytes(), file)
     said = capsys.readouterr()

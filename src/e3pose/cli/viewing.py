@@ -53,6 +53,10 @@ def view(
     begin(end_with_parent)
     resolved = resolve_site(site)
     with open_view(resolved, listen, keys, report=warn, handle=handle) as opened:
-        print("\n".join(page_links(resolved.file, opened.address)), flush=True)
+        # A parent shows the links itself: its log keeps no token.
+        links = (
+            [opened.address.url] if end_with_parent else page_links(resolved.file, opened.address)
+        )
+        print("\n".join(links), flush=True)
         reduce_pauses()
         opened.run(for_s)
