@@ -5,12 +5,13 @@ from __future__ import annotations
 import sys
 import time
 from contextlib import ExitStack, closing
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 
-from e3pose.base.errors import Fault, InputError
+from e3pose.base.errors import Fault, InputError, reason_of
 from e3pose.base.quantities import check_seconds
 from e3pose.cli.options import Flag, warn
 from e3pose.cli.running import begin
@@ -21,8 +22,8 @@ from e3pose.site.connect import Connection
 from e3pose.site.follow import viewer_link
 from e3pose.site.run import run_until_stopped
 from e3pose.site.stream_problems import ProblemFile
-from e3pose.site.streams import Source, naming, open_stream
-from e3pose.site.streams.send import Sender
+from e3pose.site.streams import Source, Stream, naming, open_stream
+from e3pose.site.streams.send import RETRY_S, UNAVAILABLE, Awaited, Sender
 from e3pose.site.trial_notices import Answerer
 from e3pose.site.zones import Zones
 
@@ -78,10 +79,19 @@ def stream(
     source = _source(resolved, watch)
     link = viewer_link(resolved.file, keys)
     with ExitStack() as stack:
-        streams = []
+        streams = list[Stream]()
         for one in target:
-            streams.append(open_stream(one, naming(source, resolved.file, one)))
+            opening = partial(open_stream, one, naming(source, resolved.file, one))
+            try:
+                streams.append(opening())
+            except UNAVAILABLE as error:
+                streams.append(Awaited(opening, f"{one}: {reason_of(error)}", warn))
             stack.callback(streams[-1].close)
+        away = [each.reason for each in streams if isinstance(each, Awaited)]
+        if len(away) == len(streams):
+            raise Fault(away[0])
+        for reason in away:
+            warn(f"{reason}; the others go on, tried again every {RETRY_S:g} s")
         connection = stack.enter_context(
             Connection(resolved.file.name, open_network(link), delayed=delayed)
         )

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol, runtime_checkable
 
+from e3pose.base.errors import InputError
 from e3pose.events.watch import Watch
 from e3pose.model.person_event import PersonEvent
 from e3pose.model.skeleton import Skeleton
@@ -59,6 +60,10 @@ class TellsCameras(Protocol):
     def cameras(self, status: Status) -> None:
         """Take a new status of the site."""
         ...
+
+
+class Unavailable(InputError):
+    """A target that is well named and cannot be had now: a broker that is away, a port in use."""
 
 
 class Stream(Protocol):

@@ -32,7 +32,7 @@ from e3pose.output.report.scene import NUM_COLOURS
 from e3pose.site.connect import LiveSlot
 from e3pose.site.serving import Serving
 from e3pose.site.streams.as_json import event_words, slot_words, zone_words
-from e3pose.site.streams.base import Source, host_port
+from e3pose.site.streams.base import Source, Unavailable, host_port
 from e3pose.site.streams.foxglove_server import (
     CLIENTS,
     CLIENTS_OF_ADDRESS,
@@ -64,7 +64,7 @@ def open_stream(place: str, source: Source) -> FoxgloveStream:
     try:
         listening = open_socket(host, port)
     except OSError as error:
-        raise InputError("target", f"{host}:{port} ({reason_of(error)})", "a free port") from None
+        raise Unavailable("target", f"{host}:{port} ({reason_of(error)})", "a free port") from None
     server = FoxgloveServer(f"e3pose {source.site}", CHANNELS, origins, source.report)
     serving = Serving(server, listening, Bounds(CLIENTS, CLIENTS_OF_ADDRESS), None)
     return FoxgloveStream(source, server.log, serving.close)

@@ -30,7 +30,7 @@ from e3pose.model.person_event import PersonEvent
 from e3pose.model.zone_event import ZoneEvent
 from e3pose.site.connect import LiveSlot
 from e3pose.site.streams.as_json import event_words, slot_words, zone_words
-from e3pose.site.streams.base import Source, host_port
+from e3pose.site.streams.base import Source, Unavailable, host_port
 from e3pose.wire.endpoint import is_loopback
 
 PORT, SECURE_PORT = 1883, 8883
@@ -65,8 +65,8 @@ def connected_client(
         will: topic and retained message that the broker sends when we are gone.
 
     Raises:
-        InputError: when there is no broker, it is not who it should be or refuses us, or a password
-            would cross a network in plain text.
+        Unavailable: when there is no broker, it is not who it should be or refuses us.
+        InputError: when a password would cross a network in plain text.
     """
     if "@" in place:
         raise InputError("target", "a user or password in it", f"them in {USER} and {PASSWORD}")
@@ -89,7 +89,7 @@ def connected_client(
     try:
         client.connect(host, port)
     except OSError as error:
-        raise InputError("target", f"{where} ({error})", "a broker that runs") from None
+        raise Unavailable("target", f"{where} ({error})", "a broker that runs") from None
     client.loop_start()  # which connects again
     try:
         reason = answered.get(timeout=ANSWER_S)
@@ -100,7 +100,7 @@ def connected_client(
         client.disconnect()
         client.loop_stop()
         wanted = f"a broker that accepts us; its user and password go into {USER} and {PASSWORD}"
-        raise InputError("target", f"{where} ({refused})", wanted)
+        raise Unavailable("target", f"{where} ({refused})", wanted)
     return client
 
 

@@ -5,19 +5,24 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from functools import partial
 from typing import TypeVar
 
 from e3pose.base.errors import InputError, reason_of
 from e3pose.events import watch as watching
 from e3pose.events.watch import Watch
+from e3pose.model.person_event import PersonEvent
 from e3pose.model.zone_event import ZoneEvent
 from e3pose.site.connect import Connection, LiveSlot
-from e3pose.site.streams.base import Stream, TellsCameras, TellsPeople
+from e3pose.site.streams.base import Stream, TellsCameras, TellsPeople, Unavailable
 from e3pose.site.zones import Zones, advance
 from e3pose.wire.site_messages import Status
 
 END_S = 5.0
+RETRY_S = 10.0  # between two tries to open a stream
+# What opening a stream raises where its target cannot be had now; RuntimeError is LSL's.
+UNAVAILABLE = (Unavailable, OSError, RuntimeError)
 T = TypeVar("T")
 
 
@@ -25,6 +30,75 @@ def _send(slot: LiveSlot, events: Sequence[ZoneEvent], stream: Stream) -> None:
     stream.slot(slot)
     for event in events:
         stream.zone(event)
+
+
+class Awaited:
+    """A stream whose target cannot be had yet, and is tried again until it can; see `Stream`.
+
+    Attributes:
+        reason: why it could not be opened at first.
+    """
+
+    def __init__(
+        self, open_stream: Callable[[], Stream], reason: str, report: Callable[[str], object]
+    ) -> None:
+        """Try on a thread.
+
+        Args:
+            open_stream: opens it; raises one of `UNAVAILABLE`.
+            reason: why it could not be opened.
+            report: called with a line once it is.
+        """
+        self.reason = reason
+        self._open, self._report = open_stream, report
+        self._stream: Stream | None = None
+        self._lock, self._closed = threading.Lock(), threading.Event()
+        threading.Thread(target=self._try, name="stream-open", daemon=True).start()
+
+    @property
+    def problem(self) -> str:
+        """Why it sends nothing, or the problem of the stream once there is one."""
+        stream = self._stream
+        return self.reason if stream is None else getattr(stream, "problem", "")
+
+    def slot(self, slot: LiveSlot) -> None:
+        """See `Stream.slot`."""
+        if self._stream is not None:
+            self._stream.slot(slot)
+
+    def zone(self, event: ZoneEvent) -> None:
+        """See `Stream.zone`."""
+        if self._stream is not None:
+            self._stream.zone(event)
+
+    def people(self, watch: Watch, events: Sequence[PersonEvent]) -> None:
+        """See `TellsPeople.people`."""
+        if isinstance(self._stream, TellsPeople):
+            self._stream.people(watch, events)
+
+    def cameras(self, status: Status) -> None:
+        """See `TellsCameras.cameras`."""
+        if isinstance(self._stream, TellsCameras):
+            self._stream.cameras(status)
+
+    def close(self) -> None:
+        """See `Stream.close`."""
+        with self._lock:
+            self._closed.set()
+        if self._stream is not None:
+            self._stream.close()
+
+    def _try(self) -> None:
+        while not self._closed.wait(RETRY_S):
+            with suppress(*UNAVAILABLE):
+                opened = self._open()
+                with self._lock:
+                    if self._closed.is_set():
+                        opened.close()
+                    else:
+                        self._stream = opened
+                        self._report(f"open now: {self.reason}")
+                return
 
 
 class Sender:
