@@ -12,6 +12,8 @@ import pytest
 from hypothesis import HealthCheck, settings
 from tests.postgres import WAY_OUT, Server, programs, running_server
 
+from e3pose.detectors import inference
+
 # Matrices are small: several threads for each cost twice the time of the cores. For this process,
 # which has not imported numpy yet, and all that it starts.
 os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = "1"
@@ -71,4 +73,12 @@ def no_waiting_for_disks() -> Iterator[None]:
     """Skip `fsync`: tests read what was written, and none cuts the power."""
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(os, "fsync", lambda handle: None)
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def no_trial_of_networks() -> Iterator[None]:
+    """Load networks at once: those of tests are ours, and a process for each takes a second."""
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(inference, "_check_bounds", lambda path: None)
         yield

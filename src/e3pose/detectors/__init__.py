@@ -41,7 +41,8 @@ NETWORKS: dict[str, tuple[Callable[[Network], Detector], Skeleton]] = {
 
 def _of_one_network(name: str, model: Path | None, provider: str, threads: int | None) -> Detector:
     make, _ = NETWORKS[name]
-    return make(load_network(find_weights(name) if model is None else model, provider, threads))
+    path = find_weights(name) if model is None else model
+    return make(load_network(path, provider, threads, known=model is None))
 
 
 def _drawn(model: Path | None, provider: str, threads: int | None) -> Detector:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import mmap
 from collections.abc import Callable, Collection, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any
@@ -12,8 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.base.child_process import call_apart
 from e3pose.base.errors import InputError
 from e3pose.detectors.weights import cache_folder
+from e3pose.detectors.weights.fetch import file_sha256
 
 VARINT, FIXED64, BYTES, FIXED32 = 0, 1, 2, 5
 GRAPH, NODE = 7, 1  # of a model, of a graph
@@ -174,6 +176,9 @@ PROVIDERS = {
 FLOATS = {"float": np.float32, "float16": np.float16}  # element types of an image's input
 SIZES = {"int64": np.int64, "int32": np.int32, "float": np.float32}  # likewise of a size
 MAX_MODEL_BYTES = 2**31  # protobuf's own limit
+# Of a network that is tried: time, memory, and the sides of its input that are free.
+TRY_S, TRY_BYTES, TRY_SIDE = 120.0, 8 * 10**9, 64
+DTYPES: dict[str, type[np.generic]] = {"float16": np.float16, "uint8": np.uint8, "int32": np.int32}
 SIZE_INPUT = "orig_target_sizes"  # `(1, 2)` width and height in which a network answers
 ERRORS_ONLY = 3  # ONNX Runtime's log severity
 
@@ -259,13 +264,17 @@ def choose_providers(
     ]
 
 
-def load_network(path: Path, provider: str = "auto", threads: int | None = None) -> Network:
+def load_network(
+    path: Path, provider: str = "auto", threads: int | None = None, known: bool = False
+) -> Network:
     """Load an `.onnx` file or a frozen TensorFlow `.pb` graph.
 
     Args:
         path: the network.
         provider: `auto` or a key of `PROVIDERS`; a `.pb` runs on the CPU only.
         threads: CPU threads; None lets the library use all cores.
+        known: whether it is one of the catalogue's, by its hash; others are tried once in a
+            process of their own, as a graph may compute without an end already while it is loaded.
 
     Raises:
         InputError: when the file is not a network, or the provider cannot be had.
@@ -280,6 +289,9 @@ def load_network(path: Path, provider: str = "auto", threads: int | None = None)
     if threads is not None and not 1 <= threads <= 1024:
         raise InputError(f"threads: found {threads}, expected 1 to 1024")
     if path.suffix == ".onnx":
+        check_external_data(path)
+        if not known:
+            _check_bounds(path)
         return _load_onnx(path, provider, threads)
     if path.suffix == ".pb":
         if provider not in ("auto", "cpu"):
@@ -291,10 +303,32 @@ def load_network(path: Path, provider: str = "auto", threads: int | None = None)
     raise InputError(f"{path}: found suffix {path.suffix!r}, expected a network in .onnx or .pb")
 
 
+def _check_bounds(path: Path) -> None:
+    """Raise `InputError` for a network that takes too much to load and run once."""
+    tried = cache_folder() / "tried-networks" / file_sha256(path)
+    if tried.exists():
+        return
+    if why := call_apart(_try, str(path), TRY_S, TRY_BYTES):
+        wanted = f"a network that loads and runs within {TRY_S:g} s and {TRY_BYTES / 1e9:g} GB"
+        raise InputError(f"{path}: {why.removeprefix(f'{path}: ')}; expected {wanted}")
+    with suppress(OSError):  # tried again next time
+        tried.parent.mkdir(parents=True, exist_ok=True)
+        tried.touch()
+
+
+def _try(name: str) -> None:
+    network = _load_onnx(Path(name), "cpu", 1)
+    shape = [TRY_SIDE if side is None else side for side in network.input_shape]
+    try:
+        network.run(np.zeros(shape, DTYPES.get(network.input_dtype, np.float32)))
+    except InputError as error:  # its detector may give it another size where one is free
+        if None not in network.input_shape or "allocate" in str(error.__context__):
+            raise
+
+
 def _load_onnx(path: Path, provider: str, threads: int | None) -> Network:
     import onnxruntime
 
-    check_external_data(path)
     engine_cache = cache_folder() / "engines"
     providers = choose_providers(provider, onnxruntime.get_available_providers(), engine_cache)
     if any(isinstance(entry, tuple) for entry in providers):
