@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import av
+import cv2
 import numpy as np
 
 from e3pose.base.clock import WallClock
@@ -134,6 +135,27 @@ def jpeg_of(size: int) -> Make:
     return make
 
 
+def jpegs_of_scans(count: int) -> Make:
+    """Return what writes a film of JPEGs that go over a picture of 1920 x 1080 so many times."""
+
+    def make(path: Path) -> None:
+        grey = np.full((1080, 1920, 3), 90, np.uint8)
+        coded = cv2.imencode(".jpg", grey, [cv2.IMWRITE_JPEG_PROGRESSIVE, 1])[1].tobytes()
+        again = coded[coded.rindex(b"\xff\xda") : -2]
+        with av.open(str(path), "w") as container:
+            stream = container.add_stream("mjpeg", rate=20)
+            stream.width, stream.height, stream.pix_fmt = 1920, 1080, "yuvj420p"
+            container.start_encoding()
+            for number in range(5):
+                packet = av.Packet(coded if number % 2 else coded[:-2] + count * again + coded[-2:])
+                packet.stream, packet.time_base = stream, Fraction(1, 20)
+                packet.pts = packet.dts = number
+                packet.is_keyframe = True
+                container.mux(packet)
+
+    return make
+
+
 VIDEOS: dict[str, tuple[str, Make]] = {
     "half of a file": ("a.avi", cut(0.5)),
     "half of a file, its index first": ("a.mp4", cut(0.5, movflags="faststart")),
@@ -175,6 +197,10 @@ VIDEOS: dict[str, tuple[str, Make]] = {
     "no key frame": (
         "a.mkv", lambda p: film(p, 30, still=True, drop=lambda packet: packet.is_keyframe),
     ),
+    "2^31 samples announced": (
+        "a.mp4", patched(b"stsz", 8, struct.pack(">II", 1, 2**31 - 1)),
+    ),
+    "JPEGs of 20 000 scans": ("a.avi", jpegs_of_scans(20_000)),
     "2 x 2 pixels": ("a.mkv", lambda p: film(p, size=(2, 2))),
 }  # fmt: skip
 

@@ -52,6 +52,34 @@ def test_a_header_that_promises_terabytes_allocates_nothing(tmp_path: Path) -> N
         load_arrays(tmp_path / "x.npz", {"a": ("n", 2)})
 
 
+def test_what_unpacks_to_far_more_than_its_file_is_refused(tmp_path: Path) -> None:
+    large = np.zeros((10**7, 2))
+    np.savez_compressed(tmp_path / "x.npz", a=large, b=np.zeros(3))
+    with pytest.raises(InputError, match=r"'a': found 160000128 bytes packed into \d+"):
+        load_arrays(tmp_path / "x.npz", SHAPES)
+    np.savez(tmp_path / "y.npz", a=large[:10], b=np.zeros(10))
+    assert len(load_arrays(tmp_path / "y.npz", SHAPES)["a"]) == 10
+
+
+@each_case("large", [False, True])
+def test_archive_of_a_million_names_is_not_listed(
+    large: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Python would take a minute and gigabytes for what a file of 100 MB can list."""
+    with zipfile.ZipFile(tmp_path / "x.npz", "w") as archive:
+        for number in range(20_000 if large else 14_000):
+            archive.writestr(f"array-{number:06d}-{'x' * 20}.npy", b"")
+    if large:  # the same in the form for more than 65 535 names, which says 0 in the usual place
+        content = bytearray((tmp_path / "x.npz").read_bytes())
+        at = content.rindex(b"PK\5\6")
+        locator = struct.pack("<4sLQL", b"PK\6\7", 0, at, 1)
+        content[at + 12 : at + 16] = bytes(4)
+        (tmp_path / "x.npz").write_bytes(content[:at] + locator + content[at:])
+    monkeypatch.setattr(zipfile, "ZipFile", None)
+    with pytest.raises(InputError, match=r"x\.npz: found too many arrays"):
+        load_arrays(tmp_path / "x.npz", SHAPES)
+
+
 @each_case(
     "member",
     [

@@ -13,7 +13,8 @@ MOST_SCANS = 24
 MOST_SEGMENTS = 1000  # files of cameras have some dozens
 _MARKER = re.compile(rb"\xff+([^\xff\x00\xd0-\xd7])")  # other bytes after 0xff are of the pixels
 _FRAMES = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}  # markers of headers that have a size
-_BARE, _END, _SCAN = {0x01, 0xD8}, 0xD9, 0xDA  # markers without a length; the end; of a pass
+SCAN = b"\xff\xda"  # the marker of a pass
+_BARE, _END, _SCAN = {0x01, 0xD8}, 0xD9, SCAN[1]  # markers without a length; the end; of a pass
 _PNG = b"\x89PNG\r\n\x1a\n"
 
 

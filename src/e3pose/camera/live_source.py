@@ -35,7 +35,13 @@ from e3pose.base.system import require_linux
 from e3pose.camera.base import LiveFrame, LiveSource, SourceSettings
 from e3pose.camera.phone import PhoneSource
 from e3pose.camera.phone_file import load_phone
-from e3pose.camera.source import FALLBACK_RATE, Frame, open_video, read_picture
+from e3pose.camera.source import (
+    FALLBACK_RATE,
+    Frame,
+    decode_bounded,
+    open_video,
+    read_picture,
+)
 from e3pose.model.pose import Poses2D
 from e3pose.recording import Recording, load_recording
 from e3pose.settings.sources import PHONE, place_of, revealed, scheme_of
@@ -181,7 +187,8 @@ class StreamSource:
             options |= {"rtsp_transport": "tcp", "stimeout": str(OPEN_TIMEOUT_US)}
         try:
             self._container = av.open(self.url, options=options, timeout=(5.0, READ_S * 2))
-            self._frames = self._container.decode(video=0)
+            packets = self._container.demux(video=0)
+            self._frames = (frame for packet in packets for frame in decode_bounded(packet))
             # Other codecs send what did not change once, also of a still room.
             self._single = self._container.streams.video[0].codec_context.name == "mjpeg"
             rate = self._container.streams.video[0].average_rate

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from e3pose.base.bounded import read_bytes
 from e3pose.base.errors import InputError
-from e3pose.base.jpeg import check_picture
+from e3pose.base.jpeg import MOST_SCANS, SCAN, check_picture
 from e3pose.camera.orientation import Orientation, display_orientation
 from e3pose.recording.detections.importing import frame_numbers
 from e3pose.recording.videos import chapters_of
@@ -421,7 +421,7 @@ def _decode(
             key = packet.pts
             intact_from = min(intact_from, key)
         try:
-            pictures = packet.decode()
+            pictures = decode_bounded(packet)
         except av.error.FFmpegError:
             key = intact_from = np.inf
             counter.lost_frames += 1
@@ -436,6 +436,19 @@ def _decode(
                 yield picture
             else:
                 counter.lost_frames += 1
+
+
+def decode_bounded(packet: Any) -> list[Any]:
+    """Return the pictures of a packet; one that FFmpeg decodes for seconds counts as damaged.
+
+    A JPEG may go over its picture thousands of times, and no clock is looked at meanwhile.
+    """
+    import av
+
+    jpeg = packet.stream.codec_context.name == "mjpeg"
+    if jpeg and bytes(packet).count(SCAN) > 2 * MOST_SCANS:  # both fields may be in a packet
+        raise av.error.InvalidDataError(0, "a JPEG of too many scans")
+    return list(packet.decode())
 
 
 def _deinterlaced(stream: Any, pictures: Iterator[Any]) -> Iterator[Any]:

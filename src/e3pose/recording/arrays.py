@@ -19,6 +19,10 @@ from e3pose.base.errors import InputError, reason_of
 
 MAX_FILE_BYTES = 2 * 2**30
 MAX_ARRAY_BYTES = 2 * 2**30
+MAX_RATIO, FREE_BYTES = 200, 2**26  # bytes of an array for one of its file; smaller ones are free
+MAX_DIRECTORY_BYTES = 10**6  # of the names in an archive: each entry takes Python ten times as much
+DIRECTORY, LARGE_DIRECTORY = b"PK\5\6", b"PK\6\7"
+TAIL_BYTES = 2**16 + 42
 
 Shape = tuple[int | str, ...]
 
@@ -44,6 +48,12 @@ BROKEN = (
 def open_archive(path: Path) -> Iterator[zipfile.ZipFile]:
     """Open an .npz of at most `MAX_FILE_BYTES`; raise `InputError` for what is none."""
     with open_regular(path, MAX_FILE_BYTES) as file:
+        file.seek(max(0, file.seek(0, 2) - TAIL_BYTES))
+        tail = file.read()
+        at = tail.rfind(DIRECTORY)
+        size = int.from_bytes(tail[at + 12 : at + 16], "little")
+        if at >= 0 and (size > MAX_DIRECTORY_BYTES or tail[at - 20 : at - 16] == LARGE_DIRECTORY):
+            raise InputError(f"{path}: found too many arrays, expected some hundred at most")
         try:
             archive = zipfile.ZipFile(file)
         except (zipfile.BadZipFile, ValueError, OSError, NotImplementedError):
@@ -76,6 +86,11 @@ def load_arrays(path: Path, shapes: Mapping[str, Shape]) -> dict[str, NDArray[np
                 found = ", ".join(sorted(m.removesuffix(".npy") for m in members)[:20])
                 raise InputError(f"{path}: array {name!r} is missing, found {found[:300]!r}")
             try:
+                most = max(FREE_BYTES, MAX_RATIO * entry.compress_size)
+                if entry.file_size > most:
+                    raise ValueError(
+                        f"found {entry.file_size} bytes packed into {entry.compress_size}"
+                    )
                 with archive.open(entry) as member:
                     array = read_array(member, entry.file_size)
             except BROKEN as error:
