@@ -15,8 +15,8 @@ moments have each likely cause:
     left and right  most keypoints of these looks are nearer to the joint of the other side
     detector        half of them or more are more than 100 mm off, across their rays
     one view only   one camera gave all of them, and the error is along its rays
-    motion          they are right, and the joint moves by more than 1.5 m/s
-    filter          they are right, and it does not
+    motion          they are right, and the joint has moved by more than 150 mm
+    filter          they are right, and it has not
 
 In the pictures: keypoints thin and white, the reference green, the estimate blue, the limb red. A
 camera whose name has a star looked in that slot. Lead 4.
@@ -58,7 +58,7 @@ from predictor_in_the_loop import captured, seen
 
 LEAD, WARMUP = 4, 10
 APART_S = 0.5  # moments of one limb
-LATE_S, OFF_M, FAST_MPS, TRUNK_M = 0.3, 0.1, 1.5, 0.2
+LATE_S, OFF_M, MOVED_M, TRUNK_M = 0.3, 0.1, 0.15, 0.2
 TRUNK = ("left_shoulder", "right_shoulder", "left_hip", "right_hip")
 SIDE_PX = 340
 WHITE, GREEN, BLUE, RED = (235, 235, 235), (0, 210, 90), (70, 150, 255), (255, 40, 40)
@@ -78,7 +78,7 @@ class Moment:
         true_m: `(num_joints, 3)`.
         looks: of the joint at the end in the last `LATE_S`: slot, camera, score, mm across the ray
             from the reference, whether nearer to that of the other side.
-        speed_mps: of the end.
+        moved_m: how far the end has moved in the last `LATE_S`.
     """
 
     slot: int
@@ -87,7 +87,7 @@ class Moment:
     joints_m: Floats
     true_m: Floats
     looks: list[tuple[int, int, float, float, bool]]
-    speed_mps: float
+    moved_m: float
 
     @property
     def off_m(self) -> float:
@@ -112,7 +112,7 @@ class Moment:
             across = across_mm(camera, self.joints_m, self.true_m)[self.limb[1]]
             if across < 500 * self.off_m:
                 return "one view only"
-        return "motion" if self.speed_mps > FAST_MPS else "filter"
+        return "motion" if self.moved_m > MOVED_M else "filter"
 
 
 def across_mm(camera: Camera, joints_m: Floats, true_m: Floats) -> Floats:
@@ -159,11 +159,10 @@ def wrong_moments(
             path, views = people[person]
             for joint in np.flatnonzero(wrong == 1).tolist():
                 start = next(names.index(a) for a, b in LIMBS if b == names[joint])
-                moved_m = path[slot, joint] - path[max(slot - 1, 0), joint]
+                moved_m = path[slot, joint] - path[max(slot - late, 0), joint]
                 looks = list(_looks(recording, views, path, joint, records[slot - late : slot + 1]))
-                speed_mps = float(np.linalg.norm(moved_m)) * recording.fps
-                limb = (start, joint)
-                found.append(Moment(slot, person, limb, joints_m, path[slot], looks, speed_mps))
+                limb, far_m = (start, joint), float(np.linalg.norm(moved_m))
+                found.append(Moment(slot, person, limb, joints_m, path[slot], looks, far_m))
     return found, 100 * len(found) / max(limbs, 1)
 
 
@@ -215,6 +214,8 @@ def picture(recording: Recording, moment: Moment, record: SlotRecord, images: An
     both_m = np.concatenate([moment.joints_m, moment.true_m])
     for number, camera in enumerate(recording.rig.cameras):
         shown = camera.project(both_m)
+        if not camera.sees(both_m).any():
+            continue
         low, high = np.nanmin(shown, axis=0), np.nanmax(shown, axis=0)
         side = 1.3 * max(*(high - low), 40.0)
         scale, origin = SIDE_PX / side, (low + high - side) / 2
@@ -253,7 +254,8 @@ def caption(recording: Recording, moment: Moment) -> str:
     )
     return escape(
         f"{moment.cause(recording)}: slot {moment.slot}, person {moment.person}, limb to "
-        f"{names[moment.limb[1]]}, {1000 * moment.off_m:.0f} mm off, {moment.speed_mps:.1f} m/s; "
+        f"{names[moment.limb[1]]}, {1000 * moment.off_m:.0f} mm off, moved by "
+        f"{1000 * moment.moved_m:.0f} mm; "
         f"keypoints: {looks or 'none'}"
     )
 
