@@ -7,13 +7,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from tests.output.archive.days import BEGIN, DAY, FIRST_DAY, HOUR, PEOPLE, fill
+from tests.output.archive.days import BEGIN, DAY, FIRST_DAY, HOUR, PEOPLE, SECOND_DAY, fill
 from tests.store.conftest import record, run
 from tests.store.writers import wait_for
 
 from e3pose.base.errors import InputError
 from e3pose.store import Store, StoreWriter
-from e3pose.store.forgetting import Forgotten, forget, left, of_day
+from e3pose.store.forgetting import Forgotten, day_of, forget, left, of_day
 from e3pose.store.rows import slot_rows
 from e3pose.store.spool import Spool, spools_of
 
@@ -79,7 +79,8 @@ def test_rows_that_a_killed_edge_left_are_not_brought_back(tmp_path: Path) -> No
 
 def test_archives_can_delete_whole_days_and_people() -> None:
     day = of_day("hall", "2026-11-20")
-    assert day.whole_day and PERSON.whole_day
+    assert day.whole_day and PERSON.whole_day and day.day == "2026-11-20"
+    assert [day_of(BEGIN + n) for n in (-1, 0, DAY)] == ["2026-11-18", FIRST_DAY, SECOND_DAY]
     assert not replace(day, end_ns=day.end_ns - 1).whole_day
     assert not replace(day, start_ns=day.start_ns + 1, end_ns=day.end_ns + 1).whole_day
 

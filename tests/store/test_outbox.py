@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sqlite3
+from dataclasses import replace
 from itertools import count
 from pathlib import Path
 
@@ -11,13 +12,15 @@ import numpy as np
 import pytest
 from sqlalchemy import update
 from tests.cli.commands import run as run_verb
-from tests.store.conftest import record, run
+from tests.store.conftest import STARTED_NS, record, run
 from tests.store.writers import QUICK, limit_connections, wait_for
 
 from e3pose.base.errors import InputError
 from e3pose.store import Retention, Run, Store, StoreWriter, WriterSettings, schema
+from e3pose.store.acknowledgements import Hubs, acknowledgements, note_taken
 from e3pose.store.copying import copy_store
 from e3pose.store.database import database_url, writing_engine
+from e3pose.store.forgetting import Forgotten, forget
 from e3pose.store.outbox import read_outbox
 from e3pose.store.rows import NS
 from e3pose.store.summaries import MINUTE_NS
@@ -94,6 +97,47 @@ def test_summaries_outlive_their_slots(place: Place) -> None:
         writer.append(record(0), time_ns=later.now_ns)
         wait_for(lambda: len(Store(place).rows("slots")) == 1)
     assert [row["number"] for row in read_outbox(place, "hall").summaries][:2] == [1, 2]
+
+
+def test_hubs_hear_of_every_deletion_once_and_the_site_knows_which(
+    place: Place, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_minutes(place, run(), 3)
+    person = Forgotten("hall", STARTED_NS, STARTED_NS, STARTED_NS, 10)
+    asked = [forget(place, person)[0], forget(place, replace(person, track_id=11))[0]]
+    write_minutes(place, run(started_ns=MINUTE), 2)
+    forget(place, Forgotten("yard", 0, 1))
+    assert [what.outbox_number for what in asked] == [4, 5]
+    for size in (1, 2, 4, 9):  # however much is fetched at a time
+        after, numbers, told = 0, list[int](), list[Forgotten]()
+        while (got := read_outbox(place, "hall", after, size)).summaries or got.forgotten:
+            numbers += [row["number"] for row in got.summaries]
+            told += got.forgotten
+            after = max([after, *numbers, *(what.outbox_number for what in got.forgotten)])
+        assert (sorted(numbers), told, after) == ([1, 2, 3, 6, 7], asked, 7)
+    assert [read_outbox(place, "hall", n).forgotten for n in (4, 5)] == [(asked[1],), ()]
+
+    def known() -> list[tuple[tuple[str, ...], tuple[str, ...]]]:
+        found = acknowledgements(place, "hall")
+        assert [each.what for each in found] == asked
+        return [(each.informed, each.pending) for each in found]
+
+    assert known() == [((), ())] * 2
+    hubs = Hubs(place, "hall")
+    for now, (hub, after, tells) in enumerate(
+        (("b", 0, True), ("a", 4, False), ("a", 9, False), ("b", 5, False), ("b", 9, True))
+    ):  # one that was told nothing new is not noted again
+        hubs.asked(hub, after, tells, now)
+    assert known() == [(("a", "b"), ()), (("b",), ("a",))]
+    monkeypatch.setattr("e3pose.store.acknowledgements.MOST_HUBS", 2)
+    note_taken(place, "hall", "c", 3, 9)
+    assert known() == [(("b",), ("c",))] * 2, "those that asked last"
+    assert acknowledgements(place, "yard")[0].pending == ()
+    lost = Hubs(Path("/nowhere/hall.db"), "hall")
+    lost.asked("a", 9, False, 0)
+    lost.store = place
+    lost.asked("a", 9, False, 10)
+    assert known()[1] == (("a",), ("c",)), "noted with a later question"
 
 
 def test_copy_has_a_cursor_of_its_own(tmp_path: Path) -> None:

@@ -20,6 +20,7 @@ from e3pose.model.skeleton import COCO17
 from e3pose.model.zone_event import ZoneEvent
 from e3pose.store import EnergyReading, Event, Run, Store, StoreWriter, schema
 from e3pose.store.database import database_url, writing_engine
+from e3pose.store.records import charged_j, slot_records
 
 STARTED_NS = 1_795_000_000_000_000_000
 NUM_SLOTS = 100
@@ -84,6 +85,48 @@ def test_everything_comes_back(filled: Place) -> None:
     assert slots[8]["deficit"] == [1.5, 0.0, 2.0]
     assert slots[8]["energy_j"] == [4.0, 2.0, 1.0]
     assert slots[8]["took_s"] == pytest.approx(0.003)
+
+
+def test_slots_come_back_as_the_records_that_they_were(filled_file: Path) -> None:
+    store = Store(filled_file)
+    rows, poses = store.rows("slots", "1", "2"), store.query("1", "2")
+    found = slot_records(rows, poses, 0.04, first_slot=25)
+    assert [made.slot for made in found] == [*range(26)]
+    for made in found:
+        truth = record(made.slot + 25)
+        for name in ("selected", "arrived", "next_selection", "occlusion", "deficit"):
+            np.testing.assert_array_equal(getattr(made, name), getattr(truth, name), name)
+        np.testing.assert_array_equal(made.people.track_ids, truth.people.track_ids)
+        np.testing.assert_array_equal(made.people.joints_m, truth.people.joints_m)
+        assert made.people.joints_m.dtype == made.people.sigma_m.dtype == np.float64
+        assert made.time_s == pytest.approx(0.04 * made.slot) and made.blind == ""
+        assert made.stage_s == {"step": pytest.approx(0.003)}
+    assert slot_records(rows, poses, 0.04)[0].slot == 25
+    np.testing.assert_array_equal(charged_j(rows), [[s / 2, s / 4, s / 8] for s in range(25, 51)])
+    assert charged_j([]) is None and charged_j([*rows, {**rows[0], "energy_j": None}]) is None
+    causes = {("100", "100"): "", ("100", "000"): "views-missing", ("000", "000"): ""}
+    for (selected, arrived), cause in causes.items():  # earlier versions did not store it
+        old = {**rows[0], "selected": selected, "arrived": arrived, "blind": None}
+        late = {**old, "blind": "views-late"}
+        blind = [made.blind for made in slot_records([old, late], poses, 0.04)]
+        assert blind == [cause, "views-late"]
+
+
+def test_pages_of_rows_are_all_rows_once(place: Place) -> None:
+    for part in range(3):
+        with StoreWriter(place, run("hall", STARTED_NS + part * 10**12)) as writer:
+            for slot in range(5 + part):
+                writer.append(record(slot, num_persons=0), wait=True)
+    store = Store(place)
+    every = [(row["run_id"], row["slot"]) for row in store.rows("slots")]
+    assert len(every) == len({*every}) == 18
+    for size in (1, 4, 5, 7, 30):
+        pages = [store.rows("slots", offset=at, limit=size) for at in range(0, 19, size)]
+        assert [(row["run_id"], row["slot"]) for page in pages for row in page] == every
+    second = store.runs()[1].run_id
+    assert [row["slot"] for row in store.rows("slots", run=second, offset=4)] == [4, 5]
+    with pytest.raises(InputError, match="table: found 'people', expected one of slots, tracks"):
+        store.rows("people")
 
 
 def test_events_and_readings_come_back(filled: Place) -> None:
@@ -206,6 +249,8 @@ def test_record_that_does_not_fit_is_refused_and_reported(place: Place) -> None:
         writer.append(record(1))
         writer.append(record(2), time_ns=2**70)
         writer.append(record(3))
+        assert writer.flush()
+        assert writer.status().shed == 1 + 3, "a record, and a slot with two people"
     assert np.unique(Store(place).query().slots).tolist() == [1, 3]
     assert any("energy" in event.message for event in events)
     kinds = {row["kind"] for row in Store(place).rows("events")}

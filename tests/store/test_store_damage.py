@@ -92,7 +92,9 @@ def test_damage_while_running_starts_a_new_database(
         wait_for(lambda: writer.status().problem is None and writer.status().spooled == 0)
         assert writer.flush()
     assert list(tmp_path.glob("live.db.corrupt-*"))
-    assert stored_slots(path)[-1] == 329
+    held = writer.status()
+    assert stored_slots(path) == [*range(held.first_slot, held.acknowledged_slot + 1)]
+    assert held.first_slot >= 300 and held.acknowledged_slot == 329
     assert len(checked) > 1
     assert any(event.kind == "store-corrupt" for event in reported)
 
@@ -155,7 +157,9 @@ def test_damage_that_no_commit_meets_is_found(
         writer.append(record(slot))
         wait_for(lambda: writer.status().problem is None and writer.status().spooled == 0)
         assert writer.flush()
-    assert stored_slots(path)[-1] == slot
+    held = writer.status()
+    assert stored_slots(path) == [*range(held.first_slot, slot + 1)]
+    assert held.first_slot >= 600 and held.acknowledged_slot == slot
     assert len([event for event in reported if event.kind == "store-corrupt"]) == 1
     (aside,) = (p for p in tmp_path.glob("live.db.corrupt-*") if p.name.endswith("Z"))
     assert problem_of(aside) and not problem_of(path)
