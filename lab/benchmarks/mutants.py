@@ -305,9 +305,10 @@ def attempt(
     if plain not in measured:
         measured[plain] = measure(plain, packages, out)
     took_s, lines = measured[plain]
-    tests = chosen(lines.get(mutant["path"], {}), span, inside, took_s)
-    if not tests and not inside:  # runs when it is imported: no test is known to need it
-        tests = chosen({mutant["line"]: {*took_s}}, span, inside, took_s)
+    of_file = lines.get(mutant["path"], {})
+    tests = chosen(of_file, span, inside, took_s)
+    if not tests:  # runs when it is imported, or never: no test is known to need it
+        tests = chosen(of_file or {mutant["line"]: {*took_s}}, span, False, took_s)
     changed = [
         f"{mutant['path']}:{number}: {after.strip()}"
         for number, (before, after) in enumerate(
