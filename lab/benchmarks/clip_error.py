@@ -52,7 +52,7 @@ class Reference:
 
 def references(recording: Recording, noise: Noise) -> list[Reference]:
     """Return everybody as the smoother over all views sees them; limbs of one length each."""
-    body = proportions_of(recording.skeleton.joints, grow(recording.skeleton))
+    body = proportions_of(recording.skeleton, grow(recording.skeleton))
     tracks, _ = all_camera_tracks(recording, recording.num_slots)
     scales = np.array([max(c.image_size) for c in recording.rig.cameras]) / noise.image_px
     reach = 2 * max(1, round(SUPPORT_S / recording.interval_s)) + 1

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from e3pose.model.pose import Poses2D as Poses2D
     from e3pose.model.skeleton import SKELETONS as SKELETONS
     from e3pose.model.skeleton import Skeleton as Skeleton
+    from e3pose.model.skeleton import load_skeleton as load_skeleton
     from e3pose.output.exports.frame import to_frame as to_frame
     from e3pose.output.exports.source import query as query
     from e3pose.output.report.plot import plot as plot
@@ -48,6 +49,7 @@ _HOMES = {
     "connect": "site.connect",
     "load_recording": "recording",
     "load_rig": "recording.calibration",
+    "load_skeleton": "model.skeleton",
     "open_camera": "site.camera_program",
     "open_edge": "site.edge_program",
     "plot": "output.report.plot",

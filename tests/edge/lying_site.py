@@ -254,7 +254,7 @@ def run(
         pipeline="memory", policy="information", num_selected=2, predictor="zero-velocity"
     )
     settings = EdgeSettings(
-        "lab", recording.skeleton.joints, DEADLINE_S, [idle_mode] * cameras, wakes_s=[0.4] * cameras
+        "lab", recording.skeleton, DEADLINE_S, [idle_mode] * cameras, wakes_s=[0.4] * cameras
     )
     recorder = _Recorder(kept, ids)
     consumers = Consumers(ledger=ledger, recorder=recorder)  # type: ignore[arg-type]

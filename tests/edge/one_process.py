@@ -63,7 +63,7 @@ class Site:
         )  # fmt: skip
         edge_settings = EdgeSettings(
             "lab",
-            self.recording.skeleton.joints,
+            self.recording.skeleton,
             deadline_s=self.deadline_s,
             idle_modes=["power-saving"] * len(self.recording.rig),
             start_wait_s=1.0,

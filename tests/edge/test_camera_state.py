@@ -114,6 +114,18 @@ def test_camera_of_another_rig_is_refused(hello: Hello, message: str) -> None:
     assert message in why(with_heartbeat(with_hello(CameraState("cam1"), hello, NOW), BEAT, NOW))
 
 
+def test_joints_of_an_unknown_detector_are_not_lost_without_a_word() -> None:
+    hello = Hello("cam1", 5, BODY25.joints, SIZE, 25.0)
+    camera = with_heartbeat(with_hello(CameraState("cam1"), hello, NOW), BEAT, NOW)
+    for known, message in (
+        (None, ""),
+        ([BODY25.joints], ""),
+        ([COCO17.joints], "6 of 25 joints not used: left_big_toe, left_small_toe, left_heel"),
+    ):
+        assert message in cameras.standing(camera, COCO17.joints, SIZE, NOW, known)[1]
+        assert bool(message) == bool(cameras.standing(camera, COCO17.joints, SIZE, NOW, known)[1])
+
+
 @each_case("found", [COCO17, COCO18, BODY25])
 @each_case("expected", [COCO17, COCO18, BODY25])
 def test_camera_with_another_skeleton_of_the_body_serves(

@@ -41,7 +41,7 @@ def test_smoothing_compiles_nothing_more_once_it_is_warm() -> None:
     from e3pose.estimate.filter.proportions import keep_all
 
     kernels: tuple[Any, ...] = (move_all, keep_all)
-    delayed = Delayed(scene().skeleton.joints, 3)
+    delayed = Delayed(scene().skeleton, 3)
     delayed.warm_up()
     ready = [len(kernel.compiled.signatures) for kernel in kernels]
     people: list[Estimate] = []
@@ -57,7 +57,7 @@ def test_slots_come_as_late_as_in_a_replay() -> None:
     records = list(replay(scene(), ReplaySettings(num_selected=2), publish=people.append))
     posteriors = [each.posterior for each in people if each.posterior is not None]
     wanted = smooth_records(records, posteriors, scene().skeleton, 3)
-    delayed = Delayed(scene().skeleton.joints, 3)
+    delayed = Delayed(scene().skeleton, 3)
     found = [delayed.push(*each) for each in zip(records, posteriors, strict=True)]
     assert found[:3] == [None] * 3
     for slot, (late, record) in enumerate(zip(found[3:], wanted, strict=False)):
@@ -109,7 +109,7 @@ def test_a_replay_with_a_delay_writes_what_an_edge_publishes(tmp_path: Path) -> 
         for row in rows
     }
 
-    settings = EdgeSettings("lab", recording.skeleton.joints, 0.1, (), smooth_delay_s=0.2)
+    settings = EdgeSettings("lab", recording.skeleton, 0.1, (), smooth_delay_s=0.2)
     queue, clock = SendQueue(), ManualClock()
     publisher = Publisher(settings, recording.rig, recording.interval_s, queue, clock)
     people: list[Estimate] = []

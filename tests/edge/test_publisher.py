@@ -40,8 +40,9 @@ class Edge:
     """What an edge does with computed slots, and what it sent."""
 
     def __init__(self, delay_s: float = 0.0) -> None:
-        joints = scene().skeleton.joints
-        settings = EdgeSettings("lab", joints, 0.1, (), publish_stored=True, smooth_delay_s=delay_s)
+        settings = EdgeSettings(
+            "lab", scene().skeleton, 0.1, (), publish_stored=True, smooth_delay_s=delay_s
+        )
         self.queue, rig = SendQueue(), scene().rig
         self._publisher = Publisher(settings, rig, scene().interval_s, self.queue, ManualClock())
         self._nobody = np.zeros(len(rig), dtype=bool)

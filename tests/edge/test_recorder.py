@@ -22,6 +22,7 @@ from e3pose.camera.session_videos import attach_videos
 from e3pose.edge.gather import Arrival
 from e3pose.edge.recorder import Recorder, RecorderSettings, recordings_in
 from e3pose.model.pose import Poses2D
+from e3pose.model.skeleton import COCO17
 from e3pose.recording import ProcessorTime, load_recording, save_recording
 from e3pose.recording.videos import video_name
 from e3pose.recording.writer import PARTIAL, ROOM
@@ -34,7 +35,7 @@ POSES = Poses2D(np.full((1, 17, 2), 5.0), np.full((1, 17), 0.5))
 
 
 def settings(folder: Path) -> RecorderSettings:
-    return RecorderSettings(folder, "lab", (True, True, False), FPS, 1.0, "coco17", "openpose")
+    return RecorderSettings(folder, "lab", (True, True, False), FPS, 1.0, COCO17, "openpose")
 
 
 def record(asked: RecorderSettings, slots: Sequence[int]) -> list[str]:

@@ -21,7 +21,7 @@ from e3pose.model.skeleton import (
     SKELETONS,
     Skeleton,
     convert,
-    skeleton_by_name,
+    load_skeleton,
 )
 
 # Published orders, written out here with their own words.
@@ -174,9 +174,9 @@ def test_conversion_refuses_arrays_of_another_skeleton() -> None:
 
 
 def test_unknown_names_list_the_known() -> None:
-    assert skeleton_by_name("coco17") is COCO17
-    with pytest.raises(InputError, match="'smpl' is unknown, expected one of coco17"):
-        skeleton_by_name("smpl")
+    assert load_skeleton("coco17") is COCO17
+    with pytest.raises(InputError, match="smpl: skeleton: no such file, expected coco17"):
+        load_skeleton("smpl")
     with pytest.raises(InputError, match="coco17 has no joint 'tail'"):
         COCO17.index("tail")
 

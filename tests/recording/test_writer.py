@@ -10,6 +10,7 @@ from tests.rigs import looking
 
 from e3pose.base.errors import InputError
 from e3pose.model.pose import Poses2D
+from e3pose.model.skeleton import COCO17
 from e3pose.recording import load_recording
 from e3pose.recording.calibration.world import assumed_rig
 from e3pose.recording.writer import RecordingWriter, finish_interrupted
@@ -23,7 +24,7 @@ def person(x: float) -> Poses2D:
 
 def begun(folder: Path) -> RecordingWriter:
     """Return a recording of which camera c0 has three slots, c1 one and c2 none."""
-    writer = RecordingWriter(folder / "walk", RIG, 20.0, "coco17", "openpose", "A walk.")
+    writer = RecordingWriter(folder / "walk", RIG, 20.0, COCO17, "openpose", "A walk.")
     for slot in (0, 1, 4):
         writer.add("c0", slot, slot / 20, person(10.0 + slot))
     writer.add("c1", 2, 0.11, Poses2D.empty(17))
@@ -61,8 +62,8 @@ def test_recording_that_a_kill_cut_off_is_put_right(tmp_path: Path) -> None:
 
 
 def test_recording_without_a_view_is_none(tmp_path: Path) -> None:
-    assert RecordingWriter(tmp_path / "walk", RIG, 20.0, "coco17").finish() is None
-    RecordingWriter(tmp_path / "cut", RIG, 20.0, "coco17").close()
+    assert RecordingWriter(tmp_path / "walk", RIG, 20.0, COCO17).finish() is None
+    RecordingWriter(tmp_path / "cut", RIG, 20.0, COCO17).close()
     assert finish_interrupted(tmp_path) == []
     assert not list(tmp_path.iterdir())
 
@@ -76,7 +77,7 @@ def test_strangers_folder_is_left_alone(tmp_path: Path) -> None:
 
 def test_cameras_that_nobody_placed_stay_so(tmp_path: Path) -> None:
     rig = assumed_rig({"c0": (640, 480), "c1": (640, 480)})
-    with RecordingWriter(tmp_path / "walk", rig, 20.0, "coco17") as writer:
+    with RecordingWriter(tmp_path / "walk", rig, 20.0, COCO17) as writer:
         writer.add("c0", 0, 0.0, person(5.0))
     loaded = load_recording(tmp_path / "walk").rig
     assert not loaded.placed and loaded.cameras[0].image_size == (640, 480)

@@ -12,7 +12,7 @@ from e3pose.energy.budgets import Budget
 from e3pose.energy.saving import Saving
 from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.model.people import People
-from e3pose.model.skeleton import skeleton_by_name
+from e3pose.model.skeleton import load_skeleton
 from e3pose.pipeline import SlotRecord
 from e3pose.recording import load_recording
 from e3pose.settings.resolved import resolve_site
@@ -27,7 +27,7 @@ def leave(site_file: Path) -> Status:
     """Leave what a live site leaves in its store, one slot a frame; return its last status."""
     site = load_site(site_file)
     slot_ns = round(1e9 / site.fps / site.pace)
-    skeleton = skeleton_by_name(site.skeleton_name or "")
+    skeleton = load_skeleton(site.skeleton_name or "")
     recording = load_recording(site_file.parent / "recording")
     ids = recording.rig.camera_ids
     run = Run(site.name, site.name, BEGIN_NS, 1 / site.fps, skeleton.name, skeleton.joints, ids)

@@ -156,7 +156,7 @@ def site(disk: Path) -> Iterator[Site]:
     seen, rig = scene(), scene().rig
     run = Run("lab", "lab", 1, seen.interval_s, "coco17", seen.skeleton.joints, rig.camera_ids)
     wanted = RecorderSettings(
-        disk / "recordings", "lab", [True] * len(rig), 20.0, 1.0, "coco17", ""
+        disk / "recordings", "lab", [True] * len(rig), 20.0, 1.0, seen.skeleton, ""
     )
     with ExitStack() as stack:
         patch = stack.enter_context(pytest.MonkeyPatch.context())

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from e3pose.base.errors import InputError
 from e3pose.model.camera import Camera, Rig
-from e3pose.model.skeleton import SHELF14, skeleton_by_name
+from e3pose.model.skeleton import SHELF14, load_skeleton
 from e3pose.recording import Recording, Truth, ViewSeries
 from e3pose.recording.arrays import floats, integers, load_arrays
 from e3pose.recording.detections.views import poses_from_triples
@@ -42,7 +42,7 @@ def import_shelf(source: Path, skeleton: Literal["coco17", "body25"] = "coco17")
     """
     if skeleton not in ("coco17", "body25"):
         raise InputError(f"--skeleton: found {skeleton!r}, expected coco17 or body25")
-    convention = skeleton_by_name(skeleton)
+    convention = load_skeleton(skeleton)
     detections = f"det_{skeleton}"
     arrays = load_arrays(
         source,

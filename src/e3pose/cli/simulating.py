@@ -120,7 +120,7 @@ def simulate(
     ring: RingOptions = RING,
     errors: ErrorOptions = ERRORS,
     seed: Whole = 0,
-    skeleton: Literal["coco17", "body25", "halpe26"] = "coco17",
+    skeleton: str = "coco17",
     videos: Flag = False,
     overwrite: bool = False,
 ) -> None:
@@ -151,7 +151,8 @@ def simulate(
     seed
         Random seed.
     skeleton
-        Skeleton of detections and truth; body25 and halpe26 have feet.
+        Skeleton of detections and truth, or its TOML file; body25 and halpe26 have feet, coco133
+        has hands and a face, too.
     videos
         Also write a film per camera into the recording's `videos` folder: the detections drawn as
         coloured joints, which the detector `drawn` reads back. At most three people.

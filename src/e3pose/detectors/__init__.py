@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 
 from e3pose.base.errors import InputError
-from e3pose.base.plugins import maker
+from e3pose.base.plugins import maker, member
 from e3pose.detectors.base import Detector as Detector
 from e3pose.detectors.base import Image as Image
 from e3pose.detectors.drawn import Drawn
@@ -130,6 +130,8 @@ def identify(path: Path) -> str:
 def skeleton_of(name: str, model: Path | None = None) -> Skeleton | None:
     """Return the skeleton of a detector's poses; None where nothing says it before it runs.
 
+    A detector of the user's own is made if its class does not have it.
+
     Args:
         name: as of `make_detector`.
         model: likewise.
@@ -138,6 +140,12 @@ def skeleton_of(name: str, model: Path | None = None) -> Skeleton | None:
         InputError: when a network file that says it cannot be used.
     """
     path = Path(name) if name not in DETECTORS and is_network(Path(name)) else model
+    if name not in DETECTORS and path in (None, model):
+        found = member(GROUP, "detector", name, DETECTORS)
+        stated = getattr(found, "skeleton", None)
+        made = found if isinstance(stated, Skeleton) else make_detector(name, model)
+        skeleton = getattr(made, "skeleton", None)
+        return skeleton if isinstance(skeleton, Skeleton) else None
     if name in SKELETONS or path is None or not path.exists():
         return SKELETONS.get(name)
     if not path.is_dir():

@@ -9,7 +9,7 @@ their own: the `Inbox` keeps the first; the edge keeps the second beside the sta
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import Any
@@ -20,7 +20,14 @@ from e3pose.base.arrays import Flags, Floats, Integers
 from e3pose.base.quantities import plural
 from e3pose.edge.lead import Lead, lagging
 from e3pose.energy.rest_costs import alarm_s
-from e3pose.model.skeleton import BODY_JOINTS, SKELETONS, lacking, serves
+from e3pose.model.skeleton import (
+    BODY_JOINTS,
+    SHIPPED,
+    lacking,
+    serves,
+    skeleton_of_joints,
+    unused,
+)
 from e3pose.select.failure_detector import Silence, patience
 from e3pose.wire.messages import RESTING, CameraMode, Heartbeat, Hello
 from e3pose.wire.site_messages import CameraStatus
@@ -402,6 +409,7 @@ def standing(
     joints: Sequence[str],
     image_size: tuple[int, int] | None,
     now_ns: int,
+    known: Collection[tuple[str, ...]] | None = None,
 ) -> tuple[State, str]:
     """Return the state of a camera by its messages, and why it cannot be selected.
 
@@ -410,6 +418,8 @@ def standing(
         joints: of the edge's skeleton, into which those of its detector are converted.
         image_size: of its calibration; None for any.
         now_ns: the time.
+        known: joints of detectors that the edge's skeleton was chosen for; those of others must
+            not be lost in the conversion. None for any.
 
     Returns:
         Its state, and for operators what is wrong; empty if it can be selected.
@@ -428,12 +438,16 @@ def standing(
         return State.LEFT, "not connected"
     if now_ns - camera.heard_ns > SILENT_S * 1e9:
         return State.LEFT, f"silent for {(now_ns - camera.heard_ns) / 1e9:.0f} s"
-    why = _misfit(camera, joints, image_size, now_ns)
+    why = _misfit(camera, joints, image_size, now_ns, known)
     return (State.BARRED if why else State.READY), why
 
 
 def _misfit(
-    camera: CameraState, joints: Sequence[str], image_size: tuple[int, int] | None, now_ns: int
+    camera: CameraState,
+    joints: Sequence[str],
+    image_size: tuple[int, int] | None,
+    now_ns: int,
+    known: Collection[tuple[str, ...]] | None,
 ) -> str:
     """Return why a camera that is connected cannot be selected; empty if it can."""
     hello, beat = camera.hello, camera.beat
@@ -446,8 +460,12 @@ def _misfit(
         return f"sends invalid messages ({camera.fault})"
     if hello is None:  # without a frame it does not know its size; the heartbeat may say why
         return (beat.problem if beat else "") or CONNECTING
-    if hello.joints != tuple(joints) and not serves(hello.joints, joints):
-        return _other_joints(hello.joints, joints)
+    if hello.joints != tuple(joints):
+        if not serves(hello.joints, joints):
+            return _other_joints(hello.joints, joints)
+        lost = "" if known is None or hello.joints in known else unused(hello.joints, joints)
+        if lost:
+            return f"{lost}, as the site expects {_name(joints)}: set skeleton in its file"
     if image_size is not None and tuple(hello.image_size) != tuple(image_size):
         width, height = hello.image_size
         return (
@@ -466,12 +484,14 @@ def _misfit(
     return "no new frames" if now_ns - camera.frame_ns > frozen_s * 1e9 else ""
 
 
+def _name(joints: Sequence[str]) -> str:
+    skeleton = skeleton_of_joints(tuple(joints))
+    return skeleton.name if skeleton.name in SHIPPED else plural(len(joints), "joint")
+
+
 def _other_joints(found: Sequence[str], expected: Sequence[str]) -> str:
     """Return the message about a detector whose skeleton cannot be converted."""
-    names = {skeleton.joints: name for name, skeleton in SKELETONS.items()}
-    outputs, expects = (
-        names.get(tuple(joints), plural(len(joints), "joint")) for joints in (found, expected)
-    )
+    outputs, expects = _name(found), _name(expected)
     lost = lacking(found, expected)
     missing = [joint for joint in lost if joint in BODY_JOINTS] or lost
     return f"detector outputs {outputs} without {', '.join(missing)}, the site expects {expects}"

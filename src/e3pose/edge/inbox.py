@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 
@@ -59,6 +59,7 @@ class Inbox:
         not_admitted: why cameras without a valid certificate cannot join, by camera id; replaced
             whole.
         wakes_s: `(num_cameras,)` configured times to wake; empty where none are.
+        known: see `camera_state.standing`.
         cameras: their states, in the order of the rig; replaced whole: readers need no lock.
         delays: cameras and the delays of orders that they measured, seconds; to be taken.
         overslept: cameras that came back too late from a sleep, and what operators are told.
@@ -77,6 +78,7 @@ class Inbox:
     paused: Callable[[], frozenset[str]] = frozenset
     not_admitted: Mapping[str, str] = field(default_factory=dict)
     wakes_s: Sequence[float] = ()
+    known: Collection[tuple[str, ...]] | None = None
     cameras: tuple[CameraState, ...] = field(init=False)
     delays: deque[tuple[int, float]] = field(default_factory=lambda: deque(maxlen=512))
     overslept: deque[tuple[str, str]] = field(default_factory=lambda: deque(maxlen=100))
@@ -126,7 +128,7 @@ class Inbox:
             elif why := shut_out.get(camera.camera_id):
                 found.append((State.BARRED, why))
             else:
-                found.append(standing(camera, self.joints, self._sizes[index], now_ns))
+                found.append(standing(camera, self.joints, self._sizes[index], now_ns, self.known))
         return found
 
     def states(self) -> Integers:

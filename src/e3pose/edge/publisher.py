@@ -55,13 +55,13 @@ class Publisher:
             queue: the send queue.
             clock: the edge's.
         """
-        self._joints, self._queue, self._clock = settings.joints, queue, clock
+        self._joints, self._queue, self._clock = settings.skeleton.joints, queue, clock
         self._camera_ids = np.array(rig.camera_ids, dtype=object)
         self._topic = topics.of_site(settings.site, "poses")
         self._delayed_topic = topics.of_site(settings.site, "poses-delayed")
         lag = lag_slots(settings.smooth_delay_s, interval_s)
         self._delay_s = lag * interval_s
-        self.delayed = Delayed(settings.joints, lag) if settings.smooth_delay_s else None
+        self.delayed = Delayed(settings.skeleton, lag) if settings.smooth_delay_s else None
         self._times_ns: dict[int, int] = {}  # of the slots that wait
         self._last_in_ns: dict[int, int] = {}  # slot to arrival of its last view, until published
         self._posterior: Posterior | None = None  # of the newest slot

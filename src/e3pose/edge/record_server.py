@@ -193,7 +193,7 @@ class RecordServer:
         detector = plan.detector or (detectors.pop() if len(detectors) == 1 else "")
         sizes = [None if hello is None else hello.image_size for hello in hellos]
         return RecordingWriter(
-            plan.dest, _seen(plan.rig, sizes), plan.fps, plan.skeleton.name, detector,
+            plan.dest, _seen(plan.rig, sizes), plan.fps, plan.skeleton, detector,
             f"Recorded at the site {plan.site}, with all cameras active.",
         )  # fmt: skip
 

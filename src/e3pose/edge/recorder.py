@@ -19,6 +19,7 @@ from e3pose.camera.session_videos import attach_videos, note_session
 from e3pose.edge.gather import Arrival
 from e3pose.edge.processor_times import ProcessorTimes
 from e3pose.model.camera import Rig
+from e3pose.model.skeleton import Skeleton
 from e3pose.recording.videos import MAX_BYTES, PART_S, VIDEOS, part_of
 from e3pose.recording.writer import PARTIAL, RecordingWriter, finish_interrupted
 
@@ -38,7 +39,7 @@ class RecorderSettings:
         filmed: names of the cameras whose videos become part of the recordings.
         fps: slots per second of the scene.
         pace: seconds of the scene that pass in a second.
-        skeleton: name of the skeleton.
+        skeleton: of the keypoints.
         detector: whose noise the keypoints have.
         part_s: length of one recording.
         max_bytes: of all recordings in the folder; the oldest are deleted first.
@@ -50,7 +51,7 @@ class RecorderSettings:
     cameras: Sequence[bool]
     fps: float
     pace: float
-    skeleton: str
+    skeleton: Skeleton
     detector: str
     part_s: float = PART_S
     max_bytes: int = MAX_BYTES

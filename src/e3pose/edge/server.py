@@ -111,13 +111,14 @@ class EdgeServer:
         self.inbox = Inbox(
             settings.site,
             pipeline.rig,
-            settings.joints,
+            settings.skeleton.joints,
             interval_s,
             self.gather,
             clock,
             consumers.take,
             consumers.paused,
             wakes_s=settings.wakes_s,
+            known=settings.known,
         )
         self.send_queue = SendQueue()
         self.orders = Orders(
@@ -247,7 +248,7 @@ class EdgeServer:
 
     def _compiled(self) -> tuple[Pipeline, Sequence[str], Delayed | None]:
         """Return the loop to compile, as `warm_up` takes it."""
-        return self.pipeline, self.settings.joints, self.publisher.delayed
+        return self.pipeline, self.settings.skeleton.joints, self.publisher.delayed
 
     def _compile(self, times: SlotTimes, beside: Beside) -> None:
         """Go on to a slot that can be ordered in time; compute as usual once all is compiled."""

@@ -135,6 +135,8 @@ class Estimate:
 class Expected(NamedTuple):
     """People expected in a future slot, as kernels fill and take them.
 
+    Joints are those that tell people apart, without fingers and skin.
+
     Attributes:
         track_ids: `(num_tracks,)` all tracks, also those not yet published.
         confirmed: `(num_tracks,)` whether each is published.

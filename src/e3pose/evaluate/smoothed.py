@@ -36,11 +36,11 @@ def smooth_records(
         lag_slots: how many later slots each slot may know; None for all.
     """
     if lag_slots is not None:
-        delayed = Delayed(skeleton.joints, lag_slots)
+        delayed = Delayed(skeleton, lag_slots)
         found = map(delayed.push, records, posteriors)
         return [*(late for late in found if late is not None), *delayed.flush()]
     tree = grow(skeleton)
-    body = proportions_of(skeleton.joints, tree)
+    body = proportions_of(skeleton, tree)
     pairs = zip(records, smooth_bodies(tree, posteriors), strict=True)
     return [with_smoothed(record, late, body) for record, late in pairs]
 

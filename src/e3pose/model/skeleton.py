@@ -1,56 +1,128 @@
-"""Skeletons: joint names and limbs of the conventions in use, and conversion between them.
+"""Skeletons: joints, limbs and kinematic trees of the conventions in use, and their conversion.
 
-Joint names are snake_case and shared between skeletons: `left_shoulder` is the same anatomical
-point everywhere, so conversion is by name, plus a few joints that are means of others, plus the one
+A skeleton is a TOML file, one of `model/skeletons` or a user's own; docs/reference/skeletons.md has
+its fields. Joint names are shared between skeletons: `left_shoulder` is the same anatomical point
+everywhere, so conversion is by name, plus a few joints that are means of others, plus the one
 special case of Shelf-14, whose head joints no detector gives.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+import re
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, Literal
 
+import msgspec
 import numpy as np
 
 from e3pose.base.arrays import Floats
+from e3pose.base.bounded import read_shipped
 from e3pose.base.errors import InputError
+from e3pose.base.table import read_table
 
-# A joint that a skeleton lacks is the mean of these, if it has all of them.
-MEANS = {
-    "mid_hip": ("left_hip", "right_hip"),
-    "neck": ("left_shoulder", "right_shoulder"),
-    "mid_ear": ("left_ear", "right_ear"),
-}
-BODY_LIMBS = (
-    ("left_shoulder", "right_shoulder"),
-    ("left_hip", "right_hip"),
-    ("left_shoulder", "left_hip"),
-    ("right_shoulder", "right_hip"),
-    ("left_shoulder", "left_elbow"),
-    ("left_elbow", "left_wrist"),
-    ("right_shoulder", "right_elbow"),
-    ("right_elbow", "right_wrist"),
-    ("left_hip", "left_knee"),
-    ("left_knee", "left_ankle"),
-    ("right_hip", "right_knee"),
-    ("right_knee", "right_ankle"),
-)
-BODY_JOINTS = frozenset(joint for limb in BODY_LIMBS for joint in limb)
-FACE_LIMBS = (
-    ("nose", "left_eye"),
-    ("nose", "right_eye"),
-    ("left_eye", "left_ear"),
-    ("right_eye", "right_ear"),
-)
+PACKAGE = "e3pose.model.skeletons"
+FORMAT, VERSION = "e3pose-skeleton", 1
+NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")
+MAX_BYTES = 1_000_000
+MAX_JOINTS = 512  # as messages have them
+SHOWN = 5  # joints that a message names
+DETAILS = ("finger", "skin")  # ways to move of joints that do not tell people apart
+SIDES = ("left", "right")
+
+
+class Names(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What `names.toml` holds.
+
+    Attributes:
+        parents: of a joint: it hangs on the first of these that a skeleton has.
+        moves: joints by how they move beside their parents.
+        means: of which a joint is the mean where a skeleton lacks it.
+        same: what others call a joint.
+    """
+
+    parents: dict[str, list[str]]
+    moves: dict[str, list[str]]
+    means: dict[str, tuple[str, ...]]
+    same: dict[str, tuple[str, ...]]
+
+
+NAMES = read_table(Names, read_shipped("names", PACKAGE, ("names",), "skeleton", MAX_BYTES)[0])
+MEANS: Mapping[str, tuple[str, ...]] = NAMES.means
+_MOVES = {joint: how for how, joints in NAMES.moves.items() for joint in joints}
+HOW = (*NAMES.moves, "end", *DETAILS)  # ways to move
+_RANKS = {joint: rank for rank, joint in enumerate(NAMES.parents)}
+
+
+class SkeletonFile(msgspec.Struct, forbid_unknown_fields=True):
+    """The content of a skeleton's file.
+
+    Attributes:
+        format: always the same.
+        version: likewise.
+        name: by default that of the file.
+        about: in words.
+        parts: skeletons whose joints come first, in order.
+        joints: the others, in order.
+        limbs: joints in a row, each a limb with the next.
+        tree: joints in a row, each the parent of the next; by default by names and limbs.
+        pairs: a left and a right joint, beside those that their names tell.
+        moves: joints by how they move beside their parents, where names do not tell.
+        same: what others call a joint.
+        rest: where a joint usually is beside its parent, metres: ahead or along the forearm, left
+            or to the thumb's side, up or out of the palm.
+    """
+
+    format: Literal["e3pose-skeleton"]
+    version: Literal[1]
+    name: str = ""
+    about: str = ""
+    parts: list[str] = []
+    joints: list[str] = []
+    limbs: list[str] = []
+    tree: list[str] = []
+    pairs: list[str] = []
+    moves: dict[str, list[str]] = {}
+    same: dict[str, list[str]] = {}
+    rest: dict[str, tuple[float, float, float]] = {}
 
 
 @dataclass(frozen=True, slots=True)
 class Skeleton:
-    """A convention: joint names in axis order, and limbs as pairs of joint indices."""
+    """A convention: joint names in axis order, and how joints hang together.
+
+    Attributes:
+        name: of the convention.
+        joints: names.
+        limbs: pairs of joint indices.
+        parents: by joint, index of the one that it hangs on, -1 at the root.
+        moves: by joint, how it moves beside its parent, as `filter.tree.HABITS` has them.
+        pairs: indices of left joints and their right ones.
+        rest_m: by joint, where it usually is beside its parent, see `SkeletonFile`; NaN if unknown.
+        same: a joint, and what others call it.
+    """
 
     name: str
     joints: tuple[str, ...]
     limbs: tuple[tuple[int, int], ...]
+    parents: tuple[int, ...] = ()
+    moves: tuple[str, ...] = ()
+    pairs: tuple[tuple[int, int], ...] = ()
+    rest_m: tuple[tuple[float, float, float], ...] = ()
+    same: tuple[tuple[str, str], ...] = ()
+
+    def __post_init__(self) -> None:
+        names, given = self.joints, object.__setattr__
+        if not self.parents:
+            limbs = [(names[a], names[b]) for a, b in self.limbs]
+            given(self, "parents", hang(names, {}, limbs))
+        if not self.moves:
+            given(self, "moves", tuple(_MOVES.get(name, "end") for name in names))
+        if not self.pairs:
+            given(self, "pairs", pairs_of(names, ()))
 
     def __len__(self) -> int:
         return len(self.joints)
@@ -62,73 +134,221 @@ class Skeleton:
         except ValueError:
             raise InputError(f"skeleton {self.name} has no joint {joint!r}") from None
 
+    def depth(self, index: int) -> int:
+        """Return how many joints are between a joint and the root, itself included."""
+        parent = self.parents[index]
+        return 0 if parent < 0 else 1 + self.depth(parent)
 
-def _skeleton(name: str, joints: str, limbs: tuple[tuple[str, str], ...]) -> Skeleton:
-    names = tuple(joints.split())
-    return Skeleton(name, names, tuple((names.index(a), names.index(b)) for a, b in limbs))
+    @property
+    def core(self) -> tuple[int, ...]:
+        """Joints that tell people apart: without fingers and skin, if there are others."""
+        found = tuple(i for i, how in enumerate(self.moves) if how not in DETAILS)
+        return found or tuple(range(len(self)))
 
 
-_COCO17 = """nose left_eye right_eye left_ear right_ear left_shoulder right_shoulder left_elbow
-right_elbow left_wrist right_wrist left_hip right_hip left_knee right_knee left_ankle right_ankle"""
-_COCO18 = """nose neck right_shoulder right_elbow right_wrist left_shoulder left_elbow left_wrist
-right_hip right_knee right_ankle left_hip left_knee left_ankle right_eye left_eye right_ear
-left_ear"""
-_BODY25 = """nose neck right_shoulder right_elbow right_wrist left_shoulder left_elbow left_wrist
-mid_hip right_hip right_knee right_ankle left_hip left_knee left_ankle right_eye left_eye right_ear
-left_ear left_big_toe left_small_toe left_heel right_big_toe right_small_toe right_heel"""
-_HALPE26 = (
-    _COCO17
-    + """ top_head neck mid_hip left_big_toe right_big_toe left_small_toe
-right_small_toe left_heel right_heel"""
-)
-_SHELF14 = """right_ankle right_knee right_hip left_hip left_knee left_ankle right_wrist right_elbow
-right_shoulder left_shoulder left_elbow left_wrist bottom_head top_head"""
-_PANOPTIC19 = """neck nose mid_hip left_shoulder left_elbow left_wrist left_hip left_knee
-left_ankle right_shoulder right_elbow right_wrist right_hip right_knee right_ankle left_eye
-left_ear right_eye right_ear"""
-# A CMU bone is named after itself and placed at its far end: `lfemur` ends in the knee.
-_CMU31 = """mid_hip left_hip right_hip lower_back left_knee left_ankle left_foot left_toes
-right_knee right_ankle right_foot right_toes upper_back thorax neck left_shoulder right_shoulder
-upper_neck top_head left_elbow left_wrist left_palm left_hand left_thumb left_fingers
-right_elbow right_wrist right_palm right_hand right_thumb right_fingers"""
+def hang(
+    names: Sequence[str], stated: Mapping[str, str], limbs: Sequence[tuple[str, str]]
+) -> tuple[int, ...]:
+    """Return the parent of each joint: as stated, else by its name, else by limbs, else the root.
 
-_NECK_LIMBS = (("neck", "nose"), *BODY_LIMBS)
-_FEET_LIMBS = tuple(
-    (f"{side}_{a}", f"{side}_{b}")
-    for side in ("left", "right")
-    for a, b in (("ankle", "big_toe"), ("big_toe", "small_toe"), ("ankle", "heel"))
-)
-_CMU_LIMBS = (
-    ("mid_hip", "left_hip"), ("mid_hip", "right_hip"), ("mid_hip", "lower_back"),
-    ("lower_back", "upper_back"), ("upper_back", "thorax"), ("thorax", "neck"),
-    ("neck", "upper_neck"), ("upper_neck", "top_head"),
-    ("thorax", "left_shoulder"), ("thorax", "right_shoulder"), *BODY_LIMBS[4:],
-    *((f"{s}_{a}", f"{s}_{b}") for s in ("left", "right") for a, b in (
-        ("ankle", "foot"), ("foot", "toes"), ("wrist", "palm"), ("palm", "hand"),
-        ("wrist", "thumb"), ("hand", "fingers"))),
+    Args:
+        names: of the joints.
+        stated: parents of joints.
+        limbs: of joints.
+
+    Raises:
+        InputError: for a tree that goes round.
+    """
+    found = {n: stated.get(n, "") or _named_parent(n, names) for n in names}
+    free = [name for name in names if not found[name]]
+    root = min(free, key=lambda n: _RANKS.get(n, len(_RANKS)), default="")
+    hung = {n for n in free if n == root or n in _RANKS}
+    while len(hung) < len(names):
+        grown = {n for n in names if found[n] in hung} - hung
+        if not grown:  # of joints that names do not place, the first that a limb joins to these
+            loose = [n for n in free if n not in hung]
+            if not loose:
+                (first, *_) = (n for n in names if n not in hung)
+                raise InputError("tree", f"{first} below itself", "joints that hang on a root")
+            ends = ((c, d) for n in loose for a, b in limbs for c, d in ((a, b), (b, a)) if c == n)
+            name, above = next(((c, d) for c, d in ends if d in hung), (loose[0], root))
+            found[name], grown = above, {name}
+        hung |= grown
+    return tuple(-1 if n == root else names.index(found[n] or root) for n in names)
+
+
+def _named_parent(name: str, names: Sequence[str]) -> str:
+    return next((parent for parent in NAMES.parents.get(name, ()) if parent in names), "")
+
+
+def pairs_of(
+    names: Sequence[str], stated: Sequence[tuple[str, str]]
+) -> tuple[tuple[int, int], ...]:
+    """Return left joints with their right ones, by `left_` and `right_`, and those stated."""
+    opposite = {name: name.replace("left_", "right_", 1) for name in names if name[:5] == "left_"}
+    pairs = [*((left, right) for left, right in opposite.items() if right in names), *stated]
+    return tuple((names.index(left), names.index(right)) for left, right in pairs)
+
+
+def load_skeleton(name_or_path: str | Path) -> Skeleton:
+    """Load one of the skeletons that come with the package, or a TOML file of the user's own.
+
+    Raises:
+        InputError: naming the file and the field that is wrong.
+    """
+    known = str(name_or_path) in SHIPPED
+    return _shipped(str(name_or_path)) if known else _loaded(str(name_or_path), ())
+
+
+@lru_cache(maxsize=32)
+def _shipped(name: str) -> Skeleton:
+    return _loaded(name, ())
+
+
+def _loaded(name_or_path: str, within: tuple[str, ...]) -> Skeleton:
+    table, where = read_shipped(name_or_path, PACKAGE, SHIPPED, "skeleton", MAX_BYTES)
+    try:
+        if name_or_path in within:
+            raise InputError("parts", f"{name_or_path} within itself", "other skeletons")
+        file, path = read_table(SkeletonFile, table), Path(name_or_path)
+        paths = [str(path.parent / part) for part in file.parts]
+        above = (*within, name_or_path)
+        parts = [_shipped(part) if part in SHIPPED else _loaded(beside, above)
+                 for part, beside in zip(file.parts, paths, strict=True)]  # fmt: skip
+        return _of_file(file, file.name or path.stem, parts, name_or_path in SHIPPED)
+    except InputError as error:
+        raise error.at(where) from None
+
+
+def _of_file(file: SkeletonFile, name: str, parts: Sequence[Skeleton], shipped: bool) -> Skeleton:
+    names = (*(joint for part in parts for joint in part.joints), *file.joints)
+    twice = sorted({joint for joint in names if names.count(joint) > 1})
+    if not 1 <= len(names) <= MAX_JOINTS or twice or not all(map(str.isidentifier, names)):
+        wrong = next((joint for joint in names if not joint.isidentifier()), f"{len(names)} joints")
+        found = f"{twice[0]} twice" if twice else wrong[:60]
+        wanted = f"1 to {MAX_JOINTS} different names of letters, digits and _"
+        raise InputError("joints", found, wanted)
+
+    def links(field: str, rows: Sequence[str]) -> list[tuple[str, str]]:
+        for joint in (joint for row in rows for joint in row.split()):
+            if joint not in names:
+                raise InputError(field, joint[:60], "joints of the skeleton")
+        return [pair for row in rows for pair in pairwise(row.split())]
+
+    limbs, parents = list[tuple[str, str]](), dict[str, str]()
+    moves = {joint: how for joint, how in _MOVES.items() if joint in names}
+    rest: dict[str, tuple[float, float, float]] = {}
+    pairs, same = list[tuple[str, str]](), list[tuple[str, str]]()
+    for part in parts:
+        own = part.joints
+        limbs += [(own[a], own[b]) for a, b in part.limbs]
+        pairs += [(own[a], own[b]) for a, b in part.pairs]
+        parents |= {own[i]: own[p] for i, p in enumerate(part.parents)
+                    if p >= 0 and own[i] not in _RANKS}  # fmt: skip
+        moves |= dict(zip(own, part.moves, strict=True))
+        rest |= dict(zip(own, part.rest_m, strict=False))
+        same += part.same
+    parents |= {child: parent for parent, child in links("tree", file.tree)}
+    limbs += links("limbs", file.limbs)
+    pairs = [pair for pair in (*pairs, *links("pairs", file.pairs))
+             if pair[1] != pair[0].replace("left_", "right_", 1)]  # fmt: skip
+    for how, joints in file.moves.items():
+        links("moves", joints)
+        if how not in HOW:
+            raise InputError("moves", how[:60], f"one of {', '.join(HOW)}")
+        moves |= dict.fromkeys(joints, how)
+    for field in ("rest", "same"):
+        links(field, list(getattr(file, field)))
+    rest |= file.rest
+    same += [(joint, other) for joint, others in file.same.items() for other in others]
+    nowhere = (np.nan,) * 3
+    made = Skeleton(
+        name,
+        names,
+        tuple((names.index(a), names.index(b)) for a, b in limbs),
+        hang(names, parents, limbs),
+        tuple(moves.get(joint, "end") for joint in names),
+        pairs_of(names, pairs),
+        tuple(rest.get(joint, nowhere) for joint in names) if rest else (),
+        tuple(same),
+    )
+    if not shipped and (name in SHIPPED or not NAME.fullmatch(name)):
+        wanted = "up to 64 letters, digits, _ and -, which no skeleton of e3pose has as its name"
+        raise InputError("name", name[:70], wanted)
+    return made
+
+
+def skeleton_table(skeleton: Skeleton) -> dict[str, Any]:
+    """Return what a file of a skeleton holds, without parts."""
+    names = skeleton.joints
+
+    def rows(pairs: Iterable[tuple[int, int]]) -> list[str]:
+        return [f"{names[a]} {names[b]}" for a, b in pairs]
+
+    moves: dict[str, list[str]] = {}
+    for joint, how in zip(names, skeleton.moves, strict=True):
+        moves.setdefault(how, []).append(joint)
+    same: dict[str, list[str]] = {}
+    for joint, other in skeleton.same:
+        same.setdefault(joint, []).append(other)
+    rest = zip(names, skeleton.rest_m, strict=False)
+    return {
+        "format": FORMAT,
+        "version": VERSION,
+        "name": skeleton.name,
+        "joints": list(names),
+        "limbs": rows(skeleton.limbs),
+        "tree": rows((parent, i) for i, parent in enumerate(skeleton.parents) if parent >= 0),
+        "pairs": rows(skeleton.pairs),
+        "moves": moves,
+        "same": same,
+        "rest": {joint: list(place) for joint, place in rest if np.isfinite(place).all()},
+    }
+
+
+def skeleton_of_table(table: Mapping[str, Any], where: object) -> Skeleton:
+    """Return the skeleton that `skeleton_table` made a table of.
+
+    Raises:
+        InputError: naming `where` and the field that is wrong.
+    """
+    try:
+        file = read_table(SkeletonFile, table)
+        return _of_file(file, file.name, [load_skeleton(name) for name in file.parts], False)
+    except InputError as error:
+        raise error.at(where) from None
+
+
+SHIPPED = (
+    "coco17", "coco18", "body25", "halpe26", "shelf14", "panoptic19", "cmu31", "coco23", "body25b",
+    "h36m17", "mediapipe33", "mediapipe75", "coco133", "halpe136", "openpose67", "openpose137",
+    "openpose60", "openpose88", "openpose95", "openpose130", "left_hand21", "right_hand21",
+    "face68", "face70",
 )  # fmt: skip
 
-COCO17 = _skeleton("coco17", _COCO17, (*BODY_LIMBS, *FACE_LIMBS))
-COCO18 = _skeleton("coco18", _COCO18, (*_NECK_LIMBS, *FACE_LIMBS))
-BODY25 = _skeleton("body25", _BODY25, (*_NECK_LIMBS, *FACE_LIMBS, *_FEET_LIMBS))
-HALPE26 = _skeleton(
-    "halpe26",
-    _HALPE26,
-    (*_NECK_LIMBS, *FACE_LIMBS, ("neck", "top_head"), *_FEET_LIMBS),
-)
-SHELF14 = _skeleton("shelf14", _SHELF14, (*BODY_LIMBS, ("bottom_head", "top_head")))
-PANOPTIC19 = _skeleton("panoptic19", _PANOPTIC19, (*_NECK_LIMBS, *FACE_LIMBS))
-CMU31 = _skeleton("cmu31", _CMU31, _CMU_LIMBS)
-SKELETONS = {s.name: s for s in (COCO17, COCO18, BODY25, HALPE26, SHELF14, PANOPTIC19, CMU31)}
+
+class _Shipped(Mapping[str, Skeleton]):
+    """Skeletons of the package by name, each read when it is first asked for."""
+
+    def __getitem__(self, name: str) -> Skeleton:
+        if name not in SHIPPED:
+            raise KeyError(name)
+        return load_skeleton(name)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(SHIPPED)
+
+    def __len__(self) -> int:
+        return len(SHIPPED)
 
 
-def skeleton_by_name(name: str) -> Skeleton:
-    """Return the skeleton called `name`; raise `InputError` listing the known ones if none is."""
-    if name not in SKELETONS:
-        raise InputError(
-            f"skeleton {name[:40]!r} is unknown, expected one of {', '.join(SKELETONS)}"
-        )
-    return SKELETONS[name]
+SKELETONS = _Shipped()
+COCO17, COCO18 = SKELETONS["coco17"], SKELETONS["coco18"]
+BODY25, HALPE26 = SKELETONS["body25"], SKELETONS["halpe26"]
+SHELF14, PANOPTIC19, CMU31 = (SKELETONS[name] for name in ("shelf14", "panoptic19", "cmu31"))
+_COCO_LIMBS = tuple((COCO17.joints[a], COCO17.joints[b]) for a, b in COCO17.limbs)
+BODY_LIMBS, FACE_LIMBS = _COCO_LIMBS[:-4], _COCO_LIMBS[-4:]
+BODY_JOINTS = frozenset(joint for limb in BODY_LIMBS for joint in limb)
 
 
 def skeleton_of_joints(joints: tuple[str, ...], name: str = "") -> Skeleton:
@@ -138,8 +358,8 @@ def skeleton_of_joints(joints: tuple[str, ...], name: str = "") -> Skeleton:
         joints: their names, in order.
         name: of the skeleton; empty for that of whichever has the joints.
     """
-    known = SKELETONS.values() if not name else [SKELETONS[name]] if name in SKELETONS else []
-    found = next((one for one in known if one.joints == joints), None)
+    known = SHIPPED if not name else (name,) if name in SHIPPED else ()
+    found = next((SKELETONS[one] for one in known if SKELETONS[one].joints == joints), None)
     return found or Skeleton(name or "live", joints, ())
 
 
@@ -155,6 +375,26 @@ def lacking(joints: Collection[str], target: Collection[str]) -> tuple[str, ...]
         for joint in target
         if joint not in joints and not (joint in MEANS and set(MEANS[joint]) <= set(joints))
     )
+
+
+def not_used(left: Sequence[str], count: int) -> str:
+    """Return what to tell of the joints that are left of so many; empty if there are none."""
+    more = "" if len(left) <= SHOWN else f" and {len(left) - SHOWN} more"
+    shown = ", ".join(left[:SHOWN])
+    return f"{len(left)} of {count} joints not used: {shown}{more}" if left else ""
+
+
+def unused(joints: Sequence[str], target: Collection[str]) -> str:
+    """Return what to tell of joints that are lost in a conversion to a target; empty if none is.
+
+    Args:
+        joints: names of those that there are.
+        target: names of those wanted.
+    """
+    means = {part for joint in target if joint not in joints for part in MEANS.get(joint, ())}
+    taken = means.union(target)
+    left = [j for j in joints if j not in taken and not (j in MEANS and taken.issuperset(MEANS[j]))]
+    return not_used(left, len(joints))
 
 
 def serves(joints: Collection[str], target: Collection[str]) -> bool:

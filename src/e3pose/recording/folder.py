@@ -19,7 +19,7 @@ from e3pose.base.table import read_table
 from e3pose.model.camera_fields import check_camera_id
 from e3pose.model.noises.shipped import DEFAULT, detector_of
 from e3pose.model.pose import Poses2D
-from e3pose.model.skeleton import Skeleton, skeleton_by_name
+from e3pose.model.skeleton import NAME, SHIPPED, Skeleton, load_skeleton, skeleton_table
 from e3pose.recording.calibration import load_rig, save_rig
 from e3pose.recording.json_lines import decode_truth, decode_view, encode_truth, encode_view
 from e3pose.recording.processor import load_processor, save_processor
@@ -30,6 +30,7 @@ VERSIONS = (1, 2, 3)  # 2 has batteries or deaths of cameras, 3 the detector
 HEADER = "recording.toml"
 RIG = "calibration.toml"
 TRUTH = "truth.jsonl"
+SKELETON = "skeleton-{}.toml"  # of a skeleton of the user's own, by its name
 MAX_HEADER_BYTES = 2**20
 MAX_LINES_BYTES = 8 * 2**30
 MAX_TRUTH_VALUES = 2**27  # 1 GiB of float64
@@ -161,7 +162,17 @@ def save_recording(recording: Recording, path: Path | str, overwrite: bool = Fal
                 for slot, joints_m in enumerate(recording.truth.joints_m):
                     file.write(encode_truth(slot, recording.truth.person_ids, joints_m))
         save_processor(folder, recording.processor)
+        save_skeleton(folder, recording.skeleton)
+        if recording.truth is not None:
+            save_skeleton(folder, recording.truth.skeleton)
         (folder / HEADER).write_bytes(tomli_w.dumps(_header(recording)).encode())
+
+
+def save_skeleton(folder: Path, skeleton: Skeleton) -> None:
+    """Write a skeleton that is not one of e3pose into the folder of a recording."""
+    if skeleton.name not in SHIPPED:
+        content = tomli_w.dumps(skeleton_table(skeleton)).encode()
+        (folder / SKELETON.format(skeleton.name)).write_bytes(content)
 
 
 def read_series(
@@ -291,10 +302,11 @@ def _read_truth(path: Path, header: TruthHeader, num_slots: int) -> Truth:
 
 
 def _skeleton(where: Path, name: str) -> Skeleton:
-    try:
-        return skeleton_by_name(name)
-    except InputError as error:
-        raise InputError(f"{where}: {error}") from None
+    own = where.with_name(SKELETON.format(name))
+    if name not in SHIPPED and not (NAME.fullmatch(name) and own.is_file()):
+        wanted = f"{own.name} beside it, or one of {', '.join(SHIPPED)}"
+        raise InputError(f"skeleton {name[:40]!r}", "no such skeleton", wanted, str(where))
+    return load_skeleton(name if name in SHIPPED else own)
 
 
 def _header(recording: Recording) -> Mapping[str, Any]:

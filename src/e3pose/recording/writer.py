@@ -24,8 +24,17 @@ from e3pose.base.private import append_to, make_folder
 from e3pose.base.system import reserve
 from e3pose.model.camera import Rig
 from e3pose.model.pose import Poses2D
+from e3pose.model.skeleton import Skeleton
 from e3pose.recording.calibration import load_rig, save_rig
-from e3pose.recording.folder import FORMAT, HEADER, MAX_HEADER_BYTES, MAX_LINES_BYTES, RIG, VERSIONS
+from e3pose.recording.folder import (
+    FORMAT,
+    HEADER,
+    MAX_HEADER_BYTES,
+    MAX_LINES_BYTES,
+    RIG,
+    VERSIONS,
+    save_skeleton,
+)
 from e3pose.recording.json_lines import encode_view
 from e3pose.recording.processor import ProcessorTime, save_processor
 
@@ -43,7 +52,7 @@ class RecordingWriter:
         dest: the folder that it becomes.
         rig: the cameras.
         fps: slots per second.
-        skeleton: name of the skeleton.
+        skeleton: of the keypoints.
         detector: what finds the keypoints, as in `Recording`.
         source: where it comes from, in words.
         num_slots: up to the newest view.
@@ -58,7 +67,7 @@ class RecordingWriter:
     dest: Path
     rig: Rig
     fps: float
-    skeleton: str
+    skeleton: Skeleton
     detector: str = ""
     source: str = ""
     num_slots: int = 0
@@ -74,6 +83,7 @@ class RecordingWriter:
         try:
             make_folder(folder / "keypoints")
             save_rig(self.rig, folder / RIG)
+            save_skeleton(folder, self.skeleton)
             self._write_header(None)
             with (folder / ROOM).open("wb") as room:
                 reserve(room.fileno(), ROOM_BYTES)
@@ -159,7 +169,7 @@ class RecordingWriter:
             "name": self.dest.name,
             "fps": float(self.fps),
             "num_slots": self.num_slots,
-            "skeleton": self.skeleton,
+            "skeleton": self.skeleton.name,
             "source": self.source,
         }
         if self.detector:

@@ -88,6 +88,11 @@ def expected_people(
     """
     people = outlook.expected
     hidden_m = people.joints_m[~np.isin(people.track_ids, predicted_ids)]
+    most = max(joints_m.shape[1], hidden_m.shape[1])  # of these, fingers and skin are unknown
+    joints_m, hidden_m = (
+        np.pad(each, ((0, 0), (0, most - each.shape[1]), (0, 0)), constant_values=np.nan)
+        for each in (joints_m, hidden_m)
+    )
     joints_m = np.concatenate([joints_m, hidden_m])
     if not len(joints_m):
         return None

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
+from e3pose.model.skeleton import Skeleton
 from e3pose.wire.messages import CameraMode
 
 
@@ -14,19 +15,21 @@ class EdgeSettings:
 
     Attributes:
         site: its name, and so its topics.
-        joints: names of the skeleton's joints.
+        skeleton: of the poses.
         deadline_s: how long after the middle of a slot its views are waited for.
         idle_modes: what each camera does in slots without an order.
         adaptive_lead: whether the lead follows the delays; otherwise it stays.
         start_wait_s: how long to wait for the rest once two cameras are there.
         pace: seconds of the scene that pass in a second; below 1 recordings are played slower.
         publish_stored: whether poses are published once they are stored, not at once.
+        known: joints of detectors that the skeleton was chosen for: those of others must not be
+            lost in the conversion. None for any.
         wakes_s: `(num_cameras,)` configured wake-up times; empty where none are.
         smooth_delay_s: how much later poses are published a second time, smoothed; 0 for never.
     """
 
     site: str
-    joints: Sequence[str]
+    skeleton: Skeleton
     deadline_s: float
     idle_modes: Sequence[CameraMode]
     adaptive_lead: bool = True
@@ -35,3 +38,4 @@ class EdgeSettings:
     smooth_delay_s: float = 0.0
     publish_stored: bool = False
     wakes_s: Sequence[float] = ()
+    known: Collection[tuple[str, ...]] | None = None

@@ -15,7 +15,8 @@ from e3pose.detectors import skeleton_of
 from e3pose.energy.budgets import Budget, parse_budget
 from e3pose.model.camera import Rig
 from e3pose.model.noises import DEFAULT, SHIPPED
-from e3pose.model.skeleton import COCO17, Skeleton, common_skeleton, skeleton_by_name
+from e3pose.model.skeleton import SHIPPED as SHIPPED_SKELETONS
+from e3pose.model.skeleton import COCO17, Skeleton, common_skeleton, load_skeleton
 from e3pose.pipeline import Pipeline
 from e3pose.recording.calibration import load_calibration
 from e3pose.recording.calibration.world import assumed_rig
@@ -164,7 +165,8 @@ def resolve(site: SiteTable, placed: bool = True) -> ResolvedSite:
     known_wh = {name: each.battery_wh for name, each in cameras.items() if each.battery_wh}
     with in_file:
         asked = site.skeleton_name
-        skeleton = skeleton_by_name(asked) if asked else common_skeleton(skeletons.values())
+        own = asked if asked in SHIPPED_SKELETONS else site.folder / (asked or "")
+        skeleton = load_skeleton(own) if asked else common_skeleton(skeletons.values())
         plan = site.energy.plan(rig.camera_ids, 1 / site.fps, known_wh)
         loop = site.loop.for_rig(len(rig), plan) if rig.placed else site.loop
     now, stated = datetime.now().astimezone(), list[Budget | InputError | None]()
@@ -211,7 +213,7 @@ def _output(camera: CameraTable) -> tuple[str, Skeleton | None]:
     elif camera.source and detects(camera.source):
         return camera.detector or scheme_of(camera.source), COCO17
     elif camera.detector is not None:
-        with suppress(InputError, ImportError):  # an error of the camera, which runs it
+        with suppress(Exception):  # an error of the camera, which runs it
             return camera.detector, skeleton_of(camera.detector, camera.model)
     return camera.detector or "", None
 

@@ -1,8 +1,9 @@
-"""Add feet to a simulated recording: keypoints that COCO-17 lacks.
+"""Add joints that COCO-17 lacks to a simulated recording: feet, hands, faces.
 
-Feet are rigid and flat, and point where the hips face. A camera sees the joints of a foot where it
-sees the ankle, with the ankle's error and one of their own; neck, hips' middle and top of the head
-are as wrong as the joints that they lie between.
+Feet are rigid and flat, and point where the hips face; hands are rigid and in line with forearms;
+faces are rigid on heads (`rest` of skeletons). A camera sees a joint where it sees the joint of
+COCO-17 that it hangs on, with that joint's error and one of its own; neck, hips' middle and top of
+the head are as wrong as the joints that they lie between.
 """
 
 from __future__ import annotations
@@ -14,10 +15,9 @@ import numpy as np
 from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
 from e3pose.model.camera import Camera
-from e3pose.model.skeleton import BODY25, COCO17, HALPE26, MEANS, Skeleton
+from e3pose.model.skeleton import COCO17, DETAILS, MEANS, SIDES, SKELETONS, Skeleton, load_skeleton
 from e3pose.recording import Recording, Truth, ViewSeries
 
-SKELETONS = {skeleton.name: skeleton for skeleton in (COCO17, BODY25, HALPE26)}
 # From the ankle, ahead, outward and up; metres of an adult: a foot is 0.152 of the stature long
 # (Winter, Biomechanics and Motor Control of Human Movement).
 FOOT_M = {
@@ -25,6 +25,7 @@ FOOT_M = {
     "small_toe": (0.15, 0.06, -0.065),
     "heel": (-0.06, 0.0, -0.055),
 }
+SPINE, NAPE = 0.5, 0.4  # of the ways from hips to neck, and from there to the ears
 HEAD_M = 0.17  # from the middle of the ears to the top of the head
 OWN_ERROR = 0.7  # of the ankle's, in pixels; drawn anew in every frame
 
@@ -34,17 +35,19 @@ def with_skeleton(recording: Recording, name: str, seed: int) -> Recording:
 
     Args:
         recording: simulated, in COCO-17 with its truth.
-        name: `coco17`, `body25` or `halpe26`.
+        name: of a skeleton, or its file.
         seed: of the errors of added keypoints.
 
     Raises:
-        InputError: for another skeleton.
+        InputError: for a skeleton with joints that cannot be simulated.
     """
-    if name not in SKELETONS:
-        raise InputError("skeleton", repr(name)[:60], ", ".join(SKELETONS))
-    skeleton, truth = SKELETONS[name], recording.truth
+    skeleton, truth = load_skeleton(name), recording.truth
     if skeleton == COCO17 or truth is None:
         return recording
+    if unknown := _unknown(skeleton):
+        known = ", ".join(one.name for one in SKELETONS.values() if not _unknown(one))
+        wanted = f"joints of {known}, or their place in [rest]"
+        raise InputError("--skeleton", f"{skeleton.name} with {unknown}", wanted)
     joints_m = add_joints(truth.joints_m, skeleton)
     rng = np.random.default_rng(seed)
     views = tuple(
@@ -68,20 +71,58 @@ def add_joints(joints_m: Floats, skeleton: Skeleton) -> Floats:
 
     Returns:
         `(*batch, num_joints, 3)`; NaN where the 17 are.
+
+    Raises:
+        KeyError: naming a joint of which nothing says where it is.
     """
     found: dict[str, Floats] = {j: joints_m[..., i, :] for i, j in enumerate(COCO17.joints)}
     for joint, parts in MEANS.items():
         found[joint] = np.mean([found[part] for part in parts], axis=0)
     found["top_head"] = found["mid_ear"] + [0.0, 0.0, HEAD_M]
-    across = found["left_hip"] - found["right_hip"]
-    left = across * [1.0, 1.0, 0.0]
-    left = left / np.maximum(np.linalg.norm(left, axis=-1, keepdims=True), 1e-9)
+    found["spine"] = found["mid_hip"] + SPINE * (found["neck"] - found["mid_hip"])
+    found["upper_neck"] = found["neck"] + NAPE * (found["mid_ear"] - found["neck"])
+    left = _unit((found["left_hip"] - found["right_hip"]) * [1.0, 1.0, 0.0])
     ahead = np.cross(left, [0.0, 0.0, 1.0])
     for side, outward in (("left", left), ("right", -left)):
         for part, (forward, out, up) in FOOT_M.items():
             ankle = found[f"{side}_ankle"]
             found[f"{side}_{part}"] = ankle + forward * ahead + out * outward + [0.0, 0.0, up]
+    axes = {
+        f"{side}_wrist": _axes(found[f"{side}_wrist"] - found[f"{side}_elbow"], ahead)
+        for side in SIDES
+    }
+    axes["nose"] = _axes(found["nose"] - found["mid_ear"], found["left_ear"] - found["right_ear"])
+    waiting = [index for index, joint in enumerate(skeleton.joints) if joint not in found]
+    while waiting:
+        placed = [i for i in waiting if (above := skeleton.parents[i]) >= 0
+                  and skeleton.joints[above] in found]  # fmt: skip
+        if not placed:  # on a root of its own
+            raise KeyError(skeleton.joints[waiting[0]])
+        for index in placed:
+            parent = skeleton.joints[skeleton.parents[index]]
+            rest_m = np.array(skeleton.rest_m[index] if skeleton.rest_m else (np.nan,) * 3)
+            if parent in axes:
+                axes[skeleton.joints[index]] = axes[parent]
+            elif skeleton.moves[index] in DETAILS:  # of the face beside the nose, as eyes are
+                axes[skeleton.joints[index]] = axes["nose"]
+            if np.isnan(rest_m).any() or skeleton.joints[index] not in axes:
+                raise KeyError(skeleton.joints[index])
+            found[skeleton.joints[index]] = found[parent] + axes[skeleton.joints[index]] @ rest_m
+        waiting = [i for i in waiting if i not in placed]
     return np.stack([found[joint] for joint in skeleton.joints], axis=-2)
+
+
+def _axes(along: Floats, aside: Floats) -> Floats:
+    """Return `(*batch, 3, 3)`: columns along, to the side that is nearest to `aside`, and up."""
+    first = _unit(along)
+    second = _unit(aside - (aside * first).sum(axis=-1, keepdims=True) * first)
+    return np.stack([first, second, np.cross(first, second)], axis=-1)
+
+
+def _unit(vectors: Floats) -> Floats:
+    """Return vectors of length 1."""
+    lengths = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return np.asarray(vectors / np.maximum(lengths, 1e-9))
 
 
 def _series(
@@ -105,8 +146,8 @@ def _series(
     mean = np.where(known.any(axis=-1), mean, np.inf)
     whose = mean.argmin(axis=1) if mean.shape[1] else np.zeros(len(slots), dtype=np.int64)
     each = np.arange(len(slots))
-    for index, joint in enumerate(skeleton.joints):
-        parts = _like(joint)
+    for index, (joint, how) in enumerate(zip(skeleton.joints, skeleton.moves, strict=True)):
+        parts = _like(joint, skeleton)
         columns = [COCO17.joints.index(part) for part in parts]
         if joint in COCO17.joints:
             keypoints[:, index] = series.keypoints_px[:, columns[0]]
@@ -114,7 +155,7 @@ def _series(
             continue
         error = off[each, whose][:, columns].mean(axis=1)  # NaN unless all parts were seen
         own = OWN_ERROR * rng.standard_normal(error.shape) * np.abs(error)
-        own = own if joint.endswith(("toe", "heel")) else 0.0
+        own = own if joint.endswith(("toe", "heel")) or how in DETAILS else 0.0
         keypoints[:, index] = wanted[each, whose, index] + error + own
         scores[:, index] = series.scores[:, columns].min(axis=1)
     with np.errstate(invalid="ignore"):
@@ -127,9 +168,19 @@ def _series(
     )
 
 
-def _like(joint: str) -> tuple[str, ...]:
+def _like(joint: str, skeleton: Skeleton) -> tuple[str, ...]:
     """Return the joints of COCO-17 whose errors a joint has."""
-    side = joint.partition("_")[0]
-    if joint.endswith(("toe", "heel")):
-        return (f"{side}_ankle",)
-    return MEANS["mid_ear"] if joint == "top_head" else MEANS.get(joint, (joint,))
+    if joint in ("top_head", "upper_neck"):
+        return MEANS["mid_ear"]
+    while joint not in COCO17.joints and joint not in MEANS:
+        joint = skeleton.joints[skeleton.parents[skeleton.index(joint)]]
+    return MEANS.get(joint, (joint,))
+
+
+def _unknown(skeleton: Skeleton) -> str:
+    """Return a joint of which nothing says where it is; empty if there is none."""
+    try:
+        add_joints(np.zeros((0, len(COCO17), 3)), skeleton)
+    except KeyError as error:
+        return str(error.args[0])
+    return ""

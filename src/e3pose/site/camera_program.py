@@ -24,7 +24,6 @@ from e3pose.energy.activity import ModeClock
 from e3pose.energy.meters.charge_file import ChargeFile
 from e3pose.energy.meters.sampler import open_sampler
 from e3pose.energy.profiles import load_profile
-from e3pose.model.skeleton import skeleton_of_joints
 from e3pose.recording.videos import MAX_BYTES, PART_S
 from e3pose.settings.camera_file import NodeTable, load_node
 from e3pose.settings.limits import Sleep
@@ -228,14 +227,14 @@ def make_camera(
         source = make_source(node.source, node.camera, clock, node.fps, node.pace, node.begin_s)
     finds: LiveDetector | None = None
     if isinstance(source, DetectingSource) and detector is None:
-        joints, name = tuple(source.skeleton.joints), source.detector
+        skeleton, name = source.skeleton, source.detector
     else:
         made = turned(detector or _detector(node), node.rotation)
-        finds, joints, name = made, tuple(made.skeleton.joints), node.detector
+        finds, skeleton, name = made, made.skeleton, node.detector
     settings = NodeSettings(
         site=node.site,
         camera_id=node.camera,
-        joints=joints,
+        joints=tuple(skeleton.joints),
         wake_s=node.wake_s,
         delay_ns=round(node.delay_ms * 1e6),
         detector=name,
@@ -243,8 +242,7 @@ def make_camera(
         rests=RESTS[node.sleep],
         gate=node.gate,
     )
-    limbs = skeleton_of_joints(joints).limbs
-    pictures = Pictures(node.camera, clock, limbs) if node.pictures else None
+    pictures = Pictures(node.camera, clock, skeleton.limbs) if node.pictures else None
     recorder = _recorder(node, report)
 
     def metered(mode: Any) -> dict[str, Any]:

@@ -278,7 +278,10 @@ def make_edge(
     )
     settings = EdgeSettings(
         site=site.file.name,
-        joints=site.skeleton.joints,
+        skeleton=site.skeleton,
+        known=None
+        if site.file.skeleton_name
+        else frozenset(skeleton.joints for skeleton in site.skeletons.values()),
         deadline_s=site.file.deadline_ms / 1e3,
         idle_modes=idle_modes,
         adaptive_lead=site.file.lead == "adaptive",
@@ -350,7 +353,7 @@ def open_recorder(site: ResolvedSite, event_log: EventLog, stack: ExitStack) -> 
         cameras=cameras,
         fps=site.file.fps,
         pace=site.file.pace,
-        skeleton=site.skeleton.name,
+        skeleton=site.skeleton,
         detector=site.named_detector,
         part_s=site.file.record.part_s or PART_S,
         max_bytes=site.file.record.max_bytes or MAX_BYTES,

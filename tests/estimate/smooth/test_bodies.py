@@ -25,7 +25,7 @@ from e3pose.simulate import SceneSettings, simulate
 pytestmark = pytest.mark.slow
 
 TREE = grow(COCO17)
-BONES = proportions_of(COCO17.joints, TREE)
+BONES = proportions_of(COCO17, TREE)
 
 
 @cache

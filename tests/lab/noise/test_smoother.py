@@ -99,7 +99,7 @@ def test_guessed_ankles_are_held_to_the_length_of_the_shank() -> None:
     seen = noisy()
     rng = np.random.default_rng(2)
     seen[:, :, ankle] += rng.normal(scale=50, size=(1, seen.shape[1], 2))  # a guess of every camera
-    body = proportions_of(skeleton.joints, grow(skeleton))
+    body = proportions_of(skeleton, grow(skeleton))
     loose = smooth(seen, SIGMA, P, roughly(), INTERVAL_S)
     held = smooth(seen, SIGMA, P, roughly(), INTERVAL_S, rigid=body)
     true_m = np.linalg.norm(PATH[:, knee] - PATH[:, ankle], axis=-1)

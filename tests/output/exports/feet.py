@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tests.cli import commands
 
-from e3pose.model.skeleton import skeleton_by_name
+from e3pose.model.skeleton import load_skeleton
 from e3pose.recording import load_recording
 from e3pose.store import Store
 
@@ -67,7 +67,7 @@ def assert_feet_are_exported(store: Path) -> None:
 
 def assert_feet_are_drawn(page: Path, skeleton: str) -> None:
     """Look for the limbs of the heels in a report."""
-    feet = skeleton_by_name(skeleton)
+    feet = load_skeleton(skeleton)
     heels = {feet.index(f"{side}_heel") for side in ("left", "right")}
     limbs = [limb for limb in feet.limbs if set(limb) & heels]
     text = page.read_text().replace(" ", "")

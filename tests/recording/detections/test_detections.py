@@ -12,7 +12,7 @@ from tests.cases import each_case
 from e3pose.base.errors import InputError
 from e3pose.model.camera import Camera, Rig
 from e3pose.model.skeleton import COCO17, SKELETONS
-from e3pose.recording import Recording
+from e3pose.recording import Recording, load_recording, save_recording
 from e3pose.recording.calibration import load_rig, save_rig
 from e3pose.recording.detections.importing import (
     ImportSettings,
@@ -25,6 +25,12 @@ from e3pose.recording.detections.layouts import LAYOUTS, named_layout
 K = [[900, 0, 640], [0, 900, 360], [0, 0, 1]]
 STRICT = ImportSettings(strict=True)
 # A person who stands, by joint: x and y in pixels.
+OWN = """format = "e3pose-skeleton"
+version = 1
+parts = ["coco17"]
+joints = ["sternum"]
+limbs = ["left_shoulder sternum right_shoulder"]
+"""
 BODY = {
     "nose": (300, 100), "left_eye": (306, 95), "right_eye": (294, 95), "left_ear": (314, 98),
     "right_ear": (286, 98), "left_shoulder": (336, 150), "right_shoulder": (264, 150),
@@ -39,10 +45,11 @@ BODY = {
 
 def person(layout: str = "coco17", x: float = 0.0, score: float = 0.9) -> list[list[float]]:
     """Keypoints of somebody in an order of them; what the order has beyond is at (9, 9)."""
-    found = next(one for one in LAYOUTS if one.name == layout)
-    rows = [[9.0, 9.0, 0.5]] * found.count
-    for joint, column in zip(found.skeleton.joints, found.columns, strict=True):
-        if column >= 0:
+    name, _, count = layout.partition(" ")
+    joints = SKELETONS[name].joints
+    rows = [[9.0, 9.0, 0.5]] * int(count or len(joints))
+    for column, joint in enumerate(joints):
+        if joint in BODY:
             rows[column] = [BODY[joint][0] + x, BODY[joint][1], score]
     return rows
 
@@ -80,22 +87,44 @@ def counts(recording: Recording) -> list[list[int | None]]:
     return found
 
 
-@each_case("layout", [layout.name for layout in LAYOUTS if layout.name != "coco17"])
-def test_orders_of_keypoints_land_on_the_same_joints(tmp_path: Path, layout: str) -> None:
-    source, wanted = tmp_path / "json", next(one for one in LAYOUTS if one.name == layout)
+@each_case("layout", [f"{each.skeleton.name} {each.count}" for each in LAYOUTS])
+def test_orders_of_keypoints_keep_all_joints(tmp_path: Path, layout: str) -> None:
+    source, name = tmp_path / "json", layout.split()[0]
     for camera in ("cam1", "cam2"):
         write(source / camera / "0_keypoints.json", openpose(person(layout)))
     recording, notes = import_detections(source, rig_of(tmp_path, "cam1", "cam2"), 25)
-    assert recording.skeleton == wanted.skeleton and recording.detector == ""
+    assert recording.skeleton == SKELETONS[name] and recording.detector == ""
     view = recording.view(0, 0)
     assert view is not None
     for joint, xy in zip(recording.skeleton.joints, view.keypoints_px[0], strict=True):
-        if np.isfinite(xy).all():
-            assert xy.tolist() == pytest.approx(BODY[joint]), joint
-    assert np.isfinite(view.keypoints_px[0, :, 0]).sum() >= 12
-    assert (f"{wanted.unused} of {wanted.count} joints not used" in "".join(notes)) == bool(
-        wanted.unused
-    )
+        assert xy.tolist() == pytest.approx(BODY.get(joint, (9.0, 9.0))), joint
+    beyond = int(layout.split()[1]) - len(recording.skeleton)
+    assert (f"{beyond} of {layout.split()[1]} joints not used" in "".join(notes)) == (beyond > 0)
+
+
+def test_a_recording_keeps_a_skeleton_of_its_own(tmp_path: Path, calibration: Path) -> None:
+    write(tmp_path / "mine.toml", OWN)
+    rows = [*person(), [300.0, 200.0, 0.7]]
+    source = write(tmp_path / "json/cam1/0.json", openpose(rows)).parent.parent
+    settings = ImportSettings(skeleton=str(tmp_path / "mine.toml"))
+    recording, notes = import_detections(source, calibration, 25, settings)
+    save_recording(recording, tmp_path / "walk")
+    again = load_recording(tmp_path / "walk")
+    assert again.skeleton == recording.skeleton and again.skeleton.name == "mine"
+    assert again.skeleton.joints[-1] == "sternum" and not any("not used" in n for n in notes)
+    view = again.view(0, 0)
+    assert view is not None and view.keypoints_px[0, -1].tolist() == [300.0, 200.0]
+    (tmp_path / "walk" / "skeleton-mine.toml").unlink()
+    with pytest.raises(InputError, match="skeleton 'mine': found no such skeleton, expected skel"):
+        load_recording(tmp_path / "walk")
+
+
+def test_joints_that_are_left_are_named(tmp_path: Path, calibration: Path) -> None:
+    source = write(tmp_path / "json/cam1/0.json", openpose(person("coco133"))).parent.parent
+    settings = ImportSettings(skeleton="coco17")
+    recording, notes = import_detections(source, calibration, 25, settings)
+    assert recording.skeleton == COCO17
+    assert "116 of 133 joints not used: left_big_toe, left_small_toe, " in "".join(notes)
 
 
 def test_an_order_that_limbs_do_not_tell_is_asked_for(tmp_path: Path, calibration: Path) -> None:
@@ -129,6 +158,12 @@ WHOLE = {
     "lefthand_kpts": [5.0, 5.0, 1.0] * 21,
     "righthand_kpts": [5.0, 5.0, 1.0] * 21,
 }
+HANDS_AND_FACE = openpose(
+    person("body25"),
+    hand_left_keypoints_2d=[5.0, 5.0, 1.0] * 21,
+    hand_right_keypoints_2d=[6.0, 6.0, 1.0] * 21,
+    face_keypoints_2d=[7.0, 7.0, 1.0] * 70,
+)
 LANDMARKS = [{"x": x / 1280, "y": y / 720, "z": 0.1, "visibility": v}
              for x, y, v in person("mediapipe33")]  # fmt: skip
 DLC_NAMES = [joint.title().replace("_", " ") for joint in COCO17.joints]
@@ -154,12 +189,13 @@ POINTS = "\n".join([
         ("cam1/alphapose-results.json", [{**RESULT, "image_id": "4.jpg"}], "coco17"),
         ("cam1.json", {"4.jpg": openpose(person())}, "coco17"),
         ("", [RESULT], "coco17"),
-        ("", [WHOLE], "halpe26"),
+        ("", [WHOLE], "coco133"),
         ("cam1/4.json", {"keypoints": [[row[:2] for row in person()]], "scores": [[0.9] * 17]},
          "coco17"),
-        ("cam1/4.json", {"people": [{"landmarks": LANDMARKS}]}, "halpe26"),
+        ("cam1/4.json", {"people": [{"landmarks": LANDMARKS}]}, "mediapipe33"),
         ("cam1.csv", DLC, "coco17"),
-        ("", POINTS, "halpe26"),
+        ("", POINTS, "mediapipe33"),
+        ("cam1/4_keypoints.json", HANDS_AND_FACE, "openpose137"),
     ],
 )  # fmt: skip
 def test_forms_of_tools_are_told_by_their_fields(

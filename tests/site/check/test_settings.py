@@ -105,6 +105,37 @@ def test_detector_of_another_skeleton_is_reported_with_what_it_lacks(tmp_path: P
     assert "outputs coco18, converted, without left_big_toe" in found["camera c0"].found
 
 
+OWN_DETECTOR = """
+from e3pose.model.skeleton import SKELETONS
+
+class Whole:
+    def __init__(self):
+        self.skeleton = SKELETONS["coco133"]
+
+    def detect(self, image):
+        raise AssertionError
+"""
+
+
+@each_case(
+    ("asked", "skeleton", "said"),
+    [
+        ("", "coco133", ""),
+        ('skeleton = "coco17"', "coco17", "116 of 133 joints not used: left_big_toe"),
+        ('skeleton = "halpe26"', "halpe26", "110 of 133 joints not used: face_0"),
+    ],
+)
+def test_joints_of_an_own_detector_are_stored_or_said_to_be_lost(
+    tmp_path: Path, asked: str, skeleton: str, said: str
+) -> None:
+    (tmp_path / "whole.py").write_text(OWN_DETECTOR)
+    own = f"{tmp_path / 'whole.py'}:Whole"
+    site = live(tmp_path, f"{asked}\n" + cameras(own, own))
+    assert site.skeleton.name == skeleton
+    found = " ".join(finding.found for finding in skeleton_problems(site))
+    assert said in found and bool(said) == bool(found)
+
+
 @each_case(
     ("budget", "level", "message"),
     [

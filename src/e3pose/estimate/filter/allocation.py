@@ -56,6 +56,8 @@ def make_constants(model: Model) -> Constants:
         np.ascontiguousarray(tree.lasts_s),
         np.ascontiguousarray(tree.usual_m),
         *model.sides,
+        model.core,
+        np.isin(np.arange(len(model.skeleton)), model.core),
         np.ascontiguousarray(model.corner_m),
         np.ascontiguousarray(overlap(model.rig)),
         float(model.wait_s),

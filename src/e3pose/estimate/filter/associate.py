@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from e3pose.base.arrays import Flags, Floats
+from e3pose.base.arrays import Flags, Floats, Integers
 from e3pose.base.kernel import kernel
 from e3pose.estimate.filter.existence import INSIDE_JOINTS
 from e3pose.estimate.filter.projected import (
@@ -88,7 +88,9 @@ def _weigh(
         matches.assigned[camera, track] = -1
         matches.exchanged[camera, track] = 0
         matches.fits[camera, track] = 0.0
-        inside = _look(state[track], covariance[track], projection, size, offers.projected)
+        inside = _look(
+            constants.core, state[track], covariance[track], projection, size, offers.projected
+        )
         matches.inside[camera, track] = inside >= INSIDE_JOINTS
         for person in range(num_people):
             row = first + person
@@ -99,14 +101,16 @@ def _weigh(
                 views.variances,
                 (SIDE_PX * scale) ** 2,
                 offers.projected,
+                constants.core,
                 constants.opposites,
                 constants.limbs,
             )
             exchange(row, exchanged, constants.opposites, constants.limbs, views)
-            cost = _cost(row, views.pixels, views.weights, views.variances, bias, offers.projected)
+            seen = views.weights, views.variances
+            cost = _cost(row, constants.core, views.pixels, *seen, bias, offers.projected)
             vagueness = 0.0
             if cost <= COST_LIMIT:
-                vagueness = _vagueness(row, views.weights, views.variances, bias, offers.projected)
+                vagueness = _vagueness(row, constants.core, *seen, bias, offers.projected)
             exchange(row, exchanged, constants.opposites, constants.limbs, views)  # back again
             offers.exchanged[track, person] = exchanged
             offers.cost[track, person] = cost
@@ -155,14 +159,19 @@ def fit_of(cost: float) -> float:
 
 @kernel
 def _look(
-    state: Floats, covariance: Floats, projection: Floats, size: Floats, projected: Floats
+    core: Integers,
+    state: Floats,
+    covariance: Floats,
+    projection: Floats,
+    size: Floats,
+    projected: Floats,
 ) -> int:
-    """Project the joints of a track into `projected`; return how many fall into the image.
+    """Project the core joints of a track into `projected`; return how many fall into the image.
 
     `state` is `(num_joints, 6)`, `covariance` `(num_joints, 6, 6)`.
     """
     inside = 0
-    for joint in range(state.shape[0]):
+    for joint in core:
         depth, u, v, ux, uy, uz, vx, vy, vz = shown_at(
             projection, state[joint, 0], state[joint, 1], state[joint, 2]
         )
@@ -177,12 +186,18 @@ def _look(
 
 @kernel
 def _cost(
-    row: int, pixels: Floats, weights: Floats, variances: Floats, bias: float, projected: Floats
+    row: int,
+    core: Integers,
+    pixels: Floats,
+    weights: Floats,
+    variances: Floats,
+    bias: float,
+    projected: Floats,
 ) -> float:
     """Return the mean distance of a detection in standard deviations; inf if unknown."""
     shown = 0
     total = weighted = 0.0
-    for joint in range(weights.shape[1]):
+    for joint in core:
         weight = weights[row, joint]
         if weight > USED_SCORE and projected[IN_FRONT, joint] > 0:
             du = pixels[row, joint, 0] - projected[U, joint]
@@ -199,11 +214,16 @@ def _cost(
 
 @kernel
 def _vagueness(
-    row: int, weights: Floats, variances: Floats, bias: float, projected: Floats
+    row: int,
+    core: Integers,
+    weights: Floats,
+    variances: Floats,
+    bias: float,
+    projected: Floats,
 ) -> float:
     """Return the mean logarithm of how much wider a track is than one that is known exactly."""
     total = weighted = 0.0
-    for joint in range(weights.shape[1]):
+    for joint in core:
         weight = weights[row, joint]
         if weight > USED_SCORE and projected[IN_FRONT, joint] > 0:
             total += weight

@@ -52,7 +52,7 @@ def give_birth(
     """
     views, tracks = workspace.views, workspace.tracks
     waiting, pairs = workspace.waiting, workspace.pairs
-    num_waiting = collect(num_old, time_s, constants.wait_s, views, waiting)
+    num_waiting = collect(num_old, time_s, constants.wait_s, constants.core, views, waiting)
     num_pairs = _pair(num_waiting, time_s, constants, waiting, pairs)
     for index in range(num_waiting):
         pairs.taken[index] = False
@@ -75,7 +75,7 @@ def give_birth(
             next_id,
             best,
             moved_m,
-            constants.depths,
+            constants,
             pairs.joints_m,
             pairs.middle,
             pairs.sorted,
@@ -117,7 +117,9 @@ def _pair(
             if waiting.times_s[first] != time_s and waiting.times_s[second] != time_s:
                 continue
             pairs.cameras[0], pairs.cameras[1] = waiting.cameras[first], waiting.cameras[second]
-            shared = _share(first, second, waiting.keypoints_px, waiting.scores, pairs)
+            shared = _share(
+                first, second, constants.core, waiting.keypoints_px, waiting.scores, pairs
+            )
             if shared < MIN_JOINTS:
                 continue
             joints_m = pairs.joints_m[num_pairs]
@@ -140,10 +142,12 @@ def _pair(
 
 
 @kernel
-def _share(first: int, second: int, keypoints_px: Floats, scores: Floats, pairs: Pairs) -> int:
-    """Copy the joints that both detections have; return how many."""
+def _share(
+    first: int, second: int, core: Integers, keypoints_px: Floats, scores: Floats, pairs: Pairs
+) -> int:
+    """Copy the core joints that both detections have; return how many."""
     shared = 0
-    for joint in range(scores.shape[1]):
+    for joint in core:
         both = scores[first, joint] > SHARED_SCORE and scores[second, joint] > SHARED_SCORE
         shared += both
         pairs.scores[0, joint] = scores[first, joint] if both else 0.0
@@ -228,14 +232,14 @@ def _start(
     track_id: int,
     pair: int,
     moved_m: float,
-    depths: Integers,
+    constants: Constants,
     joints_m: Floats,
     middle: Floats,
     sorted_m: Floats,
     tracks: Tracks,
 ) -> None:
     """Fill the row of a new track, but for the cameras that saw it."""
-    num_joints = joints_m.shape[1]
+    num_joints, depths = joints_m.shape[1], constants.depths
     for axis in range(3):
         count = 0
         for joint in range(num_joints):
@@ -243,8 +247,9 @@ def _start(
                 sorted_m[count] = joints_m[pair, joint, axis]
                 count += 1
         middle[axis] = median_of(sorted_m, count)
-    for joint in range(num_joints):
+    for joint in constants.order:
         known = not math.isnan(joints_m[pair, joint, 0])
+        parent = -1 if constants.is_core[joint] else constants.parents[joint]
         spread = START_JOINT_M if known else START_UNSEEN_M
         for a in range(6):
             for b in range(6):
@@ -252,7 +257,8 @@ def _start(
                 tracks.shared[track, joint, a, b] = 0.0
         speed = START_SPEED_MPS**2 + depths[joint] * START_TURN_MPS**2
         for axis in range(3):
-            place = joints_m[pair, joint, axis] if known else middle[axis]
+            place = middle[axis] if parent < 0 else tracks.state[track, parent, axis]
+            place = joints_m[pair, joint, axis] if known else place
             tracks.state[track, joint, axis] = place
             tracks.state[track, joint, axis + 3] = 0.0
             tracks.covariance[track, joint, axis, axis] = spread**2 + moved_m**2

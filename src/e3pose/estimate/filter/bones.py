@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -10,9 +9,8 @@ import numpy as np
 from e3pose.base.arrays import Flags, Floats, Integers
 from e3pose.estimate.filter.tree import Tree
 from e3pose.model.proportions import KINDS, kind_of
-from e3pose.model.skeleton import BODY_LIMBS, FACE_LIMBS
+from e3pose.model.skeleton import BODY_LIMBS, FACE_LIMBS, SIDES, Skeleton
 
-SIDES = ("left", "right")
 GIRDLES = ("shoulder", "hip")
 STIFF = (
     *BODY_LIMBS,
@@ -28,10 +26,8 @@ STIFF_SLACK_M = 0.03  # detectors slide joints along the body by about this
 LOOSE = tuple((f, f"{s}_shoulder") for f in ("nose", "left_ear", "right_ear") for s in SIDES)
 # tuned: m | simulated | learned bones
 LOOSE_SLACK_M = 0.08
-LIMBS = (  # joints of which detectors exchange left and right together
-    ("shoulder", "elbow", "wrist", "palm", "hand", "thumb", "fingers"),
-    ("hip", "knee", "ankle", "foot", "toes", "big_toe", "small_toe", "heel"),
-)
+# Joints of which detectors exchange left and right together, with all that hangs on them.
+LIMBS = (("shoulder", "elbow", "wrist"), ("hip", "knee", "ankle"))
 
 
 class Proportions(NamedTuple):
@@ -64,8 +60,9 @@ class Proportions(NamedTuple):
     anchored: Flags
 
 
-def proportions_of(joints: Sequence[str], tree: Tree) -> Proportions:
-    """Return the bones of a skeleton of these joints, and its tree."""
+def proportions_of(skeleton: Skeleton, tree: Tree) -> Proportions:
+    """Return the bones of a skeleton, and its tree."""
+    joints = skeleton.joints
     pairs = [
         (pair, slack_m)
         for links, slack_m in ((STIFF, STIFF_SLACK_M), (LOOSE, LOOSE_SLACK_M))
@@ -83,7 +80,7 @@ def proportions_of(joints: Sequence[str], tree: Tree) -> Proportions:
         links=np.array([rows.get(frozenset(edge), -1) for edge in edges], dtype=np.int64),
         order=np.ascontiguousarray(tree.order),
         parents=np.ascontiguousarray(tree.parents),
-        limbs=limbs_of(joints),
+        limbs=limbs_of(skeleton, tree),
         kinds=kinds,
         shares=np.log([kind.share for kind in KINDS.values()]),
         spreads=np.array([kind.spread for kind in KINDS.values()]),
@@ -97,12 +94,13 @@ def _is_anchored(first: str, second: str) -> bool:
     return kind_of(first, second) >= 0 and first in trunk and second not in trunk
 
 
-def limbs_of(joints: Sequence[str]) -> Integers:
+def limbs_of(skeleton: Skeleton, tree: Tree) -> Integers:
     """Return `(num_joints,)` 1 for arm joints, 2 for leg joints, 0 without a counterpart."""
-    limbs = np.zeros(len(joints), dtype=np.int64)
-    for limb, names in enumerate(LIMBS, start=1):
-        for name in names:
-            pair = [f"{side}_{name}" for side in SIDES]
-            if set(pair) <= set(joints):
-                limbs[[joints.index(joint) for joint in pair]] = limb
+    limbs = np.zeros(len(skeleton), dtype=np.int64)
+    known = {f"{side}_{name}": row for row, names in enumerate(LIMBS, 1) for name in names
+             for side in SIDES}  # fmt: skip
+    paired = {joint for pair in skeleton.pairs for joint in pair}
+    for joint in tree.order.tolist():
+        if joint in paired:
+            limbs[joint] = known.get(skeleton.joints[joint], limbs[tree.parents[joint]])
     return limbs

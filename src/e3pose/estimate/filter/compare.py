@@ -46,7 +46,7 @@ def compare_predicted(
             variance = views.variances[row, joint]
             if recent and since_s > newest_s:
                 confirm(found, factor * variance, corrected_m[joint], joint, agility)
-            if there:
+            if there and constants.is_core[joint]:
                 add_innovation(found, own_share * variance, drift_share[joint], sums_m)
     if shown:
         for joint in range(len(state)):
@@ -85,7 +85,7 @@ def compare_updated(
             if not found.known:
                 continue
             variance, score = views.variances[row, joint], views.weights[row, joint]
-            if there:
+            if there and constants.is_core[joint]:
                 add_evidence(camera, found, score, variance, own_share, factor, detectors)
             learn_bias(found, rate, variance, bias_px[joint])
     if shown:

@@ -54,10 +54,11 @@ def attend(
     matches: Matches,
     detection_map: Floats,
     corner_m: Floats,
+    core: Integers,
     tracks: Tracks,
 ) -> None:
     """Count for each track the views that showed it and the views that should have."""
-    num_cameras, num_joints = len(views.counts), tracks.state.shape[1]
+    num_cameras = len(views.counts)
     rate = LEARN_RATE * (dt / FASTEST_S if dt < FASTEST_S else 1.0)
     forgotten = 1.0 - math.exp(-dt / DELIVERED_LASTS_S)
     finest = np.inf
@@ -77,10 +78,10 @@ def attend(
                 if person >= 0:
                     row = views.starts[camera] + person
                     best = (finest * scales[camera]) ** 2
-                    for joint in range(num_joints):
+                    for joint in core:
                         if views.weights[row, joint] > USED_SCORE:
                             information += best / views.variances[row, joint]
-                    information /= num_joints
+                    information /= len(core)
                     tracks.hits[track] += 1
                     tracks.seen_by[track, camera] = True
                     tracks.last_seen_s[track, camera] = 0.0
@@ -95,7 +96,14 @@ def attend(
             tracks.confirmed[track] = True
     for track in range(num_tracks):
         tracks.alone[track] = _alone(
-            track, num_tracks, tracks.alone[track], rate / LEARN_RATE, views, matches, tracks.state
+            track,
+            num_tracks,
+            tracks.alone[track],
+            rate / LEARN_RATE,
+            views,
+            matches,
+            core,
+            tracks.state,
         )
 
 
@@ -107,13 +115,14 @@ def _alone(
     share: float,
     views: Views,
     matches: Matches,
+    core: Integers,
     state: Floats,
 ) -> float:
     """Return `Belief.alone` of a track after a slot."""
     nearest, least = -1, CHEST_M
     for other in range(num_tracks):
         if other != track:
-            apart_m = _middles_apart_m(state[track], state[other])
+            apart_m = _middles_apart_m(core, state[track], state[other])
             if apart_m < least:
                 nearest, least = other, apart_m
     if nearest < 0:
@@ -129,27 +138,28 @@ def _alone(
 
 
 @kernel
-def end(num_tracks: int, girdles: Integers, tracks: Tracks, ended: Flags) -> None:
+def end(num_tracks: int, girdles: Integers, core: Integers, tracks: Tracks, ended: Flags) -> None:
     """Fill `ended` `(num_tracks,)`: tracks that are no more."""
     for track in range(num_tracks):
-        over = _is_over(tracks.existence[track], tracks.unmeasured_s[track])
+        over = _is_over(tracks.existence[track], core, tracks.unmeasured_s[track])
         ended[track] = over or is_wide(tracks.state[track], girdles)
     for track in range(num_tracks):
         for other in range(track):
             younger = track if tracks.hits[track] <= tracks.hits[other] else other
-            same = _is_same(tracks.state[track], tracks.state[other])
+            same = _is_same(core, tracks.state[track], tracks.state[other])
             if not same and tracks.alone[younger] > MOST_ALONE:
-                same = _middles_apart_m(tracks.state[track], tracks.state[other]) < CHEST_M
+                apart_m = _middles_apart_m(core, tracks.state[track], tracks.state[other])
+                same = apart_m < CHEST_M
             if same:
                 ended[younger] = True
 
 
 @kernel
-def _is_over(existence: float, unmeasured_s: Floats) -> bool:
+def _is_over(existence: float, core: Integers, unmeasured_s: Floats) -> bool:
     if not existence > END_EXISTENCE:
         return True
     seen = False
-    for joint in range(len(unmeasured_s)):
+    for joint in core:
         seen |= unmeasured_s[joint] <= PROOF_S
     return not seen
 
@@ -168,23 +178,23 @@ def is_wide(joints_m: Floats, girdles: Integers) -> bool:
 
 
 @kernel
-def _middles_apart_m(first: Floats, second: Floats) -> float:
-    """Return the distance of the means of two people's joints."""
+def _middles_apart_m(core: Integers, first: Floats, second: Floats) -> float:
+    """Return the distance of the means of two people's core joints."""
     squares = 0.0
     for axis in range(3):
         total = 0.0
-        for joint in range(len(first)):
+        for joint in core:
             total += first[joint, axis] - second[joint, axis]
-        squares += (total / len(first)) ** 2
+        squares += (total / len(core)) ** 2
     return math.sqrt(squares)
 
 
 @kernel
-def _is_same(first: Floats, second: Floats) -> bool:
-    """Return whether the median distance of the joints is below `SAME_M`."""
+def _is_same(core: Integers, first: Floats, second: Floats) -> bool:
+    """Return whether the median distance of the core joints is below `SAME_M`."""
     near = 0
     below, above = 0.0, np.inf  # the largest distance that is near, the smallest that is not
-    for joint in range(len(first)):
+    for joint in core:
         squares = 0.0
         for axis in range(3):
             squares += (first[joint, axis] - second[joint, axis]) ** 2
@@ -194,6 +204,6 @@ def _is_same(first: Floats, second: Floats) -> bool:
             below = distance if distance > below else below
         else:
             above = distance if distance < above else above
-    if 2 * near == len(first):
+    if 2 * near == len(core):
         return (below + above) / 2 < SAME_M
-    return 2 * near > len(first)
+    return 2 * near > len(core)

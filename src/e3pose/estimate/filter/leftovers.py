@@ -11,10 +11,12 @@ SURE_SCORE, MIN_JOINTS = 0.2, 8  # of a detection that may start somebody
 
 
 @kernel
-def collect(num_old: int, time_s: float, wait_s: float, views: Views, waiting: Waiting) -> int:
+def collect(
+    num_old: int, time_s: float, wait_s: float, core: Integers, views: Views, waiting: Waiting
+) -> int:
     """Add the leftovers of this slot and sort all; return how many there are."""
     num_joints = views.weights.shape[1]
-    _rank(views)
+    _rank(core, views)
     rank, room = _last_rank(views)
     row, count = num_old, 0
     for camera in range(len(views.counts)):
@@ -53,14 +55,14 @@ def collect(num_old: int, time_s: float, wait_s: float, views: Views, waiting: W
 
 
 @kernel
-def _rank(views: Views) -> None:
+def _rank(core: Integers, views: Views) -> None:
     """Fill `views.ranks`: how many of the same camera score higher; -1 if not waiting."""
     for camera in range(len(views.counts)):
         start, stop = views.starts[camera], views.starts[camera] + views.counts[camera]
         for at in range(start, stop):
             views.ranks[at] = -1
             sure = 0
-            for joint in range(views.weights.shape[1]):
+            for joint in core:
                 sure += views.weights[at, joint] > SURE_SCORE
             if views.free[at] and sure >= MIN_JOINTS:
                 views.ranks[at] = 0

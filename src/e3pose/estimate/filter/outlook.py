@@ -39,14 +39,14 @@ def outlook(
     """
     drift, lasts_s = model.alone
     num_cameras, leftovers = len(model.rig), belief.leftovers
-    people, pairs = belief.drift_share.shape, belief.last_seen_s.shape
+    people, pairs = (len(belief), len(model.core)), belief.last_seen_s.shape
     expected = Expected(
         track_ids=belief.track_ids if track_ids is None else track_ids,
         confirmed=belief.confirmed,
         joints_m=np.empty((*people, 3)),
         covariance=np.empty((*people, 6, 6)),
         drift_m2ps3=np.empty(people),
-        velocity_lasts_s=lasts_s,
+        velocity_lasts_s=lasts_s[model.core],
         delivered=np.empty(pairs),
         shows=np.empty(pairs),
         last_seen_s=belief.last_seen_s,
@@ -114,16 +114,16 @@ def expect(
             state[track],
             moved,
         )
-        for joint in range(state.shape[1]):
+        for place, joint in enumerate(constants.core):
             drift = drift_m2ps3[joint] * known.drift_share[track, joint] * factor**2
-            expected.drift_m2ps3[track, joint] = drift
+            expected.drift_m2ps3[track, place] = drift
             for axis in range(3):
-                expected.joints_m[track, joint, axis] = moved[joint, axis]
+                expected.joints_m[track, place, axis] = moved[joint, axis]
             for row in range(6):
                 for column in range(6):
                     block = known.covariance[track, joint, row, column]
-                    expected.covariance[track, joint, row, column] = block * factor**2
-        root = expected.joints_m[track, constants.order[0]]
+                    expected.covariance[track, place, row, column] = block * factor**2
+        root = moved[constants.order[0]]
         for camera in range(len(known.detection_map)):
             shown = likely_shown(known.detection_map[camera], root, constants.corner_m)
             expected.shows[track, camera] = shown

@@ -42,6 +42,8 @@ class Constants(NamedTuple):
     usual_m: Floats  # (num_joints,) distance from the parent; 0 where none is known
     opposites: Integers  # (num_joints,) the joint of the other side, or itself
     limbs: Integers  # (num_joints,) of arms 1, of legs 2, else 0
+    core: Integers  # (num_core,) joints that tell people apart: without fingers and skin
+    is_core: Flags  # (num_joints,)
     corner_m: Floats  # (2,) of the cells of `Belief.detection_map`
     overlap: Floats  # (num_cameras, num_cameras) share of a camera's view (row) that others see
     wait_s: float  # how long a detection that no track explains waits for a second view

@@ -47,6 +47,7 @@ def exchanged_limbs(
     variances: Floats,
     bias: float,
     projected: Floats,
+    core: Integers,
     opposites: Integers,
     limbs: Integers,
 ) -> int:
@@ -59,11 +60,12 @@ def exchanged_limbs(
         variances: `(num_rows, num_joints)` px^2.
         bias: `SIDE_PX` in this view, squared.
         projected: `(4, num_joints)` the track in the view.
-        opposites: `(num_joints,)` as in `Constants`.
+        core: `(num_core,)` as in `Constants`.
+        opposites: `(num_joints,)` likewise.
         limbs: `(num_joints,)` as in `Constants`.
     """
     arms = legs = 0.0  # log-odds of being as given
-    for joint in range(len(opposites)):
+    for joint in core:
         other = opposites[joint]
         if other == joint or not weights[row, joint] > USED_SCORE:
             continue

@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 
 from e3pose.base.arrays import Flags, Floats, Integers
 from e3pose.estimate.filter import blindness, failed_pairs
-from e3pose.estimate.filter.bones import GIRDLES, SIDES, Proportions, proportions_of
+from e3pose.estimate.filter.bones import GIRDLES, Proportions, proportions_of
 from e3pose.estimate.filter.motion import alone
 from e3pose.estimate.filter.scratch import Columns
 from e3pose.estimate.filter.tree import Tree, grow
 from e3pose.model.camera import Rig
 from e3pose.model.noise import Noise
-from e3pose.model.skeleton import Skeleton
+from e3pose.model.skeleton import SIDES, Skeleton
 
 # tuned: s | first guess: 0.25 s finds simulated people sooner and adds false ones on Shelf | not
 #   measured
@@ -73,7 +73,12 @@ class Model:
     @cached_property
     def proportions(self) -> Proportions:
         """The bones of the skeleton, and the prior of their lengths."""
-        return proportions_of(self.skeleton.joints, self.tree)
+        return proportions_of(self.skeleton, self.tree)
+
+    @cached_property
+    def core(self) -> Integers:
+        """`(num_core,)` joints that tell people apart."""
+        return np.array(self.skeleton.core, dtype=np.int64)
 
     @cached_property
     def girdles(self) -> Integers:
@@ -89,11 +94,11 @@ class Model:
 
         `(num_joints,)` each. Joints that the skeleton has on one side only have none.
         """
-        names, limbs = self.skeleton.joints, self.proportions.limbs
-        opposites = np.arange(len(names))
-        for joint in np.flatnonzero(limbs).tolist():
-            side, name = names[joint].split("_", 1)
-            opposites[joint] = names.index(f"{SIDES[1 - SIDES.index(side)]}_{name}")
+        limbs = self.proportions.limbs
+        opposites = np.arange(len(limbs))
+        for left, right in self.skeleton.pairs:
+            if limbs[left]:
+                opposites[left], opposites[right] = right, left
         return opposites, limbs
 
 

@@ -238,6 +238,7 @@ def step_slot(
         workspace.matches,
         detection_map,
         constants.corner_m,
+        constants.core,
         tracks,
     )
     learn_detection_map(
@@ -246,7 +247,7 @@ def step_slot(
     num_tracks, num_waiting, next_id = give_birth(
         num_tracks, num_old, time_s, dt, next_id, constants, workspace, failed_pairs
     )
-    end(num_tracks, constants.girdles, tracks, workspace.offers.flags[0])
+    end(num_tracks, constants.girdles, constants.core, tracks, workspace.offers.flags[0])
     return num_tracks, num_waiting, next_id
 
 

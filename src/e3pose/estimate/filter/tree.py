@@ -66,26 +66,13 @@ SMALL_TOE = Habit(4.0, 0.15, usual_m=0.09)
 HEEL = Habit(3.5, 0.15, usual_m=0.08)
 
 
-# Each joint's parent, the first one that the skeleton has, and how it moves beside it.
-PARENTS: dict[str, tuple[tuple[str, ...], Habit]] = {
-    "mid_hip": ((), TRUNK),
-    "left_hip": (("mid_hip",), STIFF),
-    "right_hip": (("mid_hip", "left_hip"), STIFF),
-    "neck": (("mid_hip", "left_hip"), STIFF),
-    "left_shoulder": (("neck", "left_hip"), STIFF),
-    "right_shoulder": (("neck", "left_shoulder"), STIFF),
-    "nose": (("neck", "left_shoulder"), STIFF),
-    **{f"{s}_eye": (("nose",), FACE) for s in ("left", "right")},
-    **{f"{s}_ear": ((f"{s}_eye", "nose"), FACE) for s in ("left", "right")},
-    **{f"{s}_elbow": ((f"{s}_shoulder",), MIDDLE) for s in ("left", "right")},
-    **{f"{s}_wrist": ((f"{s}_elbow",), END) for s in ("left", "right")},
-    **{f"{s}_knee": ((f"{s}_hip",), MIDDLE) for s in ("left", "right")},
-    **{f"{s}_ankle": ((f"{s}_knee",), END) for s in ("left", "right")},
-    **{f"{s}_big_toe": ((f"{s}_ankle",), TOE) for s in ("left", "right")},
-    **{f"{s}_small_toe": ((f"{s}_big_toe",), SMALL_TOE) for s in ("left", "right")},
-    **{f"{s}_heel": ((f"{s}_ankle",), HEEL) for s in ("left", "right")},
-    "top_head": (("neck", "nose"), STIFF),
-}
+# tuned: m/s2, s | by reasoning: fingers as small toes, skin as eyes beside a nose, their distances
+#   by the skeleton's `rest` | not measured
+FINGER, SKIN = Habit(4.0, 0.15), Habit(1.6, 0.4)
+HABITS = {
+    "trunk": TRUNK, "stiff": STIFF, "face": FACE, "middle": MIDDLE, "end": END, "toe": TOE,
+    "small_toe": SMALL_TOE, "heel": HEEL, "finger": FINGER, "skin": SKIN,
+}  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -110,22 +97,21 @@ class Tree:
 
 
 def grow(skeleton: Skeleton) -> Tree:
-    """Return the tree of a skeleton; orphans become children of the first root."""
-    names = skeleton.joints
-    own = {name: PARENTS.get(name, ((), END)) for name in names}
-    above = {name: next((p for p in own[name][0] if p in names), "") for name in names}
-    ranks = {name: rank for rank, name in enumerate(PARENTS)}
-    root = min((n for n in names if not above[n]), key=lambda n: ranks.get(n, len(ranks)))
-    parents = [-1 if n == root else names.index(above[n] or root) for n in names]
-    order = [names.index(root)]
+    """Return the tree of a skeleton."""
+    parents = list(skeleton.parents)
+    habits = np.array([HABITS[how] for how in skeleton.moves])
+    order = [parents.index(-1)]
+    habits[order] = TRUNK
     for joint in order:
         order.extend(child for child, parent in enumerate(parents) if parent == joint)
-    depth = np.zeros(len(names), dtype=np.int64)
+    depth = np.zeros(len(parents), dtype=np.int64)
     for joint in order[1:]:
         depth[joint] = depth[parents[joint]] + 1
     levels = tuple(np.flatnonzero(depth == d) for d in range(depth.max() + 1))
-    habits = np.array([TRUNK if n == root else own[n][1] for n in names])
     lasts_s, usual_m = np.ascontiguousarray(habits[:, 1:].T)
+    rest_m = np.linalg.norm(np.array(skeleton.rest_m).reshape(-1, 3), axis=1)
+    if len(rest_m):
+        usual_m = np.where(np.isfinite(rest_m), rest_m, usual_m)
     return Tree(
         np.array(parents, dtype=np.int64),
         levels,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -23,23 +23,23 @@ class Delayed:
     """Records of recent slots, held until enough later slots are known.
 
     Attributes:
-        joints: names of the skeleton's joints.
+        skeleton: of the poses.
         lag_slots: how many later slots a slot waits for.
     """
 
-    joints: Sequence[str]
+    skeleton: Skeleton
     lag_slots: int
     _body: Proportions = field(init=False)
     _lag: FixedLag = field(init=False)
     _waiting: deque[SlotRecord] = field(init=False, default_factory=deque)
 
     def __post_init__(self) -> None:
-        tree = grow(Skeleton("", tuple(self.joints), ()))
-        self._body, self._lag = proportions_of(self.joints, tree), FixedLag(tree, self.lag_slots)
+        tree = grow(self.skeleton)
+        self._body, self._lag = proportions_of(self.skeleton, tree), FixedLag(tree, self.lag_slots)
 
     def warm_up(self) -> None:
         """Compile or load the kernels of a slot; takes seconds the first time."""
-        people, bones = (0, len(self.joints)), (0, len(self._body.bones))
+        people, bones = (0, len(self.skeleton)), (0, len(self._body.bones))
         covariance_m2, known = np.zeros((*people, 3, 3)), np.zeros(people, dtype=bool)
         nowhere_m, lengths_m = np.zeros((*people, 3)), np.zeros(bones)
         kept(self._body, lengths_m, lengths_m, nowhere_m, covariance_m2, known)

@@ -28,7 +28,7 @@ def keep_limbs(motion: Motion, skeleton: Skeleton) -> Motion:
         motion: of one person.
         skeleton: of its joints.
     """
-    body = proportions_of(skeleton.joints, grow(skeleton))
+    body = proportions_of(skeleton, grow(skeleton))
     sigma_m = np.where(np.isfinite(motion.sigma_m), motion.sigma_m, UNKNOWN_SIGMA_M)
     telling = motion.known & (sigma_m < TELLING_M)
     lengths_m, counts = median_lengths_m(body, motion.joints_m, telling)

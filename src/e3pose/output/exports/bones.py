@@ -6,15 +6,16 @@ faces z with y up. From the root on, frame by frame, a bone is turned by the lea
 points it at where its joint is; hips, shoulders and head by the rotation that fits all of their
 joints best (Kabsch 1976). Where those joints are at rest is measured: the median over the take of
 where they are in the body's own frame, since no detector's hips are in line with its middle of the
-hips. Bones point at joints from where the fixed lengths put their own
-ends, so that errors of lengths do not add up along a limb. How a single bone turns about itself no
-keypoint tells: it turns with its parent.
+hips. Bones point at joints from where the fixed lengths put their own ends, so that errors of
+lengths do not add up along a limb. How a single bone turns about itself no keypoint tells: it turns
+with its parent. All other joints of the skeleton, as fingers and the face, are nodes that move
+beside their parents instead of turning.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,6 +72,8 @@ class Bones:
             tells it, that of the frame before (of the first one that is known, at the start).
         measured: `(num_frames, num_nodes)` whether the frame shows a node's rotation; nodes at the
             ends of limbs have none.
+        moved_m: by node that does not turn, `(num_frames, 3)` where it is beside its parent, in
+            place of its offset; NaN where it is missing.
     """
 
     names: tuple[str, ...]
@@ -79,10 +82,15 @@ class Bones:
     root_m: Floats
     rotations: Floats
     measured: Flags
+    moved_m: Mapping[int, Floats] = field(default_factory=dict)
 
     def children(self, node: int) -> list[int]:
         """Return the nodes that hang on a node."""
         return [n for n, parent in enumerate(self.parents.tolist()) if parent == node]
+
+    def turns(self, node: int) -> bool:
+        """Return whether other nodes than those that move tell how a node turns."""
+        return any(child not in self.moved_m for child in self.children(node))
 
 
 def bones_of(motion: Motion, skeleton: Skeleton) -> Bones:
@@ -92,7 +100,49 @@ def bones_of(motion: Motion, skeleton: Skeleton) -> Bones:
         InputError: for a person whose hips were never both seen, or a skeleton without a body.
     """
     names, parents, offsets = rest_of(motion, skeleton)
-    return posed(names, parents, offsets, motion, skeleton)
+    return _with_others(posed(names, parents, offsets, motion, skeleton), motion, skeleton)
+
+
+def _with_others(bones: Bones, motion: Motion, skeleton: Skeleton) -> Bones:
+    """Return bones with a node for each joint that has none, if it was ever seen."""
+    names, parents, offsets = list(bones.names), bones.parents.tolist(), [*bones.offsets_m]
+    places, frames = _places(motion, skeleton), len(bones.root_m)
+    world, ends, moved = list[Floats](), list[Floats](), dict[int, Floats]()
+    for node, parent in enumerate(parents):
+        turned = bones.rotations[:, node]
+        world.append(turned if parent < 0 else world[parent] @ turned)
+        end = bones.root_m if parent < 0 else ends[parent] + world[parent] @ offsets[node]
+        ends.append(end)
+    for index in sorted(range(len(skeleton)), key=skeleton.depth):
+        name, above = skeleton.joints[index], skeleton.parents[index]
+        if name in names:
+            continue
+        while above >= 0 and skeleton.joints[above] not in names:
+            above = skeleton.parents[above]
+        parent = names.index(skeleton.joints[above]) if above >= 0 else 0
+        local = np.einsum("fba,fb->fa", world[parent], places[name] - ends[parent])
+        known = present(local)
+        if not known.any():
+            continue
+        offset = np.median(local[known], axis=0)
+        moved[len(names)] = local
+        here = np.where(known[:, None], local, offset)
+        ends.append(ends[parent] + np.einsum("fab,fb->fa", world[parent], here))
+        world.append(world[parent])
+        names.append(name)
+        parents.append(parent)
+        offsets.append(offset)
+    still = np.tile(np.eye(3), (frames, len(moved), 1, 1))
+    unmeasured = np.zeros((frames, len(moved)), dtype=bool)
+    return Bones(
+        tuple(names),
+        np.array(parents, dtype=np.int64),
+        np.stack(offsets),
+        bones.root_m,
+        np.concatenate([bones.rotations, still], axis=1),
+        np.concatenate([bones.measured, unmeasured], axis=1),
+        moved,
+    )
 
 
 def posed(
@@ -277,7 +327,7 @@ def count_held(bones: Sequence[Bones]) -> tuple[int, int]:
     """Return in how many of how many frames some bone keeps the rotation of the frame before."""
     some, frames = 0, 0
     for one in bones:
-        turning = [node for node in range(len(one.names)) if one.children(node)]
+        turning = [node for node in range(len(one.names)) if one.turns(node)]
         some += int((~one.measured[:, turning].all(axis=1)).sum())
         frames += len(one.measured)
     return some, frames

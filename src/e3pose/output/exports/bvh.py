@@ -1,8 +1,9 @@
 """BVH, motion files of animation tools: text, y up, one person per file.
 
 The tree of bones of `bones`, then six numbers of the root and three angles of every other node a
-frame: degrees about z, x and y in this order, each about the axes turned before. The format has no
-missing value: where no frame tells a rotation, that of the frame before is kept.
+frame: degrees about z, x and y in this order, each about the axes turned before. A node that moves
+instead of turning has its place beside its parent. The format has no missing value: where no frame
+tells a rotation or place, that of the frame before is kept.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from e3pose.output.exports.bone_names import bone_names
 from e3pose.output.exports.bones import Bones, bones_of, count_held, held, present
 
 END_SHARE = 0.3  # of the length of the bone before: how far a hand goes on, for its looks
+PLACES = "Xposition Yposition Zposition"
 CHANNELS = "Zrotation Xrotation Yrotation"
 
 
@@ -35,8 +37,9 @@ def write_bvh(take: Take, dest: Path, settings: ExportSettings) -> str:
     lines += ["MOTION", f"Frames: {len(motion)}", f"Frame Time: {take.interval_s:.8f}"]
     root = PER_METRE[units] * held(bones.root_m, present(bones.root_m))
     angles = euler_zxy(bones.rotations)
-    turning = [node for node in _depth_first(bones, 0) if whole or bones.children(node)]
-    numbers = np.concatenate([root, angles[:, turning].reshape(len(motion), -1)], axis=1)
+    places = {n: PER_METRE[units] * held(m, present(m)) for n, m in bones.moved_m.items()}
+    moving = [node for node in _depth_first(bones, 0) if _moves(bones, node, whole)]
+    numbers = np.concatenate([root, *(places.get(n, angles[:, n]) for n in moving)], axis=1)
     with (
         atomic_file(dest, private=True) as temporary,
         temporary.open("w", newline="", encoding="utf-8") as file,
@@ -67,19 +70,24 @@ def _hierarchy(bones: Bones, node: int, scale: float, depth: int, whole: bool) -
     tab = "\t" * depth
     offset = " ".join(f"{value:.6f}" for value in scale * bones.offsets_m[node])
     children = bones.children(node)
-    moves = bool(children) or whole
+    moves = _moves(bones, node, whole)
     kind = "ROOT" if node == 0 else "JOINT" if moves else "End Site"
     lines = [f"{tab}{kind} {bones.names[node]}" if moves else f"{tab}{kind}", f"{tab}{{"]
     lines.append(f"{tab}\tOFFSET {offset}")
     if moves:
-        places = "6 Xposition Yposition Zposition" if node == 0 else "3"
-        lines.append(f"{tab}\tCHANNELS {places} {CHANNELS}")
+        what = f"6 {PLACES} {CHANNELS}" if node == 0 else f"3 {CHANNELS}"
+        lines.append(f"{tab}\tCHANNELS {f'3 {PLACES}' if node in bones.moved_m else what}")
     for child in children:
         lines += _hierarchy(bones, child, scale, depth + 1, whole)
     if moves and not children:
         end = " ".join(f"{value:.6f}" for value in scale * END_SHARE * bones.offsets_m[node])
         lines += [f"{tab}\tEnd Site", f"{tab}\t{{", f"{tab}\t\tOFFSET {end}", f"{tab}\t}}"]
     return [*lines, f"{tab}}}"]
+
+
+def _moves(bones: Bones, node: int, whole: bool) -> bool:
+    """Return whether a node has numbers a frame."""
+    return whole or node in bones.moved_m or bool(bones.children(node))
 
 
 def _depth_first(bones: Bones, node: int) -> list[int]:

@@ -15,7 +15,7 @@ import numpy as np
 
 from e3pose.base.atomic import write_file
 from e3pose.base.errors import InputError
-from e3pose.model.skeleton import COCO17
+from e3pose.model.skeleton import COCO17, unused
 from e3pose.model.take import MEASURED, Take
 from e3pose.output.exports.base import ExportSettings
 from e3pose.output.exports.views import frames, keypoints
@@ -78,7 +78,9 @@ def write_coco(take: Take, dest: Path, settings: ExportSettings) -> str:
         "categories": [{**person, "keypoints": COCO17.joints, "skeleton": edges}],
     }
     write_file(dest, msgspec.json.encode(document), private=True)
-    return f"{len(images)} images of {len(settings.rig)} cameras, {len(annotations)} people"
+    left = unused(take.skeleton.joints, COCO17.joints)
+    note = f"{len(images)} images of {len(settings.rig)} cameras, {len(annotations)} people"
+    return note + (f"; {left}" if left else "")
 
 
 def _measured(take: Take, track_id: int, slot: int) -> list[bool]:

@@ -27,6 +27,7 @@ from e3pose.output.exports.bone_names import bone_names
 from e3pose.output.exports.bones import Bones, bones_of, count_held, present, rest_places
 
 THICKNESS = 0.09  # of a bone, as a share of its length
+POINTS = 9  # nodes on one, as of a face, that are no bones to be drawn
 FLOAT, USHORT = 5126, 5123  # component types
 ARRAY, ELEMENTS = 34962, 34963  # buffer targets
 # Corners of an octahedron along y: both ends and a belt near the first, and its triangles.
@@ -138,6 +139,9 @@ class _Scene:
             if measured.any():
                 rotations = quaternions(bones.rotations[measured, node])
                 self._channel(base + node, "rotation", times_s[measured], rotations)
+        for node, places_m in bones.moved_m.items():
+            known = present(places_m)
+            self._channel(base + node, "translation", times_s[known], places_m[known])
         # Hidden before, after and wherever nobody knows where the hips are.
         edges = np.flatnonzero(np.diff(there.astype(np.int8), prepend=0, append=0))
         keys = np.append(times_s, times_s[-1] + interval_s)[edges]
@@ -163,6 +167,8 @@ class _Scene:
         rest = rest_places(bones.parents, bones.offsets_m)
         ends = np.flatnonzero(bones.parents >= 0)
         ends = ends[np.linalg.norm(bones.offsets_m[ends], axis=1) > 1e-6]
+        counts = np.bincount(bones.parents[bones.parents >= 0], minlength=len(rest))
+        ends = ends[counts[bones.parents[ends]] < POINTS]
         corners, owners = [], []
         for node in ends.tolist():
             start, along = rest[bones.parents[node]], bones.offsets_m[node]
@@ -172,6 +178,7 @@ class _Scene:
             other = np.cross(along, side) / length
             corners.append(start + CORNERS @ np.stack([side, along, other]))
             owners.append(np.full(len(CORNERS), bones.parents[node]))
+            owners[-1][-1] = node if node in bones.moved_m else bones.parents[node]
         joints = np.zeros((len(ends) * len(CORNERS), 4))
         joints[:, 0] = np.concatenate(owners)
         weights = np.zeros_like(joints)

@@ -1,7 +1,8 @@
 """Wide Parquet, an archive of poses: one row per person and slot, whole millimetres.
 
-Columns, all integers: `slot` and `track`, `measured` and `filled` (bit j for joint j), then for
-each joint `JOINT_x`, `_y`, `_z` and `_sigma` in millimetres, null where missing or unknown; z up.
+Columns, all integers: `slot` and `track`, `measured` and `filled` (bit j for joint j; of a skeleton
+of more than 62 joints `measured62`, `filled62` and so on for those from there), then for each
+joint `JOINT_x`, `_y`, `_z` and `_sigma` in millimetres, null where missing or unknown; z up.
 Rows go person by person, so that neighbours differ little: numbers are stored as differences
 (DELTA_BINARY_PACKED), compressed with zstd. What holds for all rows is in the file's metadata,
 under `e3pose`, as JSON: `docs/reference/wide-parquet.md`.
@@ -20,7 +21,7 @@ from numpy.typing import NDArray
 from e3pose.base.arrays import Floats
 from e3pose.base.atomic import atomic_file
 from e3pose.base.errors import InputError
-from e3pose.model.skeleton import Skeleton, skeleton_of_joints
+from e3pose.model.skeleton import MAX_JOINTS, Skeleton, skeleton_of_joints
 from e3pose.model.take import FILLED, MEASURED, MISSING, PREDICTED, Motion, Take
 from e3pose.output.exports.base import MAX_VALUES, ExportSettings
 
@@ -28,19 +29,15 @@ FORMAT, VERSION = "e3pose-poses-wide", 1
 KEY = b"e3pose"
 MM = 1000.0
 ROWS_PER_GROUP = 20_000  # rows that are compressed together
-MOST_JOINTS = 62  # bits of an integer
-FIRST_COLUMNS = ("slot", "track", "measured", "filled")
+BITS = 62  # joints that an integer tells of
+FLAGS = (("measured", MEASURED), ("filled", FILLED))
 PARTS = ("x", "y", "z", "sigma")
 ZSTD_LEVEL = 9
 UNKNOWN_SCORE = 1.0  # scores are not archived
 
 
 def write_wide(take: Take, dest: Path, settings: ExportSettings) -> str:
-    """Write all people of a take, person after person.
-
-    Raises:
-        InputError: for a skeleton of more joints than an integer has bits.
-    """
+    """Write all people of a take, person after person."""
     if settings.angles:
         raise InputError("--angles: found with --wide, expected it without: it holds poses alone")
     people = settings.progress(take.motions, len(take.motions), "write")
@@ -57,14 +54,11 @@ def write_people(about: Take, people: Iterable[Motion], dest: Path) -> int:
 
     Returns:
         How many rows were written.
-
-    Raises:
-        InputError: for a skeleton of more joints than an integer has bits.
     """
     import pyarrow
     from pyarrow import parquet
 
-    schema = _schema(about, dest)
+    schema = _schema(about)
     count, waiting, num_waiting = 0, list[Any](), 0
     with (
         atomic_file(dest, private=True) as temporary,
@@ -114,7 +108,8 @@ def read_wide(path: Path, file: Any, most_joints: int) -> Take:
     schema, num_rows = file.schema_arrow, file.metadata.num_rows
     about = _checked(path, schema.metadata[KEY])
     joints = tuple(about["joints"])
-    wanted = [*FIRST_COLUMNS, *(f"{joint}_{part}" for joint in joints for part in PARTS)]
+    first = _first_columns(len(joints))
+    wanted = [*first, *(f"{joint}_{part}" for joint in joints for part in PARTS)]
     missing = [name for name in wanted if name not in schema.names]
     if missing or any(not str(schema.field(name).type).startswith("int") for name in wanted):
         raise InputError(f"{path}: found no integer column {(missing or ['_x'])[0]}")
@@ -122,15 +117,16 @@ def read_wide(path: Path, file: Any, most_joints: int) -> Take:
         expected = f"at most {most_joints // len(joints)}"
         raise InputError(f"{path}: found {num_rows} rows, expected {expected}")
     table = file.read(wanted)
-    slots, tracks, measured, filled = (
-        table.column(name).fill_null(0).to_numpy().astype(np.int64) for name in FIRST_COLUMNS
+    slots, tracks, *flags = (
+        table.column(name).fill_null(0).to_numpy().astype(np.int64) for name in first
     )
-    values = np.stack([_floats(table.column(name)) for name in wanted[4:]], axis=-1) / MM
+    values = np.stack([_floats(table.column(name)) for name in wanted[len(first) :]], axis=-1) / MM
     values = values.reshape(len(slots), len(joints), len(PARTS))
-    bits = np.arange(len(joints))
     origin = np.full(values.shape[:2], PREDICTED, dtype=np.uint8)
-    origin[(measured[:, None] >> bits) & 1 == 1] = MEASURED
-    origin[(filled[:, None] >> bits) & 1 == 1] = FILLED
+    bits, half = np.arange(len(joints)), len(flags) // 2
+    for row, (_, kind) in enumerate(FLAGS):
+        words = np.stack(flags[row * half : (row + 1) * half], axis=-1)
+        origin[(words[:, bits // BITS] >> bits % BITS) & 1 == 1] = kind
     origin[~np.isfinite(values[..., :3]).all(axis=-1)] = MISSING
     skeleton = skeleton_of_joints(joints, about["skeleton"])
     motions = []
@@ -140,14 +136,20 @@ def read_wide(path: Path, file: Any, most_joints: int) -> Take:
     return Take(about["name"], skeleton, about["interval_s"], tuple(motions), about["started_ns"])
 
 
-def _schema(about: Take, dest: Path) -> Any:
+def _first_columns(num_joints: int) -> list[str]:
+    """Return the names of the columns before those of joints."""
+    more = range(BITS, num_joints, BITS)
+    flags = [[name, *(f"{name}{joint}" for joint in more)] for name, _ in FLAGS]
+    return ["slot", "track", *flags[0], *flags[1]]
+
+
+def _schema(about: Take) -> Any:
     import pyarrow
 
     joints = about.skeleton.joints
-    if len(joints) > MOST_JOINTS:
-        raise InputError(f"{dest}: found {len(joints)} joints, expected at most {MOST_JOINTS}")
-    names = [*FIRST_COLUMNS, *(f"{joint}_{part}" for joint in joints for part in PARTS)]
-    wide = ("measured", "filled")
+    first = _first_columns(len(joints))
+    names = [*first, *(f"{joint}_{part}" for joint in joints for part in PARTS)]
+    wide = first[2:]
     return pyarrow.schema(
         [(name, pyarrow.int64() if name in wide else pyarrow.int32()) for name in names],
         metadata={KEY: json.dumps(_about(about))},
@@ -186,9 +188,11 @@ def _columns(skeleton: Skeleton, motion: Motion) -> dict[str, Any]:
         "slot": pyarrow.array(motion.first + there, type=pyarrow.int32()),
         "track": pyarrow.array(np.full(len(there), motion.track_id), type=pyarrow.int32()),
     }
-    for name, origin in (("measured", MEASURED), ("filled", FILLED)):
-        flags = (motion.origin[there] == origin) @ (1 << np.arange(len(skeleton)))
-        columns[name] = pyarrow.array(flags, type=pyarrow.int64())
+    for name, origin in FLAGS:
+        for begin in range(0, len(skeleton), BITS):
+            bits = motion.origin[there][:, begin : begin + BITS] == origin
+            flags = bits @ (1 << np.arange(bits.shape[1]))
+            columns[f"{name}{begin or ''}"] = pyarrow.array(flags, type=pyarrow.int64())
     values = np.concatenate([motion.joints_m, motion.sigma_m[..., None]], axis=-1)[there]
     for index, joint in enumerate(skeleton.joints):
         for part, letter in enumerate(PARTS):
@@ -239,7 +243,7 @@ def _checked(path: Path, text: bytes) -> dict[str, Any]:
         joints, started_ns = about.get("joints", ()), about.get("started_ns")
         good = (
             all(isinstance(each, str) for each in (about["name"], about["skeleton"], *joints))
-            and 1 <= len(joints) == len(set(joints)) <= MOST_JOINTS
+            and 1 <= len(joints) == len(set(joints)) <= MAX_JOINTS
             and 1e-4 < about["interval_s"] < 1e4
             and (started_ns is None or isinstance(started_ns, int))
         )

@@ -26,8 +26,10 @@ MAX_NUMBER = 10**15  # of a frame or an image
 PERSON = 1  # COCO's category
 # Fields with the keypoints of a person, in the order of their tools; the first is the body.
 KEYPOINTS = ("pose_keypoints_2d", "pose_keypoints", "keypoints", "landmarks")
-MORE = ("foot_kpts", "face_kpts", "lefthand_kpts", "righthand_kpts")  # of COCO-WholeBody
-APART = ("face_keypoints_2d", "hand_left_keypoints_2d", "hand_right_keypoints_2d")
+MORE = (  # after it, of COCO-WholeBody and OpenPose
+    "foot_kpts", "face_kpts", "lefthand_kpts", "righthand_kpts",
+    "hand_left_keypoints_2d", "hand_right_keypoints_2d", "face_keypoints_2d",
+)  # fmt: skip
 SCORES = ("keypoint_scores", "scores", "keypoints_visible")
 PEOPLE = ("people", "instances", "predictions", "poses")
 FRAME_NAMES = ("image_id", "frame_id", "frame", "frame_number", "file_name")
@@ -47,13 +49,11 @@ class Picture:
         name: name of the image, frame number, or None where the file is the picture.
         people: `(num_people, count, 3)` x, y and score of each keypoint; 0 where missing.
         camera: its place in the file, for files of several cameras.
-        unused: keypoints of a person that stand apart and are not read, as OpenPose's hands.
     """
 
     name: str | int | None
     people: tuple[Floats, ...]
     camera: int | None = None
-    unused: int = 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -131,7 +131,7 @@ def _json(value: Any, images: Mapping[Any, str]) -> Pictures:
     for key in PEOPLE:
         if isinstance(value.get(key), list):
             people = _people(value[key], key, bad)
-            return Pictures([Picture(None, people, unused=_apart(value[key]))], bad=tuple(bad))
+            return Pictures([Picture(None, people)], bad=tuple(bad))
     for key in FRAMES:
         if isinstance(value.get(key), list):
             return _of_list(value[key], key, images)
@@ -212,17 +212,6 @@ def _people(entries: Any, where: object, bad: list[str]) -> tuple[Floats, ...]:
     if bad and not people:
         raise InputError(bad[-1])
     return tuple(people)
-
-
-def _apart(entries: Sequence[Any]) -> int:
-    return max(
-        (
-            sum(len(e[key]) // 3 for key in APART if isinstance(e.get(key), list))
-            for e in entries
-            if isinstance(e, Mapping)
-        ),
-        default=0,
-    )
 
 
 def _field(entry: Mapping[str, Any], names: Sequence[str]) -> Any:

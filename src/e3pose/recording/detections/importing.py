@@ -17,7 +17,7 @@ from e3pose.base.errors import InputError
 from e3pose.base.quantities import plural
 from e3pose.model.camera import Rig
 from e3pose.model.pose import Poses2D
-from e3pose.model.skeleton import Skeleton
+from e3pose.model.skeleton import Skeleton, load_skeleton
 from e3pose.recording import Recording
 from e3pose.recording.calibration import load_calibration
 from e3pose.recording.detections.forms import (
@@ -49,7 +49,7 @@ class ImportSettings:
     Attributes:
         folders: camera id to the name of its folder or file, where names alone do not tell.
         images: COCO data set whose `images` names the image of an `image_id`.
-        skeleton: layout of the keypoints, where their count does not tell.
+        skeleton: order of the keypoints, where their count does not tell: a name or a file.
         score_scale: what scores are divided by; None for their highest where that is beyond 1.5.
         detector: what made them; empty if unknown.
         strict: refuse what could be left out.
@@ -143,9 +143,6 @@ class Reader:
         if named and not any(pictures.all_named for pictures in every):
             self._fill(people)
         names = next((pictures.names for pictures in every if pictures.names), ())
-        unused = max((picture.unused for picture in single), default=0)
-        if unused:
-            self.notes.append(f"{unused} keypoints of hands and face are not used")
         return people, names
 
     def _sources(self) -> list[tuple[int | None, list[Path]]]:
@@ -247,19 +244,19 @@ class Reader:
 
     def _layout(self, people: Floats, names: Sequence[str]) -> Layout:
         layout = None
-        if names and self.settings.skeleton is None:
-            layout = named_layout(names)
+        chosen = self.settings.skeleton
+        if names:
+            layout = named_layout(names, load_skeleton(chosen) if chosen else None)
             if layout is None:
                 raise InputError(
                     f"{self.source}: found the body parts {', '.join(names)[:200]}, expected "
                     "left and right elbow, wrist, knee and ankle among them"
                 )
         if layout is None:
-            layout, note = choose_layout(people, self.settings.skeleton, str(self.source))
+            layout, note = choose_layout(people, chosen, str(self.source))
             self.notes += [note] if note else []
         if layout.unused:
-            self.notes.append(f"{layout.unused} of {layout.count} joints not used: "
-                              f"{layout.skeleton.name} does not have them")  # fmt: skip
+            self.notes.append(f"{layout.unused} (the skeleton is {layout.skeleton.name})")
         return layout
 
     def _score_scale(self, people: Floats) -> float:

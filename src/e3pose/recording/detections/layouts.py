@@ -3,44 +3,31 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
 from e3pose.model.proportions import KINDS, kind_of
-from e3pose.model.skeleton import BODY_LIMBS, SKELETONS, Skeleton
+from e3pose.model.skeleton import (
+    BODY_JOINTS,
+    BODY_LIMBS,
+    MEANS,
+    NAMES,
+    SIDES,
+    SKELETONS,
+    Skeleton,
+    load_skeleton,
+    not_used,
+)
 
 SAMPLE = 2000  # people whose limbs tell the order
 SURE = 0.2  # by so much less must the right order misfit people than the next
 ODD = 0.5  # misfit of an order that is hardly right; right ones misfit by 0.1 to 0.2
-FEET = """left_big_toe left_small_toe left_heel right_big_toe right_small_toe right_heel"""
-_COCO = " ".join(SKELETONS["coco17"].joints)
-_HALPE = " ".join(SKELETONS["halpe26"].joints)
-_MEDIAPIPE = """nose - left_eye - - right_eye - left_ear right_ear - -
-        left_shoulder right_shoulder left_elbow right_elbow left_wrist right_wrist - - - - - -
-        left_hip right_hip left_knee right_knee left_ankle right_ankle left_heel right_heel
-        left_big_toe right_big_toe"""
-# Name, skeleton, count of keypoints and the joints of the first; a dash is a joint that no skeleton
-# has. What stands behind them, as hands and faces, is not used.
-_TABLE = (
-    ("body25", "body25", 25, " ".join(SKELETONS["body25"].joints)),
-    ("body25b", "halpe26", 25, f"{_COCO} neck top_head {FEET}"),
-    ("coco17", "coco17", 17, _COCO),
-    ("h36m17", "panoptic19", 17, """mid_hip right_hip right_knee right_ankle left_hip left_knee
-        left_ankle - neck - - left_shoulder left_elbow left_wrist right_shoulder right_elbow
-        right_wrist"""),
-    ("coco18", "coco18", 18, " ".join(SKELETONS["coco18"].joints)),
-    ("coco23", "halpe26", 23, f"{_COCO} {FEET}"),
-    ("halpe26", "halpe26", 26, _HALPE),
-    ("mediapipe33", "halpe26", 33, _MEDIAPIPE),
-    ("coco133", "halpe26", 133, f"{_COCO} {FEET}"),
-    ("halpe136", "halpe26", 136, _HALPE),
-    ("mediapipe543", "halpe26", 543, _MEDIAPIPE),
-    ("mediapipe553", "halpe26", 553, _MEDIAPIPE),
-)  # fmt: skip
+LONGER = {"mediapipe33": 543, "mediapipe75": 553}  # keypoints of what has a mesh of the face, too
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,25 +35,22 @@ class Layout:
     """An order of keypoints.
 
     Attributes:
-        name: of the order.
         skeleton: that takes its joints; what it lacks is missing.
         count: keypoints of a person.
         columns: of each joint of `skeleton`, where it stands in the order; -1 if nowhere.
+        names: of the keypoints, as far as they are known.
     """
 
-    name: str
     skeleton: Skeleton
     count: int
     columns: tuple[int, ...]
+    names: tuple[str, ...] = ()
 
     def of_skeleton(self, people: Floats) -> Floats:
         """Return `(num_people, count, 3)` keypoints as those of the skeleton; 0 where missing."""
         columns = np.array(self.columns)
         found = np.where((columns < 0)[:, None], 0.0, people[:, np.maximum(columns, 0)])
-        for middle, ends in (
-            ("neck", ("left_shoulder", "right_shoulder")),
-            ("mid_hip", ("left_hip", "right_hip")),
-        ):
+        for middle, ends in MEANS.items():
             if middle in self.skeleton.joints and columns[self.skeleton.index(middle)] < 0:
                 both = found[:, [self.skeleton.index(end) for end in ends]]
                 mean = np.concatenate([both[..., :2].mean(1), both[..., 2].min(1)[:, None]], axis=1)
@@ -74,28 +58,39 @@ class Layout:
         return found
 
     @property
-    def unused(self) -> int:
-        """How many of its keypoints no joint takes."""
-        return self.count - sum(column >= 0 for column in self.columns)
+    def unused(self) -> str:
+        """What to tell of keypoints that no joint takes; empty if there are none."""
+        taken = {*self.columns}
+        left = [self.names[i] if i < len(self.names) else f"the {i + 1}th"
+                for i in range(self.count) if i not in taken]  # fmt: skip
+        return not_used(left, self.count)
 
 
-def named_layout(names: Sequence[str]) -> Layout | None:
+def named_layout(names: Sequence[str], skeleton: Skeleton | None = None) -> Layout | None:
     """Return the layout of keypoints with these names, such as `Left Wrist` or `wrist_l`.
 
-    None if fewer than the eight joints of arms and legs are among them.
+    Args:
+        names: of the keypoints.
+        skeleton: whose joints they are; that of e3pose which takes most of them if None.
+
+    Returns:
+        None if fewer than the eight joints of arms and legs are among them.
     """
     known = {_plain(name): at for at, name in reversed(list(enumerate(names)))}
-    skeletons = [SKELETONS[name] for name in ("coco17", "halpe26", "panoptic19")]
-    found = [[known.get(_plain(joint), -1) for joint in one.joints] for one in skeletons]
-    best = max(range(len(skeletons)), key=lambda i: (sum(c >= 0 for c in found[i]), -i))
-    needed = [
-        skeletons[best].index(f"{side}_{joint}")
-        for side in ("left", "right")
-        for joint in ("elbow", "wrist", "knee", "ankle")
-    ]
-    if any(found[best][at] < 0 for at in needed):
+    choices = [skeleton] if skeleton else sorted(SKELETONS.values(), key=len)
+    found = [tuple(_place(joint, one, known) for joint in one.joints) for one in choices]
+    best = max(range(len(choices)), key=lambda i: (sum(c >= 0 for c in found[i]), -i))
+    limbs = {f"{side}_{j}" for side in SIDES for j in ("elbow", "wrist", "knee", "ankle")}
+    joints = zip(choices[best].joints, found[best], strict=True)
+    if skeleton is None and not limbs <= {joint for joint, at in joints if at >= 0}:
         return None
-    return Layout("named", skeletons[best], len(names), tuple(found[best]))
+    return Layout(choices[best], len(names), found[best], tuple(names))
+
+
+def _place(joint: str, skeleton: Skeleton, known: Mapping[str, int]) -> int:
+    """Return where a joint or what others call it is among plain names; -1 if nowhere."""
+    others = (*(other for own, other in skeleton.same if own == joint), *NAMES.same.get(joint, ()))
+    return next((known[_plain(n)] for n in (joint, *others) if _plain(n) in known), -1)
 
 
 def _plain(name: str) -> str:
@@ -110,15 +105,17 @@ def _plain(name: str) -> str:
     return "".join([*side[:1], rest])
 
 
-def _layout(name: str, skeleton: str, count: int, joints: str) -> Layout:
-    order = joints.split()
-    columns = tuple(order.index(j) if j in order else -1 for j in SKELETONS[skeleton].joints)
-    return Layout(name, SKELETONS[skeleton], count, columns)
+def _layout(skeleton: Skeleton, count: int | None = None) -> Layout:
+    places = tuple(range(len(skeleton)))
+    return Layout(skeleton, count or len(skeleton), places, skeleton.joints)
 
 
-LAYOUTS = tuple(_layout(*row) for row in _TABLE)
+_BODIES = [one for one in SKELETONS.values() if set(one.joints) >= BODY_JOINTS]
+LAYOUTS = (
+    *map(_layout, _BODIES), *(_layout(SKELETONS[name], count) for name, count in LONGER.items())
+)  # fmt: skip
 ASKED = {25}  # where two orders are in use; else the first is taken unless limbs say otherwise
-BEGINNINGS = {"coco17": 17, "coco18": 18, "body25": 25}  # of longer orders, with their counts
+BEGINNINGS = ("coco17", "coco18", "body25")  # of longer orders
 COUNTS = sorted({layout.count for layout in LAYOUTS})
 
 
@@ -129,7 +126,7 @@ def choose_layout(people: Floats, name: str | None, where: str) -> tuple[Layout,
 
     Args:
         people: `(num_people, count, 3)` x, y in pixels and score; 0 where missing.
-        name: of the layout or its skeleton, where the user says it.
+        name: of the skeleton or its file, where the user says it.
         where: the source, for errors.
 
     Raises:
@@ -138,17 +135,16 @@ def choose_layout(people: Floats, name: str | None, where: str) -> tuple[Layout,
     """
     count = people.shape[1]
     fitting = [layout for layout in LAYOUTS if layout.count == count]
-    if not fitting and count > max(BEGINNINGS.values()):  # joints of its own behind a known order
-        fitting = [layout for layout in LAYOUTS if layout.name in BEGINNINGS]
+    if not fitting and count > max(len(SKELETONS[begin]) for begin in BEGINNINGS):
+        fitting = [_layout(SKELETONS[begin], count) for begin in BEGINNINGS]
     if name is not None:
-        chosen = [layout for layout in fitting if name in (layout.name, layout.skeleton.name)]
-        if not chosen:
-            names = ", ".join(layout.name for layout in fitting) or "none"
-            raise InputError(f"--skeleton: found {name[:40]!r}, expected of {count}: {names}")
-        return chosen[0], ""
+        return _named(name, count, fitting), ""
     if not fitting:
         counts = ", ".join(map(str, COUNTS))
-        raise InputError(f"{where}: found {count} keypoints a person, expected one of {counts}")
+        raise InputError(
+            f"{where}: found {count} keypoints a person, expected one of {counts}, or --skeleton "
+            "with a TOML file that names them"
+        )
     sample = people[:: max(1, len(people) // SAMPLE)]
     misfits = sorted((_misfit(one.of_skeleton(sample), one.skeleton), i)
                      for i, one in enumerate(fitting))  # fmt: skip
@@ -157,18 +153,37 @@ def choose_layout(people: Floats, name: str | None, where: str) -> tuple[Layout,
     if not sure and count not in ASKED:
         best = fitting[0]
     elif not sure:
-        names = " or ".join(layout.name for layout in fitting)
+        names = " or ".join(layout.skeleton.name for layout in fitting)
         raise InputError(
             f"{where}: {count} keypoints are {names}, and limbs do not tell which; "
             "expected --skeleton NAME"
         )
-    if best.count < count:
-        return best, f"of {count} keypoints, no known number, the first {best.count} are read"
+    chosen = best.skeleton.name
     if best != fitting[0]:
-        return best, f"keypoints are {best.name}, by the lengths of limbs (--skeleton)"
+        return best, f"keypoints are {chosen}, by the lengths of limbs (--skeleton)"
     if misfit > ODD:
-        return best, f"limbs do not have the lengths of people's: is the order not {best.name}?"
+        return best, f"limbs do not have the lengths of people's: is the order not {chosen}?"
     return best, ""
+
+
+def _named(name: str, count: int, fitting: Sequence[Layout]) -> Layout:
+    """Return the layout of a skeleton that the user names, also of one with fewer joints."""
+    known = [layout for layout in fitting if layout.skeleton.name == name]
+    if known:
+        return known[0]
+    wanted = ", ".join(layout.skeleton.name for layout in fitting) or "a TOML file of the joints"
+    refused = InputError(f"--skeleton: found {name[:40]!r}, expected of {count}: {wanted}")
+    if name not in SKELETONS and not Path(name).is_file():
+        raise refused
+    skeleton = load_skeleton(name)
+    if len(skeleton) == count:
+        return _layout(skeleton)
+    for layout in fitting if len(fitting) == 1 else ():
+        places = {joint: at for at, joint in enumerate(layout.names)}
+        if layout.count == len(layout.skeleton) and places.keys() >= {*skeleton.joints}:
+            columns = tuple(places[joint] for joint in skeleton.joints)
+            return Layout(skeleton, count, columns, layout.names)
+    raise refused
 
 
 def _misfit(people: Floats, skeleton: Skeleton) -> float:

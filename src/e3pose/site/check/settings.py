@@ -15,7 +15,7 @@ from e3pose.base.quantities import plural
 from e3pose.detectors import DETECTORS, GROUP
 from e3pose.energy.budgets import Budget, Supply, allowance_j, slot_shares
 from e3pose.model.camera import Rig
-from e3pose.model.skeleton import lacking, serves
+from e3pose.model.skeleton import lacking, serves, unused
 from e3pose.recording.calibration.world import world_problem
 from e3pose.settings.parts import least_watts, row_of, shares
 from e3pose.settings.resolved import ResolvedSite, calibrate_advice
@@ -82,6 +82,9 @@ def skeleton_problems(site: ResolvedSite) -> Iterator[Finding]:
             yield problem(what, f"{outputs}, {lost}", fix)
         elif missing:
             yield warning(what, f"{outputs}, converted, {lost}")
+        if left := unused(skeleton.joints, site.skeleton.joints):
+            fix = f'skeleton = "{skeleton.name}" keeps them, where all cameras have them'
+            yield warning(what, f"{outputs}, the site uses {site.skeleton.name}: {left}", fix)
 
 
 def feedback_problems(site: ResolvedSite) -> Iterator[Finding]:

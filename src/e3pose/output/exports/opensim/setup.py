@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from e3pose.base.atomic import atomic_file
 from e3pose.estimate.smooth.gaps import stretches
-from e3pose.model.skeleton import Skeleton
+from e3pose.model.skeleton import Skeleton, not_used
 from e3pose.model.take import Motion, Take
 from e3pose.output.exports.opensim.markers import NAMES, Marker, markers
 from e3pose.output.exports.opensim.model import MASS_KG, model_xml
@@ -85,7 +85,10 @@ def write_setup(trc: Path, take: Take, names: str) -> str:
             xml.ElementTree(document).write(temporary, encoding="UTF-8", xml_declaration=True)
         paths.append(path)
     missing = "" if whole_s else "; no frame has all markers, which the scale tool needs: --fill"
-    return f"beside it {', '.join(path.name for path in paths)}{missing}"
+    core = set(skeleton.core)
+    details = [joint for index, joint in enumerate(skeleton.joints) if index not in core]
+    left = f"; the model: {not_used(details, len(skeleton))}" if details else ""
+    return f"beside it {', '.join(path.name for path in paths)}{missing}{left}"
 
 
 def _longest_s(

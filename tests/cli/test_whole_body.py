@@ -1,0 +1,136 @@
+"""133 joints from a simulation through a replay with two cameras into every kind of file."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.cli.commands import run
+from tests.output.exports.test_skeletons import Gltf, read_bvh
+
+from e3pose.base.arrays import Floats
+from e3pose.model.skeleton import SKELETONS
+from e3pose.recording import Recording, load_recording
+
+WHOLE = SKELETONS["coco133"]
+FROM = 30  # slots before everybody is known
+MOST_MM = {"core": 60.0, "detail": 80.0}  # median by joint; each is measured below half of it
+
+
+@pytest.fixture(scope="module")
+def replayed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("whole")
+    words = ["--scene", "ring", "--cameras", "4", "--people", "2", "--seconds", "4", "--seed", "3"]
+    assert run("simulate", str(folder / "rec"), *words, "--skeleton", "coco133") == 0
+    made = ["--poses", str(folder / "poses.csv"), "--report", str(folder / "page.html")]
+    assert run("replay", str(folder / "rec"), "--cameras", "2", *made) == 0
+    return folder
+
+
+def nearest_mm(recording: Recording, slot: int, joints_m: Floats) -> Floats:
+    """Return how far the joints of somebody are from those of the true person nearest to them."""
+    assert recording.truth is not None
+    apart = np.linalg.norm(recording.truth.joints_m[slot] - joints_m, axis=-1)
+    return np.asarray(1000 * apart[np.nanmean(apart, axis=1).argmin()])
+
+
+def check(errors_mm: Floats) -> None:
+    """Each joint is where the truth has it, in the median over slots and people."""
+    middle = np.nanmedian(errors_mm, axis=0)
+    for index, joint in enumerate(WHOLE.joints):
+        kind = "core" if index in WHOLE.core else "detail"
+        assert middle[index] < MOST_MM[kind], (joint, middle[index])
+
+
+def test_every_joint_is_near_the_truth_in_every_file(replayed: Path) -> None:
+    recording = load_recording(replayed / "rec")
+    assert recording.skeleton == WHOLE
+    with (replayed / "poses.csv").open() as file:
+        rows = [row for row in csv.DictReader(file) if int(row["slot"]) >= FROM]
+    people = {(int(row["slot"]), int(row["track"])) for row in rows}
+    found = {key: np.full((133, 3), np.nan) for key in people}
+    for row in rows:
+        place = [float(row[axis]) for axis in "xyz"]
+        found[int(row["slot"]), int(row["track"])][WHOLE.index(row["joint"])] = place
+    assert len({track for _, track in people}) == 2
+    check(np.array([nearest_mm(recording, slot, m) for (slot, _), m in found.items()]))
+
+    for name in ("walk.trc", "walk.c3d", "walk.glb", "walk.bvh", "walk.parquet"):
+        wide = ["--wide"] if name.endswith("parquet") else []
+        assert run("export", str(replayed / "poses.csv"), str(replayed / name), *wide) == 0
+    for track in sorted({track for _, track in people}):
+        shown = {slot: m for (slot, one), m in found.items() if one == track}
+        for places in (_trc(replayed, track), _c3d(replayed, track), _glb(replayed, track, shown),
+                       _bvh(replayed, track), _wide(replayed, track)):  # fmt: skip
+            off = [places[slot] - m for slot, m in shown.items() if slot in places]
+            assert len(off) > 20 and 1000 * np.nanmedian(np.abs(off), axis=0).max() < 20.0
+
+
+def test_the_page_draws_all_limbs(replayed: Path) -> None:
+    text = (replayed / "page.html").read_text()
+    limbs = re.search(r'"limbs": ?(\[\[.*?\]\])', text)
+    assert limbs is not None
+    assert [tuple(limb) for limb in json.loads(limbs[1])] == list(WHOLE.limbs)
+
+
+def _trc(folder: Path, track: int) -> dict[int, Floats]:
+    """Places by slot, metres, z up."""
+    lines = (folder / f"walk-track{track}.trc").read_text().splitlines()
+    names = [name for name in lines[3].split("\t")[2:] if name]
+    assert names == list(WHOLE.joints)
+    first = round(25 * float(lines[5 if lines[5].strip() else 6].split("\t")[1]))
+    found = {}
+    for row, line in enumerate(line for line in lines[5:] if line.strip()):
+        values = [float(v) if v else np.nan for v in line.split("\t")[2 : 2 + 3 * len(names)]]
+        x, y, z = np.array(values).reshape(-1, 3).T / 1000
+        found[first + row] = np.stack([x, -z, y], axis=-1)
+    return found
+
+
+def _c3d(folder: Path, track: int) -> dict[int, Floats]:
+    import ezc3d
+
+    file = ezc3d.c3d(str(folder / "walk.c3d"))
+    point = file["parameters"]["POINT"]
+    labels = [*point["LABELS"]["value"], *point["LABELS2"]["value"]]
+    assert len(labels) == 266
+    columns = [labels.index(f"track{track}:{joint}") for joint in WHOLE.joints]
+    begin = round(25 * float(file["parameters"]["E3POSE"]["START_S"]["value"][0]))
+    places = np.moveaxis(file["data"]["points"][:3, columns], 0, -1) / 1000  # (joint, frame, 3)
+    return {begin + frame: places[:, frame] for frame in range(places.shape[1])}
+
+
+def _glb(folder: Path, track: int, shown: dict[int, Floats]) -> dict[int, Floats]:
+    file, found = Gltf(folder / "walk.glb"), {}
+    first = min(_c3d(folder, track))
+    nodes = [file.names.index(f"track{track}_{joint}") for joint in WHOLE.joints]
+    for slot in list(shown)[:30]:
+        places = np.array([file.world(node, (slot - first) / 25)[1] for node in nodes])
+        found[slot] = np.stack([places[:, 0], -places[:, 2], places[:, 1]], axis=-1)
+    return found
+
+
+def _bvh(folder: Path, track: int) -> dict[int, Floats]:
+    names, _, _, _, world = read_bvh(folder / f"walk-track{track}.bvh")
+    first = min(_trc(folder, track))
+    columns = [_node(names, joint) for joint in WHOLE.joints]
+    y_up = world[:, columns]
+    places = np.stack([y_up[..., 0], -y_up[..., 2], y_up[..., 1]], axis=-1)
+    return {first + frame: each for frame, each in enumerate(places)}
+
+
+def _node(names: list[str], joint: str) -> int:
+    return names.index(joint)
+
+
+def _wide(folder: Path, track: int) -> dict[int, Floats]:
+    from e3pose.output.exports.source import Asked, take_from_table
+
+    take = take_from_table(folder / "walk.parquet", Asked(tracks=(track,)))
+    assert take.skeleton == WHOLE
+    (motion,) = take.motions
+    return {motion.first + row: each for row, each in enumerate(motion.joints_m)}
