@@ -4,6 +4,7 @@
     python lab/benchmarks/bench_step.py --against HEAD~1
     python lab/benchmarks/bench_step.py --against none
     python lab/benchmarks/bench_step.py --cold 64       # write so many MB before every step
+    python lab/benchmarks/bench_step.py --skeleton coco133   # 4 cameras, all active, 2 people
 
 The loop as a site has it: the filter, steered by the learned predictor, and the policy
 `information` four slots ahead. The other commit is checked out beside this one and measured in
@@ -19,13 +20,14 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 
 SIZES = ((5, 4, 2), (12, 8, 4))  # cameras, people, cameras per slot
+WHOLE = (4, 2, 4)  # of `--skeleton`
 TARGETS_MS = {"5x4": 0.6, "12x8": 1.5}
 BEFORE = "ce30be4"  # every stage but the filter was numpy, and the network ran in ONNX Runtime
 ROUNDS = 3
@@ -36,21 +38,26 @@ ROOT = Path(__file__).resolve().parents[2]
 Costs = dict[str, dict[str, float]]  # size -> stage -> milliseconds
 
 
-def measure(cold_mb: int = 0) -> Costs:
+def measure(
+    cold_mb: int = 0, sizes: Sequence[tuple[int, int, int]] = SIZES, skeleton: str = "coco17"
+) -> Costs:
     """Return the median CPU of each stage, and of the whole step, in this process.
 
     Args:
         cold_mb: so much is written before every step, as other programs do beside a live edge.
+        sizes: cameras, people, cameras per slot.
+        skeleton: of the keypoints.
     """
     from e3pose.evaluate.replay import ReplaySettings, make_pipeline
     from e3pose.pipeline import initial_state, step
     from e3pose.simulate import SceneSettings, simulate
+    from e3pose.simulate.feet import with_skeleton
 
     costs: Costs = {}
     other = np.zeros(cold_mb * 2**17)
-    for cameras, people, count in SIZES:
+    for cameras, people, count in sizes:
         scene = SceneSettings("ring", people=people, seconds=SECONDS, fps=FPS, cameras=cameras)
-        recording = simulate(scene, seed=701)
+        recording = with_skeleton(simulate(scene, seed=701), skeleton, seed=701)
         settings = ReplaySettings(num_selected=count, lead_slots=LEAD)
         pipeline = make_pipeline(recording, settings, time.process_time)
         online = np.ones(cameras, dtype=bool)
@@ -130,7 +137,12 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=ROUNDS)
     parser.add_argument("--cold", type=int, default=0, metavar="MB", help="empty the caches")
     parser.add_argument("--json", type=Path, help="write the figures here too")
+    parser.add_argument("--skeleton", help="measure a skeleton alone")
     options = parser.parse_args()
+    if options.skeleton:
+        for stage, spent in measure(0, (WHOLE,), options.skeleton)["4x2"].items():
+            print(f"{options.skeleton} {stage:<10} {spent:6.3f} ms")
+        return
     with checked_out(options.against) as other:
         if other is None and options.against != "none":
             print(f"commit {options.against} is not in this checkout: no ratios")
