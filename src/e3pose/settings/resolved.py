@@ -15,8 +15,8 @@ from e3pose.detectors import skeleton_of
 from e3pose.energy.budgets import Budget, parse_budget
 from e3pose.model.camera import Rig
 from e3pose.model.noises import DEFAULT, SHIPPED
-from e3pose.model.skeleton import SHIPPED as SHIPPED_SKELETONS
 from e3pose.model.skeleton import COCO17, Skeleton, common_skeleton, load_skeleton
+from e3pose.model.skeleton import SHIPPED as SHIPPED_SKELETONS
 from e3pose.pipeline import Pipeline
 from e3pose.recording.calibration import load_calibration
 from e3pose.recording.calibration.world import assumed_rig
