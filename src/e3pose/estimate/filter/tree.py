@@ -66,12 +66,10 @@ SMALL_TOE = Habit(4.0, 0.15, usual_m=0.09)
 HEEL = Habit(3.5, 0.15, usual_m=0.08)
 
 
-# tuned: m/s2, s | by reasoning: fingers as small toes, skin as eyes beside a nose, their distances
-#   by the skeleton's `rest` | not measured
-FINGER, SKIN = Habit(4.0, 0.15), Habit(1.6, 0.4)
+# Fingers move as small toes do and skin as eyes do; how far they are, skeletons say (`rest_m`).
 HABITS = {
     "trunk": TRUNK, "stiff": STIFF, "face": FACE, "middle": MIDDLE, "end": END, "toe": TOE,
-    "small_toe": SMALL_TOE, "heel": HEEL, "finger": FINGER, "skin": SKIN,
+    "small_toe": SMALL_TOE, "heel": HEEL, "finger": SMALL_TOE._replace(usual_m=0.0), "skin": FACE,
 }  # fmt: skip
 
 

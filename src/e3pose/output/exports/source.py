@@ -16,7 +16,7 @@ from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
 from e3pose.model.people import People
 from e3pose.model.region import in_rectangle, middles_m
-from e3pose.model.skeleton import MAX_JOINTS, SKELETONS, Skeleton, skeleton_of_joints
+from e3pose.model.skeleton import BODY_JOINTS, MAX_JOINTS, SKELETONS, Skeleton, skeleton_of_joints
 from e3pose.model.take import Motion, Take, kept_rows, motions_of
 from e3pose.output.exports.wide import is_wide, read_wide
 from e3pose.store import Store
@@ -261,9 +261,9 @@ def _columns(path: Path, found: Any) -> dict[str, NDArray[Any]]:
 def _skeleton(path: Path, names: tuple[str, ...]) -> Skeleton:
     """Return the smallest skeleton that has all the joints, or one of points without limbs."""
     fitting = [one for one in SKELETONS.values() if set(names) <= set(one.joints)]
-    if not fitting and (len(names) > MAX_JOINTS or not all(isinstance(n, str) for n in names)):
-        found = f"{len(names)} joints, such as {str(names[0])[:30]!r}"
-        raise InputError(f"{path}: found {found}, expected the names of at most {MAX_JOINTS}")
+    if not fitting and not (len(names) <= MAX_JOINTS and BODY_JOINTS.intersection(names)):
+        some = ", ".join(str(name)[:30] for name in names[:6])
+        raise InputError(f"{path}: found joints {some}, ..., expected those of a skeleton")
     return min(fitting, key=len) if fitting else Skeleton(path.stem, names, ())
 
 
