@@ -67,7 +67,8 @@ def detections(
     images
         COCO data set whose `images` table maps image_id to a file name.
     skeleton
-        Order of the keypoints, such as body25b, where their number does not tell.
+        Skeleton of the keypoints, such as body25b, where their number does not tell, or your own:
+        a TOML file. One with fewer joints keeps these alone.
     detector
         Detector of the results: the name of a shipped noise model such as openpose, or any other
         name. Without it, the noise is learned from a cautious start.
