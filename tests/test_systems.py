@@ -22,12 +22,10 @@ TEXTS = {
 ASKS = {"base/system.py", "base/child_process.py"}
 PLACES = {
     "base/threads.py": "names no thread",
-    "camera/live_source.py": "refused by require_linux",
     "camera/probe.py": "finds no device, and no state to suspend to",
     "detectors/weights/index.py": "finds no settings of pip",
     "settings/limits.py": "a message",
     "site/check/camera.py": "a message",
-    "site/check/sources.py": "finds no device",
     "site/new_site.py": "a message",
 }
 LINUX_ONLY = {"fcntl", "grp", "pwd", "resource", "termios", "tty", "pty", "syslog", "msvcrt"}

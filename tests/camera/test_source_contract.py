@@ -5,13 +5,16 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from importlib.metadata import EntryPoint
 from pathlib import Path
 
+import av
 import cv2
 import httpx
 import numpy as np
 import pytest
+from tests.camera import stand_ins
 from tests.camera.mjpeg import jpeg, network_camera
 from tests.memory_transport import Hub
 from tests.ports import free_port
@@ -22,7 +25,9 @@ from e3pose.camera.base import DetectingSource, LiveFrame, LiveSource, SteeredSo
 from e3pose.camera.live import CameraNode
 from e3pose.camera.live_source import GROUP, SOURCES, STREAMS, make_source
 from e3pose.camera.phone_file import PhoneFile, save_phone
+from e3pose.camera.picamera import SensorSource
 from e3pose.camera.schedule import Schedule
+from e3pose.camera.webcam import WebcamSource
 from e3pose.model.expected import ExpectedView
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17
@@ -91,6 +96,24 @@ def own(folder: Path) -> Iterator[tuple[str, SENT]]:
     yield located("mine.py:Grey", lambda name: folder / name), str
 
 
+def webcam(folder: Path, monkeypatch: pytest.MonkeyPatch) -> LiveSource:
+    machine = stand_ins.Webcams(folder)
+    monkeypatch.setattr(av, "open", machine.open)
+    machine.plug(0, "Front", "usb-Front-video-index0", "1-1")
+    return WebcamSource("by-id/usb-Front-video-index0", WallClock(), 30.0, (64, 48), machine.dev)
+
+
+def board(scheme: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> LiveSource:
+    pi = stand_ins.raspberry_pi(monkeypatch)
+    pi.outputs = [np.zeros((30, 17))] * 3
+    stand_ins.oak(monkeypatch)
+    stand_ins.gstreamer(monkeypatch)
+    made = make_source(scheme, "cam1", WallClock())
+    if isinstance(made, SensorSource):
+        made.model = folder
+    return made
+
+
 # What stands in for each; a scheme without one fails the test below.
 STAND_INS = {
     "file": file,
@@ -98,7 +121,14 @@ STAND_INS = {
     **dict.fromkeys(STREAMS, stream),
     "phone": phone,
 }
-PENDING = {"usb", "gstreamer"}
+DEVICES: dict[str, Callable[[Path, pytest.MonkeyPatch], LiveSource]] = {
+    "usb": webcam,
+    "gstreamer": partial(board, "gstreamer:videotestsrc"),
+    "picamera2": partial(board, "picamera2:0"),
+    "imx500": partial(board, "imx500:0"),
+    "depthai": partial(board, "depthai:"),
+    "depthai, detecting": partial(board, "depthai:?model=pose"),
+}
 
 
 def frames_of(source: LiveSource, send: SENT, count: int) -> list[LiveFrame]:
@@ -137,14 +167,21 @@ def check(source: LiveSource, send: SENT) -> None:
                 assert frame.poses is None and isinstance(image, np.ndarray)
 
 
-@pytest.mark.parametrize("scheme", sorted({*SOURCES} - PENDING) + ["module:Name"])
+@pytest.mark.parametrize("scheme", [*STAND_INS, "module:Name"])
 def test_a_source_keeps_to_its_protocol(scheme: str, tmp_path: Path) -> None:
     with STAND_INS.get(scheme, own)(tmp_path) as (name, send):
         check(make_source(name, "cam1", WallClock(), 20.0), send)
 
 
+@pytest.mark.parametrize("device", DEVICES)
+def test_a_device_keeps_to_its_protocol(
+    device: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    check(DEVICES[device](tmp_path, monkeypatch), str)
+
+
 def test_every_source_has_a_stand_in() -> None:
-    assert {*SOURCES} - PENDING == {*STAND_INS}
+    assert {*SOURCES} == {*STAND_INS, *(name.partition(",")[0] for name in DEVICES)}
 
 
 @pytest.mark.parametrize(

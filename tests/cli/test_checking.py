@@ -177,5 +177,5 @@ def test_models_and_sources_that_are_not_there(
     code, out, _ = checked(site, capsys)
     assert code == 1
     assert "problem camera cam0 source lab/walk.mp4 does not exist" in out
-    assert "problem camera cam1 usb:77: no such device -> connect the camera" in out
+    assert "problem camera cam1 source usb:77: found no /dev/video77" in out
     assert "-> e3pose models pull movenet-multipose" in out

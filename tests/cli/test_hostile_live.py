@@ -269,7 +269,7 @@ WORDS: list[tuple[str, str]] = [
     ),
     (f"{CAMERA} recorded:", "expected recorded:RECORDING"),
     (f"{CAMERA} recorded:nosuch", "nosuch: no such folder"),
-    (f"{CAMERA} usb:x", "expected usb:NUMBER"),
+    (f"{CAMERA} usb:x", "expected usb:by-id/NAME"),
     (f"{CAMERA} x{ESCAPE}", "expected the name of a file"),
     (f"{CAMERA} {HUGE}", ""),
     (f"{CAMERA} recorded:rec --pace nan", "pace: found nan"),

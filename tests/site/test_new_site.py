@@ -10,7 +10,7 @@ from tests.cases import each_case
 from tests.rigs import looking
 
 from e3pose.base.errors import InputError
-from e3pose.camera.probe import Probe, find_devices
+from e3pose.camera.probe import Probe
 from e3pose.detectors.timing import DetectionTimes
 from e3pose.settings.resolved import resolve, resolve_site
 from e3pose.settings.site_file import load_site
@@ -130,14 +130,3 @@ def test_site_is_named_after_its_folder(tmp_path: Path) -> None:
 @each_case(("cores", "threads"), [(2, 1), (8, 4), (1, 1)])
 def test_cores_are_shared_by_the_cameras_of_a_slot(cores: int, threads: int) -> None:
     assert threads_for(4, 2, cores) == threads
-
-
-def test_devices_are_those_that_film(tmp_path: Path) -> None:
-    for number, index, name in ((10, 0, "Webcam C"), (2, 0, "Webcam B\n"), (3, 1, "Webcam B")):
-        folder = tmp_path / f"video{number}"
-        folder.mkdir()
-        (folder / "index").write_text(f"{index}\n")
-        (folder / "name").write_text(name)
-    (tmp_path / "video7").mkdir()
-    assert find_devices(tmp_path) == {"usb:2": "Webcam B", "usb:10": "Webcam C"}
-    assert find_devices(tmp_path / "none") == {}

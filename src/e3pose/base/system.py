@@ -10,6 +10,7 @@ import errno
 import os
 import signal
 import sys
+import time
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -201,3 +202,17 @@ def open_browser(url: str) -> bool:
         os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY")
     )
     return screen and webbrowser.open(url)
+
+
+def video_input() -> str:
+    """Return how FFmpeg calls the cameras of this system."""
+    if sys.platform == "win32":
+        return "dshow"
+    return "avfoundation" if sys.platform == "darwin" else "video4linux2,v4l2"
+
+
+def since_boot_ns() -> int:
+    """Return nanoseconds since the machine began, sleep included where the system counts it."""
+    if sys.platform == "linux":
+        return time.clock_gettime_ns(time.CLOCK_BOOTTIME)
+    return time.monotonic_ns()

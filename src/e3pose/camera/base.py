@@ -60,12 +60,27 @@ class LiveSource(Protocol):
         ...
 
     def read(self) -> LiveFrame | None:
-        """Return the next frame, waiting at most a second; None if there is none."""
+        """Return the next frame, waiting at most a second; None if there is none.
+
+        Raises:
+            InputError: why there will be none any more, after closing itself; `open` may follow.
+        """
         ...
 
     def close(self) -> None:
         """Stop capturing and release the device; `open` may follow."""
         ...
+
+
+@runtime_checkable
+class AskedSource(LiveSource, Protocol):
+    """A source that is asked for a size and a rate.
+
+    Attributes:
+        note: what it gives instead, once it is open; empty where that is what was asked for.
+    """
+
+    note: str
 
 
 @runtime_checkable

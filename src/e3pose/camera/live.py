@@ -23,7 +23,13 @@ from typing import Any, Generic, TypeVar
 from e3pose.base.clock import Clock
 from e3pose.base.errors import InputError
 from e3pose.base.threads import ThreadGroup
-from e3pose.camera.base import LiveDetector, LiveFrame, LiveSource, SteeredSource
+from e3pose.camera.base import (
+    AskedSource,
+    LiveDetector,
+    LiveFrame,
+    LiveSource,
+    SteeredSource,
+)
 from e3pose.camera.base import NodeSettings as NodeSettings
 from e3pose.camera.frame_rate import FrameRate
 from e3pose.camera.gate import Gate
@@ -295,6 +301,7 @@ class CameraNode:
         self._gate = None if detector is None else Gate(detector, settings.gate)
         self._steered = source if isinstance(source, SteeredSource) else None
         self._repeats = Repeats()
+        self._noted = ""  # what the source gives other than asked for
         self._newest = (0, -1)  # session of the edge and slot of the newest frame
         self.threads = ThreadGroup(self._wake)
 
@@ -397,7 +404,13 @@ class CameraNode:
             if not is_open:
                 is_open, frame_ns = self._open(), self.clock.now_ns()
                 continue
-            frame = self.source.read()
+            try:
+                frame = self.source.read()
+            except InputError as error:
+                self._find(str(error)[:300])
+                is_open = False
+                self.threads.stopping.wait(REOPEN_S)
+                continue
             self._processor.capturing()
             now_ns = self.clock.now_ns()
             if frame is None:
@@ -416,6 +429,9 @@ class CameraNode:
             self._find(str(error)[:300])
             self.threads.stopping.wait(REOPEN_S)
             return False
+        if isinstance(self.source, AskedSource) and self.source.note not in ("", self._noted):
+            self._noted = self.source.note
+            self._report(self._noted)
         return True
 
     def _find(self, problem: str) -> None:

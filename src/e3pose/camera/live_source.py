@@ -1,11 +1,13 @@
 """Live sources of frames: devices, streams, files and recordings at their own pace.
 
-    usb:0                        a camera of Video4Linux, `/dev/video0`
+    usb:by-id/NAME               a webcam by the name that it keeps; usb:0 is `/dev/video0`
     rtsp://HOST/PATH             a network camera; http:// likewise
     secret:FILE                  a private file with the address of one, and its password
     env:NAME                     likewise a variable of the environment
     phone:FILE                   a phone whose page sends frames; `e3pose phone FILE` makes the file
-    gstreamer:PIPELINE           a GStreamer pipeline, where OpenCV was built with it
+    gstreamer:PIPELINE           a GStreamer pipeline, through PyGObject
+    picamera2:0                  a camera of a Raspberry Pi; imx500:0 is its AI Camera: it detects
+    depthai:ID                   an OAK; depthai:ID?model=NAME has it detect
     VIDEO.mp4                    a file at its own pace, again and again
     FOLDER                       its images, at --fps
     recorded:RECORDING           the keypoints of a recording, for trying a site without cameras
@@ -31,10 +33,12 @@ from e3pose.base.clock import Clock
 from e3pose.base.errors import InputError, reason_of
 from e3pose.base.masking import masked
 from e3pose.base.plugins import is_offered, is_own, maker
-from e3pose.base.system import require_linux
 from e3pose.camera.base import LiveFrame, LiveSource, SourceSettings
+from e3pose.camera.gstreamer import make_pipeline
+from e3pose.camera.oak import make_oak
 from e3pose.camera.phone import PhoneSource
 from e3pose.camera.phone_file import load_phone
+from e3pose.camera.picamera import make_picamera, make_sensor
 from e3pose.camera.source import (
     FALLBACK_RATE,
     Frame,
@@ -42,6 +46,7 @@ from e3pose.camera.source import (
     open_video,
     read_picture,
 )
+from e3pose.camera.webcam import make_webcam
 from e3pose.model.pose import Poses2D
 from e3pose.recording import Recording, load_recording
 from e3pose.settings.sources import PHONE, place_of, revealed, scheme_of
@@ -234,62 +239,6 @@ class StreamSource:
             container.close()
 
 
-@dataclass(slots=True, eq=False)
-class OpenCvSource:
-    """A camera of Video4Linux by its number, or a GStreamer pipeline, through OpenCV."""
-
-    device: int | str
-    clock: Clock
-    asked_fps: float | None = None
-    fps: float = FALLBACK_RATE
-    _capture: Any = None
-
-    def open(self) -> None:
-        """See `LiveSource.open`."""
-        import cv2
-
-        if isinstance(self.device, str):
-            if "GStreamer:                   YES" not in cv2.getBuildInformation():
-                raise InputError(
-                    "source gstreamer: this OpenCV was built without GStreamer, "
-                    "expected the one of JetPack or of the distribution"
-                )
-            capture = cv2.VideoCapture(self.device, cv2.CAP_GSTREAMER)
-        else:
-            if not Path(f"/dev/video{self.device}").exists():
-                raise InputError(f"source usb:{self.device}: found no /dev/video{self.device}")
-            capture = cv2.VideoCapture(self.device, cv2.CAP_V4L2)
-        if not capture.isOpened():
-            raise InputError(f"source {masked(str(self.device))[:80]}: cannot be opened")
-        if self.asked_fps:
-            capture.set(cv2.CAP_PROP_FPS, self.asked_fps)
-        rate_hz = capture.get(cv2.CAP_PROP_FPS)
-        self.fps = rate_hz if 0 < rate_hz < 1000 else self.asked_fps or FALLBACK_RATE
-        capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)  # old frames are of no use
-        self._capture = capture
-
-    def read(self) -> LiveFrame | None:
-        """See `LiveSource.read`."""
-        import cv2
-
-        if self._capture is None or not self._capture.grab():
-            time.sleep(READ_S / 10)
-            return None
-        captured_ns = self.clock.now_ns()
-        found, image = self._capture.retrieve()
-        if not found:
-            return None
-        size = (image.shape[1], image.shape[0])
-        mark = None if isinstance(self.device, str) else lambda: _mark(image)
-        return LiveFrame(captured_ns, size, lambda: cv2.cvtColor(image, cv2.COLOR_BGR2RGB), mark)
-
-    def close(self) -> None:
-        """See `LiveSource.close`."""
-        capture, self._capture = self._capture, None
-        if capture is not None:
-            capture.release()
-
-
 def _mark(rows: NDArray[np.uint8]) -> int:
     """Return a number of a picture by every fourth of its rows, which all have noise."""
     return zlib.crc32(rows[::4].tobytes())
@@ -348,18 +297,6 @@ def make_source(
     return make(SourceSettings(rest, camera_id, clock, fps, size, pace, begin_s))
 
 
-def _device(asked: SourceSettings) -> LiveSource:
-    number = asked.name
-    if not (number.isascii() and number.isdigit() and len(number) < 4):
-        raise InputError("source", repr(number[:80]), "usb:NUMBER, such as usb:0")
-    require_linux(f"source usb:{number}", "a film, RTSP or HTTP")
-    return OpenCvSource(int(number), asked.clock, asked.fps)
-
-
-def _pipeline(asked: SourceSettings) -> LiveSource:
-    return OpenCvSource(asked.name, asked.clock, asked.fps)
-
-
 def _stream(asked: SourceSettings) -> LiveSource:
     if "://" not in asked.name:
         raise InputError("source", repr(masked(asked.name)[:80]), "rtsp://HOST/PATH or http://HOST")
@@ -394,10 +331,13 @@ def _file(asked: SourceSettings) -> LiveSource:
 GROUP = "e3pose.sources"  # the entry points of other packages
 # By scheme. To add one: a maker and a line here, or a package; the contract test then runs it.
 SOURCES: dict[str, Callable[[SourceSettings], LiveSource]] = {
-    "usb": _device,
+    "usb": make_webcam,
     **dict.fromkeys(STREAMS, _stream),
     "phone": _phone,
-    "gstreamer": _pipeline,
+    "gstreamer": make_pipeline,
+    "picamera2": make_picamera,
+    "imx500": make_sensor,
+    "depthai": make_oak,
     "recorded": _recording,
     "file": _file,
 }

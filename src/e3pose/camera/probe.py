@@ -1,4 +1,4 @@
-"""Find the cameras of this machine, read one frame of a source, and count those of live ones."""
+"""Read one frame of a source, and count those of live ones."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import numpy as np
 from e3pose.base.clock import WallClock
 from e3pose.base.errors import InputError
 from e3pose.base.masking import masked
-from e3pose.camera.base import LiveSource
+from e3pose.camera.base import AskedSource, LiveSource
 from e3pose.camera.frame_rate import rate_hz, rounded_hz
 from e3pose.camera.live_source import make_source
 from e3pose.camera.orientation import Orientation
@@ -28,7 +28,6 @@ COUNT_S = 3.0  # in which the frames of a live source are counted
 SETTLE_S = 0.5  # after the first frame: a stream may begin with a burst
 FRAME_S = 10.0  # for a device to open and give its first frame
 DARK = 8.0  # mean of 0..255 below which a picture shows nothing
-VIDEO4LINUX = Path("/sys/class/video4linux")
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +40,7 @@ class Probe:
         fps: frames per second: counted if it is live, nominal if it was recorded.
         dark: whether the first frame shows nothing.
         nominal_fps: the rate that it announces; None if it is `fps`.
+        note: what it gives other than asked for; empty for nothing.
     """
 
     source: str
@@ -48,6 +48,7 @@ class Probe:
     fps: float
     dark: bool
     nominal_fps: float | None = None
+    note: str = ""
 
     def rate_words(self) -> str:
         """Return its rate in words, and that it announces another one if it does."""
@@ -56,7 +57,11 @@ class Probe:
 
 
 def probe(
-    source: str, camera_id: str = "", fps: float | None = None, timeout_s: float = FRAME_S
+    source: str,
+    camera_id: str = "",
+    fps: float | None = None,
+    timeout_s: float = FRAME_S,
+    size: tuple[int, int] | None = None,
 ) -> Probe:
     """Open a source, read its first frame, count its frames if it is live, and close it.
 
@@ -65,6 +70,7 @@ def probe(
         camera_id: of the camera, for recordings of several.
         fps: frames per second to ask for.
         timeout_s: how long to wait for the frame.
+        size: `(width, height)` to ask for, pixels.
 
     Raises:
         InputError: when there is no such source, or no frame comes in time.
@@ -73,7 +79,7 @@ def probe(
         video = open_video(Path(source))
         first = next(iter(video.frames()))
         return Probe(source, video.image_size, video.rate, _dark(first.image))
-    opened = make_source(source, camera_id, WallClock(), fps)
+    opened = make_source(source, camera_id, WallClock(), fps, size=size)
     opened.open()
     try:
         end_s = time.monotonic() + timeout_s
@@ -83,7 +89,8 @@ def probe(
                 counted = _counted_hz(opened) if is_live(source) else None
                 fps = rounded_hz(counted, nominal_hz)
                 announced = None if fps == nominal_hz else nominal_hz
-                return Probe(source, frame.image_size, fps, dark, announced)
+                note = opened.note if isinstance(opened, AskedSource) else ""
+                return Probe(source, frame.image_size, fps, dark, announced, note)
     finally:
         opened.close()
     raise InputError(
@@ -131,27 +138,6 @@ def _dark(shown: Any) -> bool:
     return isinstance(shown, np.ndarray) and bool(shown.mean() < DARK)
 
 
-def find_devices(folder: Path = VIDEO4LINUX) -> dict[str, str]:
-    """Return the Video4Linux cameras of this machine: source such as `usb:0` to its name.
-
-    Args:
-        folder: in which the system tells of them.
-    """
-    found: dict[int, str] = {}
-    for device in folder.glob("video*"):
-        number = device.name.removeprefix("video")
-        try:
-            first = (device / "index").read_text(
-                encoding="utf-8"
-            ).strip() == "0"  # others are its metadata
-            name = " ".join((device / "name").read_text(encoding="utf-8").split())[:60]
-        except OSError:
-            continue
-        if first and number.isdigit():
-            found[int(number)] = name
-    return {f"usb:{number}": found[number] for number in sorted(found)}
-
-
 STATES = Path("/sys/power/state")
 RAM = "mem"  # how the kernel calls suspend to RAM
 
@@ -192,7 +178,7 @@ def examine(node: NodeTable, states: Path = STATES) -> Machine:
         known = ()
     seen: Probe | InputError
     try:
-        seen = probe(node.source, node.camera, node.fps)
+        seen = probe(node.source, node.camera, node.fps, size=node.size)
         size = seen.image_size
     except InputError as error:
         seen, size = error, DEFAULT_SIZE

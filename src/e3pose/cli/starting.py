@@ -18,7 +18,8 @@ from e3pose.base.plugins import beside
 from e3pose.base.quantities import plural, shell, three_digits
 from e3pose.base.system import num_cores
 from e3pose.camera.orientation import Orientation
-from e3pose.camera.probe import Probe, find_devices, probe, probe_all
+from e3pose.camera.probe import Probe, probe, probe_all
+from e3pose.camera.webcam import crowded_hubs, find_devices, lasting
 from e3pose.cli.options import Whole, warn
 from e3pose.cli.progress import stage_progress
 from e3pose.detectors import DETECTORS
@@ -61,7 +62,7 @@ def init(
 ) -> None:
     """Create a site for your cameras whose settings fit this machine.
 
-    Example: `e3pose init room usb:0 usb:2 rtsp://10.0.0.7/stream`
+    Example: `e3pose init room usb:by-id/NAME usb:2 rtsp://10.0.0.7/stream`
 
     Reads one frame of each source, counts those of live sources for three seconds, measures how
     long the network takes here with as many processes as there are cameras, and writes a commented
@@ -73,8 +74,9 @@ def init(
     folder
         The folder to create.
     sources
-        What the cameras see: usb:0, rtsp://..., http://..., a video. NAME=SOURCE names a camera.
-        Default: the cameras found on this machine; on a terminal you are asked.
+        What the cameras see: a webcam as `e3pose init room` alone lists it, usb:0, rtsp://...,
+        http://..., a video. NAME=SOURCE names a camera. Webcams given by number are written by the
+        names that they keep. Default: the webcams of this machine; on a terminal you are asked.
     detector
         2D pose network: a name from `e3pose models list`, a network file, or module:Name.
         Default: the first that is installed.
@@ -94,7 +96,8 @@ def init(
         Playback speed of videos. Default: as slow as this machine needs to follow them.
     """
     check_free(folder, None)
-    named = name_sources(list(sources) or _asked())
+    given = name_sources(list(sources) or _asked())
+    named = {camera_id: lasting(source) for camera_id, source in given.items()}
     rig = None if calibration is None else _rig(calibration, named)
     rotations = {} if calibration is None else load_calibration(calibration).rotations
     count = min(2 if cameras is None else cameras, len(named))
@@ -186,9 +189,13 @@ def _network(asked: str | None) -> str:
 
 
 def _probed(named: dict[str, str], rig: Rig | None) -> dict[str, Probe]:
+    sizes = {} if rig is None else {seen.camera_id: seen.image_size for seen in rig.cameras}
+    asked = {name: (source, sizes.get(name), None) for name, source in named.items()}
+    for crowd, problem in crowded_hubs(asked):
+        warn(f"cameras {', '.join(crowd)} {problem}")
     with stage_progress() as (_, advance):
         tried = probe_all(
-            {camera_id: partial(probe, source) for camera_id, source in named.items()},
+            {name: partial(probe, source, size=sizes.get(name)) for name, source in named.items()},
             partial(advance, "counting frames"),
         )
     found = {}
@@ -203,6 +210,8 @@ def _probed(named: dict[str, str], rig: Rig | None) -> dict[str, Probe]:
                 f"camera {camera_id}: its source announces {seen.nominal_fps:.3g} frames per "
                 f"second and brings {seen.fps:.3g}: the site gets no more slots per second"
             )
+        if seen.note:
+            warn(f"camera {camera_id}: {seen.note}")
         if seen.dark:
             warn(f"camera {camera_id}: its picture is dark; is the lens covered?")
         if rig is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +19,14 @@ Sleep = Literal["off", "process", "suspend"]  # how orders may put a camera to s
 SECONDS = "{seconds}"  # of a command that suspends: the time until its alarm
 Rotation = Literal[0, 90, 180, 270]  # degrees clockwise that make people in an image upright
 Pace = Annotated[float, Meta(ge=1e-3, le=1)]  # share of the speed of files and recordings
+
+
+def read_size(found: object) -> tuple[int, int]:
+    """Read an image size such as `1280x720`."""
+    match = re.fullmatch(r"(\d{2,5}) ?x ?(\d{2,5})", str(found))
+    if match is None:
+        raise InputError("", repr(str(found)[:40]), "WIDTHxHEIGHT in pixels, such as 1280x720")
+    return int(match[1]), int(match[2])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,6 +59,12 @@ class CameraMachine:
         group=DETECTION,
         help="""Let the network rest while nothing changes in the image: for rooms that are often
         empty, and people who sit still. The network runs every two seconds all the same.""",
+    )
+    size: tuple[int, int] | None = entry(
+        None,
+        read=read_size,
+        help="""Image size to ask a webcam or board for, such as 1280x720. Default: that of the
+        site's calibration, else 1280x720.""",
     )
     battery_wh: Annotated[float, Meta(ge=1e-3, le=1e6)] | None = entry(
         None, group="Energy", help="Battery capacity. Default: mains power."

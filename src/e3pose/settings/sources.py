@@ -22,7 +22,8 @@ RECORDED = "recorded:"  # keypoints of a recording, no images
 PHONE = "phone:"  # a phone that sends what its camera sees, by its file
 SECRET = "secret:"  # a private file whose one line is the address of a camera, with its password
 ENVIRONMENT = "env:"  # likewise a variable of the environment
-SENSORS = ("imx500:",)  # devices that detect
+# Devices that detect.
+SENSORS = re.compile(r"imx500:|depthai:[^?]*\?model=")
 SECRETS = "secrets"  # folder of a site for such files
 # Two characters at least: `C:` is a drive. A file of such a name is written `./NAME`.
 SCHEME = re.compile(r"([A-Za-z][A-Za-z0-9_.+-]+):")
@@ -36,7 +37,7 @@ def is_recorded(source: str | None) -> bool:
 
 def detects(source: str | None) -> bool:
     """Return whether a source brings poses, so that its camera runs no network."""
-    return is_recorded(source) or (source or "").startswith(SENSORS)
+    return is_recorded(source) or SENSORS.match(source or "") is not None
 
 
 def scheme_of(source: str) -> str:

@@ -224,7 +224,8 @@ def make_camera(
     """
     suspend = open_suspend(node.sleep, node.suspend_command)
     if source is None:
-        source = make_source(node.source, node.camera, clock, node.fps, node.pace, node.begin_s)
+        timing = node.pace, node.begin_s
+        source = make_source(node.source, node.camera, clock, node.fps, *timing, node.size)
     finds: LiveDetector | None = None
     if isinstance(source, DetectingSource) and detector is None:
         skeleton, name = source.skeleton, source.detector

@@ -21,7 +21,7 @@ from e3pose.base.private import append_to
 from e3pose.base.quantities import LEAST_SIZE_BYTES
 from e3pose.recording.videos import MAX_BYTES, VIDEOS
 from e3pose.settings.resolved import ResolvedSite
-from e3pose.settings.sources import ENVIRONMENT
+from e3pose.settings.sources import ENVIRONMENT, is_live
 from e3pose.site.follow import ANY_HOST
 from e3pose.site.run import END_S
 
@@ -79,6 +79,7 @@ def camera_command(site: ResolvedSite, camera_id: str) -> list[str]:
         ("--threads", camera.threads),
         ("--rotation", camera.rotation or None),
         ("--delay-ms", camera.delay_ms or None),
+        ("--size", _size(site, camera_id)),
         ("--pace", None if site.file.pace == 1 else site.file.pace),
         ("--battery-wh", camera.battery_wh),
     ):
@@ -90,6 +91,16 @@ def camera_command(site: ResolvedSite, camera_id: str) -> list[str]:
     if site.file.link.insecure:
         command.append("--insecure")
     return command
+
+
+def _size(site: ResolvedSite, camera_id: str) -> str | None:
+    """Return the image size to ask a camera here for: its own, else that of its calibration."""
+    size = site.cameras[camera_id].size
+    if size is None and site.rig.placed:
+        size = site.rig.cameras[site.rig.index(camera_id)].image_size
+    source = site.cameras[camera_id].source or ""
+    asks = is_live(source) and "://" not in source
+    return f"{size[0]}x{size[1]}" if size is not None and asks else None
 
 
 def _allow_pictures(site: ResolvedSite) -> bool:

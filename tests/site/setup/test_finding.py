@@ -41,7 +41,7 @@ def test_sources_are_as_a_site_file_has_them(tmp_path: Path) -> None:
         ("concat://a", "expected rtsp://HOST/PATH"),
         ("rtsp://", "expected rtsp://HOST/PATH"),
         ("gstreamer:videotestsrc ! filesink location=x", "a pipeline may write files"),
-        ("usb:x", "usb:NUMBER"),
+        ("usb:x", "usb:by-id/NAME"),
         ("0", "usb:0"),
         ("", "expected usb:0"),
         ("a\nb", "expected usb:0"),

@@ -75,6 +75,8 @@ def _source(node: NodeTable, machine: Machine) -> Iterator[Finding]:
     width, height = seen.image_size
     named = shown_source(node.source, Path() if node.path is None else node.path.parent)
     yield ok(what, f"{named}: {width} x {height} at {seen.rate_words()}")
+    if seen.note:
+        yield warning(what, seen.note)
     if seen.dark:
         yield warning(what, "its picture is dark", "is the lens covered?")
     if node.fps is not None and seen.fps < 0.9 * node.fps:

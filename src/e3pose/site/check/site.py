@@ -12,7 +12,7 @@ from e3pose.site.check.finding import Finding, ok, problem, warning
 from e3pose.site.check.parts import PARTS
 from e3pose.site.check.places import store_problems
 from e3pose.site.check.running import running_problems
-from e3pose.site.check.sources import rate_problems, source_problems
+from e3pose.site.check.sources import hub_problems, rate_problems, source_problems
 from e3pose.site.detector_speed import measure_detections, speed_problems
 from e3pose.site.edge_program import check_edge
 from e3pose.site.follow import status_of, viewer_link
@@ -44,7 +44,7 @@ def examine_site(
     if site.rig.placed:
         check_edge(site)
     running, runs = _ask_edge(site, keys, timeout_s)
-    sources = list(source_problems(site))
+    sources = [*source_problems(site), *hub_problems(site)]
     usable = not quick and all(finding.level != "problem" for finding in sources)
     if usable and not runs:
         with counting as progress:  # a running site has the devices, and counts frames itself

@@ -12,6 +12,7 @@ from e3pose.base.plugins import is_own
 from e3pose.camera.phone_file import load_phone
 from e3pose.camera.probe import Probe, probe, probe_all
 from e3pose.camera.source import open_video
+from e3pose.camera.webcam import crowded_hubs, device_of
 from e3pose.detectors import DETECTORS
 from e3pose.detectors.weights import MODELS, is_installed
 from e3pose.edge.camera_state import SHORT
@@ -58,6 +59,15 @@ def rate_problems(site: ResolvedSite, progress: Callable[[int, int], None]) -> I
     yield from compare_rates(found, site.file.fps)
 
 
+def hub_problems(site: ResolvedSite) -> Iterator[Finding]:
+    """Yield webcams of `e3pose up` that share a hub which cannot carry all of them."""
+    asked = {
+        name: (camera.source or "", camera.size, None) for name, camera in site.cameras.items()
+    }
+    for crowd, found in crowded_hubs(asked):
+        yield warning(f"cameras {', '.join(crowd)}", found)
+
+
 def compare_rates(found: Mapping[str, Probe], fps: float) -> Iterator[Finding]:
     """Compare the frames that sources bring with the slots of a site.
 
@@ -101,8 +111,11 @@ def _source(camera: CameraTable, source: str, file: Path) -> Iterator[Finding]:
         yield problem(what, f"source {path} does not exist", SOURCE_ADVICE)
     elif path is not None and not is_recorded(source) and (broken := _broken(path, source)):
         yield problem(what, broken)
-    elif source.startswith("usb:") and not Path(f"/dev/video{source.partition(':')[2]}").exists():
-        yield problem(what, f"{source}: no such device", "connect the camera")
+    elif source.startswith("usb:"):
+        try:
+            device_of(source.removeprefix("usb:"))
+        except InputError as error:
+            yield problem(what, str(error), "connect the camera")
 
 
 def password_problems(what: str, source: str, file: Path) -> Iterator[Finding]:

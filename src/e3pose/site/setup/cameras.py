@@ -11,7 +11,8 @@ from typing import Any
 
 from e3pose.base.errors import InputError
 from e3pose.base.masking import masked
-from e3pose.camera.probe import Probe, find_devices, probe, probe_all
+from e3pose.camera.probe import Probe, probe, probe_all
+from e3pose.camera.webcam import find_devices, lasting
 from e3pose.settings.limits import Rotation
 from e3pose.settings.sources import is_recorded, place_of, revealed
 from e3pose.simulate import SceneSettings
@@ -53,7 +54,8 @@ def start_adding(setup: SetupSession, sources: Sequence[str]) -> None:
     """
     plan = setup.chosen_plan()
     root = setup.root.resolve()
-    checked = [check_typed(setup.offered.get(source, source), root) for source in sources]
+    asked = [setup.offered.get(source, source) for source in sources]
+    checked = [lasting(check_typed(source, root)) for source in asked]
     for source in checked:
         if any(revealed(camera.source) == source for camera in plan.cameras):
             raise InputError(
@@ -79,6 +81,8 @@ def _add(setup: SetupSession, sources: Sequence[str], task: Task) -> None:
             problems.append(str(seen))
             continue
         setup.change(partial(_with, seen))
+        if seen.note:
+            task.say(seen.note)
         if seen.dark:
             task.say(f"{source}: its picture is dark; is the lens covered?")
         if seen.nominal_fps is not None and seen.fps < seen.nominal_fps:

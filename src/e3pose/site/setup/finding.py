@@ -10,6 +10,7 @@ from urllib.parse import urlsplit
 
 from e3pose.base.errors import InputError
 from e3pose.base.masking import masked
+from e3pose.camera.webcam import check_name
 from e3pose.settings.limits import check_source
 from e3pose.settings.sources import PHONE, place_of
 from e3pose.site.setup.plan import ChosenCamera
@@ -17,6 +18,7 @@ from e3pose.site.setup.plan import ChosenCamera
 FILMS = (".mp4", ".mkv", ".mov", ".avi", ".webm", ".m4v")
 DEPTH, MOST_FILMS, MOST_ENTRIES = 4, 200, 20_000
 STREAMS = ("rtsp", "rtsps", "http", "https")
+DEVICES = ("usb", "picamera2", "imx500", "depthai")
 MAX_SOURCE = 500
 
 
@@ -71,8 +73,12 @@ def check_typed(source: str, folder: Path) -> str:
         return source
     place = place_of(source)
     if place is None:
-        if not re.fullmatch(r"usb:\d{1,3}", source):
-            raise InputError("source", repr(masked(source)[:60]), "usb:NUMBER, such as usb:0")
+        scheme, _, name = source.partition(":")
+        if scheme not in DEVICES:  # no code of one's own for a page
+            listed = ", ".join(f"{each}:NAME" for each in DEVICES)
+            raise InputError("source", repr(masked(source)[:60]), f"one of {listed}")
+        if scheme == "usb":
+            check_name(name)
         return source
     path = (folder / place).resolve()
     if not path.is_relative_to(folder.resolve()):
