@@ -1,10 +1,12 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+import tomli_w
 from hypothesis import given
 from hypothesis import strategies as st
 from tests.cases import each_case
@@ -22,6 +24,7 @@ from e3pose.model.skeleton import (
     Skeleton,
     convert,
     load_skeleton,
+    skeleton_table,
 )
 
 # Published orders, written out here with their own words.
@@ -171,6 +174,81 @@ def test_conversion_refuses_arrays_of_another_skeleton() -> None:
     joints, scores = some_people(COCO17)
     with pytest.raises(InputError, match="do not fit skeleton body25 of 25 joints"):
         convert(joints, scores, BODY25, COCO17)
+
+
+HEAD = 'format = "e3pose-skeleton"\nversion = 1\n'
+
+
+@each_case("name", SKELETONS)
+def test_a_skeleton_that_is_written_out_is_the_same(tmp_path: Path, name: str) -> None:
+    wanted = replace(SKELETONS[name], name="own")
+    table = {**skeleton_table(wanted), "about": "written out"}
+    (tmp_path / "other.toml").write_text(tomli_w.dumps(table))
+    found = load_skeleton(tmp_path / "other.toml")
+    assert replace(found, rest_m=()) == replace(wanted, rest_m=())
+    np.testing.assert_array_equal(np.array(found.rest_m), np.array(wanted.rest_m))
+
+
+@each_case("name", SKELETONS)
+def test_the_tree_of_a_skeleton_has_one_root_and_its_pairs_are_apart(name: str) -> None:
+    skeleton = SKELETONS[name]
+    assert skeleton.parents.count(-1) == 1
+    assert max(map(skeleton.depth, range(len(skeleton)))) < 16
+    seen = [joint for pair in skeleton.pairs for joint in pair]
+    assert len(seen) == len(set(seen))
+    for left, right in skeleton.pairs:  # mirror images hang alike
+        above = skeleton.parents[left], skeleton.parents[right]
+        paired = above in skeleton.pairs or above[0] == above[1]
+        assert paired or {*above} & {left, right} or -1 in above or "hip" in skeleton.joints[left]
+
+
+def test_hands_hang_on_wrists_and_faces_on_heads() -> None:
+    whole = SKELETONS["coco133"]
+    for tip, chain in (
+        ("left_index4", "left_index3 left_index2 left_index1 left_hand_root left_wrist"),
+        ("right_pinky1", "right_hand_root right_wrist right_elbow right_shoulder"),
+        ("face_62", "face_30 nose"),
+    ):
+        joint = whole.index(tip)
+        for name in chain.split():
+            joint = whole.parents[joint]
+            assert whole.joints[joint] == name
+    assert [whole.joints[index] for index in whole.core] == [*SKELETONS["coco23"].joints]
+
+
+@each_case(
+    ("text", "message"),
+    [
+        ("", 'missing: format = "e3pose-skeleton"'),
+        ('format = "other"\nversion = 1', "format: found 'other'"),
+        (HEAD, "joints: found 0 joints, expected 1 to 512 different names"),
+        (HEAD + 'joints = ["a", "b", "a"]', "joints: found a twice"),
+        (HEAD + 'joints = ["left wrist"]', "joints: found left wrist, expected 1 to 512"),
+        (HEAD + "joints = [1]", "joints"),
+        (HEAD + 'joints = ["a"]\nlimbs = ["a b"]', "limbs: found b, expected joints of"),
+        (HEAD + 'joints = ["a", "b"]\ntree = ["a b", "b a"]', "tree: found a below itself"),
+        (HEAD + 'joints = ["a"]\ntree = ["wrist a"]', "tree: found wrist, expected joints"),
+        (HEAD + 'joints = ["a"]\npairs = ["a c"]', "pairs: found c"),
+        (HEAD + 'joints = ["a"]\n[moves]\nfins = ["a"]', "moves: found fins, expected one of tr"),
+        (HEAD + 'joints = ["a"]\n[rest]\nb = [0, 0, 1]', "rest: found b"),
+        (HEAD + 'joints = ["a"]\n[rest]\na = [0, 1]', "rest"),
+        (HEAD + 'joints = ["a"]\n[rest]\na = [0, 0, inf]', "rest: found inf, expected metres"),
+        (HEAD + 'joints = ["a"]\nlimbs = ["a a"]', "limbs: found a twice in a row"),
+        (HEAD + 'joints = ["a"]\n[same]\nb = ["c"]', "same: found b"),
+        (HEAD + 'joints = ["a"]\ntails = 1', "unknown key 'tails'"),
+        (HEAD + 'parts = ["coco18", "coco17"]', "joints: found left_ankle twice"),
+        (HEAD + 'parts = ["mine.toml"]', "parts: found .*mine.toml within itself"),
+        (HEAD + 'parts = ["none.toml"]', "none.toml: skeleton: no such file"),
+        (HEAD + 'name = "coco17"\njoints = ["a"]', "name: found coco17, expected up to 64"),
+        (HEAD + 'name = "../a"\njoints = ["a"]', "name: found ../a"),
+        (HEAD + f"joints = {[f'j{n}' for n in range(513)]}", "joints: found 513 joints"),
+    ],
+)
+def test_a_broken_file_is_refused_in_one_line(tmp_path: Path, text: str, message: str) -> None:
+    (tmp_path / "mine.toml").write_text(text)
+    with pytest.raises(InputError, match=message) as caught:
+        load_skeleton(tmp_path / "mine.toml")
+    assert "\n" not in str(caught.value) and ".toml" in str(caught.value)
 
 
 def test_unknown_names_list_the_known() -> None:

@@ -29,6 +29,7 @@ FORMAT, VERSION = "e3pose-skeleton", 1
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")
 MAX_BYTES = 1_000_000
 MAX_JOINTS = 512  # as messages have them
+FAR_M = 2.0  # that a joint may be from the one that it hangs on
 SHOWN = 5  # joints that a message names
 DETAILS = ("finger", "skin")  # ways to move of joints that do not tell people apart
 SIDES = ("left", "right")
@@ -233,7 +234,10 @@ def _of_file(file: SkeletonFile, name: str, parts: Sequence[Skeleton], shipped: 
         for joint in (joint for row in rows for joint in row.split()):
             if joint not in names:
                 raise InputError(field, joint[:60], "joints of the skeleton")
-        return [pair for row in rows for pair in pairwise(row.split())]
+        pairs = [pair for row in rows for pair in pairwise(row.split())]
+        if twice := next((a for a, b in pairs if a == b), ""):
+            raise InputError(field, f"{twice} twice in a row", "two joints")
+        return pairs
 
     limbs, parents = list[tuple[str, str]](), dict[str, str]()
     moves = {joint: how for joint, how in _MOVES.items() if joint in names}
@@ -259,6 +263,9 @@ def _of_file(file: SkeletonFile, name: str, parts: Sequence[Skeleton], shipped: 
         moves |= dict.fromkeys(joints, how)
     for field in ("rest", "same"):
         links(field, list(getattr(file, field)))
+    far = next((x for place in file.rest.values() for x in place if not abs(x) <= FAR_M), None)
+    if far is not None:
+        raise InputError("rest", far, f"metres, up to {FAR_M}")
     rest |= file.rest
     same += [(joint, other) for joint, others in file.same.items() for other in others]
     nowhere = (np.nan,) * 3
@@ -304,19 +311,6 @@ def skeleton_table(skeleton: Skeleton) -> dict[str, Any]:
         "same": same,
         "rest": {joint: list(place) for joint, place in rest if np.isfinite(place).all()},
     }
-
-
-def skeleton_of_table(table: Mapping[str, Any], where: object) -> Skeleton:
-    """Return the skeleton that `skeleton_table` made a table of.
-
-    Raises:
-        InputError: naming `where` and the field that is wrong.
-    """
-    try:
-        file = read_table(SkeletonFile, table)
-        return _of_file(file, file.name, [load_skeleton(name) for name in file.parts], False)
-    except InputError as error:
-        raise error.at(where) from None
 
 
 SHIPPED = (
