@@ -15,6 +15,7 @@ from e3pose.base.quantities import plural, shell
 from e3pose.model.camera import Camera
 from e3pose.model.pose import Poses2D
 from e3pose.recording.calibration.world import world_problem
+from e3pose.recording.detections.layouts import better_order
 from e3pose.recording.record import Recording, ViewSeries, with_places
 from e3pose.recording.videos import VIDEOS, chapters_of
 
@@ -155,6 +156,11 @@ def find_problems(
         problems += _time_problems(camera.camera_id, series, recording)
         problems += _keypoint_problems(camera, series)
     problems += _copied_views(recording)
+    seen = [np.dstack([each.keypoints_px, each.scores]) for each in recording.views]
+    if other := better_order(np.nan_to_num(np.concatenate(seen)), recording.skeleton):
+        own = recording.skeleton.name
+        message = f"limbs have people's lengths as {other}, not as {own}: --skeleton {other}"
+        problems.append(Problem("skeleton", "recording", message))
     for name in recording.rig.unplaced:
         where = "has no place, so replay leaves it out; to place all cameras by people: e3pose "
         command = f"calibrate extrinsics {shell(folder or recording.name)} rig.toml --update"

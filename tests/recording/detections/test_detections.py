@@ -21,6 +21,7 @@ from e3pose.recording.detections.importing import (
     read_detections,
 )
 from e3pose.recording.detections.layouts import LAYOUTS, named_layout
+from e3pose.recording.problems import find_problems
 
 K = [[900, 0, 640], [0, 900, 360], [0, 0, 1]]
 STRICT = ImportSettings(strict=True)
@@ -100,6 +101,17 @@ def test_orders_of_keypoints_keep_all_joints(tmp_path: Path, layout: str) -> Non
         assert xy.tolist() == pytest.approx(BODY.get(joint, (9.0, 9.0))), joint
     beyond = int(layout.split()[1]) - len(recording.skeleton)
     assert (f"{beyond} of {layout.split()[1]} joints not used" in "".join(notes)) == (beyond > 0)
+
+
+def test_an_order_that_limbs_contradict_is_named(tmp_path: Path, calibration: Path) -> None:
+    for layout, other in (("body25", "body25b"), ("coco17", "h36m17")):
+        for wrong in (False, True):
+            rows = person(other if wrong else layout)
+            source = write(tmp_path / "json/cam1/0.json", openpose(rows)).parent.parent
+            settings = ImportSettings(skeleton=layout)
+            recording, _ = import_detections(source, calibration, 25, settings)
+            found = [one.message for one in find_problems(recording) if one.kind == "skeleton"]
+            assert bool(found) == wrong and all(f"--skeleton {other}" in one for one in found)
 
 
 def test_a_recording_keeps_a_skeleton_of_its_own(tmp_path: Path, calibration: Path) -> None:

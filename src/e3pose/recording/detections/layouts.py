@@ -145,9 +145,7 @@ def choose_layout(people: Floats, name: str | None, where: str) -> tuple[Layout,
             f"{where}: found {count} keypoints a person, expected one of {counts}, or --skeleton "
             "with a TOML file that names them"
         )
-    sample = people[:: max(1, len(people) // SAMPLE)]
-    misfits = sorted((_misfit(one.of_skeleton(sample), one.skeleton), i)
-                     for i, one in enumerate(fitting))  # fmt: skip
+    misfits = _misfits(people, fitting)
     misfit, best = misfits[0][0], fitting[misfits[0][1]]
     sure = len(fitting) == 1 or misfits[1][0] - misfit > SURE
     if not sure and count not in ASKED:
@@ -184,6 +182,29 @@ def _named(name: str, count: int, fitting: Sequence[Layout]) -> Layout:
             columns = tuple(places[joint] for joint in skeleton.joints)
             return Layout(skeleton, count, columns, layout.names)
     raise refused
+
+
+def better_order(people: Floats, skeleton: Skeleton) -> str:
+    """Return the skeleton of as many joints whose limbs fit clearly better; empty without any.
+
+    Args:
+        people: `(num_people, num_joints, 3)` x, y in pixels and score; 0 where missing.
+        skeleton: that they are said to be in.
+    """
+    fitting = [layout for layout in LAYOUTS if layout.count == len(skeleton)]
+    if not len(people) or skeleton not in [layout.skeleton for layout in fitting]:
+        return ""
+    (best, first), *_ = misfits = _misfits(people, fitting)
+    own = next(misfit for misfit, i in misfits if fitting[i].skeleton == skeleton)
+    return fitting[first].skeleton.name if own - best > SURE else ""
+
+
+def _misfits(people: Floats, fitting: Sequence[Layout]) -> list[tuple[float, int]]:
+    """Return how badly limbs fit layouts, and their places, the best first."""
+    sample = people[:: max(1, len(people) // SAMPLE)]
+    return sorted(
+        (_misfit(one.of_skeleton(sample), one.skeleton), i) for i, one in enumerate(fitting)
+    )
 
 
 def _misfit(people: Floats, skeleton: Skeleton) -> float:
