@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from e3pose.base.errors import InputError
 from e3pose.model.camera_fields import check_camera_id
+from e3pose.model.skeleton import MAX_JOINTS
 from e3pose.wire.arrays import DTYPES, MAX_PERSONS, unpack
 from e3pose.wire.bounds import MAX_SLOT
 from e3pose.wire.messages import Array, ClockQuestion, Heartbeat, Hello, Order, View
@@ -22,7 +23,6 @@ from e3pose.wire.site_messages import (
     Status,
 )
 
-MAX_JOINTS = 512
 MAX_EXPECTED = 32  # people; where there are more, their part of the image is most of it
 MAX_PIXEL = 1e6
 MAX_CAMERAS = 1000
