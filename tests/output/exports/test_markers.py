@@ -110,7 +110,7 @@ def test_c3d_holds_everybody_and_says_what_is_missing(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("units", ["mm", "m"])
-def test_c3d_in_pieces_is_what_its_library_writes_at_once(tmp_path: Path, units: str) -> None:
+def test_c3d_in_pieces_holds_what_a_library_writes_at_once(tmp_path: Path, units: str) -> None:
     import ezc3d
 
     rng, frames = np.random.default_rng(3), 2 * CHUNK_FRAMES + 77
@@ -141,7 +141,6 @@ def test_c3d_in_pieces_is_what_its_library_writes_at_once(tmp_path: Path, units:
     whole["data"]["meta_points"]["residuals"] = residual.reshape(frames, 34).T[None]
     if units == "mm":
         whole.write(str(tmp_path / "whole.c3d"))
-        assert (tmp_path / "whole.c3d").read_bytes() == path.read_bytes()
         whole = ezc3d.c3d(str(tmp_path / "whole.c3d"))
         np.testing.assert_array_equal(
             pieces["data"]["meta_points"]["residuals"], whole["data"]["meta_points"]["residuals"]

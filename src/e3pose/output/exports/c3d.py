@@ -5,13 +5,15 @@ a point comes from, as the format has it: -1 for missing, 0 for one that no view
 measured (predicted or filled), else what it may be off by, here its standard deviation in whole
 millimetres from 1 to 127.
 
-ezc3d writes header and parameters, of one frame; all frames are appended in pieces as the C3D User
-Guide describes them (https://www.c3d.org/docs/C3D_User_Guide.pdf), so that memory stays bounded.
+Header, parameters and frames are as the C3D User Guide describes them
+(https://www.c3d.org/docs/C3D_User_Guide.pdf). Frames are written in pieces, so that memory stays
+bounded.
 """
 
 from __future__ import annotations
 
 import struct
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -27,7 +29,11 @@ MAX_RESIDUAL = 127  # of its 7 bits
 RESIDUAL_M = 0.001  # of one of them
 BLOCK_BYTES = 512
 CHUNK_FRAMES = 500
-LAST_FRAME, SCALE = 8, 12  # where the header has them
+INTEL, PARAMETERS_AT = 84, 2  # the order of bytes; the block, counted from 1, after the header
+MAX_GAP = 10  # frames that readers may interpolate
+MAX_LENGTH = 255  # of a dimension, and of the blocks of parameters
+TEXT, INTEGER, REAL = -1, 2, 4  # types of parameters
+Value = int | float | str | list[str]
 
 
 def write_c3d(take: Take, dest: Path, settings: ExportSettings) -> str:
@@ -40,73 +46,87 @@ def write_c3d(take: Take, dest: Path, settings: ExportSettings) -> str:
             "shorter time, or fewer frames per second (--fps)"
         )
     num_points = len(take.motions) * len(take.skeleton)
-    with atomic_file(dest, private=True) as temporary:
-        _write_head(take, units, temporary)
-        head = _for_frames(temporary.read_bytes(), stop - first, num_points, units)
-        with temporary.open("wb") as file:
-            file.write(head)
-            for begin in range(first, stop, CHUNK_FRAMES):
-                end = min(begin + CHUNK_FRAMES, stop)
-                file.write(_frames(take, begin, end, PER_METRE[units]).tobytes())
-            file.write(bytes(-file.tell() % BLOCK_BYTES))
+    scale = -RESIDUAL_M * PER_METRE[units]  # negative: places are floats, residuals its multiples
+    head = _head(take, units, scale)
+    with atomic_file(dest, private=True) as temporary, temporary.open("wb") as file:
+        file.write(head)
+        for begin in range(first, stop, CHUNK_FRAMES):
+            end = min(begin + CHUNK_FRAMES, stop)
+            file.write(_frames(take, begin, end, PER_METRE[units]).tobytes())
+        file.write(bytes(-file.tell() % BLOCK_BYTES))
     return f"{units}, z up, {num_points} points"
 
 
-def _write_head(take: Take, units: str, dest: Path) -> None:
-    """Write a file of one frame, with all labels."""
-    import ezc3d
-
+def _head(take: Take, units: str, scale: float) -> bytes:
+    """Return header and parameters, in whole blocks."""
+    first, stop = take.span
     names = [person_name(motion.track_id) for motion in take.motions]
     labels = [f"{name}:{joint}" for name in names for joint in take.skeleton.joints]
-    file = ezc3d.c3d()
-    file["header"]["points"]["first_frame"] = 0  # counted from 0 here, from 1 in the file
-    parameters = file["parameters"]
-    parameters["POINT"]["RATE"]["value"] = [take.fps]
-    parameters["POINT"]["UNITS"]["value"] = [units]
-    parameters["POINT"]["LABELS"]["value"] = labels
-    file.add_parameter("SUBJECTS", "USED", len(names))
-    file.add_parameter("SUBJECTS", "USES_PREFIXES", 1)
-    file.add_parameter("SUBJECTS", "NAMES", names)
-    file.add_parameter("SUBJECTS", "LABEL_PREFIXES", [f"{name}:" for name in names])
-    file.add_parameter("E3POSE", "START_S", [take.span[0] * take.interval_s])
-    file["data"]["points"] = np.ones((4, len(labels), 1))
-    file.write(str(dest))
+    point: dict[str, Value] = {
+        "USED": len(labels), "SCALE": scale, "RATE": float(take.fps), "DATA_START": 0,
+        "FRAMES": stop - first, "UNITS": units, "LABELS": labels,
+    }  # fmt: skip
+    groups: dict[str, dict[str, Value]] = {
+        "POINT": point,
+        "ANALOG": {"USED": 0},
+        "FORCE_PLATFORM": {"USED": 0},
+        "SUBJECTS": {
+            "USED": len(names), "USES_PREFIXES": 1,
+            "NAMES": names, "LABEL_PREFIXES": [f"{name}:" for name in names],
+        },
+        "E3POSE": {"START_S": float(first * take.interval_s)},
+    }  # fmt: skip
+    blocks = -(-len(_parameters(groups, 0)) // BLOCK_BYTES)
+    if blocks > MAX_LENGTH:
+        raise InputError(
+            f"C3D: found {len(names)} people, expected fewer: ask for some (--track), or less time"
+        )
+    point["DATA_START"] = PARAMETERS_AT + blocks
+    header = struct.pack(
+        "<BBHHHHHfHHf",
+        *(PARAMETERS_AT, 0x50, len(labels), 0, 1, stop - first, MAX_GAP),
+        *(scale, PARAMETERS_AT + blocks, 0, take.fps),
+    )
+    parameters = _parameters(groups, blocks)
+    return header.ljust(BLOCK_BYTES, b"\0") + parameters.ljust(blocks * BLOCK_BYTES, b"\0")
 
 
-def _for_frames(content: bytes, frames: int, points: int, units: str) -> bytes:
-    """Return header and parameters of a file of one frame for so many of them."""
-    places = _parameters(content)
-    first_block = struct.unpack_from("<H", content, places["POINT", "DATA_START"])[0]
-    data = (first_block - 1) * BLOCK_BYTES
-    head = bytearray(content[:data])
-    scale = -RESIDUAL_M * PER_METRE[units]  # negative: places are floats, residuals its multiples
-    struct.pack_into("<H", head, LAST_FRAME, frames)
-    struct.pack_into("<f", head, SCALE, scale)
-    struct.pack_into("<H", head, places["POINT", "FRAMES"], frames)
-    struct.pack_into("<f", head, places["POINT", "SCALE"], scale)
-    if ("ROTATION", "DATA_START") in places:  # of data that is not there: behind the points
-        blocks = -(-frames * points * 16 // BLOCK_BYTES)
-        after = min(first_block + blocks, MAX_FRAMES)
-        struct.pack_into("<H", head, places["ROTATION", "DATA_START"], after)
-    return bytes(head)
+def _parameters(groups: dict[str, dict[str, Value]], blocks: int) -> bytes:
+    """Return the section of parameters, of so many blocks."""
+    found = [bytes((1, 0x50, blocks % 256, INTEL))]
+    for number, (group, values) in enumerate(groups.items(), start=1):
+        found.append(_entry(group, -number, b""))
+        for name, value in values.items():
+            found += [_entry(key, number, data) for key, data in _encoded(name, value)]
+    return b"".join(found) + b"\0"
 
 
-def _parameters(content: bytes) -> dict[tuple[str, str], int]:
-    """Return where the values of parameters begin, by group and name."""
-    at = (content[0] - 1) * BLOCK_BYTES + 4
-    groups: dict[int, str] = {}
-    found: list[tuple[int, str, int]] = []
-    while content[at]:
-        length, group = struct.unpack_from("<bb", content, at)
-        name = content[at + 2 : at + 2 + abs(length)].decode("ascii")
-        at += 2 + abs(length)
-        (to_next,) = struct.unpack_from("<H", content, at)
-        if group < 0:
-            groups[-group] = name
-        else:
-            found.append((group, name, at + 4 + content[at + 3]))  # behind type and dimensions
-        at += to_next
-    return {(groups[group], name): place for group, name, place in found}
+def _entry(name: str, number: int, data: bytes) -> bytes:
+    """Return a group, of a negative number, or a parameter; the description is empty."""
+    head = struct.pack("<bb", len(name), number) + name.encode("ascii")
+    return head + struct.pack("<H", 2 + len(data) + 1) + data + b"\0"
+
+
+def _encoded(name: str, value: Value) -> Iterator[tuple[str, bytes]]:
+    """Yield name, and type, dimensions and data of a value; a long list continues as `NAME2`."""
+    if isinstance(value, list):
+        texts = [text.encode("ascii") for text in value]
+        width = max(map(len, texts), default=0)
+        for start in range(0, max(1, len(texts)), MAX_LENGTH):
+            part = texts[start : start + MAX_LENGTH]
+            data = b"".join(text.ljust(width) for text in part)
+            number = start // MAX_LENGTH + 1
+            yield name + str(number) * (number > 1), _typed(TEXT, (width, len(part)), data)
+    elif isinstance(value, str):
+        yield name, _typed(TEXT, (len(value),), value.encode("ascii"))
+    elif isinstance(value, float):
+        yield name, _typed(REAL, (), struct.pack("<f", value))
+    else:
+        yield name, _typed(INTEGER, (), struct.pack("<H", value))
+
+
+def _typed(kind: int, shape: Sequence[int], data: bytes) -> bytes:
+    return struct.pack("<bB", kind, len(shape)) + bytes(shape) + data
 
 
 def _frames(take: Take, begin: int, end: int, scale: float) -> NDArray[np.float32]:
