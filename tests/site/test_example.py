@@ -6,6 +6,7 @@ import socket
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from e3pose.base.errors import InputError
@@ -17,7 +18,14 @@ from e3pose.simulate import SceneSettings, simulate
 from e3pose.site import example
 from e3pose.site.check.parts import start_problems
 from e3pose.site.check.sources import source_problems
-from e3pose.site.example import Example, free_port, make_example, write_example, write_recorded
+from e3pose.site.example import (
+    Example,
+    free_port,
+    make_example,
+    there_and_back,
+    write_example,
+    write_recorded,
+)
 
 
 def test_site_of_a_recording_passes_its_own_check(tmp_path: Path) -> None:
@@ -33,6 +41,19 @@ def test_site_of_a_recording_passes_its_own_check(tmp_path: Path) -> None:
     found = [*start_problems(site), *source_problems(site)]
     assert [f for f in found if f.level != "ok"] == []
     assert path.read_text().startswith("# ")
+
+
+def test_a_recording_there_and_back_ends_where_it_begins() -> None:
+    once = simulate(SceneSettings(people=2, seconds=1.0, cameras=2), 0)
+    loop = there_and_back(once)
+    assert loop.num_slots == 2 * once.num_slots - 2
+    for camera in range(2):
+        shown = [loop.view(slot, camera) for slot in range(loop.num_slots)]
+        assert all(view is not None for view in shown)
+        for slot in range(1, once.num_slots):
+            there, back = shown[slot], shown[-slot]
+            assert there is not None and back is not None
+            np.testing.assert_array_equal(there.keypoints_px, back.keypoints_px)
 
 
 def test_example_says_what_it_is_given(tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ import random
 import socket
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,13 +16,13 @@ from e3pose.base.atomic import atomic_folder
 from e3pose.base.errors import InputError
 from e3pose.base.quantities import shell
 from e3pose.model.camera import Rig
-from e3pose.recording import Recording, save_recording
+from e3pose.recording import Recording, ViewSeries, save_recording
 from e3pose.recording.calibration import save_rig
 from e3pose.settings.site_file import SITE_FILE
 from e3pose.simulate.settings import SceneSettings
 from e3pose.simulate.simulation import simulate
 
-SCENE = SceneSettings(people=3, seconds=30.0, cameras=4)
+SCENE = SceneSettings(people=3, seconds=15.0, cameras=4)
 STORE_FILE = "live.db"
 PORTS = range(12_000, 20_000)  # systems give higher ones to outgoing connections
 TRIES = 100
@@ -121,9 +121,23 @@ def make_example(folder: Path) -> Path:
             f"`e3pose up {shell(folder)}`, without --example"
         )
     with atomic_folder(folder, private=True) as made:
-        recording = simulate(SCENE, 0)
-        write_recorded(made, recording)
+        write_recorded(made, there_and_back(simulate(SCENE, 0)))
     return folder / SITE_FILE
+
+
+def there_and_back(recording: Recording) -> Recording:
+    """Return a recording, then itself backwards: played in a loop, nobody jumps."""
+    order = [*range(recording.num_slots), *range(recording.num_slots - 2, 0, -1)]
+    views = []
+    for series in recording.views:
+        found = [
+            (slot, view) for slot, at in enumerate(order) if (view := series.view(at)) is not None
+        ]
+        slots = [slot for slot, _ in found]
+        times_s = [slot * recording.interval_s for slot in slots]
+        joints = len(recording.skeleton)
+        views.append(ViewSeries.from_views([view for _, view in found], slots, times_s, joints))
+    return replace(recording, num_slots=len(order), views=tuple(views), truth=None)
 
 
 def free_port() -> int:

@@ -37,7 +37,7 @@ def test_walking_person_is_recovered_from_one_noisy_camera_at_a_time() -> None:
     _, estimates = run(see(p, turn(i), 2.0, rng) for i, p in enumerate(paths))
     errors = [error_m(e, p)[0, 0] for e, p in zip(estimates[20:], paths[20:], strict=True)]
     assert np.mean(errors) < 0.04
-    assert {tuple(e.track_ids.tolist()) for e in estimates[10:]} == {(0,)}
+    assert {tuple(e.track_ids.tolist()) for e in estimates[10:]} == {(1,)}
 
 
 def test_two_cameras_at_once_are_better_than_one() -> None:
@@ -71,7 +71,7 @@ def test_every_frame_rate_follows_a_walk(fps: int) -> None:
     _, estimates = run(slots, fps=fps)
     late = range(fps, 2 * fps)
     assert max(error_m(estimates[i], paths[i])[0, 0] for i in late) < 0.08
-    assert {tuple(estimates[i].track_ids.tolist()) for i in late} == {(0,)}
+    assert {tuple(estimates[i].track_ids.tolist()) for i in late} == {(1,)}
 
 
 def test_irregular_times_are_no_trouble() -> None:
@@ -83,7 +83,7 @@ def test_irregular_times_are_no_trouble() -> None:
         cameras = (slot % 5, (slot + 2) % 5)
         belief, estimate = step(MODEL, belief, see(person, cameras, 1.0, rng), time_s)
     assert error_m(estimate, person)[0, 0] < 0.03
-    assert estimate.track_ids.tolist() == [0]
+    assert estimate.track_ids.tolist() == [1]
 
 
 def test_only_seen_joints_are_measured() -> None:
@@ -105,7 +105,7 @@ def test_ghost_in_one_view_stays_out_beside_real_people() -> None:
     person, ghost = standing((0.0, 0.0)), standing((1.2, 0.6))
     slots = [see(person, (0, 1, 3, 4)) | see(np.concatenate([person, ghost]), (2,))] * 40
     _, estimates = run(slots)
-    assert estimates[-1].track_ids.tolist() == [0]
+    assert estimates[-1].track_ids.tolist() == [1]
 
 
 @each_case("apart_m", [0.3, 0.5, 0.8])

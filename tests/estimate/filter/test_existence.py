@@ -29,7 +29,7 @@ def test_unseen_people_are_carried_and_say_so() -> None:
     person = standing((0.0, 0.0))
     belief, _ = run(see(person) for _ in range(10))
     _, estimates = run([{}], belief=belief)
-    assert estimates[0].track_ids.tolist() == [0]
+    assert estimates[0].track_ids.tolist() == [1]
     assert not estimates[0].measured.any()
     assert error_m(estimates[0], person)[0, 0] < 0.005
 
@@ -63,7 +63,7 @@ def test_after_a_long_pause_nobody_is_assumed_and_ids_go_on() -> None:
     belief, estimate = step(MODEL, belief, {}, belief.time_s + 60)
     assert len(estimate) == 0
     _, estimates = run((see(person) for _ in range(5)), belief=belief)
-    assert estimates[-1].track_ids.tolist() == [1]
+    assert estimates[-1].track_ids.tolist() == [2]
 
 
 def test_detections_that_fit_badly_do_not_keep_a_track_alive() -> None:
@@ -107,7 +107,7 @@ def test_who_could_be_anywhere_is_followed_but_not_shown() -> None:
     assert len(estimates[-1]) == 0
     assert len(belief) == 1
     _, estimates = run((see(standing((0.0, 0.0))) for _ in range(3)), belief=belief)
-    assert estimates[-1].track_ids.tolist() == [0]
+    assert estimates[-1].track_ids.tolist() == [1]
 
 
 def test_what_each_camera_delivered_is_remembered() -> None:

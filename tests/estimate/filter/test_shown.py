@@ -33,9 +33,9 @@ def test_a_track_missed_in_plain_sight_is_hidden_and_found_again_with_the_same_i
     miss = {camera: Poses2D.empty(17) for camera in (0, 2)}
     belief, estimates = run([miss] * 2, FPS, belief=followed())
     assert [len(estimate) for estimate in estimates] == [1, 0]
-    assert belief.track_ids.tolist() == [0]  # it is followed
+    assert belief.track_ids.tolist() == [1]  # it is followed
     _, estimates = run([see(PLACE, (1,))], FPS, belief=belief)
-    assert estimates[0].track_ids.tolist() == [0]
+    assert estimates[0].track_ids.tolist() == [1]
 
 
 def test_nobody_is_hidden_because_no_camera_looks() -> None:

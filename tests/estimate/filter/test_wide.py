@@ -55,7 +55,7 @@ def test_a_pair_of_views_that_meets_in_a_wide_body_starts_nobody(
         belief, _ = StepKernel()(MODEL, belief, views, 0.0)
     else:
         belief, _ = run([views])
-    assert (len(belief), belief.next_id) == (born, born)
+    assert (len(belief), belief.next_id) == (born, born + 1)
     assert len(belief.leftovers) == 2 - 2 * born  # they wait for other views
 
 
@@ -79,4 +79,4 @@ def test_one_mirrored_view_does_not_end_somebody_whom_all_know() -> None:
             keypoints[:, LEFT + RIGHT] = keypoints[:, RIGHT + LEFT]
         mirrored[camera] = Poses2D(keypoints, view.scores)
     _, estimates = run([mirrored] * 10, belief=belief)
-    assert estimates[-1].track_ids.tolist() == [0]
+    assert estimates[-1].track_ids.tolist() == [1]

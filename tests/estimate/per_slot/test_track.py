@@ -28,26 +28,26 @@ def follow(slots: list[People]) -> tuple[Tracks, list[list[int]]]:
 
 def test_identity_follows_the_person_not_the_order() -> None:
     _, ids = follow([people((0, 0), (2, 0)), people((2.05, 0), (0.05, 0))])
-    assert ids == [[0, 1], [1, 0]]
+    assert ids == [[1, 2], [2, 1]]
 
 
 def test_people_passing_a_metre_apart_keep_their_identities() -> None:
     slots = [people((0.05 * i, 0), (4 - 0.05 * i, 1)) for i in range(80)]
-    assert follow(slots)[1] == [[0, 1]] * 80
+    assert follow(slots)[1] == [[1, 2]] * 80
 
 
 def test_newcomer_gets_a_new_identity_and_nobody_inherits_an_old_one() -> None:
     gone = int(END_AFTER_S / INTERVAL_S) + 2
     slots = [people((0, 0))] + [people()] * gone + [people((0, 0))]
-    assert follow(slots)[1][-1] == [1]
+    assert follow(slots)[1][-1] == [2]
 
 
 def test_short_gap_keeps_the_identity() -> None:
-    assert follow([people((0, 0)), people(), people(), people((0.1, 0))])[1][-1] == [0]
+    assert follow([people((0, 0)), people(), people(), people((0.1, 0))])[1][-1] == [1]
 
 
 def test_somebody_far_away_is_somebody_else() -> None:
-    assert follow([people((0, 0)), people((3, 0))])[1] == [[0], [1]]
+    assert follow([people((0, 0)), people((3, 0))])[1] == [[1], [2]]
 
 
 def test_history_is_newest_last_and_missing_where_unseen() -> None:
@@ -62,7 +62,7 @@ def test_poses_without_a_shared_joint_are_reported_by_their_centre() -> None:
     upper, lower = np.arange(17) < 8, np.arange(17) >= 8
     a = replace(first, scores=first.scores * upper)
     b = replace(second, scores=second.scores * lower)
-    assert follow([a, b])[1] == [[0, 1], [1, 0]]
+    assert follow([a, b])[1] == [[1, 2], [2, 1]]
 
 
 def test_nobody_at_all_is_normal() -> None:

@@ -78,6 +78,7 @@ class Filtered:
         """See `Estimator.estimate`."""
         start = clock()
         belief, shown = self.step(self.model, memory.belief, views, time_s)
+        belief = replace(belief, next_id=_next_id(memory.belief, belief))
         identities = identify(memory.identities, memory.belief, belief, shown.track_ids, self.model)
         everybody = identities.of(belief.track_ids)
         rows = belief.track_ids.searchsorted(shown.track_ids)
@@ -123,6 +124,19 @@ class Filtered:
         track_ids = memory.identities.of(belief.track_ids)
         share = memory.lasting.share
         return outlook(self.model, belief, ahead_s, track_ids, memory.factor, share)
+
+
+def _next_id(before: Belief, belief: Belief) -> int:
+    """Return the number of the next newcomer: the last ones are free again if nobody had them.
+
+    Of the tracks that ended in this slot, those never confirmed were never shown.
+    """
+    shown = {*belief.track_ids.tolist(), *before.track_ids[before.confirmed].tolist()}
+    unseen = {*range(before.next_id, belief.next_id), *before.track_ids.tolist()} - shown
+    number = belief.next_id
+    while number - 1 in unseen:
+        number -= 1
+    return number
 
 
 def _graded(model: Model, belief: Belief, rows: Integers, shown: People) -> Grades:

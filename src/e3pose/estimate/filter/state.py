@@ -169,7 +169,7 @@ class Belief(Columns):
     failed_pairs: Floats
     detection_map: Floats
     noise: Floats
-    next_id: int = 0
+    next_id: int = 1
 
     def __len__(self) -> int:
         return len(self.track_ids)

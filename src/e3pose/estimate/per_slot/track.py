@@ -40,7 +40,7 @@ class Tracks:
     history: History
     unseen: Integers
     filled_m: Floats
-    next_id: int = 0
+    next_id: int = 1
 
     def __post_init__(self) -> None:
         if len(self.history.track_ids) != len(self.unseen):  # of a damaged checkpoint

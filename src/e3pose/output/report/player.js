@@ -53,7 +53,7 @@ function showPeople() {
   for (const track of tracks.slice(0, MAX_LISTED)) {
     const item = document.createElement("li"), swatch = document.createElement("i");
     swatch.style.background = colourOf(track);
-    item.append(swatch, `track ${DATA.tracks[track]}`);
+    item.append(swatch, `person ${DATA.tracks[track]}`);
     list.append(item);
   }
   if (!tracks.length) list.append("no people");

@@ -38,7 +38,7 @@ def plot(take: Take, slot: int | None = None, axes: Any = None) -> Any:
         if not known.any():
             continue
         colour = f"C{person % 10}"
-        axes.scatter(*joints_m[known].T, s=8, color=colour, label=f"track {track}")
+        axes.scatter(*joints_m[known].T, s=8, color=colour, label=f"person {track}")
         for a, b in take.skeleton.limbs:
             if known[a] and known[b]:
                 axes.plot(*joints_m[[a, b]].T, color=colour)
