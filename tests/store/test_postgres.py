@@ -140,7 +140,7 @@ def test_missing_driver_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
         raise ModuleNotFoundError("No module named 'psycopg'", name="psycopg")
 
     monkeypatch.setattr("e3pose.store.database.create_engine", missing)
-    with pytest.raises(InputError, match=r"no driver psycopg, .* pip install 'e3pose\[postgres\]'"):
+    with pytest.raises(InputError, match=r"no driver psycopg, .* pip install '\S+\[postgres\]'"):
         check_place("postgresql://me@here/lab")
 
 

@@ -85,7 +85,7 @@ def learn_replay(
 
     Training runs in a separate process on the system's own estimates, never on the truth. A new
     network replaces the running one between two slots if it is better on held-out recent minutes.
-    Training needs `pip install 'e3pose[train]'`. Run the same command again to resume.
+    Training needs the extra `train`. Run the same command again to resume.
 
     Parameters
     ----------

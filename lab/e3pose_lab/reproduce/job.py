@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import e3pose
+from e3pose.base.installing import not_installed
 from e3pose_lab.reproduce.items import ITEMS, Item, Scale
 from e3pose_lab.reproduce.page import Part, write_page
 from e3pose_lab.reproduce.records import Headline
@@ -137,7 +138,7 @@ def _lacks(item: Item, scale: Scale, sources: Sources) -> str:
         return f"no data; expected {' and '.join(missing)}"
     absent = [name for name in item.imports if find_spec(name) is None]
     if absent:
-        return f"{absent[0]} is not installed: pip install 'e3pose[lab]'"
+        return not_installed(absent[0], "lab")
     return ""
 
 

@@ -24,6 +24,7 @@ import numpy as np
 from e3pose.base.atomic import write_file
 from e3pose.base.bounded import read_bytes
 from e3pose.base.errors import Exit, InputError
+from e3pose.base.installing import not_installed
 from e3pose.edge.learn.job import CARD, VERDICT, WEIGHTS, Job, Verdict, read_job
 from e3pose.edge.learn.ring_buffer import load_chunk
 from e3pose.model.skeleton import Skeleton
@@ -46,8 +47,7 @@ def main(arguments: Sequence[str]) -> int:
         bound_memory(job.memory_bytes)
         _work(folder, job)
     except ModuleNotFoundError as error:
-        name = error.name or "a module"
-        print(f"{name} is not installed: pip install 'e3pose[train]'", file=sys.stderr)
+        print(not_installed(error.name, "train"), file=sys.stderr)
         return Exit.REFUSED
     except (InputError, OSError, IndexError, MemoryError) as error:
         print(str(error) or type(error).__name__, file=sys.stderr)

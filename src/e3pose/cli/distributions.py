@@ -63,5 +63,5 @@ def _absent(what: str, package: str) -> Callable[..., None]:
     def verb(*words: Annotated[str, Parameter(show=False, allow_leading_hyphen=True)]) -> None:
         raise ModuleNotFoundError(name=package)
 
-    verb.__doc__ = f"{what} Not installed: pip install 'e3pose[{EXTRAS[package]}]'."
+    verb.__doc__ = f"{what} Not installed (extra `{EXTRAS[package]}`)."
     return verb

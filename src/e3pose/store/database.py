@@ -18,6 +18,7 @@ from sqlalchemy.exc import ArgumentError, DataError, DBAPIError, IntegrityError,
 from sqlalchemy.pool import NullPool
 
 from e3pose.base.errors import InputError, reason_of
+from e3pose.base.installing import install_command
 from e3pose.base.private import make_file
 from e3pose.store import schema
 from e3pose.store.migrations import prepare
@@ -250,7 +251,7 @@ def _engine(url: str, read_only: bool, kept: int = 0) -> Engine:
             set_deadlines(engine, made, OF_READERS if read_only else SESSION)
         return engine
     except ModuleNotFoundError as error:
-        advice = f"pip install 'e3pose[postgres]' and write {FORM}"
+        advice = f"{install_command('postgres')} and write {FORM}"
         raise InputError(
             f"{shown(url)}: found no driver {error.name}, expected psycopg: {advice}"
         ) from None

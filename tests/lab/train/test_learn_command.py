@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from e3pose.base.errors import InputError
+from e3pose.base.installing import install_command
 from e3pose.edge.learn.versions import Version, VersionStore
 from e3pose.recording import save_recording
 from e3pose.simulate import SceneSettings, simulate
@@ -66,7 +67,7 @@ def test_without_torch_the_system_runs_and_says_so(
     )
     said = capsys.readouterr().out
     assert "recording: 60 slots with version 0" in said
-    assert "torch is not installed" in said and "pip install 'e3pose[train]'" in said
+    assert "torch is not installed" in said and install_command("train") in said
 
 
 def test_recordings_must_fit_together(tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Sequence
 
 from e3pose.base.errors import Exit
+from e3pose.base.installing import not_installed
 
 LAB = "e3pose_lab.train.online"  # with torch; an edge that does not learn is installed without it
 
@@ -16,7 +17,7 @@ def main(arguments: Sequence[str], lab: str = LAB) -> int:
     try:
         trainer = importlib.import_module(lab)
     except ModuleNotFoundError as error:
-        print(f"{error.name} is not installed: pip install 'e3pose[train]'", file=sys.stderr)
+        print(not_installed(error.name, "train"), file=sys.stderr)
         return Exit.REFUSED
     return int(trainer.main(arguments))
 

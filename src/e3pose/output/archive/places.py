@@ -11,10 +11,14 @@ from typing import Protocol, TypeVar
 from e3pose.base.atomic import write_file
 from e3pose.base.bounded import read_bytes
 from e3pose.base.errors import InputError, reason_of
+from e3pose.base.installing import install_command
 
 MOST_BYTES = 2**32  # of a file
 T = TypeVar("T")
-EXTRA = "pip install 'e3pose[archive]' and what its address needs, such as s3fs"
+
+
+def _extra() -> str:
+    return f"{install_command('archive')} and what its address needs, such as s3fs"
 
 
 class Place(Protocol):
@@ -103,12 +107,12 @@ class Bucket:
         try:
             from fsspec.core import url_to_fs
         except ModuleNotFoundError:
-            raise InputError(f"{address}: found no fsspec, expected it: {EXTRA}") from None
+            raise InputError(f"{address}: found no fsspec, expected it: {_extra()}") from None
         try:
             self._files, self._root = url_to_fs(address)
         except (ImportError, ValueError) as error:
             reason = reason_of(error)[:200]
-            raise InputError(f"{address}: cannot be used ({reason}): {EXTRA}") from None
+            raise InputError(f"{address}: cannot be used ({reason}): {_extra()}") from None
         self._root = self._root.rstrip("/")
         self.name = f"{address.partition('://')[0]}://{self._root.lstrip('/')}"
 

@@ -16,7 +16,7 @@ def to_frame(take: Take) -> Any:
 
     Columns: `slot`, `seconds` (after slot 0), `track`, `joint`, `x`, `y`, `z` and `sigma` in
     metres, `score`, `origin` (`measured`, `predicted` or `filled`), and `time` where the take
-    knows when it was. Needs pandas: `pip install 'e3pose[notebook]'`.
+    knows when it was. Needs pandas, of the extra `notebook`.
     """
     import pandas
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from e3pose.base.errors import InputError, reason_of
+from e3pose.base.installing import not_installed
 from e3pose.recording.calibration import fields
 
 if TYPE_CHECKING:
@@ -30,9 +31,7 @@ def parse(path: Path, text: str) -> dict[str, Any]:
     try:
         import yaml
     except ImportError:
-        raise InputError(
-            f"{path}: reading YAML needs PyYAML, which `pip install e3pose[edge]` brings"
-        ) from None
+        raise InputError(f"{path}: {not_installed('PyYAML', 'edge')}") from None
 
     class Loader(yaml.BaseLoader):
         nodes = 0

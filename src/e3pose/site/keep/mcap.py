@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from e3pose.base.errors import InputError
+from e3pose.base.installing import not_installed
 from e3pose.base.quantities import plural
 from e3pose.events.watch import begin_watch
 from e3pose.model.person_event import PersonEvent
@@ -44,8 +45,7 @@ def write_mcap(
     try:
         from e3pose.site.streams.mcap import open_stream
     except ModuleNotFoundError as error:
-        missing = f"MCAP: found no module {error.name}, expected it: pip install 'e3pose[foxglove]'"
-        raise InputError(missing) from None
+        raise InputError(f"MCAP: {not_installed(error.name, 'foxglove')}") from None
     assert site.file.store is not None
     store = Store(site.file.store.place)
     bounds: dict[str, Any] = {

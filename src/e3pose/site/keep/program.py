@@ -13,6 +13,7 @@ import time
 from pathlib import Path
 
 from e3pose.base.errors import Exit, InputError, reason_of
+from e3pose.base.installing import not_installed
 from e3pose.base.system import stand_back
 
 SAY_S = 0.2  # between two lines about how far it is
@@ -41,9 +42,7 @@ def main(arguments: list[str]) -> int:
         print(json.dumps({"problem": str(error.elsewhere())}), flush=True)
         return Exit.NO
     except ModuleNotFoundError as error:
-        problem = (
-            f"{error.name} is not installed on the machine of the page: see pip install e3pose"
-        )
+        problem = f"on the machine of the page, {not_installed(error.name, 'all')}"
         print(json.dumps({"problem": problem}), flush=True)
         return Exit.NO
     except OSError as error:

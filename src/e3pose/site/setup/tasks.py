@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from e3pose.base.errors import InputError
+from e3pose.base.installing import not_installed
 from e3pose.base.masking import masked
 
 State = Literal["running", "done", "failed", "stopped"]
@@ -149,7 +150,7 @@ class Tasks:
         except MemoryError:
             task.problem = "out of memory, expected a smaller or shorter input"
         except ModuleNotFoundError as error:
-            task.problem = f"{error.name} is not installed: pip install 'e3pose[all]'"
+            task.problem = not_installed(error.name, "all")
         except Exception as error:  # a fault of ours: the page says so instead of waiting for ever
             task.problem = f"internal error: {type(error).__name__}: {error}"
             raise
