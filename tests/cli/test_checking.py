@@ -163,7 +163,7 @@ def test_calibration_that_is_not_there_is_reported_with_the_commands_that_make_i
     assert code == 1
     expected = out[out.index("problem calibration lab/rig.toml is missing") :]
     assert "e3pose record lab walk --for 60" in expected
-    assert "e3pose calibrate extrinsics walk lab/rig.toml --update" in expected
+    assert "e3pose calibrate extrinsics walk lab/rig.toml --height 171cm --update" in expected
 
 
 def test_models_and_sources_that_are_not_there(

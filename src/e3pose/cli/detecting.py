@@ -166,7 +166,8 @@ def detect(
         print(f"  {note}")
     if rig is None or not rig.placed:
         which = ", ".join(rig.unplaced if rig else ()) or "cameras"
-        print(f"  {which} not placed: e3pose calibrate extrinsics {shell(dest)} rig.toml --update")
+        command = f"e3pose calibrate extrinsics {shell(dest)} rig.toml --height 171cm --update"
+        print(f"  {which} not placed: {command}")
     else:
         check_world(rig, calibration, calibration, rotations)
 

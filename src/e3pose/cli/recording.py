@@ -84,5 +84,5 @@ def _report(server: RecordServer, calibration: Path) -> None:
     if not plan.rig.placed:
         print(
             f"Next: e3pose calibrate extrinsics {shell(server.written)} {shell(calibration)} "
-            "--update"
+            "--height 171cm --update, with the height of the person who walked"
         )

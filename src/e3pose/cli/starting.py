@@ -134,7 +134,8 @@ def _asked() -> list[str]:
         if len(devices) < 2:
             raise InputError(
                 f"SOURCE: found {plural(len(devices), 'camera')} on this machine, expected two or "
-                "more sources: usb:0, rtsp://HOST/PATH, http://HOST/PATH or a video"
+                "more sources: usb:0, rtsp://HOST/PATH, http://HOST/PATH or a video; `e3pose "
+                "setup` finds cameras and phones, `e3pose simulate films --videos` makes films"
             )
         return list(devices)
     try:
@@ -260,7 +261,9 @@ def _report(choice: Choice, folder: Path, path: Path) -> None:
         assert choice.times is not None
         report(speed_problems(load_site(path), choice.times, choice.num_selected), warn)
     if choice.rig is None:
-        print("Missing: the calibration. Let people walk through the room, then")
+        print("Missing: the calibration. Let somebody walk through the room, then")
         print(f"  e3pose record {shell(folder)} walk --for 60")
-        print(f"  e3pose calibrate extrinsics walk {shell(folder / RIG_FILE)} --update")
+        rig = shell(folder / RIG_FILE)
+        print(f"  e3pose calibrate extrinsics walk {rig} --height 171cm --update")
+        print("with the height of that person, which sets the scale.")
     print(f"Check it: e3pose check {shell(folder)}. Start it: e3pose up {shell(folder)}")

@@ -163,7 +163,7 @@ def find_problems(
         problems.append(Problem("skeleton", "recording", message))
     for name in recording.rig.unplaced:
         where = "has no place, so replay leaves it out; to place all cameras by people: e3pose "
-        command = f"calibrate extrinsics {shell(folder or recording.name)} rig.toml --update"
+        command = f"calibrate extrinsics {shell(folder or recording.name)} rig.toml --height 171cm --update"
         problems.append(Problem("not-placed", name, where + command))
     recording = with_places(recording)
     if recording.rig.placed:
@@ -173,7 +173,8 @@ def find_problems(
     else:
         message = (
             f"it is not known where the cameras stand: e3pose calibrate extrinsics "
-            f"{shell(recording.name if folder is None else folder)} rig.toml --update"
+            f"{shell(recording.name if folder is None else folder)} rig.toml --height 171cm "
+            "--update"
         )
         problems.append(Problem("not-placed", "rig", message))
     if folder is not None:

@@ -193,8 +193,9 @@ def calibrate_advice(site: SiteTable) -> str:
     """Return the commands that make the calibration of a site."""
     folder = site.folder if site.path.name == SITE_FILE else site.path
     return (
-        f"let people walk through the room, `e3pose record {shell(folder)} walk --for 60`, then "
-        f"`e3pose calibrate extrinsics walk {shell(site.calibration)} --update`"
+        f"let somebody walk through the room, `e3pose record {shell(folder)} walk --for 60`, then, "
+        "with the height of that person, "
+        f"`e3pose calibrate extrinsics walk {shell(site.calibration)} --height 171cm --update`"
     )
 
 

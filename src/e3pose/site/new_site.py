@@ -235,7 +235,8 @@ def _calibration(choice: Choice, folder: Path) -> list[str]:
     return [
         _line(setting, "missing, to be made by"),
         f"#   e3pose record {shell(folder)} walk --for 60",
-        f"#   e3pose calibrate extrinsics walk {shell(folder / RIG_FILE)} --update",
+        f"#   e3pose calibrate extrinsics walk {shell(folder / RIG_FILE)} --height 171cm --update",
+        "# with the height of the person who walks, which sets the scale",
     ]
 
 

@@ -47,7 +47,7 @@ def require_placed(rig: Rig, where: object) -> None:
         which = f"camera {', '.join(rig.unplaced)} stands" if rig.unplaced else "the cameras stand"
         raise InputError(
             f"{where}: it is not known where {which}, expected a calibration: "
-            f"e3pose calibrate extrinsics {shell(where)} rig.toml "
+            f"e3pose calibrate extrinsics {shell(where)} rig.toml --height 171cm "
             "(docs/how-to/calibrate-cameras.md)"
         )
 
