@@ -16,9 +16,7 @@ from tests.cases import each_case
 
 from e3pose.base.bounded import parse_toml
 from e3pose.base.table import read_table
-from e3pose.cli.app import GROUPS, VERBS, app
-from e3pose.cli.calibrating import CALIBRATIONS
-from e3pose.cli.distributions import BELOW
+from e3pose.cli.app import VERBS, app
 from e3pose.cli.options import EnergyOptions, LoopOptions
 from e3pose.edge.camera_state import QUARANTINE_S, WRONG_LIMIT, WRONG_S
 from e3pose.settings.camera_file import NodeTable
@@ -157,19 +155,6 @@ def test_pages_agree_with_the_code_on_how_long_a_liar_is_left_out() -> None:
     for page in ("docs/reference/faults.md", "docs/reference/messages.md"):
         said = " ".join(BY_PAGE[page].split())
         assert re.search(r"twenty (such )?in ten seconds (leave it out|is left out) for five", said)
-
-
-def test_readme_lists_the_verbs_of_each_group() -> None:
-    table = BY_PAGE["README.md"].partition("## Commands")[2].partition("##")[0]
-    rows = re.findall(r"^\| ([A-Z][\w ]+) \| (`.*`) \|$", table, re.M)
-    listed = {
-        title: tuple(name for name in re.findall(r"`([\w -]+)`", names) if title != "Calibrate")
-        for title, names in rows
-    }
-    assert listed == {title: tuple(verbs) for title, verbs in GROUPS.items()} | {"Calibrate": ()}
-    (calibrations,) = (names for title, names in rows if title == "Calibrate")
-    verbs = [name.split()[-1] for name in re.findall(r"`([\w -]+)`", calibrations)]
-    assert verbs == [*(verb.__name__ for verb in CALIBRATIONS), *BELOW["calibrate"]]
 
 
 def test_a_script_of_the_lab_is_in_the_tree_or_in_a_commit_that_the_page_names() -> None:

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from importlib.util import resolve_name
-from itertools import takewhile
 
 import pytest
 from cyclopts import App
 from tests.cases import each_case
 from tests.cli.commands import run
 
-from e3pose.cli.app import APP, GROUPS, RETIRED, app, main, summary_of
+from e3pose.base.installing import not_installed
+from e3pose.cli.app import APP, EXPERT, GROUPS, VERBS, app, main, summary_of
 
 PLACES = [
     (verb, place)
@@ -30,33 +31,36 @@ def test_the_line_of_a_verb_is_what_its_module_says(verb: str, place: str) -> No
     assert has_verbs == place.endswith(APP)
 
 
-@each_case("old", RETIRED)
-def test_a_retired_word_names_the_command_that_does_it_now(
-    old: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    command, dashes, option = old.partition("--")
-    name, _, pattern = f"--{option}".partition(" ")
-    value = pattern.replace("*", "mine") or "x"
-    own = command.split() or ["replay"]  # a word of all commands
-    ways = ([name, value], [f"{name}={value}"]) if dashes else ([], ["--help"])
-    for typed in ways:
-        assert run(*own, "site.toml", *typed) == 2
-        out, err = capsys.readouterr()
-        assert out == "" and err == f"e3pose: {old} is retired, use: {RETIRED[old]}\n"
-    _, *new = RETIRED[old].split()
-    assert run(*takewhile(str.islower, new[:2]), "--help") == 0, "the new command is there"
-    offered = capsys.readouterr().out
-    assert all(word in offered for word in new if word.startswith("--"))
-    if dashes and not pattern:
-        assert run(*own, "--help") == 0 and name not in capsys.readouterr().out
+def shown(capsys: pytest.CaptureFixture[str], *words: str) -> str:
+    """Return what a command prints on a terminal of 80 columns."""
+    assert run(*words) == 0
+    return capsys.readouterr().out
 
 
-def test_a_word_that_looks_like_a_retired_one_is_not_taken(
+def test_help_shows_twelve_verbs_in_three_groups_and_all_on_request(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    for words in (["hub", "report"], ["store", "copy", "report", "--csv"], ["query", "report"]):
-        run(*words)
-        assert "retired" not in capsys.readouterr().err
+    first, everything = shown(capsys, "--help"), shown(capsys, "--help-all")
+    for text, groups in ((first, [*GROUPS.values()][:3]), (everything, [*GROUPS.values()])):
+        listed = {line[1:].split()[0] for line in text.splitlines() if line[2:3].isalpha()}
+        assert listed & {*VERBS} == {verb for verbs in groups for verb in verbs}
+    assert sum(len(verbs) for verbs in [*GROUPS.values()][:3]) == 12
+    assert "--help-all" in first and len(first.splitlines()) <= 48
+
+
+def test_help_of_replay_fits_two_screens_and_names_what_has_the_rest(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    first = shown(capsys, "replay", "--help")
+    assert len(first.splitlines()) <= 48  # two of 24
+    everything = shown(capsys, "replay", "--help-all")
+    for title, word in EXPERT.items():
+        assert f"{title}: " in first and f"see {word}" in first
+        panel = shown(capsys, "replay", word).partition(f"╭─ {title} ")[2].partition("╰")[0]
+        options = re.findall(r"^│ (--[\w-]+)", panel, re.M)
+        assert options and panel in everything
+        assert f"{title}: {len(options)} options" in first
+        assert not {*options} & {*re.findall(r"^│ (--[\w-]+)", first, re.M)}
 
 
 def test_several_commands_in_a_process_do_not_disturb_each_other(
@@ -79,4 +83,4 @@ def test_a_package_that_a_verb_lacks_is_said_in_a_line(
     monkeypatch.setattr("e3pose.cli.app.app", torn)
     with pytest.raises(SystemExit, match="2"):
         main(["top", "site"])
-    assert capsys.readouterr().err == "e3pose: cv2 is not installed: pip install 'e3pose[camera]'\n"
+    assert capsys.readouterr().err == f"e3pose: {not_installed('cv2', 'camera')}\n"

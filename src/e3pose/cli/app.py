@@ -11,26 +11,30 @@ import threading
 import traceback
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from fnmatch import fnmatch
 from importlib.util import find_spec, resolve_name
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from cyclopts import App, CycloptsError, Group, MissingArgumentError
+from cyclopts.help import DefaultFormatter, HelpPanel
 
 from e3pose import __version__
 from e3pose.base.errors import Exit, Fault, InputError, exit_code, reason_of
+from e3pose.base.installing import not_installed
 from e3pose.base.masking import masked
 from e3pose.base.system import END_SIGNALS
 from e3pose.cli.distributions import EXTRAS as DISTRIBUTIONS
 from e3pose.cli.distributions import other_verb, with_lab
 
+if TYPE_CHECKING:
+    from rich.console import Console, ConsoleOptions
+
 VERSION = ["--version", "-V"]
 SIGPIPE = 13  # which Windows has not
 MAX_MESSAGE = 1000
 
-# Verbs by group, in the order of `e3pose --help`. Each is the `module:name` of its function, or of
-# an app of more verbs; the module is loaded when its verb is typed.
+# Verbs by group, in the order of `e3pose --help-all`. Each is the `module:name` of its function, or
+# of an app of more verbs; the module is loaded when its verb is typed.
 GROUPS: dict[str, dict[str, str | Callable[..., Any]]] = {
     "Start here": {
         "setup": ".setting_up:setup",
@@ -38,29 +42,33 @@ GROUPS: dict[str, dict[str, str | Callable[..., Any]]] = {
         "init": ".starting:init",
         "up": ".running_site:up",
     },
-    "Recordings": {
+    "Films to 3D": {
         "reconstruct": ".reconstructing:reconstruct",
+        "calibrate": ".calibrating:calibrate_app",
+        "replay": ".replaying:replay",
+        "export": ".exporting:export",
+    },
+    "Live site": {
+        "check": ".checking:check",
+        "record": ".recording:record",
+        "view": ".viewing:view",
+        "stream": ".streaming:stream",
+    },
+    "Recordings": {
         "detect": ".detecting:detect",
         "import": ".importing:import_app",
         "attach": ".attaching:attach",
         "simulate": ".simulating:simulate",
         "info": ".information:info",
         "sync": ".synchronising:sync",
-        "replay": ".replaying:replay",
-        "export": ".exporting:export",
     },
-    "Calibrate": {"calibrate": ".calibrating:calibrate_app"},
-    "Live site": {
+    "Run a site": {
         "keys": ".keys:keys_app",
         "phone": ".phoning:phone",
-        "check": ".checking:check",
-        "record": ".recording:record",
         "edge": ".running_edge:edge",
         "camera": ".running_camera:camera",
         "router": ".routing:router",
         "top": ".watching:top",
-        "view": ".viewing:view",
-        "stream": ".streaming:stream",
         "query": ".querying:query",
         "store": ".copying:store_app",
         "events": ".eventing:events_app",
@@ -77,6 +85,12 @@ GROUPS: dict[str, dict[str, str | Callable[..., Any]]] = {
     "Learn": {"train": other_verb("train"), "learn": other_verb("learn")},
     "Maintenance": {"models": ".models:models_app", "power": ".metering:power_app"},
 }
+HELP_ALL, HELP_PAPER = "--help-all", "--help-paper"
+# Panels that `--help` leaves out: commands after the third group, and options that few people need.
+LATER = {title: HELP_ALL for title in (*GROUPS,)[3:]}
+POWER, STORE = "Power profiles and batteries", "Store"
+EXPERIMENTS, FAULTS, PAPER = "Experiments", "Faults to inject", "The paper's pipeline and policies"
+EXPERT = {**dict.fromkeys((POWER, STORE, EXPERIMENTS, FAULTS), HELP_ALL), PAPER: HELP_PAPER}
 APP = "_app"  # the end of the name of what has verbs of its own
 # Of all parsers of a process: verbs with verbs of their own are apps that these share.
 TITLES = {title: Group(title, sort_key=rank) for rank, title in enumerate(GROUPS)}
@@ -94,17 +108,6 @@ USAGE = {
     "sync": "[OPTIONS] VIDEO... | RECORDING [DEST]",
     "train": "[OPTIONS] RECORDING...",
 }
-# Retired words, and the command that does the same now. A word is a command, or an option of it or
-# of all commands, with a pattern of its value.
-RETIRED = {
-    "report": "e3pose export SITE PAGE.html",
-    "events week": "e3pose export SITE FILE.csv --what summaries",
-    "query --csv": "e3pose export STORE FILE.csv --what TABLE",
-    "query --parquet": "e3pose export STORE FILE.parquet --what TABLE",
-    "archive delete --person": "e3pose people forget STORE TRACK --run RUN",
-    "replay --policy *+feedback": "e3pose replay RECORDING --policy POLICY --feedback",
-    "--pipeline default": "e3pose replay RECORDING --pipeline memory",
-}
 # Which extra brings a module that a smaller install may lack.
 EXTRAS = {
     "av": "camera",
@@ -120,7 +123,6 @@ EXTRAS = {
     "structlog": "edge",
     "cryptography": "edge",
     "zenoh": "edge",
-    "ezc3d": "export",
     "pythonosc": "osc",
     "pylsl": "lsl",
     "foxglove": "foxglove",
@@ -159,6 +161,9 @@ def make_app(summary: Callable[[str], str | None] = lambda place: None) -> App:
         "informative cameras that still have energy budget.\n\n"
         "New here? `e3pose setup` leads from your cameras, or films, to live 3D in the browser. "
         "`e3pose demo` shows an example result.",
+    )
+    made.command(
+        App(HELP_ALL, group=OPTIONS, help="List all commands; after a command, all its options.")
     )
     made.register_install_completion_command(
         group=OPTIONS, help="Install tab completion for bash, zsh or fish."
@@ -209,11 +214,13 @@ def main(tokens: Sequence[str] | None = None) -> None:
         if tokens is None and len(sys.argv) == 1:
             tokens = _without_words()
         words = sys.argv[1:] if tokens is None else tokens
-        _refuse_retired(words)
         # The list of all verbs has a line on each.
         program = app if {*words} & {*VERBS, *VERSION} else make_app(summary_of)
+        asked = next((word for word in words if word in (HELP_ALL, HELP_PAPER)), "--help")
+        program.help_formatter = _Help(asked)
+        words = ["--help" if word == asked else word for word in words]
         try:
-            program(tokens, exit_on_error=False, print_error=False)
+            program(words, exit_on_error=False, print_error=False)
         finally:
             sys.stdout.flush()  # here, where a full disk or a closed pipe can still be reported
     except BrokenPipeError:  # the reader of our output went away: nothing is left to tell it
@@ -224,6 +231,23 @@ def main(tokens: Sequence[str] | None = None) -> None:
         with suppress(OSError):  # a full disk or a closed pipe changes no code
             print(f"e3pose: {masked(message)}", file=sys.stderr, flush=True)
         sys.exit(code)
+
+
+class _Help(DefaultFormatter):
+    """Shows the panels of help that are asked for, and counts the options of the others."""
+
+    def __init__(self, asked: str) -> None:
+        super().__init__()
+        self._asked = asked
+
+    def __call__(self, console: Console, options: ConsoleOptions, panel: HelpPanel) -> None:
+        """Print a panel, a line on it, or nothing."""
+        title = str(panel.title)
+        wanted = (LATER | EXPERT).get(title, "--help")
+        if self._asked in (wanted, HELP_ALL):
+            super().__call__(console, options, panel)
+        elif title in EXPERT and self._asked == "--help":
+            console.print(f" {title}: {len(panel.entries)} options, see {wanted}")
 
 
 def _interrupt(number: int, _frame: object) -> NoReturn:
@@ -249,7 +273,7 @@ def _ending(error: BaseException) -> tuple[str, int]:
         missing = error.__cause__ or error  # the parser's, which loads a verb's module
         name = missing.name if isinstance(missing, ModuleNotFoundError) else None
         if (extra := EXTRAS.get((name or "").split(".")[0])) is not None:
-            return f"{name} is not installed: pip install 'e3pose[{extra}]'", Exit.REFUSED
+            return not_installed(name, extra), Exit.REFUSED
     cause = (error.__cause__ if isinstance(error, Fault) else None) or error
     if not isinstance(cause, (InputError, OSError, Fault)):  # a fault of ours
         with suppress(OSError):
@@ -264,22 +288,6 @@ def _without_words() -> list[str]:
         return ["--help"]
     print("No command given: this is `e3pose setup`. `e3pose --help` lists the commands.")
     return ["setup"]
-
-
-def _refuse_retired(words: Sequence[str]) -> None:
-    """Raise `InputError` for a command line with one of the `RETIRED` words."""
-    options = [
-        (name, value if equals else after)
-        for word, after in zip(words, [*words[1:], ""], strict=True)
-        for name, equals, value in [word.partition("=")]
-    ]
-    for old, new in RETIRED.items():
-        command, dashes, option = old.partition("--")
-        own = command.split()
-        asked, _, pattern = f"--{option}".partition(" ")
-        there = any(name == asked and fnmatch(value, pattern or "*") for name, value in options)
-        if [*words[: len(own)]] == own and (there or not dashes):
-            raise InputError(f"{old} is retired, use: {new}")
 
 
 def _one_line(error: BaseException) -> str:

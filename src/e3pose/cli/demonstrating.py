@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, replace
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypeVar
 
-import numpy as np
 from cyclopts import Parameter
 from rich.console import Console
 from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeElapsedColumn
@@ -30,7 +30,7 @@ from e3pose.evaluate.replay import replay
 from e3pose.evaluate.summary import summarise
 from e3pose.evaluate.tables import print_summary
 from e3pose.output.report import write_report
-from e3pose.output.report.overlay import overlay_images, stack_strip, write_image, write_movie
+from e3pose.output.report.overlay import overlay_images, write_movie
 from e3pose.recording import Recording, load_recording, save_recording
 from e3pose.recording.calibration import load_rig
 from e3pose.settings.loop import ReplaySettings
@@ -44,8 +44,6 @@ from e3pose.site.up import last_line
 
 if TYPE_CHECKING:
     from e3pose.detectors.weights import Progress
-    from e3pose.model.slot_record import SlotRecord
-    from e3pose.output.report.overlay.draw import Image
     from e3pose.wire.site_messages import Status
 
 T = TypeVar("T")
@@ -55,14 +53,12 @@ STAND_IN = SceneSettings(people=3, seconds=6.0, cameras=4)
 FPS = 20.0  # slots per second of the scene: every third frame of the clip
 CAMERAS = 2.0  # active in each slot
 DEADLINE_SLOTS, MIN_DEADLINE_MS = 2.5, 150.0  # so that others who use the machine do no harm
-SLOWER = 3  # how much slower than life the movie plays; the clip lasts under two seconds
-STRIP_ROWS = 4  # pictures in the strip: the slot with most joints in each part of the run
+SLOWER = 3  # the movie is slow motion, for the clip lasts under two seconds
 PANEL_PX = 560  # height of a camera's picture
 ABOUT = "e3pose-demo.txt"  # says what the folder is, and marks it as one that may be replaced
 FILES = {
     "report.html": "open this first: 3D player, camera selection and energy",
-    "overlay.webm": f"video with the 3D skeletons drawn on the frames, {SLOWER}x slow motion",
-    "overlay.png": "four moments of it as one picture",
+    "overlay.webm": "the 3D skeletons on the frames, slow: from all cameras, then from two",
     "poses.parquet": "3D poses in metres (also poses.csv)",
     "summary.json": "all figures",
     "recording": "videos and detections of all cameras, for `e3pose replay`",
@@ -195,6 +191,7 @@ def _replayed(recording: Recording, folder: Path, status: Status | None) -> None
     settings = ReplaySettings(num_selected=CAMERAS, foresees=True).for_rig(len(recording.rig))
     slots = replay(recording, settings)
     records = list(track_progress(slots, recording.num_slots, "replay"))
+    every = list(replay(recording, ReplaySettings(policy="all").for_rig(len(recording.rig))))
     summary = summarise(
         recording,
         settings,
@@ -213,30 +210,15 @@ def _replayed(recording: Recording, folder: Path, status: Status | None) -> None
     (folder / "summary.json").write_text(table + "\n", encoding="utf-8")
     write_report(recording, records, summary, folder / "report.html", folder=folder / "recording")
     with _phase("drawing the pictures") as progress:
-        _draw(recording, records, folder, progress)
+        drawn = chain.from_iterable(
+            overlay_images(recording, run, folder / "recording", PANEL_PX)
+            for run in (every, records)
+        )
+        total = 2 * recording.num_slots
+        counted = (progress(done, total) or image for done, image in enumerate(drawn, start=1))
+        write_movie(folder / "overlay.webm", counted, recording.fps / SLOWER)
     print("Replayed with the same selection, as in the report:")
     print_summary(summary)
-
-
-def _draw(
-    recording: Recording, records: Sequence[SlotRecord], folder: Path, progress: Progress
-) -> None:
-    """Write a movie of the skeletons on the frames, and four moments of it as one picture."""
-    joints = np.array([(record.people.scores > 0).sum() for record in records])
-    parts = np.array_split(np.arange(len(records)), STRIP_ROWS)
-    fullest = {int(part[joints[part].argmax()]) for part in parts if len(part)}
-    strip: list[Image] = []
-
-    def images() -> Iterator[Image]:
-        drawn = overlay_images(recording, records, folder / "recording", PANEL_PX)
-        for index, image in enumerate(drawn):
-            if index in fullest:
-                strip.append(image)
-            progress(index + 1, len(records))
-            yield image
-
-    write_movie(folder / "overlay.webm", images(), recording.fps / SLOWER)
-    write_image(folder / "overlay.png", stack_strip(strip))
 
 
 @contextmanager

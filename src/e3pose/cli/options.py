@@ -15,21 +15,24 @@ from e3pose.base.atomic import check_output
 from e3pose.base.errors import InputError
 from e3pose.base.masking import masked
 from e3pose.base.table import read_table
+from e3pose.cli import app
 from e3pose.cli.output import STDOUT
 from e3pose.cli.settings_options import Flag as Flag
 from e3pose.cli.settings_options import Whole as Whole
 from e3pose.cli.settings_options import options_from
 from e3pose.settings.energy import EnergySettings
-from e3pose.settings.loop import PAPER_ONLY, ReplaySettings
+from e3pose.settings.loop import EXPERIMENTS, PAPER_ONLY, ReplaySettings
 
 # Groups of options in `--help`, in their order.
 GOAL = Group("Goal", sort_key=1)
-PAPER = Group(PAPER_ONLY, sort_key=2)
-POWER = Group("Energy", sort_key=3)
-FAULTS = Group("Faults to inject", sort_key=4)
-SMOOTHING = Group("Smoothing", sort_key=5)
-OUTPUT = Group("Output", sort_key=6)
-GROUPS = {"Goal": GOAL, PAPER_ONLY: PAPER, "Energy": POWER}
+SMOOTHING = Group("Smoothing", sort_key=2)
+OUTPUT = Group("Output", sort_key=3)
+POWER = Group(app.POWER, sort_key=4)
+STORE = Group(app.STORE, sort_key=5)
+EXPERIMENT = Group(app.EXPERIMENTS, sort_key=6)
+FAULTS = Group(app.FAULTS, sort_key=7)
+PAPER = Group(app.PAPER, sort_key=8)
+GROUPS = {"Goal": GOAL, "Energy": POWER, EXPERIMENTS: EXPERIMENT, PAPER_ONLY: PAPER}
 
 StorePlace = Annotated[
     str, Parameter(help="Store: a file, a URL, or a site (site.toml or its folder).")
@@ -37,9 +40,10 @@ StorePlace = Annotated[
 Redetect = Annotated[
     str | None,
     Parameter(
+        group=EXPERIMENT,
         help="Detect again in the recording's videos with this one: a name from "
         "`e3pose models list`, or the path of a network. Default: the recording's keypoints; with "
-        "feedback, its detector."
+        "feedback, its detector.",
     ),
 ]
 
@@ -48,10 +52,8 @@ HoldOut = Annotated[
     Parameter(
         negative="",
         show_default=False,
-        help="Hold out a camera: it is never selected and gives nothing to the poses, and its "
-        "keypoints judge them; repeatable. `each` judges by every camera in turn, with one more "
-        "replay for each. Works without truth. Detectors err for seconds: compare such figures "
-        "with each other, on one recording.",
+        help="Judge by this camera, which gives nothing to the poses; repeatable. `each`: by "
+        "every camera in turn.",
     ),
 ]
 

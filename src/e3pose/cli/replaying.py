@@ -66,7 +66,7 @@ class OutputOptions:
     poses: Path | None = None
     """Write the 3D poses here (.parquet or .csv)."""
     report: Path | None = None
-    """Write a report page here (.html): 3D player, camera selection, energy."""
+    """Write a report page with a 3D player here (.html)."""
     json_file: JsonFile = None
     """Write the figures here as JSON; - is standard output."""
 
@@ -122,7 +122,9 @@ def replay(
     /,
     *,
     policy: str | None = None,
-    cameras: Annotated[float | Literal["all"] | None, Parameter(alias="-C", group=GOAL)] = None,
+    cameras: Annotated[
+        float | Literal["all"] | None, Parameter(alias="-C", group=GOAL, show_choices=False)
+    ] = None,
     loop: LoopOptions = LOOP,
     energy: EnergyOptions = ENERGY,
     faults: FaultOptions = FAULTS,
@@ -133,31 +135,23 @@ def replay(
     hold_out: HoldOut = (),
     outputs: OutputOptions = OUTPUTS,
 ) -> None:
-    """Replay a recording through the live pipeline, which sees only the views it selects.
+    """Replay a recording through the live pipeline, which sees only selected views.
 
-    Example: `e3pose replay shelf --cameras 2 --poses poses.parquet --report report.html`
+    Example: `e3pose replay walk --cameras 2 --report walk.html`
 
-    Set one goal: cameras per slot (`--cameras 2`), accuracy (`--target-error 40mm`), battery life
-    (`--lifetime 6h`, also beside one of these) or power (`--rest asleep --watts 40W`).
-
-    With `--smooth`, poses, report and figures also use all later slots, with `--delay 200ms` those
-    of the next 200 ms, as an edge publishes them with the same option; the selection is unchanged.
-
-    The command prints accuracy (if the recording has truth, or with `--hold-out`), camera use and
-    energy saved.
+    Prints accuracy (with truth or `--hold-out`), camera use and energy saved.
 
     Parameters
     ----------
     recording
         Recording folder.
     policy
-        Camera selection: all, random, round-robin, independent, central-2d, e3pose-mv, e3pose,
-        information. Default: set by --pipeline.
+        Camera selection: information, round-robin, random, all; of the paper: e3pose, e3pose-mv,
+        independent, central-2d.
     cameras
-        Cameras per slot C, a mean such as 1.5, or all. Default: 2, and 3 with --pipeline paper.
+        Cameras per slot C, a mean such as 1.5, or all. Default: 2 (paper: 3).
     delay
-        Smooth the poses with the slots of this time after them, such as 200ms, as the delayed poses
-        of a live site.
+        Smooth with the later slots of this time, such as 200ms.
     """
     smoothing = smooth.settings()
     if cameras == "all":

@@ -11,7 +11,7 @@ from cyclopts import Group
 
 from e3pose.base.errors import MISSING, InputError
 from e3pose.base.masking import has_secret
-from e3pose.cli.options import GROUPS, Flag, as_typed, warn
+from e3pose.cli.options import Flag, as_typed, warn
 from e3pose.cli.running import Child, begin
 from e3pose.cli.settings_options import options_from
 from e3pose.settings.camera_file import NodeTable, load_node
@@ -20,12 +20,13 @@ from e3pose.site.summary import camera_summary
 CAMERA_GROUPS = {
     "Connection": Group("Connection", sort_key=1),
     "Detection": Group("Detection", sort_key=2),
+    "Energy": Group("Energy", sort_key=3),
     "Recording": Group("Recording", sort_key=4),
 }
 NEEDED = {"site": "--site", "camera": "--name", "source": "--source"}  # without a file
 
 
-@options_from(NodeTable, {**GROUPS, **CAMERA_GROUPS}, defaults=False)
+@options_from(NodeTable, CAMERA_GROUPS, defaults=False)
 @dataclass(frozen=True, kw_only=True)
 class CameraOptions:
     """Settings of a camera, which take precedence over its file."""

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
 from e3pose.base.quantities import frequency_hz
-from e3pose.cli.options import SMOOTHING, as_typed
+from e3pose.cli.options import EXPERIMENT, SMOOTHING, as_typed
 from e3pose.estimate.smooth import SmoothSettings, check_smoothing
 
 
@@ -18,9 +18,8 @@ class SmoothOptions:
     """How poses are smoothed after the fact, for every verb that can wait for them."""
 
     smooth: Literal["rts", "butterworth", "one-euro"] | None = None
-    """Smooth the poses: `rts` (fixed-interval smoother with the filter's motion model),
-    `butterworth` (zero-phase low-pass of fourth order) or `one-euro` (causal low-pass)."""
-    cutoff: str | None = None
+    """Smooth the poses: `rts` uses all later slots, the others are low-pass filters."""
+    cutoff: Annotated[str | None, Parameter(group=EXPERIMENT)] = None
     """Cut-off frequency of `butterworth` (default: 6Hz, or a quarter of the slot rate), and the
     minimum one of `one-euro` (default: 1Hz)."""
 

@@ -14,7 +14,7 @@ from cyclopts import Parameter
 from e3pose import __version__
 from e3pose.base.errors import InputError
 from e3pose.base.quantities import age_s, plural, size_bytes
-from e3pose.cli.options import OUTPUT, as_typed
+from e3pose.cli.options import STORE, as_typed
 from e3pose.store.rows import Run
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from e3pose.store import Retention
 
 
-@Parameter(name="*", group=OUTPUT)
+@Parameter(name="*", group=STORE)
 @dataclass(frozen=True, kw_only=True)
 class StoreOptions:
     """Where every slot is kept, for every verb that runs the loop."""

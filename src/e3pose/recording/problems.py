@@ -163,7 +163,8 @@ def find_problems(
         problems.append(Problem("skeleton", "recording", message))
     for name in recording.rig.unplaced:
         where = "has no place, so replay leaves it out; to place all cameras by people: e3pose "
-        command = f"calibrate extrinsics {shell(folder or recording.name)} rig.toml --height 171cm --update"
+        made = shell(folder or recording.name)
+        command = f"calibrate extrinsics {made} rig.toml --height 171cm --update"
         problems.append(Problem("not-placed", name, where + command))
     recording = with_places(recording)
     if recording.rig.placed:

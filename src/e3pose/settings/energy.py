@@ -122,8 +122,7 @@ class EnergySettings:
         key="lifetime",
         read=duration_s,
         group="Goal",
-        help="""Make every battery last this long: 10h, 90min, 2d. Sets the budget of each camera.
-        Without --cameras and --target-error it also sets how many cameras to wake.""",
+        help="""Make every battery last this long, such as 10h. Sets the budget of each camera.""",
     )
 
     def plan(

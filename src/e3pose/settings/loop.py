@@ -33,7 +33,7 @@ LIFETIME_SHARE = 0.95
 MAX_LEAD = 1000
 WHOLE_EVERY = 5  # detections; chosen on simulated scenes
 MAX_WHOLE_EVERY = 1000
-PAPER_ONLY = "Only for --pipeline paper and its policies"  # a group of options
+PAPER_ONLY, EXPERIMENTS = "Paper", "Experiments"  # groups of options
 FEEDBACK = "+feedback"  # after the name of a policy in a table of several
 MAX_TARGET_M = 1.0
 MAX_SEED = 2**31 - 1
@@ -84,9 +84,7 @@ class LoopSettings:
 
     pipeline: str = entry(
         "memory",
-        help="""Estimator. `memory`: a Kalman-type filter per person that accepts any number of
-        views, with the policy `information`. `paper`: the published system, which triangulates each
-        slot from two or more views, with the policy `e3pose`.""",
+        help="""`memory`: a filter per person. `paper`: the system as published.""",
     )
     policy: str | Policy | None = entry(None, read=read_name)
     num_selected: float | None = entry(None, key="cameras", read=read_cameras)
@@ -95,41 +93,40 @@ class LoopSettings:
         key="target_error",
         read=length_m,
         group="Goal",
-        help="""Wake as few cameras as keep the expected joint error below this: 40mm, 4cm. Replaces
-        --cameras; policy `information` only.""",
+        help="""Wake as few cameras as keep the expected error below this, such as 40mm.""",
     )
     rest: RestChoice = entry(
         AWAKE,
         group="Goal",
-        help="""Rest of cameras that are not needed for seconds: `none`: all awake; `asleep` and
-        `suspended` need a power profile that states this rest. A resting camera cannot be reached
-        until it wakes. Policy `information` only.""",
+        help="""Rest of cameras that are not needed for seconds.""",
     )
     watts: float | None = entry(
         None,
         read=power_w,
         group="Goal",
-        help="""Mean power that all cameras together may draw: 30W, 500mW. Sets who sleeps and how
-        many cameras look; needs --rest. Replaces --cameras.""",
+        help="""Mean power that all cameras together may draw, such as 30W. Needs --rest; replaces
+        --cameras.""",
     )
     find_within_s: float = entry(
         1.0,
         key="find_within",
         read=duration_s,
         shown="1s",
-        group="Goal",
+        group=EXPERIMENTS,
         help="""Longest time to find a newcomer in view of an awake camera while the place is empty:
         1s, 500ms. With --rest, cameras look as rarely as this allows.""",
     )
     budget: float | tuple[float, ...] | None = entry(
         None,
         flag="-E",
+        group=EXPERIMENTS,
         help="""Energy budget E: share of slots a camera may be active, C/N to 1. Default:
         C/N + 0.2. `evaluate` also takes several, comma-separated.""",
     )
     quality_weight: AtLeast0 | None = entry(
         None,
         flag="-V",
+        group=EXPERIMENTS,
         help="""Quality weight V: higher prefers better views, lower spreads energy more evenly.
         Default: set by the policy. `evaluate` also takes several, comma-separated.""",
     )
@@ -139,16 +136,25 @@ class LoopSettings:
         help="V of the paper's policies weighs IoU itself, as in its eq. (9).",
     )
     lead_slots: Annotated[int, Meta(ge=1, le=MAX_LEAD)] = entry(
-        1, key="lead", help="Lead tau: slots between a decision and the slot it is for."
+        1,
+        key="lead",
+        group=EXPERIMENTS,
+        help="Lead tau: slots between a decision and the slot it is for.",
     )
     warmup_slots: Annotated[int, Meta(ge=0, le=MAX_LEAD)] = entry(
-        10, key="warmup", help="Warm-up M: slots at the start in which every camera detects."
+        10,
+        key="warmup",
+        group=EXPERIMENTS,
+        help="Warm-up M: slots at the start in which every camera detects.",
     )
-    seed: Seed = entry(0, help="Random seed.")
-    phase: Seed = entry(0, help="Camera that starts the round robin and wins ties.")
+    seed: Seed = entry(0, group=EXPERIMENTS, help="Random seed.")
+    phase: Seed = entry(
+        0, group=EXPERIMENTS, help="Camera that starts the round robin and wins ties."
+    )
     predictor: str | Predictor | None = entry(
         None,
         read=read_name,
+        group=EXPERIMENTS,
         help="""Motion predictor: attention-lstm, attention-lstm-paper (the published network),
         constant-velocity, damped-velocity, zero-velocity, or a file from `e3pose train`. The
         policy predicts with it; attention-lstm and trained files also correct the filter's
@@ -156,16 +162,19 @@ class LoopSettings:
     )
     noise: str | None = entry(
         None,
+        group=EXPERIMENTS,
         help="""Keypoint noise model: a detector name, or a file from `e3pose calibrate noise`.
         Default: the model of the recording's detector.""",
     )
     feedback: bool = entry(
         False,
+        group=EXPERIMENTS,
         help="""Semantic feedback: detect again in the videos of the recording, only where people
         are expected, in parts scaled to the network's best size.""",
     )
     whole_every: Annotated[int, Meta(ge=1, le=MAX_WHOLE_EVERY)] = entry(
         WHOLE_EVERY,
+        group=EXPERIMENTS,
         help="With feedback, detect in the whole image every this many detections.",
     )
     matcher: str | None = entry(
