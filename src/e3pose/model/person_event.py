@@ -49,11 +49,6 @@ class PersonEvent:
         """Whether this is the first that is told of it."""
         return self.phase == "begun" or self.kind in ONCE
 
-    @property
-    def lasted_s(self) -> float:
-        """Seconds from its start until it was told."""
-        return (self.time_ns - self.start_ns) / 1e9
-
 
 def who(event: PersonEvent) -> str:
     """Return how an event names its person; empty where it is of nobody."""

@@ -41,7 +41,7 @@ def test_pictures_are_of_the_cameras_that_looked_most(
         assert len(pictures) == len(found["at"])
         data = np.frombuffer(base64.b64decode(pictures[0]), np.uint8)
         image = cv2.imdecode(data, cv2.IMREAD_COLOR)
-        assert image is not None and image.shape[0] == films.HEIGHT_PX
+        assert image is not None and max(image.shape) == films.LONG_SIDE_PX
 
 
 def test_page_shows_pictures_where_there_are_some(filmed: Path) -> None:

@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Any
 
 import av
-import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -23,9 +22,7 @@ from e3pose.output.report.overlay import (
     draw_poses,
     overlay_images,
     reproject,
-    stack_strip,
     track_color,
-    write_image,
     write_movie,
 )
 from e3pose.output.report.overlay.panels import AWAKE_COLOR, BLIND_COLOR, camera_word
@@ -210,13 +207,3 @@ def test_movie_appears_whole_or_not_at_all(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="suffix"):
         write_movie(tmp_path / "a.exe", broken((48, 64, 3)), 10)
     assert list(tmp_path.iterdir()) == []
-
-
-def test_strip_is_written_as_a_picture(tmp_path: Path) -> None:
-    strip = stack_strip([blank(), np.zeros_like(blank())])
-    assert strip.shape == (2 * SIZE[1] + 4, SIZE[0], 3)
-    write_image(
-        tmp_path / "strip.png", draw_poses(strip, stick((48, 20), (48, 90)), STICK, [RED], 3)
-    )
-    back = cv2.imread(str(tmp_path / "strip.png"))
-    assert back is not None and tuple(back[50, 48]) == RED[::-1]

@@ -20,6 +20,7 @@ import numpy as np
 
 from e3pose.base.atomic import write_file
 from e3pose.base.errors import InputError
+from e3pose.base.installing import not_installed
 from e3pose.base.quantities import plural
 from e3pose.camera.provenance import Provenance, load_provenance
 from e3pose.energy.saving import NO_SAVINGS, whole
@@ -61,7 +62,7 @@ WHY = (
 SCRIPT_ESCAPES = {ord(c): f"\\u{ord(c):04x}" for c in "<>&\u2028\u2029"}
 MOST_CAMERAS = 2  # those that looked most
 MOST_IMAGES = 500  # of all cameras: some 8 MB of page
-HEIGHT_PX, QUALITY = 270, 70  # of JPEG
+LONG_SIDE_PX, QUALITY = 480, 70  # of JPEG
 
 
 def write_report(
@@ -275,7 +276,7 @@ def film(
     except InputError as error:
         return {"why": str(error.elsewhere())}
     except ModuleNotFoundError as error:
-        return {"why": f"{error.name} is not installed: pip install 'e3pose[camera]'"}
+        return {"why": not_installed(error.name, "camera")}
     return {"cameras": [recording.rig.titles[name] for name in chosen], "at": at, "jpeg": pictures}
 
 
@@ -285,8 +286,10 @@ def _pictures(
     import cv2
 
     made, noted = [], Provenance() if folder is None else load_provenance(folder)
+    width, height = recording.rig.cameras[recording.rig.index(name)].image_size
+    height_px = round(LONG_SIDE_PX * min(1.0, height / width))
     for image in overlay_images(
-        recording, slots, folder, HEIGHT_PX, provenance=noted, cameras=[name]
+        recording, slots, folder, height_px, provenance=noted, cameras=[name]
     ):
         _, jpeg = cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
         made.append(base64.b64encode(jpeg.tobytes()).decode())
@@ -305,8 +308,8 @@ def headline(recording: Recording, records: Sequence[SlotRecord], summary: Summa
     """Say in two sentences who was there and what it took; no markup."""
     if not records:
         return ["The recording is empty.", "There is nothing to show."]
-    minutes, seconds = divmod(round(len(records) * recording.interval_s), 60)
-    long = f"{minutes} min {seconds} s" if minutes else f"{seconds} s"
+    minutes, seconds = divmod(len(records) * recording.interval_s, 60)
+    long = f"{minutes:.0f} min {seconds:.0f} s" if minutes else f"{seconds:.1f} s"
     counts = [len(record.people) for record in records]
     num_cameras = len(recording.rig)
     who = "Nobody was" if max(counts) == 0 else f"Up to {plural(max(counts), 'person', 'people')}"
@@ -318,25 +321,16 @@ def headline(recording: Recording, records: Sequence[SlotRecord], summary: Summa
 
 
 def sentences(recording: Recording, records: Sequence[SlotRecord], summary: Summary) -> list[str]:
-    """Say what happened, one thought per sentence, without the notes of the run; no markup."""
-    num_cameras = len(recording.rig)
-    seconds = len(records) * recording.interval_s
+    """Say what the headline does not, without the notes of the run; no markup."""
     said = [
-        f"{num_cameras} calibrated cameras, {plural(len(records), 'slot')} of "
-        f"{1000 * recording.interval_s:.3g} ms ({seconds:.1f} s)."
+        f"{plural(len(records), 'slot')} of {1000 * recording.interval_s:.3g} ms, "
+        f"policy {summary.policy}."
     ]
-    if not records:
-        return [*said, "The recording is empty."]
-    counts = [len(record.people) for record in records]
-    share = np.mean(np.array(counts) > 0)
-    if max(counts) == 0:
+    if share := np.mean([len(record.people) > 0 for record in records] or [False]):
+        said.append(f"People present in {100 * share:.0f} % of the slots.")
+    elif records:
         said.append(
             "No people found: a new person must be detected by two cameras at nearly the same time."
-        )
-    else:
-        said.append(
-            f"Up to {plural(max(counts), 'person', 'people')} at a time; "
-            f"people present in {100 * share:.0f} % of the slots."
         )
     if blind := count_blind(records):
         count = sum(blind.values())
@@ -345,9 +339,6 @@ def sentences(recording: Recording, records: Sequence[SlotRecord], summary: Summ
             f"view arrived ({blind_words(blind)}): these blind slots are no rest, and are left out "
             "of the shares and savings."
         )
-    mean = duty(records, num_cameras).sum()
-    by = f" (policy {summary.policy})"
-    said.append(f"On average {mean:.1f} of {num_cameras} cameras are active per slot{by}.")
     return said
 
 

@@ -3,7 +3,5 @@
 from e3pose.output.report.overlay.draw import draw_poses as draw_poses
 from e3pose.output.report.overlay.draw import reproject as reproject
 from e3pose.output.report.overlay.draw import track_color as track_color
-from e3pose.output.report.overlay.movie import write_image as write_image
 from e3pose.output.report.overlay.movie import write_movie as write_movie
 from e3pose.output.report.overlay.panels import overlay_images as overlay_images
-from e3pose.output.report.overlay.panels import stack_strip as stack_strip

@@ -1,4 +1,4 @@
-"""Write images as a movie or a picture."""
+"""Write images as a movie."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.base.atomic import atomic_file, write_file
+from e3pose.base.atomic import atomic_file
 from e3pose.base.errors import InputError
 
 Image = NDArray[np.uint8]
@@ -55,20 +55,6 @@ def write_movie(path: Path, images: Iterable[Image], fps: float) -> int:
             encode(np.ascontiguousarray(image[:height, :width]))
             count += 1
     return count
-
-
-def write_image(path: Path, image: Image) -> None:
-    """Write an RGB image as `.png` or `.jpg`, whole or not at all.
-
-    Raises:
-        InputError: for another ending.
-    """
-    import cv2
-
-    ok, data = cv2.imencode(path.suffix, image[..., ::-1])
-    if not ok:
-        raise InputError(f"{path}: cannot be written as {path.suffix}, expected .png or .jpg")
-    write_file(path, data.tobytes())
 
 
 @contextmanager

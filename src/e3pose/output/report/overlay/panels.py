@@ -78,16 +78,6 @@ def camera_word(record: SlotRecord, camera: int) -> str:
     return "active" if record.selected[camera] else "idle"
 
 
-def stack_strip(images: Sequence[Image]) -> Image:
-    """Return one image with `images`, all of one width, below each other."""
-    rows: list[Image] = []
-    for image in images:
-        rows += [image, np.full((GAP_PX, image.shape[1], 3), 255, dtype=np.uint8)]
-    if not rows:
-        raise InputError("strip: found no image, expected at least one")
-    return np.concatenate(rows[:-1])
-
-
 def _panel(
     image: Image,
     record: SlotRecord,
