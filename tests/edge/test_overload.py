@@ -97,7 +97,7 @@ def test_edge_that_is_behind_is_overloaded_though_it_computes_little() -> None:
     for _ in range(50):  # another program takes the machine
         load = after_work(load, 0.01, INTERVAL_S, 2, behind_s=0.5)
     assert load.overloaded() and load.level == FULL
-    assert load.message() == "edge overloaded, computing takes 22% of a slot, 0.4 s behind"
+    assert load.message() == "this computer is too busy: poses come 0.4 s late"
 
 
 def test_shed_load_takes_turns_without_a_foresight() -> None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import io
 import math
+import re
+from pathlib import Path
 
 import msgspec
 from hypothesis import given, settings
@@ -11,7 +13,8 @@ from hypothesis import strategies as st
 from rich.console import Console
 from tests.cases import each_case
 
-from e3pose.site.screen import EVENTS, screen
+import e3pose
+from e3pose.site.screen import EVENTS, MODES, screen
 from e3pose.wire.bounds import MAX_FIGURE
 from e3pose.wire.site_messages import CameraStatus, Status
 
@@ -104,7 +107,7 @@ def test_row_of_a_camera_that_is_there_and_of_one_that_is_not() -> None:
         "cam0", True, "views come late", "power-saving", last_seen_s=0.25, duty=0.5, power_w=4.25,
         measured=True, deficit=1.5, late=3, lost=4, clock_offset_ms=-2.5, noise_factor=1.25,
     )  # fmt: skip
-    cells = ["cam0", "saving", "50%", "4.2", "1.5", "0.2", "s", "3", "4", "-2.5", "1.2x"]
+    cells = ["cam0", "idle", "50%", "4.2", "1.5", "0.2", "s", "3", "4", "-2.5", "1.2x"]
     assert row(here) == cells
     assert "cam0: views come late" in drawn(Status("lab", 1, 20.0, 1, 1, (here,)))
     never = CameraStatus("cam1", False, "never seen", power_w=4.0)
@@ -195,3 +198,18 @@ def test_screen_draws_a_battery_and_a_time_within_their_ends() -> None:
 
     assert "||||||||||  100%" in said(math.inf, 61.0) and "up 0:01:01" in said(0.5, 61.0)
     assert "..........    0%" in said(-math.inf, math.nan) and "up 0:00:00" in said(0, -math.inf)
+
+
+def test_pages_and_terminals_have_one_word_for_what_a_camera_does() -> None:
+    pages = Path(e3pose.__file__).parent
+    banned = re.compile(
+        r"\b(looking|resting|sleeping)\b|\"(saving|gone|moment)\"|`track \$|cameras looked"
+    )
+    for path in [*pages.glob("site/web/browser/*.js"), *pages.glob("output/report/*.js")]:
+        said = [line for line in path.read_text().splitlines() if not line.startswith("//")]
+        assert not [line for line in said if banned.search(line)], path
+    words = {word for word, _ in MODES.values()}
+    details = (pages / "site/web/browser/details.js").read_text()
+    assert words >= {
+        *re.findall(r'": "(\w+)"', details.partition("MODES = {")[2].partition("}")[0])
+    }

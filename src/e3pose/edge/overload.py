@@ -74,6 +74,8 @@ class Load:
             return f"recovered from an overload {self.blamed_s:.0f} s ago: re-checking cameras"
         behind = f", {self.behind_s:.1f} s behind" if self.behind_s >= BEHIND_S else ""
         shed = f": {WORDS[self.level]}" if self.level > FULL else ""
+        if behind and self.busy <= HIGH:
+            return f"this computer is too busy: poses come {self.behind_s:.1f} s late{shed}"
         return f"edge overloaded, computing takes {self.busy:.0%} of a slot{behind}{shed}"
 
 

@@ -21,7 +21,7 @@ from e3pose.wire.site_messages import CameraStatus, Status
 
 MODES = {
     "active": ("active", "green"),
-    "power-saving": ("saving", "cyan"),
+    "power-saving": ("idle", "cyan"),
     "aggressive-power-saving": ("closed", "blue"),
     "asleep": ("asleep", "blue"),
     "suspended": ("suspended", "blue"),

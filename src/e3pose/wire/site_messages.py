@@ -79,7 +79,7 @@ class CameraStatus(msgspec.Struct, frozen=True):
         power_w: reported power; None if unknown.
         measured: whether the power is measured; otherwise a model estimates it.
         cpu_s: processor time of its program since it started to capture; None if unknown.
-        cpu_saved: processor time saved, as a share of what looking in every slot would take; None
+        cpu_saved: processor time saved, as a share of activity in every slot would take; None
             while too little is known.
         battery: remaining charge, 0 to 1; None on mains or if unknown.
         gauge: whether the charge comes from a gauge, not a model.

@@ -1,4 +1,4 @@
-// Details, for engineers: figures of the loop, which cameras looked, the table of cameras, the log.
+// Details, for engineers: figures of the loop, active cameras, the table of cameras, the log.
 import { html } from "./vendor/preact.js";
 import { MEANINGS } from "./camera_status.js";
 import { CameraControls, mayControl } from "./control.js";
@@ -6,12 +6,12 @@ import { known } from "./known.js";
 import { Strips } from "./strips.js";
 import { causeWords, clock, number, percent, sleeps } from "./words.js";
 
-const MODES = { active: "active", "power-saving": "saving", "aggressive-power-saving": "sleeping" };
+const MODES = { active: "active", "power-saving": "idle", "aggressive-power-saving": "closed" };
 const modeOf = (c) => (c.paused ? "paused" : c.online ? MODES[c.mode] || "–" : sleeps(c) ? `asleep ${Math.max(c.asleep_s, 0).toFixed(0)} s` : "offline");
 const means = (...names) => names.map((name) => MEANINGS[name]).join("; ");
 const COLUMNS = [ // name, text of a camera, what it means
   ["camera", (c) => c.camera_id, ""],
-  ["mode", modeOf, "active; saving: idle, but capturing; sleeping: idle, not capturing; asleep by order until it is expected back; paused by an operator; offline"],
+  ["mode", modeOf, "active; idle, but capturing; closed: idle, not capturing; asleep by order until it is expected back; paused by an operator; offline"],
   ["duty", (c) => `${percent(c.duty)}${c.unchanged == null ? "" : `, ${percent(c.unchanged)} of looks unchanged`}`, means("duty", "unchanged")],
   ["occlusion", (c) => percent(c.occlusion), means("occlusion")],
   ["information, nats", (c) => number(c.gain_nats, 2), means("gain_nats")],

@@ -7,6 +7,7 @@ const STRIPS = {
   dark: { text: "#e2e8f0", soft: "#a3adbb", active: "#e2e8f0", idle: "#2d3542", lost: "#f87171", blind: "#f5a623", hatch: "#333c4a", line: "#333c4a", stored: "#3d5f7e", alarm: "#f87171", mark: "#6cb8ec", cursor: "#6cb8ec", paper: "#14181f" },
 };
 
+export const isDark = () => asked.matches;
 export const sceneInks = () => (asked.matches ? DARK : LIGHT);
 export const inks = () => (asked.matches ? STRIPS.dark : STRIPS.light);
 

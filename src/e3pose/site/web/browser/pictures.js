@@ -1,9 +1,10 @@
-// Pictures of all cameras with the people of their moment drawn in. They are asked for while they
+// Pictures of all cameras with the people of their slot drawn in. They are asked for while they
 // can be seen: not when the page or the pictures are hidden, and not in the past, as none are stored.
 import { html, useEffect, useLayoutEffect, useRef, useState } from "./vendor/preact.js";
 import { ask } from "./connection.js";
 import { changed, known } from "./known.js";
 import { colourOf } from "./names.js";
+import { isDark } from "./palette.js";
 import { ago, cameraWords, clock, complaint, percent } from "./words.js";
 
 const OLD_S = 2, FADED_S = 10, PAGE_PER_S = 10; // requests of this page, for all cameras together
@@ -63,7 +64,7 @@ function largeWords(tile) {
   if (image && found.slot !== null) {
     const apart = Math.round(found.apart_ms);
     words.push(`poses of slot ${found.slot}, ${Math.abs(apart)} ms ${apart < 0 ? "before" : "after"} the image`);
-  } else if (image) words.push("no poses of this moment");
+  } else if (image) words.push("no poses of this slot");
   if (image) words.push(`${found.count} pictures so far took about ${found.energy_j.toFixed(2)} J of the camera (modelled)`);
   return words.filter(Boolean).join(" · ");
 }
@@ -83,7 +84,7 @@ function Picture({ name, width, height, id }) {
 function Tile({ name, open }) {
   const tile = tiles.get(name), camera = (known.told?.cameras || []).find((one) => one.camera_id === name), words = pictureWords(tile);
   const battery = camera && camera.battery != null ? `${camera.gauge ? "" : "~"}${percent(camera.battery)}` : "";
-  const gone = known.mode === "live" && camera && cameraWords(camera) === "gone";
+  const gone = known.mode === "live" && camera && cameraWords(camera) === "offline";
   return html`<button type="button" class="tile" onClick=${() => open(name)}>
     <${Picture} name=${name} width="320" height="240" />
     <span class="hidden">Enlarge the picture of </span><b>${name}</b><span class=${gone ? "bad" : ""}>${[cameraWords(camera), battery].filter(Boolean).join(" · ")}</span>
@@ -131,12 +132,19 @@ function drawPicture(canvas, { image, found }) {
   canvas.width = width;
   canvas.height = Math.round((width * image.height) / image.width);
   pen.drawImage(image, 0, 0, canvas.width, canvas.height);
+  const night = found.drawn && isDark(); // keypoints on white paper, turned into its negative
+  if (night) {
+    pen.globalCompositeOperation = "difference";
+    pen.fillStyle = "#fff";
+    pen.fillRect(0, 0, canvas.width, canvas.height);
+    pen.globalCompositeOperation = "source-over";
+  }
   const scale = width / found.size[0];
   pen.lineCap = "round";
   for (const { track, joints_px, measured } of found.people) {
     const lines = known.room.limbs.filter(([i, j]) => joints_px[i][0] !== null && joints_px[j][0] !== null);
     const sure = ([i, j]) => measured[i] && measured[j], thin = width / 210 + 0.9;
-    const layers = [["rgba(255, 255, 255, 0.75)", width / 140 + 2.5, lines.filter(sure)], [colourOf(track), thin, lines]];
+    const layers = [[night ? "rgba(0, 0, 0, 0.75)" : "rgba(255, 255, 255, 0.75)", width / 140 + 2.5, lines.filter(sure)], [colourOf(track), thin, lines]];
     for (const [ink, thick, limbs] of layers) {
       pen.strokeStyle = ink;
       pen.lineWidth = thick;

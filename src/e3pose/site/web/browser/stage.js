@@ -49,7 +49,7 @@ export function Stage() {
     <div id="options">
       <${When} />
       ${box("sure", "how sure (discs)")} ${box("trails", "paths")}
-      <details class="help"><summary>Moving the view</summary><p id="turning">Drag or arrow keys: turn. Shift-drag or two fingers: move. Wheel, pinch, + and −: zoom. Double-click or 0: as at first. The grid is 1 m. A disc holds its joint in nine of ten cases; a path is of the last 4 s. Cameras are dark while they look, light while they rest, red when gone.</p></details>
+      <details class="help"><summary>Moving the view</summary><p id="turning">Drag or arrow keys: turn. Shift-drag or two fingers: move. Wheel, pinch, + and −: zoom. Double-click or 0: as at first. The grid is 1 m. A disc holds its joint in nine of ten cases; a path is of the last 4 s. Cameras are dark while active, light while idle, red while offline.</p></details>
     </div>
   </section>`;
 }

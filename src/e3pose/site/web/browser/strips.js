@@ -75,9 +75,9 @@ export function Strips() {
   const canvas = useRef(null), [said, say] = useState("");
   useLayoutEffect(() => drawStrips(canvas.current));
   const key = (name, words) => html`<span><i class=${`key ${name}`}></i>${words}</span>`;
-  return html`<h3>Which cameras looked</h3>
-    <canvas id="strips" ref=${canvas} role="img" aria-label="Which cameras looked over the last half minute; the table below says their share" style=${{ height: `${ROW * known.room.cameras.length + 4}px` }}
+  return html`<h3>Active cameras</h3>
+    <canvas id="strips" ref=${canvas} role="img" aria-label="Active cameras over the last half minute; the table below has their share" style=${{ height: `${ROW * known.room.cameras.length + 4}px` }}
       onPointerMove=${(event) => say(atPointer(canvas.current, event))} onPointerLeave=${() => say("")}></canvas>
-    <p class="soft keys">${key("active", "looking")} ${key("idle", "resting")} ${key("lost", "view lost, or gone")}
+    <p class="soft keys">${key("active", "active")} ${key("idle", "idle")} ${key("lost", "view lost, or offline")}
     ${key("blind", html`blind: no view came although one was due<span id="blind-why">${blindWords()}</span>`)} ${key("unknown", "unknown")} <span>30 s, the newest at the right. ${said}</span></p>`;
 }

@@ -76,8 +76,8 @@ export function cameraWords(camera) {
   if (!camera) return "";
   if (camera.paused) return "paused";
   if (sleeps(camera)) return camera.asleep_s > 1 ? `asleep, back in ${duration(camera.asleep_s)}` : "waking up";
-  if (!camera.online) return "gone";
-  return { active: "looking", "power-saving": "resting", "aggressive-power-saving": "resting" }[camera.mode] || "connected";
+  if (!camera.online) return "offline";
+  return { active: "active", "power-saving": "idle", "aggressive-power-saving": "idle" }[camera.mode] || "connected";
 }
 
 // Why it is not as it should be.
