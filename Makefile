@@ -12,7 +12,7 @@ export E3POSE_SHARED ?= $(abspath ../shared)
 endif
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help demo test test-computing test-sites test-fast coverage nightly check types docs lint reproduce-quick bench budget claims claims-all mutants soak attack dist lock sbom licences test-all clean
+.PHONY: help demo test test-computing test-sites test-fast coverage nightly check types docs lint reproduce-quick bench budget claims claims-all mutants soak attack dist release-dry-run lock sbom licences test-all clean
 help:  ## list the targets
 	@echo 'make TARGET; each needs only Python 3.10 to 3.13 ($(PYTHON), or PYTHON=...):'
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/; s/^/  /' | expand -t 12
@@ -160,6 +160,11 @@ dist: $(DISTRIBUTOR)/.installed  ## build wheels and sdists of all distributions
 	rm -rf $(DIST)
 	for part in $(DISTRIBUTIONS); do $(DISTRIBUTOR)/bin/python -m build --outdir $(DIST) $$part > /dev/null || exit 1; done
 	$(DISTRIBUTOR)/bin/twine check --strict $(DIST)/*
+
+# `make release-dry-run PYTHONS="3.10 3.13"`
+PYTHONS ?= 3.10 3.11 3.12 3.13
+release-dry-run: dist $(VENV)/.dev  ## install what `dist` built by name, use it in empty folders, and resolve it for other systems
+	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/nox -s platforms $(PYTHONS:%="release(version='%')")
 
 $(DISTRIBUTOR)/.installed: | $(BIN)/python
 	$(PYTHON) -m venv --clear $(DISTRIBUTOR)
