@@ -1,9 +1,13 @@
-"""The report page in a browser: light and dark, pictures that follow the player, for every eye."""
+"""Report pages in a browser: light and dark, pictures that follow the player, for every eye."""
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
 import pytest
 from tests.cli.commands import run as verb
+from tests.distributions import ROOT
 from tests.site.web.browser import SIZES, Page, in_browser
 from tests.waiting import eventually
 
@@ -59,3 +63,38 @@ def test_page_turns_dark_with_the_system_while_it_is_open(page: Page, report: st
 def test_axe_finds_nothing_serious(page: Page, report: str) -> None:
     opened(page, report)
     page.judge("{ exclude: ['.js-plotly-plot'] }")  # the charts are Plotly's own drawings
+
+
+# The pages that README and tutorials name, and how they are made here: without a network.
+NAMED = {
+    "demo-output/report.html": "demo demo-output --offline",
+    "walk.html": "replay demo-output/recording --cameras 2 --report walk.html",
+    "paper.html": "replay demo-output/recording --pipeline paper --report paper.html",
+    "last.html": "export demo-output/site last.html",
+}
+FAULTS = r"No pictures|Traceback|not installed|undefined|NaN|expected (a|an|one)\b|found '"
+
+
+def test_every_page_that_readme_and_tutorials_name_shows_what_it_should(
+    page: Page, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    texts = [ROOT / "README.md", *ROOT.glob("docs/tutorial/*.md")]
+    assert {*re.findall(r"[\w/-]+\.html", "".join(map(Path.read_text, texts)))} == {*NAMED}
+    monkeypatch.chdir(tmp_path)
+    for name, command in NAMED.items():
+        assert verb(*command.split()) == 0, command
+        for size in ("screen", "phone"):
+            opened(page, (tmp_path / name).as_uri())
+            page.resize(*SIZES[size])
+            page.run("seek(Math.floor(last / 2))")
+            said = page.run("document.body.innerText")
+            assert not re.search(FAULTS, said), (name, re.search(FAULTS, said))
+            assert "person 1" in said, name
+            inks = (
+                "(() => { const c = document.getElementById('scene'), d = c.getContext('2d')"
+                ".getImageData(0, 0, c.width, c.height).data; return new Set(d).size; })()"
+            )
+            assert page.run(inks) > 20, (name, size)
+            assert page.run("[...document.images].every((one) => one.naturalWidth > 100)"), name
+            assert page.messages == [], name
+        assert page.run("document.images.length") == 1, name
