@@ -111,7 +111,8 @@ class Mark(NamedTuple):
 
 def pages() -> list[Path]:
     """Return the pages whose figures are repeated."""
-    return [ROOT / "README.md", *sorted((ROOT / "docs/research").glob("*.md"))]
+    folders = (ROOT / "docs/research", ROOT / "docs/tutorial")
+    return [ROOT / "README.md", *(page for one in folders for page in sorted(one.glob("*.md")))]
 
 
 def marks_of(page: Path) -> list[Mark]:

@@ -112,7 +112,7 @@ def two_phones(served: SetupServer, films: list[Path], folder: Path) -> Iterator
         for name, film in zip(NAMES, films, strict=True):
             fill(page, "#phone", name)
             click(page, "#add-phone")
-            assert page.shows("code", f"Scan this with the phone that is to be {name}")
+            assert page.shows("code", f"Scan this with the phone for {name}")
             assert page.serious() == []
             url = scanned(page)
             assert url == page.run("document.getElementById('phone-url').href")

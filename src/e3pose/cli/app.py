@@ -157,8 +157,8 @@ def make_app(summary: Callable[[str], str | None] = lambda place: None) -> App:
         version=__version__,
         version_flags=VERSION,
         suppress_keyboard_interrupt=False,  # `main` says that it was interrupted
-        help="Multi-camera 3D human pose on a camera energy budget: each time slot wakes the most "
-        "informative cameras that still have energy budget.\n\n"
+        help="3D poses of several people from a few ordinary cameras: from films, live, or on an "
+        "energy budget.\n\n"
         "New here? `e3pose setup` leads from your cameras, or films, to live 3D in the browser. "
         "`e3pose demo` shows an example result.",
     )

@@ -96,7 +96,7 @@ export function PersonsDay({ track, run, close }) {
     ${times.length > 0 && html`<h3>Where</h3><ul>${times.map(([zone, s]) => html`<li>${duration(s)} in ${article(zone)}</li>`)}</ul>`}
     <h3>What happened</h3>
     <ul class="events">${did.length ? did.map((one) => html`<li>${sentence(one, now_s)} ${known.room.stored && html`<button type="button" class="plain" onClick=${() => jump(one.start_s - 5)}>Show</button>`}</li>`) : html`<li class="soft">${known.room.tells ? "Nothing that the site tells." : "Events are off. Add [events] to site.toml to turn them on."}</li>`}</ul>
-    ${known.room.stored && !called(track, run).name && html`<p class="soft">Somebody who is lost and comes back unrecognised gets another number. People of one name are one person.</p>`}
+    ${known.room.stored && !called(track, run).name && html`<p class="soft">A person who is lost and not recognised gets a new number. People of one name are one person.</p>`}
     <button type="button" id="day-off" autofocus onClick=${close}>Close</button>
   </dialog>`;
 }

@@ -76,7 +76,7 @@ export function Making({ stretch }) {
     <p class="soft">${about ? `For ${about.words}.` : ""}</p>
     ${about?.chooses && html`<fieldset><legend>People</legend>${people.map((one) => html`<label class="tick" key=${one.who}><input type="checkbox" checked=${!left.has(one.who)} onChange=${toggle(one.who)} /><i class="swatch" style=${{ background: one.colour }}></i>${one.name}</label>`)}
       ${!people.length && html`<span class="soft">Nobody was stored in this time.</span>`}</fieldset>`}
-    ${others > 0 && html`<p class="soft">The edge was started anew in this time: files are of the run with most people.</p>`}
+    ${others > 0 && html`<p class="soft">The edge restarted in this time: files contain the run with the most people.</p>`}
     ${can_smooth && html`<label class="tick"><input type="checkbox" class="smooth" checked=${smooth} onChange=${({ target }) => setSmooth(target.checked)} /> Smoothed with what came later</label>`}
     <button type="submit" class="make" disabled=${!about || (about.chooses && !chosen.length)}>Make the file</button>
   </form>`;

@@ -93,7 +93,7 @@ function Clip({ clip, open, opened }) {
       <button type="button" aria-label=${`Delete ${clip.name}`} onClick=${toggle("delete")}>Delete</button>`}</div>
     ${doing === "edit" && html`<form onSubmit=${save}><label>Name <input aria-label="New name" required maxlength="100" value=${typed.name} onInput=${({ target }) => type({ ...typed, name: target.value })} /></label>
       <label>Note <input aria-label="New note" maxlength="1000" value=${typed.note} onInput=${({ target }) => type({ ...typed, note: target.value })} /></label><button type="submit">Save</button></form>`}
-    ${doing === "delete" && html`<div class="sure"><p>Remove the clip from this list, or delete what is stored of its time, too? That cannot be undone.</p>
+    ${doing === "delete" && html`<div class="sure"><p>Remove the clip from this list, or also delete the stored poses of its time? That cannot be undone.</p>
       <div class="row"><button type="button" onClick=${() => change(path, undefined, "DELETE")}>Remove from the list</button>
       <button type="button" class="grave" onClick=${() => change(`${path}?stored=true`, undefined, "DELETE")}>Delete ${duration(clip.to_s - clip.from_s)} of the store</button>
       <button type="button" onClick=${toggle("delete")}>Cancel</button></div></div>`}
@@ -132,7 +132,7 @@ export function Keep() {
       ${line.marked && mayKeep() && html`<details id="at-once"><summary>Make files of what is marked</summary><${Making} stretch=${{ ...line.marked, name: "poses" }} /></details>`}
       <h2>Clips</h2><ul id="clips">${clips.length ? clips.map((clip) => html`<${Clip} key=${clip.number} clip=${clip} opened=${opened === clip.number} open=${() => open(opened === clip.number ? null : clip.number)} />`) : html`<li class="soft">No clips yet.</li>`}</ul>
       <h2>Files</h2><${Files} />`}
-    ${room.recorded && html`<h2>Recordings</h2><p class="soft">What cameras saw, as the site records it: the oldest make room by themselves.</p>
+    ${room.recorded && html`<h2>Recordings</h2><p class="soft">Recordings of the site; the oldest are deleted to make room.</p>
       <ul id="recordings">${kept.recordings.length ? kept.recordings.map((one) => html`<${Recording} key=${one.name} one=${one} />`) : html`<li class="soft">No recordings.</li>`}</ul>`}
   </section>`;
 }

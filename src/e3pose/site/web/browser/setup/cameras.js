@@ -29,10 +29,10 @@ export function usePicture(id, off) {
 // The code that a phone scans, until somebody puts it away.
 function Code({ shown, put }) {
   return html`<section id="code" class="code" aria-label=${`Code for the phone ${shown.name}`}><img src=${shown.picture} alt="QR code of the address below" />
-    <div><h3>Scan this with the phone that is to be ${shown.name}</h3><p>The phone must be in the same network. This machine now listens there, beyond loopback, at port ${shown.port}; the code is good for one phone and ${shown.minutes} minutes.</p>
+    <div><h3>Scan this with the phone for ${shown.name}</h3><p>The phone must be in the same network. This machine now listens there, beyond loopback, at port ${shown.port}; the code is valid for one phone and ${shown.minutes} minutes.</p>
     <p class="soft">The phone warns of the certificate, which is your own: its SHA-256 fingerprint is <code>${shown.fingerprint}</code></p>
     <p class="soft">Without a camera for codes: <a id="phone-url" href=${shown.url} target="_blank" rel="noopener">${shown.url.replace(/#.*/, "#…")}</a> · The same: <code>${shown.command}</code></p>
-    <button type="button" id="code-away" onClick=${() => put(null)}>Put the code away</button></div></section>`;
+    <button type="button" id="code-away" onClick=${() => put(null)}>Hide the code</button></div></section>`;
 }
 
 function Camera({ camera, show }) {
@@ -104,7 +104,7 @@ export function Cameras() {
     ${running() && html`<p class="notice">The site is running and has its cameras: stop it under Go live to change them.</p>`}
     <form class="typed" onSubmit=${submit}><label>Address or film <input id="typed" value=${typed} maxlength="500" placeholder="rtsp://10.0.0.7/stream" disabled=${off} onInput=${(event) => type(event.target.value)} /></label><button type="submit" disabled=${off || !typed.trim()}>Add</button></form>
     <form class="typed" onSubmit=${addPhone}><label>Phone, a name for it <input id="phone" value=${phone} maxlength="64" autocomplete="off" disabled=${off} onInput=${(event) => call(event.target.value)} /></label><button type="submit" id="add-phone" disabled=${off || !phone.trim()}>Add a phone</button></form>
-    <p class="soft">Shows a code for it to scan. From then on this machine listens in your network for that phone, whenever its pictures are wanted.</p>
+    <p class="soft">Shows a code for it to scan. This machine then listens in your network for that phone while its pictures are needed.</p>
     ${!cameras.length && html`<p class="row"><button type="button" id="simulate" disabled=${off} onClick=${() => order("simulate")}>Try it without cameras</button> <span class="soft">makes four films of a simulated person who walks, and adds them</span></p>`}
     ${found && html`<${Found} found=${found} add=${add} off=${off} again=${look} />`}`;
 }

@@ -20,7 +20,7 @@ function Result({ check }) {
 
 export function Check() {
   const { second, check } = setup.state;
-  return html`<p>Walk again, through all of the room: a calibration must be tested on something that it was not made from. You may also go live without it.</p>
+  return html`<p>Walk through all of the room again: the first walk hides the errors of the calibration that was made from it. You can also go live without this test.</p>
     <${Record} which="second" words="Record the second walk" again=${Boolean(second)} />
     ${second && html`<p class="row"><button type="button" id="check" class=${check ? "" : "main"} disabled=${busy()} onClick=${() => order("check")}>${check ? "Check again" : "Check"}</button>
       ${check && html`<button type="button" id="next" class="main" disabled=${busy()} onClick=${() => turnTo("live")}>Next: go live</button>`}</p>`}

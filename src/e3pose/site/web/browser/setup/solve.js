@@ -71,7 +71,7 @@ function Pictures({ solve }) {
   const choice = (what, words) => html`<button type="button" id=${`aim-${what}`} aria-pressed=${mode === what} disabled=${busy() || running()} onClick=${() => aim(mode === what ? "" : what)}>${words}</button>`;
   return html`<h3>Do the people fit?</h3><p class="soft">Coloured: as solved from all cameras. White dots: as this camera saw them.${found.cameras.some((one) => one.jpeg) ? "" : " No picture of the walk is kept any more."}</p>
     <p class="row">${choice("origin", "Set the origin")}${choice("x-axis", "Set the x axis")}
-    <span class="soft">${mode ? `Click the place on the floor ${mode === "origin" ? "that is to be the origin" : "to which the x axis is to point"}, in any picture.` : "or leave the origin where people walked most"}</span></p>
+    <span class="soft">${mode ? `Click ${mode === "origin" ? "the origin" : "a point of the x axis"} on the floor, in any picture.` : "or leave the origin where people walked most"}</span></p>
     ${setup.said && html`<p class="soft">Done. The same: <code>${setup.said}</code></p>`}
     <ul class="overlays">${found.cameras.map((camera, index) => html`<${Overlay} key=${camera.id} camera=${camera} pairs=${found.limbs} axes=${found.axes[index]} mode=${mode} result=${solve?.cameras.find((one) => one.id === camera.id)} moved=${() => (aim(""), load(), shown())} />`)}</ul>`;
 }

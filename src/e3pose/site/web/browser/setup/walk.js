@@ -47,7 +47,7 @@ function Map({ covered }) {
 
 export function Covered({ kind, kept }) {
   const covered = useCovered(kind, kept), live = taskOf(kind)?.state === "running";
-  if (!covered) return live ? html`<p class="soft">Waiting for the first moments …</p>` : null;
+  if (!covered) return live ? html`<p class="soft">Waiting for the first seconds …</p>` : null;
   const { hints, enough, seconds, length, centers } = covered;
   return html`<div id="covered"><p id="enough" class=${enough ? "good verdict" : "verdict"} role="status">${enough ? "Enough: stop whenever you like." : hints[0]}</p>
     ${hints.length > 1 && html`<ul class="hints">${hints.slice(1, 4).map((hint) => html`<li>${hint}</li>`)}</ul>`}
