@@ -7,11 +7,12 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, replace
-from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypeVar
 
+import numpy as np
 from cyclopts import Parameter
+from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
@@ -210,13 +211,15 @@ def _replayed(recording: Recording, folder: Path, status: Status | None) -> None
     (folder / "summary.json").write_text(table + "\n", encoding="utf-8")
     write_report(recording, records, summary, folder / "report.html", folder=folder / "recording")
     with _phase("drawing the pictures") as progress:
-        drawn = chain.from_iterable(
-            overlay_images(recording, run, folder / "recording", PANEL_PX)
-            for run in (every, records)
-        )
-        total = 2 * recording.num_slots
-        counted = (progress(done, total) or image for done, image in enumerate(drawn, start=1))
-        write_movie(folder / "overlay.webm", counted, recording.fps / SLOWER)
+
+        def images() -> Iterator[NDArray[np.uint8]]:
+            for first, run in ((0, every), (recording.num_slots, records)):
+                drawn = overlay_images(recording, run, folder / "recording", PANEL_PX)
+                for done, image in enumerate(drawn, start=first + 1):
+                    progress(done, 2 * recording.num_slots)
+                    yield image
+
+        write_movie(folder / "overlay.webm", images(), recording.fps / SLOWER)
     print("Replayed with the same selection, as in the report:")
     print_summary(summary)
 
