@@ -32,6 +32,7 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
@@ -47,7 +48,6 @@ from e3pose.model.camera import Camera
 from e3pose.model.noises import detector_of, load_noise
 from e3pose.model.pose import Poses2D
 from e3pose.output.report.overlay.draw import Image, draw_poses
-from e3pose.output.report.overlay.movie import write_image
 from e3pose.pipeline import SlotRecord
 from e3pose.recording import Recording, load_recording
 from e3pose.simulate import DetectorSettings, Guessing
@@ -208,7 +208,6 @@ def worst(moments: Sequence[Moment], fps: float, most: int) -> list[Moment]:
 
 def picture(recording: Recording, moment: Moment, record: SlotRecord, images: Any) -> Image:
     """Return what all cameras see of a moment, side by side, RGB."""
-    import cv2
 
     panels = []
     both_m = np.concatenate([moment.joints_m, moment.true_m])
@@ -320,7 +319,8 @@ def main() -> None:
         figures = []
         for number, (moment, recording, record, images) in enumerate(chosen):
             name = f"{recording.fps:g}-{number:02}.jpg"
-            write_image(options.out / name, picture(recording, moment, record, images))
+            image = picture(recording, moment, record, images)
+            cv2.imwrite(str(options.out / name), image[..., ::-1])
             figures.append(FIGURE.format(name, caption(recording, moment)))
         page = options.out / f"{recording.fps:g}.html"
         page.write_text(PAGE.format(escape(title), "".join(figures)), encoding="utf-8")
