@@ -15,6 +15,7 @@ import argparse
 import datetime
 import json
 import os
+import re
 import socket
 import ssl
 import subprocess
@@ -66,9 +67,20 @@ TESTED = {
     "exit code of every program": "cli/test_exit_codes.py",
     "passwords of cameras, planted": "live/test_planted_secrets.py",
     "passwords in addresses of all makers": "base/test_masking.py",
+    "camera that cannot start": "site/test_up.py::"
+    "test_program_that_never_works_ends_a_site_that_needs_it",
+    "target of a stream that is away": "cli/test_streaming.py",
+    "networks without an end": "detectors/test_hostile_networks.py",
+    "archives that unpack to gigabytes": "recording/test_arrays.py",
+    "trainer killed, hung, lying": "edge/learn/test_learner_faults.py",
+    "bytes of streams on the wire": "site/streams/test_wire.py",
+    "one bad item in each queue": "test_one_bad_item.py",
+    "slow and failing receivers of notices": "site/streams/test_webhook.py",
     "user revoked at a hub": "hub/test_page_tokens.py",
+    "the same with edge, page and hub at work": "live/test_hub_tokens.py",
     "questions to a hub without an end": "hub/test_questions.py",
     "a day deleted across a hub": "hub/test_forgotten.py",
+    "upgrade of a store killed": "store/test_versions.py",
     "person forgotten, edge stopped": "site/test_traces.py",
     "an ONVIF camera that answers by drops": "site/setup/test_onvif.py",
     "images on the wire that nobody asked for": "live/test_on_the_wire.py",
@@ -325,10 +337,12 @@ def live(seconds: float) -> list[Result]:
     return results
 
 
-def tested() -> list[Result]:
-    """Run the attacks that are tests."""
+def tested(words: str) -> list[Result]:
+    """Run the attacks that are tests, those whose name or place matches."""
     results = []
     for name, place in TESTED.items():
+        if not re.search(words, f"{name} {place}"):
+            continue
         begun_s, command = time.monotonic(), [sys.executable, "-m", "pytest", "-q", "-rs"]
         ended = subprocess.run([*command, TESTS / place], capture_output=True, text=True)
         lines = ended.stdout.strip().splitlines()
@@ -347,6 +361,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seconds", type=float, default=os.environ.get("ATTACK_SECONDS", "600"))
     parser.add_argument("--only", choices=SHARES, action="append", help="leave out the rest")
+    parser.add_argument(
+        "--tested", default="", help="of the tests, those whose name or file matches"
+    )
     parser.add_argument("--decodes", type=float, default=5e6, help="messages to fuzz at most")
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
@@ -367,7 +384,7 @@ def main() -> None:
     if "clocks" in wanted:
         results += clocks(report)  # takes as long as it does
     if "tested" in wanted:
-        results += tested()
+        results += tested(options.tested)
     missed = [result.name for result in results if not result.held]
     busy, cores = os.getloadavg()[2], os.cpu_count() or 1
     print(f"{len(missed)} of {len(results)} did not hold; load {busy:.1f} on {cores} cores")

@@ -128,7 +128,7 @@ def _video_options(site: ResolvedSite, camera_id: str) -> list[str]:
 
 
 class Role(Enum):
-    """What becomes of a site when one of its programs never works."""
+    """The consequence for a site of a program that never works."""
 
     NEEDED = "the site ends"
     CAMERA = "the site goes on, as long as another camera does"
