@@ -112,9 +112,14 @@ ELSEWHERE = {
     "archive room /mnt/archive": "tests/output/archive/test_archive.py",
     "archive room /mnt/archive --keep 2y": "tests/output/archive/test_archive.py",
     "archive verify /mnt/archive": "tests/output/archive/test_archive.py",
-    'hub query house "SELECT * FROM sites"': "tests/hub/test_hub.py",
-    'hub query house "SELECT site, sum(person_h) FROM hours GROUP BY site" --csv hours.csv': (
-        "tests/hub/test_questions.py"
+    **dict.fromkeys(
+        (
+            "hub query house hours --from -30d --csv hours.csv",
+            "hub query house summaries --site lab --from 14:00 --json -",
+            "hub query house hours --from -1d",
+            "hub query house sites",
+        ),
+        "tests/hub/test_questions.py",
     ),
     **dict.fromkeys(
         (
@@ -160,8 +165,6 @@ ELSEWHERE = {
     "hub forgotten house": "tests/hub/test_forgotten.py",
     "hub view house": "tests/live/test_hub_page.py",
     "hub accesses house --site lab": "tests/hub/test_questions.py",
-    'hub query house "SELECT site, sum(people * span_s) / 3600 AS person_hours FROM summaries '
-    'GROUP BY site"': "tests/hub/test_hub.py",
     "hub run house": "tests/hub/test_hub.py",
     "keys add house --hub --keys lab/keys": "tests/hub/test_hub.py",
     "setup": "tests/live/test_setup_page.py",

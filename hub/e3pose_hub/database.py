@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Collection, Sequence
 from contextlib import closing
 from dataclasses import dataclass
+from datetime import datetime
 from typing import Any
 
 import msgspec
@@ -32,14 +33,17 @@ from e3pose.base.errors import InputError
 from e3pose.store.database import (
     REFUSALS,
     check_place,
+    database_path,
     database_url,
     refusal_of,
     shown,
     writing_engine,
 )
 from e3pose.store.delivery import new_rows
+from e3pose.store.query import Time
 from e3pose.store.rows import NS
 from e3pose.store.schema import SUMMARY_JSON, summary_columns
+from e3pose.store.times import as_when
 from e3pose.wire.site_messages import Tombstone
 from e3pose_hub.records import Summary
 
@@ -113,6 +117,9 @@ accesses = Table(
     Column("what", Text, nullable=False),
     sqlite_autoincrement=True,
 )
+
+READABLE = {"summaries": summaries, "hours": hours, "sites": sites}
+MOST_READ = 200_000  # rows; a year of the hours of 22 sites
 
 
 @dataclass(frozen=True, slots=True)
@@ -297,6 +304,52 @@ def read_forgotten(database: str) -> list[Deletion]:
     engine = open_hub(database)
     with closing(engine.connect()) as connection:
         return [Deletion(*row) for row in connection.execute(asked)]
+
+
+def read_rows(
+    database: str,
+    table: str,
+    site: str | None = None,
+    start: Time = None,
+    end: Time = None,
+) -> tuple[list[str], list[Sequence[Any]]]:
+    """Return the names of a table's columns and its rows, by site and time.
+
+    Args:
+        database: of a hub: path or URL.
+        table: a key of `READABLE`.
+        site: its name; None for all sites.
+        start: of the time wanted, as text, a `datetime` or nanoseconds since 1970; `sites` has
+            none.
+        end: likewise; it is not included.
+
+    Raises:
+        InputError: for no hub, a time that is none, or more than `MOST_READ` rows.
+    """
+    url, found = database_url(database), READABLE[table]
+    path, now = database_path(url), datetime.now().astimezone()
+    if path is not None and not path.is_file():
+        raise InputError(str(path), "no such file", "the database of a hub: e3pose hub run")
+    asked = select(found).order_by(*found.primary_key).limit(MOST_READ + 1)
+    if site is not None:
+        asked = asked.where(found.c.site == site)
+    for name, time in (("start", start), ("end", end)):
+        if time is None:
+            continue
+        when = as_when(time, now)
+        if when.origin == "run" or "time_ns" not in found.c:
+            raise InputError(name, repr(time), "a time of summaries or hours such as 14:00 or -7d")
+        c = found.c.time_ns
+        asked = asked.where(c >= when.ns if name == "start" else c < when.ns)
+    engine = open_hub(database)
+    try:
+        with closing(engine.connect()) as connection:
+            rows: list[Sequence[Any]] = [*connection.execute(asked)]
+    except REFUSALS as error:
+        raise InputError(f"{shown(url)}: cannot be used ({refusal_of(error)})") from None
+    if len(rows) > MOST_READ:
+        raise InputError(table, f"more than {MOST_READ} rows", "one site, or a shorter time")
+    return [column.name for column in found.c], rows
 
 
 def note_problem(engine: Engine, site: str, problem: str) -> None:

@@ -261,8 +261,8 @@ def _site_file(
 
 
 def _wait_until_it_runs(follower: Follower, programs: list[Program]) -> None:
-    end_s = time.monotonic() + 300  # the first start compiles
-    while follower.status is None or follower.status.fps <= 0:
+    end_s = time.monotonic() + 300  # the first start compiles, and is slow until then
+    while (said := follower.status) is None or said.fps <= 0 or said.compiling_s is not None:
         if time.monotonic() > end_s or programs[0].ended() is not None:
             raise SystemExit(f"the edge does not run: {programs[0].log.read_text()[-2000:]}")
         time.sleep(0.1)

@@ -20,9 +20,8 @@ from e3pose.base.rate_limit import Rate
 from e3pose.wire.codec import encode
 from e3pose.wire.site_messages import OutboxPart
 from e3pose_hub import pull as pulling
-from e3pose_hub.database import open_hub
+from e3pose_hub.database import open_hub, read_rows
 from e3pose_hub.pull import AT_ONCE, Outcome, Turn, pull
-from e3pose_hub.question import answer
 
 pytestmark = pytest.mark.slow
 
@@ -58,7 +57,7 @@ def test_as_many_hostile_sites_as_are_asked_at_once_keep_no_other_waiting(tmp_pa
                 fill(tmp_path / f"{name}.db", name, minute, 1)
             minute += 1
     print(f"a minute {max(came_s):.1f} s at most, {len(came_s)} times")
-    told = dict(map(tuple, answer(str(database), "SELECT site, problem FROM sites")[1]))
+    told = {row[0]: row[-1] for row in read_rows(str(database), "sites")[1]}
     assert told["lab"] == told["hall"] == ""
     assert all(told[name] for name, habit in bad.items() if habit in ("deaf", "junk"))
 

@@ -1,22 +1,23 @@
-"""Questions over a month of several sites: the page's seven, in a terminal and in Python."""
+"""Questions over a month of several sites: the page's seven, and tables in a terminal."""
 
 from __future__ import annotations
 
 import json
 import re
-import time
 from pathlib import Path
+from typing import Any
 
+import pandas
 import pytest
 from tests.cli.commands import run as run_verb
 from tests.postgres import DATABASE, USER, Server
 
 from e3pose.base.errors import InputError
 from e3pose_hub import accesses as log
+from e3pose_hub import database as hub_database
 from e3pose_hub.accesses import log_accesses, read_accesses
-from e3pose_hub.database import Cursor, keep, open_hub
+from e3pose_hub.database import HOUR_NS, MOST_READ, Cursor, keep, open_hub, read_rows
 from e3pose_hub.frames import query
-from e3pose_hub.question import answer
 from e3pose_hub.settings import load_hub
 from simulated_sites import (
     BEGIN_NS,
@@ -50,88 +51,97 @@ def house(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def questions() -> dict[str, str]:
     """Return the questions of the page by their heading."""
-    found = re.findall(r"^### ([^\n]*)\n\n```sql\n(.*?)```", PAGE.read_text(), re.M | re.S)
+    found = re.findall(r"^### ([^\n]*)\n\n```python\n(.*?)```", PAGE.read_text(), re.M | re.S)
     assert len(found) == 7
     return dict(found)
 
 
-def ask(house: Path, heading: str) -> list[tuple[object, ...]]:
-    return list(query(house, questions()[heading]).itertuples(index=False, name=None))
+def answers(house: Path | str) -> dict[str, Any]:
+    """Return what the page's code says of a hub, by heading."""
+    tables = {name: query(house, name) for name in ("hours", "summaries")}
+    found = {}
+    for heading, code in questions().items():
+        names: dict[str, Any] = {"pandas": pandas, **tables}
+        exec(code, names)
+        found[heading] = names["answer"]
+    return found
 
 
-def test_every_question_has_rows(house: Path) -> None:
-    for heading in questions():
-        rows = ask(house, heading)
-        assert rows or heading == "Was anybody there at night?", heading
-
-
-def test_answers_about_summaries_are_those_of_what_was_made(house: Path) -> None:
+def test_answers_are_those_of_what_was_made(house: Path) -> None:
+    said = answers(house)
     made = {site: [*summaries_of(at, 0, MINUTES)] for at, site in enumerate(SITES)}
     falls = {
         site: sum(json.loads(row["events"]).get("fall begun", 0) for row in rows)
         for site, rows in made.items()
     }
-    found = dict.fromkeys(SITES, 0)
-    for site, _, count in ask(house, "How many falls were there, by week?"):
-        found[str(site)] += int(count)  # type: ignore[call-overload]
-    assert found == falls and min(falls.values()) > 0
+    weeks = said["How many falls were there, by week?"]
+    assert weeks.groupby("site").sum().to_dict() == falls and min(falls.values()) > 0
+    assert len(weeks) > 3 * len(SITES)
     kitchen = sum(json.loads(row["zones"]).get("kitchen", 0) for row in made["gym"]) / 60
-    stays = {
-        (site, zone): hours for site, zone, hours in ask(house, "How long do people stay where?")
-    }
-    assert stays["gym", "kitchen"] == pytest.approx(kitchen)
-    watts = ask(house, "How many watts does each site draw, and how much of it is measured?")
-    for _, drawn, measured in watts:
-        assert drawn == pytest.approx(2 * 6 + 2 * 3) and measured == pytest.approx(0.5)
-    blind = {site: share for site, share, _ in ask(house, "Where did cameras see nothing?")}
+    stays = said["How long do people stay where?"]
+    assert stays.loc["gym", "kitchen"] == pytest.approx(kitchen)
+    watts = said["How many watts does each site draw, and how much of it is measured?"]
+    assert watts.watts.tolist() == pytest.approx([2 * 6 + 2 * 3] * 3)
+    assert watts.measured.tolist() == pytest.approx([0.5] * 3)
     slots = sum(sum(json.loads(row["blind"]).values()) for row in made["hall"])
+    blind = said["Where did cameras see nothing?"].blind
     assert blind["hall"] == pytest.approx(slots / (MINUTES * 1500))
-    low = ask(house, "Which cameras are lost often, and whose battery runs low?")
-    lost = {what: found for site, what, found in low if site == "lab"}
+    low = said["Which cameras are lost often, and whose battery runs low?"].loc["lab"]
     minutes = [f"camera-lost {CAMERAS[2]}" in json.loads(row["faults"]) for row in made["lab"]]
-    assert lost["minutes lost: cam3"] == sum(minutes) > 0
-    assert ask(house, "Was anybody there at night?") == []
-    busiest = ask(house, "When is each site busiest?")
-    assert all(8 <= hour < 18 for _, hour, _, _ in busiest)  # type: ignore[operator]
-    assert busiest[0][0] == "gym"
+    assert low["camera-lost cam3"] == sum(minutes) > 0
+    charge = [json.loads(row["charge"])[CAMERAS[0]] for row in made["lab"]]
+    assert low[CAMERAS[0]] == pytest.approx(min(charge))
+    assert said["Was anybody there at night?"].empty
+    busiest = said["When is each site busiest?"]
+    assert all(8 <= hour < 18 for _, hour in busiest.index) and busiest.index[0][0] == "gym"
 
 
-def in_postgresql(sql: str) -> str:
-    """Return a question as the page's table says that PostgreSQL has it."""
-    pairs = re.findall(r"^\| `([^`]*\([^`]*)` \| `([^`]*)`", PAGE.read_text(), re.M)
-    assert len(pairs) == 4
-    for old, new in pairs:
-        for name in ("zones", "faults", "charge"):
-            sql = sql.replace(old.replace("zones", name), new.replace("zones", name))
-    return sql
+def test_a_site_and_a_time_choose_rows(
+    house: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    whole = query(house, "hours")
+    assert len(whole) == len(SITES) * DAYS * 24 and query(house, "sites").site.tolist() == [
+        *sorted(SITES)
+    ]
+    begin = whole.time_ns.min()
+    some = query(
+        house, "hours", site="gym", start=int(begin) + HOUR_NS, end=int(begin) + 4 * HOUR_NS
+    )
+    assert some.time_ns.tolist() == [begin + hour * HOUR_NS for hour in (1, 2, 3)]
+    path, moment = tmp_path / "hours.csv", some.time[0].isoformat()
+    words = ("hours", "--site", "gym", "--from", moment, "--csv", path)
+    assert run_verb("hub", "query", house, *words) == 0
+    lines = path.read_text().splitlines()
+    assert len(lines) == DAYS * 24 and lines[0].startswith("site,time_ns,span_s,slots,blind")
+    assert all(line.startswith("gym,") for line in lines[1:])
+    capsys.readouterr()
+    for wrong, why in (
+        (("sites", "--from", "-1d"), "--from: found '-1d', expected a time of summaries or hours"),
+        (("hours", "--to", "12.5"), "--to: found '12.5', expected a time of summaries or hours"),
+        (("hours", "--from", "soon"), "--from, --to: found 'soon'"),
+        (("summaries",), f"summaries: found more than {MOST_READ} rows, expected one site"),
+        (("DROP TABLE hours",), "DROP TABLE hours"),
+        (("people",), "people"),
+    ):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(hub_database, "MOST_READ", 1000)
+            assert run_verb("hub", "query", house, *wrong) == 2
+        said = " ".join(capsys.readouterr().err.split())
+        assert why.replace(str(MOST_READ), "1000") in said, said
+    assert run_verb("hub", "query", house, "sites") == 0
+    assert all(site in capsys.readouterr().out for site in ("gym",))
 
 
-def test_questions_have_the_same_answers_in_postgresql(tmp_path: Path, postgres: Server) -> None:
-    databases = str(tmp_path / "hub.db"), postgres.new_hub()
-    for database in databases:
+def test_rows_are_the_same_in_postgresql(tmp_path: Path, postgres: Server) -> None:
+    found = []
+    for database in (str(tmp_path / "hub.db"), postgres.new_hub()):
         engine = open_hub(database)
         for at, site in enumerate(SITES):
             keep(engine, site, [*records_of(at, 0, 2000)], Cursor(1, 2000), 1)
         engine.dispose()
-    for heading, sql in questions().items():
-        mine, yours = (
-            sorted(answer(database, words)[1], key=str)
-            for database, words in zip(databases, (sql, in_postgresql(sql)), strict=True)
-        )
-        assert len(mine) == len(yours), heading
-        for row, other in zip(mine, yours, strict=True):
-            assert row[0] == other[0], heading
-            assert float(row[-1]) == pytest.approx(float(other[-1])), heading
-
-
-def test_question_about_archives_says_what_to_do_instead(
-    house: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    for words in (["--archives"], ["--group", "sports"]):
-        assert run_verb("hub", "query", house, "SELECT count(*) FROM poses", *words) == 2
-        said = capsys.readouterr().err
-        assert "no longer reads archives: open their Parquet files in DuckDB, Polars" in said
-        assert (PAGE.parents[2] / said.split()[-2]).is_file(), "it names a page"
+        found.append([read_rows(database, table, end=2**60) for table in ("summaries", "hours")])
+        assert read_rows(database, "sites", "lab")[1] == [("lab", 1, 2000, 0, 1, "")]
+    assert found[0] == found[1]
 
 
 def test_file_of_a_hub_that_names_archives_is_read_for_a_release(tmp_path: Path) -> None:
@@ -165,68 +175,6 @@ def test_hours_are_the_sums_of_summaries_however_they_came(tmp_path: Path) -> No
     assert {row[1] % (3600 * 10**9) for row in found} == {BEGIN_NS % (3600 * 10**9)}
 
 
-ENDLESS = {
-    # One step of SQLite that never yields: it looks at no clock within it.
-    "file": "SELECT instr(hex(zeroblob(4900000)), hex(zeroblob(2400000)) || 'x')",
-    "server": "SELECT pg_sleep(60), count(*) FROM summaries",
-}
-
-
-@pytest.mark.parametrize("kind", sorted(ENDLESS))
-def test_question_without_an_end_is_ended(
-    tmp_path: Path, kind: str, request: pytest.FixtureRequest
-) -> None:
-    database = str(tmp_path / "hub.db")
-    if kind == "server":
-        database = request.getfixturevalue("postgres").new_hub()
-    open_hub(database).dispose()
-    begun_s = time.monotonic()
-    with pytest.raises(InputError, match=r"took more than|statement timeout"):
-        answer(database, ENDLESS[kind], limit_s=1.0)
-    assert time.monotonic() - begun_s < 15.0
-
-
-def test_slow_question_is_answered(tmp_path: Path) -> None:
-    """Longer than after two seconds, when a database may begin to show its progress."""
-    database = str(tmp_path / "hub.db")
-    open_hub(database).dispose()
-    counting = "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n WHERE i < {})"
-    begun_s, most = time.monotonic(), 2_000_000
-    while time.monotonic() - begun_s < 2.5:
-        begun_s, most = time.monotonic(), 2 * most
-        asked = f"{counting.format(most)} SELECT count(*), 0.5, 'å', NULL FROM n"
-        assert answer(database, asked)[1] == [[most, 0.5, "å", None]]
-
-
-def test_large_answer_of_a_server_is_refused_within_the_limit(postgres: Server) -> None:
-    database = postgres.new_hub()
-    open_hub(database).dispose()
-    begun_s = time.monotonic()
-    with pytest.raises(InputError, match="more than 100000000 bytes"):
-        answer(database, "SELECT repeat('x', 1000000) FROM generate_series(1, 150)")
-    assert time.monotonic() - begun_s < 20.0
-
-
-def test_server_runs_nothing_but_one_select(postgres: Server) -> None:
-    database = postgres.new_hub()
-    engine = open_hub(database)
-    keep(engine, "lab", [*records_of(0, 0, 5)], Cursor(1, 5), 1)
-    engine.dispose()
-    for asked in (
-        "DO $$ BEGIN COMMIT; SET TRANSACTION READ WRITE; DELETE FROM summaries; COMMIT; END $$",
-        "COPY summaries TO '/tmp/all'",
-        "SELECT 1; DELETE FROM summaries",
-        "SELECT 1) TO '/tmp/all' --",
-        "WITH gone AS (DELETE FROM summaries RETURNING 1) SELECT * FROM gone",
-        "SELECT query_to_xml('DELETE FROM summaries', true, true, '')",
-        "SELECT pg_read_file('/etc/passwd')",
-    ):
-        with pytest.raises(InputError, match="query: "):
-            answer(database, asked)
-    assert answer(database, "SELECT count(*) FROM summaries;")[1] == [[5]]
-    assert answer(database, "SELECT site, taken AS t FROM sites WHERE false") == (["site", "t"], [])
-
-
 def test_role_with_more_rights_than_a_hub_needs_is_refused(postgres: Server) -> None:
     database = postgres.new_hub()
     open_hub(database).dispose()
@@ -241,8 +189,8 @@ def test_role_with_more_rights_than_a_hub_needs_is_refused(postgres: Server) -> 
         ),
     ):
         postgres.run("psql", "-U", USER, "-d", DATABASE, "-c", grant.format(role))
-        for use in (open_hub, lambda url: answer(url, "SELECT 1")):
+        for use in (open_hub, lambda url: read_rows(url, "sites")):
             with pytest.raises(InputError, match=rf"role {role} with {right}.*CREATE ROLE"):
                 use(database)
         postgres.run("psql", "-U", USER, "-d", DATABASE, "-c", back.format(role))
-    assert answer(database, "SELECT 1 AS one") == (["one"], [[1]])
+    assert read_rows(database, "sites")[1] == []

@@ -15,7 +15,7 @@ from tests.ports import free_port
 from tests.waiting import eventually
 
 from e3pose.wire.keys.folder import add_keys, init_keys
-from e3pose_hub.question import answer
+from e3pose_hub.database import read_rows
 
 DAY = 1440
 
@@ -49,6 +49,4 @@ def test_day_of_a_far_site_is_complete(tmp_path: Path, link: BadLink) -> None:
         fill(tmp_path / "lab.db", "lab", DAY, 2)
         assert eventually(lambda: len(numbers(database, "lab")) == DAY + 2, 60)
     assert numbers(database, "lab") == [*range(DAY + 2)]
-    assert list(map(tuple, answer(str(database), "SELECT taken, lost FROM sites")[1])) == [
-        (DAY + 2, 0)
-    ]
+    assert [tuple(row[2:4]) for row in read_rows(str(database), "sites")[1]] == [(DAY + 2, 0)]
