@@ -39,3 +39,17 @@ def test_folders_are_for_this_machine_alone(error: InputError, words: str) -> No
 )
 def test_a_reason_is_one_line_without_its_file(error: Exception, reason: str) -> None:
     assert reason_of(error) == reason
+
+
+@each_case(
+    ("error", "words"),
+    [
+        (InputError("/srv/x.pem: file not found"), "/srv/x.pem: file not found"),
+        (InputError("no certificate"), "/srv/x.pem: no certificate"),
+        (InputError("until", "never", "a day"), "/srv/x.pem: until: found never, expected a day"),
+        (InputError("no number", place="/srv/y"), "/srv/y: no number"),
+        (InputError("/srv/x.pem2: file not found"), "/srv/x.pem: /srv/x.pem2: file not found"),
+    ],
+)
+def test_a_place_is_said_once_and_the_nearest_counts(error: InputError, words: str) -> None:
+    assert str(error.at("/srv/x.pem")) == words

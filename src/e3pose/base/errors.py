@@ -76,11 +76,13 @@ class InputError(ValueError):
         """Return the error with the place where it was written.
 
         Args:
-            place: the file; the one that is known stays, as it is nearer to the fault.
+            place: the file; the one that is known stays, as it is nearer to the fault, and so does
+                the one that a sentence begins with.
             thing: what the thing is called there, such as `loop.cameras` or `--cameras`.
         """
         place = self.place or str(place)
         if self.sentence:
+            place = "" if self.sentence.startswith(f"{place}: ") else place
             named = f"{thing}: {self.sentence}" if thing else self.sentence
             return InputError(named, place=place)
         return InputError(self.thing if thing is None else thing, self.found, self.expected, place)
@@ -122,8 +124,7 @@ def exit_code(error: BaseException) -> int:
         return Exit.FAULT
     below: BaseException | None = error
     while below is not None:  # what a full disk caused is told as the input's fault
-        of_system = type(below).__module__ == "builtins"  # FFmpeg's errors of broken films are not
-        if isinstance(below, OSError) and of_system and below.errno in MACHINE:
+        if isinstance(below, OSError) and below.errno in MACHINE:
             return Exit.FAULT
         below = below.__cause__ or below.__context__
     return Exit.REFUSED

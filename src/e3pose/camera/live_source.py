@@ -190,6 +190,7 @@ class StreamSource:
         options = {"fflags": "nobuffer"}
         if self.url.startswith("rtsp"):
             options |= {"rtsp_transport": "tcp", "stimeout": str(OPEN_TIMEOUT_US)}
+        why = ""
         try:
             self._container = av.open(self.url, options=options, timeout=(5.0, READ_S * 2))
             packets = self._container.demux(video=0)
@@ -200,7 +201,8 @@ class StreamSource:
             self.fps = float(rate) if rate else self.fps
         except (av.FFmpegError, OSError, IndexError, ValueError) as error:
             why = reason_of(error)[:200]
-            raise InputError(f"source {masked(self.url)[:200]}: {why}") from None
+        if why:  # FFmpeg's "input/output error" is the camera's fault: it is no cause of this one
+            raise InputError(f"source {masked(self.url)[:200]}: {why}")
 
     def read(self) -> LiveFrame | None:
         """See `LiveSource.read`."""

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.base.bounded import read_bytes
-from e3pose.base.errors import InputError
+from e3pose.base.errors import InputError, reason_of
 from e3pose.base.jpeg import MOST_SCANS, SCAN, check_picture
 from e3pose.camera.orientation import Orientation, display_orientation
 from e3pose.recording.detections.importing import frame_numbers
@@ -338,6 +338,7 @@ class _container:
     def __enter__(self) -> tuple[Any, Any]:
         import av
 
+        reason = ""
         try:
             # An absolute path cannot be taken for a protocol such as `concat:`.
             self.container = av.open(
@@ -345,11 +346,12 @@ class _container:
                 options={"format_whitelist": CONTAINERS, "protocol_whitelist": "file"},
             )
         except (av.error.FFmpegError, ValueError) as error:
-            reason = getattr(error, "strerror", None) or str(error)
+            reason = reason_of(error)
+        if reason:  # FFmpeg's "input/output error" is the file's fault: it is no cause of this one
             raise InputError(
                 f"{self.path}: cannot be read as a video ({reason}), "
                 "expected a complete file such as MP4, MKV, AVI or TS"
-            ) from None
+            )
         try:
             stream = _video_stream(self.container, self.path, self.image_size)
         except BaseException:

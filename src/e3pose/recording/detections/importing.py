@@ -120,7 +120,7 @@ class Reader:
             try:
                 images = image_table(parse(read_bytes(path, MAX_FILE_BYTES), path))
             except InputError as error:
-                raise error if str(path) in str(error) else InputError(f"{path}: {error}") from None
+                raise error.at(path) from None
         sources = self._sources()
         files = [(path, camera) for camera, paths in sources for path in paths]
         people: People = [{} for _ in self.rig.camera_ids]

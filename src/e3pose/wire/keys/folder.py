@@ -308,7 +308,7 @@ def expired(files: Certificates) -> str:
         try:
             until = authority.expires(read_bytes(path, MAX_PEM_BYTES))
         except InputError as error:
-            raise error if str(path) in str(error) else InputError(f"{path}: {error}") from None
+            raise error.at(path) from None
         if until < now:
             advice = "e3pose keys init` a new folder; copy all"
             if path == files.certificate:
