@@ -6,6 +6,7 @@ import datetime
 import errno
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -17,6 +18,7 @@ import pytest
 from tests.cases import each_case
 from tests.cli.commands import run
 from tests.ports import free_port
+from tests.site.test_channels import limit
 
 import e3pose.cli.running_site as running_site
 from e3pose.base.errors import Exit, Fault, GaveUp, InputError, exit_code
@@ -146,6 +148,26 @@ def test_fault_while_it_runs_is_no_refused_input(
     said = capsys.readouterr().err
     assert ("Traceback" in said) == (program == "up")  # a fault of ours is shown whole
     assert said.splitlines()[-1].startswith("e3pose: ")
+
+
+@each_case(
+    ("program", "code"),
+    [("view", Exit.FAULT), ("record", Exit.FAULT)]
+    + [(each, Exit.DONE) for each in ("edge", "two edges", "camera", "router", "up")],
+)
+def test_disk_that_is_full_from_the_start_is_no_refused_input(
+    program: str, code: Exit, place: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """What runs without its files runs; what cannot is started again by systemd."""
+    if program == "camera":
+        told_to_end(1.5)
+    (place / "site" / "view-tokens.toml").unlink(missing_ok=True)
+    shutil.rmtree(place / "walk.partial", ignore_errors=True)
+    with limit(place):
+        assert run(*good(program, place)) == code
+    said = capsys.readouterr().err
+    assert "Traceback" not in said
+    assert code == Exit.DONE or said.endswith("cannot be written: file too large\n"), said
 
 
 def child(folder: Path, name: str, code: int, *, ran_s: float = 0.0) -> Program:
