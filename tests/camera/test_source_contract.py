@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import inspect
+import json
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -35,7 +39,7 @@ from e3pose.recording import save_recording
 from e3pose.settings.camera_file import NodeTable
 from e3pose.settings.sources import located, scheme_of
 from e3pose.simulate import SceneSettings, simulate
-from e3pose.site.camera_program import make_camera
+from e3pose.site.camera_program import make_camera, open_camera
 from e3pose.site.phones import show_phone
 from e3pose.wire.arrays import poses_2d
 
@@ -50,6 +54,10 @@ class Grey:
         time.sleep(0.05)
         return LiveFrame(time.time_ns(), (8, 6), lambda: np.zeros((6, 8, 3), np.uint8))
     def close(self): pass
+"""
+MORE = """
+from e3pose.model.pose import Poses2D
+from e3pose.model.skeleton import COCO17
 """
 SENT = Callable[[], object]  # makes a source have a frame, where it does not film by itself
 
@@ -220,7 +228,7 @@ class Sensor:
     fps, skeleton, detector = 20.0, COCO17, "imx500"
 
     def __init__(self) -> None:
-        self.expected: list[ExpectedView | None] = []
+        self.expected: list[object] = []
 
     def open(self) -> None: ...
 
@@ -235,8 +243,42 @@ class Sensor:
         one = Poses2D(np.full((1, 17, 2), 20.0), np.full((1, 17), 0.5))
         return LiveFrame(at_ns, (64, 48), lambda: image, poses=lambda: one)
 
-    def expect(self, expected: ExpectedView | None) -> None:
+    def expect(self, expected: object) -> None:
         self.expected.append(expected)
+
+
+SMALL = """
+import json, sys, time
+from e3pose.site.camera_program import open_camera
+from e3pose.settings.camera_file import load_node
+from e3pose.camera import live
+
+asked = {"site": "lab", "camera": "c1", "source": sys.argv[1] + ":Sensor"}
+with open_camera(load_node(None, {**asked, "endpoint": "tcp/127.0.0.1:9", "pictures": True})) as it:
+    while it.node.counts.captured < 5:
+        time.sleep(0.05)
+    it.node._look(live._Seen(it.node.source.read(), 1, 0, 0, 10**8))
+    heavy = {"cv2", "onnxruntime", "scipy", "av"} & {*sys.modules}
+    said = open("/proc/self/status").read().partition("VmHWM:")[2].split()[0]
+    print(json.dumps([it.node.counts.detected, sorted(heavy), int(said) / 1000]))
+"""
+
+
+def test_a_camera_whose_sensor_detects_is_small(tmp_path: Path) -> None:
+    own = inspect.getsource(Sensor)
+    (tmp_path / "mine.py").write_text(OWN.partition("class")[0] + MORE + own)
+    command = [sys.executable, "-c", SMALL, str(tmp_path / "mine.py")]
+    run = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert run.returncode == 0, run.stderr
+    looks, heavy, most_mb = json.loads(run.stdout.splitlines()[-1])
+    assert looks == 1 and heavy == []
+    assert most_mb <= 120, "of the 512 MB of a Raspberry Pi Zero 2 W"
+
+
+def test_a_system_of_32_bits_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "maxsize", 2**31 - 1)
+    with pytest.raises(InputError, match=r"one of 32 bits, expected one of 64 bits: NumPy"):
+        open_camera("camera.toml")
 
 
 def test_a_sensor_that_detects_needs_no_network_and_feedback_steers_it() -> None:

@@ -204,6 +204,13 @@ def open_browser(url: str) -> bool:
     return screen and webbrowser.open(url)
 
 
+def require_64_bits() -> None:
+    """Raise `InputError` on a system of 32 bits, such as the smaller Raspberry Pi OS (armv7)."""
+    if sys.maxsize < 2**32:
+        expected = "one of 64 bits: NumPy, ONNX Runtime and Zenoh are not published for 32"
+        raise InputError("system", "one of 32 bits", expected)
+
+
 def video_input() -> str:
     """Return how FFmpeg calls the cameras of this system."""
     if sys.platform == "win32":

@@ -12,7 +12,7 @@ from e3pose.detectors.base import Detector as Detector
 from e3pose.detectors.base import Image as Image
 from e3pose.detectors.drawn import Drawn
 from e3pose.detectors.ecpose import EcPose
-from e3pose.detectors.inference import Network, load_network
+from e3pose.detectors.inference import SUFFIXES, Network, load_network
 from e3pose.detectors.movenet import MoveNet
 from e3pose.detectors.openpose import OpenPose, check_maps
 from e3pose.detectors.rtmo import Rtmo
@@ -87,13 +87,13 @@ def make_detector(
     path = Path(name)
     if name not in DETECTORS and model is None and is_network(path):
         name, model = identify(path), path
-    more = ", the path of an .onnx or .pb file"
+    more = f", the path of an {SUFFIXES} file"
     return maker(GROUP, "detector", name, DETECTORS, more)(model, provider, threads)
 
 
 def is_network(path: Path) -> bool:
     """Return whether a path is meant as the file of a network, or the folder of several."""
-    return path.suffix in (".onnx", ".pb") or path.is_file() or any(path.glob("*.onnx"))
+    return path.suffix in (".onnx", ".tflite", ".pb") or path.is_file() or any(path.glob("*.onnx"))
 
 
 def identify(path: Path) -> str:

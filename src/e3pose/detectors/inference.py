@@ -1,11 +1,12 @@
-"""Run a network: ONNX Runtime on the best provider, OpenCV for TensorFlow graphs."""
+"""Run a network: ONNX Runtime on the best provider, LiteRT, OpenCV for TensorFlow graphs."""
 
 from __future__ import annotations
 
 import mmap
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any
 
@@ -175,6 +176,7 @@ PROVIDERS = {
 }
 FLOATS = {"float": np.float32, "float16": np.float16}  # element types of an image's input
 SIZES = {"int64": np.int64, "int32": np.int32, "float": np.float32}  # likewise of a size
+SUFFIXES = ".onnx, .tflite or .pb"
 MAX_MODEL_BYTES = 2**31  # protobuf's own limit
 # Of a network that is tried: time, memory, and the sides of its input that are free.
 TRY_S, TRY_BYTES, TRY_SIDE = 120.0, 8 * 10**9, 64
@@ -189,7 +191,7 @@ class Network:
 
     Attributes:
         path: the file, for messages.
-        provider: where it runs: a key of `PROVIDERS`, or `opencv`.
+        provider: where it runs: a key of `PROVIDERS`, `litert`, or `opencv`.
         input_shape: the input's declared shape, None where it is free.
         input_dtype: the input's element type: `float`, `float16`, `int32`, ...
         output_names: what the file calls each output.
@@ -267,11 +269,12 @@ def choose_providers(
 def load_network(
     path: Path, provider: str = "auto", threads: int | None = None, known: bool = False
 ) -> Network:
-    """Load an `.onnx` file or a frozen TensorFlow `.pb` graph.
+    """Load an `.onnx` file, a `.tflite` file or a frozen TensorFlow `.pb` graph.
 
     Args:
         path: the network.
-        provider: `auto` or a key of `PROVIDERS`; a `.pb` runs on the CPU only.
+        provider: `auto` or a key of `PROVIDERS`; for a `.tflite` the library of a delegate, such as
+            `libedgetpu.so.1`; a `.pb` runs on the CPU only.
         threads: CPU threads; None lets the library use all cores.
         known: whether it is one of the catalogue's, by its hash; others are tried once in a
             process of their own, as a graph may compute without an end already while it is loaded.
@@ -280,7 +283,7 @@ def load_network(
         InputError: when the file is not a network, or the provider cannot be had.
     """
     if not path.is_file():
-        raise InputError(f"{path}: no such file, expected a network in .onnx or .pb")
+        raise InputError(f"{path}: no such file, expected a network in {SUFFIXES}")
     size = path.stat().st_size
     if not 0 < size <= MAX_MODEL_BYTES:
         raise InputError(
@@ -293,6 +296,13 @@ def load_network(
         if not known:
             _check_bounds(path)
         return _load_onnx(path, provider, threads)
+    if path.suffix == ".tflite":
+        if find_spec("ai_edge_litert") is None:
+            expected = "`pip install 'e3pose[litert]'`"
+            raise InputError(str(path), "a network for LiteRT, which is not installed", expected)
+        if not known:
+            _check_bounds(path)
+        return _load_litert(path, provider, threads)
     if path.suffix == ".pb":
         if provider not in ("auto", "cpu"):
             raise InputError(
@@ -300,7 +310,7 @@ def load_network(
                 "use an .onnx file of the network"
             )
         return _load_tensorflow(path, threads)
-    raise InputError(f"{path}: found suffix {path.suffix!r}, expected a network in .onnx or .pb")
+    raise InputError(f"{path}: found suffix {path.suffix!r}, expected a network in {SUFFIXES}")
 
 
 def _check_bounds(path: Path) -> None:
@@ -317,7 +327,8 @@ def _check_bounds(path: Path) -> None:
 
 
 def _try(name: str) -> None:
-    network = _load_onnx(Path(name), "cpu", 1)
+    load = _load_litert if name.endswith(".tflite") else _load_onnx
+    network = load(Path(name), "cpu", 1)
     shape = [TRY_SIDE if side is None else side for side in network.input_shape]
     try:
         network.run(np.zeros(shape, DTYPES.get(network.input_dtype, np.float32)))
@@ -374,6 +385,56 @@ def _load_onnx(path: Path, provider: str, threads: int | None) -> Network:
         tuple(_shape(output.shape) for output in session.get_outputs()),
         run,
     )
+
+
+def _load_litert(path: Path, provider: str, threads: int | None) -> Network:
+    """Load a network for LiteRT; an image of floats is fed as to ONNX, channels first."""
+    from ai_edge_litert.interpreter import Interpreter, load_delegate
+
+    if provider not in ("auto", "cpu") and ".so" not in provider:
+        raise InputError("provider", repr(provider[:80]), "cpu, or a delegate's library (.so)")
+    try:
+        delegates = [load_delegate(provider)] if ".so" in provider else None
+        running = Interpreter(str(path), experimental_delegates=delegates, num_threads=threads)
+        running.allocate_tensors()
+    except (ValueError, RuntimeError, OSError) as error:
+        raise InputError(f"{path}: not a network LiteRT can load: {_brief(error)}") from None
+    inputs, outputs = running.get_input_details(), running.get_output_details()
+    if len(inputs) != 1:
+        raise InputError(f"{path}: found {len(inputs)} inputs, expected a network with one image")
+    dtype = np.dtype(inputs[0]["dtype"])
+    shape = _signature(inputs[0])
+    turned = len(shape) == 4 and shape[3] == 3 and dtype.kind == "f"
+    if turned:
+        shape = (shape[0], 3, *shape[1:3])
+
+    def run(tensor: NDArray[Any]) -> list[NDArray[Any]]:
+        fed = tensor.transpose(0, 2, 3, 1) if turned else tensor
+        try:
+            if fed.shape != tuple(running.get_input_details()[0]["shape"]):
+                running.resize_tensor_input(inputs[0]["index"], fed.shape)
+                running.allocate_tensors()
+            running.set_tensor(inputs[0]["index"], np.ascontiguousarray(fed, dtype))
+            running.invoke()
+        except (ValueError, RuntimeError) as error:
+            raise InputError(f"{path}: shape {fed.shape} does not run: {_brief(error)}") from error
+        return [_floats(running.get_tensor(each["index"]), each) for each in outputs]
+
+    element = {"f4": "float", "f2": "float16", "i4": "int32"}.get(dtype.str[1:], dtype.name)
+    names = tuple(str(each["name"]) for each in outputs)
+    shapes = tuple(_signature(each) for each in outputs)
+    return Network(path, "litert", shape, element, names, shapes, run)
+
+
+def _signature(details: Mapping[str, Any]) -> tuple[int | None, ...]:
+    """Return the shape of a tensor of LiteRT, None where it is free."""
+    return tuple(int(side) if side > 0 else None for side in details["shape_signature"])
+
+
+def _floats(values: NDArray[Any], details: Mapping[str, Any]) -> NDArray[Any]:
+    """Return an output of LiteRT; whole numbers that stand for floats become these."""
+    scale, zero = details["quantization"]
+    return (values.astype(np.float32) - zero) * scale if scale else values
 
 
 def _load_tensorflow(path: Path, threads: int | None) -> Network:

@@ -38,10 +38,14 @@ class MoveNet(InParts):
         self._network, self.provider = network, network.provider
         shape = network.input_shape
         self.free_input = None in shape[1:3]
-        if len(shape) != 4 or shape[3] not in (3, None) or network.input_dtype != "int32":
+        if (
+            len(shape) != 4
+            or shape[3] not in (3, None)
+            or network.input_dtype not in ("int32", "uint8")
+        ):
             raise InputError(
                 f"{network.path}: input: found {network.input_dtype} {list(shape)}, expected int32 "
-                f"[1, height, width, 3] for {NAME}"
+                f"or uint8 [1, height, width, 3] for {NAME}"
             )
         output = network.output_shapes[0]
         if len(output) != 3 or output[2] not in (VALUES, None):

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from e3pose.base.clock import Clock, WallClock
+from e3pose.base.system import require_64_bits
 from e3pose.camera.base import DetectingSource, LiveDetector, LiveSource, NodeSettings
 from e3pose.camera.live import CameraNode
 from e3pose.camera.live_source import make_source
@@ -173,6 +174,7 @@ def open_camera(
     Raises:
         InputError: naming the file, the key, what was found and what was expected.
     """
+    require_64_bits()
     table = node if isinstance(node, NodeTable) else load_node(Path(node))
     log, clock = log or NO_LOG, clock or WallClock()
     link = link_of("camera", table.site, table.endpoint, table.keys, insecure=table.insecure)
