@@ -44,7 +44,7 @@ def run(recording: Recording, policy: str) -> tuple[Floats, float]:
     return looks / looks.sum(), float(np.mean(errors))
 
 
-@each_case("fps", [6.0, 12.5])
+@each_case("fps", [6.0, 12.5, 25.0])
 def test_a_camera_whose_errors_last_is_selected_like_the_others(fps: float) -> None:
     usual, _ = run(rig("ring", fps, 40.0), "information")
     lasting, _ = run(rig("ring~", fps, 40.0), "information")
