@@ -27,8 +27,6 @@ from e3pose.model.overlap import overlap
 from e3pose.model.proportions import KINDS
 from e3pose.model.undistort import make_lenses
 
-SWITCH = {"size": 0.0, "by_camera": 1.0}
-
 
 def make_constants(model: Model) -> Constants:
     """Collect the constants of a model."""
@@ -47,8 +45,6 @@ def make_constants(model: Model) -> Constants:
         np.array(model.noise.scores),
         np.array(model.noise.sigma_px),
         float(model.noise.weight),
-        float(SWITCH["size"]),
-        float(SWITCH["by_camera"]),
         memory_terms(model.noise.memory),
         body,
         loose,
@@ -108,7 +104,6 @@ def _views(cameras: int, people: int, joints: int) -> Views:
         pixels=np.zeros((rows, joints, 2)),
         weights=np.zeros((rows, joints)),
         variances=np.zeros((rows, joints)),
-        enlarged=np.ones(rows),
         lanes=np.zeros(6 * LANES),
     )
 

@@ -86,16 +86,7 @@ def compare_updated(
                 continue
             variance, score = views.variances[row, joint], views.weights[row, joint]
             if there and constants.is_core[joint]:
-                add_evidence(
-                    camera,
-                    found,
-                    score,
-                    variance,
-                    own_share,
-                    factor,
-                    views.enlarged[row],
-                    detectors,
-                )
+                add_evidence(camera, found, score, variance, own_share, factor, detectors)
             learn_bias(found, rate, variance, bias_px[joint])
     if shown:
         for joint in range(len(state)):

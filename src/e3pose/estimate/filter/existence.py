@@ -77,7 +77,7 @@ def attend(
                 information = 0.0
                 if person >= 0:
                     row = views.starts[camera] + person
-                    best = (finest * scales[camera]) ** 2 * views.enlarged[row]
+                    best = (finest * scales[camera]) ** 2
                     for joint in core:
                         if views.weights[row, joint] > USED_SCORE:
                             information += best / views.variances[row, joint]

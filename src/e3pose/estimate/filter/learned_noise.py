@@ -63,8 +63,6 @@ def recall_noise(noise: Floats, constants: Constants, detectors: Detectors) -> N
     """Start a slot: compute the factors and scales of all cameras."""
     num_cameras = len(noise) - 1
     find_logs(noise, constants.noise_weight, detectors.logs)
-    if constants.by_camera == 0.0:
-        _level(detectors.logs)
     for camera in range(num_cameras):
         detectors.scales[camera] = constants.scales[camera] * math.exp(detectors.logs[camera])
     tilt_knots(
@@ -73,15 +71,6 @@ def recall_noise(noise: Floats, constants: Constants, detectors: Detectors) -> N
     detectors.fresh[:] = 0.0
     detectors.steps[:] = 0.0
     detectors.sharpness[:] = 0.0
-
-
-@kernel
-def _level(logs: Floats) -> None:
-    mean = 0.0
-    for camera in range(len(logs) - 1):
-        mean += logs[camera] / (len(logs) - 1)
-    for camera in range(len(logs) - 1):
-        logs[camera] = mean
 
 
 @kernel
@@ -128,8 +117,6 @@ def quietest(
     scales, scores = constants.scales, constants.noise_scores
     logs, noise_px = np.empty(len(noise)), np.empty(len(scores))
     find_logs(noise, constants.noise_weight, logs)
-    if constants.by_camera == 0.0:
-        _level(logs)
     tilt_knots(logs[len(scales)], scores, constants.noise_px, noise_px)
     for camera in range(len(scales)):
         sigma_px[camera] = scales[camera] * math.exp(logs[camera]) * noise_px.min()
@@ -200,7 +187,6 @@ def add_evidence(
     variance: float,
     own_share: float,
     factor: float,
-    enlarged: float,
     detectors: Detectors,
 ) -> None:
     """Add the evidence of one keypoint, and its share beyond the median.
@@ -217,7 +203,7 @@ def add_evidence(
     beyond = squares / (left * left) > MEDIAN * total
     surprise = share * (0.5 if beyond else -0.5) / SLOPE
     best_px = detectors.noise_px.min() * detectors.scales[camera]
-    detectors.sharpness[camera, 0] += enlarged * best_px**2 / variance
+    detectors.sharpness[camera, 0] += best_px**2 / variance
     detectors.sharpness[camera, 1] += 1.0
     detectors.fresh[camera] += share * share
     detectors.steps[camera] += surprise

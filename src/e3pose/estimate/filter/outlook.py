@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from e3pose.base.arrays import Flags, Floats, Integers
@@ -16,7 +14,6 @@ from e3pose.estimate.filter.failed_pairs import count_newest
 from e3pose.estimate.filter.lasting import USUAL
 from e3pose.estimate.filter.learned_noise import expect_alike
 from e3pose.estimate.filter.motion import move
-from e3pose.estimate.filter.projected import size_factor
 from e3pose.estimate.filter.scratch import Constants
 from e3pose.estimate.filter.shown import likely_shown
 from e3pose.estimate.filter.state import Belief, Known, Model, known_of
@@ -53,7 +50,7 @@ def outlook(
         delivered=np.empty(pairs),
         shows=np.empty(pairs),
         last_seen_s=belief.last_seen_s,
-        sigma_px=np.empty(pairs),
+        sigma_px=np.empty(num_cameras),
     )
     expect(held_constants(model), ahead_s, factor, drift, known_of(belief), expected)
     unexplained, times_s = np.empty(num_cameras, dtype=np.int64), np.empty(num_cameras)
@@ -106,8 +103,7 @@ def expect(
         known: of the belief.
         expected: its predicted arrays are filled.
     """
-    constants, state = held.values, known.state
-    sigma_px = np.empty(len(constants.scales))
+    constants, state, sigma_px = held.values, known.state, expected.sigma_px
     moved = np.empty(state.shape[1:])
     for track in range(len(state)):
         move(
@@ -134,14 +130,8 @@ def expect(
     worth = np.empty(len(sigma_px))
     expect_alike(known.noise, constants, sigma_px, worth)
     for camera in range(len(sigma_px)):
+        sigma_px[camera] *= factor
         for track in range(len(state)):
-            larger = size_factor(
-                constants.projections[camera],
-                constants.scales[camera],
-                constants.size_power,
-                expected.joints_m[track, constants.order[0]],
-            )
-            expected.sigma_px[track, camera] = sigma_px[camera] * factor * math.sqrt(larger)
             expected.delivered[track, camera] = worth[camera] * known.delivered[track, camera]
 
 

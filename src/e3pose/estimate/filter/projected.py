@@ -41,18 +41,6 @@ def projected_variance_px2(
     return float(variance_px2)
 
 
-@kernel
-def size_factor(projection: Floats, scale: float, power: float, place: Floats) -> float:
-    """Return the factor on the variance of keypoints of a person at a place."""
-    if power == 0.0:
-        return 1.0
-    depth, _, _, ux, uy, uz, vx, vy, vz = shown_at(projection, place[0], place[1], place[2])
-    if not depth > MIN_DEPTH_M:
-        return 1.0
-    squares = (ux * ux + uy * uy + uz * uz + vx * vx + vy * vy + vz * vz) / 2.0
-    return float((squares / (scale * 250.0) ** 2) ** power)
-
-
 class Beside(NamedTuple):
     """A keypoint beside the joint that it is of; without `known` the rest means nothing."""
 

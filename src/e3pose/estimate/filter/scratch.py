@@ -30,8 +30,6 @@ class Constants(NamedTuple):
     noise_scores: Floats  # (num_knots,)
     noise_px: Floats  # (num_knots,)
     noise_weight: float
-    size_power: float
-    by_camera: float
     memory: MemoryTerms  # of the detector's errors
     body: Proportions  # its bones
     loose: Flags  # (num_bones,) not between a joint and its parent
@@ -69,7 +67,6 @@ class Views(NamedTuple):
     pixels: Floats  # (num_rows, num_joints, 2) undistorted
     weights: Floats  # (num_rows, num_joints) scores
     variances: Floats  # (num_rows, num_joints) of either coordinate, px^2
-    enlarged: Floats  # (num_rows,) factor in them by the size of the person
     lanes: Floats
 
 

@@ -22,7 +22,6 @@ from e3pose.estimate.filter.existence import attend, end
 from e3pose.estimate.filter.learned_noise import learn_noise, recall_noise
 from e3pose.estimate.filter.lone_view import update_by_views
 from e3pose.estimate.filter.predict import predict
-from e3pose.estimate.filter.projected import size_factor
 from e3pose.estimate.filter.scratch import (
     MAX_LEFTOVERS,
     Constants,
@@ -227,18 +226,6 @@ def step_slot(
                 workspace.matches,
                 workspace.offers,
             )
-            for track in range(num_tracks):
-                person = workspace.matches.assigned[camera, track]
-                if person >= 0:
-                    factor = size_factor(
-                        constants.projections[camera],
-                        constants.scales[camera],
-                        constants.size_power,
-                        tracks.state[track, constants.order[0]],
-                    )
-                    views.enlarged[views.starts[camera] + person] = factor
-                    for joint in range(tracks.state.shape[1]):
-                        views.variances[views.starts[camera] + person, joint] *= factor
     turn_round(num_tracks, dt, constants, views, workspace.matches, tracks)
     _revise(num_tracks, num_views, dt, constants, workspace)
     learn_noise(noise, workspace.detectors)
@@ -307,7 +294,6 @@ def _prepare(constants: Constants, detectors: Detectors, views: Views) -> None:
         for person in range(views.counts[camera]):
             views.cameras[row] = camera
             views.free[row] = True
-            views.enlarged[row] = 1.0
             for joint in range(views.scores.shape[2]):
                 u, v = views.pixels[row, joint, 0], views.pixels[row, joint, 1]
                 score = views.scores[camera, person, joint]

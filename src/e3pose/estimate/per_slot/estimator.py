@@ -108,9 +108,7 @@ class PerSlot:
             delivered=np.ones(shape),
             shows=np.ones(shape),
             last_seen_s=np.full(shape, np.inf),
-            sigma_px=np.broadcast_to(
-                self.noise.sigma_px.min() * sizes / self.noise.image_px, shape
-            ).copy(),
+            sigma_px=self.noise.sigma_px.min() * sizes / self.noise.image_px,
         )
         return Outlook(
             expected=expected,

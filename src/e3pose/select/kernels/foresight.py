@@ -68,7 +68,7 @@ def foresee_views(
             expected.joints_m,
             projections[camera],
             sizes[camera],
-            expected.sigma_px[:, camera],
+            expected.sigma_px[camera],
             expected.delivered[:, camera],
             expected.shows[:, camera],
             views[camera],
@@ -94,7 +94,7 @@ def _expect(
     joints_m: Floats,
     projection: Floats,
     size: Floats,
-    sigma_px: Floats,
+    sigma_px: float,
     delivered: Floats,
     shows: Floats,
     information: Floats,
@@ -116,7 +116,7 @@ def _expect(
     for track in range(num_tracks):
         expected = delivered[track] * worth(shows[track])
         weights[track] = max(weights[track], expected)
-        weight = expected / sigma_px[track] ** 2
+        weight = expected / sigma_px**2
         for joint in range(num_joints):
             u, v = pixels[track, joint, 0], pixels[track, joint, 1]
             share = _in_front(u, v, depths[track], boxes, depths)
