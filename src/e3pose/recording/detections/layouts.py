@@ -61,7 +61,7 @@ class Layout:
     def unused(self) -> str:
         """What to tell of keypoints that no joint takes; empty if there are none."""
         taken = {*self.columns}
-        left = [self.names[i] if i < len(self.names) else f"the {i + 1}th"
+        left = [self.names[i] if i < len(self.names) else f"keypoint {i + 1}"
                 for i in range(self.count) if i not in taken]  # fmt: skip
         return not_used(left, self.count)
 
