@@ -316,8 +316,8 @@ def skeleton_table(skeleton: Skeleton) -> dict[str, Any]:
 SHIPPED = (
     "coco17", "coco18", "body25", "halpe26", "shelf14", "panoptic19", "cmu31", "coco23", "body25b",
     "h36m17", "mediapipe33", "mediapipe75", "coco133", "halpe136", "openpose67", "openpose137",
-    "openpose60", "openpose88", "openpose95", "openpose130", "left_hand21", "right_hand21",
-    "face68", "face70",
+    "openpose60", "openpose88", "openpose95", "openpose130", "openpose135", "left_hand20",
+    "right_hand20", "left_hand21", "right_hand21", "face68", "face70",
 )  # fmt: skip
 
 
