@@ -101,8 +101,12 @@ ELSEWHERE = {
         ),
         "tests/cli/test_reconstructing.py",
     ),
-    "import detections SOURCE DEST --calibration rig.toml --fps 30": (
-        "tests/recording/detections/test_detections.py"
+    **dict.fromkeys(
+        (
+            "import detections SOURCE DEST --calibration rig.toml --fps 30",
+            "import detections SOURCE DEST --calibration rig.toml --fps 30 --skeleton mine.toml",
+        ),
+        "tests/recording/detections/test_detections.py",
     ),
     "evaluate walk --policies round-robin,information --cameras 1,2 --hold-out each": (
         "tests/evaluate/test_held_out.py"

@@ -6,7 +6,7 @@ All cameras are active in every slot. Nothing is computed, so late views are not
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from math import ceil
@@ -54,6 +54,7 @@ class RecordingPlan:
         pace: seconds of the scene that pass in a second.
         detector: whose noise the keypoints have; empty to use the names that cameras report.
         for_s: seconds of the scene to record; None to record until stopped.
+        known: see `EdgeSettings`.
     """
 
     dest: Path
@@ -64,6 +65,7 @@ class RecordingPlan:
     pace: float = 1.0
     detector: str = ""
     for_s: float | None = None
+    known: Collection[tuple[str, ...]] | None = None
 
 
 class RecordServer:
@@ -86,7 +88,7 @@ class RecordServer:
         self.processor = ProcessorTimes(plan.fps * plan.pace)
         self.inbox = Inbox(
             plan.site, plan.rig, plan.skeleton.joints, self.interval_ns / 1e9, self.gather, clock,
-            self.processor.take,
+            self.processor.take, known=plan.known,
         )  # fmt: skip
         self.send_queue = SendQueue()
         self.orders = Orders(

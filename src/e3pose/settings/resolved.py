@@ -87,6 +87,12 @@ class ResolvedSite:
         return "" if self.detector == DEFAULT else self.detector
 
     @property
+    def known_joints(self) -> frozenset[tuple[str, ...]] | None:
+        """Joints of detectors that the skeleton was chosen for; None where the file states it."""
+        found = frozenset(skeleton.joints for skeleton in self.skeletons.values())
+        return None if self.file.skeleton_name else found
+
+    @property
     def rotations(self) -> dict[str, int]:
         """Degrees clockwise by which images of turned cameras are turned for the detector."""
         return {name: each.rotation for name, each in self.cameras.items() if each.rotation}

@@ -279,9 +279,7 @@ def make_edge(
     settings = EdgeSettings(
         site=site.file.name,
         skeleton=site.skeleton,
-        known=None
-        if site.file.skeleton_name
-        else frozenset(skeleton.joints for skeleton in site.skeletons.values()),
+        known=site.known_joints,
         deadline_s=site.file.deadline_ms / 1e3,
         idle_modes=idle_modes,
         adaptive_lead=site.file.lead == "adaptive",

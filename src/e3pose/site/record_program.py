@@ -103,4 +103,5 @@ def _plan(site: ResolvedSite, dest: Path, for_s: float | None) -> RecordingPlan:
         site.file.pace,
         site.named_detector,
         for_s,
+        site.known_joints,
     )
