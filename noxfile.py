@@ -53,14 +53,21 @@ def tests(session: nox.Session, version: str) -> None:
 @nox.session(python=False)
 def platforms(session: nox.Session) -> None:
     """Resolve what `make dist` built, by name, for other systems: all of it as wheels."""
-    asked = Path(session.create_tmp()) / "asked.in"
+    folder = Path(session.create_tmp()).resolve()
+    asked = folder / "asked.in"
     asked.write_text("e3pose[all]\ne3pose-hub\ne3pose-lab\n")
     for platform in PLATFORMS:
         for version in (VERSIONS[0], VERSIONS[-1]):
             session.run(
                 *("uv", "pip", "compile", "--quiet", "--no-header", "--only-binary", ":all:"),
                 *("--find-links", str(DIST), "--python-platform", platform),
-                *("--python-version", version, "--output-file", os.devnull, str(asked)),
+                *(
+                    "--python-version",
+                    version,
+                    "--output-file",
+                    str(folder / "found.txt"),
+                    str(asked),
+                ),
                 external=True,
             )
 
