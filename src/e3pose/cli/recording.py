@@ -30,8 +30,8 @@ def record(
 
     All cameras are active in every slot; their keypoints become a recording for `calibrate`,
     `sync`, `replay` and `evaluate`. Cameras with a `source` in the site file run on this machine,
-    others connect as they do to the edge, which must not run meanwhile: a running site keeps what
-    it sees with `record = "keypoints"` in its file. Ctrl-C ends the recording.
+    others connect by themselves. Stop the edge first; a running site records with
+    `record = "keypoints"` in its file. Ctrl-C ends the recording.
 
     Parameters
     ----------

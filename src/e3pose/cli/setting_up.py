@@ -21,20 +21,19 @@ def setup(
     no_browser: Flag = False,
     for_s: Annotated[float | None, Parameter(name="--for")] = None,
 ) -> None:
-    """Set up a site in the browser: cameras, network, walk, calibration, check, live.
+    """Set up a site in the browser: cameras, calibration, live.
 
     Example: `e3pose setup room`
 
-    The page is on loopback, behind the token in the printed address. Each step shows the command
-    line that does the same, writes the same files, and goes on where it was after a reload or a
-    restart. A site that exists opens with its settings. Ctrl-C ends the page, and the site if the
-    page started it.
+    Only this machine can open the page, by the printed address. Each step shows the command that
+    does the same, writes the same files, and continues after a reload or a restart. An existing
+    site opens with its settings. Ctrl-C ends the page, and the site if the page started it.
 
     Parameters
     ----------
     site
-        Folder of the site, there or to be made. Default: choose on the page, among those in the
-        current folder, in which films are looked for too.
+        Folder of the site, new or existing. Default: choose one on the page. Films are searched
+        below the current folder.
     listen
         HOST:PORT of loopback. Default: 127.0.0.1:8471.
     no_browser

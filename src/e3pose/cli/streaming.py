@@ -44,8 +44,8 @@ def stream(
 
     Example: `e3pose stream site.toml osc://127.0.0.1:9000 mcap:today.mcap`
 
-    Streams other than mqtts are not encrypted and ask nobody for a password. Slots that a program
-    does not take in time are lost. Ctrl-C stops.
+    Only mqtts, homeassistants and webhook:https are encrypted. A program that is too slow misses
+    slots. Ctrl-C stops.
 
     Parameters
     ----------
