@@ -108,42 +108,27 @@ USAGE = {
     "sync": "[OPTIONS] VIDEO... | RECORDING [DEST]",
     "train": "[OPTIONS] RECORDING...",
 }
-# Which extra brings a module that a smaller install may lack.
-EXTRAS = {
-    "av": "camera",
-    "cv2": "camera",
-    "onnxruntime": "camera",
-    "unearth": "models",
-    "numba": "edge",
-    "pyarrow": "edge",
-    "scipy": "edge",
-    "sqlalchemy": "edge",
-    "yaml": "edge",
-    "prometheus_client": "edge",
-    "structlog": "edge",
-    "cryptography": "edge",
-    "zenoh": "edge",
-    "pythonosc": "osc",
-    "pylsl": "lsl",
-    "foxglove": "foxglove",
-    "paho": "mqtt",
-    "fastapi": "view",
-    "orjson": "view",
-    "starlette": "view",
-    "tomlkit": "view",
-    "uvicorn": "view",
-    "websockets": "view",
-    "pandas": "notebook",
-    "rerun": "rerun",
-    "plotly": "report",
-    "matplotlib": "report",
-    "distributed": "lab",
-    "joblib": "lab",
-    "fsspec": "archive",
-    "motmetrics": "lab",
-    "torch": "train",
-    **DISTRIBUTIONS,
+# The modules that extras bring, and a smaller install may lack.
+MODULES = {
+    "camera": ("av", "cv2", "onnxruntime"),
+    "models": ("unearth",),
+    "edge": (
+        *("cryptography", "numba", "prometheus_client", "pyarrow", "scipy", "sqlalchemy"),
+        *("structlog", "yaml", "zenoh"),
+    ),
+    "report": ("matplotlib", "plotly"),
+    "view": ("fastapi", "orjson", "starlette", "tomlkit", "uvicorn", "websockets"),
+    "osc": ("pythonosc",),
+    "lsl": ("pylsl",),
+    "foxglove": ("foxglove",),
+    "mqtt": ("paho",),
+    "notebook": ("pandas",),
+    "rerun": ("rerun",),
+    "archive": ("fsspec",),
+    "lab": ("distributed", "joblib", "motmetrics"),
+    "train": ("torch",),
 }
+EXTRAS = {name: extra for extra, names in MODULES.items() for name in names} | DISTRIBUTIONS
 
 
 def make_app(summary: Callable[[str], str | None] = lambda place: None) -> App:
