@@ -264,6 +264,7 @@ class CameraNode:
         recorder: VideoRecorder | None = None,
         suspend: Suspend | None = None,
         modes: ModeClock | None = None,
+        processor: ProcessorTime | None = None,
     ) -> None:
         """Create a camera with a loaded detector, or with a source that detects.
 
@@ -280,6 +281,7 @@ class CameraNode:
             recorder: writes videos; the node closes it.
             suspend: suspends the machine while the camera sleeps; None for its program alone.
             modes: counts what the camera does; None for one of its own.
+            processor: takes the processor time of its looks; None for a program of its own.
         """
         self.pictures, self.recorder, self._suspend = pictures, recorder, suspend
         self.settings, self.source, self.detector = settings, source, detector
@@ -295,7 +297,7 @@ class CameraNode:
         self._awake.set()
         self._spending = Spending(self.modes, meter, lambda: self._frames.busy)
         self._lock = threading.Lock()
-        self._processor = ProcessorTime()
+        self._processor = processor or ProcessorTime()
         self._image_size: tuple[int, int] | None = None  # until the first frame
         self._rate = FrameRate()
         self._gate = None if detector is None else Gate(detector, settings.gate)

@@ -67,6 +67,7 @@ GROUPS: dict[str, dict[str, str | Callable[..., Any]]] = {
         "phone": ".phoning:phone",
         "edge": ".running_edge:edge",
         "camera": ".running_camera:camera",
+        "cameras": ".running_cameras:cameras",
         "router": ".routing:router",
         "top": ".watching:top",
         "query": ".querying:query",
@@ -98,6 +99,7 @@ OPTIONS = Group("Options", sort_key=99)
 VERBS = tuple(verb for verbs in GROUPS.values() for verb in verbs)
 # Usage of the verbs that take several paths or names, which the parser calls ARGS.
 USAGE = {
+    "cameras": "[OPTIONS] SITE | CAMERA_FILE...",
     "detect": "[OPTIONS] VIDEO... DEST",
     "each": "[OPTIONS] DEST RECORDING...",
     "edge": "[OPTIONS] SITE...",

@@ -35,6 +35,7 @@ def up(
     *,
     example: Flag = False,
     view: Flag = False,
+    together: Flag = False,
     delay: str | None = None,
     logs: Path | None = None,
     for_s: Annotated[float | None, Parameter(name="--for")] = None,
@@ -57,6 +58,9 @@ def up(
     view
         Also run `e3pose view`: the live page, at the printed address. Its port is that of the site
         file; by default 8470, or the next free one.
+    together
+        Run all cameras in one program with one copy of the network, as `e3pose cameras` does: less
+        memory, and more looks per second where several cameras share the cores.
     delay
         Publish poses a second time, smoothed, this much later, such as 200ms. Default:
         `smooth_delay_ms` of the site file.
@@ -88,7 +92,9 @@ def up(
     measuring = Console(stderr=True).status("measuring the networks")
     console = Console(quiet=quiet)
     heard = (lambda _: None) if quiet else warn  # the log of the edge has its warnings
-    programs = site_programs(resolved, folder, *options, warn=heard, measuring=measuring)
+    programs = site_programs(
+        resolved, folder, *options, warn=heard, together=together, measuring=measuring
+    )
     if page is not None:
         programs.append(page)
         print("\n".join(page_links(resolved.file, address)), flush=True)

@@ -13,7 +13,7 @@ import numpy as np
 from e3pose.base.clock import Clock, WallClock
 from e3pose.base.system import require_64_bits
 from e3pose.camera.base import DetectingSource, LiveDetector, LiveSource, NodeSettings
-from e3pose.camera.live import CameraNode
+from e3pose.camera.live import CameraNode, ProcessorTime
 from e3pose.camera.live_source import make_source
 from e3pose.camera.orientation import turned
 from e3pose.camera.pictures import Pictures
@@ -160,6 +160,7 @@ def open_camera(
     detector: Detector | None = None,
     source: LiveSource | None = None,
     clock: Clock | None = None,
+    processor: ProcessorTime | None = None,
 ) -> Camera:
     """Start a camera of a site, which then works by itself until it is closed.
 
@@ -170,6 +171,7 @@ def open_camera(
         source: in place of the file's: any `LiveSource`, or a `DetectingSource`, which needs no
             detector; its times are those of `clock`.
         clock: the camera's.
+        processor: takes the processor time of its looks; None for a program of its own.
 
     Raises:
         InputError: naming the file, the key, what was found and what was expected.
@@ -184,7 +186,8 @@ def open_camera(
     transport = open_network(link)
     with ExitStack() as stack:
         stack.callback(transport.close)
-        made = make_camera(table, transport, clock, log.warning, power, detector, modes, source)
+        more = detector, modes, source, processor
+        made = make_camera(table, transport, clock, log.warning, power, *more)
         if (recorder := made.recorder) is not None:
             power.extra_j = lambda: recorder.spent_j
         stack.enter_context(power)
@@ -208,6 +211,7 @@ def make_camera(
     detector: Detector | None = None,
     modes: ModeClock | None = None,
     source: LiveSource | None = None,
+    processor: ProcessorTime | None = None,
 ) -> CameraNode:
     """Return a camera, its network loaded and tried, not yet started.
 
@@ -220,6 +224,7 @@ def make_camera(
         detector: in place of the one that the configuration names.
         modes: what `meter` reads of what the camera does.
         source: in place of the one that the configuration names.
+        processor: takes the processor time of its looks.
 
     Raises:
         InputError: when the source or the network cannot be used, or the machine not be suspended.
@@ -256,7 +261,7 @@ def make_camera(
             fields["recording_j"] = recorder.spent_j
         return fields
 
-    more = pictures, recorder, suspend, modes
+    more = pictures, recorder, suspend, modes, processor
     return CameraNode(settings, source, finds, transport, clock, metered, report, *more)
 
 

@@ -15,7 +15,7 @@ from e3pose.site.check.parts import start_problems
 from e3pose.site.check.sources import source_problems
 from e3pose.site.detector_speed import measure_detections, speed_problems
 from e3pose.site.edge_program import check_edge
-from e3pose.site.up import Program, Role, camera_program, edge_command
+from e3pose.site.up import Program, Role, camera_program, cameras_program, edge_command
 from e3pose.wire.network import check_port
 
 
@@ -24,6 +24,7 @@ def site_programs(
     logs: Path,
     *options: str,
     warn: Callable[[str], object],
+    together: bool = False,
     measuring: AbstractContextManager[object] | None = None,
 ) -> list[Program]:
     """Return the checked programs of a site: the edge, then the cameras.
@@ -33,6 +34,7 @@ def site_programs(
         logs: folder of their logs.
         options: further ones of the edge.
         warn: called with what is odd, in words.
+        together: whether all cameras share one program, and one copy of the network.
         measuring: entered while networks are measured.
 
     Raises:
@@ -56,5 +58,7 @@ def site_programs(
         selected = site.loop.num_selected or len(site.rig)
         report(speed_problems(site.file, times, selected), warn, str(site.file.path))
     edge = Program("edge", edge_command(site.file.path, *options), logs / "edge.log")
-    cameras = [camera_program(site, camera_id, logs) for camera_id in site.cameras]
+    cameras = [cameras_program(site, logs)]
+    if not together:
+        cameras = [camera_program(site, camera_id, logs) for camera_id in site.cameras]
     return [edge, *(replace(camera, role=Role.CAMERA) for camera in cameras)]

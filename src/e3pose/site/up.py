@@ -12,7 +12,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 
 from e3pose.base.child_process import ask_to_end, start_detached
 from e3pose.base.errors import Exit, GaveUp, InputError, reason_of
@@ -43,8 +43,8 @@ def view_command(path: Path, *options: str) -> list[str]:
     return [sys.executable, "-m", "e3pose", "view", str(path), *options, CHILD]
 
 
-def camera_command(site: ResolvedSite, camera_id: str) -> list[str]:
-    """Return the command line of a camera of a site, run on this machine.
+def camera_keys(site: ResolvedSite, camera_id: str) -> dict[str, Any]:
+    """Return what the camera file of a camera of a site, run on this machine, would say.
 
     Raises:
         InputError: when the site file does not say what the camera sees.
@@ -53,43 +53,52 @@ def camera_command(site: ResolvedSite, camera_id: str) -> list[str]:
     if camera.source is None:
         wanted = "what it sees, such as a video or recorded:RECORDING"
         raise InputError(f"camera {camera_id}: source", "none", wanted, str(site.file.path))
-    shown = _allow_pictures(site)
-    videos = _video_options(site, camera_id) if camera.record in ("video", "both") else []
     endpoint = site.file.link.endpoint
     if endpoint.host in ANY_HOST or endpoint.encrypted:
         endpoint = replace(endpoint, host="localhost")
-    # Every user of the machine can read command lines.
-    source = f"{ENVIRONMENT}{SOURCE}" if has_secret(camera.source) else camera.source
-    command = [
-        sys.executable, "-m", "e3pose", "camera",
-        "--site", site.file.name, "--name", camera_id, "--source", source,
-        "--endpoint", str(endpoint), "--wake-s", str(camera.wake_s),
+    battery = site.file.folder / BATTERIES / f"{camera_id}.json"
+    keys = site.file.keys / "cameras" / camera_id
+    said = {
+        "site": site.file.name,
+        "camera": camera_id,
+        "source": camera.source,
+        "endpoint": endpoint,
+        "wake_s": camera.wake_s,
+        "provider": camera.provider,
         # On one machine every camera would measure the same watts, those of all together.
-        "--provider", camera.provider, "--meter", camera.meter or "model", CHILD,
-    ]  # fmt: skip
-    if shown:
-        command += ["--pictures"]
-    if camera.gate:
-        command += ["--gate"]
-    if endpoint.encrypted:
-        command += ["--keys", str(site.file.keys / "cameras" / camera_id)]
-    for option, value in (
-        ("--detector", camera.detector),
-        ("--model", camera.model),
-        ("--threads", camera.threads),
-        ("--rotation", camera.rotation or None),
-        ("--delay-ms", camera.delay_ms or None),
-        ("--size", _size(site, camera_id)),
-        ("--pace", None if site.file.pace == 1 else site.file.pace),
-        ("--battery-wh", camera.battery_wh),
-    ):
-        if value is not None:
-            command += [option, str(value)]
-    command += videos
-    if camera.battery_wh is not None:
-        command += ["--state", str(site.file.folder / BATTERIES / f"{camera_id}.json")]
-    if site.file.link.insecure:
-        command.append("--insecure")
+        "meter": camera.meter or "model",
+        "pictures": _allow_pictures(site),
+        "gate": camera.gate,
+        "keys": keys if endpoint.encrypted else None,
+        "detector": camera.detector,
+        "model": camera.model,
+        "threads": camera.threads,
+        "rotation": camera.rotation or None,
+        "delay_ms": camera.delay_ms or None,
+        "size": _size(site, camera_id),
+        "pace": None if site.file.pace == 1 else site.file.pace,
+        "battery_wh": camera.battery_wh,
+        **(_video_keys(site, camera_id) if camera.record in ("video", "both") else {}),
+        "state": None if camera.battery_wh is None else battery,
+        "insecure": site.file.link.insecure,
+    }
+    return {
+        key: value if isinstance(value, bool | int | float) else str(value)
+        for key, value in said.items()
+        if value is not None and value is not False
+    }
+
+
+def camera_command(site: ResolvedSite, camera_id: str) -> list[str]:
+    """Return the command line of a camera of a site, run on this machine; errors likewise."""
+    keys = camera_keys(site, camera_id)
+    if has_secret(keys["source"]):  # every user of the machine can read command lines
+        keys["source"] = f"{ENVIRONMENT}{SOURCE}"
+    keys["name"] = keys.pop("camera")
+    command = [sys.executable, "-m", "e3pose", "camera", CHILD]
+    for key, value in keys.items():
+        option = f"--{key.replace('_', '-')}"
+        command += [option] if value is True else [option, str(value)]
     return command
 
 
@@ -111,20 +120,16 @@ def _allow_pictures(site: ResolvedSite) -> bool:
     return here and not site.file.view.proxies
 
 
-def _video_options(site: ResolvedSite, camera_id: str) -> list[str]:
-    """Return the options of a camera that records videos; all share the size that is allowed."""
+def _video_keys(site: ResolvedSite, camera_id: str) -> dict[str, str | None]:
+    """Return the keys of a camera that records videos; all share the size that is allowed."""
     cameras = sum(camera.record in ("video", "both") for camera in site.file.camera)
-    folder = site.file.record.path / VIDEOS / camera_id
     size = (site.file.record.max_bytes or MAX_BYTES) // cameras
-    options = [
-        "--videos",
-        str(folder),
-        "--videos-max-size",
-        f"{max(size, LEAST_SIZE_BYTES) / 1e6:.6f}MB",
-    ]
-    if site.file.record.part_s is not None:
-        options += ["--videos-part", f"{site.file.record.part_s:g}s"]
-    return options
+    part_s = site.file.record.part_s
+    return {
+        "videos": str(site.file.record.path / VIDEOS / camera_id),
+        "videos_max_size": f"{max(size, LEAST_SIZE_BYTES) / 1e6:.6f}MB",
+        "videos_part": None if part_s is None else f"{part_s:g}s",
+    }
 
 
 class Role(Enum):
@@ -237,6 +242,12 @@ def camera_program(site: ResolvedSite, camera_id: str, logs: Path) -> Program:
     command, source = camera_command(site, camera_id), site.cameras[camera_id].source or ""
     environment = {SOURCE: source} if has_secret(source) else {}
     return Program(camera_id, command, logs / f"{camera_id}.log", environment=environment)
+
+
+def cameras_program(site: ResolvedSite, logs: Path) -> Program:
+    """Return all cameras of a site, run on this machine in one program."""
+    command = [sys.executable, "-m", "e3pose", "cameras", str(site.file.path), CHILD]
+    return Program("cameras", command, logs / "cameras.log")
 
 
 def run_site(

@@ -1,0 +1,80 @@
+"""Turns of cameras that share a program: how many at a time, and what each is charged."""
+
+from __future__ import annotations
+
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from e3pose.settings.camera_file import load_node
+from e3pose.site.many_cameras import Turns, TurnTime, of_host
+
+
+def burn(seconds: float) -> None:
+    """Use a core of this thread for a while."""
+    end_ns = time.thread_time_ns() + round(seconds * 1e9)
+    while time.thread_time_ns() < end_ns:
+        pass
+
+
+def test_no_more_than_so_many_look_at_a_time() -> None:
+    turns, most, now, lock = Turns(2, 6), [0], [0], threading.Lock()
+
+    def look() -> None:
+        with TurnTime(turns).looking():
+            with lock:
+                now[0] += 1
+                most[0] = max(most[0], now[0])
+            time.sleep(0.02)
+            with lock:
+                now[0] -= 1
+
+    threads = [threading.Thread(target=look) for _ in range(6)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert most[0] == 2
+
+
+def test_turn_is_given_back_by_a_look_that_fails() -> None:
+    time_ = TurnTime(Turns(1, 2))
+    for _ in range(3):
+        with pytest.raises(ValueError, match="broken"), time_.looking():
+            raise ValueError("broken")
+
+
+def test_cameras_are_charged_their_looks_and_a_share_of_the_rest() -> None:
+    turns = Turns(2, 2)
+    one, other = TurnTime(turns), TurnTime(turns)
+    begun_ns = time.process_time_ns()
+
+    def look() -> None:
+        with one.looking():
+            burn(0.2)
+
+    thread = threading.Thread(target=look)
+    thread.start()
+    burn(0.1)  # of the program, beside the look
+    thread.join()
+    passed_s = (time.process_time_ns() - begun_ns) / 1e9
+    assert one.look_s == pytest.approx(0.2, abs=0.02) and other.look_s == 0.0
+    assert one.total_s + other.total_s == pytest.approx(passed_s, abs=0.02)
+    assert one.total_s - one.look_s == pytest.approx(other.total_s, abs=0.01)
+
+
+def test_look_takes_one_thread_where_the_network_allows_it(tmp_path: Path) -> None:
+    said = {"site": "lab", "camera": "cam1", "source": "usb:0", "endpoint": "tcp/127.0.0.1:7001"}
+    for keys, alone, threads in (
+        ({"detector": "movenet-multipose"}, False, 1),
+        ({"detector": "movenet-multipose"}, True, None),
+        ({"detector": "movenet-multipose", "threads": 3}, False, 3),
+        ({"detector": "openpose-thin"}, False, None),  # OpenCV has one pool for all
+        ({"detector": "openpose-thin", "model": str(tmp_path / "thin.onnx")}, False, 1),
+        ({"detector": str(tmp_path / "graph.pb")}, False, None),
+    ):
+        node = of_host(load_node(None, {**said, **keys}), alone)
+        assert node.threads == threads, keys
+        assert node.meter == ("auto" if alone else "model")
