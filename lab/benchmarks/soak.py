@@ -2,6 +2,7 @@
 
 python lab/benchmarks/soak.py --minutes 30
 python lab/benchmarks/soak.py --minutes 30 --no-churn
+python lab/benchmarks/soak.py --up --minutes 120 --every 60   # `e3pose up --example --view`
 
 Viewers, visitors of the page and a camera come and go meanwhile. Growth per hour is a line through
 the second half of the time: a short run says what an hour would bring if it went on so.
@@ -13,19 +14,27 @@ import argparse
 import contextlib
 import http.client
 import itertools
+import re
+import signal
 import socket
+import subprocess
 import sys
+import tempfile
 import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
+import psutil
 from websockets.exceptions import WebSocketException
 from websockets.sync.client import connect as connect_socket
 
+from e3pose.base.bounded import bytes_of
 from e3pose.settings.site_file import load_site
+from e3pose.site.example import make_example
 from e3pose.site.follow import Follower, viewer_link
 from e3pose.wire import topics
 from e3pose.wire.access import Link
@@ -161,6 +170,62 @@ def _columns(samples: list[Sample]) -> np.ndarray[tuple[int, ...], np.dtype[np.f
     ])  # fmt: skip
 
 
+def watch_up(minutes: float, every_s: float, fps: float) -> None:
+    """Run the example with `up --view`, kill its cameras in turn, visit its page; print growth.
+
+    Args:
+        minutes: for how long.
+        every_s: between two looks, in whose middle a camera is killed.
+        fps: slots per second.
+    """
+    looks: list[dict[str, tuple[float, float]]] = []  # bytes and descriptors, by program
+    with tempfile.TemporaryDirectory(prefix="e3pose-soak-") as name:
+        path = make_example(Path(name) / "try")
+        path.write_text(re.sub(r"(?m)^fps = .*", f"fps = {fps}", path.read_text()))
+        words = [sys.executable, "-m", "e3pose", "up", str(path), "--view"]
+        log, begun_s = Path(name) / "up.log", time.monotonic()
+        with log.open("w") as output, subprocess.Popen(words, stdout=output) as running:
+            try:
+                while not (page := re.search(r"http://127\.0\.0\.1:(\d+)/", log.read_text())):
+                    wait(0.2)
+                visits = itertools.cycle(partial(v, int(page[1])) for v in (_ask, _follow, _leave))
+                for number in itertools.count():
+                    programs = _programs(psutil.Process(running.pid))
+                    held = {who: (p.memory_info().rss, p.num_fds()) for who, p in programs.items()}
+                    looks.append({**held, "files": (bytes_of(path.parent), 0)})
+                    print(f"{time.monotonic() - begun_s:6.0f} s  {looks[-1]}", flush=True)
+                    if time.monotonic() - begun_s > 60 * minutes:
+                        break
+                    for part in range(10):
+                        failures = OSError, WebSocketException, http.client.HTTPException
+                        with contextlib.suppress(psutil.Error, *failures):
+                            if part == 5 and (camera := programs.get(f"cam{number % 4}")):
+                                camera.kill()
+                            next(visits)()
+                        wait(every_s / 10)
+            finally:
+                running.send_signal(signal.SIGINT)
+    half = looks[len(looks) // 2 :]
+    hours = np.arange(len(half)) * every_s / 3600
+    for who in half[-1]:
+        sizes, handles = np.array([each.get(who, (np.nan, 0)) for each in half]).T
+        there = np.isfinite(sizes)
+        growth = np.polyfit(hours[there], sizes[there] / 1e6, 1)[0] if there.sum() > 2 else 0.0
+        most = f"{int(handles.max())} descriptors at most"
+        print(f"{who}: {sizes[there][-1] / 1e6:.1f} MB, {growth:+.2f} MB per hour, {most}")
+
+
+def _programs(up: psutil.Process) -> dict[str, psutil.Process]:
+    """Return `up` and its programs by the words of their commands."""
+    found = {"up": up}
+    for child in up.children(recursive=True):
+        with contextlib.suppress(psutil.Error, ValueError):
+            words = child.cmdline()
+            verb = words[words.index("e3pose") + 1]
+            found[words[words.index("--name") + 1] if verb == "camera" else verb] = child
+    return found
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--minutes", type=float, default=30.0)
@@ -169,7 +234,12 @@ def main() -> None:
     parser.add_argument("--every", type=float, default=5.0, help="seconds between samples")
     parser.add_argument("--growth", type=float, default=GROWTH_MB, help="megabytes that are a leak")
     parser.add_argument("--churn", action=argparse.BooleanOptionalAction, default=True)
+    parser.add_argument("--up", action="store_true", help="the example site, cameras killed")
+    parser.add_argument("--fps", type=float, default=5.0, help="with --up: slots per second")
     options = parser.parse_args()
+    if options.up:
+        watch_up(options.minutes, options.every, options.fps)
+        return
     with contextlib.ExitStack() as stack:
         spare = int(options.churn)
         site = stack.enter_context(
