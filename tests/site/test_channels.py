@@ -41,7 +41,10 @@ SHOWN = {
     "log that cannot be opened": (
         "site/test_up::test_program_whose_log_cannot_be_opened_runs_without_one",
     ),
-    "state (`state.npz`)": (HERE, f"{FULL}full_disk_is_reported_and_stops_nobody"),
+    "state (`state.npz`)": (
+        HERE, f"{FULL}full_disk_is_reported_and_stops_nobody",
+        f"{CODES}disk_that_is_full_from_the_start_is_no_refused_input",
+    ),
     "store, SQLite": (
         HERE, f"{FAULTS}full_disk_goes_to_the_spool_and_comes_back",
         f"{FAULTS}full_queue_sheds_and_says_so",
@@ -111,6 +114,8 @@ SHOWN = {
         "site/streams/test_webhook::"
         "test_what_waits_is_bounded_and_lost_at_the_end_with_a_line_each",
         "site/streams/test_mqtt::test_wrong_password_is_reported_and_not_said",
+        "cli/test_streaming::test_target_that_is_away_keeps_no_other_from_its_slots",
+        "cli/test_streaming::test_target_that_comes_back_gets_slots",
     ),
     "argument lists": (
         "live/test_planted_secrets::test_no_output_of_a_run_holds_a_password_of_a_camera",

@@ -293,15 +293,14 @@ def load_network(
         raise InputError(f"threads: found {threads}, expected 1 to 1024")
     if path.suffix == ".onnx":
         check_external_data(path)
-        if not known:
-            _check_bounds(path)
+    if path.suffix == ".tflite" and find_spec("ai_edge_litert") is None:
+        expected = "`pip install 'e3pose[litert]'`"
+        raise InputError(str(path), "a network for LiteRT, which is not installed", expected)
+    if not known and path.suffix in (".onnx", ".tflite", ".pb"):
+        _check_bounds(path)
+    if path.suffix == ".onnx":
         return _load_onnx(path, provider, threads)
     if path.suffix == ".tflite":
-        if find_spec("ai_edge_litert") is None:
-            expected = "`pip install 'e3pose[litert]'`"
-            raise InputError(str(path), "a network for LiteRT, which is not installed", expected)
-        if not known:
-            _check_bounds(path)
         return _load_litert(path, provider, threads)
     if path.suffix == ".pb":
         if provider not in ("auto", "cpu"):
@@ -327,8 +326,7 @@ def _check_bounds(path: Path) -> None:
 
 
 def _try(name: str) -> None:
-    load = _load_litert if name.endswith(".tflite") else _load_onnx
-    network = load(Path(name), "cpu", 1)
+    network = load_network(Path(name), "cpu", 1, known=True)
     shape = [TRY_SIDE if side is None else side for side in network.input_shape]
     try:
         network.run(np.zeros(shape, DTYPES.get(network.input_dtype, np.float32)))
