@@ -12,6 +12,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -23,6 +24,8 @@ from tests.site.test_channels import limit
 import e3pose.cli.running_site as running_site
 from e3pose.base.errors import Exit, Fault, GaveUp, InputError, exit_code
 from e3pose.camera.live import CameraNode
+from e3pose.camera.live_source import StreamSource
+from e3pose.camera.source import open_video
 from e3pose.edge.server import EdgeServer
 from e3pose.recording import save_recording
 from e3pose.simulate import SceneSettings, simulate
@@ -251,6 +254,23 @@ def test_refusal_that_a_full_disk_caused_is_a_fault() -> None:
     with pytest.raises(InputError) as caught:
         told()
     assert exit_code(caught.value) == Exit.FAULT
+
+
+def test_film_that_ffmpeg_cannot_read_is_no_fault_of_the_machine(
+    tmp_path: Path, monkeypatch: Patch
+) -> None:
+    """Its errors are those of the system by name and number, be the disk ever so well."""
+    av = pytest.importorskip("av")
+
+    def broken(*_args: object, **_more: object) -> None:
+        av.error.err_check(-errno.EIO)
+
+    monkeypatch.setattr(av, "open", broken)
+    (tmp_path / "a.mp4").write_bytes(b"a film")
+    for opened in (partial(open_video, tmp_path / "a.mp4"), StreamSource("rtsp://x", None).open):  # type: ignore[arg-type]
+        with pytest.raises(InputError, match=r"(?i)input/output error") as caught:
+            opened()
+        assert exit_code(caught.value) == Exit.REFUSED
 
 
 def closed(*numbers: int) -> Callable[[], None]:
