@@ -238,6 +238,12 @@ def test_hands_hang_on_wrists_and_faces_on_heads() -> None:
         (HEAD + 'joints = ["a"]\ntails = 1', "unknown key 'tails'"),
         (HEAD + 'parts = ["coco18", "coco17"]', "joints: found left_ankle twice"),
         (HEAD + 'parts = ["mine.toml"]', "parts: found .*mine.toml within itself"),
+        (HEAD + 'parts = ["face68", "face68"]', "parts: found 2 skeletons, expected at most 6, ea"),
+        (HEAD + f"joints = {[f'j{n}' for n in range(40_000)]}", "joints: found 40000 joints"),
+        (
+            HEAD + 'joints = ["a", "b"]\nlimbs = ["' + "a b " * 9000 + '"]',
+            "limbs: found 17999 pairs",
+        ),
         (HEAD + 'parts = ["none.toml"]', "none.toml: skeleton: no such file"),
         (HEAD + 'name = "coco17"\njoints = ["a"]', "name: found coco17, expected up to 64"),
         (HEAD + 'name = "../a"\njoints = ["a"]', "name: found ../a"),

@@ -11,7 +11,7 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Literal
@@ -30,6 +30,7 @@ NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")
 MAX_BYTES = 1_000_000
 MAX_JOINTS = 512  # as messages have them
 FAR_M = 2.0  # that a joint may be from the one that it hangs on
+MOST_PARTS, MOST_LIMBS = 6, 4 * MAX_JOINTS
 SHOWN = 5  # joints that a message names
 DETAILS = ("finger", "skin")  # ways to move of joints that do not tell people apart
 SIDES = ("left", "right")
@@ -164,6 +165,10 @@ def hang(
     free = [name for name in names if not found[name]]
     root = min(free, key=lambda n: _RANKS.get(n, len(_RANKS)), default="")
     hung = {n for n in free if n == root or n in _RANKS}
+    near: dict[str, list[str]] = {name: [] for name in names}
+    for a, b in limbs:
+        near[a].append(b)
+        near[b].append(a)
     while len(hung) < len(names):
         grown = {n for n in names if found[n] in hung} - hung
         if not grown:  # of joints that names do not place, the first that a limb joins to these
@@ -171,8 +176,8 @@ def hang(
             if not loose:
                 (first, *_) = (n for n in names if n not in hung)
                 raise InputError("tree", f"{first} below itself", "joints that hang on a root")
-            ends = ((c, d) for n in loose for a, b in limbs for c, d in ((a, b), (b, a)) if c == n)
-            name, above = next(((c, d) for c, d in ends if d in hung), (loose[0], root))
+            ends = ((n, end) for n in loose for end in near[n] if end in hung)
+            name, above = next(ends, (loose[0], root))
             found[name], grown = above, {name}
         hung |= grown
     return tuple(-1 if n == root else names.index(found[n] or root) for n in names)
@@ -209,9 +214,12 @@ def _shipped(name: str) -> Skeleton:
 def _loaded(name_or_path: str, within: tuple[str, ...]) -> Skeleton:
     table, where = read_shipped(name_or_path, PACKAGE, SHIPPED, "skeleton", MAX_BYTES)
     try:
-        if name_or_path in within:
+        if name_or_path in within or len(within) > MOST_PARTS:
             raise InputError("parts", f"{name_or_path} within itself", "other skeletons")
         file, path = read_table(SkeletonFile, table), Path(name_or_path)
+        if len(set(file.parts)) < len(file.parts) or len(file.parts) > MOST_PARTS:
+            wanted = f"at most {MOST_PARTS}, each once"
+            raise InputError("parts", f"{len(file.parts)} skeletons", wanted)
         paths = [str(path.parent / part) for part in file.parts]
         above = (*within, name_or_path)
         parts = [_shipped(part) if part in SHIPPED else _loaded(beside, above)
@@ -221,24 +229,34 @@ def _loaded(name_or_path: str, within: tuple[str, ...]) -> Skeleton:
         raise error.at(where) from None
 
 
-def _of_file(file: SkeletonFile, name: str, parts: Sequence[Skeleton], shipped: bool) -> Skeleton:
+def _names(file: SkeletonFile, parts: Sequence[Skeleton]) -> tuple[str, ...]:
+    """Return the joints of a file and its parts, checked."""
     names = (*(joint for part in parts for joint in part.joints), *file.joints)
-    twice = sorted({joint for joint in names if names.count(joint) > 1})
+    twice = [joint for joint in set(names) if len(names) <= MAX_JOINTS and names.count(joint) > 1]
     if not 1 <= len(names) <= MAX_JOINTS or twice or not all(map(str.isidentifier, names)):
         wrong = next((joint for joint in names if not joint.isidentifier()), f"{len(names)} joints")
-        found = f"{twice[0]} twice" if twice else wrong[:60]
+        found = f"{min(twice)} twice" if twice else wrong[:60]
         wanted = f"1 to {MAX_JOINTS} different names of letters, digits and _"
         raise InputError("joints", found, wanted)
+    return names
 
-    def links(field: str, rows: Sequence[str]) -> list[tuple[str, str]]:
-        for joint in (joint for row in rows for joint in row.split()):
-            if joint not in names:
-                raise InputError(field, joint[:60], "joints of the skeleton")
-        pairs = [pair for row in rows for pair in pairwise(row.split())]
-        if twice := next((a for a, b in pairs if a == b), ""):
-            raise InputError(field, f"{twice} twice in a row", "two joints")
-        return pairs
 
+def _links(field: str, rows: Sequence[str], known: Collection[str]) -> list[tuple[str, str]]:
+    """Return pairs of joints that stand beside each other in the rows of a field, checked."""
+    for joint in (joint for row in rows for joint in row.split()):
+        if joint not in known:
+            raise InputError(field, joint[:60], "joints of the skeleton")
+    pairs = [pair for row in rows for pair in pairwise(row.split())]
+    if len(pairs) > MOST_LIMBS:
+        raise InputError(field, f"{len(pairs)} pairs", f"at most {MOST_LIMBS}")
+    if twice := next((a for a, b in pairs if a == b), ""):
+        raise InputError(field, f"{twice} twice in a row", "two joints")
+    return pairs
+
+
+def _of_file(file: SkeletonFile, name: str, parts: Sequence[Skeleton], shipped: bool) -> Skeleton:
+    names = _names(file, parts)
+    links = partial(_links, known=set(names))
     limbs, parents = list[tuple[str, str]](), dict[str, str]()
     moves = {joint: how for joint, how in _MOVES.items() if joint in names}
     rest: dict[str, tuple[float, float, float]] = {}
