@@ -44,7 +44,7 @@ RUNS = (
     "evaluate demo-output/recording --policies all,round-robin,e3pose --cameras 2,3",
     "evaluate walk --policies round-robin,information --cameras 1,2 --lead 4 --seeds 2",
     "export live.db angles.csv --angles --track 1",
-    "export live.db archive.parquet --wide",
+    "export live.db archive.parquet --layout archive",
     "export live.db last.parquet --what poses --from -10min",
     "export live.db selections.csv --what slots",
     "export live.db walk.c3d --smooth butterworth --cutoff 6Hz",

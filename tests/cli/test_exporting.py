@@ -73,7 +73,12 @@ def test_a_store_is_smoothed_filled_and_resampled(
         (["walk.trc", "--angles"], "--angles: found with trc"),
         (["walk.csv", "--units", "m"], "--units: found with csv"),
         (["walk.trc", "--names", "vrm"], "--names vrm: found with trc, expected bvh or gltf"),
-        (["walk.csv", "--wide"], "--wide: found with csv, expected parquet"),
+        (["walk.csv", "--layout", "archive"], "--layout archive: found with csv, expected parquet"),
+        (["walk.trc", "--layout", "wide"], "--layout: found with trc, expected csv or parquet"),
+        (
+            ["walk.csv", "--layout", "long", "--angles"],
+            "--layout long: found with csv, expected no",
+        ),
         (["walk.c3d", "--names", "opencap"], "--names opencap: found with c3d, expected trc"),
         (["walk.trc", "--calibration", "rig.toml"], "--calibration: found with trc"),
         (["walk.json"], "--calibration FILE"),

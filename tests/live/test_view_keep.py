@@ -159,7 +159,7 @@ def test_files_are_made_of_chosen_people_and_outlive_a_reload(
     page.call("Browser.setDownloadBehavior", behavior="allow", downloadPath=str(folder))
     page.run("document.querySelector('#files .get').click()")
     assert eventually(lambda: (folder / "Fall.csv").is_file())
-    assert (folder / "Fall.csv").read_text().startswith("frame,seconds,")
+    assert (folder / "Fall.csv").read_text().startswith("slot,time,")
     press(page, "Remove Fall · CSV")
     assert page.shows("files", "No files yet")
     assert page.messages == []

@@ -76,3 +76,26 @@ def test_wrong_store_is_one_line(
     before = (recording / "recording.toml").read_bytes()
     assert named in refused(capsys, "replay", recording, "--cameras", "2", *words)
     assert (recording / "recording.toml").read_bytes() == before
+
+
+def test_a_layout_has_the_same_columns_from_every_verb(recording: Path, tmp_path: Path) -> None:
+    dates = {"run", "time", "time_ns"}  # of a store alone, or in its form
+    for layout in ("long", "wide"):
+        store, first, second = (tmp_path / f"{layout}.{end}" for end in ("db", "csv", "too.csv"))
+        replayed = ("--poses", first, "--layout", layout, "--store", store, "--policy", "all")
+        assert run("replay", recording, *replayed) == 0
+        assert run("export", store, second, "--layout", layout) == 0
+        tables = [list(csv.DictReader(path.read_text().splitlines())) for path in (first, second)]
+        if layout == "long":
+            assert run("export", store, tmp_path / "rows.csv", "--what", "poses") == 0
+            tables.append(list(csv.DictReader((tmp_path / "rows.csv").read_text().splitlines())))
+        shown = [[{k: v for k, v in row.items() if k not in dates} for row in t] for t in tables]
+        assert len(shown[0]) >= (NUM_SLOTS - 5) * (len(COCO17) if layout == "long" else 1)
+        for other in shown[1:]:
+            assert [list(row) for row in other] == [list(row) for row in shown[0]]
+            for ours, theirs in zip(shown[0], other, strict=True):
+                for name in ours:
+                    if name in ("joint", "measured") or name.endswith("_origin"):
+                        assert ours[name] == theirs[name]
+                    elif ours[name] or theirs[name]:
+                        assert float(ours[name]) == pytest.approx(float(theirs[name]), abs=2e-3)

@@ -31,6 +31,7 @@ from e3pose.estimate.smooth import SmoothSettings, smoothed
 from e3pose.model.take import FILLED, PREDICTED, Take
 from e3pose.output.exports import ExportSettings, format_of
 from e3pose.output.exports import export as write
+from e3pose.output.exports.base import Layout
 from e3pose.output.exports.resample import resampled
 from e3pose.recording.calibration import load_rig
 from e3pose.settings.resolved import resolve
@@ -71,9 +72,10 @@ class FormatOptions:
     """Names of another tool. TRC: `pose2sim` or `opencap`, with OpenSim's model and set-up files
     beside. BVH, glTF: bones as in `vrm`, `mixamo` or `unreal`. Default: those of the joints."""
     angles: Flag = False
-    """Add joint angles as columns of CSV and Parquet."""
-    wide: Flag = False
-    """Write Parquet as an archive: whole millimetres, a tenth of the size; `export` reads it."""
+    """Add joint angles as columns of CSV and Parquet, whose layout is then wide."""
+    layout: Layout | None = None
+    """Rows of CSV and Parquet: long, one per joint (default); wide, one per person; archive,
+    Parquet of whole millimetres, a tenth of the size, which `export` reads."""
     calibration: Path | None = None
     """Calibration file, for 2D keypoints: required for COCO, optional for OpenPose JSON."""
 
@@ -82,7 +84,9 @@ class FormatOptions:
         form = format_of(dest, self.format_name)
         for option, value, forms in (
             ("--angles", self.angles or None, ("csv", "parquet")),
-            ("--wide", self.wide or None, ("parquet",)),
+            ("--layout", self.layout, ("csv", "parquet")),
+            ("--layout archive", self.layout == "archive" or None, ("parquet",)),
+            ("--layout long", (self.layout == "long" and self.angles) or None, ("no --angles",)),
             ("--units", self.units, ("trc", "c3d", "bvh")),
             (f"--names {self.names}", self.names, NAMED.get(self.names or "", ())),
             ("--calibration", self.calibration, ("coco", "openpose")),
@@ -91,7 +95,8 @@ class FormatOptions:
                 listed = " or ".join(filter(None, (", ".join(forms[:-1]), forms[-1])))
                 raise InputError(f"{option}: found with {form}, expected {listed}")
         rig = None if self.calibration is None else load_rig(self.calibration)
-        return form, ExportSettings(self.units, self.names, self.angles, rig, self.wide, progress)
+        layout = self.layout or ("wide" if self.angles else "long")
+        return form, ExportSettings(self.units, self.names, self.angles, rig, layout, progress)
 
 
 FORMAT = FormatOptions()
@@ -116,7 +121,7 @@ def export(
     Example: `e3pose export live.db walk.trc --from 14:00 --to 14:05 --smooth rts`
 
     The suffix of DEST selects the format: .trc and .mot (OpenSim: markers, joint angles), .c3d,
-    .csv and .parquet (one row per frame and person), .bvh, .glb and .gltf (animated skeletons),
+    .csv and .parquet (tables: --layout), .bvh, .glb and .gltf (animated skeletons),
     .json (COCO), .rrd (rerun); a folder of OpenPose JSON needs `--format openpose`. TRC, MOT and
     BVH hold one person per file, such as walk-track7.trc. Missing joints stay missing without
     --fill.
@@ -135,7 +140,7 @@ def export(
     ----------
     source
         A store as in `e3pose query` (file, URL or site folder), or a table of poses from
-        `e3pose replay --poses`, `e3pose export --what poses` or `--wide`. For a report page, a
+        `e3pose replay --poses` or `e3pose export`, long or archive. For a report page, a
         site.
     dest
         Output file, replaced if it exists; for OpenPose a new folder.

@@ -8,14 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from e3pose.base.atomic import atomic_file
 from e3pose.base.errors import InputError
 from e3pose.model.people import People
 from e3pose.model.skeleton import Skeleton
 from e3pose.pipeline import SlotRecord
+from e3pose.store.export import long_columns, write_tables
 
 FORMATS = (".csv", ".parquet")
-DECIMALS_M = 5  # hundredths of a millimetre: below any camera's noise
 
 
 def check_poses_path(path: Path) -> Path:
@@ -38,38 +37,13 @@ def write_poses(records: Sequence[SlotRecord], skeleton: Skeleton, path: Path) -
     Raises:
         InputError: when the file's ending names no known format.
     """
-    import pyarrow
-    from pyarrow import csv, parquet
-
     check_poses_path(path)
-    table = pyarrow.table(_columns(records, skeleton))
-    with atomic_file(path) as temporary:
-        if path.suffix == ".csv":
-            with temporary.open("wb") as file:
-                file.write(",".join(table.column_names).encode() + b"\n")
-                plain = csv.WriteOptions(include_header=False, quoting_style="none")
-                csv.write_csv(table, file, plain)
-        else:
-            parquet.write_table(table, temporary, compression="zstd")
+    write_tables([_columns(records, skeleton)], path, path.suffix[1:])
 
 
 def _columns(records: Sequence[SlotRecord], skeleton: Skeleton) -> dict[str, Any]:
     people = People.joined([record.people for record in records], len(skeleton))
     counts = [len(record.people) for record in records]
-    person, joint = np.nonzero(people.scores > 0)
-    slots = np.repeat(np.array([r.slot for r in records], dtype=np.int64), counts)
     times = np.repeat(np.array([r.time_s for r in records], dtype=np.float64), counts)
-    positions = people.joints_m[person, joint].round(DECIMALS_M)
-    sigma = people.sigma_m[person, joint].round(DECIMALS_M)
-    return {
-        "slot": slots[person],
-        "time": times[person].round(6),
-        "track": people.track_ids[person],
-        "joint": np.array(skeleton.joints, dtype=str)[joint].tolist(),
-        "x": positions[:, 0],
-        "y": positions[:, 1],
-        "z": positions[:, 2],
-        "score": people.scores[person, joint].round(4),
-        "measured": people.measured[person, joint],
-        "sigma": [None if np.isnan(value) else value for value in sigma],
-    }
+    slots = np.repeat(np.array([r.slot for r in records], dtype=np.int64), counts)
+    return long_columns({"slot": slots, "time": times.round(6)}, people, skeleton.joints)

@@ -14,6 +14,7 @@ import msgspec
 import numpy as np
 
 from e3pose.base.atomic import atomic_file
+from e3pose.model.people import People
 from e3pose.store.answers import StoredPoses
 from e3pose.store.times import iso_text
 
@@ -31,23 +32,31 @@ class Sink(Protocol):
 
 def pose_columns(poses: StoredPoses) -> dict[str, list[Any]]:
     """Return one row per person, slot and joint that was seen; metres, times as ISO 8601 UTC."""
-    person, joint = np.nonzero(poses.people.scores > 0)
-    positions = poses.people.joints_m[person, joint].astype(np.float64).round(DECIMALS_M)
-    sigma = poses.people.sigma_m[person, joint].astype(np.float64).round(DECIMALS_M)
-    names = np.array(poses.joints, dtype=object)
-    times = np.array([iso_text(ns) for ns in poses.time_ns.tolist()], dtype=object)
+    times = [iso_text(ns) for ns in poses.time_ns.tolist()]
+    when = {"run": poses.run_ids, "slot": poses.slots, "time": times, "time_ns": poses.time_ns}
+    return long_columns(when, poses.people, poses.joints)
+
+
+def long_columns(
+    when: Mapping[str, Any], people: People, joints: Sequence[str]
+) -> dict[str, list[Any]]:
+    """Return one row per person, slot and joint that has a place: the long layout.
+
+    Args:
+        when: columns of one value for each row of `people`.
+        people: metres; a joint of score 0 has no row.
+        joints: their names.
+    """
+    person, joint = np.nonzero(people.scores > 0)
+    positions = people.joints_m[person, joint].astype(np.float64).round(DECIMALS_M)
+    sigma = people.sigma_m[person, joint].astype(np.float64).round(DECIMALS_M)
     return {
-        "run": poses.run_ids[person].tolist(),
-        "slot": poses.slots[person].tolist(),
-        "time": times[person].tolist(),
-        "time_ns": poses.time_ns[person].tolist(),
-        "track": poses.people.track_ids[person].tolist(),
-        "joint": names[joint].tolist(),
-        "x": positions[:, 0].tolist(),
-        "y": positions[:, 1].tolist(),
-        "z": positions[:, 2].tolist(),
-        "score": poses.people.scores[person, joint].astype(np.float64).round(4).tolist(),
-        "measured": poses.people.measured[person, joint].tolist(),
+        **{name: np.array(values)[person].tolist() for name, values in when.items()},
+        "track": people.track_ids[person].tolist(),
+        "joint": np.array(joints, dtype=object)[joint].tolist(),
+        **{axis: positions[:, i].tolist() for i, axis in enumerate("xyz")},
+        "score": people.scores[person, joint].astype(np.float64).round(4).tolist(),
+        "measured": people.measured[person, joint].tolist(),
         "sigma": [None if np.isnan(value) else value for value in sigma.tolist()],
     }
 
@@ -180,9 +189,9 @@ def _parquet(file: BinaryIO) -> Iterator[Sink]:
 def _arrow_type(name: str, values: Sequence[Any]) -> Any:
     import pyarrow
 
-    if name == "time":
-        return pyarrow.timestamp("ns", tz="UTC")
     first = next((value for value in values if value is not None), None)
+    if name == "time" and not isinstance(first, float):  # of a run without dates, seconds
+        return pyarrow.timestamp("ns", tz="UTC")
     if isinstance(first, list):
         return pyarrow.list_(pyarrow.float32())
     if isinstance(first, bool) or name == "measured":

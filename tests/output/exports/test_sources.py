@@ -142,7 +142,7 @@ def test_what_is_no_table_of_poses_is_refused_before_a_row_of_it_is_read(
 def test_a_wide_file_of_too_many_rows_is_refused_unread(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    ((path, _),) = export(TAKE, tmp_path / "a.parquet", "parquet", ExportSettings(wide=True))
+    ((path, _),) = export(TAKE, tmp_path / "a.parquet", "parquet", ExportSettings(layout="archive"))
     assert take_from_table(path, Asked()).skeleton == COCO17
     monkeypatch.setattr(source, "MAX_ROWS", 17 * 20)
     with pytest.raises(InputError, match="rows, expected at most 20"):

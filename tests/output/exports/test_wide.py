@@ -22,7 +22,7 @@ from e3pose.output.exports import ExportSettings, export
 from e3pose.output.exports.source import Asked, take_from_table
 from e3pose.output.exports.wide import KEY
 
-WIDE = ExportSettings(wide=True)
+WIDE = ExportSettings(layout="archive")
 TAKE = smoothed(take(), SmoothSettings(fill_s=0.2))  # with measured, predicted and filled joints
 HALF_MM = 0.0005 + 1e-9
 
@@ -112,6 +112,6 @@ def test_what_no_export_writes_is_refused(
 
 
 def test_an_archive_has_no_angles(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="--angles: found with --wide"):
+    with pytest.raises(InputError, match="--angles: found with --layout archive"):
         list(export(TAKE, tmp_path / "a.parquet", "parquet", replace(WIDE, angles=True)))
     assert list(tmp_path.iterdir()) == []

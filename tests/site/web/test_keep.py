@@ -105,7 +105,7 @@ def test_what_is_stored_of_a_clip_is_deleted_if_asked_for(tmp_path: Path) -> Non
 
 
 FIRST = {
-    "c3d": b"\x02\x50", "gltf": b"glTF", "bvh": b"HIERARCHY", "csv": b"frame,", "parquet": b"PAR1",
+    "c3d": b"\x02\x50", "gltf": b"glTF", "bvh": b"HIERARCHY", "csv": b"slot,", "parquet": b"PAR1",
     "mcap": b"\x89MCAP0\r\n", "report": b"<!doctype html>", "trc": b"PathFileType",
 }  # fmt: skip
 
@@ -125,7 +125,7 @@ def test_every_form_is_made_and_downloaded(operator: httpx.Client, form: str) ->
 
 def test_people_are_chosen_and_poses_smoothed(operator: httpx.Client) -> None:
     one = content(operator, made(operator, form="csv", tracks=[11])).decode().splitlines()
-    assert len(one) == 1 + 31 and all(line.split(",")[4] == "11" for line in one[1:])
+    assert len(one) == 1 + 31 and all(line.split(",")[3] == "11" for line in one[1:])
     smooth = made(operator, form="csv", tracks=[11], smooth=True)
     assert content(operator, smooth).decode().splitlines() != one
     nobody = made(operator, form="csv", tracks=[99])

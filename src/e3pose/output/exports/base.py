@@ -14,6 +14,7 @@ from e3pose.model.camera import Rig
 from e3pose.model.take import Take
 
 Units = Literal["mm", "m"]
+Layout = Literal["long", "wide", "archive"]
 Progress = Callable[[Iterable[Any], int, str], Iterable[Any]]
 
 PER_METRE: dict[str, float] = {"mm": 1000.0, "m": 1.0}
@@ -30,7 +31,7 @@ class ExportSettings:
             glTF, of `bone_names.BONE_NAMES`; None for the joints' own names.
         angles: whether tables have columns of joint angles.
         rig: the cameras of formats that hold 2D keypoints; None without.
-        wide: whether Parquet has the layout of `wide`.
+        layout: of tables: a row per joint, per person, or the archive of `wide` (Parquet).
         progress: wraps what takes long: the work, how much it is, what it is called.
     """
 
@@ -38,7 +39,7 @@ class ExportSettings:
     names: str | None = None
     angles: bool = False
     rig: Rig | None = None
-    wide: bool = False
+    layout: Layout = "long"
     progress: Progress = lambda items, total, label: items
 
 

@@ -105,7 +105,7 @@ def take_from_store(store: str, asked: Asked) -> Take:
 
 
 def take_from_table(path: Path, asked: Asked) -> Take:
-    """Return the poses of a table that `replay --poses`, `query` or `export --wide` wrote.
+    """Return the poses of a table of `replay --poses`, `query` or `export`, long or archive.
 
     Frame rate and skeleton follow from the rows: from times and slots, and from the joints' names.
 
@@ -237,8 +237,8 @@ def _check(path: Path, names: Sequence[str], num_rows: int) -> None:
     missing = [name for name in NEEDED if name not in names]
     if missing or not {"time", "time_ns"} & set(names):
         raise InputError(
-            f"{path}: found no column {', '.join(missing) or 'time'}, expected a table of replay "
-            "--poses or export --what poses"
+            f"{path}: found no column {', '.join(missing) or 'time'}, expected a table of poses "
+            "in the layout long or archive"
         )
     if not 0 < num_rows <= MAX_ROWS:
         raise InputError(f"{path}: found {num_rows} rows, expected 1 to {MAX_ROWS}")

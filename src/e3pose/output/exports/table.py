@@ -1,4 +1,4 @@
-"""CSV and Parquet: one row per frame and person, metres with z up, and joint angles in degrees.
+"""CSV and Parquet: a row per slot and joint or person, metres, z up, and joint angles in degrees.
 
 Angles follow ISB definitions where keypoints allow. Keypoints show where joints are, not how bones
 turn about themselves. So what follows from directions alone is here: flexion of elbow and knee,
@@ -18,11 +18,12 @@ from typing import Any
 import numpy as np
 
 from e3pose.base.arrays import Floats
+from e3pose.model.people import People
 from e3pose.model.skeleton import MEANS, Skeleton
-from e3pose.model.take import MISSING, ORIGINS, Motion, Take
+from e3pose.model.take import MEASURED, MISSING, ORIGINS, Motion, Take
 from e3pose.output.exports.base import ExportSettings
 from e3pose.output.exports.wide import write_wide
-from e3pose.store.export import write_tables
+from e3pose.store.export import long_columns, write_tables
 from e3pose.store.times import iso_text
 
 DECIMALS_M, DECIMALS_DEG = 5, 2
@@ -38,8 +39,8 @@ def write_csv(take: Take, dest: Path, settings: ExportSettings) -> str:
 
 
 def write_parquet(take: Take, dest: Path, settings: ExportSettings) -> str:
-    """Write the same columns as `write_csv`, missing as null; or the wide layout of an archive."""
-    if settings.wide:
+    """Write the same columns as `write_csv`, missing as null; or an archive."""
+    if settings.layout == "archive":
         return write_wide(take, dest, settings)
     rows = write_tables(_tables(take, settings), dest, "parquet")
     return f"{rows} rows, metres, z up"
@@ -47,21 +48,28 @@ def write_parquet(take: Take, dest: Path, settings: ExportSettings) -> str:
 
 def _tables(take: Take, settings: ExportSettings) -> Iterator[dict[str, Any]]:
     for motion in settings.progress(take.motions, len(take.motions), "write"):
-        yield _columns(take, motion, settings.angles)
+        yield _columns(take, motion, settings)
 
 
-def _columns(take: Take, motion: Motion, angles: bool) -> dict[str, Any]:
+def _columns(take: Take, motion: Motion, settings: ExportSettings) -> dict[str, Any]:
     there = np.flatnonzero(motion.known.any(axis=1))
     slots = motion.first + there
     columns: dict[str, Any] = {
-        "frame": slots.tolist(),
-        "seconds": (slots * take.interval_s).round(6).tolist(),
+        "slot": slots.tolist(),
+        "time": (slots * take.interval_s).round(6).tolist(),
     }
     if take.started_ns is not None:
         interval_ns = take.interval_s * 1e9
         time_ns = [take.started_ns + round(slot * interval_ns) for slot in slots.tolist()]
         columns["time"] = [iso_text(ns) for ns in time_ns]
         columns["time_ns"] = time_ns
+    if settings.layout == "long" and not settings.angles:
+        people = People(
+            np.full(len(there), motion.track_id), motion.joints_m[there],
+            np.where(motion.known, np.maximum(motion.scores, 1e-9), 0.0)[there],
+            motion.origin[there] == MEASURED, motion.sigma_m[there],
+        )  # fmt: skip
+        return long_columns(columns, people, take.skeleton.joints)
     columns["track"] = [motion.track_id] * len(there)
     names = np.array(["", *ORIGINS[1:]], dtype=object)
     for index, joint in enumerate(take.skeleton.joints):
@@ -72,7 +80,7 @@ def _columns(take: Take, motion: Motion, angles: bool) -> dict[str, Any]:
         scores = np.where(known, motion.scores[there, index], np.nan)
         columns[f"{joint}_score"] = _cells(scores, 4)
         columns[f"{joint}_origin"] = names[motion.origin[there, index]].tolist()
-    if angles:
+    if settings.angles:
         for name, degrees in joint_angles(motion.joints_m[there], take.skeleton).items():
             columns[name] = _cells(degrees, DECIMALS_DEG)
     return columns

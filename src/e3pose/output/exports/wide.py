@@ -39,7 +39,7 @@ UNKNOWN_SCORE = 1.0  # scores are not archived
 def write_wide(take: Take, dest: Path, settings: ExportSettings) -> str:
     """Write all people of a take, person after person."""
     if settings.angles:
-        raise InputError("--angles: found with --wide, expected it without: it holds poses alone")
+        raise InputError("--angles: found with --layout archive, expected --layout wide")
     people = settings.progress(take.motions, len(take.motions), "write")
     return f"{write_people(take, people, dest)} rows, millimetres, z up, version {VERSION}"
 

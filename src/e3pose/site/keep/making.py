@@ -55,7 +55,7 @@ def make(request: ExportRequest, site_file: Path, folder: Path, say: Say) -> tup
     take = take_from_store(str(site.file.store.place), asked)
     if smoothing.method is not None:
         take = smoothed(take, smoothing, progress)
-    settings = ExportSettings(progress=progress)
+    settings = ExportSettings(layout="wide", progress=progress)
     made = list(export(take, dest, request.form, settings))
     notes = [note for _, note in made if note]
     return [path.name for path, _ in made], notes[0] if len(set(notes)) == 1 else ""
