@@ -19,7 +19,7 @@ from e3pose.model.skeleton import PANOPTIC19, Skeleton
 from e3pose.recording import Recording, Truth, ViewSeries
 from e3pose.recording.arrays import floats, integers, load_arrays
 from e3pose.recording.calibration import load_rig
-from e3pose.recording.calibration.panoptic import METRES_PER_UNIT, WORLD_FROM_PANOPTIC
+from e3pose.recording.calibration.opencv import WORLD_FROM_PANOPTIC as T_WORLD_PANOPTIC
 from e3pose.recording.detections.importing import Progress, frame_number, read_detections
 from e3pose.recording.detections.views import MAX_SLOTS, poses_from_triples
 from e3pose.recording.record import MAX_PEOPLE
@@ -178,7 +178,7 @@ def truth_from_bodies(bodies: Bodies, where: str) -> tuple[Floats, tuple[str, ..
     for frame, bodies_of_frame in bodies.items():
         for person, body in bodies_of_frame.items():
             known = (body[:, 3] > MIN_CONFIDENCE) & np.isfinite(body).all(axis=-1)
-            world = body[:, :3] @ WORLD_FROM_PANOPTIC.T * METRES_PER_UNIT
+            world = body[:, :3] @ T_WORLD_PANOPTIC[:3, :3].T / 100
             joints_m[frame - first, people.index(person)] = np.where(known[:, None], world, np.nan)
     return joints_m, tuple(f"person{person}" for person in people), first
 
@@ -212,8 +212,8 @@ def rig_from_arrays(path: Path, cameras: Sequence[str]) -> Rig:
                     names[n],
                     (int(size[0]), int(size[1])),
                     K[n],
-                    R[n] @ WORLD_FROM_PANOPTIC.T,
-                    t_cm[n] * METRES_PER_UNIT,
+                    R[n] @ T_WORLD_PANOPTIC[:3, :3].T,
+                    t_cm[n] / 100,
                     dist[n],
                 )
                 for n in camera_indices(names, cameras)

@@ -18,7 +18,6 @@ from e3pose.recording.calibration import (
     fields,
     nodes,
     opencv,
-    panoptic,
     qualisys,
 )
 
@@ -28,7 +27,7 @@ FORMATS: dict[str, Callable[[Path, list[str]], Rig]] = {
     "caliscope": caliscope.load,
     "qualisys": qualisys.load,
     "easymocap": easymocap.load,
-    "panoptic": panoptic.load,
+    "panoptic": opencv.load_panoptic,
     "opencv": opencv.load,
 }
 TOML_FORMATS = (None, "anipose", "pose2sim", "caliscope")

@@ -7,6 +7,8 @@ huge one, are refused, and so are values nested deeper than any calibration is.
 
 from __future__ import annotations
 
+import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +21,23 @@ if TYPE_CHECKING:
 
 MAX_NODES = 200_000
 MAX_DEPTH = 32  # OpenCV and EasyMocap write at most four
+
+
+def parse_json(path: Path, text: str) -> Any:
+    """Return what the JSON of a calibration holds; raise `InputError` if it is none."""
+
+    def unique(pairs: list[tuple[str, Any]]) -> Mapping[str, Any]:
+        named = dict(pairs)
+        if len(named) < len(pairs):
+            raise InputError(f"{path}: found a field that is given twice")
+        return named
+
+    try:
+        return json.loads(text, object_pairs_hook=unique)
+    except InputError:
+        raise
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path}: found text that is not JSON: {str(error)[:120]}") from None
 
 
 def load_nodes(path: Path) -> dict[str, Any]:

@@ -9,6 +9,7 @@ A camera of JSON with neither rotation nor translation is kept unplaced.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +18,8 @@ import numpy as np
 from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
 from e3pose.model.camera import Camera, Rig
-from e3pose.recording.calibration import easymocap, fields, panoptic
-from e3pose.recording.calibration.nodes import parse
+from e3pose.recording.calibration import easymocap, fields
+from e3pose.recording.calibration.nodes import parse, parse_json
 
 FIELDS: Mapping[str, tuple[str, ...]] = {
     "name": ("camera_name", "name"),
@@ -38,12 +39,31 @@ FIELDS: Mapping[str, tuple[str, ...]] = {
     "units": ("units",),
 }  # fmt: skip
 VOXELPOSE = {"R", "T", "fx", "fy", "cx", "cy", "k", "p"}  # T is a centre, in millimetres
+# From Panoptic's world axes to z up: x stays, z becomes y, down becomes minus z.
+WORLD_FROM_PANOPTIC = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 FISHEYE_MODELS = ("fisheye", "equidistant", "kannala_brandt")
 PINHOLE_MODELS = ("plumb_bob", "rational_polynomial", "pinhole", "none", "radtan", "standard")
 
 
-def load(path: Path, notes: list[str]) -> Rig:
+def load_panoptic(path: Path, notes: list[str]) -> Rig:
+    """Read a calibration of CMU's Panoptic Studio: centimetres, y down."""
+    rig = load(path, notes, "cm")
+    return replace(
+        rig,
+        cameras=tuple(
+            replace(camera, T_world_camera=WORLD_FROM_PANOPTIC @ camera.T_world_camera)
+            for camera in rig.cameras
+        ),
+    )
+
+
+def load(path: Path, notes: list[str], unit: str = "m") -> Rig:
     """Read OpenCV YAML or JSON: a file, or a folder with a file for each camera.
+
+    Args:
+        path: of it.
+        notes: take what a user should know.
+        unit: of lengths, where the file does not say.
 
     Raises:
         InputError: for a field that is missing or wrong, or too many files.
@@ -59,7 +79,7 @@ def load(path: Path, notes: list[str]) -> Rig:
     for file in files:
         text = fields.read_text(file)
         is_json = text.lstrip()[:1] in "[{"  # and so not cut short
-        nodes = panoptic.parse(file, text) if is_json else parse(file, text)
+        nodes = parse_json(file, text) if is_json else parse(file, text)
         common, entries = _entries(file, nodes, notes)
         for index, (default, entry) in enumerate(entries):
             where = f"{file}: camera number {index + 1}"
@@ -68,8 +88,9 @@ def load(path: Path, notes: list[str]) -> Rig:
             if is_json and not {*FIELDS["rotation"], *FIELDS["translation"]} & camera.keys():
                 unplaced.append(len(cameras))
                 camera |= {"R": np.eye(3).tolist(), "T": [0.0] * 3}
-            cameras.append(_camera(file, where, camera, default, notes))
-    return fields.make_rig(path, cameras, "metres" if assumed else None, notes, unplaced)
+            cameras.append(_camera(file, where, {"units": unit, **camera}, default, notes))
+    taken_for = {"m": "metres", "cm": "centimetres"}[unit] if assumed else None
+    return fields.make_rig(path, cameras, taken_for, notes, unplaced)
 
 
 def _entries(
@@ -175,7 +196,7 @@ def _camera(
         raise InputError(f"{where}: name: found none of {', '.join(FIELDS['name'])}")
     name = fields.name_of(name)
     where = f"{path}: camera {name[:80].encode('unicode_escape').decode()}"
-    metres_per_unit = fields.units_of(optional("units", "m"), where)
+    metres_per_unit = fields.units_of(optional("units", ""), where)
     size: Any = optional("size", None)
     if size is None:
         size = float(numbers("width", ())), float(numbers("height", ()))
