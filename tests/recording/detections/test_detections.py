@@ -1,6 +1,8 @@
 from __future__ import annotations
 
 import json
+import pickle
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -234,6 +236,85 @@ def test_arrays_of_cameras_and_frames_are_read(tmp_path: Path, calibration: Path
     np.save(tmp_path / "bad.npy", np.array([{}], dtype=object), allow_pickle=True)
     with pytest.raises(InputError, match=r"bad\.npy"):
         import_detections(tmp_path / "bad.npy", calibration, 25)
+
+
+def deeplabcut_h5(path: Path, names: bytes, values: Any) -> Path:
+    """A table as pandas writes it by PyTables."""
+    h5py = pytest.importorskip("h5py")
+    rows = np.zeros(
+        len(values), dtype=[("index", "<i8"), ("values_block_0", "<f8", len(values[0]))]
+    )
+    rows["index"], rows["values_block_0"] = range(4, 4 + len(values)), values
+    with h5py.File(path, "w") as file:
+        table = file.create_group("df_with_missing").create_dataset("table", data=rows)
+        table.attrs["values_block_0_kind"] = np.bytes_(names)
+    return path
+
+
+def sleap_h5(path: Path, matlab: bool, **more: Any) -> Path:
+    h5py = pytest.importorskip("h5py")
+    tracks = np.full((3, 2, 17, 3), np.nan)  # frames, tracks, nodes, x y score
+    tracks[1, 0], tracks[2, 1] = person(), person(x=400)
+    places, scores = tracks[..., :2], tracks[..., 2]
+    if matlab:
+        places, scores = places.transpose(1, 3, 2, 0), scores.transpose(1, 2, 0)
+    with h5py.File(path, "w") as file:
+        file["node_names"] = np.array([name.encode() for name in DLC_NAMES])
+        for key, value in {"tracks": places, "point_scores": scores, **more}.items():
+            file[key] = value
+    return path
+
+
+def test_hdf5_of_sleap_and_deeplabcut_is_read(tmp_path: Path) -> None:
+    calibration = rig_of(tmp_path, "cam1", "cam2")
+    columns = [
+        ("net", who, name, coord)
+        for who in ("a", "b") for name in DLC_NAMES for coord in ("x", "y", "likelihood")
+    ]  # fmt: skip
+    values = np.full((2, 102), np.nan)
+    values[0, :51], values[1, 51:] = np.ravel(person()), np.ravel(person(x=400))
+    (tmp_path / "in").mkdir()
+    for protocol in (0, 2, 4):
+        deeplabcut_h5(tmp_path / "in/cam1.h5", pickle.dumps(columns, protocol), values)
+        for matlab in (True, False):
+            sleap_h5(tmp_path / "in/cam2.analysis.h5", matlab)
+            recording, _ = import_detections(tmp_path / "in", calibration, 25)
+            # Frames 4 and 5 of one camera, 0 to 2 of the other.
+            assert counts(recording)[0][4:] == [1, 1] and counts(recording)[1][:3] == [0, 1, 1]
+            for slot, camera in ((4, 0), (1, 1)):
+                view = recording.view(slot, camera)
+                assert view is not None and recording.skeleton == COCO17
+                assert view.keypoints_px[0].tolist() == [list(BODY[j]) for j in COCO17.joints]
+                np.testing.assert_allclose(view.scores, 0.9)
+
+
+class Runs:
+    """What would write a file if it were unpickled."""
+
+    def __reduce__(self) -> Any:
+        return Path.touch, (Path("ran"),)
+
+
+def test_hdf5_that_would_run_or_leave_the_file_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    h5py = pytest.importorskip("h5py")
+    monkeypatch.chdir(tmp_path)
+    calibration, values = rig_of(tmp_path, "cam1", "cam2"), np.zeros((2, 51))
+    odd = {
+        "runs": deeplabcut_h5(tmp_path / "a.h5", pickle.dumps([Runs()], 0), values),
+        "broken": deeplabcut_h5(tmp_path / "b.h5", b"(lp0\n(VDLC", values),
+        "nameless": deeplabcut_h5(tmp_path / "c.h5", b"", values),
+        "shape": sleap_h5(tmp_path / "d.h5", True, tracks=np.zeros((2, 2))),
+        "link": sleap_h5(tmp_path / "e.h5", True, tracks=h5py.ExternalLink("d.h5", "tracks")),
+        "text": write(tmp_path / "f.h5", "no HDF5"),
+    }
+    with h5py.File(tmp_path / "g.h5", "w") as file:
+        file["other"] = [1.0]
+    for name, path in {**odd, "other": tmp_path / "g.h5"}.items():
+        with pytest.raises(InputError, match=re.escape(str(path))) as caught:
+            import_detections(path, calibration, 25)
+        assert "\n" not in str(caught.value) and not Path("ran").exists(), name
 
 
 @each_case("missing", [[None, None, None], [-1, -1, -1], [0, 0, 0], [9, 9, 0], ["", "", 1],
@@ -486,6 +567,49 @@ def mutated(value: Any, rng: np.random.Generator) -> Any:
             return [*value, *value]
         return [*value[:at], odd if kind == 2 else mutated(value[at], rng), *value[at + 1 :]]
     return odd
+
+
+ARRAY = np.where(np.arange(66).reshape(1, 1, 33, 2) > 0, 300.0, 0.0)
+
+
+def mutated_bytes(content: bytes, rng: np.random.Generator) -> bytes:
+    """A copy cut short, with a part doubled, or with some bytes replaced."""
+    at, kind = int(rng.integers(len(content))), int(rng.integers(4))
+    if kind == 0:
+        return content[:at]
+    if kind == 1:
+        return content[:at] + content[at // 2 :]
+    odd = [b"", b"nan", b",,,", b"1e999", b"-1", b"\n", b"x", b"\xff\xfe", b"\0" * 8, b"9" * 30]
+    return content[:at] + odd[int(rng.integers(len(odd)))] + content[at + kind :]
+
+
+@each_case("form", ["deeplabcut", "caliscope", "array", "deeplabcut.h5", "sleap.h5"])
+def test_odd_tables_and_arrays_are_read_or_named(tmp_path: Path, form: str) -> None:
+    source = tmp_path / {"deeplabcut": "cam1.csv", "caliscope": "xy.csv", "array": "a.npy"}.get(
+        form, "cam1.h5"
+    )
+    if form == "array":
+        np.save(source, ARRAY)
+    elif form == "deeplabcut.h5":
+        names = [("net", name, coord) for name in DLC_NAMES for coord in ("x", "y", "likelihood")]
+        deeplabcut_h5(source, pickle.dumps(names, 0), [np.ravel(person())] * 2)
+    elif form == "sleap.h5":
+        sleap_h5(source, True)
+    else:
+        write(source, {"deeplabcut": DLC, "caliscope": POINTS}[form])
+    content, rng = source.read_bytes(), np.random.default_rng(len(form))
+    calibration = rig_of(tmp_path, "cam1") if form != "caliscope" else rig_of(tmp_path, "a1", "b2")
+    read = 0
+    for _ in range(60):
+        changed = content
+        for _ in range(int(rng.integers(1, 3))):
+            changed = mutated_bytes(changed, rng) or b" "
+        source.write_bytes(changed)
+        try:
+            read += import_detections(source, calibration, 25)[0].num_slots > 0
+        except InputError as error:
+            assert "\n" not in str(error) and len(str(error)) < 1000
+    assert read > 0
 
 
 @each_case("form", ["openpose", "results", "whole", "mmpose", "images", "arrays", "landmarks"])

@@ -9,7 +9,7 @@ import csv
 import io
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -34,10 +34,10 @@ SCORES = ("keypoint_scores", "scores", "keypoints_visible")
 PEOPLE = ("people", "instances", "predictions", "poses")
 FRAME_NAMES = ("image_id", "frame_id", "frame", "frame_number", "file_name")
 FRAMES = ("instance_info", "frames", "annotations")
-SUFFIXES = (".json", ".csv", ".npy")
+SUFFIXES = (".json", ".csv", ".npy", ".h5", ".hdf5")
 EXPECTED = (
-    "people as OpenPose, AlphaPose, MMPose, COCO results, DeepLabCut, Caliscope or FreeMoCap "
-    "write them"
+    "people as OpenPose, AlphaPose, MMPose, COCO results, DeepLabCut, SLEAP, Caliscope or "
+    "FreeMoCap write them"
 )
 
 
@@ -77,7 +77,7 @@ def read_pictures(path: Path, images: Mapping[Any, str] | None = None) -> Pictur
     """Read a file of detections.
 
     Args:
-        path: .json, .csv or .npy.
+        path: with an ending of `SUFFIXES`.
         images: name of the image of an `image_id`, from another file.
 
     Raises:
@@ -85,6 +85,10 @@ def read_pictures(path: Path, images: Mapping[Any, str] | None = None) -> Pictur
     """
     if path.suffix.lower() == ".npy":
         return _arrays(path)
+    if path.suffix.lower() in (".h5", ".hdf5"):
+        from e3pose.recording.detections import hdf5
+
+        return hdf5.read(path)
     content = read_bytes(path, MAX_FILE_BYTES)
     if path.suffix.lower() == ".csv":
         return _csv(content, path)
@@ -321,27 +325,47 @@ def _deeplabcut(
     parts, coords = heads["bodyparts"], heads["coords"]
     who = heads.get("individuals", ["single"] * len(parts))
     first = next((i for i, c in enumerate(coords) if c in ("x", "y", "likelihood")), len(coords))
-    columns = [
-        (who[i], parts[i], coords[i], i) for i in range(first, min(map(len, (parts, coords, who))))
-    ]
-    names = tuple(dict.fromkeys(part for _, part, _, _ in columns))
-    people_ids = list(dict.fromkeys(person for person, _, _, _ in columns))
-    place = {"x": 0, "y": 1, "likelihood": 2}
-    pictures = []
+    columns = list(zip(who[first:], parts[first:], coords[first:], strict=False))
     begin = rows.index(coords) + 1
-    for number, row in enumerate(rows[begin:], begin + 1):
-        found = np.full((len(people_ids), len(names), 3), np.nan)
-        found[..., 2] = 1.0
-        for person, part, coord, i in columns:
-            if coord in place:
-                text = row[i] if i < len(row) else ""
-                value = _float(text, f"{path}:{number}")
-                found[people_ids.index(person), names.index(part), place[coord]] = value
-        people = tuple(clean(p, None, f"{path}:{number}") for p in found)
-        label = row[first - 1] if row and first else ""
-        name: str | int = int(label) if label.isdigit() else label
-        pictures.append(Picture(name, tuple(p for p in people if p[:, 2].any())))
-    return Pictures(pictures, names, all_named=True)
+    labels, values = [], np.full((len(rows) - begin, len(columns)), np.nan)
+    for at, row in enumerate(rows[begin:]):
+        texts = row[first : first + len(columns)]
+        values[at, : len(texts)] = [_float(t, f"{path}:{begin + at + 1}") for t in texts]
+        labels.append(row[first - 1] if row and first else "")
+    return of_columns(columns, values, [int(t) if t.isdigit() else t for t in labels], str(path))
+
+
+def of_columns(
+    columns: Sequence[tuple[str, str, str]], values: Floats, labels: Sequence[Any], where: str
+) -> Pictures:
+    """Return the pictures of a table of frames.
+
+    Args:
+        columns: individual, body part and coordinate (x, y, likelihood) of each.
+        values: `(num_frames, num_columns)`, NaN where missing.
+        labels: name or number of each frame.
+        where: for errors.
+    """
+    names = tuple(dict.fromkeys(part for _, part, _ in columns))
+    people_ids = list(dict.fromkeys(person for person, _, _ in columns))
+    found = np.full((len(values), len(people_ids), len(names), 3), np.nan)
+    found[..., 2] = 1.0
+    for (person, part, coord), column in zip(columns, values.T, strict=True):
+        if coord in ("x", "y", "likelihood"):
+            axis = ("x", "y", "likelihood").index(coord)
+            found[:, people_ids.index(person), names.index(part), axis] = column
+    return of_array(found, labels, names, where)
+
+
+def of_array(
+    found: Floats, labels: Sequence[Any], names: Sequence[str] = (), where: str = "array"
+) -> Pictures:
+    """Return the pictures of `(num_frames, num_people, count, 2 or 3)` x, y and score."""
+    pictures = []
+    for label, people in zip(labels, found, strict=True):
+        shown = (clean(person, None, where) for person in people)
+        pictures.append(Picture(label, tuple(p for p in shown if p[:, 2].any())))
+    return Pictures(pictures, tuple(names), all_named=True)
 
 
 def _caliscope(rows: Sequence[Sequence[str]], path: Path) -> Pictures:
@@ -358,9 +382,10 @@ def _caliscope(rows: Sequence[Sequence[str]], path: Path) -> Pictures:
         where = f"{path}:{number}"
         if len(row) < len(at):
             raise InputError(f"{where}: found {len(row)} columns, expected {len(at)}")
-        camera, frame, point = (
-            int(_float(row[at[key]], where)) for key in (camera_key, frame_key, "point_id")
-        )
+        whole = [_float(row[at[key]], where) for key in (camera_key, frame_key, "point_id")]
+        if not np.isfinite(whole).all():
+            raise InputError(f"{where}: found {whole}, expected whole numbers")
+        camera, frame, point = map(int, whole)
         xy = _float(row[at["img_loc_x"]], where), _float(row[at["img_loc_y"]], where)
         found.setdefault((camera, frame), {})[point] = xy
     count = 1 + max((max(points) for points in found.values()), default=0)
@@ -393,15 +418,7 @@ def _arrays(path: Path) -> Pictures:
     if array.ndim != 4 or array.shape[-1] not in (2, 3) or array.dtype.kind not in "fiu":
         wanted = "numbers of cameras x frames x joints x 2"
         raise InputError(f"{path}: found {array.dtype} of shape {array.shape}, expected {wanted}")
-    points = array[..., :2].astype(np.float64)
-    pictures = [
-        Picture(frame, _one(points[camera, frame]), camera=camera)
-        for camera in range(len(points))
-        for frame in range(points.shape[1])
-    ]
-    return Pictures(pictures, all_named=True)
-
-
-def _one(points: Floats) -> tuple[Floats, ...]:
-    person = clean(points[:, :2], None, "array")
-    return (person,) if person[:, 2].any() else ()
+    points = array[:, :, None, :, :2].astype(np.float64)  # one person
+    cameras = [of_array(camera, range(len(camera))).pictures for camera in points]
+    seen = [replace(p, camera=i) for i, pictures in enumerate(cameras) for p in pictures]
+    return Pictures(seen, all_named=True)
