@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -17,10 +19,13 @@ from tests.cli.one_person import one_person
 
 from e3pose.base.errors import Exit
 from e3pose.calibrate.people_3d import doubt_people
+from e3pose.evaluate.figures import NoiseFound
+from e3pose.evaluate.tables import noise_lines
 from e3pose.model.camera import Camera, Rig
 from e3pose.model.noises import load_noise
 from e3pose.model.skeleton import COCO17
-from e3pose.recording import Recording, save_recording
+from e3pose.recording import Recording, load_recording, save_recording
+from e3pose.recording.calibration import save_rig
 
 NUM_SLOTS = 25
 UPRIGHT = np.eye(3)
@@ -165,6 +170,90 @@ def test_nobody_found_is_a_result_with_a_reason(
         assert "found nobody: " in error and words in error and poses.is_file()
         assert run("info", tmp_path / name) == 0
         assert words in " ".join(capsys.readouterr().out.split())
+
+
+def test_every_verb_that_acts_says_what_info_knows(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    walking = walk(3, people=2, seconds=8.0, fps=12.0)
+    later = replace(
+        walking.views[2], slots=walking.views[2].slots + 24, times_s=walking.views[2].times_s + 2
+    )
+    views = (*walking.views[:2], later, walking.views[3])
+    cases = {
+        "units": (moved(walking, scale=10.0), "people would be 1"),
+        "axes": (moved(walking, [[1.0, 0, 0], [0, 0, -1.0], [0, 1.0, 0]]), "--up=-y"),
+        "pixels": (moved(walking, shrink=2), "keypoints lie outside the"),
+        "later": (
+            replace(walking, num_slots=walking.num_slots + 24, views=views, truth=None),
+            "off where most other cameras",
+        ),
+        "fine": (replace(walking, truth=None), ""),
+    }
+    for name, (recording, words) in cases.items():
+        folder, rig, source = tmp_path / name, tmp_path / f"{name}.toml", tmp_path / f"{name}-json"
+        save_recording(recording, folder)
+        save_rig(recording.rig, rig)
+        for camera, series in zip(recording.rig.camera_ids, recording.views, strict=True):
+            (source / camera).mkdir(parents=True)
+            for slot in range(recording.num_slots):
+                view = series.view(slot)
+                if view is not None:
+                    people = [
+                        {
+                            "pose_keypoints_2d": np.nan_to_num(np.column_stack([xy, s]))
+                            .ravel()
+                            .tolist()
+                        }
+                        for xy, s in zip(view.keypoints_px, view.scores, strict=True)
+                    ]
+                    content = json.dumps({"people": people})
+                    (source / camera / f"{slot}_keypoints.json").write_text(content)
+        for verb in (
+            ("info", folder),
+            (
+                "import",
+                "openpose",
+                source,
+                tmp_path / f"{name}-2",
+                "--calibration",
+                rig,
+                "--fps",
+                12,
+            ),
+            ("replay", folder),
+            ("calibrate", "check", folder),
+        ):
+            run(*verb)
+            said = " ".join("".join(capsys.readouterr()).split())
+            assert words in said, (name, verb, said)
+            if not words:
+                wrong = "people would|lie outside|off where most|along world z"
+                assert not re.search(wrong, said), (verb, said)
+
+
+def test_cameras_without_a_place_are_named_and_left_out(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    whole = load_recording(folder)
+    unplaced = replace(whole, rig=Rig(whole.rig.cameras, unplaced=("c1",)), truth=None)
+    save_recording(unplaced, tmp_path / "rec")
+    assert run("info", tmp_path / "rec") == 0
+    said = capsys.readouterr().out
+    assert "c1: has no place, so replay leaves it out" in said and said.count("unknown") == 2
+    assert run("replay", tmp_path / "rec", "--cameras", 2) == 0
+    found = capsys.readouterr()
+    assert "left out without a place: c1" in found.err and "c1" not in found.out
+
+
+def test_noise_of_another_detector_is_a_hint(folder: Path) -> None:
+    for file, factors, told in (
+        ("openpose", {"a": 0.3, "b": 2.7, "c": 1.0}, True),
+        ("openpose", {"a": 0.3, "b": 1.1, "c": 1.0}, False),
+        ("unknown", {"a": 0.3, "b": 2.7, "c": 1.0}, False),
+    ):
+        lines = noise_lines(SimpleNamespace(noise=NoiseFound(file, factors)))  # type: ignore[arg-type]
+        assert ("are these keypoints of openpose?" in " ".join(lines)) == told
 
 
 def test_people_who_lie_are_told_with_the_axes() -> None:

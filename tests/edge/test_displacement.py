@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,8 +12,10 @@ from tests.calibrate.people_scenes import knocked, walk
 from tests.cases import each_case
 
 from e3pose.base.arrays import Floats
-from e3pose.edge.displacement import DisplacementWatch, Votes, moved, turned_deg
+from e3pose.edge.displacement import DisplacementWatch, Votes, WorldCheck, moved, turned_deg
 from e3pose.evaluate.replay import ReplaySettings, replay, selected_views
+from e3pose.model.camera import Camera, Rig
+from e3pose.model.noises import load_noise
 from e3pose.recording.record import Recording
 
 pytestmark = pytest.mark.slow
@@ -81,6 +84,28 @@ def test_worst_camera_alone_is_named() -> None:
     found = moved(np.array([0.4, 1.5, np.nan]), np.array([0.3, 1.2, np.nan]))
     assert found is not None and found.camera == 1
     assert moved(np.full(3, np.nan), np.full(3, np.nan)) is None
+
+
+def test_scale_and_axes_are_compared_with_people_after_ten_seconds(calm: Recording) -> None:
+    noise = load_noise("openpose")
+    for scale, words in ((10.0, "m tall: are the calibration's lengths metres"), (1.0, "")):
+        cameras = tuple(
+            Camera.from_world_to_camera(c.camera_id, c.image_size, c.K, c.R, scale * c.t)
+            for c in calm.rig.cameras
+        )
+        check = WorldCheck(Rig(cameras), calm.skeleton, noise, Path("rig.toml"))
+        watch = DisplacementWatch(calm.rig, check)
+        for slot in range(round(11 * calm.fps)):
+            views = {
+                camera: view
+                for camera in range(len(calm.rig))
+                if (view := calm.view(slot % calm.num_slots, camera)) is not None
+            }
+            check.observe(slot / calm.fps, views)
+        check.thread.join()
+        events = watch.events()
+        assert ("world-doubted" in [kind for kind, _, _ in events]) == bool(words)
+        assert words in check.words and watch.events() == []
 
 
 def test_camera_counts_as_moved_until_it_is_seen_to_be_back(calm: Recording) -> None:

@@ -90,7 +90,7 @@ def statures(people: People3D) -> Floats:
 
 
 PEOPLE_M = (0.8, 2.5)  # statures outside it are those of another unit, or of wrong lenses
-CHECKED_S = 60.0  # of a recording are enough to know how tall people are
+CHECKED_S = 20.0  # of a recording are enough to know how tall people are
 MIN_MOMENTS = 8
 LYING = "people would lie"
 
@@ -104,7 +104,8 @@ def doubt_people(recording: Recording, noise: Noise) -> str:
         recording: of placed cameras, with the keypoints of people.
         noise: what scores promise.
     """
-    if not recording.rig.placed or len(recording.rig) < 2:
+    trunk = {f"{side}_{joint}" for side in ("left", "right") for joint in ("shoulder", "hip")}
+    if not recording.rig.placed or len(recording.rig) < 2 or trunk - {*recording.skeleton.joints}:
         return ""
     used = first_seconds(recording, CHECKED_S)
     people = place_people(used.rig, match_people(used, noise, used.rig), used.skeleton, used.fps)

@@ -15,12 +15,11 @@ from e3pose.base.quantities import length_m
 from e3pose.calibrate.board import Board
 from e3pose.calibrate.board_views import find_board
 from e3pose.calibrate.recordings import first_seconds
-from e3pose.camera.provenance import load_provenance
 from e3pose.cli.calibrating_lenses import DEFAULT_BOARD, check_picture, toml_path
 from e3pose.cli.calibrating_places import expected_values
 from e3pose.cli.options import Flag, as_typed
 from e3pose.cli.output import JsonFile, is_stdout, number_or_null, write_json
-from e3pose.cli.placed import check_world, without_unplaced
+from e3pose.cli.placed import warn_of_problems, without_unplaced
 from e3pose.cli.progress import stage_progress
 from e3pose.model.noises import detector_of, load_noise
 from e3pose.recording import load_recording
@@ -131,6 +130,8 @@ def align(
     save_rig(moved, path)
     if update:
         save_rig(moved, source / "calibration.toml")
+    if is_recording:
+        warn_of_problems(replace(load_recording(source), rig=moved), source, path)
     angle = np.degrees(np.arccos(np.clip((np.trace(move.R) - 1) / 2, -1, 1)))
     print(f"{path}: {words}; the world turned by {angle:.1f} degrees")
     for camera in moved.cameras:
@@ -190,7 +191,8 @@ def check(
         loaded = replace(loaded, rig=rig.subset(own))
     loaded = without_unplaced(loaded, calibration or recording)
     file = calibration or recording / "calibration.toml"
-    check_world(loaded.rig, calibration or recording, file, load_provenance(recording).rotations)
+    require_placed(loaded.rig, calibration or recording)
+    warn_of_problems(loaded, recording, file)
     with stage_progress() as (_, progress):
         found = judge(loaded, load_noise(noise or detector_of(loaded)), progress)
     if picture is not None:
@@ -284,6 +286,9 @@ def _lines(rig: Rig, found: Judgement) -> list[str]:
     width = max(len(name) for name in rig.camera_ids)
     lines = [f"{'camera':{max(width, 6)}}  error px  shift px       expected error"]
     for i, name in enumerate(rig.camera_ids):
+        if np.isnan(found.errors_px[i]):
+            lines.append(f"{name:{max(width, 6)}}  no person seen that others saw: not judged")
+            continue
         shift = f"({found.shifts_px[i, 0]:+.1f}, {found.shifts_px[i, 1]:+.1f})"
         words = found.errors.expected_text(i)
         lines.append(f"{name:{max(width, 6)}}  {found.errors_px[i]:8.1f}  {shift:13}  {words}")

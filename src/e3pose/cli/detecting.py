@@ -19,10 +19,11 @@ from e3pose.base.errors import InputError, exit_code
 from e3pose.base.quantities import plural, shell
 from e3pose.camera.detect import DetectReport, DetectSettings, detect_videos, partial_folder
 from e3pose.cli.options import OUTPUT, Flag, Whole, as_typed
-from e3pose.cli.placed import check_world
+from e3pose.cli.placed import warn_of_problems
 from e3pose.detectors import DETECTORS, Detector, identify, is_network, make_detector
 from e3pose.detectors.weights import MODELS, find_weights
 from e3pose.detectors.weights.fetch import file_sha256
+from e3pose.recording import load_recording
 from e3pose.recording.calibration import load_calibration
 from e3pose.settings.limits import Rotation
 from e3pose.settings.loop import WHOLE_EVERY
@@ -169,7 +170,7 @@ def detect(
         command = f"e3pose calibrate extrinsics {shell(dest)} rig.toml --height 171cm --update"
         print(f"  {which} not placed: {command}")
     else:
-        check_world(rig, calibration, calibration, rotations)
+        warn_of_problems(load_recording(dest), dest)
 
 
 def _detector(

@@ -12,8 +12,8 @@ from e3pose.base.atomic import check_free
 from e3pose.base.errors import InputError
 from e3pose.base.quantities import plural, shell
 from e3pose.cli.distributions import add_absent
-from e3pose.cli.options import Flag, warn
-from e3pose.cli.placed import doubts
+from e3pose.cli.options import Flag
+from e3pose.cli.placed import warn_of_problems
 from e3pose.cli.progress import track_progress
 from e3pose.recording import Recording, save_recording
 from e3pose.recording.detections.importing import ImportSettings, import_detections
@@ -85,8 +85,7 @@ def detections(
     save(recording, dest, overwrite)
     for note in notes:
         print(f"  {note}")
-    for words in doubts(recording, dest):
-        warn(words)
+    warn_of_problems(recording, dest)
 
 
 @import_app.command(show=False)

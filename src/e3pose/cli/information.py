@@ -10,14 +10,13 @@ from rich.table import Table
 from rich.text import Text
 
 from e3pose.base.quantities import plural
-from e3pose.camera.provenance import load_provenance
 from e3pose.cli.output import JsonFile, is_stdout, write_json
-from e3pose.cli.placed import doubts
+from e3pose.cli.placed import problems_of
 from e3pose.evaluate.columns import print_tables, table_console
 from e3pose.model.noises import DEFAULT, detector_of
 from e3pose.recording import load_recording
 from e3pose.recording.description import CameraDescription, Description, describe
-from e3pose.recording.problems import Problem, find_problems
+from e3pose.recording.problems import Problem
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -46,9 +45,7 @@ def info(
     """
     loaded = load_recording(recording)
     description = describe(loaded)
-    problems = find_problems(loaded, recording, load_provenance(recording).rotations)
-    if not any(problem.kind == "not-z-up" for problem in problems):
-        problems += [Problem("people", "rig", words) for words in doubts(loaded, recording)[:1]]
+    problems = problems_of(loaded, recording)
     if not is_stdout(json_file):
         _print_description(table_console(200), description, problems, loaded.rig)
     if json_file is not None:

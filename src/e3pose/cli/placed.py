@@ -2,29 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from e3pose.base.quantities import shell
+from e3pose.base.quantities import plural, shell
 from e3pose.camera.provenance import load_provenance
 from e3pose.cli.options import warn
 from e3pose.cli.progress import notice_compiling
 from e3pose.model.noises import detector_of, load_noise
 from e3pose.recording import Recording, load_recording
 from e3pose.recording.calibration.world import require_placed, world_problem
+from e3pose.recording.problems import HARMLESS, Problem, find_problems
 from e3pose.recording.record import with_places
 
-if TYPE_CHECKING:
-    from e3pose.model.camera import Rig
+MOST_WARNINGS = 3
 
 
-def load_placed(path: Path) -> Recording:
-    """Load a recording of the cameras that are placed; warn if its axes or unit look wrong."""
+def load_placed(path: Path, warned: bool = False) -> Recording:
+    """Load a recording of the cameras that are placed.
+
+    Args:
+        path: of it.
+        warned: whether the caller warns of its problems; else odd axes or units are told.
+    """
     notice_compiling()
     recording = without_unplaced(load_recording(path), path)
-    rotations = load_provenance(path).rotations
-    check_world(recording.rig, path, path / "calibration.toml", rotations)
+    require_placed(recording.rig, path)
+    if not warned:
+        rotations = load_provenance(path).rotations
+        words = world_problem(recording.rig, path / "calibration.toml", rotations)[1]
+        warn(f"{path}: {words}" if words else "")
     return recording
 
 
@@ -35,8 +41,8 @@ def without_unplaced(recording: Recording, where: object) -> Recording:
     return with_places(recording)
 
 
-def doubts(recording: Recording, path: Path, calibration: object = None) -> list[str]:
-    """Return what makes the 3D of a recording doubtful, the worst first.
+def problems_of(recording: Recording, path: Path, calibration: object = None) -> list[Problem]:
+    """Return all that is wrong with a recording, also in what its people say of its rig.
 
     Args:
         recording: as loaded.
@@ -45,28 +51,24 @@ def doubts(recording: Recording, path: Path, calibration: object = None) -> list
     """
     from e3pose.calibrate.people_3d import LYING, doubt_people
 
-    recording = with_places(recording)
-    if not recording.rig.placed:
-        return []
     file = path / "calibration.toml" if calibration is None else calibration
-    world = world_problem(recording.rig, file, load_provenance(path).rotations)[1]
-    people = doubt_people(recording, load_noise(detector_of(recording)))
-    if world and people.startswith(LYING):
-        people = ""  # the axes again
-    return [words.replace("CALIBRATION", shell(file)) for words in (people, world) if words]
+    found = find_problems(recording, path, load_provenance(path).rotations, file)
+    placed = with_places(recording)
+    people = doubt_people(placed, load_noise(detector_of(recording)))
+    if people and not (people.startswith(LYING) and any(p.kind == "not-z-up" for p in found)):
+        found.insert(0, Problem("people", "rig", people.replace("CALIBRATION", shell(file))))
+    return sorted(found, key=lambda problem: problem.where != "rig")
 
 
-def check_world(
-    rig: Rig, where: object, file: object, rotations: Mapping[str, int] | None = None
-) -> None:
-    """Raise `InputError` unless cameras are placed; warn if axes or unit look wrong.
-
-    Args:
-        rig: the cameras.
-        where: the recording or file that they are from.
-        file: the calibration, for the command that mends it.
-        rotations: by camera, degrees clockwise that make people in its images upright.
-    """
-    require_placed(rig, where)
-    words = world_problem(rig, file, rotations)[1]
-    warn(f"{where}: {words}" if words else "")
+def warn_of_problems(recording: Recording, path: Path, calibration: object = None) -> None:
+    """Warn of what spoils the 3D of a recording, the worst first."""
+    words = [
+        f"{problem.where}: {problem.message}"
+        for problem in problems_of(recording, path, calibration)
+        if problem.kind not in HARMLESS
+    ]
+    for line in words[:MOST_WARNINGS]:
+        warn(f"{path}: {line}")
+    if len(words) > MOST_WARNINGS:
+        more = plural(len(words) - MOST_WARNINGS, "more problem")
+        warn(f"{path}: {more}: e3pose info {shell(path)}")

@@ -27,7 +27,7 @@ from e3pose.cli.options import (
     warn,
 )
 from e3pose.cli.output import JsonFile, is_stdout, write_json, wrote
-from e3pose.cli.placed import doubts, load_placed
+from e3pose.cli.placed import load_placed, problems_of, warn_of_problems
 from e3pose.cli.progress import track_progress
 from e3pose.cli.smoothing import SmoothOptions
 from e3pose.cli.storing import StoreOptions, stored
@@ -37,11 +37,12 @@ from e3pose.evaluate.figures import HeldOut, Summary, as_json
 from e3pose.evaluate.held_out import joined, judge, turns
 from e3pose.evaluate.poses_table import check_poses_path, write_poses
 from e3pose.evaluate.replay import replay as run_replay
-from e3pose.evaluate.smoothed import smooth_poses, smooth_records
+from e3pose.evaluate.smoothed import smooth_poses, smooth_records, take_of_records
 from e3pose.evaluate.summary import summarise
 from e3pose.evaluate.tables import print_summary
+from e3pose.output.exports import ExportSettings, export
 from e3pose.output.report import write_report
-from e3pose.recording.problems import find_problems
+from e3pose.recording.problems import HARMLESS
 from e3pose.settings.limits import check_smooth_delay
 from e3pose.settings.parts import warnings_of
 
@@ -65,6 +66,8 @@ class OutputOptions:
 
     poses: Path | None = None
     """Write the 3D poses here (.parquet or .csv)."""
+    layout: Literal["long", "wide"] = "long"
+    """Rows of --poses: one per joint (long) or per person (wide), as in `e3pose export`."""
     report: Path | None = None
     """Write a report page with a 3D player here (.html)."""
     json_file: JsonFile = None
@@ -77,6 +80,8 @@ class OutputOptions:
         """
         if self.poses is not None:
             check_poses_path(self.poses)
+        elif self.layout != "long":
+            raise InputError("--layout", "it without --poses", "both")
         if self.report is not None and self.report.suffix.lower() not in (".html", ".htm"):
             found = repr(str(self.report))
             raise InputError(f"--report: found {found}, expected a name ending in .html")
@@ -100,7 +105,10 @@ class OutputOptions:
         folder: Path | None = None,
     ) -> None:
         """Write the files and print the figures, unless JSON goes to standard output."""
-        if self.poses is not None:
+        if self.poses is not None and self.layout == "wide" and any(len(r.people) for r in records):
+            take = take_of_records(records, source.skeleton, source.interval_s, source.name)
+            [*export(take, self.poses, self.poses.suffix[1:], ExportSettings(layout="wide"))]
+        elif self.poses is not None:
             write_poses(records, source.skeleton, self.poses)
         if self.report is not None:
             write_report(source, records, summary, self.report, folder=folder)
@@ -114,7 +122,6 @@ class OutputOptions:
 
 
 OUTPUTS = OutputOptions()
-COSMETIC = ("flat-scores", "missing-video", "no-truth", "rate")  # problems that hide nobody
 
 
 def replay(
@@ -162,7 +169,7 @@ def replay(
     delay_s = delay_of(delay, smoothing.method, asked.pipeline)
     smoothed = "--delay" if delay_s else "--smooth" if smoothing.method else None
     outputs.check(recording, store, smoothed)
-    whole = faults.downsampled(load_placed(recording))
+    whole = faults.downsampled(load_placed(recording, warned=True))
 
     def start(source: Recording) -> _Run:
         plan = energy.settings().plan(source.rig.camera_ids, source.interval_s, source.battery_wh)
@@ -186,8 +193,9 @@ def replay(
     run = f"replay {main.settings.row_name}"
     slots = stored(main.slots, store, source, run, main.plan.profiles, main.plan.idle_mode)
     records = main.records("replay", slots)
+    warn_of_problems(whole, recording)  # beside the figures; an error before them is one line
     for words in warnings_of(source, main.settings):
-        warn(words)  # beside the figures; an error before them is one line
+        warn(words)
     held_out = joined(
         [judge(judges, records) if judges else None]
         + [judge(by, each.records(f"without {by.rig.camera_ids[0]}")) for each, by in left_out]
@@ -196,13 +204,9 @@ def replay(
     summary = main.summary(records, notes, held_out)
     outputs.write(source, records, summary, notes, store.file(), recording)
     if not any(len(record.people) for record in records):
-        why = doubts(whole, recording) + [
-            f"{problem.where}: {problem.message}"
-            for problem in find_problems(whole)
-            if problem.kind not in COSMETIC
-        ]
+        why = sorted(problems_of(whole, recording), key=lambda one: one.kind in HARMLESS)
         also = f"; e3pose info {shell(recording)} tells more" if len(why) > 1 else ""
-        reason = why[0] if why else "no two cameras see the same person"
+        reason = f"{why[0].where}: {why[0].message}" if why else "no two cameras see a person"
         print(f"e3pose: found nobody: {reason}{also}", file=sys.stderr)
         sys.exit(Exit.NOBODY)
 

@@ -163,6 +163,11 @@ class Consumers:
         found = None if self.watch is None else self.watch.found
         return None if found is None else (found.camera, found.degrees)
 
+    @property
+    def doubt(self) -> str:
+        """Why scale or axes of the calibration cannot be right; empty if not known."""
+        return "" if self.watch is None or self.watch.world is None else self.watch.world.words
+
     def keep(
         self, record: SlotRecord, time_ns: int, arrivals: Mapping[int, Arrival] | None = None
     ) -> None:

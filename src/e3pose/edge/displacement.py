@@ -9,17 +9,22 @@ hides no displaced camera.
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from e3pose.base.arrays import Floats, Integers
+from e3pose.base.quantities import shell
 from e3pose.model.camera import Camera, Rig
-from e3pose.model.noise import SURE_SCORE
+from e3pose.model.noise import SURE_SCORE, Noise
 from e3pose.model.people import People
 from e3pose.model.pose import Poses2D
+from e3pose.model.skeleton import Skeleton
 from e3pose.model.slot_record import SlotRecord
+from e3pose.recording import Recording, ViewSeries
 
 WINDOW_S = 20.0  # votes older than this are dropped
 SPAN_S = 8.0  # of votes needed: people who stand still carry little information
@@ -40,6 +45,7 @@ MOVED_DEG = 0.25
 LEAST_DEG = 0.12  # in each part of the window
 LOOK_S = 0.2  # views of a camera in between are left out
 ASK_S = 1.0
+WORLD_S, WORLD_EVERY_S = 10.0, 60.0  # of views to compare the calibration with people
 ASKED = 3  # checks in a row that must find the same camera before it is reported
 
 
@@ -239,16 +245,66 @@ def _rotation(slopes: Floats, offsets: Floats) -> Floats:
     return np.asarray(np.linalg.solve(normal + 1e-12 * np.eye(3), gradient))
 
 
+class WorldCheck:
+    """Compares the scale and axes of a live edge with people, until they are found wrong."""
+
+    def __init__(self, rig: Rig, skeleton: Skeleton, noise: Noise, file: Path) -> None:
+        """Start without views.
+
+        Args:
+            rig: the calibration of the edge.
+            skeleton: of the views.
+            noise: what scores promise.
+            file: the calibration, for the command that mends it.
+        """
+        self.rig, self.skeleton, self.noise, self.file = rig, skeleton, noise, file
+        self.words = ""  # what is wrong
+        self.reported = False
+        self._begin_s = -np.inf
+        self._views: list[dict[int, Poses2D]] = []
+        self.thread = threading.Thread()
+
+    def observe(self, time_s: float, views: Mapping[int, Poses2D]) -> None:
+        """Add the views of a slot; ten seconds of each minute are checked, on another thread."""
+        if self.words or time_s < self._begin_s:
+            return
+        if not self._views:
+            self._begin_s, self._views = time_s, [{} for _ in self.rig.cameras]
+        slot = int((time_s - self._begin_s) / LOOK_S)
+        if slot < WORLD_S / LOOK_S:
+            for index, view in views.items():
+                self._views[index].setdefault(slot, view)
+            return
+        self.thread = threading.Thread(target=self._check, args=(self._views,), daemon=True)
+        self._begin_s, self._views = self._begin_s + WORLD_EVERY_S, []
+        self.thread.start()
+
+    def _check(self, views: Sequence[Mapping[int, Poses2D]]) -> None:
+        from e3pose.calibrate.people_3d import doubt_people
+
+        series = tuple(
+            ViewSeries.from_views(
+                [*seen.values()], [*seen], [LOOK_S * slot for slot in seen], len(self.skeleton)
+            )
+            for seen in views
+        )
+        num_slots = round(WORLD_S / LOOK_S)
+        recent = Recording("recent", self.rig, 1 / LOOK_S, num_slots, self.skeleton, series)
+        words = doubt_people(recent, self.noise)
+        self.words = words.replace("CALIBRATION", shell(self.file))
+
+
 class DisplacementWatch:
     """Looks for displaced cameras of a live edge; `observe` is for one thread, `found` for any."""
 
-    def __init__(self, rig: Rig) -> None:
+    def __init__(self, rig: Rig, world: WorldCheck | None = None) -> None:
         """Start without observations.
 
         Args:
             rig: the calibration of the edge.
+            world: checks its scale and axes; None for no check.
         """
-        self.rig = rig
+        self.rig, self.world = rig, world
         self.found: Displacement | None = None
         self._watch = Votes.begin(len(rig))
         self._observed_s = dict.fromkeys(range(len(rig)), -np.inf)
@@ -264,6 +320,8 @@ class DisplacementWatch:
             views: by camera, its detections.
         """
         now_s = record.time_s
+        if self.world is not None:
+            self.world.observe(now_s, views)
         for index, view in views.items():
             if now_s - self._observed_s[index] >= LOOK_S:
                 self._observed_s[index] = now_s
@@ -285,14 +343,17 @@ class DisplacementWatch:
 
     def events(self) -> list[tuple[str, str, str | None]]:
         """Return the events since the last call: kind, message and camera."""
+        events: list[tuple[str, str, str | None]] = []
+        if self.world is not None and self.world.words and not self.world.reported:
+            events.append(("world-doubted", self.world.words, None))
+            self.world.reported = True
         before, answers = self.found, self._answers
         cameras = {None if answer is None else answer.camera for answer in answers}
         if len(cameras) > 1:
-            return []
+            return events
         self.found = answers[-1]
         if (before and before.camera) == (self.found and self.found.camera):
-            return []
-        events: list[tuple[str, str, str | None]] = []
+            return events
         if before is not None:
             name = self.rig.camera_ids[before.camera]
             events.append(("camera-in-place", f"{name} stands as calibrated again", name))

@@ -244,6 +244,7 @@ def site_status(edge: RunningEdge) -> Status:
         blind=counts.blind,
         blind_share=counts.blind_share(),
         overload=edge.load.message(),
+        doubt=one_line(edge.consumers.doubt),
         check=record.reasons.check if record and record.reasons else "",
         events_ns=tuple(event.time_ns for event in events),
         run_ns=edge.state_file.run_ns,

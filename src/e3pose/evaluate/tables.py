@@ -11,6 +11,7 @@ from e3pose.base.quantities import plural
 from e3pose.energy.saving import AGAINST, NO_SAVINGS, whole
 from e3pose.evaluate.columns import print_tables, table_console
 from e3pose.evaluate.figures import HeldOut, Summary, as_json
+from e3pose.model.noises import DEFAULT
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -157,11 +158,17 @@ def noise_lines(summary: Summary) -> list[str]:
     noise = summary.noise
     if noise is None:
         return []
-    return [
+    lines = [
         f"{camera_id}: keypoint noise {factor:.1f}x what {noise.file} states"
         for camera_id, factor in noise.factors.items()
         if not 1 / TELLING <= factor <= TELLING
     ]
+    if lines and noise.file != DEFAULT and len(lines) > len(noise.factors) / 2:
+        lines.append(
+            f"are these keypoints of {noise.file}? Name their detector (e3pose import --detector), "
+            "or measure its noise (e3pose calibrate noise)"
+        )
+    return lines
 
 
 def find(figures: Mapping[str, Any], path: Sequence[str]) -> Any:

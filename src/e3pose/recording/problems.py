@@ -123,6 +123,11 @@ EPIPOLAR_SHARE = 0.025
 TRUTH_SHARE = 0.06
 
 
+# Problems that neither move nor hide anybody in 3D: `info` alone tells of them.
+HARMLESS = ("flat-scores", "missing-video", "no-truth", "rate", "lost-views", "sees-nobody",
+            "blank-people", "jitter", "not-placed")  # fmt: skip
+
+
 @dataclass(frozen=True, slots=True)
 class Problem:
     """One thing that is wrong.
@@ -139,7 +144,10 @@ class Problem:
 
 
 def find_problems(
-    recording: Recording, folder: Path | None = None, rotations: Mapping[str, int] | None = None
+    recording: Recording,
+    folder: Path | None = None,
+    rotations: Mapping[str, int] | None = None,
+    calibration: object = "calibration.toml",
 ) -> list[Problem]:
     """Return what is wrong with a recording, the worst of each camera first.
 
@@ -147,6 +155,7 @@ def find_problems(
         recording: the recording.
         folder: where it was loaded from, to look for its videos.
         rotations: by camera, degrees clockwise that make people in its images upright.
+        calibration: the file to mend, for commands.
     """
     if recording.num_slots == 0:
         return [Problem("empty", "recording", "holds no slot")]
@@ -168,7 +177,7 @@ def find_problems(
         problems.append(Problem("not-placed", name, where + command))
     recording = with_places(recording)
     if recording.rig.placed:
-        problems += _rig_problems(recording, rotations)
+        problems += _rig_problems(recording, rotations, calibration)
         problems += _consistency_problems(recording)
         problems += _truth_problems(recording)
     else:
@@ -292,7 +301,9 @@ def _copied_views(recording: Recording) -> list[Problem]:
     return problems
 
 
-def _rig_problems(recording: Recording, rotations: Mapping[str, int] | None) -> list[Problem]:
+def _rig_problems(
+    recording: Recording, rotations: Mapping[str, int] | None, calibration: object
+) -> list[Problem]:
     rig = recording.rig
     if len(rig) < 2:
         return [Problem("one-camera", "rig", "has one camera, 3D needs at least two")]
@@ -302,7 +313,7 @@ def _rig_problems(recording: Recording, rotations: Mapping[str, int] | None) -> 
     for first, second in close.tolist():
         message = f"stands in the same place as {rig.camera_ids[first]}"
         problems.append(Problem("same-place", rig.camera_ids[second], message))
-    kind, message = world_problem(rig, rotations=rotations)
+    kind, message = world_problem(rig, calibration, rotations)
     if kind:
         problems.append(Problem(kind, "rig", message))
     for camera in rig.cameras:

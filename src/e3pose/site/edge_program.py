@@ -16,7 +16,7 @@ from e3pose.base.clock import Clock, WallClock
 from e3pose.base.errors import InputError
 from e3pose.base.lock import hold_all
 from e3pose.edge.consumers import Consumers
-from e3pose.edge.displacement import DisplacementWatch
+from e3pose.edge.displacement import DisplacementWatch, WorldCheck
 from e3pose.edge.energy_ledger import EnergyLedger
 from e3pose.edge.events import EventLog
 from e3pose.edge.learn import LearningSettings, OnlineTrainer
@@ -28,6 +28,7 @@ from e3pose.edge.state_file import StateFile
 from e3pose.energy.budgets import Budget
 from e3pose.estimate.base import Estimator
 from e3pose.events.watch import Watch, site_watch
+from e3pose.model.noises import load_noise
 from e3pose.pipeline import Pipeline
 from e3pose.predict.base import Predictor
 from e3pose.recording.videos import MAX_BYTES, PART_S
@@ -288,7 +289,9 @@ def make_edge(
         publish_stored=site.file.store is not None and site.file.store.publish == "stored",
         wakes_s=[camera.wake_s for camera in site.cameras.values()],
     )
-    watch = DisplacementWatch(site.rig)
+    noise = load_noise(site.loop.noise or site.detector)
+    world = WorldCheck(site.rig, site.skeleton, noise, site.file.calibration)
+    watch = DisplacementWatch(site.rig, world)
     consumers = Consumers(kept, learner, ledger, controls, recorder, watch, outbox)
     if kept is not None:
         consumers = replace(consumers, asks=kept.request)

@@ -91,6 +91,8 @@ def _head(status: Status, stale_s: float) -> Text:
     head.append_text(_blind(status))
     if status.overload:
         head.append(f"\n{status.overload}", style="red")
+    if status.doubt:
+        head.append(f"\n{status.doubt}", style="red")
     if status.check:
         head.append(f"\n{status.check}")
     watts = [c.power_w for c in status.cameras if _draws(c) and c.power_w is not None]

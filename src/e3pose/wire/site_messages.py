@@ -308,6 +308,7 @@ class Status(msgspec.Struct, array_like=True, frozen=True, tag="status"):
         blind: of these, blind slots by cause; causes that did not occur are absent.
         blind_share: blind slots, as a share of the last minute's slots.
         overload: what an overloaded edge says of itself; empty if it is not overloaded.
+        doubt: why scale or axes of the calibration cannot be right, as people show; empty if not.
         events_ns: when each of `events` happened, by the edge's clock, nanoseconds since 1970.
         compiling_s: seconds until the edge has compiled its kernels, 0 while unknown; None if it
             has. Until then there are few slots a second, or none.
@@ -341,6 +342,7 @@ class Status(msgspec.Struct, array_like=True, frozen=True, tag="status"):
     blind: dict[str, Count] = {}
     blind_share: Share = 0.0
     overload: str = ""
+    doubt: str = ""
     events_ns: tuple[TimeNs, ...] = ()
     compiling_s: Figure | None = None
     check: str = ""

@@ -166,7 +166,8 @@ def _check_status(status: Status, where: str) -> None:
     ):
         if found > most:
             raise InputError(f"{where}: {name}: found {found}, expected at most {most}")
-    _check_text(where, status.site, status.overload, status.check, *status.events)
+    texts = (status.site, status.overload, status.doubt, status.check)
+    _check_text(where, *texts, *status.events)
     for camera in status.cameras:
         _check_text(f"{where}: camera {check_camera_id(camera.camera_id)}", camera.why)
 

@@ -34,9 +34,9 @@ def running_problems(status: Status | None, endpoint: Endpoint) -> Iterator[Find
         yield warning("edge", found, advice)
         return
     yield ok("edge", f"running, slot {status.slot}, lead {status.lead}")
-    if status.overload:
-        advice = "a faster machine, fewer slots per second (fps) or fewer cameras"
-        yield warning("edge", status.overload, advice)
+    advice = "a faster machine, fewer slots per second (fps) or fewer cameras"
+    yield from [warning("edge", status.overload, advice)] * bool(status.overload)
+    yield from [problem("calibration", status.doubt)] * bool(status.doubt)
     if status.blind_share > BLIND_SHARE:
         found = f"{status.blind_share:.0%} of the last minute's slots blind"
         advice = f"since its start: {blind_words(status.blind)}; docs/how-to/monitor.md"

@@ -56,6 +56,7 @@ def notices(
         now: the time, UTC.
     """
     found = [Notice("overload", status.overload)] if status.overload else []
+    found += [Notice("calibration", status.doubt)] if status.doubt else []
     gone = [c for c in status.cameras if not (c.online or c.paused or sleeps_as_told(c))]
     if gone and status.uptime_s > STARTING_S:
         found.append(Notice("camera-gone", _gone_words(gone, len(status.cameras))))
