@@ -93,11 +93,6 @@ def test_a_file_that_is_no_archive_is_named(
     assert not (tmp_path / "rec").exists()
 
 
-def test_the_verb_for_videos_is_named(capsys: pytest.CaptureFixture[str]) -> None:
-    assert run("import", "videos", "rec", "collected") == 2
-    assert "`e3pose attach rec collected`" in capsys.readouterr().err
-
-
 @needs_shared
 @pytest.mark.shared
 def test_shelf_and_panoptic_survive_the_folder(tmp_path: Path) -> None:

@@ -23,8 +23,9 @@ from e3pose.evaluate.figures import NoiseFound
 from e3pose.evaluate.tables import noise_lines
 from e3pose.model.camera import Camera, Rig
 from e3pose.model.noises import load_noise
+from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17
-from e3pose.recording import Recording, load_recording, save_recording
+from e3pose.recording import Recording, ViewSeries, load_recording, save_recording
 from e3pose.recording.calibration import save_rig
 
 NUM_SLOTS = 25
@@ -230,6 +231,18 @@ def test_every_verb_that_acts_says_what_info_knows(
             if not words:
                 wrong = "people would|lie outside|off where most|along world z"
                 assert not re.search(wrong, said), (verb, said)
+
+
+def test_a_camera_that_saw_nobody_is_not_judged(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    walking = walk(3, seconds=6.0, fps=12.0)
+    nobody = ViewSeries.from_views([Poses2D.empty(17)] * 72, range(72), np.arange(72) / 12, 17)
+    views = (*walking.views[:3], nobody)
+    save_recording(replace(walking, views=views, truth=None), tmp_path / "rec")
+    assert run("calibrate", "check", tmp_path / "rec") == 0
+    found = capsys.readouterr().out
+    assert "cam3    no person seen that others saw: not judged" in found and "nan" not in found
 
 
 def test_cameras_without_a_place_are_named_and_left_out(

@@ -21,6 +21,7 @@ from e3pose.cli.calibrating_one import place_again
 from e3pose.cli.detecting import camera_seconds
 from e3pose.cli.options import Flag, as_typed
 from e3pose.cli.output import JsonFile, is_stdout, number_or_null, write_json, wrote
+from e3pose.cli.placed import warn_of_problems
 from e3pose.cli.progress import stage_progress
 from e3pose.model.noises import detector_of, load_noise
 from e3pose.recording import load_recording
@@ -184,6 +185,9 @@ def extrinsics(
     if not is_stdout(json_output):
         print("\n".join(_lines(places)))
         wrote(dest, f"{len(places.rig)} cameras, metres, z up")
+    first = Path(sources[0])
+    if (first / "recording.toml").is_file():
+        warn_of_problems(replace(load_recording(first), rig=places.rig), first, dest)
 
 
 def _places(

@@ -10,7 +10,7 @@ from cyclopts import App, Parameter
 
 from e3pose.base.atomic import check_free
 from e3pose.base.errors import InputError
-from e3pose.base.quantities import plural, shell
+from e3pose.base.quantities import plural
 from e3pose.cli.distributions import add_absent
 from e3pose.cli.options import Flag
 from e3pose.cli.placed import warn_of_problems
@@ -86,14 +86,6 @@ def detections(
     for note in notes:
         print(f"  {note}")
     warn_of_problems(recording, dest)
-
-
-@import_app.command(show=False)
-def videos(recording: Path, folder: Path, /) -> None:
-    """Say what the verb for this is called now."""
-    raise InputError(
-        "import videos", "no data set", f"`e3pose attach {shell(recording)} {shell(folder)}`"
-    )
 
 
 def save(recording: Recording, dest: Path, overwrite: bool) -> None:

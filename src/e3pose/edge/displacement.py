@@ -24,7 +24,8 @@ from e3pose.model.people import People
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import Skeleton
 from e3pose.model.slot_record import SlotRecord
-from e3pose.recording import Recording, ViewSeries
+from e3pose.recording import Recording
+from e3pose.recording.detections.views import series_from_frames
 
 WINDOW_S = 20.0  # votes older than this are dropped
 SPAN_S = 8.0  # of votes needed: people who stand still carry little information
@@ -282,13 +283,9 @@ class WorldCheck:
     def _check(self, views: Sequence[Mapping[int, Poses2D]]) -> None:
         from e3pose.calibrate.people_3d import doubt_people
 
-        series = tuple(
-            ViewSeries.from_views(
-                [*seen.values()], [*seen], [LOOK_S * slot for slot in seen], len(self.skeleton)
-            )
-            for seen in views
-        )
-        num_slots = round(WORLD_S / LOOK_S)
+        if not any(views):
+            return
+        num_slots, series = series_from_frames(views, 1 / LOOK_S, len(self.skeleton), "recent")
         recent = Recording("recent", self.rig, 1 / LOOK_S, num_slots, self.skeleton, series)
         words = doubt_people(recent, self.noise)
         self.words = words.replace("CALIBRATION", shell(self.file))

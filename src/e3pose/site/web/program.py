@@ -374,6 +374,7 @@ def describe(site: ResolvedSite) -> dict[str, Any]:
         "limbs": [list(limb) for limb in site.skeleton.limbs],
         "neck": neck(site.skeleton),
         "cameras": list(site.rig.camera_ids),
+        "titles": site.rig.titles,
         "centers_m": np.round(site.rig.centers_m, 4).tolist(),
         "frustums": [millimetres(frustum(camera, size_m)) for camera in site.rig.cameras],
         "low": millimetres(low),

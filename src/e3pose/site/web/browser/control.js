@@ -1,7 +1,7 @@
 // Control, for operators: only what the edge says is shown as its setting.
 import { html, useRef, useState } from "./vendor/preact.js";
 import { control } from "./connection.js";
-import { known } from "./known.js";
+import { known, titleOf } from "./known.js";
 import { percent } from "./words.js";
 
 export const mayControl = () => known.room.controls && known.room.scope === "write";
@@ -35,7 +35,7 @@ export function Control() {
 }
 
 export function CameraControls({ camera }) {
-  const path = `/api/control/cameras/${encodeURIComponent(camera.camera_id)}`, name = camera.camera_id;
+  const path = `/api/control/cameras/${encodeURIComponent(camera.camera_id)}`, name = titleOf(camera.camera_id);
   const change = (event) => {
     const budget = event.target.value;
     event.target.blur();

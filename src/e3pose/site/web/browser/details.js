@@ -2,7 +2,7 @@
 import { html } from "./vendor/preact.js";
 import { MEANINGS } from "./camera_status.js";
 import { CameraControls, mayControl } from "./control.js";
-import { known } from "./known.js";
+import { known, titleOf } from "./known.js";
 import { Strips } from "./strips.js";
 import { causeWords, clock, number, percent, sleeps } from "./words.js";
 
@@ -10,7 +10,7 @@ const MODES = { active: "active", "power-saving": "idle", "aggressive-power-savi
 const modeOf = (c) => (c.paused ? "paused" : c.online ? MODES[c.mode] || "–" : sleeps(c) ? `asleep ${Math.max(c.asleep_s, 0).toFixed(0)} s` : "offline");
 const means = (...names) => names.map((name) => MEANINGS[name]).join("; ");
 const COLUMNS = [ // name, text of a camera, what it means
-  ["camera", (c) => c.camera_id, ""],
+  ["camera", (c) => titleOf(c.camera_id), ""],
   ["mode", modeOf, "active; idle, but capturing; closed: idle, not capturing; asleep by order until it is expected back; paused by an operator; offline"],
   ["duty", (c) => `${percent(c.duty)}${c.unchanged == null ? "" : `, ${percent(c.unchanged)} of looks unchanged`}`, means("duty", "unchanged")],
   ["occlusion", (c) => percent(c.occlusion), means("occlusion")],

@@ -1,7 +1,7 @@
 // Energy in words: watts now, hours of batteries, and the two savings.
 import { html, useEffect, useState } from "./vendor/preact.js";
 import { ask } from "./connection.js";
-import { known } from "./known.js";
+import { known, titleOf } from "./known.js";
 import { duration, midnight, nanoseconds, percent } from "./words.js";
 
 const AGAIN_MS = 60_000, MANY = 5;
@@ -46,7 +46,7 @@ function leftHours(camera) {
 function Batteries({ cameras }) {
   const left = cameras.map((camera) => [camera, leftHours(camera)]).filter(([, h]) => h !== null).sort((a, b) => a[1] - b[1]);
   if (!left.length) return null;
-  const words = ([camera, h]) => `${camera.camera_id} ${hours(h)} (${percent(camera.battery)}${camera.gauge ? ", measured" : ", modelled"})`;
+  const words = ([camera, h]) => `${titleOf(camera.camera_id)} ${hours(h)} (${percent(camera.battery)}${camera.gauge ? ", measured" : ", modelled"})`;
   const more = left.length > MANY ? ` and ${left.length - MANY} that last longer` : "";
   return html`<div><dt>batteries last at this power</dt><dd id="batteries" class="list">${left.slice(0, MANY).map(words).join(", ")}${more}</dd></div>`;
 }

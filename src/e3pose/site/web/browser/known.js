@@ -65,6 +65,9 @@ function middle(joints) {
   return n ? [x / n, y / n] : null;
 }
 
+// What people call a camera.
+export const titleOf = (id) => known.room.titles[id] ?? id;
+
 // Keep what trails and the strip of cameras show of a slot.
 export function remember(now) {
   const { trails, history } = known;

@@ -2,7 +2,7 @@
 // can be seen: not when the page or the pictures are hidden, and not in the past, as none are stored.
 import { html, useEffect, useLayoutEffect, useRef, useState } from "./vendor/preact.js";
 import { ask } from "./connection.js";
-import { changed, known } from "./known.js";
+import { changed, known, titleOf } from "./known.js";
 import { colourOf } from "./names.js";
 import { isDark } from "./palette.js";
 import { ago, cameraWords, clock, complaint, percent } from "./words.js";
@@ -87,7 +87,7 @@ function Tile({ name, open }) {
   const gone = known.mode === "live" && camera && cameraWords(camera) === "offline";
   return html`<button type="button" class="tile" onClick=${() => open(name)}>
     <${Picture} name=${name} width="320" height="240" />
-    <span class="hidden">Enlarge the picture of </span><b>${name}</b><span class=${gone ? "bad" : ""}>${[cameraWords(camera), battery].filter(Boolean).join(" · ")}</span>
+    <span class="hidden">Enlarge the picture of </span><b>${titleOf(name)}</b><span class=${gone ? "bad" : ""}>${[cameraWords(camera), battery].filter(Boolean).join(" · ")}</span>
     ${words && html`<span class="why">${words}</span>`}
     ${!known.room.pictures.shown && complaint(camera) && html`<span class="why">${complaint(camera)}</span>`}
   </button>`;
@@ -112,7 +112,7 @@ export function Pictures() {
     ${shown && drawn && html`<p id="drawn" class="soft">These cameras play keypoints and have no images: the keypoints are drawn in grey.</p>`}
     </details>
     <dialog id="large" ref=${box} aria-labelledby="large-title" onClose=${() => enlarge("")} onKeyDown=${step} onClick=${(event) => event.target === box.current && box.current.close()}>
-      ${name && html`<h2 id="large-title">Picture of <span id="large-of">${name}</span></h2>
+      ${name && html`<h2 id="large-title">Picture of <span id="large-of">${titleOf(name)}</span></h2>
       <${Picture} key=${name} id="large-frame" name=${name} width="960" height="720" />
       <p id="large-said" class="soft">${largeWords(tiles.get(name))}</p>
       <p class="soft">Solid limbs were measured, dashed ones are predicted. Arrow keys: other cameras.</p>

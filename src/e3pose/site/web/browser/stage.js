@@ -1,7 +1,7 @@
 // The 3D scene with its switches. The report's renderer draws it; it is made once and kept.
 import { html, useEffect, useRef } from "./vendor/preact.js";
 import { followSmoothed } from "./connection.js";
-import { changed, known } from "./known.js";
+import { changed, known, titleOf } from "./known.js";
 import { colourOf, nameOf } from "./names.js";
 import { sceneInks, whenTurned } from "./palette.js";
 import { number, posture, sleeps } from "./words.js";
@@ -39,7 +39,7 @@ function described() {
 export function Stage() {
   const canvas = useRef(null);
   useEffect(() => {
-    scene = makeScene(canvas.current, known.room, toDraw);
+    scene = makeScene(canvas.current, { ...known.room, cameras: known.room.cameras.map(titleOf) }, toDraw);
     new ResizeObserver(scene.touch).observe(canvas.current);
     whenTurned(scene.touch);
   }, []);

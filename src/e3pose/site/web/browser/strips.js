@@ -1,7 +1,7 @@
 // The strip of camera selection: what each camera did over the last half minute. What this page has
 // not seen is unknown, neither idle nor a saving.
 import { html, useLayoutEffect, useRef, useState } from "./vendor/preact.js";
-import { HISTORY_S, known } from "./known.js";
+import { HISTORY_S, known, titleOf } from "./known.js";
 import { hatching, inks, penOf } from "./palette.js";
 import { causeWords, clock } from "./words.js";
 
@@ -22,7 +22,7 @@ export function stripEnd() {
   return last.t + (known.mode === "live" && late_s > 1 ? late_s : 0);
 }
 
-export const leftOf = (pen) => 8 + Math.min(110, Math.max(...known.room.cameras.map((name) => pen.measureText(name).width)));
+export const leftOf = (pen) => 8 + Math.min(110, Math.max(...known.room.cameras.map((name) => pen.measureText(titleOf(name)).width)));
 
 // When a slot begins on the strip: where the one before ends, if that was seen.
 function beginOf(slot, before) {
@@ -36,7 +36,7 @@ export function drawStrips(canvas) {
   cameras.forEach((name, row) => {
     const y = row * ROW + 2;
     pen.fillStyle = ink.text;
-    pen.fillText(name, 0, y + ROW / 2 - 2, left - 6);
+    pen.fillText(titleOf(name), 0, y + ROW / 2 - 2, left - 6);
     pen.fillStyle = hatching(pen);
     pen.fillRect(left, y, width - left, ROW - 4);
     let run = null; // slots of one ink that follow each other are one bar
@@ -61,7 +61,7 @@ export function atPointer(canvas, { offsetX, offsetY }) {
   if (!name || offsetX < left) return "";
   const index = known.history.findIndex((slot) => slot.t >= t);
   const slot = index >= 0 && beginOf(known.history[index], known.history[index - 1]) <= t ? known.history[index] : null;
-  return `${name}, ${clock(t)}: ${slot ? `${didIn(slot, name)[1]} (slot ${slot.slot})` : "unknown"}`;
+  return `${titleOf(name)}, ${clock(t)}: ${slot ? `${didIn(slot, name)[1]} (slot ${slot.slot})` : "unknown"}`;
 }
 
 // How many slots on the strip were blind, by cause.
