@@ -237,7 +237,9 @@ def test_a_camera_that_saw_nobody_is_not_judged(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     walking = walk(3, seconds=6.0, fps=12.0)
-    nobody = ViewSeries.from_views([Poses2D.empty(17)] * 72, range(72), np.arange(72) / 12, 17)
+    nobody = ViewSeries.from_views(
+        [Poses2D.empty(17)] * 72, range(72), (np.arange(72) / 12).tolist(), 17
+    )
     views = (*walking.views[:3], nobody)
     save_recording(replace(walking, views=views, truth=None), tmp_path / "rec")
     assert run("calibrate", "check", tmp_path / "rec") == 0

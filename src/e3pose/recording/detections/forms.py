@@ -34,7 +34,8 @@ SCORES = ("keypoint_scores", "scores", "keypoints_visible")
 PEOPLE = ("people", "instances", "predictions", "poses")
 FRAME_NAMES = ("image_id", "frame_id", "frame", "frame_number", "file_name")
 FRAMES = ("instance_info", "frames", "annotations")
-SUFFIXES = (".json", ".csv", ".npy", ".h5", ".hdf5")
+HDF5 = (".h5", ".hdf5")
+SUFFIXES = (".json", ".csv", ".npy", *HDF5)
 EXPECTED = (
     "people as OpenPose, AlphaPose, MMPose, COCO results, DeepLabCut, SLEAP, Caliscope or "
     "FreeMoCap write them"
@@ -77,7 +78,7 @@ def read_pictures(path: Path, images: Mapping[Any, str] | None = None) -> Pictur
     """Read a file of detections.
 
     Args:
-        path: with an ending of `SUFFIXES`.
+        path: .json, .csv or .npy.
         images: name of the image of an `image_id`, from another file.
 
     Raises:
@@ -85,10 +86,6 @@ def read_pictures(path: Path, images: Mapping[Any, str] | None = None) -> Pictur
     """
     if path.suffix.lower() == ".npy":
         return _arrays(path)
-    if path.suffix.lower() in (".h5", ".hdf5"):
-        from e3pose.recording.detections import hdf5
-
-        return hdf5.read(path)
     content = read_bytes(path, MAX_FILE_BYTES)
     if path.suffix.lower() == ".csv":
         return _csv(content, path)

@@ -25,7 +25,7 @@ SCORERS = 4  # levels of a column: scorer, individual, body part, coordinate
 CSV = "as CSV: deeplabcut.analyze_videos_converth5_to_csv(FOLDER)"
 
 
-def read(path: Path) -> Pictures:
+def read_hdf5(path: Path) -> Pictures:
     """Read a file of one camera.
 
     Raises:

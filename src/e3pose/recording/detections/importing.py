@@ -21,6 +21,7 @@ from e3pose.model.skeleton import Skeleton, load_skeleton
 from e3pose.recording import Recording
 from e3pose.recording.calibration import load_calibration
 from e3pose.recording.detections.forms import (
+    HDF5,
     MAX_FILE_BYTES,
     SUFFIXES,
     Picture,
@@ -29,6 +30,7 @@ from e3pose.recording.detections.forms import (
     parse,
     read_pictures,
 )
+from e3pose.recording.detections.hdf5 import read_hdf5
 from e3pose.recording.detections.layouts import Layout, choose_layout, named_layout
 from e3pose.recording.detections.views import check_fps, poses_from_triples, series_from_frames
 from e3pose.recording.pairing import pair_names
@@ -127,7 +129,8 @@ class Reader:
         read: dict[int | None, list[tuple[Path, Pictures]]] = {}
         for path, (_, camera) in zip(progress([p for p, _ in files]), files, strict=True):
             try:
-                pictures = read_pictures(path, images)
+                is_hdf5 = path.suffix.lower() in HDF5
+                pictures = read_hdf5(path) if is_hdf5 else read_pictures(path, images)
                 read.setdefault(camera, []).append((path, pictures))
                 for why in pictures.bad:
                     self._leave_out(f"{path}: {why}")
