@@ -10,6 +10,7 @@ from cyclopts import Parameter
 from e3pose.base.quantities import check_seconds
 from e3pose.cli.options import Flag
 from e3pose.cli.running import Child, begin
+from e3pose.site.summary import camera_summary
 
 
 def cameras(
@@ -48,7 +49,6 @@ def cameras(
     check_seconds("--for", for_s)
     from e3pose.site.logs import open_log
     from e3pose.site.many_cameras import Cameras, nodes_of
-    from e3pose.site.summary import camera_summary
 
     opened = Cameras(
         nodes_of((file, *files), only),

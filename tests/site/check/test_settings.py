@@ -13,13 +13,16 @@ from tests.site.tables import resolved_site
 
 from e3pose.base.errors import InputError
 from e3pose.detectors.timing import DetectionTimes
-from e3pose.settings.resolved import ResolvedSite
+from e3pose.model.camera import Rig
+from e3pose.recording.calibration import save_rig
+from e3pose.settings.resolved import ResolvedSite, resolve
 from e3pose.settings.site_file import SiteTable
 from e3pose.site.check.finding import Finding, report
 from e3pose.site.check.settings import (
     budget_problems,
     event_problems,
     feedback_problems,
+    rig_problems,
     skeleton_problems,
     watt_problems,
 )
@@ -52,6 +55,16 @@ class Whole:
 class Parts(Whole):
     def detect_part(self, image, part, expected=None): ...
 """
+
+
+def test_a_camera_without_a_place_is_named(tmp_path: Path) -> None:
+    site = live(tmp_path)
+    lost = FOUR.camera_ids[3]
+    save_rig(Rig(FOUR.cameras, unplaced=(lost,)), site.file.calibration)
+    with pytest.raises(InputError, match=f"no place of {lost} in "):
+        resolve(site.file)
+    (found,) = rig_problems(resolve(site.file, placed=False))
+    assert found.level == "problem" and found.found.endswith(f"has no place of {lost}")
 
 
 def test_events_that_nobody_keeps_are_named(tmp_path: Path) -> None:

@@ -31,7 +31,8 @@ def rig_problems(site: ResolvedSite) -> Iterator[Finding]:
     """Yield what is wrong with where the cameras are, and whether they see the same."""
     rig, file, what = site.rig, site.file.calibration, "calibration"
     if not rig.placed:
-        found = f"{file} has lenses, but no places" if file.exists() else f"{file} is missing"
+        lost = f"no place of {', '.join(rig.unplaced)}" if rig.unplaced else "lenses, but no places"
+        found = f"{file} has {lost}" if file.exists() else f"{file} is missing"
         yield problem(what, found, calibrate_advice(site.file))
         return
     if len(rig) < 2:
