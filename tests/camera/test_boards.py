@@ -56,6 +56,14 @@ def test_keypoints_are_grouped_by_their_tags() -> None:
         assert np.ptp(person, axis=0).max() == 0
 
 
+def test_somebody_whose_head_is_hidden_is_not_joined_to_another_head() -> None:
+    tags, places, scores = outputs([(0.0, 20, 30)])
+    tags[0, 5:] += 8.0  # the joints from the shoulders on are somebody else's
+    keypoints, sure = people_of(tags, places, scores)
+    assert [int(count) for count in (sure > 0).sum(axis=1)] == [5, 12]
+    assert np.isnan(keypoints[0, 5:]).all()
+
+
 def test_keypoints_that_are_unsure_or_alone_are_nobody() -> None:
     tags, places, scores = outputs([(0.0, 20, 30)])
     scores[:, 3:] = 0.2

@@ -29,7 +29,7 @@ WRONG = [
     ("--site", "../x", "expected 1 to 64 letters"),
     ("--name", "../x", "expected 1 to 64 letters"),
     ("--name", "cam9", "is not in the rig"),
-    ("--source", "usb:x", "expected usb:NUMBER"),
+    ("--source", "usb:x", "expected usb:by-id/NAME"),
 ]
 
 

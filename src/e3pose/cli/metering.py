@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -16,7 +17,7 @@ from rich.text import Text
 from e3pose.base.atomic import write_file
 from e3pose.base.clock import WallClock
 from e3pose.base.errors import InputError
-from e3pose.base.quantities import check_within
+from e3pose.base.quantities import check_within, length_m, plural, quantity
 from e3pose.camera.live_source import make_source
 from e3pose.cli.options import Flag, Whole
 from e3pose.cli.output import JsonFile, is_stdout, write_json
@@ -24,6 +25,8 @@ from e3pose.detectors import make_detector
 from e3pose.energy.meters.base import MeterError, Reading
 from e3pose.energy.meters.battery import Charge, read_charge
 from e3pose.energy.meters.choose import choose_meter
+from e3pose.energy.meters.plug import open_plug
+from e3pose.energy.plan import PlanRow, draw, hours_text, load_boards, plan, profile_board
 from e3pose.energy.profiles import load_profile, modes_of, profile_text
 from e3pose.evaluate.columns import print_tables, table_console
 from e3pose.settings.sources import detects
@@ -134,6 +137,7 @@ def measure(
     pace: float = 1.0,
     provider: str = "auto",
     threads: Whole | None = None,
+    meter: str | None = None,
     root: Annotated[Path, Parameter(show=False)] = Path("/"),
 ) -> None:
     """Measure how the camera of this machine looks and rests; write its power profile.
@@ -141,8 +145,9 @@ def measure(
     Example: `e3pose power measure usb:0 my-board.toml --profile xavier-nx`
 
     Run it on the camera's own computer, with nothing else at work. Times and processor time are
-    measured everywhere, watts where there is a sensor. Rows that cannot be measured keep what the
-    profile states; a suspended machine has to be stated in the file.
+    measured everywhere, watts where there is a sensor, or by a smart plug that the computer draws
+    from: `--meter shelly:192.168.1.20 --seconds 45` takes three minutes. Rows that cannot be
+    measured keep what the profile states; a suspended machine has to be stated in the file.
 
     Parameters
     ----------
@@ -164,6 +169,8 @@ def measure(
         Execution provider.
     threads
         CPU threads of the network. Default: all cores.
+    meter
+        Smart plug with a meter, by HTTP: shelly:HOST or tasmota:HOST. Default: the sensors here.
     """
     check_within("--seconds", seconds, 1, 600)
     check_within("--wakes", wakes, 1, 100)
@@ -173,7 +180,10 @@ def measure(
     check_within("--pace", pace, 1e-3, 1)
     frames = make_source(source, "camera", WallClock(), None, pace)
     network = make_detector(detector, None, provider, threads)
-    found = measure_modes(frames, network, choose_meter(base, root), seconds, wakes)
+    watts = choose_meter(base, root) if meter is None else open_plug(meter)
+    if meter is not None:
+        print(f"waking, capturing, looking, the gate, resting: about {4 * seconds + wakes:.0f} s")
+    found = measure_modes(frames, network, watts, seconds, wakes)
     made = measured_profile(base, found, f"on {datetime.date.today()} with {detector}")
     write_file(out, profile_text(made))
     _print_modes(modes_of(made))
@@ -198,6 +208,81 @@ def modes(profile: str = "xavier-nx", /) -> None:
         xavier-nx, tx2, generic, or a TOML file such as `e3pose power measure` writes.
     """
     _print_modes(modes_of(load_profile(profile)))
+
+
+@power_app.command(name="plan")
+def plan_site(
+    *,
+    people: Whole = 1,
+    error: str = "40mm",
+    battery: str | None = None,
+    cameras: Whole | None = None,
+    profile: tuple[str, ...] = (),
+    picture: Path | None = None,
+    json_file: JsonFile = None,
+) -> None:
+    """Show which boards, how many cameras and how long a battery lasts.
+
+    Example: `e3pose power plan --people 3 --error 40mm --battery 50Wh --picture plan.svg`
+
+    The power of boards is what others published, each with its source; a figure that nobody
+    published is unknown. How many cameras have to look is measured in simulated rooms.
+
+    Parameters
+    ----------
+    people
+        People in the room.
+    error
+        Mean error of joints to reach.
+    battery
+        Battery of each camera, such as 50Wh.
+    cameras
+        Cameras of the site: 2, 3, 4 or 6. Default: the fewest that reach the error.
+    profile
+        Power profiles of your own boards, TOML files; repeat the option for several.
+    picture
+        Draw how long batteries last, as a PNG, SVG or PDF file.
+    json_file
+        Write the plan here as JSON; - is standard output.
+    """
+    error_mm = 1e3 * length_m(error)
+    battery_wh = None if battery is None else quantity(battery, {"Wh": 1, "kWh": 1e3}, "50Wh")
+    boards = (*(profile_board(each) for each in profile), *load_boards())
+    rows = plan(boards, people, error_mm, battery_wh, cameras)
+    if json_file is not None:
+        write_json(json_file, msgspec.to_builtins(rows))
+    if picture is not None:
+        if battery_wh is None:
+            raise InputError("--battery", "none", "a battery, whose time is drawn")
+        draw(rows, f"{plural(people, 'person', 'people')}, {error}, {battery} each", picture)
+    if not is_stdout(json_file):
+        _print_plan(rows)
+
+
+def _print_plan(rows: Sequence[PlanRow]) -> None:
+    columns: dict[str, list[str]] = {
+        "cameras": [f"{r.reach.cameras}" if r.reach else "-" for r in rows],
+        "active": [f"{r.reach.active:.2f}" if r.reach else "-" for r in rows],
+        "W each": [_range(*r.watts) for r in rows],
+        "battery": [hours_text(r) for r in rows],
+    }
+    for name in ("idle", "busy", "sleep", "wake"):
+        figures = [getattr(row.board, name) for row in rows]
+        columns[name] = ["unknown" if f is None else f"{f.value:g}" for f in figures]
+    print_tables(table_console(), {"board": [r.board.name for r in rows]}, columns, left=["board"])
+    print("idle, busy, sleep: watts; wake: seconds. Sources:")
+    for row in rows:
+        for name in ("idle", "busy", "sleep", "wake"):
+            if (figure := getattr(row.board, name)) is not None:
+                when = f" ({figure.date})" if figure.date else ""
+                print(f"  {row.board.name}, {name}: {figure.source}{when}")
+
+
+def _range(low: float | None, high: float | None) -> str:
+    if low is None or high is None:
+        known = low if high is None else high
+        return "unknown" if known is None else f"{'from' if high is None else 'up to'} {known:.3g}"
+    return f"{low:.3g}"
 
 
 def _print_modes(table: CameraModes) -> None:
