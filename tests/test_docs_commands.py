@@ -205,7 +205,7 @@ ELSEWHERE = {
     "events test site.toml": "tests/live/test_events_of_people.py",
     "learn versions learned": "tests/lab/train/test_learn_command.py",
     "learn rollback learned": "tests/lab/train/test_learn_command.py",
-    "models path openpose-thin": "tests/cli/test_models.py",
+    "models path movenet-multipose": "tests/cli/test_models.py",
     "demo": "tests/cli/test_demonstrating.py",
     "import shelf Shelf shelf-truth": "tests/cli/test_importing.py",
     "reproduce reproduced --data data": "tests/lab/test_reproducing.py",
@@ -239,13 +239,12 @@ HERE_NOT = {
     "check /var/lib/e3pose/site.toml": "names a file of an installed system",
     "detect Shelf/Camera0 Shelf/Camera1 Shelf/Camera2 Shelf/Camera3 Shelf/Camera4 found "
     "--calibration shelf-truth/calibration.toml --fps 25": DATA,
-    "detect cam1.mp4 cam2.mp4 cam3.mp4 cam4.mp4 walk --model openpose-thin": FILMS,
-    "detect cam1.mp4 cam2.mp4 cam3.mp4 walk --calibration Calib.toml --model openpose-thin": FILMS,
+    "detect cam1.mp4 cam2.mp4 cam3.mp4 cam4.mp4 walk": FILMS,
+    "detect cam1.mp4 cam2.mp4 cam3.mp4 walk --calibration Calib.toml": FILMS,
     "detect cam1.mp4 cam2.mp4 cam3.mp4 walk --calibration room.toml": FILMS,
     "detect cam1.mp4 cam2.mp4 cam3.mp4 walk --calibration Calib.toml --feedback": FILMS,
     "detect photos/cam* stills --calibration rig.toml --fps 1": FILMS,
-    "detect recordings/videos/*/*-20261122T15*.mkv again --calibration rig.toml "
-    "--model openpose-thin": FILMS,
+    "detect recordings/videos/*/*-20261122T15*.mkv again --calibration rig.toml": FILMS,
     "evaluate walk --policies all,all+feedback,information,information+feedback": FILMS,
     "evaluate my-recording --policies round-robin,e3pose,information --cameras 1,2 --leads 1,4": (
         "two others of `evaluate` run, in a quarter of the time"
@@ -265,9 +264,10 @@ HERE_NOT = {
     "keys init house --host house.local --out /etc/house": "writes to /etc",
     "learn replay monday tuesday --out learned --paced": TRAINS,
     "learn replay monday tuesday wednesday --out learned": TRAINS,
-    "models bench openpose-thin --resolution 1280x720": FILMS,
+    "models bench movenet-multipose --resolution 1280x720": FILMS,
     "models pull movenet-multipose": "downloads a network",
-    "models pull openpose-thin": "downloads a network",
+    "models pull hf:Xenova/RTMO-s/onnx/model.onnx": "downloads a network",
+    "models pull rtmpose-halpe26": "downloads a network",
     "power --watch": "goes on until it is stopped; `power` runs",
     "power measure usb:0 my-board.toml --profile xavier-nx "
     "--detector openpose-thin": "needs a webcam",

@@ -122,10 +122,7 @@ def test_clip_is_detected_in_played_slower_and_drawn(
     videos = tuple(films / "videos" / f"{name}.mp4" for name in made.rig.camera_ids)
     clip = Clip(films / "calibration.toml", videos)
     monkeypatch.setattr(demonstrating, "find_clip", lambda: clip)
-    monkeypatch.setattr(demonstrating, "NETWORK", "drawn")
-    monkeypatch.setattr(demonstrating, "is_installed", lambda name: True)
-    monkeypatch.setattr(demonstrating, "find_weights", lambda name: films)
-    monkeypatch.setattr(demonstrating, "make_detector", drawn)
+    monkeypatch.setattr(demonstrating, "ready_network", lambda asked, live, offline: "drawn")
     dest = tmp_path / "demo"
     assert run("demo", dest) == 0
     out = capsys.readouterr().out
@@ -141,12 +138,6 @@ def test_clip_is_detected_in_played_slower_and_drawn(
     movie = open_video(dest / "overlay.webm")
     assert len(list(movie.frames(0.0))) == 2 * recording.num_slots == 48  # all cameras, then two
     assert movie.rate == pytest.approx(20 / 3, rel=1e-3)
-
-
-def drawn(name: str, weights: object, *how: object) -> Any:
-    from e3pose.detectors import make_detector
-
-    return make_detector(name)
 
 
 def test_failed_download_is_said_in_one_line(

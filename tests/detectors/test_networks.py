@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from tests.cases import each_case
 
 from e3pose.base.errors import InputError
-from e3pose.detectors import DETECTORS, identify, make_detector
+from e3pose.detectors import identify, make_detector
 from e3pose.detectors.focus import Focusing, Part
 from e3pose.detectors.inference import choose_providers, load_network
 from e3pose.detectors.yolo import keep_people
@@ -253,12 +253,6 @@ def test_forcing_a_provider_that_is_absent_is_one_clear_line(tmp_path: Path) -> 
         load_network(graph, "cuda")
     with pytest.raises(InputError, match="threads: found 0"):
         load_network(path, threads=0)
-
-
-def test_every_fetchable_network_has_a_detector() -> None:
-    from e3pose.detectors.weights import MODELS
-
-    assert set(MODELS) <= set(DETECTORS)
 
 
 @pytest.mark.parametrize("swapped", [False, True])

@@ -144,6 +144,19 @@ def test_keypoints_are_where_they_are_in_the_image(
         assert (poses.scores > 0.9).all()
 
 
+def test_body_and_feet_of_133_keypoints_are_used(tmp_path: Path) -> None:
+    write_boxes(tmp_path / "a.onnx", [[*in_network(BOX), 0.8]], [0])
+    write_keypoints(tmp_path / "b.onnx", 133)
+    detector = make_detector("rtmpose", tmp_path)
+    poses, names = detector.detect(picture()), detector.skeleton.joints
+    assert detector.skeleton == HALPE26
+    for joint, at in (("nose", 0), ("right_ankle", 16), ("left_heel", 19), ("right_heel", 22)):
+        assert np.abs(poses.keypoints_px[0, names.index(joint)] - DOTS[at % 3]).max() < 1
+    middle = (np.array(DOTS[11 % 3]) + DOTS[12 % 3]) / 2
+    assert np.abs(poses.keypoints_px[0, names.index("mid_hip")] - middle).max() < 1
+    assert poses.scores[0, names.index("top_head")] == 0
+
+
 @pytest.mark.parametrize(("first", "value"), [("Conv", (80 - 103.53) / 57.375), ("Slice", 80.0)])
 def test_images_are_normalised_for_rtmdet_and_not_for_yolox(
     tmp_path: Path, first: str, value: float
@@ -239,10 +252,10 @@ def test_wrong_folders_are_one_line_each(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"networks: found 1 \.onnx files, expected two"):
         make_detector("rtmpose", folder)
     (folder / "b.onnx").write_bytes(boxes.read_bytes())
-    with pytest.raises(InputError, match=r"b\.onnx: found input .* of K = 17 or 26 keypoints"):
+    with pytest.raises(InputError, match=r"b\.onnx: found input .* of K = 17, 26 or 133 keypoints"):
         make_detector("rtmpose", folder)
-    write_keypoints(folder / "b.onnx", 133)
-    with pytest.raises(InputError, match=r"b\.onnx: found input .* of K = 17 or 26 keypoints"):
+    write_keypoints(folder / "b.onnx", 21)
+    with pytest.raises(InputError, match=r"b\.onnx: found input .* of K = 17, 26 or 133 keypoints"):
         identify(folder)
     write_keypoints(folder / "b.onnx", 17)
     with pytest.raises(InputError, match="a network of the kind rtmpose, expected vitpose"):

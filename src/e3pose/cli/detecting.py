@@ -18,10 +18,11 @@ from e3pose.base.atomic import check_free
 from e3pose.base.errors import InputError, exit_code
 from e3pose.base.quantities import plural, shell
 from e3pose.camera.detect import DetectReport, DetectSettings, detect_videos, partial_folder
+from e3pose.cli.network import ready_network
 from e3pose.cli.options import OUTPUT, Flag, Whole, as_typed
 from e3pose.cli.placed import warn_of_problems
-from e3pose.detectors import DETECTORS, Detector, identify, is_network, make_detector
-from e3pose.detectors.weights import MODELS, find_weights
+from e3pose.detectors import AUTO, DETECTORS, Detector, identify, is_network, make_detector
+from e3pose.detectors.weights import find_weights, networks
 from e3pose.detectors.weights.fetch import file_sha256
 from e3pose.recording import load_recording
 from e3pose.recording.calibration import load_calibration
@@ -37,9 +38,10 @@ OPTIONS = {"feedback": "--feedback", "offset": "--offset", "rotation": "--rotati
 class NetworkOptions:
     """The network to run."""
 
-    model: str = "openpose-thin"
+    model: str = AUTO
     """A name from `e3pose models list`, the path of an .onnx or .pb file, a folder with the two
-    files of a top-down detector, or your own detector as module:Name."""
+    files of a top-down detector, or your own detector as module:Name. `auto` takes the best that
+    is installed, else downloads one."""
     family: str | None = None
     """With a model path: the detector that runs it. Default: from the model's inputs and
     outputs."""
@@ -177,13 +179,15 @@ def _detector(
     model: str, family: str | None, provider: str, threads: int | None
 ) -> tuple[Detector, str]:
     """Load the detector; also say which weights it runs: others do not continue its work."""
-    path = Path(model)
-    if model in DETECTORS:
+    model = ready_network(model, live=False)
+    path, known = Path(model), networks()
+    if model in known or model in DETECTORS:
         if family is not None:
             raise InputError(f"--family: found {family!r} with --model {model}, expected a path")
-        published = model in MODELS and MODELS[model].source is not None
-        name = f"{model} {file_sha256(find_weights(model))[:16]}" if published else model
-        return make_detector(model, None, provider, threads), name
+        detector = make_detector(model, None, provider, threads)
+        if model not in known or known[model].source is None:
+            return detector, model
+        return detector, " ".join([model, *_checksums(find_weights(model))])
     if family is None and not is_network(path):  # one's own, or an error that lists the names
         with as_typed({"detector": "--model"}):
             return make_detector(model, None, provider, threads), model
@@ -191,8 +195,12 @@ def _detector(
         detector, family = make_detector(model, None, provider, threads), identify(path)
     else:
         detector = make_detector(family, path, provider, threads)
+    return detector, " ".join([family, *_checksums(path)])
+
+
+def _checksums(path: Path) -> list[str]:
     files = sorted(path.glob("*.onnx")) if path.is_dir() else [path]
-    return detector, " ".join([family, *(file_sha256(file)[:16] for file in files)])
+    return [file_sha256(file)[:16] for file in files]
 
 
 def camera_seconds(option: str, words: Sequence[str]) -> dict[str, float]:

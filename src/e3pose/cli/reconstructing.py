@@ -21,6 +21,7 @@ from e3pose.base.quantities import duration_s, shell
 from e3pose.camera.source import Source, open_sources
 from e3pose.cli.app import app
 from e3pose.cli.options import Flag
+from e3pose.detectors.chooser import AUTO
 from e3pose.recording import load_recording
 from e3pose.recording.calibration import load_calibration
 from e3pose.recording.pairing import name_videos, pair_videos
@@ -100,7 +101,7 @@ def reconstruct(
     height: str | None = None,
     sync: Literal["auto", "sound", "people", "none"] = "auto",
     trim: str | None = None,
-    model: str = "openpose-thin",
+    model: str = AUTO,
     until: Annotated[
         Literal["detect", "calibrate", "poses", "export"], Parameter(group=Group("Output"))
     ] = "export",

@@ -20,11 +20,12 @@ from e3pose.base.system import num_cores
 from e3pose.camera.orientation import Orientation
 from e3pose.camera.probe import Probe, probe, probe_all
 from e3pose.camera.webcam import crowded_hubs, find_devices, lasting
+from e3pose.cli.network import ready_network
 from e3pose.cli.options import Whole, warn
 from e3pose.cli.progress import stage_progress
-from e3pose.detectors import DETECTORS
+from e3pose.detectors import AUTO, DETECTORS
 from e3pose.detectors.timing import DetectionTimes, Workload, time_detections
-from e3pose.detectors.weights import MODELS, find_weights, is_installed
+from e3pose.detectors.weights import find_weights, networks
 from e3pose.recording.calibration import load_calibration, load_rig
 from e3pose.recording.calibration.world import require_placed
 from e3pose.settings.site_file import load_site
@@ -32,7 +33,6 @@ from e3pose.site.check.finding import report
 from e3pose.site.check.sources import compare_rates
 from e3pose.site.detector_speed import speed_problems
 from e3pose.site.new_site import (
-    NETWORKS,
     RIG_FILE,
     Choice,
     name_sources,
@@ -51,7 +51,7 @@ def init(
     folder: Path,
     /,
     *sources: Annotated[str, Parameter(name="SOURCE")],
-    detector: str | None = None,
+    detector: str = AUTO,
     provider: Literal["auto", "tensorrt", "cuda", "openvino", "coreml", "cpu"] = "auto",
     threads: Whole | None = None,
     cameras: Whole | None = None,
@@ -79,7 +79,7 @@ def init(
         names that they keep. Default: the webcams of this machine; on a terminal you are asked.
     detector
         2D pose network: a name from `e3pose models list`, a network file, or module:Name.
-        Default: the first that is installed.
+        `auto` takes the best that is installed, else downloads one.
     provider
         Execution provider of the network.
     threads
@@ -171,19 +171,13 @@ def _rig(path: Path, named: dict[str, str]) -> Rig:
     return rig.subset([rig.index(camera_id) for camera_id in rig.camera_ids if camera_id in named])
 
 
-def _network(asked: str | None) -> str:
+def _network(asked: str) -> str:
     """Return the network to use; raise `InputError` with the command that installs one."""
-    if asked is None:
-        installed = [known for known in NETWORKS if is_installed(known)]
-        if not installed:
-            raise InputError(
-                f"--detector: no network is installed, expected one: e3pose models pull "
-                f"{NETWORKS[-1]}"
-            )
-        return installed[0]
-    if asked in MODELS and MODELS[asked].source is not None:
+    asked = ready_network(asked, live=True)
+    known = networks().get(asked)
+    if known is not None and known.source is not None:
         find_weights(asked)  # or the error that says how to get them
-    if asked in DETECTORS:
+    if known is not None or asked in DETECTORS:
         return asked
     path = Path(asked)
     return str(path.resolve()) if path.is_file() else beside(asked, Path())

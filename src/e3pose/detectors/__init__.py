@@ -10,15 +10,17 @@ from e3pose.base.errors import InputError
 from e3pose.base.plugins import maker, member
 from e3pose.detectors.base import Detector as Detector
 from e3pose.detectors.base import Image as Image
+from e3pose.detectors.chooser import AUTO as AUTO
+from e3pose.detectors.chooser import choose_network
 from e3pose.detectors.drawn import Drawn
 from e3pose.detectors.ecpose import EcPose
 from e3pose.detectors.inference import SUFFIXES, Network, load_network
 from e3pose.detectors.movenet import MoveNet
 from e3pose.detectors.openpose import OpenPose, check_maps
 from e3pose.detectors.rtmo import Rtmo
-from e3pose.detectors.top_down import open_top_down
+from e3pose.detectors.top_down import files_of, open_top_down
 from e3pose.detectors.topology import TOPOLOGIES
-from e3pose.detectors.weights import find_weights
+from e3pose.detectors.weights import find_weights, is_installed, networks
 from e3pose.detectors.yolo import YoloPose
 from e3pose.model.skeleton import COCO17, COCO18, Skeleton
 
@@ -33,8 +35,6 @@ NETWORKS: dict[str, tuple[Callable[[Network], Detector], Skeleton]] = {
     "trt-pose": (partial(OpenPose, topology=TOPOLOGIES["trt-pose"]), COCO18),
     "yolo-pose": (YoloPose, COCO17),
     "rtmo": (Rtmo, COCO17),
-    "rtmo-m": (Rtmo, COCO17),
-    "rtmo-l": (Rtmo, COCO17),
     "ecpose": (EcPose, COCO17),
 }
 
@@ -52,7 +52,7 @@ def _drawn(model: Path | None, provider: str, threads: int | None) -> Detector:
 def _top_down(name: str, model: Path | None, provider: str, threads: int | None) -> Detector:
     if model is None:
         raise InputError("model", "none", f"the folder with the two networks of {name}")
-    return open_top_down(model, name, provider, threads)[1]
+    return open_top_down(files_of(model), name, provider, threads)[1]
 
 
 GROUP = "e3pose.detectors"  # the entry points of other packages
@@ -73,7 +73,8 @@ def make_detector(
     """Load a detector.
 
     Args:
-        name: a key of `DETECTORS`, or the path of a network file, or of a folder with the two of a
+        name: a key of `DETECTORS`, a network of `weights.networks()`, `auto` for the one that
+            `chooser` chooses, or the path of a network file, or of a folder with the two of a
             top-down detector, whose kind then follows from inputs and outputs.
         model: a network file to use instead of the one that `name` has in the user's cache.
         provider: `auto` for the first of `inference.PROVIDERS` that is there, or one of them,
@@ -84,11 +85,26 @@ def make_detector(
         InputError: when the name is unknown, the weights are not there or not what they should be,
             or the provider cannot be had.
     """
-    path = Path(name)
-    if name not in DETECTORS and model is None and is_network(path):
-        name, model = identify(path), path
+    name = chosen_name(name, model)
+    if model is None:
+        known = networks().get(name)
+        if known is not None and known.source is not None:
+            files = [find_weights(each) for each in (known.boxes, name) if each]
+            family = known.family if known.family in DETECTORS else identify(files[-1])
+            if known.boxes and not files[-1].is_dir():
+                return open_top_down(files, family, provider, threads)[1]
+            name, model = family, files[-1]
+        elif name not in DETECTORS and is_network(Path(name)):
+            name, model = identify(Path(name)), Path(name)
     more = f", the path of an {SUFFIXES} file"
     return maker(GROUP, "detector", name, DETECTORS, more)(model, provider, threads)
+
+
+def chosen_name(name: str, model: Path | None = None, live: bool = True) -> str:
+    """Return a detector's name where it is `auto`: that of its file, or the chooser's choice."""
+    if name != AUTO:
+        return name
+    return choose_network(live).name if model is None else identify(model)
 
 
 def is_network(path: Path) -> bool:
@@ -103,7 +119,7 @@ def identify(path: Path) -> str:
         InputError: when it is for none.
     """
     if path.is_dir():
-        return open_top_down(path, provider="cpu", threads=1)[0]
+        return open_top_down(files_of(path), provider="cpu", threads=1)[0]
     if path.suffix == ".pb":
         return "openpose-thin"  # the only one published as a TensorFlow graph
     network = load_network(path, "cpu", 1)
@@ -139,6 +155,12 @@ def skeleton_of(name: str, model: Path | None = None) -> Skeleton | None:
     Raises:
         InputError: when a network file that says it cannot be used.
     """
+    name = chosen_name(name, model)
+    known = networks().get(name)
+    if known is not None and known.source is not None:
+        if known.family in SKELETONS or not is_installed(name):
+            return SKELETONS.get(known.family)
+        return make_detector(name, None, "cpu", 1).skeleton
     path = Path(name) if name not in DETECTORS and is_network(Path(name)) else model
     if name not in DETECTORS and path in (None, model):
         found = member(GROUP, "detector", name, DETECTORS)
@@ -148,7 +170,4 @@ def skeleton_of(name: str, model: Path | None = None) -> Skeleton | None:
         return skeleton if isinstance(skeleton, Skeleton) else None
     if name in SKELETONS or path is None or not path.exists():
         return SKELETONS.get(name)
-    if not path.is_dir():
-        return SKELETONS.get(identify(path))
-
-    return open_top_down(path, provider="cpu", threads=1)[1].skeleton
+    return make_detector(str(path), None, "cpu", 1).skeleton

@@ -20,7 +20,8 @@ from e3pose.detectors.duplicates import without_duplicates
 from e3pose.detectors.fit import letterbox
 from e3pose.detectors.inference import FLOATS, Network, first_operators, load_network
 from e3pose.model.pose import Poses2D
-from e3pose.model.skeleton import COCO17, HALPE26, Skeleton
+from e3pose.model.skeleton import Skeleton
+from e3pose.recording.detections.layouts import LAYOUTS
 
 # Keypoint heads of top-down networks: SimCC and heatmaps.
 #
@@ -180,7 +181,9 @@ class PersonBoxes:
 
 RTMPOSE, VITPOSE = "rtmpose", "vitpose"
 HEADS = {RTMPOSE: "simcc", VITPOSE: "heatmaps"}
-SKELETONS_BY_COUNT = {len(skeleton): skeleton for skeleton in (COCO17, HALPE26)}
+# Of COCO-17, Halpe-26 and COCO-WholeBody; of 133 keypoints, those of body and feet are used.
+BY_COUNT = {layout.count: layout for layout in LAYOUTS if layout.name in
+            ("coco17", "halpe26", "coco133")}  # fmt: skip
 INPUT_SIZE = (192, 256)  # where the network leaves it free
 PADDING = 1.25  # of a box, as in training
 MEAN_RGB = np.array([123.675, 116.28, 103.53], dtype=np.float32)
@@ -206,15 +209,16 @@ class OnePerson:
         self.head = heads_of(outputs)
         count = outputs[0][1] if self.head else None
         image = len(shape) == 4 and shape[1] in (3, None) and network.input_dtype in FLOATS
-        if not image or count not in SKELETONS_BY_COUNT:
-            counts = " or ".join(map(str, SKELETONS_BY_COUNT))
+        if not image or count not in BY_COUNT:
+            counts = "17, 26 or 133"
             raise InputError(
                 str(network.path),
                 f"input {list(shape)}, outputs {[list(output) for output in outputs]}",
                 f"float [1, 3, H, W], then simcc_x and simcc_y [1, K, classes], or heatmaps "
                 f"[1, K, rows, columns], of K = {counts} keypoints",
             )
-        self.skeleton: Skeleton = SKELETONS_BY_COUNT[count]
+        self._layout = BY_COUNT[count]
+        self.skeleton: Skeleton = self._layout.skeleton
         self._size = shape[3] or INPUT_SIZE[0], shape[2] or INPUT_SIZE[1]
 
     def keypoints(self, image: Image, box: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
@@ -235,11 +239,12 @@ class OnePerson:
             keypoints, scores = read_simcc(outputs[0][0], outputs[1][0], self._size)
         else:
             keypoints, scores = read_heatmaps(outputs[0][0], self._size)
-        if len(scores) != len(self.skeleton):
+        if len(scores) != self._layout.count:
             raise InputError(
-                str(self._network.path), f"{len(scores)} keypoints", f"{len(self.skeleton)}"
+                str(self._network.path), f"{len(scores)} keypoints", f"{self._layout.count}"
             )
-        return (keypoints - to_input[:, 2]) / to_input[0, 0], scores
+        found = self._layout.of_skeleton(np.column_stack([keypoints, scores])[None])[0]
+        return (found[:, :2] - to_input[:, 2]) / to_input[0, 0], found[:, 2]
 
 
 class TopDown:
@@ -306,20 +311,8 @@ def crop(
     )
 
 
-def open_top_down(
-    folder: Path, wanted: str = "", provider: str = "auto", threads: int | None = None
-) -> tuple[str, TopDown]:
-    """Load the two networks of a folder; return which kind it is, and the detector.
-
-    Args:
-        folder: has two `.onnx` files, one for boxes and one for keypoints.
-        wanted: a key of `HEADS` that it must be; empty for any.
-        provider: where they run.
-        threads: CPU threads.
-
-    Raises:
-        InputError: when the folder has other files than these.
-    """
+def files_of(folder: Path) -> list[Path]:
+    """Return the two `.onnx` files of a folder; raise `InputError` if it has others."""
     if not folder.is_dir():
         wants = "a folder with a network for people's boxes and one for keypoints"
         found = "found a file" if folder.exists() else "no such folder"
@@ -328,11 +321,28 @@ def open_top_down(
     if len(files) != 2:
         wants = "two: one that finds people as boxes, one that finds keypoints"
         raise InputError(str(folder), f"{len(files)} .onnx files", wants)
+    return files
+
+
+def open_top_down(
+    files: Sequence[Path], wanted: str = "", provider: str = "auto", threads: int | None = None
+) -> tuple[str, TopDown]:
+    """Load two networks; return which kind the detector is, and the detector.
+
+    Args:
+        files: one for boxes and one for keypoints, in any order.
+        wanted: a key of `HEADS` that it must be; empty for any.
+        provider: where they run.
+        threads: CPU threads.
+
+    Raises:
+        InputError: when they are others.
+    """
     networks = [load_network(file, provider, threads) for file in files]
     if heads_of(networks[0].output_shapes):  # the other finds the boxes, or says that it does not
         networks.reverse()
     boxes, person = PersonBoxes(networks[0]), OnePerson(networks[1])
     kind = next(name for name, head in HEADS.items() if head == person.head)
     if wanted and kind != wanted:
-        raise InputError(str(folder), f"a network of the kind {kind}", wanted)
+        raise InputError(str(networks[1].path), f"a network of the kind {kind}", wanted)
     return kind, TopDown(boxes, person)

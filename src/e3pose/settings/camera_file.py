@@ -14,6 +14,7 @@ from e3pose.base.bounded import read_toml
 from e3pose.base.errors import InputError
 from e3pose.base.quantities import duration_s, size_bytes
 from e3pose.base.table import convert, entry, read_table
+from e3pose.detectors.chooser import AUTO
 from e3pose.model.camera_fields import check_camera_id
 from e3pose.settings.limits import (
     DETECTION,
@@ -24,7 +25,7 @@ from e3pose.settings.limits import (
     check_sleep,
     check_source,
 )
-from e3pose.settings.site_file import DEFAULT_DETECTOR, DEFAULT_ENDPOINT, MAX_BYTES
+from e3pose.settings.site_file import DEFAULT_ENDPOINT, MAX_BYTES
 from e3pose.settings.sources import beside, located, near, placed
 from e3pose.wire.endpoint import Endpoint, read_endpoint
 from e3pose.wire.topics import check_site
@@ -108,7 +109,9 @@ class NodeTable(CameraMachine):
         to 1970, so that all cameras show the same moment.""",
     )
     detector: str = entry(
-        DEFAULT_DETECTOR, group=DETECTION, help="2D pose network; see `e3pose models list`."
+        AUTO,
+        group=DETECTION,
+        help="2D pose network: a name from `e3pose models list`, or auto for the best one here.",
     )
     meter: Literal["auto", "model"] = entry(
         "auto",

@@ -11,7 +11,7 @@ from typing import cast
 
 from e3pose.base.errors import InputError
 from e3pose.base.quantities import shell
-from e3pose.detectors import skeleton_of
+from e3pose.detectors import AUTO, chosen_name, skeleton_of
 from e3pose.energy.budgets import Budget, parse_budget
 from e3pose.model.camera import Rig
 from e3pose.model.noises import DEFAULT, SHIPPED
@@ -26,7 +26,6 @@ from e3pose.settings.limits import Rotation
 from e3pose.settings.loop import LoopSettings
 from e3pose.settings.parts import make_pipeline
 from e3pose.settings.site_file import (
-    DEFAULT_DETECTOR,
     SITE_FILE,
     CameraTable,
     SiteTable,
@@ -208,7 +207,11 @@ def calibrate_advice(site: SiteTable) -> str:
 def _with_detector(camera: CameraTable) -> CameraTable:
     """Return a camera with the detector that runs on this machine."""
     here = camera.source is not None and not detects(camera.source)
-    return replace(camera, detector=camera.detector or (DEFAULT_DETECTOR if here else None))
+    if not here or (camera.detector or AUTO) != AUTO:
+        return camera
+    with suppress(InputError):  # an error of the camera, which opens the file
+        return replace(camera, detector=chosen_name(AUTO, camera.model))
+    return replace(camera, detector=AUTO)
 
 
 def _output(camera: CameraTable) -> tuple[str, Skeleton | None]:

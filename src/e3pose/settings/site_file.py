@@ -41,7 +41,6 @@ SITE_FILE = "site.toml"
 T = TypeVar("T")
 DEFAULT_ENDPOINT = Endpoint("tcp", "127.0.0.1", 7447)
 DEFAULT_LISTEN = Endpoint("tcp", "127.0.0.1", 8470)
-DEFAULT_DETECTOR = "movenet-multipose"
 
 
 def read_place(found: object) -> Path | str:

@@ -19,7 +19,7 @@ from e3pose.camera.orientation import turned
 from e3pose.camera.pictures import Pictures
 from e3pose.camera.sleep import open_suspend
 from e3pose.camera.video_recorder import VideoRecorder, VideoSettings
-from e3pose.detectors import make_detector
+from e3pose.detectors import chosen_name, make_detector
 from e3pose.detectors.base import Detector
 from e3pose.energy.activity import ModeClock
 from e3pose.energy.meters.charge_file import ChargeFile
@@ -237,8 +237,9 @@ def make_camera(
     if isinstance(source, DetectingSource) and detector is None:
         skeleton, name = source.skeleton, source.detector
     else:
-        made = turned(detector or _detector(node), node.rotation)
-        finds, skeleton, name = made, made.skeleton, node.detector
+        name = chosen_name(node.detector, node.model)
+        made = turned(detector or _detector(node, name), node.rotation)
+        finds, skeleton = made, made.skeleton
     settings = NodeSettings(
         site=node.site,
         camera_id=node.camera,
@@ -285,8 +286,8 @@ def _recorder(node: NodeTable, report: Callable[[str], Any]) -> VideoRecorder | 
     return VideoRecorder(settings, report)
 
 
-def _detector(node: NodeTable) -> Detector:
+def _detector(node: NodeTable, name: str) -> Detector:
     """Return the detector of a camera, loaded and tried: the first detection is slow."""
-    made = make_detector(node.detector, node.model, node.provider, node.threads)
+    made = make_detector(name, node.model, node.provider, node.threads)
     made.detect(np.zeros((480, 640, 3), dtype=np.uint8))
     return made

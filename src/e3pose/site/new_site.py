@@ -40,7 +40,6 @@ USUAL_PORT = 7447
 MOST_FPS = 25.0  # beyond it, poses get no better
 LEAST_DEADLINE_MS = 150
 PROFILE = "xavier-nx"
-NETWORKS = ("movenet-multipose", "openpose-thin")  # the first that is installed, by default
 
 
 @dataclass(frozen=True, slots=True)

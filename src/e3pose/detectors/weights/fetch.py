@@ -6,9 +6,10 @@ import hashlib
 import http.client
 import urllib.error
 import urllib.request
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 from urllib.parse import urlsplit
 
 from e3pose import __version__
@@ -38,7 +39,7 @@ def fetch_file(
 
     Args:
         url: http or https.
-        sha256: of the file, in hexadecimal.
+        sha256: of the file, in hexadecimal; empty if nobody knows it yet.
         dest: where to put it; folders above are made.
         progress: called with bytes done and bytes in all.
         size_bytes: exact size if known; more is never downloaded.
@@ -47,24 +48,43 @@ def fetch_file(
         InputError: when the server cannot be reached, stops early or sends another file; nothing is
             left at `dest` then but what was there before.
     """
+    with _answer(url) as response:
+        declared = response.headers.get("Content-Length", "")
+        total = int(declared) if declared.isdecimal() else size_bytes
+        with atomic_file(dest) as temporary, temporary.open("wb") as file:
+            chunks = iter(lambda: response.read(CHUNK_BYTES), b"")
+            save_verified(chunks, file, url, sha256, size_bytes, total, progress)
+    return dest
+
+
+def fetch_bytes(url: str, limit_bytes: int) -> bytes:
+    """Return what stands at `url`, at most `limit_bytes`; raise `InputError` as `fetch_file`."""
+    with _answer(url) as response:
+        content: bytes = response.read(limit_bytes + 1)
+    if len(content) > limit_bytes:
+        raise InputError(f"{url}: found more than the {limit_bytes} bytes expected")
+    return content
+
+
+@contextmanager
+def _answer(url: str) -> Iterator[Any]:
+    """Open `url`; whatever goes wrong until the end of the block is an `InputError`."""
     if urlsplit(url).scheme not in ("http", "https"):
         raise InputError(f"{url}: expected an http or https address")
-    request = urllib.request.Request(url, headers={"User-Agent": f"e3pose/{__version__}"})
     try:
+        request = urllib.request.Request(url, headers={"User-Agent": f"e3pose/{__version__}"})
         with urllib.request.urlopen(request, timeout=TIMEOUT_S) as response:
-            declared = response.headers.get("Content-Length", "")
-            total = int(declared) if declared.isdecimal() else size_bytes
-            with atomic_file(dest) as temporary, temporary.open("wb") as file:
-                chunks = iter(lambda: response.read(CHUNK_BYTES), b"")
-                save_verified(chunks, file, url, sha256, size_bytes, total, progress)
+            yield response
     except urllib.error.HTTPError as error:
         error.close()
         raise InputError(f"{url}: the server answered {error.code} {error.reason}") from None
-    except (urllib.error.URLError, http.client.HTTPException, TimeoutError) as error:
+    except (
+        urllib.error.URLError,
+        http.client.HTTPException,
+        TimeoutError,
+        ConnectionError,
+    ) as error:
         raise _unreachable(url, error) from None
-    except ConnectionError as error:
-        raise _unreachable(url, error) from None
-    return dest
 
 
 def save_verified(
@@ -82,7 +102,7 @@ def save_verified(
         chunks: the contents.
         file: open for writing bytes.
         where: they come from, for messages.
-        sha256: expected, in hexadecimal.
+        sha256: expected, in hexadecimal; empty for any.
         size_bytes: expected, if known; reading stops where it is exceeded.
         total: what to tell `progress`.
         progress: called with bytes done and bytes in all.
@@ -99,7 +119,7 @@ def save_verified(
     expected_bytes = total if size_bytes is None else size_bytes
     if expected_bytes is not None and done < expected_bytes:
         raise InputError(f"{where}: ended after {done} bytes, expected {expected_bytes}; try again")
-    if digest.hexdigest() != sha256:
+    if sha256 and digest.hexdigest() != sha256:
         raise InputError(
             f"{where}: found sha256 {digest.hexdigest()}, expected {sha256}; the file was altered "
             "and has been thrown away"

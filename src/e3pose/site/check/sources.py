@@ -14,7 +14,7 @@ from e3pose.camera.probe import Probe, probe, probe_all
 from e3pose.camera.source import open_video
 from e3pose.camera.webcam import crowded_hubs, device_of
 from e3pose.detectors import DETECTORS
-from e3pose.detectors.weights import MODELS, is_installed
+from e3pose.detectors.weights import is_installed, networks
 from e3pose.edge.camera_state import SHORT
 from e3pose.settings.resolved import ResolvedSite
 from e3pose.settings.site_file import CameraTable
@@ -140,12 +140,12 @@ def _network(camera: CameraTable) -> Iterator[Finding]:
     if camera.model is not None:
         if not camera.model.exists():
             yield problem(what, f"model {camera.model} does not exist")
-    elif detector in MODELS and not is_installed(detector):
+    elif detector in (known := networks()) and not is_installed(detector):
         advice = f"e3pose models pull {detector}"
         yield problem(what, f"network {detector} is not installed", advice)
-    elif not (detector in DETECTORS or is_own(detector) or Path(detector).exists()):
-        known = ", ".join(DETECTORS)
-        yield problem(what, f"unknown detector {detector}", f"one of {known}")
+    elif not ({detector} & {*known, *DETECTORS} or is_own(detector) or Path(detector).exists()):
+        listed = ", ".join(dict.fromkeys([*DETECTORS, *known]))
+        yield problem(what, f"unknown detector {detector}", f"one of {listed}")
 
 
 def _broken(path: Path, source: str) -> str:

@@ -13,12 +13,13 @@ from e3pose.base.quantities import plural, shell, three_digits
 from e3pose.base.system import num_cores
 from e3pose.camera.orientation import Orientation
 from e3pose.detectors import DETECTORS
+from e3pose.detectors.chooser import choose_network
 from e3pose.detectors.timing import DetectionTimes, Workload, time_detections
-from e3pose.detectors.weights import MODELS, is_installed, pull_weights
+from e3pose.detectors.weights import BOXES, is_installed, pull_weights
+from e3pose.detectors.weights import networks as known_networks
 from e3pose.recording.calibration import load_rig
 from e3pose.settings.sources import is_recorded
 from e3pose.site.new_site import (
-    NETWORKS,
     Choice,
     fill_site,
     rates,
@@ -40,6 +41,7 @@ def networks(setup: SetupSession) -> list[dict[str, Any]]:
     """Return the networks that can be had: title, licence, size, whether installed, and speed."""
     number = len(setup.plan().cameras)
     films = any("films" in camera.source for camera in setup.plan().cameras)
+    choice = choose_network(live=True)
     found = [
         {
             "name": model.name,
@@ -47,11 +49,11 @@ def networks(setup: SetupSession) -> list[dict[str, Any]]:
             "licence": model.licence,
             "mb": round(model.size_bytes / 1e6, 1),
             "installed": is_installed(model.name),
-            "usual": model.name in NETWORKS,
+            "usual": model.name in (choice.name, *choice.others),
             "speed": setup.times.get((model.name, number), ""),
         }
-        for model in MODELS.values()
-        if model.source is not None
+        for model in known_networks().values()
+        if model.source is not None and model.family != BOXES
     ]
     drawn = {
         "name": DRAWN, "title": "reads the coloured joints of simulated films, no network",
@@ -63,7 +65,8 @@ def networks(setup: SetupSession) -> list[dict[str, Any]]:
 
 def start_pulling(setup: SetupSession, name: str) -> None:
     """Download a network in the background."""
-    if name not in MODELS or MODELS[name].source is None:
+    known = known_networks().get(name)
+    if known is None or known.source is None:
         raise InputError("network", repr(name[:60]), "one that can be downloaded")
 
     def pull(task: Task) -> None:
@@ -96,9 +99,10 @@ def start_using(setup: SetupSession, name: str) -> None:
 
 def check_network(name: str) -> None:
     """Raise `InputError` for a network that is not there, with the command that gets it."""
-    if name not in DETECTORS or (name in MODELS and MODELS[name].source is None):
+    known = known_networks().get(name)
+    if (known is None and name not in DETECTORS) or (known is not None and known.source is None):
         raise InputError("network", repr(name[:60]), "one of the list")
-    if name in MODELS and not is_installed(name):
+    if known is not None and not is_installed(name):
         raise InputError(f"network {name} is not installed: e3pose models pull {name}")
 
 
