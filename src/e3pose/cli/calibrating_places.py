@@ -239,7 +239,7 @@ def _people(path: Path, lenses: Rig | None, known: KnownLength, people: PeopleOp
                 f"{people.start}: holds lenses without places, expected a rough calibration"
             )
         rough = rough.subset([rough.index(name) for name in recording.rig.camera_ids])
-    with stage_progress() as (_, progress):
+    with stage_progress() as progress:
         return from_people(
             recording, load_noise(people.noise or detector_of(recording)), rough, known, progress,
             people.force,

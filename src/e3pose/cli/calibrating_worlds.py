@@ -193,7 +193,7 @@ def check(
     file = calibration or recording / "calibration.toml"
     require_placed(loaded.rig, calibration or recording)
     warn_of_problems(loaded, recording, file)
-    with stage_progress() as (_, progress):
+    with stage_progress() as progress:
         found = judge(loaded, load_noise(noise or detector_of(loaded)), progress)
     if picture is not None:
         draw_error(picture, found.room, loaded.rig)

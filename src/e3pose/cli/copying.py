@@ -31,7 +31,7 @@ def copy(source: StorePlace, dest: str, /) -> None:
     from e3pose.store.copying import copy_store
     from e3pose.store.database import database_url, shown
 
-    with stage_progress() as (_, progress):
+    with stage_progress() as progress:
         rows = copy_store(store_of(source, None)[0], dest, progress)
     counts = ", ".join(plural(rows[name], name[:-1]) for name in ("runs", "slots", "poses"))
     print(f"Wrote {shown(database_url(dest))}: {counts}")

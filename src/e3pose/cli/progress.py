@@ -5,24 +5,75 @@ from __future__ import annotations
 import logging
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import TypeVar
 
 from rich.console import Console
-from rich.progress import Progress, ProgressColumn, TaskID, track
+from rich.progress import (
+    BarColumn,
+    Progress,
+    ProgressColumn,
+    TaskProgressColumn,
+    TextColumn,
+    TimeRemainingColumn,
+)
 
 T = TypeVar("T")
+# Takes work done, in all (None while that is unknown), and what it is where that changes.
+Report = Callable[..., None]
 LINE_S = 10.0  # between two lines on a pipe
+
+
+class Overall:
+    """One bar over all steps of a verb, in place of the bars of the verbs that it calls.
+
+    Attributes:
+        now: that of this process, if any.
+    """
+
+    now: Overall | None = None
+
+    def __init__(self, report: Report, steps: Mapping[str, float]) -> None:
+        """Take where to report, the steps in their order, and how many seconds each may take."""
+        begins = [sum([*steps.values()][:n]) for n in range(len(steps))]
+        self._spans = dict(zip(steps, zip(begins, steps.values(), strict=True), strict=True))
+        self._report, self._whole = report, sum(steps.values())
+        self._span, self._parts, self._part = (0.0, 0.0), 1, 0
+
+    def begin(self, name: str, parts: int = 1) -> None:
+        """Begin a step, which shows as many bars one after the other as it has parts."""
+        self._span, self._parts, self._part = self._spans[name], parts, 0
+
+    def advance(self, share: float) -> None:
+        """Take how much of the part is done."""
+        within = min(1.0, (self._part + share) / self._parts)
+        self._report(self._span[0] + self._span[1] * within, self._whole)
+
+    def end(self) -> None:
+        """End the part."""
+        self._part += 1
+
+
+@contextmanager
+def overall(label: str, steps: Mapping[str, float]) -> Iterator[Overall]:
+    """Show one bar over all steps of a verb until the end of the block; lines in a pipe."""
+    columns = TextColumn(label), BarColumn(), TaskProgressColumn(), TimeRemainingColumn()
+    with bar(label, *columns, lines=True) as report:
+        Overall.now = Overall(report, steps)
+        try:
+            yield Overall.now
+        finally:
+            Overall.now = None
 
 
 def track_progress(items: Iterable[T], total: int | None, label: str) -> Iterator[T]:
     """Yield `items` while a bar shows how far the work is; silent without a terminal."""
     notice_compiling()
-    console = Console(stderr=True)
-    yield from track(
-        items, description=label, total=total, console=console, disable=not console.is_terminal
-    )
+    with bar(label, transient=False) as progress:
+        for done, item in enumerate(items, 1):
+            yield item
+            progress(done, total)
 
 
 class _Notice(logging.Handler):
@@ -55,23 +106,36 @@ def notice_compiling() -> None:
 
 @contextmanager
 def bar(
-    label: str, *columns: ProgressColumn, transient: bool = True
-) -> Iterator[Callable[[float, float | None], None]]:
-    """Yield what takes work done and in all, None while that is unknown; silent in a pipe.
+    label: str, *columns: ProgressColumn, transient: bool = True, lines: bool = False
+) -> Iterator[Report]:
+    """Yield what takes work done and in all, None while that is unknown.
 
     Args:
         label: what the work is.
         columns: of the bar; rich's by default.
         transient: whether the bar goes when the work ends; else it stays, full.
+        lines: whether to say in a pipe, every few seconds, how much is done; else it is silent.
     """
+    if Overall.now is not None:
+        whole = Overall.now
+        yield lambda done, total, name="": whole.advance(done / total if total else 0.0)
+        whole.end()
+        return
     console = Console(stderr=True)
     hidden = not console.is_terminal
+    begun_s = said_s = time.monotonic()
     with Progress(*columns, console=console, transient=transient, disable=hidden) as shown:
         task = shown.add_task(label, total=None)
 
-        def progress(done: float, total: float | None) -> None:
+        def progress(done: float, total: float | None, name: str = "") -> None:
+            nonlocal said_s
             total = None if total is None else max(done, total)
-            shown.update(task, completed=done, total=total)
+            shown.update(task, completed=done, total=total, description=name or label)
+            now_s = time.monotonic()
+            if hidden and lines and done and total and now_s - said_s >= LINE_S:
+                said_s, left_s = now_s, (now_s - begun_s) * (total / done - 1)
+                left = f"about {left_s / 60:.0f} min left"
+                print(f"{label}: {100 * done / total:.0f} %, {left}", file=sys.stderr, flush=True)
 
         yield progress
         total = shown.tasks[0].total or 1
@@ -79,16 +143,8 @@ def bar(
 
 
 @contextmanager
-def stage_progress() -> Iterator[tuple[Progress, Callable[[str, int, int], None]]]:
-    """Yield bars, and what takes a stage's name, its steps done and in all; silent in a pipe."""
+def stage_progress() -> Iterator[Callable[[str, int, int], None]]:
+    """Yield what takes a stage's name, its steps done and in all; silent in a pipe."""
     notice_compiling()
-    console = Console(stderr=True)
-    with Progress(console=console, disable=not console.is_terminal, transient=True) as bar:
-        tasks: dict[str, TaskID] = {}
-
-        def advance(stage: str, done: int, total: int) -> None:
-            if stage not in tasks:
-                tasks[stage] = bar.add_task(stage, total=total)
-            bar.update(tasks[stage], completed=done, total=total)
-
-        yield bar, advance
+    with bar("") as report:
+        yield lambda stage, done, total: report(done, total, stage)

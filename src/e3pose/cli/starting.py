@@ -188,7 +188,7 @@ def _probed(named: dict[str, str], rig: Rig | None) -> dict[str, Probe]:
     asked = {name: (source, sizes.get(name), None) for name, source in named.items()}
     for crowd, problem in crowded_hubs(asked):
         warn(f"cameras {', '.join(crowd)} {problem}")
-    with stage_progress() as (_, advance):
+    with stage_progress() as advance:
         tried = probe_all(
             {name: partial(probe, source, size=sizes.get(name)) for name, source in named.items()},
             partial(advance, "counting frames"),

@@ -135,7 +135,7 @@ def _by_people(
     if calibration is not None:
         rig = load_rig(calibration)
         used = replace(used, rig=rig.subset([rig.index(name) for name in used.rig.camera_ids]))
-    with stage_progress() as (_, progress):
+    with stage_progress() as progress:
         found = synchronise(used, load_noise(noise or detector_of(loaded)), max_shift, progress)
     if dest is not None:
         save_recording(with_offsets(loaded, found.offsets_s), dest, overwrite)
