@@ -2,26 +2,72 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import pickle
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from os import SEEK_END
+from tempfile import TemporaryFile
+from typing import IO
+from weakref import finalize
 
 import numpy as np
 
+from e3pose.base.arrays import Floats
 from e3pose.estimate.base import Posterior
 from e3pose.estimate.filter.bones import proportions_of
 from e3pose.estimate.filter.tree import grow
 from e3pose.estimate.smooth import SmoothSettings, smoothed
-from e3pose.estimate.smooth.bodies import smooth_bodies
+from e3pose.estimate.smooth.bodies import smooth_backwards
 from e3pose.estimate.smooth.delayed import Delayed, with_smoothed
 from e3pose.model.people import People
 from e3pose.model.skeleton import Skeleton
 from e3pose.model.take import Take, motions_of
 from e3pose.pipeline import SlotRecord
 
+BLOCK = 256  # slots of posteriors that are written at once
+
+
+class Posteriors:
+    """The posteriors of a replay, in a temporary file: an hour of them takes gigabytes."""
+
+    def __init__(self) -> None:
+        self._file: IO[bytes] | None = None  # until a block is full
+        self._begins, self._last = list[int](), list[Posterior]()
+
+    def append(self, posterior: Posterior) -> None:
+        """Add the posterior of the next slot."""
+        self._last.append(posterior)
+        if len(self._last) == BLOCK:
+            if self._file is None:
+                self._file = TemporaryFile()  # noqa: SIM115  # as long as this object
+                finalize(self, self._file.close)
+            self._begins.append(self._file.seek(0, SEEK_END))
+            pickle.dump(self._last, self._file, pickle.HIGHEST_PROTOCOL)
+            self._last = []
+
+    def __len__(self) -> int:
+        return BLOCK * len(self._begins) + len(self._last)
+
+    def __iter__(self) -> Iterator[Posterior]:
+        for begin in self._begins:
+            yield from self._block(begin)
+        yield from self._last
+
+    def __reversed__(self) -> Iterator[Posterior]:
+        yield from reversed(self._last)
+        for begin in reversed(self._begins):
+            yield from reversed(self._block(begin))
+
+    def _block(self, begin: int) -> list[Posterior]:
+        assert self._file is not None, "a block was written"
+        self._file.seek(begin)
+        return pickle.load(self._file)  # type: ignore[no-any-return]  # written by this object
+
 
 def smooth_records(
     records: Sequence[SlotRecord],
-    posteriors: Sequence[Posterior],
+    posteriors: Sequence[Posterior] | Posteriors,
     skeleton: Skeleton,
     lag_slots: int | None = None,
 ) -> list[SlotRecord]:
@@ -41,8 +87,60 @@ def smooth_records(
         return [*(late for late in found if late is not None), *delayed.flush()]
     tree = grow(skeleton)
     body = proportions_of(skeleton, tree)
-    pairs = zip(records, smooth_bodies(tree, posteriors), strict=True)
-    return [with_smoothed(record, late, body) for record, late in pairs]
+    lates = smooth_backwards(tree, reversed(posteriors))
+    pairs = zip(reversed(records), lates, strict=True)
+    return [with_smoothed(record, late, body) for record, late in pairs][::-1]
+
+
+# definition: how far somebody may go while nobody is seen, metres per second and at once
+GAP_MPS, GAP_M = 3.0, 1.0
+
+
+def keep_people(records: Sequence[SlotRecord], count: int) -> tuple[list[SlotRecord], int]:
+    """Return the records with the people who are seen most, numbered from 1, and how many are not.
+
+    Tracks that follow each other in time, no farther apart than somebody can walk meanwhile, are
+    one person.
+
+    Args:
+        records: slot by slot.
+        count: how many people there are.
+    """
+    joints: Counter[int] = Counter()
+    ends: dict[int, list[tuple[float, Floats]]] = {}
+    for record in records:
+        for person, track_id in enumerate(record.people.track_ids.tolist()):
+            known = record.people.scores[person] > 0
+            if known.any():
+                joints[track_id] += int(known.sum())
+                place = record.time_s, record.people.joints_m[person, known].mean(axis=0)
+                ends[track_id] = [ends.get(track_id, [place])[0], place]
+    chains: list[list[int]] = []
+    for track_id, _ in joints.most_common():
+        far = [max(_apart(ends[track_id], ends[other]) for other in chain) for chain in chains]
+        best = int(np.argmin(far)) if far else -1
+        if far and far[best] <= 0:
+            chains[best].append(track_id)
+        elif len(chains) < count:
+            chains.append([track_id])
+    numbers = {track_id: row + 1 for row, chain in enumerate(chains) for track_id in chain}
+    return [_numbered(record, numbers) for record in records], len(joints) - len(numbers)
+
+
+def _apart(one: Sequence[tuple[float, Floats]], other: Sequence[tuple[float, Floats]]) -> float:
+    """Return by how much two tracks cannot be one person: at most 0 m if they can."""
+    first, second = sorted((one, other), key=lambda ends: ends[0][0])
+    (lost_s, lost_m), (found_s, found_m) = first[1], second[0]
+    if found_s <= lost_s:
+        return np.inf  # at the same time
+    return float(np.linalg.norm(found_m - lost_m)) - GAP_M - GAP_MPS * (found_s - lost_s)
+
+
+def _numbered(record: SlotRecord, numbers: Mapping[int, int]) -> SlotRecord:
+    kept = [row for row, i in enumerate(record.people.track_ids.tolist()) if i in numbers]
+    people = record.people[np.array(kept, dtype=np.int64)]
+    ids = np.array([numbers[i] for i in people.track_ids.tolist()], dtype=np.int64)
+    return replace(record, people=replace(people, track_ids=ids))
 
 
 def take_of_records(

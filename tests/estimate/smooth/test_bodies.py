@@ -12,7 +12,7 @@ from e3pose.estimate.base import Estimate, Posterior, Start
 from e3pose.estimate.filter.bones import proportions_of
 from e3pose.estimate.filter.motion import places
 from e3pose.estimate.filter.tree import grow
-from e3pose.estimate.smooth.bodies import FixedLag, body_transition, smooth_bodies, written_out
+from e3pose.estimate.smooth.bodies import FixedLag, body_transition, smooth_backwards, written_out
 from e3pose.estimate.smooth.rauch import expect, step_back
 from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.evaluate.smoothed import smooth_records
@@ -101,7 +101,7 @@ def test_the_last_slot_is_the_filters_own_and_others_are_surer(
     replayed: tuple[list[SlotRecord], list[Posterior]],
 ) -> None:
     _, posteriors = replayed
-    found = smooth_bodies(TREE, posteriors)
+    found = [*smooth_backwards(TREE, reversed(posteriors))][::-1]
     np.testing.assert_array_equal(found[-1].joints_m, posteriors[-1].state[..., :3])
     for late in found[:-1]:
         assert (np.linalg.eigvalsh(late.covariance_m2) > 0).all()
@@ -115,7 +115,7 @@ def test_a_lag_of_everything_is_the_whole_interval(
     replayed: tuple[list[SlotRecord], list[Posterior]],
 ) -> None:
     posteriors = replayed[1][20:30]
-    lag, whole = FixedLag(TREE, 9), smooth_bodies(TREE, posteriors)
+    lag, whole = FixedLag(TREE, 9), [*smooth_backwards(TREE, reversed(posteriors))][::-1]
     for posterior in posteriors[:-1]:
         assert lag.push(posterior) is None
     late = lag.push(posteriors[-1])
@@ -174,5 +174,7 @@ def test_nobody_is_nobody() -> None:
         0.0, none, none, state, covariance, covariance, bones, bones, start,
         state[..., 0], places, places, 0.0,
     )  # fmt: skip
-    assert [late.joints_m.shape for late in smooth_bodies(TREE, [empty, empty])] == [(0, 17, 3)] * 2
-    assert smooth_bodies(TREE, []) == []
+    assert [late.joints_m.shape for late in smooth_backwards(TREE, [empty, empty])] == [
+        (0, 17, 3)
+    ] * 2
+    assert [*smooth_backwards(TREE, [])] == []

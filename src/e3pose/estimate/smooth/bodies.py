@@ -9,7 +9,7 @@ Nothing is linearised again and no view is read: all that views said is in the p
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -82,20 +82,19 @@ class Smoothed:
         return joints_m, own + again
 
 
-def smooth_bodies(tree: Tree, posteriors: Sequence[Posterior]) -> list[Smoothed]:
-    """Return every slot smoothed by all slots: the fixed-interval smoother.
+def smooth_backwards(tree: Tree, posteriors: Iterable[Posterior]) -> Iterator[Smoothed]:
+    """Yield every slot smoothed by all slots, the last first: the fixed-interval smoother.
 
     Args:
         tree: of the skeleton.
-        posteriors: slot by slot, in order; a track is the same as long as its id is there.
+        posteriors: from the last slot to the first; a track is the same as long as its id is there.
     """
-    found: list[Smoothed] = []
     later: Posterior | None = None
-    for posterior in reversed(posteriors):
-        link = _linked(tree, posterior, later)
-        found.append(_taken_back(link, found[-1] if found else None))
+    smoothed: Smoothed | None = None
+    for posterior in posteriors:
+        smoothed = _taken_back(_linked(tree, posterior, later), smoothed)
         later = posterior
-    return found[::-1]
+        yield smoothed
 
 
 @dataclass
