@@ -13,6 +13,7 @@ __version__ = "0.1.0"
 
 if TYPE_CHECKING:
     from e3pose.base.errors import InputError as InputError
+    from e3pose.cli.reconstructing import reconstruct as reconstruct
     from e3pose.estimate.per_slot.fuse import Fuser as Fuser
     from e3pose.evaluate.replay import ReplaySettings as ReplaySettings
     from e3pose.evaluate.replay import replay as replay
@@ -54,6 +55,7 @@ _HOMES = {
     "open_edge": "site.edge_program",
     "plot": "output.report.plot",
     "query": "output.exports.source",
+    "reconstruct": "cli.reconstructing",
     "replay": "evaluate.replay",
     "save_recording": "recording",
     "save_rig": "recording.calibration",

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import json
-import os
+import re
 from pathlib import Path
 
 import pytest
 from tests.cli.commands import run
 from tests.simulate.filmed import film
 
-from e3pose.base.errors import Exit
+import e3pose
+from e3pose.base.errors import Exit, InputError
+from e3pose.cli import progress
 
 DRAWN = ("--model", "drawn")
 
@@ -24,30 +26,116 @@ def videos(films: Path) -> list[Path]:
     return sorted((films / "videos").iterdir())
 
 
-def test_films_become_everything_and_again_nothing_runs(
-    films: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    out, calibration = tmp_path / "out", tmp_path / "rig.toml"
+@pytest.fixture(scope="module")
+def made(films: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[object]]:
+    """What comes of the films, and the words of the command."""
+    folder = tmp_path_factory.mktemp("made")
+    out, calibration = folder / "out", folder / "rig.toml"
     calibration.write_bytes((films / "calibration.toml").read_bytes())
     words = ["reconstruct", *videos(films), "--calibration", calibration, "--out", out, *DRAWN]
     assert run(*words) == 0
-    said = capsys.readouterr().out
-    made = {path.name for path in out.iterdir()}
-    assert {"report.html", "poses.parquet", "poses.glb", "angles.csv", "recording"} <= made
+    return out, words
+
+
+def test_films_become_everything_and_again_nothing_runs(
+    films: Path, made: tuple[Path, list[object]], capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, words = made
+    there = {path.name for path in out.iterdir()}
+    assert {"report.html", "poses.parquet", "poses.glb", "angles.csv", "recording"} <= there
     assert {path.suffix for path in out.glob("poses-track*")} == {".trc", ".mot"}
-    assert "begun together" in said
-    assert "Cameras that took no part: joints are " in said
-    held_out = json.loads((out / "figures.json").read_text())["held_out"]
+    figures = json.loads((out / "figures.json").read_text())
+    held_out = figures["held_out"]
     assert len(held_out["cameras"]) == 3 and held_out["mean"]["median_mm"] < 80
+    assert figures["reprojection"]["mean"]["median_px"] < held_out["mean"]["median_px"]
+    page = (out / "report.html").read_text()
+    assert "<title>videos: cam0.mp4, cam1.mp4, cam2.mp4</title>" in page
+    assert "How good it is" in page and "<td>left_knee</td>" in page and "<td>cam1</td>" in page
+    assert "All cameras looked all the time." in page and "class='doubt'" not in page
+    assert "saved" not in page.partition("<script")[0] and "Energy per camera" not in page
     assert run(*words) == 0
     said = capsys.readouterr().out
-    assert said.count(": unchanged") == 6 + ("poses.c3d" in made) and "detect: e3pose" not in said
-    os.utime(calibration)  # read by every step from detect on
-    assert run(*words) == 0
-    assert "unchanged" not in capsys.readouterr().out
-    assert run(*words, "--until", "poses", "--trim", "0s:2s") == 0
+    assert "begun together" in said and "Cameras that took no part: joints are " in said
+    assert said.count(": unchanged") == 6 + ("poses.c3d" in there) and "detect: e3pose" not in said
+    again = e3pose.reconstruct(*words[1:4], calibration=words[5], out=str(out), model="drawn")
+    assert "detect: unchanged" in capsys.readouterr().out
+    assert again["held_out"] == held_out and "doubts" not in again
+    assert run(*words, "--until", "detect", "--trim", "0s:2s") == 0
     said = capsys.readouterr().out
-    assert "--max-slots" in said and "export: " not in said
+    assert "--max-slots" in said and "poses: " not in said
+    with pytest.raises(InputError, match=r"FILM\.\.\.: found 1"):
+        e3pose.reconstruct("a.mp4")
+    with pytest.raises(InputError, match="unknown key 'hight'"):
+        e3pose.reconstruct("a.mp4", hight="171cm")
+
+
+def test_the_state_repeats_the_result_to_the_byte(
+    made: tuple[Path, list[object]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, words = made
+    assert run(*words) == 0  # another test may have stopped early
+    again, state = tmp_path / "again", out / "reconstruct.toml"
+    assert run("reconstruct", state, "--out", again) == 0
+    compared = {path.name for path in out.glob("poses*")} | {"angles.csv"}
+    assert {path.name for path in again.glob("poses*")} | {"angles.csv"} == compared
+    for name in compared:
+        assert (again / name).read_bytes() == (out / name).read_bytes(), name
+    assert run("reconstruct", state, "--out", again, "--trim", "1s:2s") == Exit.REFUSED
+    assert "found beside other options, expected --out alone" in capsys.readouterr().err
+    changed = tmp_path / "changed.toml"
+    changed.write_text(re.sub(r'(cam0\.mp4" = )(\d)', r"\g<1>1\2", state.read_text()))
+    assert run("reconstruct", changed, "--out", again) == Exit.REFUSED
+    assert "as when" in capsys.readouterr().err
+
+
+def test_trials_share_a_calibration_and_end_in_a_table(
+    films: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    trials, out = tmp_path / "trials", tmp_path / "out"
+    for trial in ("left", "right"):
+        (trials / trial).mkdir(parents=True)
+        for film_path in videos(films):
+            (trials / trial / film_path.name).symlink_to(film_path)
+    (trials / "right" / "cam2.mp4").unlink()
+    (trials / "right" / "cam2.mp4").write_text("no film")
+    (trials / "notes").mkdir()
+    common = ("--calibration", films / "calibration.toml", "--out", out, *DRAWN)
+    more = ("--people", 1, "--trim", "0s:2s", "--opensim", trials / "model.osim")
+    (trials / "model.osim").write_text('<Coordinate name="arm_rot_r">')
+    assert run("reconstruct", trials, *common, *more, "--jobs", 1) == Exit.NO
+    said = capsys.readouterr().out
+    assert "held-out mm" in said and "cam2.mp4" in said and "notes" not in said
+    rows = (out / "trials.csv").read_text().splitlines()
+    assert [row.split(",")[0] for row in rows] == ["trial", "left", "right"]
+    assert rows[1].split(",")[1:4] == ["3", "20", "1"]
+    assert [path.name for path in (out / "left").glob("*.trc")] == ["poses.trc"]  # of one person
+    scale = (out / "left" / "opensim" / "poses-scale.xml").read_text()
+    assert f"<model_file>{trials / 'model.osim'}</model_file>" in scale
+    solve = (out / "left" / "opensim" / "poses-ik.xml").read_text()
+    assert re.findall(r'IKCoordinateTask name="(\w+)"', solve) == ["arm_rot_r"]  # the model's own
+    assert "opensim is not installed" in (out / "left" / "log.txt").read_text()
+    assert "cam2.mp4" in rows[2]
+    assert run("reconstruct", *videos(films), *common, "--jobs", 2) == Exit.REFUSED
+    assert "expected a folder with a folder for each trial" in capsys.readouterr().err
+
+
+def test_one_bar_over_all_steps_is_lines_without_a_terminal(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(progress, "LINE_S", 0.0)
+    with progress.overall("films", {"detect": 6.0, "poses": 2.0}) as whole:
+        whole.begin("detect")
+        with progress.bar("frames") as report:
+            report(1, 2)
+        whole.begin("poses", parts=2)
+        assert list(progress.track_progress([7, 8], 2, "replay")) == [7, 8]
+    lines = capsys.readouterr().err.splitlines()
+    assert [line.partition(",")[0] for line in lines] == [
+        "films: 38 %",
+        "films: 81 %",
+        "films: 88 %",
+    ]
+    assert all(line.endswith(" min left") for line in lines)
 
 
 @pytest.mark.parametrize(
@@ -56,6 +144,7 @@ def test_films_become_everything_and_again_nothing_runs(
         ((), "FILM...: found 0, expected films of three cameras or more without --calibration"),
         (("a.mp4", "b.mp4"), "found 2, expected films of three cameras"),
         (("a.mp4", "b.mp4", "c.mp4"), "a.mp4: found no file"),
+        (("a.toml",), "a.toml: file not found"),
         (("a.mp4", "--calibration", "absent.toml"), "absent.toml: file not found"),
     ],
 )

@@ -20,7 +20,7 @@ from e3pose.detectors.inference import load_network
 from e3pose.detectors.top_down import PersonBoxes, crop, different_people, read_heatmaps, read_simcc
 from e3pose.model.expected import ExpectedView
 from e3pose.model.pose import Poses2D
-from e3pose.model.skeleton import COCO17, HALPE26
+from e3pose.model.skeleton import COCO17, HALPE26, SKELETONS
 
 DOTS = ((420.0, 90.0), (380.0, 200.0), (450.0, 330.0))  # red, green, blue; pixels of the image
 BOX = (340.0, 60.0, 500.0, 360.0)
@@ -123,7 +123,7 @@ def in_network(box: tuple[float, ...]) -> list[float]:
     return [side / 2 for side in box]
 
 
-@each_case(("count", "skeleton"), [(17, COCO17), (26, HALPE26)])
+@each_case(("count", "skeleton"), [(17, COCO17), (26, HALPE26), (133, SKELETONS["coco133"])])
 @each_case("heatmaps", [False, True])
 def test_keypoints_are_where_they_are_in_the_image(
     tmp_path: Path, count: int, skeleton: Any, heatmaps: bool
@@ -142,19 +142,6 @@ def test_keypoints_are_where_they_are_in_the_image(
         # A heatmap's cell is 4 pixels of the input, and those are 1.5 of the image.
         assert np.abs(poses.keypoints_px[0] - expected).max() < (3.5 if heatmaps else 1.0)
         assert (poses.scores > 0.9).all()
-
-
-def test_body_and_feet_of_133_keypoints_are_used(tmp_path: Path) -> None:
-    write_boxes(tmp_path / "a.onnx", [[*in_network(BOX), 0.8]], [0])
-    write_keypoints(tmp_path / "b.onnx", 133)
-    detector = make_detector("rtmpose", tmp_path)
-    poses, names = detector.detect(picture()), detector.skeleton.joints
-    assert detector.skeleton == HALPE26
-    for joint, at in (("nose", 0), ("right_ankle", 16), ("left_heel", 19), ("right_heel", 22)):
-        assert np.abs(poses.keypoints_px[0, names.index(joint)] - DOTS[at % 3]).max() < 1
-    middle = (np.array(DOTS[11 % 3]) + DOTS[12 % 3]) / 2
-    assert np.abs(poses.keypoints_px[0, names.index("mid_hip")] - middle).max() < 1
-    assert poses.scores[0, names.index("top_head")] == 0
 
 
 @pytest.mark.parametrize(("first", "value"), [("Conv", (80 - 103.53) / 57.375), ("Slice", 80.0)])

@@ -6,6 +6,7 @@ import json
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
+from statistics import fmean
 from types import SimpleNamespace
 from typing import Any
 
@@ -17,7 +18,8 @@ from tests.cli.one_person import one_person
 
 from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
-from e3pose.evaluate.held_out import SURE_SCORE, joined, judge, turns
+from e3pose.evaluate.figures import HeldOut, HeldOutCamera
+from e3pose.evaluate.held_out import SURE_SCORE, doubts_of, joined, judge, turns
 from e3pose.model.people import People
 from e3pose.recording import Recording, save_recording
 from e3pose.recording.record import of_cameras
@@ -231,7 +233,7 @@ def test_a_held_out_camera_gives_nothing(
     assert first == second
     assert honest["mean_px"] < 1
     assert lying["mean_px"] == pytest.approx(40 * 2**0.5, abs=1)
-    assert "held-out camera" in capsys.readouterr().out
+    assert "cameras that took no part" in capsys.readouterr().out
 
 
 def test_each_of_replay_and_evaluate(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -257,3 +259,29 @@ def test_the_command_names_the_cameras(tmp_path: Path, capsys: pytest.CaptureFix
     for verb in ("replay", "evaluate"):
         assert run(verb, tmp_path / "recording", "--hold-out", "cam7") == 2
         assert "--hold-out: found 'cam7', expected one of c0, c1, c2, c3" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("mm", "missed", "cameras", "doubts"),
+    [
+        ((30.0, 40.0, 50.0), 5.0, 3, []),
+        ((90.0, 95.0, 100.0), 5.0, 3, ["Joints are 95 mm off"]),
+        ((30.0, 30.0, 90.0), 5.0, 3, ["Camera c2 disagrees with the others (90 mm, they 30)"]),
+        ((10.0, 10.0, 30.0), 5.0, 3, []),
+        ((30.0, 40.0, 50.0), 45.0, 3, ["45 % of the people"]),
+        ((None, None), 5.0, 3, ["No camera that took no part sees the people"]),
+        ((), 5.0, 2, ["Two cameras: none is left to judge"]),
+        ((), 5.0, 4, []),
+    ],
+)
+def test_what_nobody_should_trust_is_said(
+    mm: tuple[float | None, ...], missed: float, cameras: int, doubts: list[str]
+) -> None:
+    each = {
+        f"c{n}": HeldOutCamera(median_mm=one, missed_percent=missed) for n, one in enumerate(mm)
+    }
+    known = [one for one in mm if one is not None]
+    mean = HeldOutCamera(median_mm=fmean(known) if known else None, missed_percent=missed)
+    said = doubts_of(HeldOut(each, mean) if mm else None, cameras)
+    assert len(said) == len(doubts)
+    assert all(one.startswith(begin) for one, begin in zip(said, doubts, strict=True))

@@ -64,6 +64,7 @@ class DetectSettings:
         as_stored: ignore the turn that videos ask players for.
         keep_videos: `refer` to the videos where they are, `link` or `copy` them into the recording.
         overwrite: replace a recording at the destination, and unfinished work of other settings.
+        name: of the recording; that of its folder if None.
         feedback: detect in the parts of images in which people are expected, by what all cameras
             found before; needs cameras whose places are known.
         whole_every: with feedback, one of so many detections uses the full frame.
@@ -78,6 +79,7 @@ class DetectSettings:
     as_stored: bool = False
     keep_videos: Literal["refer", "link", "copy"] = "refer"
     overwrite: bool = False
+    name: str | None = None
     feedback: bool = False
     whole_every: int = WHOLE_EVERY
 
@@ -337,7 +339,7 @@ def detect_videos(
             if run.done == 0:
                 work.remove()  # there is nothing to continue
             raise
-        recording = _recording(dest, run, seen_rig, damages)
+        recording = _recording(settings.name or dest.name, run, seen_rig, damages)
         _finish(recording, dest, sources, settings, identity)
         work.remove()
     reports = {
@@ -530,7 +532,7 @@ def _identity(
     return identity
 
 
-def _recording(dest: Path, run: _Run, rig: Rig, damages: Mapping[str, str]) -> Recording:
+def _recording(name: str, run: _Run, rig: Rig, damages: Mapping[str, str]) -> Recording:
     sources, skeleton = run.sources, run.detector.skeleton
     views = [_series(run.work.path(camera_id), len(skeleton)) for camera_id in sources]
     num_slots = max((int(series.slots[-1]) + 1 for series in views if len(series.slots)), default=0)
@@ -544,7 +546,7 @@ def _recording(dest: Path, run: _Run, rig: Rig, damages: Mapping[str, str]) -> R
         if not isinstance(video, ImageFolder)
     }
     return Recording(
-        dest.name,
+        name,
         rig,
         run.grid.fps,
         num_slots,

@@ -43,7 +43,7 @@ GROUPS: dict[str, dict[str, str | Callable[..., Any]]] = {
         "up": ".running_site:up",
     },
     "Films to 3D": {
-        "reconstruct": ".reconstructing:reconstruct",
+        "reconstruct": ".reconstructing:reconstruct_films",
         "calibrate": ".calibrating:calibrate_app",
         "replay": ".replaying:replay",
         "export": ".exporting:export",
@@ -105,7 +105,7 @@ USAGE = {
     "edge": "[OPTIONS] SITE...",
     "evaluate-predictor": "[OPTIONS] RECORDING...",
     "init": "[OPTIONS] FOLDER [SOURCE...]",
-    "reconstruct": "[OPTIONS] FILM...",
+    "reconstruct": "[OPTIONS] FILM... | TRIALS",
     "stream": "[OPTIONS] SITE TARGET...",
     "sync": "[OPTIONS] VIDEO... | RECORDING [DEST]",
     "train": "[OPTIONS] RECORDING...",

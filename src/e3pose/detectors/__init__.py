@@ -16,7 +16,7 @@ from e3pose.detectors.drawn import Drawn
 from e3pose.detectors.ecpose import EcPose
 from e3pose.detectors.inference import SUFFIXES, Network, load_network
 from e3pose.detectors.movenet import MoveNet
-from e3pose.detectors.openpose import OpenPose, check_maps
+from e3pose.detectors.openpose import OpenPose
 from e3pose.detectors.rtmo import Rtmo
 from e3pose.detectors.top_down import files_of, open_top_down
 from e3pose.detectors.topology import TOPOLOGIES
@@ -123,23 +123,16 @@ def identify(path: Path) -> str:
     if path.suffix == ".pb":
         return "openpose-thin"  # the only one published as a TensorFlow graph
     network = load_network(path, "cpu", 1)
-    checks: dict[str, Callable[[], object]] = {
-        "movenet-multipose": lambda: MoveNet(network),
-        "yolo-pose": lambda: YoloPose(network),
-        "rtmo": lambda: Rtmo(network),
-        "ecpose": lambda: EcPose(network),
-        **{name: partial(check_maps, network, row) for name, row in TOPOLOGIES.items()},
-    }
-    for name, check in checks.items():
+    for name, (make, _) in NETWORKS.items():
         try:
-            check()
+            make(network)
         except InputError:
             continue
         return name
     raise InputError(
         f"{path}: found input {list(network.input_shape)} and outputs "
         f"{[list(shape) for shape in network.output_shapes]}, expected a network of one of "
-        f"{', '.join(checks)}"
+        f"{', '.join(NETWORKS)}"
     )
 
 

@@ -20,8 +20,7 @@ from e3pose.detectors.duplicates import without_duplicates
 from e3pose.detectors.fit import letterbox
 from e3pose.detectors.inference import FLOATS, Network, first_operators, load_network
 from e3pose.model.pose import Poses2D
-from e3pose.model.skeleton import Skeleton
-from e3pose.recording.detections.layouts import LAYOUTS
+from e3pose.model.skeleton import SKELETONS, Skeleton
 
 # Keypoint heads of top-down networks: SimCC and heatmaps.
 #
@@ -181,9 +180,7 @@ class PersonBoxes:
 
 RTMPOSE, VITPOSE = "rtmpose", "vitpose"
 HEADS = {RTMPOSE: "simcc", VITPOSE: "heatmaps"}
-# Of COCO-17, Halpe-26 and COCO-WholeBody; of 133 keypoints, those of body and feet are used.
-BY_COUNT = {layout.count: layout for layout in LAYOUTS if layout.name in
-            ("coco17", "halpe26", "coco133")}  # fmt: skip
+BY_COUNT = {len(SKELETONS[name]): SKELETONS[name] for name in ("coco17", "halpe26", "coco133")}
 INPUT_SIZE = (192, 256)  # where the network leaves it free
 PADDING = 1.25  # of a box, as in training
 MEAN_RGB = np.array([123.675, 116.28, 103.53], dtype=np.float32)
@@ -217,8 +214,7 @@ class OnePerson:
                 f"float [1, 3, H, W], then simcc_x and simcc_y [1, K, classes], or heatmaps "
                 f"[1, K, rows, columns], of K = {counts} keypoints",
             )
-        self._layout = BY_COUNT[count]
-        self.skeleton: Skeleton = self._layout.skeleton
+        self.skeleton: Skeleton = BY_COUNT[count]
         self._size = shape[3] or INPUT_SIZE[0], shape[2] or INPUT_SIZE[1]
 
     def keypoints(self, image: Image, box: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
@@ -239,12 +235,11 @@ class OnePerson:
             keypoints, scores = read_simcc(outputs[0][0], outputs[1][0], self._size)
         else:
             keypoints, scores = read_heatmaps(outputs[0][0], self._size)
-        if len(scores) != self._layout.count:
+        if len(scores) != len(self.skeleton):
             raise InputError(
-                str(self._network.path), f"{len(scores)} keypoints", f"{self._layout.count}"
+                str(self._network.path), f"{len(scores)} keypoints", f"{len(self.skeleton)}"
             )
-        found = self._layout.of_skeleton(np.column_stack([keypoints, scores])[None])[0]
-        return (found[:, :2] - to_input[:, 2]) / to_input[0, 0], found[:, 2]
+        return (keypoints - to_input[:, 2]) / to_input[0, 0], scores
 
 
 class TopDown:

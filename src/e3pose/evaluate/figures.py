@@ -444,6 +444,8 @@ class Summary:
         smooth: how the poses were smoothed after the replay; None if they were not.
         notes: what a page should say beside, sentence by sentence.
         held_out: distances from the keypoints of held-out cameras, if any.
+        reprojection: the same of the cameras that took part, where all of them always did.
+        doubts: why nobody should trust the poses, the worst first.
         savings: against all cameras active in every slot.
     """
 
@@ -462,7 +464,14 @@ class Summary:
     smooth: str | None = None
     notes: tuple[str, ...] = ()
     held_out: HeldOut | None = None
+    reprojection: HeldOut | None = None
+    doubts: tuple[str, ...] = ()
     savings: Savings = NO_SAVINGS
+
+    @property
+    def all_looked(self) -> bool:
+        """Whether every camera was active in every slot, so that there is nothing to save."""
+        return self.selection is not None and min(self.selection.duty.values(), default=0) >= 1
 
 
 def as_json(summary: Summary, **more: Any) -> dict[str, Any]:
@@ -480,8 +489,9 @@ def as_json(summary: Summary, **more: Any) -> dict[str, Any]:
     if table.pop("smooth"):
         table["settings"]["smooth"] = summary.smooth
     notes = table.pop("notes")
-    if summary.held_out is None:
-        del table["held_out"]
+    for name in ("held_out", "reprojection", "doubts"):
+        if not table[name]:
+            del table[name]
     return {**table, **more, **({"notes": notes} if notes else {})}
 
 

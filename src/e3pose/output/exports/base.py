@@ -30,6 +30,7 @@ class ExportSettings:
         names: what markers of TRC are called, a key of `opensim.markers.NAMES`, or bones of BVH and
             glTF, of `bone_names.BONE_NAMES`; None for the joints' own names.
         angles: whether tables have columns of joint angles.
+        osim: the OpenSim model that set-ups beside TRC scale; None for one that is written.
         rig: the cameras of formats that hold 2D keypoints; None without.
         layout: of tables: a row per joint, per person, or the archive of `wide` (Parquet).
         progress: wraps what takes long: the work, how much it is, what it is called.
@@ -41,6 +42,7 @@ class ExportSettings:
     rig: Rig | None = None
     layout: Layout = "long"
     progress: Progress = lambda items, total, label: items
+    osim: Path | None = None
 
 
 class Writer(Protocol):

@@ -56,4 +56,4 @@ def write_trc(take: Take, dest: Path, settings: ExportSettings) -> str:
             file.write(f"{row + 1}\t{time_s:.6f}\t" + "\t".join(values) + "\n")
     if settings.names is None:
         return f"{units}, y up"
-    return f"{units}, y up; {write_setup(dest, take, settings.names)}"
+    return f"{units}, y up; {write_setup(dest, take, settings.names, settings.osim)}"

@@ -24,7 +24,7 @@ from e3pose.base.installing import not_installed
 from e3pose.base.quantities import plural
 from e3pose.camera.provenance import Provenance, load_provenance
 from e3pose.energy.saving import NO_SAVINGS, whole
-from e3pose.evaluate.figures import Summary, settings_json
+from e3pose.evaluate.figures import Distances, Summary, settings_json
 from e3pose.model.blind_slot import blind_words, count_blind, duty
 from e3pose.output.report import figures
 from e3pose.output.report.overlay.panels import overlay_images
@@ -104,9 +104,11 @@ def render(
     drawn = scene(recording, records)
     filmed = film(recording, records[:: drawn["stride"]], folder)
     charts = _charts(recording, records, summary, drawn)
-    boxes = [f'<div id="{name}"></div>' for name in ("energy", "duty") if name in charts]
     return Template(packaged("page.html")).substitute(
         title=shown_text(recording.name or "Recording"),
+        doubts="".join(
+            f"<p class='doubt'>Do not trust this: {shown_text(each)}</p>" for each in summary.doubts
+        ),
         headline=shown_text(" ".join(headline(recording, records, summary)), 1000),
         sentences="".join(
             f"<p class='soft'>{shown_text(' '.join(said), 2000)}</p>"
@@ -124,8 +126,8 @@ def render(
         sure_box=_sure_box(drawn),
         blind_key=BLIND_KEY if drawn["blind"] else "",
         why=WHY if "gain" in drawn else "",
-        energy_words=shown_text(_energy_words(summary), 1000),
-        energy_boxes="".join(boxes),
+        quality=_quality(summary),
+        energy="" if summary.all_looked else _energy(summary, charts),
         settings=_settings(recording, summary, lead, details),
         source=shown_text(recording.source),
         data=embed(drawn),
@@ -159,6 +161,55 @@ def _charts(
         "duty": figures.duty_bars(shares, budget(summary, len(cameras)), [*cameras.values()]),
     }
     return {name: chart for name, chart in charts.items() if chart is not None}
+
+
+def _energy(summary: Summary, charts: Mapping[str, Any]) -> str:
+    boxes = [f'<div id="{name}"></div>' for name in ("energy", "duty") if name in charts]
+    words = shown_text(_energy_words(summary), 1000)
+    return (
+        f"<section><h2>Energy per camera</h2><p class='soft'>{words}</p>"
+        f"<div class='two'>{''.join(boxes)}</div></section>"
+    )
+
+
+def _quality(summary: Summary) -> str:
+    """Return how good the poses are: by camera, by joint, and as the estimator states it."""
+    used, apart = summary.reprojection, summary.held_out
+    if used is None:
+        return ""
+    held_out = {} if apart is None else apart.cameras
+    heads = ("camera", "reprojection, px", "held out, px", "held out, mm", "left out, %")
+    by_camera = []
+    for name, one in used.cameras.items():
+        judge = held_out.get(name, Distances())
+        figures = (one.median_px, judge.median_px, judge.median_mm, one.missed_percent)
+        by_camera.append((name, *map(_figure, figures)))
+    cameras = _table(heads, by_camera)
+    joints = {} if apart is None else apart.mean.joints
+    rows = [(name, _figure(one.median_mm)) for name, one in joints.items() if one.keypoints]
+    by_joint = _table(("joint", "held out, mm"), rows) if rows else ""
+    stated = summary.expected.error_mm
+    words = (
+        "Medians. Reprojection: how far the poses are from the keypoints that they are made of. "
+        "Held out: the same, from poses that were made without this camera; mm are across its "
+        "rays, and its own errors count too. Left out: people whom the camera detected, and who "
+        "have no pose."
+    )
+    words += f" The estimator itself expects {stated:.0f} mm." if stated is not None else ""
+    return (
+        f"<section class='quality'><h2>How good it is</h2><p class='soft'>{words}</p>"
+        f"<div class='two'><div>{cameras}</div><div>{by_joint}</div></div></section>"
+    )
+
+
+def _figure(value: float | None) -> str:
+    return "-" if value is None else f"{value:.3g}"
+
+
+def _table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    cells = ["".join(f"<td>{shown_text(cell)}</td>" for cell in row) for row in rows]
+    head = "".join(f"<th>{each}</th>" for each in heads)
+    return f"<table><tr>{head}</tr>{''.join(f'<tr>{row}</tr>' for row in cells)}</table>"
 
 
 def _energy_words(summary: Summary) -> str:
@@ -315,6 +366,8 @@ def headline(recording: Recording, records: Sequence[SlotRecord], summary: Summa
     who = "Nobody was" if max(counts) == 0 else f"Up to {plural(max(counts), 'person', 'people')}"
     seen = "found" if max(counts) == 0 else f"followed in {plural(num_cameras, 'camera')}"
     mean = duty(records, num_cameras).sum()
+    if summary.all_looked:
+        return [f"{who} {seen}, for {long}.", "All cameras looked all the time."]
     looked = f"On average {mean:.1f} of {num_cameras} cameras were active."
     saved = "" if summary.savings == NO_SAVINGS else f" {summary.savings.sentence()}."
     return [f"{who} {seen}, for {long}.", f"{looked}{saved}"]
@@ -349,11 +402,12 @@ def cards(
     found: list[tuple[str, str]] = []
     if records:
         mean = duty(records, len(recording.rig)).sum()
-        found.append((f"{mean:.1f} of {len(recording.rig)}", "active cameras per slot, mean"))
+        looked = f"{mean:.1f} of {len(recording.rig)}"
+        found += [] if summary.all_looked else [(looked, "active cameras per slot, mean")]
         if blind := sum(count_blind(records).values()):
             found.append((f"{blind} of {len(records)}", "blind slots: no view arrived"))
     for name, saved in summary.savings.named():
-        if saved is not None:
+        if saved is not None and not summary.all_looked:
             found.append((f"{whole(saved.percent)} %", f"{name} saved ({saved.basis})"))
     metrics, slot_ms = summary.metrics, summary.stage_ms.get("slot")
     pcp = None if metrics.pcp is None else metrics.pcp.actors.get("average")

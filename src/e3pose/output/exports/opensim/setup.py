@@ -8,7 +8,7 @@ pose; markers stay where they are on the model, because they are joints. What ke
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from xml.etree import ElementTree as xml
 
@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.base.atomic import atomic_file
+from e3pose.base.bounded import read_bytes
 from e3pose.estimate.smooth.gaps import stretches
 from e3pose.model.skeleton import Skeleton, not_used
 from e3pose.model.take import Motion, Take
@@ -47,10 +48,11 @@ HELD = {
 }
 
 
+MAX_MODEL_BYTES = 2**27  # of a model that somebody else made
 LEAST_MARKERS = 3  # of a frame, for inverse kinematics: OpenSim gives up at a frame without any
 
 
-def write_setup(trc: Path, take: Take, names: str) -> str:
+def write_setup(trc: Path, take: Take, names: str, osim: Path | None = None) -> str:
     """Write model, marker set, scale and inverse-kinematics set-ups beside a file of markers.
 
     OpenSim measures nothing between markers that are missing in a frame of its time range, and ends
@@ -61,6 +63,7 @@ def write_setup(trc: Path, take: Take, names: str) -> str:
             `walk-scale.xml` and `walk-ik.xml`, and name what the tools will write.
         take: of the one person.
         names: a key of `NAMES`.
+        osim: the model to scale; that beside the markers if None.
 
     Returns:
         A note about them.
@@ -71,11 +74,18 @@ def write_setup(trc: Path, take: Take, names: str) -> str:
     known = motion.known[:, [joints[marker.name] for marker in there]]
     whole_s = _longest_s(np.asarray(known.all(axis=1)), motion, take.interval_s)
     some_s = _longest_s(np.asarray(known.sum(axis=1) >= LEAST_MARKERS), motion, take.interval_s)
+    model, held = f"{trc.stem}-model.osim", HELD
+    if osim is not None:
+        model, text = (
+            str(osim.absolute()),
+            read_bytes(osim, MAX_MODEL_BYTES).decode(errors="replace"),
+        )
+        held = {name: HELD[name] for name in HELD if f'<Coordinate name="{name}"' in text}
     documents = {
-        "-model.osim": model_xml("e3pose"),
+        **({"-model.osim": model_xml("e3pose")} if osim is None else {}),
         "-markers.xml": _document(_marker_set(there)),
-        "-scale.xml": _document(_scale(trc.stem, skeleton, names, whole_s or some_s)),
-        "-ik.xml": _document(_inverse_kinematics(trc.stem, there, some_s)),
+        "-scale.xml": _document(_scale(trc.stem, model, skeleton, names, whole_s or some_s)),
+        "-ik.xml": _document(_inverse_kinematics(trc.stem, there, held, some_s)),
     }
     paths = []
     for ending, document in documents.items():
@@ -118,12 +128,12 @@ def _marker_set(there: Sequence[Marker]) -> xml.Element:
 
 
 def _scale(
-    stem: str, skeleton: Skeleton, names: str, span_s: tuple[float, float] | None
+    stem: str, model: str, skeleton: Skeleton, names: str, span_s: tuple[float, float] | None
 ) -> xml.Element:
     root = xml.Element("ScaleTool", name=stem)
     _fill(root, mass=f"{MASS_KG:g}")
     maker = _node(root, "GenericModelMaker")
-    _fill(maker, model_file=f"{stem}-model.osim", marker_set_file=f"{stem}-markers.xml")
+    _fill(maker, model_file=model, marker_set_file=f"{stem}-markers.xml")
     scaler = _node(root, "ModelScaler")
     _fill(scaler, apply="true", scaling_order="measurements")
     objects = _node(_node(scaler, "MeasurementSet"), "objects")
@@ -145,7 +155,10 @@ def _scale(
 
 
 def _inverse_kinematics(
-    stem: str, there: Sequence[Marker], span_s: tuple[float, float] | None
+    stem: str,
+    there: Sequence[Marker],
+    held: Mapping[str, float],
+    span_s: tuple[float, float] | None,
 ) -> xml.Element:
     root = xml.Element("InverseKinematicsTool", name=stem)
     _fill(root, model_file=f"{stem}-scaled.osim", constraint_weight="20", accuracy="1e-05")
@@ -153,7 +166,7 @@ def _inverse_kinematics(
     for marker in there:
         task = _node(tasks, "IKMarkerTask", name=marker.name)
         _fill(task, apply="true", weight=f"{marker.weight:g}")
-    for name, weight in HELD.items():
+    for name, weight in held.items():
         task = _node(tasks, "IKCoordinateTask", name=name)
         _fill(task, apply="true", weight=f"{weight:g}", value_type="manual_value", value="0")
     _fill(root, marker_file=f"{stem}.trc", time_range=_numbers(span_s or ()), report_errors="true",
