@@ -162,7 +162,8 @@ def _reconstruct(films: Sequence[str], options: Options) -> dict[str, Any]:
         wanted = "three cameras or more without --calibration, of two with it"
         raise InputError("FILM...", f"{len(films)}", f"films of {wanted}")
     paths = name_videos(films) if known is None else pair_videos(films, known.rig)
-    if known is not None and options.height is not None:
+    placed = known is not None and known.rig.placed
+    if placed and options.height is not None:
         raise InputError("--height", "beside --calibration", "one of them")
     if options.opensim is not None and not options.opensim.is_file():
         raise InputError("--opensim", f"no file {options.opensim}", "an OpenSim model, .osim")
@@ -174,7 +175,7 @@ def _reconstruct(films: Sequence[str], options: Options) -> dict[str, Any]:
     expected = dict.fromkeys(("sync", "detect", "calibrate", "poses", "export"), STEP_S)
     expected |= {"detect": DETECT_S * views, "poses": STEP_S + VIEW_S * views * (1 + len(paths))}
     with overall("reconstruct", expected) as steps.bar:
-        return _run(steps, paths, sources, placed=known is not None and known.rig.placed)
+        return _run(steps, paths, sources, placed)
 
 
 def _run(
