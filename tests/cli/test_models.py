@@ -75,7 +75,7 @@ def test_path_prints_only_the_file(cache: Path, capsys: pytest.CaptureFixture[st
         (("pull", "movenet-multipose"), "http://127.0.0.1:9/model.onnx: could not be reached"),
         (("pull", "http://127.0.0.1:9/m.onnx"), "http://127.0.0.1:9/m.onnx: could not be reached"),
         (("pull", "hf:lab/m.onnx"), "NAME: found 'hf:lab/m.onnx', expected hf:OWNER/REPO/FILE"),
-        (("pull", "http://a/m.zip"), "expected a file that ends in .onnx or .pb"),
+        (("pull", "http://a/m.zip"), "expected a file that ends in .onnx, .tflite, .pb"),
         (("pull", "http://a/m.onnx", "--sha256", "12"), "--sha256: found '12', expected 64"),
         (("pull", "http://a/m.onnx", "--name", "../m"), "--name: found '../m', expected letters"),
         (("pull", "http://a/rtmo-s.onnx"), "--name: found rtmo-s, which is RTMO-s 640x640"),

@@ -83,7 +83,7 @@ PIN = "network.toml"  # beside weights whose checksum the first fetch found
 MAX_PIN_BYTES, MAX_ANSWER_BYTES = 2**16, 2**23
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 PLAIN = ("model", "end2end", "onnx")  # names of files that do not say which network they are
-ENDINGS = (".onnx", ".pb")
+ENDINGS = (".onnx", ".tflite", ".pb")
 
 
 def cache_folder() -> Path:
@@ -240,7 +240,7 @@ def pull_address(
         source = FromHub("/".join(parts[:count]), "/".join(parts[count:]))
         file = PurePosixPath(parts[count - 1]) / PurePosixPath(source.file).name
     if file.suffix not in ENDINGS:
-        raise InputError("NAME", repr(address[:200]), f"a file that ends in {' or '.join(ENDINGS)}")
+        raise InputError("NAME", repr(address[:200]), f"a file that ends in {', '.join(ENDINGS)}")
     name = (name or (file.parent.name if file.stem in PLAIN else file.stem)).lower()
     if not NAME.fullmatch(name):
         raise InputError("--name", repr(name[:80]), "letters, digits, dots and dashes")
