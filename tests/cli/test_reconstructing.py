@@ -57,7 +57,8 @@ def test_films_become_everything_and_again_nothing_runs(
     said = capsys.readouterr().out
     assert "begun together" in said and "Cameras that took no part: joints are " in said
     assert said.count(": unchanged") == 6 + ("poses.c3d" in there) and "detect: e3pose" not in said
-    again = e3pose.reconstruct(*words[1:4], calibration=words[5], out=str(out), model="drawn")
+    known = out.parent / "rig.toml"
+    again = e3pose.reconstruct(*videos(films), calibration=known, out=out, model="drawn")
     assert "detect: unchanged" in capsys.readouterr().out
     assert again["held_out"] == held_out and "doubts" not in again
     assert run(*words, "--until", "detect", "--trim", "0s:2s") == 0

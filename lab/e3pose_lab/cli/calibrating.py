@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import partial
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from e3pose.base.atomic import write_file
@@ -14,6 +14,7 @@ from e3pose.cli.placed import load_placed
 from e3pose.cli.progress import stage_progress
 from e3pose.evaluate.columns import table_console
 from e3pose.model.noises import detector_of, encode_noise, load_noise_file
+from e3pose.model.slot_record import SlotRecord
 from e3pose_lab.evaluate.drawing import check_svg
 
 MAX_SECONDS = 3600.0
@@ -65,16 +66,19 @@ def noise(
     check_outputs(recording, {"--out": out, "--plot": plot})
     source = load_placed(recording)
     shipped = load_noise_file(detector_of(source))
-    with stage_progress() as (bar, progress):
+    slots = min(source.num_slots, round(seconds * source.fps))
+    with stage_progress() as progress:
+
+        def tracked(records: Iterable[SlotRecord]) -> Iterator[SlotRecord]:
+            for done, record in enumerate(records, 1):
+                yield record
+                progress("tracking people", done, slots)
+
         calibrated = calibrate_noise(
             source,
             seconds=seconds,
             without_shifts=other_rigs,
-            replayed=partial(
-                bar.track,
-                description="tracking people",
-                total=min(source.num_slots, round(seconds * source.fps)),
-            ),
+            replayed=tracked,
             progress=progress,
         )
     file = as_file(
