@@ -237,7 +237,7 @@ def make_camera(
     if isinstance(source, DetectingSource) and detector is None:
         skeleton, name = source.skeleton, source.detector
     else:
-        name = node.detector if detector else chosen_name(node.detector, node.model)
+        name = chosen_name(node.detector, node.model)
         made = turned(detector or _detector(node, name), node.rotation)
         finds, skeleton = made, made.skeleton
     settings = NodeSettings(
