@@ -216,8 +216,9 @@ def replay(
     notes = (*left, *([] if main.read_view is None else [main.read_view.summary()]))
     summary = replace(main.summary(records, notes), held_out=held_out)
     if summary.all_looked and not source.truth:
-        rig = [p.message for p in problems_of(whole, recording) if p.where == "rig"]
-        found = (*doubts_of(held_out, len(source.rig)), *rig)
+        rig = [p for p in problems_of(whole, recording) if p.where == "rig"]
+        rig = [one for one in rig if one.kind not in HARMLESS]
+        found = (*doubts_of(held_out, len(source.rig)), *(one.message for one in rig))
         summary = replace(summary, reprojection=judge(source, records), doubts=found)
     outputs.write(source, records, summary, notes, store.file(), recording)
     if not any(len(record.people) for record in records):
