@@ -29,6 +29,8 @@ def requirements(name: str) -> list[Requirement]:
 
 def test_all_have_one_version_and_ask_for_it_of_each_other() -> None:
     assert len(PROJECTS) >= 3
+    homes = {said["urls"]["Homepage"] for said in PROJECTS.values()}
+    assert len(homes) == 1, "the README's links lead to one repository"
     for package, folder in FOLDERS.items():
         assert importlib.import_module(package).__version__ == e3pose.__version__
         assert (folder / "LICENSE").read_bytes() == (ROOT / "LICENSE").read_bytes()
