@@ -99,6 +99,7 @@ def test_every_page_that_code_or_a_page_names_is_there() -> None:
 def test_how_to_pages_stay_short_enough_to_be_read() -> None:
     words = {page: len(text.split()) for page, text in BY_PAGE.items() if "/how-to/" in page}
     assert len(words) > 25 and sum(words.values()) <= 20_000 and max(words.values()) <= 1_600
+    assert len(BY_PAGE["README.md"].splitlines()) <= 120
 
 
 @each_case("command", commands())
