@@ -253,6 +253,14 @@ def test_cameras_without_a_place_are_named_and_left_out(
     whole = load_recording(folder)
     unplaced = replace(whole, rig=Rig(whole.rig.cameras, unplaced=("c1",)), truth=None)
     save_recording(unplaced, tmp_path / "rec")
+    save_rig(unplaced.rig, tmp_path / "rig.toml")
+    for number in range(4):
+        people = [{"pose_keypoints_2d": [200.0 + number, 300.0, 0.5] * 17}]
+        (tmp_path / f"in/c{number}").mkdir(parents=True)
+        (tmp_path / f"in/c{number}/0.json").write_text(json.dumps({"people": people}))
+    options = ("--calibration", tmp_path / "rig.toml", "--fps", 25)
+    assert run("import", "detections", tmp_path / "in", tmp_path / "too", *options) == 0
+    assert "c1: has no place, so replay leaves it out" in capsys.readouterr().err
     assert run("info", tmp_path / "rec") == 0
     said = capsys.readouterr().out
     assert "c1: has no place, so replay leaves it out" in said and said.count("unknown") == 2

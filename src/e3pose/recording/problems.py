@@ -124,8 +124,10 @@ TRUTH_SHARE = 0.06
 
 
 # Problems that neither move nor hide anybody in 3D: `info` alone tells of them.
-HARMLESS = ("flat-scores", "missing-video", "no-truth", "rate", "lost-views", "sees-nobody",
-            "blank-people", "jitter", "not-placed")  # fmt: skip
+HARMLESS = (
+    "flat-scores", "missing-video", "no-truth", "rate", "lost-views", "sees-nobody",
+    "blank-people", "jitter",
+)  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
