@@ -94,6 +94,9 @@ RUNS = (
 )
 
 ELSEWHERE = {
+    "power plan --people 3 --error 40mm --battery 50Wh --picture plan.svg": (
+        "tests/energy/test_plan.py"
+    ),
     **dict.fromkeys(
         (
             "reconstruct cam1.mp4 cam2.mp4 cam3.mp4 --calibration calibration.toml",
