@@ -147,9 +147,9 @@ SENSOR_FPS, SENSOR_SIZE = 11.0, (640, 480)
 SETTLING = 3
 # tuned: share of the region's side | not measured on a device | not measured
 MARGIN, MOVED = 0.5, 0.15
-# tuned: share of the longer side; a smaller region has fewer pixels than the input | not measured
+# Share of the sensor's side: a smaller region has hardly more pixels than the network's input.
 LEAST_REGION = 0.25
-# tuned: score; tag | the demonstration program of picamera2; Newell et al. 2017 | not measured
+# Of picamera2's demonstration program, and of Newell et al. 2017.
 MIN_SCORE, TAG_REACH = 0.3, 1.0
 LEAST_KEYPOINTS = 3
 # Whose tags are surest first: head, trunk, arms, legs (Newell et al. 2017).

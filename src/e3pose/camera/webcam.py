@@ -34,11 +34,12 @@ USUAL_SIZE, USUAL_FPS = (1280, 720), 30.0
 READ_S, OPEN_S = 1.0, 5.0
 # With another format these come again.
 FINAL = {*(errno.EACCES, errno.EPERM, errno.EBUSY, errno.ENOSPC, errno.ENOENT, errno.ENODEV)}
-# tuned: s | a share of the shortest interval, 1/60 s; not measured on a device | not measured
+# A quarter of the shortest interval, 1/60 s; frames have the kernel's time all the same.
 POLL_S = 0.004
 # A device that is not asked to wait: one whose sensor hangs would stop this thread for ever.
 NONBLOCK = "nobuffer+4"
-# tuned: bits per pixel | MJPG of a detailed room, not measured: cameras reserve more | not measured
+# tuned: bits per pixel | a webcam's best MJPG; the demo's film has 0.5 at quality 5, and cameras
+#   reserve more than they send | not measured
 MJPG_BITS, RAW_BITS = 3.0, 16.0
 USB2_MBIT = 0.8 * 480  # what USB 2.0 leaves to cameras, by its specification (5.7.4)
 
