@@ -7,11 +7,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from tests.rigs import looking
 from tests.site.setup.conftest import Asking
+from tests.site.tables import resolved_site
 
-from e3pose.base.errors import InputError
+from e3pose.base.errors import GaveUp, InputError
 from e3pose.camera.probe import Probe
-from e3pose.site.setup import cameras
+from e3pose.site.setup import cameras, going_live
 from e3pose.site.setup.discovery import NetworkCamera
 from e3pose.site.setup.finding import check_typed
 from e3pose.site.setup.onvif import Denied, Login, Stream
@@ -122,3 +124,13 @@ def test_a_phone_is_added_and_shown_a_code(asking: Asking) -> None:
     assert again["url"] != shown["url"] and again["port"] == shown["port"]
     with pytest.raises(InputError, match="Add a phone"):
         check_typed("phone:x.toml", asking.root)
+
+
+def test_site_that_gives_up_says_why(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def give_up(*_args: object, **_more: object) -> None:
+        raise GaveUp("edge: out of luck (ended 5 times, the last with code 4)")
+
+    monkeypatch.setattr(going_live, "site_programs", give_up)
+    live = going_live.LiveSite(state="starting")
+    live._run(resolved_site(tmp_path, looking((4, 0), (0, 4))))
+    assert live.state == "failed" and live.problem.startswith("edge: out of luck (ended 5 times")

@@ -7,7 +7,7 @@ from contextlib import closing, suppress
 from dataclasses import dataclass, field
 from typing import Any
 
-from e3pose.base.errors import InputError
+from e3pose.base.errors import GaveUp, InputError
 from e3pose.base.private import make_folder
 from e3pose.settings.resolved import ResolvedSite, resolve_site
 from e3pose.site.follow import LOCAL_OPERATOR, Follower, operator_of, viewer_link
@@ -131,7 +131,7 @@ class LiveSite:
                 self.state = "ending" if self._stop.is_set() else "running"
                 run_site(programs, self._stop.is_set, self._say)
             self.state = "off"
-        except (InputError, OSError) as error:
+        except (InputError, OSError, GaveUp) as error:
             self.state, self.problem = "failed", str(error)
         finally:
             self.url = ""
