@@ -490,7 +490,8 @@ def _run_trials(
         table.writeheader()
         table.writerows({"trial": name, **row} for name, row in rows.items())
     print(f"Wrote {options.out}: a folder for each trial, and trials.csv")
-    return Exit.NO if any(row["problem"] for row in rows.values()) else Exit.DONE
+    failed = any(row["problem"].startswith("failed") for row in rows.values())
+    return Exit.NO if failed else Exit.DONE
 
 
 def _trial(name: str, films: Sequence[str], options: Options) -> dict[str, str]:
@@ -504,9 +505,9 @@ def _trial(name: str, films: Sequence[str], options: Options) -> dict[str, str]:
                 figures = _reconstruct(films, replace(options, out=out))
             problem = " ".join(figures.get("doubts", ()))
         except InputError as error:
-            problem = str(error)
+            problem = f"failed: {error}"
         except SystemExit as ended:
-            problem = f"exit code {ended.code}: {out / 'log.txt'}"
+            problem = f"failed: exit code {ended.code}: {out / 'log.txt'}"
     held_out_mm = _held_out_mm(figures)
     return {
         "films": str(len(films)),
