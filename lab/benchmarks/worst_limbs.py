@@ -38,6 +38,7 @@ from scipy.optimize import linear_sum_assignment
 
 from clip_error import references
 from e3pose.base.arrays import Floats
+from e3pose.base.nan_statistics import median_of_known
 from e3pose.camera.provenance import load_provenance
 from e3pose.camera.slots import SlotReader
 from e3pose.evaluate.faults import downsampled
@@ -98,7 +99,8 @@ class Moment:
         """Return the likely cause."""
         names = recording.skeleton.joints
         trunk = [names.index(name) for name in TRUNK if name in names]
-        if np.nanmedian(np.linalg.norm(self.joints_m - self.true_m, axis=-1)[trunk]) > TRUNK_M:
+        off_m = np.linalg.norm((self.joints_m - self.true_m)[trunk], axis=-1)
+        if median_of_known(off_m, lacking=0.0) > TRUNK_M:
             return "association"
         if not self.looks:
             return "not seen"
