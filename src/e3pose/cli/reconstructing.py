@@ -351,7 +351,7 @@ def _results(steps: Steps, recording: Path, rig: Path) -> None:
     steps.run("poses", words, [recording / "keypoints", rig], poses, parts=1 + cameras)
     if steps.options.until != "export":
         return
-    for suffix in ("trc", "mot", "glb", *(["c3d"] if find_spec("ezc3d") else [])):
+    for suffix in ("trc", "mot", "glb", "c3d"):
         steps.run("export", ["export", poses, out / f"poses.{suffix}"], [poses], poses)
     angles = out / "angles.csv"
     steps.run("export", ["export", poses, angles, "--angles"], [poses], angles)
