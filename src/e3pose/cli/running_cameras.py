@@ -55,6 +55,6 @@ def cameras(
         lambda node: open_log("camera", json_logs, site=node.site, camera=node.camera),
     )
     opened.run(for_s)
-    for made in opened.ended.values():
+    for _, made in sorted(opened.ended.items()):
         orders = made.schedule.orders, made.schedule.late
         print(camera_summary(made.settings.camera_id, made.counts, *orders, made.problem))
