@@ -218,6 +218,14 @@ def video_input() -> str:
     return "avfoundation" if sys.platform == "darwin" else "video4linux2,v4l2"
 
 
+def group_of(path: Path) -> str:
+    """Return the group that a file belongs to; empty where none is known."""
+    if sys.platform != "win32":
+        with suppress(OSError, KeyError):
+            return path.group()
+    return ""
+
+
 def since_boot_ns() -> int:
     """Return nanoseconds since the machine began, sleep included where the system counts it."""
     if sys.platform == "linux":

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from e3pose.base.clock import Clock
 from e3pose.base.errors import InputError, reason_of
-from e3pose.base.system import video_input
+from e3pose.base.system import group_of, video_input
 from e3pose.camera.base import LiveFrame, SourceSettings
 from e3pose.camera.source import decode_bounded
 
@@ -155,10 +155,7 @@ def _reason(error: Exception, place: Path) -> tuple[str, str]:
     """Return what is wrong with a device that cannot be opened, and what to do."""
     number = getattr(error, "errno", None)
     if number in (errno.EACCES, errno.EPERM):
-        try:
-            group = place.group()
-        except (OSError, KeyError, NotImplementedError):
-            group = "video"
+        group = group_of(place) or "video"
         return (
             f"no permission to read {place}",
             f"membership of the group {group}: sudo usermod -aG {group} $USER, then log in again",
