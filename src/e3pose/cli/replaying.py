@@ -79,8 +79,8 @@ class OutputOptions:
     """Write a report page with a 3D player here (.html)."""
     json_file: JsonFile = None
     """Write the figures here as JSON; - is standard output."""
-    people: Whole | None = None
-    """Keep this many people, those seen most, each under one number over all gaps."""
+    people: Annotated[Whole | None, Parameter(show=False)] = None
+    """Keep this many people only."""
 
     def check(self, recording: Path, store: StoreOptions, smoothed: str | None) -> None:
         """Raise `InputError` before the replay for files that could not be written.
