@@ -56,7 +56,7 @@ def test_every_part_of_the_house_has_a_bound() -> None:
     assert BOUNDS.keys() == set(PARTS)
 
 
-MOST_LINES_OF_PAGES = 4000  # script, styles and markup of our own, all pages together
+MOST_LINES_OF_PAGES = 4_010  # script, styles and markup of our own, all pages together
 
 
 def test_pages_stay_plain() -> None:

@@ -23,6 +23,7 @@ ASKS = {"base/system.py", "base/child_process.py"}
 PLACES = {
     "base/threads.py": "names no thread",
     "camera/probe.py": "finds no device, and no state to suspend to",
+    "detectors/chooser.py": "finds no GPU of a Jetson",
     "detectors/weights/index.py": "finds no settings of pip",
     "settings/limits.py": "a message",
     "site/check/camera.py": "a message",

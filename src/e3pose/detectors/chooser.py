@@ -6,6 +6,7 @@ import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
+from e3pose.base.quantities import shell
 from e3pose.detectors.weights import BOXES, MODELS, is_installed, networks
 
 AUTO = "auto"  # in the place of a name: choose
@@ -56,7 +57,7 @@ def choose_network(live: bool, gpu: bool | None = None) -> Choice:
     if best:
         why = "the best of those installed" if len(here) > 1 else "the only one installed"
         better = [name for name in QUICK if ORDER.index(name) < ORDER.index(best[0])]
-        hint = f"; better: e3pose models pull {better[0]}" if better else ""
+        hint = f"; better: e3pose models pull {shell(better[0])}" if better else ""
         return Choice(best[0], f"{why}{hint}", True)
     own = [name for name in here if name not in ORDER]
     if own:

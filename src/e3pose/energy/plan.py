@@ -78,7 +78,7 @@ class Reach:
 
 @dataclass(frozen=True, slots=True)
 class PlanRow:
-    """What becomes of one board.
+    """How long a site of one board runs.
 
     Attributes:
         board: which.

@@ -98,7 +98,7 @@ class LoopSettings:
     rest: RestChoice = entry(
         AWAKE,
         group="Goal",
-        help="""Rest of cameras that are not needed for seconds.""",
+        help="""Rest of cameras not needed for seconds.""",
     )
     watts: float | None = entry(
         None,

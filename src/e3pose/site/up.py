@@ -44,7 +44,7 @@ def view_command(path: Path, *options: str) -> list[str]:
 
 
 def camera_keys(site: ResolvedSite, camera_id: str) -> dict[str, Any]:
-    """Return what the camera file of a camera of a site, run on this machine, would say.
+    """Return the keys of a camera file for a camera that runs on this machine.
 
     Raises:
         InputError: when the site file does not say what the camera sees.
