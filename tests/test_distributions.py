@@ -114,7 +114,7 @@ def test_it_installs_by_name_and_works_in_an_empty_folder(index: str, tmp_path: 
         return run(bin_ / "e3pose", *words, cwd=empty, NUMBA_CACHE_DIR=str(tmp_path / "compiled"))
 
     install("e3pose[all]")
-    assert "simulate" in call("--help") and call("--version").strip() == e3pose.__version__
+    assert "simulate" in call("--help-all") and call("--version").strip() == e3pose.__version__
     call("simulate", "walk", "--people", "1", "--seconds", "1", "--cameras", "3")
     # The paper's pipeline is compiled in a third of the time of the default.
     call("replay", "walk", "--pipeline", "paper", "--cameras", "2", "--poses", "walk.parquet")
