@@ -97,4 +97,5 @@ def test_every_page_that_readme_and_tutorials_name_shows_what_it_should(
             assert page.run(inks) > 20, (name, size)
             assert page.run("[...document.images].every((one) => one.naturalWidth > 100)"), name
             assert page.messages == [], name
-        assert page.run("document.images.length") == 1, name
+        # A store has no pictures, and its page has no place for them.
+        assert page.run("document.images.length") == (name != "last.html"), name

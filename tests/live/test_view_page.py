@@ -100,7 +100,7 @@ def test_past_is_played_from_the_store_and_the_present_found_again(
     rows = "[...document.querySelectorAll('#table tbody tr')].map((r) => r.textContent)"
     c0, c1, c2 = page.run(rows)
     assert "active100 %" in c0 and "7.5 W–~75 %" in c0, "what was stored of then"
-    assert "c1saving" in c1 and "saving0 %" in c2
+    assert "c1idle" in c1 and "idle0 %" in c2
     assert "c2: silent for 2 s" in page.text("events") and page.text("count") == "2 people"
     assert not page.run("document.getElementById('of-then').hidden")
     page.of("past", "void m.goLive()")

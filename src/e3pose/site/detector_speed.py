@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import platform
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import suppress
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -29,11 +29,16 @@ WAIT_S = 0.04  # of a view for its frame and its way to the edge, beyond the det
 HOPELESS = 1.5  # times what is reached: a busy moment's measurement errs by less
 
 
-def workloads_of(site: ResolvedSite) -> dict[str, Workload]:
-    """Return the cameras whose networks `e3pose up` runs here, with their settings."""
+def workloads_of(site: ResolvedSite, without: Collection[str] = ()) -> dict[str, Workload]:
+    """Return the cameras whose networks `e3pose up` runs here, with their settings.
+
+    Args:
+        site: what its file says.
+        without: cameras to leave out.
+    """
     found = {}
     for (name, camera), seen in zip(site.cameras.items(), site.rig.cameras, strict=True):
-        if camera.source is None or detects(camera.source):
+        if name in without or camera.source is None or detects(camera.source):
             continue
         found[name] = Workload(
             camera.detector or "",
@@ -47,17 +52,20 @@ def workloads_of(site: ResolvedSite) -> dict[str, Workload]:
     return found
 
 
-def measure_detections(site: ResolvedSite, again: bool = True) -> DetectionTimes | None:
+def measure_detections(
+    site: ResolvedSite, again: bool = True, without: Collection[str] = ()
+) -> DetectionTimes | None:
     """Return how long detections take on this machine; None if it runs no network.
 
     Args:
         site: what its file says, beside which the times are kept.
         again: measure, even if it was done before with the same networks on this machine.
+        without: cameras to leave out.
 
     Raises:
         InputError: when a network cannot be loaded.
     """
-    workloads = workloads_of(site)
+    workloads = workloads_of(site, without)
     if not workloads:
         return None
     kept, asked = site.file.folder / KEPT, _asked(workloads)

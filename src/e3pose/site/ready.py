@@ -50,7 +50,8 @@ def site_programs(
     report(start_problems(site), warn)
     with measuring or nullcontext():
         try:
-            times = measure_detections(site, again=False)
+            away = [name for name in site.cameras if f"camera {name}" in left_out]
+            times = measure_detections(site, again=False, without=away)
         except InputError as error:  # a camera's own program says so too
             times = None
             warn(f"the time of detections is not known: {error}")
