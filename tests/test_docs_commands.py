@@ -233,6 +233,7 @@ DAY = "asks for poses of one afternoon"
 HERE_NOT = {
     "reconstruct phone1.mp4 phone2.mp4 phone3.mp4 --height 171cm": FILMS,
     "reconstruct phone1.mp4 phone2.mp4 phone3.mp4 --height 171cm --out walk3d": FILMS,
+    "reconstruct cam0?.mp4 --calibration Calib.qca.txt --model movenet-multipose": FILMS,
     "stream room osc://127.0.0.1:9000 lsl:room": LIVE,
     "archive room s3://bucket/poses": "needs an object store; its tests have one in memory",
     "--install-completion": "writes to the start-up file of the shell",

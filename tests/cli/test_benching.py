@@ -55,7 +55,7 @@ def test_table_names_network_time_and_place(
     [
         (("--resolution", "big"), "--resolution: found 'big', expected WIDTHxHEIGHT"),
         (("--seconds", "0"), "--seconds: found 0"),
-        ((), "no network is installed: e3pose models pull openpose-thin"),
+        ((), "no network is installed: e3pose models pull movenet-multipose"),
     ],
 )
 def test_what_cannot_be_measured_is_one_line(

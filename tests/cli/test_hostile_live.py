@@ -131,7 +131,7 @@ SITES: list[tuple[str, Break, str]] = [
     ("edge", new(SITE, '"rig.toml"', '"/dev/zero"'), "found a pipe, socket or device"),
     ("check", new(SITE, '"rig.toml"', '"a\\u0000"'), r"found 'a\\x00', expected the name"),
     ("check", new(SITE, '"rig.toml"', '"~nobody-at-all/x"'), "home of a user"),
-    ("check", new(SITE, '"coco17"', '"fish"'), "skeleton 'fish' is unknown"),
+    ("check", new(SITE, '"coco17"', '"fish"'), "fish: skeleton: no such file, expected coco17, "),
     # What the edge writes must not take the place of what is there.
     ("edge", ahead(SITE, 'state = "rig.toml"'), "state: found 'rig.toml', expected .*npz"),
     ("edge", ahead(SITE, 'state = "recording"'), "state: found 'recording'"),

@@ -59,7 +59,7 @@ def test_figures_and_poses_are_written(folder: Path, tmp_path: Path) -> None:
     assert list(rows[0]) == COLUMNS
     assert len(rows) == NUM_SLOTS * 17
     assert {row["joint"] for row in rows} == set(COCO17.joints)
-    assert {row["track"] for row in rows} == {"0"}
+    assert {row["track"] for row in rows} == {"1"}
     nose = [row for row in rows if row["joint"] == "nose"]
     steps = np.diff([float(row["x"]) for row in nose])
     np.testing.assert_allclose(steps, 0.01, atol=1e-4)

@@ -64,7 +64,7 @@ def test_every_joint_is_near_the_truth_in_every_file(replayed: Path) -> None:
     check(np.array([nearest_mm(recording, slot, m) for (slot, _), m in found.items()]))
 
     for name in ("walk.trc", "walk.c3d", "walk.glb", "walk.bvh", "walk.parquet"):
-        wide = ["--wide"] if name.endswith("parquet") else []
+        wide = ["--layout", "archive"] if name.endswith("parquet") else []
         assert run("export", str(replayed / "poses.csv"), str(replayed / name), *wide) == 0
     for track in sorted({track for _, track in people}):
         shown = {slot: m for (slot, one), m in found.items() if one == track}

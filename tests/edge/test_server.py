@@ -405,7 +405,7 @@ def test_poses_are_interpreted_while_a_process_compiles(
 class Displaced:
     """In place of what watches cameras: the third was turned."""
 
-    found = SimpleNamespace(camera=2, degrees=3.0)
+    found, world = SimpleNamespace(camera=2, degrees=3.0), None
 
     def observe(self, *_: object) -> None: ...
     def events(self) -> list[tuple[str, str, str]]:

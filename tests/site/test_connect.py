@@ -143,7 +143,7 @@ def test_picture_shows_the_people_of_a_slot() -> None:
     take = take_of_slots(slots, 0.04)
     drawn = plot(take)
     assert drawn.get_title() == "slot 4"
-    assert [text.get_text() for text in drawn.get_legend().get_texts()] == ["track 7", "track 9"]
+    assert [text.get_text() for text in drawn.get_legend().get_texts()] == ["person 7", "person 9"]
     with pytest.raises(InputError, match="slot: found 5, expected 3 to 4"):
         plot(take, 5)
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from e3pose.base.child_process import call_apart
 from e3pose.base.errors import InputError
+from e3pose.base.installing import install_command
 from e3pose.detectors.weights import cache_folder
 from e3pose.detectors.weights.fetch import file_sha256
 
@@ -294,7 +295,7 @@ def load_network(
     if path.suffix == ".onnx":
         check_external_data(path)
     if path.suffix == ".tflite" and find_spec("ai_edge_litert") is None:
-        expected = "`pip install 'e3pose[litert]'`"
+        expected = f"`{install_command('litert')}`"
         raise InputError(str(path), "a network for LiteRT, which is not installed", expected)
     if not known and path.suffix in (".onnx", ".tflite", ".pb"):
         _check_bounds(path)

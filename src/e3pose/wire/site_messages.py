@@ -79,7 +79,7 @@ class CameraStatus(msgspec.Struct, frozen=True):
         power_w: reported power; None if unknown.
         measured: whether the power is measured; otherwise a model estimates it.
         cpu_s: processor time of its program since it started to capture; None if unknown.
-        cpu_saved: processor time saved, as a share of activity in every slot would take; None
+        cpu_saved: processor time saved, as a share of that of activity in every slot; None
             while too little is known.
         battery: remaining charge, 0 to 1; None on mains or if unknown.
         gauge: whether the charge comes from a gauge, not a model.
@@ -308,7 +308,6 @@ class Status(msgspec.Struct, array_like=True, frozen=True, tag="status"):
         blind: of these, blind slots by cause; causes that did not occur are absent.
         blind_share: blind slots, as a share of the last minute's slots.
         overload: what an overloaded edge says of itself; empty if it is not overloaded.
-        doubt: why scale or axes of the calibration cannot be right, as people show; empty if not.
         events_ns: when each of `events` happened, by the edge's clock, nanoseconds since 1970.
         compiling_s: seconds until the edge has compiled its kernels, 0 while unknown; None if it
             has. Until then there are few slots a second, or none.
@@ -320,6 +319,7 @@ class Status(msgspec.Struct, array_like=True, frozen=True, tag="status"):
             blind slots left out.
         always_j: the same had all cameras been active in every slot.
         energy_measured: whether both are learned from meters; otherwise modelled.
+        doubt: why scale or axes of the calibration cannot be right, as people show; empty if not.
     """
 
     site: str
@@ -342,7 +342,6 @@ class Status(msgspec.Struct, array_like=True, frozen=True, tag="status"):
     blind: dict[str, Count] = {}
     blind_share: Share = 0.0
     overload: str = ""
-    doubt: str = ""
     events_ns: tuple[TimeNs, ...] = ()
     compiling_s: Figure | None = None
     check: str = ""
@@ -350,3 +349,4 @@ class Status(msgspec.Struct, array_like=True, frozen=True, tag="status"):
     spent_j: Figure = 0.0
     always_j: Figure = 0.0
     energy_measured: bool = False
+    doubt: str = ""

@@ -14,6 +14,7 @@ import numpy as np
 from e3pose.base.arrays import Floats
 from e3pose.base.bounded import open_regular
 from e3pose.base.errors import InputError, reason_of
+from e3pose.base.installing import install_command
 from e3pose.recording.arrays import BROKEN
 from e3pose.recording.detections.forms import MAX_FILE_BYTES, Pictures, of_array, of_columns
 
@@ -34,7 +35,7 @@ def read_hdf5(path: Path) -> Pictures:
     try:
         import h5py
     except ImportError:
-        wanted = f"pip install 'e3pose[hdf5]', or the detections {CSV}"
+        wanted = f"{install_command('hdf5')}, or the detections {CSV}"
         raise InputError(f"{path}: HDF5 needs h5py: {wanted}") from None
     with open_regular(path, MAX_FILE_BYTES) as raw:
         try:

@@ -11,7 +11,7 @@
  * @property {number|null} power_w reported power; null if unknown
  * @property {boolean} measured whether the power is measured; otherwise a model estimates it
  * @property {number|null} cpu_s processor time of its program since it started to capture; null if unknown
- * @property {number|null} cpu_saved processor time saved, as a share of activity in every slot would take; null while too little is known
+ * @property {number|null} cpu_saved processor time saved, as a share of that of activity in every slot; null while too little is known
  * @property {number|null} battery remaining charge, 0 to 1; null on mains or if unknown
  * @property {boolean} gauge whether the charge comes from a gauge, not a model
  * @property {number} deficit energy-deficit queue: what it spent beyond its budget so far, in slots
@@ -45,7 +45,7 @@ export const MEANINGS = {
   "power_w": "reported power; – if unknown",
   "measured": "whether the power is measured; otherwise a model estimates it",
   "cpu_s": "processor time of its program since it started to capture; – if unknown",
-  "cpu_saved": "processor time saved, as a share of activity in every slot would take; – while too little is known",
+  "cpu_saved": "processor time saved, as a share of that of activity in every slot; – while too little is known",
   "battery": "remaining charge, 0 to 1; – on mains or if unknown",
   "gauge": "whether the charge comes from a gauge, not a model",
   "deficit": "energy-deficit queue: what it spent beyond its budget so far, in slots",
