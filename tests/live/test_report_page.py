@@ -11,6 +11,9 @@ from tests.distributions import ROOT
 from tests.site.web.browser import SIZES, Page, in_browser
 from tests.waiting import eventually
 
+from e3pose.detectors.weights import MODELS, is_installed
+from e3pose.site.demo_clip import find_clip
+
 pytestmark = in_browser
 
 
@@ -75,6 +78,11 @@ NAMED = {
 FAULTS = r"No pictures|Traceback|not installed|undefined|NaN|expected (a|an|one)\b|found '"
 
 
+@pytest.mark.nightly  # two minutes for the demo
+@pytest.mark.skipif(
+    find_clip() is None or not any(map(is_installed, MODELS)),
+    reason="clip or network of the demo are not in the cache: e3pose demo fetches them",
+)
 def test_every_page_that_readme_and_tutorials_name_shows_what_it_should(
     page: Page, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
