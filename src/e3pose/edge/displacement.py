@@ -9,8 +9,12 @@ hides no displaced camera.
 
 from __future__ import annotations
 
+import pickle
+import subprocess
+import sys
 import threading
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -46,7 +50,8 @@ MOVED_DEG = 0.25
 LEAST_DEG = 0.12  # in each part of the window
 LOOK_S = 0.2  # views of a camera in between are left out
 ASK_S = 1.0
-WORLD_S, WORLD_EVERY_S = 10.0, 60.0  # of views to compare the calibration with people
+WORLD_S, WORLD_EVERY_S = 10.0, 600.0  # of views to compare the calibration with people
+WORLD_LIMIT_S = 60.0  # for that
 ASKED = 3  # checks in a row that must find the same camera before it is reported
 
 
@@ -266,7 +271,7 @@ class WorldCheck:
         self.thread = threading.Thread()
 
     def observe(self, time_s: float, views: Mapping[int, Poses2D]) -> None:
-        """Add the views of a slot; ten seconds of each minute are checked, on another thread."""
+        """Add the views of a slot; ten seconds of each ten minutes are checked beside."""
         if self.words or time_s < self._begin_s:
             return
         if not self._views:
@@ -281,14 +286,22 @@ class WorldCheck:
         self.thread.start()
 
     def _check(self, views: Sequence[Mapping[int, Poses2D]]) -> None:
-        from e3pose.calibrate.people_3d import doubt_people
-
+        """Compare in a process of its own: what that imports takes as much memory as the edge."""
         if not any(views):
             return
         num_slots, series = series_from_frames(views, 1 / LOOK_S, len(self.skeleton), "recent")
         recent = Recording("recent", self.rig, 1 / LOOK_S, num_slots, self.skeleton, series)
-        words = doubt_people(recent, self.noise)
-        self.words = words.replace("CALIBRATION", shell(self.file))
+        with suppress(subprocess.TimeoutExpired, OSError):  # nothing is known then
+            said = subprocess.run(
+                [sys.executable, "-m", "e3pose.calibrate.people_3d"],
+                input=pickle.dumps((recent, self.noise)),
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+                timeout=WORLD_LIMIT_S,
+                check=False,
+            )
+            words = said.stdout.decode(errors="replace").strip()
+            self.words = words.replace("CALIBRATION", shell(self.file))
 
 
 class DisplacementWatch:
