@@ -20,20 +20,18 @@ one machine, or on machines with the same time, show the same moment.
 from __future__ import annotations
 
 import time
-import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from e3pose.base.clock import Clock
 from e3pose.base.errors import InputError, reason_of
 from e3pose.base.masking import masked
 from e3pose.base.plugins import is_offered, is_own, maker
-from e3pose.camera.base import LiveFrame, LiveSource, SourceSettings
+from e3pose.camera.base import LiveFrame, LiveSource, SourceSettings, mark_of
 from e3pose.camera.gstreamer import make_pipeline
 from e3pose.camera.oak import make_oak
 from e3pose.camera.phone import PhoneSource
@@ -225,7 +223,7 @@ class StreamSource:
         def mark() -> int:
             plane = frame.planes[0]
             rows = np.frombuffer(plane, np.uint8).reshape(plane.height, plane.line_size)
-            return _mark(rows[:, : plane.width])
+            return mark_of(rows[:, : plane.width])
 
         return LiveFrame(
             self.clock.now_ns(),
@@ -239,11 +237,6 @@ class StreamSource:
         container, self._container, self._frames = self._container, None, None
         if container is not None:
             container.close()
-
-
-def _mark(rows: NDArray[np.uint8]) -> int:
-    """Return a number of a picture by every fourth of its rows, which all have noise."""
-    return zlib.crc32(rows[::4].tobytes())
 
 
 def _pictures(frames: Iterator[Frame]) -> Iterator[tuple[float, Callable[[], Any]]]:

@@ -19,7 +19,7 @@ from e3pose.base.arrays import Floats
 from e3pose.base.clock import Clock
 from e3pose.base.errors import InputError
 from e3pose.base.system import since_boot_ns
-from e3pose.camera.base import LiveFrame, SourceSettings
+from e3pose.camera.base import LiveFrame, SourceSettings, taken_ns
 from e3pose.detectors.base import poses_in_image
 from e3pose.model.expected import ExpectedView
 from e3pose.model.pose import Poses2D
@@ -126,8 +126,7 @@ class PicameraSource:
             self.fps = 1e6 / duration_us
         # libcamera counts from the boot of the machine, sleep included.
         age_ns = since_boot_ns() - said.get("SensorTimestamp", 0)
-        now_ns = self.clock.now_ns()
-        return held, now_ns - age_ns if 0 <= age_ns < 1_000_000_000 else now_ns, said
+        return held, taken_ns(self.clock.now_ns(), age_ns), said
 
     def close(self) -> None:
         """See `LiveSource.close`."""

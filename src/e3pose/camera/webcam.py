@@ -11,7 +11,6 @@ import errno
 import re
 import threading
 import time
-import zlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -23,7 +22,7 @@ from numpy.typing import NDArray
 from e3pose.base.clock import Clock
 from e3pose.base.errors import InputError, reason_of
 from e3pose.base.system import group_of, video_input
-from e3pose.camera.base import LiveFrame, SourceSettings
+from e3pose.camera.base import LiveFrame, SourceSettings, mark_of, taken_ns
 from e3pose.camera.source import decode_bounded
 
 DEV, SYS = Path("/dev"), Path("/sys")
@@ -125,15 +124,14 @@ class WebcamSource:
 
     def _frame(self, packet: Any) -> LiveFrame:
         context, now_ns = self._stream.codec_context, self.clock.now_ns()
-        taken_ns = round((packet.pts or 0) * packet.time_base * 1_000_000_000)
-        age_ns = time.monotonic_ns() - taken_ns  # the kernel's time, where it is that clock's
-        captured_ns = now_ns - age_ns if 0 <= age_ns < 1_000_000_000 else now_ns
+        kernel_ns = round((packet.pts or 0) * packet.time_base * 1_000_000_000)
+        captured_ns = taken_ns(now_ns, time.monotonic_ns() - kernel_ns)  # where it is that clock's
         size = context.width, context.height
 
         def image() -> NDArray[np.uint8]:
             return self._decoded(packet, size)
 
-        return LiveFrame(captured_ns, size, image, lambda: zlib.crc32(image()[::4].tobytes()))
+        return LiveFrame(captured_ns, size, image, lambda: mark_of(image()))
 
     def _decoded(self, packet: Any, size: tuple[int, int]) -> NDArray[np.uint8]:
         """Return a picture, `(height, width, 3)` RGB; all black where it cannot be decoded."""

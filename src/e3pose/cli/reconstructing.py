@@ -465,10 +465,9 @@ def _run_trials(
         first = next(iter(rest))
         print(f"calibrating all trials by {first}, the first (--calibration names another)")
         rows[first] = _trial(first, rest.pop(first), options)
-        options = replace(
-            options, calibration=options.out / first / "calibration.toml", height=None
-        )
-        if not options.calibration or not options.calibration.is_file():
+        calibration = options.out / first / "calibration.toml"
+        options = replace(options, calibration=calibration, height=None)
+        if not calibration.is_file():
             raise InputError(first, rows[first]["problem"], "a trial that can be calibrated")
     if options.threads is None and jobs > 1:
         options = replace(options, threads=max(1, num_cores() // min(jobs, len(trials))))

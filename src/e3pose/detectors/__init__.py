@@ -20,7 +20,7 @@ from e3pose.detectors.openpose import OpenPose
 from e3pose.detectors.rtmo import Rtmo
 from e3pose.detectors.top_down import files_of, open_top_down
 from e3pose.detectors.topology import TOPOLOGIES
-from e3pose.detectors.weights import find_weights, is_installed, networks
+from e3pose.detectors.weights import ENDINGS, find_weights, is_installed, networks
 from e3pose.detectors.yolo import YoloPose
 from e3pose.model.skeleton import COCO17, COCO18, Skeleton
 
@@ -109,7 +109,7 @@ def chosen_name(name: str, model: Path | None = None, live: bool = True) -> str:
 
 def is_network(path: Path) -> bool:
     """Return whether a path is meant as the file of a network, or the folder of several."""
-    return path.suffix in (".onnx", ".tflite", ".pb") or path.is_file() or any(path.glob("*.onnx"))
+    return path.suffix in ENDINGS or path.is_file() or any(path.glob("*.onnx"))
 
 
 def identify(path: Path) -> str:

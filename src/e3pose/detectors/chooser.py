@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from e3pose.base.quantities import shell
+from e3pose.detectors.inference import PROVIDERS
 from e3pose.detectors.weights import BOXES, MODELS, is_installed, networks
 
 AUTO = "auto"  # in the place of a name: choose
@@ -75,4 +76,4 @@ def has_gpu() -> bool:
         import onnxruntime
     except ImportError:
         return False
-    return "CUDAExecutionProvider" in onnxruntime.get_available_providers()
+    return PROVIDERS["cuda"] in onnxruntime.get_available_providers()

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from e3pose.base.child_process import call_apart
 from e3pose.base.errors import InputError
 from e3pose.base.installing import install_command
-from e3pose.detectors.weights import cache_folder
+from e3pose.detectors.weights import ENDINGS, cache_folder
 from e3pose.detectors.weights.fetch import file_sha256
 
 VARINT, FIXED64, BYTES, FIXED32 = 0, 1, 2, 5
@@ -297,7 +297,7 @@ def load_network(
     if path.suffix == ".tflite" and find_spec("ai_edge_litert") is None:
         expected = f"`{install_command('litert')}`"
         raise InputError(str(path), "a network for LiteRT, which is not installed", expected)
-    if not known and path.suffix in (".onnx", ".tflite", ".pb"):
+    if not known and path.suffix in ENDINGS:
         _check_bounds(path)
     if path.suffix == ".onnx":
         return _load_onnx(path, provider, threads)

@@ -238,7 +238,7 @@ def make_camera(
         skeleton, name = source.skeleton, source.detector
     else:
         name = chosen_name(node.detector, node.model)
-        made = turned(detector or _detector(node, name), node.rotation)
+        made = turned(detector or load_detector(node, name), node.rotation)
         finds, skeleton = made, made.skeleton
     settings = NodeSettings(
         site=node.site,
@@ -286,8 +286,16 @@ def _recorder(node: NodeTable, report: Callable[[str], Any]) -> VideoRecorder | 
     return VideoRecorder(settings, report)
 
 
-def _detector(node: NodeTable, name: str) -> Detector:
-    """Return the detector of a camera, loaded and tried: the first detection is slow."""
+def load_detector(node: NodeTable, name: str) -> Detector:
+    """Return the detector of a camera, loaded and tried: the first detection is slow.
+
+    Args:
+        node: the camera's configuration.
+        name: of the detector, as of `make_detector`.
+
+    Raises:
+        InputError: when the network cannot be used.
+    """
     made = make_detector(name, node.model, node.provider, node.threads)
     made.detect(np.zeros((480, 640, 3), dtype=np.uint8))
     return made

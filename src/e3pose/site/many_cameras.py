@@ -16,20 +16,17 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
-
 from e3pose.base.errors import Fault, InputError
 from e3pose.base.system import num_cores
 from e3pose.camera.live import CameraNode, ProcessorTime
-from e3pose.detectors import make_detector
 from e3pose.detectors.base import Detector
 from e3pose.settings.camera_file import NodeTable, is_camera_file, load_node
 from e3pose.settings.resolved import resolve_site
 from e3pose.settings.sources import detects
-from e3pose.site.camera_program import Camera, open_camera
+from e3pose.site.camera_program import Camera, load_detector, open_camera
 from e3pose.site.program_log import Log
 from e3pose.site.run import run_until_stopped
-from e3pose.site.up import LONGEST_RESTART_S, RESTART_S, STEADY_S, camera_keys
+from e3pose.site.up import STEADY_S, camera_keys, longer_s
 
 Key = tuple[str, Path | None, str, int | None]
 
@@ -203,9 +200,7 @@ class Cameras:
             return None
         key = (node.detector, node.model, node.provider, node.threads)
         if key not in self._detectors:
-            made = make_detector(*key)
-            made.detect(np.zeros((480, 640, 3), dtype=np.uint8))  # the first detection is slow
-            self._detectors[key] = made
+            self._detectors[key] = load_detector(node, node.detector)
         return self._detectors[key]
 
     def _open(self, seat: _Seat) -> None:
@@ -227,7 +222,7 @@ class Cameras:
             self.ended[seat.node.camera] = camera.node
 
     def _put_off(self, seat: _Seat, why: str) -> None:
-        seat.wait_s = min(2 * seat.wait_s, LONGEST_RESTART_S) or RESTART_S
+        seat.wait_s = longer_s(seat.wait_s)
         seat.due_s = time.monotonic() + seat.wait_s
         seat.log.warning(f"{why}; the camera starts again in {seat.wait_s:g} s")
 

@@ -132,6 +132,11 @@ def _video_keys(site: ResolvedSite, camera_id: str) -> dict[str, str | None]:
     }
 
 
+def longer_s(wait_s: float) -> float:
+    """Return how long to wait before the next start of what ended again after a wait."""
+    return min(2 * wait_s, LONGEST_RESTART_S) or RESTART_S
+
+
 class Role(Enum):
     """The consequence for a site of a program that never works."""
 
@@ -219,7 +224,7 @@ class Program:
                 self._due_s = now_s + LONGEST_RESTART_S
                 again = f"the others go on; tried again every {LONGEST_RESTART_S:g} s"
                 return "" if left_out else f"{self.failure}; {again}"
-            self._wait_s = min(2 * self._wait_s, LONGEST_RESTART_S) or RESTART_S
+            self._wait_s = longer_s(self._wait_s)
             self._due_s = now_s + self._wait_s
             return f"{self.name} exited with code {code}; restarting in {self._wait_s:g} s"
         if now_s < self._due_s:
