@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from e3pose.settings.camera_file import load_node
+from e3pose.site import many_cameras
 from e3pose.site.many_cameras import Turns, TurnTime, of_host
 
 
@@ -65,13 +66,18 @@ def test_cameras_are_charged_their_looks_and_a_share_of_the_rest() -> None:
     assert one.total_s - one.look_s == pytest.approx(other.total_s, abs=0.01)
 
 
-def test_look_takes_one_thread_where_the_network_allows_it(tmp_path: Path) -> None:
+def test_look_takes_one_thread_where_the_network_allows_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    chosen = {"auto": "openpose-thin"}
+    monkeypatch.setattr(many_cameras, "chosen_name", lambda name: chosen.get(name, name))
     said = {"site": "lab", "camera": "cam1", "source": "usb:0", "endpoint": "tcp/127.0.0.1:7001"}
     for keys, alone, threads in (
         ({"detector": "movenet-multipose"}, False, 1),
         ({"detector": "movenet-multipose"}, True, None),
         ({"detector": "movenet-multipose", "threads": 3}, False, 3),
         ({"detector": "openpose-thin"}, False, None),  # OpenCV has one pool for all
+        ({"detector": "auto"}, False, None),
         ({"detector": "openpose-thin", "model": str(tmp_path / "thin.onnx")}, False, 1),
         ({"detector": str(tmp_path / "graph.pb")}, False, None),
     ):

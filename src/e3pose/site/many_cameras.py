@@ -19,6 +19,7 @@ from pathlib import Path
 from e3pose.base.errors import Fault, InputError
 from e3pose.base.system import num_cores
 from e3pose.camera.live import CameraNode, ProcessorTime
+from e3pose.detectors import chosen_name
 from e3pose.detectors.base import Detector
 from e3pose.settings.camera_file import NodeTable, is_camera_file, load_node
 from e3pose.settings.resolved import resolve_site
@@ -257,7 +258,8 @@ def of_host(node: NodeTable, alone: bool) -> NodeTable:
     """
     if alone:
         return node
-    file = node.model or Path(node.detector)
-    by_opencv = node.detector == "openpose-thin" and file.suffix != ".onnx"
+    name = node.detector if node.model else chosen_name(node.detector)
+    file = node.model or Path(name)
+    by_opencv = name == "openpose-thin" and file.suffix != ".onnx"
     threads = node.threads or (None if by_opencv or file.suffix == ".pb" else 1)
     return replace(node, threads=threads, meter="model")
