@@ -12,17 +12,22 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
+from dataclasses import asdict
 from pathlib import Path
 
 import pytest
+from sqlalchemy.exc import DBAPIError
 from tests.cases import each_case
 from tests.store.conftest import record, run
 from tests.store.writers import QUICK, limit_connections, stored_slots, wait_for
 
 from e3pose.base.errors import InputError
+from e3pose.model.zone_event import ZoneEvent
 from e3pose.store import Event, Run, Store, StoreWriter, WriterSettings
-from e3pose.store.rows import Row, slot_rows
+from e3pose.store.delivery import Delivery
+from e3pose.store.rows import EnergyReading, Presence, Row, slot_rows
 from e3pose.store.spool import MAGIC, LeftSpool, Spool, frame, spools_of
+from e3pose.store.summaries import Minutes
 
 pytestmark = pytest.mark.slow
 
@@ -235,12 +240,59 @@ def test_full_queue_sheds_and_says_so(tmp_path: Path) -> None:
         with locked(path):
             taken = [writer.append(record(slot)) for slot in range(100)]
             assert not all(taken)
+            begun_s = time.monotonic()
+            others = [
+                writer.present(Presence(1, {"lying": 1.0})),
+                writer.energy(EnergyReading(1, "cam0", 2.0, 0.5, "measured: USB")),
+                writer.zone(ZoneEvent("enter", "bed", 1, 1, 0.0, 1, 1)),
+            ]
+            assert not any(others), "they wait for no room either"
+            assert time.monotonic() - begun_s < 5.0  # that of the lock
         assert writer.flush()
-        assert writer.status().shed == taken.count(False)
+        assert writer.status().shed == taken.count(False) + 3
         writer.append(record(100))
         assert writer.flush()
     assert any(event.kind == "store-shed" for event in events)
     assert stored_slots(path) == [s for s, ok in enumerate(taken) if ok] + [100]
+
+
+def test_sums_that_fail_cost_no_slot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(_self: Minutes, _rows: list[Row]) -> None:
+        raise ZeroDivisionError("no slots")
+
+    path = tmp_path / "live.db"
+    events: list[Event] = []
+    monkeypatch.setattr(Minutes, "take", broken)
+    settings = WriterSettings(commit_s=0.02, summaries=60)
+    with StoreWriter(path, run(), settings, report=events.append) as writer:
+        for slot in range(20):
+            writer.append(record(slot))
+            assert writer.flush()
+    assert stored_slots(path) == list(range(20))
+    said = [event for event in events if "no more summaries" in event.message]
+    assert len(said) == 1 and "no slots" in said[0].message, events
+
+
+@pytest.mark.parametrize(
+    "error", [OSError("gone"), DBAPIError("close", None, sqlite3.OperationalError("gone"))]
+)
+def test_connection_that_cannot_be_closed_is_replaced(tmp_path: Path, error: Exception) -> None:
+    path = tmp_path / "live.db"
+    delivery = Delivery(f"sqlite:///{path}")
+    assert delivery.commit(slot_rows(record(0), 0, None), run()) == 0
+    held = delivery._connection
+    assert held is not None
+
+    def fails() -> None:
+        raise error
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(held, "close", fails)
+        delivery.close()
+    too_late = ("events", asdict(Event(2**70, "control", "again")) | {"number": 1})
+    assert delivery.commit([*slot_rows(record(1), 0, None), too_late], run()) == 1
+    delivery.close()
+    assert stored_slots(path) == [0, 1]
 
 
 ROWS: list[Row] = [("events", {"number": number}) for number in range(30)]
