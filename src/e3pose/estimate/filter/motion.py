@@ -85,16 +85,14 @@ def fading(density_m2ps3: Floats, lasts_s: Floats, dt: float) -> tuple[Floats, F
     return np.asarray(R, dtype=np.float64), np.asarray(W, dtype=np.float64)
 
 
-def transitions(tree: Tree, level: Integers, dt: float) -> tuple[Floats, Floats]:
-    """Return R and the covariance of w of joints, `(num_joints_of_level, 6, 6)` each.
+def transitions(tree: Tree, dt: float) -> tuple[Floats, Floats]:
+    """Return R and the covariance of w of each joint, `(num_joints, 6, 6)` each.
 
     Args:
         tree: of the skeleton.
-        level: `(num_joints_of_level,)` the joints.
         dt: seconds, 0 or more.
     """
-    density = ACCELERATION_LASTS_S * tree.drift_m2ps4[level]
-    step, noise = fading(density, tree.lasts_s[level], dt)
+    step, noise = fading(ACCELERATION_LASTS_S * tree.drift_m2ps4, tree.lasts_s, dt)
     R, W = (np.asarray(np.kron(each, np.eye(3)), dtype=np.float64) for each in (step, noise))
     return R, W
 

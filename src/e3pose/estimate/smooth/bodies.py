@@ -140,13 +140,13 @@ def written_out(tree: Tree, covariance: Floats, shared: Floats) -> Floats:
     """
     num_tracks, num_joints = covariance.shape[:2]
     whole = np.zeros((num_joints, num_joints, num_tracks, 6, 6))
+    across = np.swapaxes(shared[:, tree.order[1:]], -1, -2)
+    of_parents = covariance[:, tree.parents[tree.order[1:]]]
+    gains = np.swapaxes(np.linalg.solve(of_parents, across), -1, -2)
     done: list[int] = []
-    for joint in np.concatenate(tree.levels).tolist():
-        parent = int(tree.parents[joint])
-        if parent >= 0:  # given its parent, a joint does not depend on the others
-            across = np.swapaxes(shared[:, joint], -1, -2)
-            gains = np.swapaxes(np.linalg.solve(covariance[:, parent], across), -1, -2)
-            whole[joint, done] = gains @ whole[parent, done]
+    for row, joint in enumerate(tree.order.tolist(), start=-1):
+        if row >= 0:  # given its parent, a joint does not depend on the others
+            whole[joint, done] = gains[:, row] @ whole[tree.parents[joint], done]
             whole[done, joint] = np.swapaxes(whole[joint, done], -1, -2)
         whole[joint, joint] = covariance[:, joint]
         done.append(joint)
@@ -170,19 +170,19 @@ def body_transition(tree: Tree, dt: float, drift_share: Floats) -> tuple[Floats,
     num_joints = len(tree.parents)
     move = np.zeros((num_joints, 6, num_joints, 6))
     above = np.zeros((num_joints, num_joints))  # whose noise a joint takes part in
-    own = np.zeros((num_joints, 6, 6))
-    for level in tree.levels:
-        R, own[level] = transitions(tree, level, dt)
-        for row, joint in enumerate(level.tolist()):
-            parent = int(tree.parents[joint])
-            move[joint, :, joint] += R[row]
-            above[joint, joint] = 1.0
-            if parent >= 0:
-                move[joint] += move[parent]
-                move[joint, :, parent] -= R[row]
-                above[joint] += above[parent]
+    R, own = transitions(tree, dt)
+    for joint in tree.order.tolist():
+        parent = int(tree.parents[joint])
+        move[joint, :, joint] += R[joint]
+        above[joint, joint] = 1.0
+        if parent >= 0:
+            move[joint] += move[parent]
+            move[joint, :, parent] -= R[joint]
+            above[joint] += above[parent]
     both = above[:, None] * above  # in whose noise two joints both take part
-    noise = np.einsum("jik,tk,kab->tjaib", both, drift_share, own, optimize=True)
+    shares = both * drift_share[:, None, None]  # (num_tracks, num_joints, num_joints, num_joints)
+    noise = (shares @ own.reshape(num_joints, 36)).reshape(-1, num_joints, num_joints, 6, 6)
+    noise = noise.swapaxes(2, 3)
     size = 6 * num_joints
     return move.reshape(size, size), noise.reshape(-1, size, size)
 
