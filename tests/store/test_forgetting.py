@@ -36,6 +36,20 @@ def test_day_goes_and_its_neighbours_stay(place: Place) -> None:
     assert forget(place, day) == (what, 0), "asked for twice is one request"
 
 
+def test_tracks_end_where_what_is_left_of_each_does(place: Place) -> None:
+    with StoreWriter(place, run("hall", BEGIN)) as writer:
+        for hour in range(20, 52):  # the second person leaves in the deleted day
+            people = 2 if hour < 30 else 1
+            writer.append(record(hour, people), time_ns=BEGIN + hour * HOUR, wait=True)
+        assert writer.flush(30.0)
+    forget(place, of_day("hall", "2026-11-20"))
+    columns = ("track_id", "first_slot", "last_slot", "first_ns", "last_ns")
+    assert [[row[name] for name in columns] for row in Store(place).rows("tracks")] == [
+        [PEOPLE[0], 20, 51, BEGIN + 20 * HOUR, BEGIN + 51 * HOUR],
+        [PEOPLE[1], 20, 23, BEGIN + 20 * HOUR, BEGIN + 23 * HOUR],
+    ]
+
+
 def test_person_goes_and_the_day_stays(place: Place) -> None:
     fill(place, range(3))
     assert forget(place, PERSON)[1] == 180 + 1 + 3
@@ -79,6 +93,7 @@ def test_rows_that_a_killed_edge_left_are_not_brought_back(tmp_path: Path) -> No
 
 def test_archives_can_delete_whole_days_and_people() -> None:
     day = of_day("hall", "2026-11-20")
+    assert (day.number, day.outbox_number) == (0, 0), "neither stored nor heard of"
     assert day.whole_day and PERSON.whole_day and day.day == "2026-11-20"
     assert [day_of(BEGIN + n) for n in (-1, 0, DAY)] == ["2026-11-18", FIRST_DAY, SECOND_DAY]
     assert not replace(day, end_ns=day.end_ns - 1).whole_day

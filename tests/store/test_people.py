@@ -92,9 +92,14 @@ def test_names_of_the_running_run_are_found_by_its_start(stored: Place) -> None:
     assert names_of(stored, "hall", STARTED_NS)[:2] == (1, {})
     set_name(stored, ((1, PERSON),), "Ada")
     set_colour(stored, ((1, OTHER),), "gold")
-    run, called, _ = names_of(stored, "hall", STARTED_NS)
-    assert (run, called) == (1, {PERSON: Called("Ada", None), OTHER: Called(None, "gold")})
+    number, called, _ = names_of(stored, "hall", STARTED_NS)
+    assert (number, called) == (1, {PERSON: Called("Ada", None), OTHER: Called(None, "gold")})
     assert names_of(stored, "hall", STARTED_NS + 1) == (None, {}, {})
+    with StoreWriter(stored, run()) as writer:  # the second has left an hour ago
+        writer.append(record(SLOTS, 1), time_ns=STARTED_NS + 3_600_000_000_000, wait=True)
+        assert writer.flush(30.0)
+    _, later, came_ns = names_of(stored, "hall", STARTED_NS)
+    assert later == called and came_ns == {PERSON: STARTED_NS}
     assert names_of(stored, "elsewhere", STARTED_NS) == (None, {}, {})
 
 
