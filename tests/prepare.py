@@ -5,7 +5,8 @@
 writes to a file which tests pytest is to ignore. A file of tests runs when it, or a module that it
 reaches by imports, differs from the commit where this branch left `origin/main` (or `main`;
 BASE=COMMIT names another one), in the working tree as well. What starts a program reaches
-everything. Where no such commit is known, everything is tested.
+everything; tests of hub and lab run for what is theirs. Where no such commit is known, everything
+is tested.
 """
 
 from __future__ import annotations
@@ -39,6 +40,10 @@ ALWAYS = (
     "tests/postgres.py",
     "tests/prepare.py",
 )
+# Tests of hub and lab run when these differ, or what is theirs: of the product, types tell what it
+# no longer has, and `make nightly` runs them all.
+APART = ("hub", "lab")
+SEEN_APART = ("src/e3pose/model/", "docs/", "README.md", "examples/")
 TOPS = ("", "src/", "hub/", "lab/", "lab/benchmarks/")  # where modules are found by name
 OURS = r"(?:e3pose|e3pose_hub|e3pose_lab|tests)(?:\.\w+)+"
 IMPORT = re.compile(
@@ -154,6 +159,14 @@ def reached(path: str) -> set[str] | None:
     return found
 
 
+def concerning(path: str, differ: set[str]) -> set[str]:
+    """Return what of a difference a file of tests is run for."""
+    room = path.split("/")[1]
+    if room not in APART:
+        return differ
+    return {one for one in differ if one.startswith((f"{room}/", f"tests/{room}/", *SEEN_APART))}
+
+
 def beside(path: str) -> set[str]:
     """Return the modules in, or below, the nearest folder with modules, of a file that is none."""
     folder = path.rpartition("/")[0]
@@ -168,7 +181,8 @@ def unchanged(differ: set[str]) -> list[str]:
         return []
     differ = differ.union(*(beside(one) for one in differ - modules()))
     tests = sorted(one for one in modules() if re.fullmatch(r"tests/.+/test_\w+\.py", one))
-    return [one for one in tests if (found := reached(one)) is not None and not found & differ]
+    concerned = {one: concerning(one, differ) for one in tests}
+    return [one for one in tests if not concerned[one] & (reached(one) or differ)]
 
 
 def compile_kernels() -> None:
