@@ -39,7 +39,7 @@ def behind_walls(scene: str, camera: Camera, joints_m: Floats) -> NDArray[np.boo
 
 @each_case("scene", sorted(SCENES))
 def test_exact_keypoints_are_where_the_truth_projects(scene: str) -> None:
-    recording = simulate(SceneSettings(scene=scene, seconds=1, detector=PERFECT), 1)
+    recording = simulate(SceneSettings(scene=scene, seconds=0.4, detector=PERFECT), 1)
     assert recording.truth is not None and recording.truth_complete
     for camera, series in zip(recording.rig.cameras, recording.views, strict=True):
         dies_at = recording.dies_at_s.get(camera.camera_id, np.inf) * recording.fps

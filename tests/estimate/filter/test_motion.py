@@ -54,7 +54,11 @@ def at_once(tree: Tree, dt: float) -> tuple[Floats, Floats]:
     return transition, transition @ both[:size, size:]
 
 
-@each_case("skeleton", SKELETONS.values(), ids=lambda s: s.name)
+# Faces and whole hands are trees like these: with 133 joints the matrix of all takes ten seconds.
+SMALL = [skeleton for skeleton in SKELETONS.values() if len(skeleton) <= 33]
+
+
+@each_case("skeleton", SMALL, ids=lambda s: s.name)
 @each_case(("dt", "share"), [(0.04, 1.0), (0.5, 1.0), (0.04, 0.5)])
 def test_tree_moves_as_all_joints_in_one_matrix(
     skeleton: Skeleton, dt: float, share: float

@@ -44,8 +44,7 @@ def coverage(errors: str, cameras: int) -> tuple[float, ...]:
     return tuple(expected_figures(recording, each).coverage_90 or 0.0 for each in made)
 
 
-@each_case("errors", ["score", "situation"])
-@each_case("cameras", [1, 5])
+@each_case("errors, cameras", [("score", 1), ("situation", 5)])
 def test_nine_of_ten_joints_are_within_the_radius_stated(errors: str, cameras: int) -> None:
     for share in coverage(errors, cameras):
         assert 84 <= share <= 96, coverage(errors, cameras)

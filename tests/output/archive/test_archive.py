@@ -6,6 +6,7 @@ import io
 import json
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -47,10 +48,16 @@ def checked(folder: Path) -> Checked:
     return found
 
 
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("written") / "hall.db"
+    fill(path, range(21, 28))  # three hours of a day, four of the next
+    return path
+
+
 @pytest.fixture
-def store(tmp_path: Path) -> Path:
-    fill(tmp_path / "hall.db", range(21, 28))  # three hours of a day, four of the next
-    return tmp_path / "hall.db"
+def store(written: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copy(written, tmp_path))
 
 
 @pytest.fixture(params=["folder", "bucket"])

@@ -25,9 +25,16 @@ LATER = BEGIN + 10 * DAY
 PERSON = Forgotten("hall", BEGIN, BEGIN, BEGIN, PEOPLE[0])
 
 
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("written") / "hall.db"
+    fill(path, range(22, 26))
+    return path
+
+
 @pytest.fixture
-def store(tmp_path: Path) -> Path:
-    fill(tmp_path / "hall.db", range(22, 26))
+def store(written: Path, tmp_path: Path) -> Path:
+    shutil.copy(written, tmp_path)
     for name in ("a", "b"):
         archive_store(tmp_path / "hall.db", "hall", Folder(tmp_path / name), LATER)
     return tmp_path / "hall.db"

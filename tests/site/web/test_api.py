@@ -148,7 +148,7 @@ def test_no_request_that_can_be_written_breaks_the_api(watched: Watched) -> None
         if operation.path == "/api/live":  # never ends; tests/site/web/test_live.py reads it
             continue
 
-        @settings(max_examples=25, deadline=None, suppress_health_check=list(HealthCheck))
+        @settings(max_examples=10, deadline=None, suppress_health_check=list(HealthCheck))
         @given(case=operation.as_strategy())
         def attack(case: Any) -> None:
             answer = case.call()
