@@ -71,7 +71,7 @@ def test_places_of_linux_are_named_where_they_may_be_missing() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("system", ["darwin", "win32"])
+@pytest.mark.parametrize("system", [pytest.param("darwin", marks=pytest.mark.nightly), "win32"])
 def test_recordings_locks_and_an_edge_work_without_what_it_lacks(system: str) -> None:
     words = ("-q", "-o", WARNINGS, "-p", "tests.other_system", "-p", "no:cacheprovider")
     ended = subprocess.run(

@@ -45,14 +45,17 @@ def test_camera_that_brings_most_views_is_used(share: float, cameras: int) -> No
     assert np.mean(kept.errors_m[BEGUN:]) <= np.mean(gone.errors_m[BEGUN:])
 
 
-@pytest.mark.parametrize("cameras", [1, 2])
+@pytest.mark.parametrize("cameras", [1, pytest.param(2, marks=pytest.mark.nightly)])
 def test_camera_on_a_slow_link_is_followed(cameras: int) -> None:
     kept = run(liars=cameras, seconds=SECONDS, link_s=lambda since_s: 0.4)
     assert np.mean(kept.others[BEGUN:]) >= 0.8 * np.mean(lossy(1.0, cameras).others[BEGUN:])
     assert np.median(kept.leads[BEGUN:]) == 5
 
 
-@each_case("after_s, cameras", [(LINK_NS / 1e9, 2), (0.4, 1)])
+@pytest.mark.parametrize(
+    "after_s, cameras",
+    [(LINK_NS / 1e9, 2), pytest.param(0.4, 1, marks=pytest.mark.nightly)],
+)
 def test_camera_that_was_away_for_long_comes_back(after_s: float, cameras: int) -> None:
     seconds = ALONE_S + 64.0
     kept = run(

@@ -100,7 +100,14 @@ def test_what_a_process_says_is_left_passes() -> None:
 
 
 @pytest.mark.slow
-@each_case("case", CASES)
+@pytest.mark.parametrize(
+    "case",
+    [
+        "target",  # has what the default has
+        "paper",
+        *(pytest.param(one, marks=pytest.mark.nightly) for one in ("default", "occlusion")),
+    ],
+)
 def test_nothing_is_compiled_once_slots_run(case: str) -> None:
     """In a process of its own: what other tests loaded needs no loading."""
     code = f"import {__name__} as here; print(here.loaded_in_slots(here.CASES[{case!r}]))"

@@ -19,6 +19,7 @@ SCENES = ("two-rooms", "l-hall", "one-sided", "slow")
 SEEDS = (31,)
 SECONDS, FPS = 12.0, 12.5
 LONG_LEAD = 6
+COUNTS = pytest.mark.parametrize("count", [1, pytest.param(2, marks=pytest.mark.nightly)])
 
 
 @functools.cache
@@ -49,19 +50,19 @@ def mean_error(policy: str, count: float, lead: int) -> float:
     )
 
 
-@pytest.mark.parametrize("count", [1, 2])
+@COUNTS
 def test_the_error_foreseen_is_the_one_stated_once_the_views_have_come(count: int) -> None:
     found = [figures(s, k, "information", count, LONG_LEAD) for s in SCENES for k in SEEDS]
     ratio = np.median([each["foreseen"] / each["stated"] for each in found])
     assert 0.9 < ratio < 1.1
 
 
-@pytest.mark.parametrize("count", [1, 2])
+@COUNTS
 def test_a_long_lead_costs_little(count: int) -> None:
     assert mean_error("information", count, LONG_LEAD) < 1.1 * mean_error("information", count, 1)
 
 
-@pytest.mark.parametrize("count", [1, 2])
+@COUNTS
 def test_at_a_long_lead_information_does_not_fall_behind_taking_turns(count: int) -> None:
     turns = [figures(s, k, "round-robin", count, 1) for s in SCENES for k in SEEDS]
     mine = [figures(s, k, "information", count, LONG_LEAD) for s in SCENES for k in SEEDS]

@@ -75,6 +75,7 @@ def test_sleep_saves_joules() -> None:
     assert least < 0.9 * before and least < after < 0.95 * before
 
 
+@pytest.mark.nightly  # sixteen replays
 def test_sleep_keeps_people() -> None:
     """One walk of 16 s loses or keeps two seconds by chance; eight tell."""
     lost = []

@@ -31,6 +31,7 @@ LATEST_S = 60.0  # a minute comes before the next one is there
 WATCHED_S = 30.0
 
 
+@pytest.mark.nightly  # half a minute of twenty programs
 def test_as_many_hostile_sites_as_are_asked_at_once_keep_no_other_waiting(tmp_path: Path) -> None:
     bad = {f"evil{at}": HABITS[at % len(HABITS)] for at in range(AT_ONCE + 8)}
     ports = {name: free_port() for name in ("lab", "hall", *bad)}

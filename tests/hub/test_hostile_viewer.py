@@ -35,7 +35,7 @@ pytestmark = pytest.mark.slow
 
 FLOOD = Path(__file__).parents[1] / "flood.py"
 MANY = 500  # sites that a page has to show, which answer nobody
-FLOOD_S = 12.0
+FLOOD_S = 5.0
 PATIENCE_S = 15.0  # for the page, on a machine that is busy: a browser asks so often
 GROWN_MB = 200.0
 ASK = """
@@ -115,6 +115,7 @@ def house(tmp_path: Path) -> Iterator[House]:
         yield House(tmp_path, f"https://127.0.0.1:{at}", f"127.0.0.1:{at}", ports, eve, bob)
 
 
+@pytest.mark.nightly  # a hub of five hundred sites
 def test_flood_at_the_page_and_questions_without_a_pause_hurt_nobody_else(house: House) -> None:
     database = house.folder / "hub.db"
     head = {"Authorization": f"Bearer {house.bob}"}

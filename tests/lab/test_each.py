@@ -72,6 +72,7 @@ def test_a_recording_that_fails_is_told_and_leaves_the_others(
     assert make_plan(dest, [broken, recordings[0]], WORDS).to_do == (broken,)
 
 
+@pytest.mark.nightly  # starts a cluster
 def test_cluster_has_the_same_results(recordings: list[Path], tmp_path: Path) -> None:
     from pyarrow import parquet
 

@@ -16,7 +16,7 @@ from tests.waiting import eventually
 from e3pose.recording import save_recording
 from e3pose.simulate import DetectorSettings, SceneSettings, simulate
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.nightly]
 
 COUNT = 6
 VERB = "replay --policy round-robin --cameras 1"

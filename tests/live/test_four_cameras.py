@@ -79,6 +79,7 @@ def run(
     return of
 
 
+@pytest.mark.nightly  # two minutes; what the page does by commands test_setup_page.py does by hand
 def test_page_leads_from_four_sources_to_live_poses(
     tmp_path: Path, run: Callable[[str], tuple[int, str]]
 ) -> None:

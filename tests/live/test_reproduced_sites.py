@@ -16,6 +16,7 @@ from e3pose_lab.reproduce.site_run import running_site
 from e3pose_lab.reproduce.sources import Sources
 
 
+@pytest.mark.nightly
 def test_memory_is_that_of_the_processes() -> None:
     found = site_memory(Sources(), MemoryAsked("e3pose", 2, cameras=2, selected=2, seconds=1.0))
     assert 20 < found.camera_pss <= found.camera_rss < 1000  # an interpreter with numpy
@@ -23,6 +24,7 @@ def test_memory_is_that_of_the_processes() -> None:
     assert 0 < found.people <= 4
 
 
+@pytest.mark.nightly
 def test_orders_ahead_of_time_hide_a_slow_link(tmp_path: Path) -> None:
     recording = simulate(SceneSettings("ring", people=1, seconds=4.0, fps=10.0, cameras=2), 0)
     save_recording(recording, tmp_path / "recording")

@@ -11,7 +11,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-from tests.cases import each_case
 
 from detector_errors import simulated
 from e3pose.base.arrays import Floats
@@ -44,7 +43,9 @@ def run(recording: Recording, policy: str) -> tuple[Floats, float]:
     return looks / looks.sum(), float(np.mean(errors))
 
 
-@each_case("fps", [6.0, 12.5, 25.0])
+@pytest.mark.parametrize(
+    "fps", [12.5, *(pytest.param(fps, marks=pytest.mark.nightly) for fps in (6.0, 25.0))]
+)
 def test_a_camera_whose_errors_last_is_selected_like_the_others(fps: float) -> None:
     usual, _ = run(rig("ring", fps, 40.0), "information")
     lasting, _ = run(rig("ring~", fps, 40.0), "information")
@@ -53,6 +54,7 @@ def test_a_camera_whose_errors_last_is_selected_like_the_others(fps: float) -> N
     assert sure[0] < 1.2 * usual[0]
 
 
+@pytest.mark.nightly  # two replays of 90 s
 def test_a_camera_that_misleads_costs_no_more_than_turns() -> None:
     recording = rig("ring^", 12.5, 90.0)
     (_, turns_m), (_, own_m) = (run(recording, name) for name in ("round-robin", "information"))
