@@ -164,10 +164,11 @@ def _same(stem: str, camera_id: str) -> bool:
 
 
 def _contained(stem: str, camera_id: str) -> bool:
-    return _has_word(stem, camera_id) or _has_word(camera_id, stem)
+    return has_word(stem, camera_id) or has_word(camera_id, stem)
 
 
-def _has_word(text: str, word: str) -> bool:
+def has_word(text: str, word: str) -> bool:
+    """Return whether a text has a word of its own; both in lower case."""
     return re.search(rf"(?<![a-z0-9]){re.escape(word)}(?![a-z0-9])", text) is not None
 
 

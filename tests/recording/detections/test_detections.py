@@ -96,7 +96,7 @@ def test_orders_of_keypoints_keep_all_joints(tmp_path: Path, layout: str) -> Non
     for camera in ("cam1", "cam2"):
         write(source / camera / "0_keypoints.json", openpose(person(layout)))
     recording, notes = import_detections(source, rig_of(tmp_path, "cam1", "cam2"), 25)
-    assert recording.skeleton == SKELETONS[name] and recording.detector == ""
+    assert recording.skeleton == SKELETONS[name] and recording.detector == "unknown"
     view = recording.view(0, 0)
     assert view is not None
     for joint, xy in zip(recording.skeleton.joints, view.keypoints_px[0], strict=True):
@@ -109,7 +109,7 @@ def test_an_order_that_limbs_contradict_is_named(tmp_path: Path, calibration: Pa
     for layout, other in (("body25", "body25b"), ("coco17", "h36m17")):
         for wrong in (False, True):
             rows = person(other if wrong else layout)
-            source = write(tmp_path / "json/cam1/0.json", openpose(rows)).parent.parent
+            source = write(tmp_path / "json/cam1/0.json", openpose(*[rows] * 20)).parent.parent
             settings = ImportSettings(skeleton=layout)
             recording, _ = import_detections(source, calibration, 25, settings)
             found = [one.message for one in find_problems(recording) if one.kind == "skeleton"]
@@ -193,9 +193,27 @@ POINTS = "\n".join([
 ])  # fmt: skip
 
 
+ROWS = np.array(person())
+COLUMNS = dict(zip(("x", "y", "visible"), ROWS.T.tolist(), strict=True))
+SHARES = ROWS / [1280.0, 720.0, 1.0]
+YOLO = " ".join(map(str, [0, 0.5, 0.5, 0.1, 0.1, *SHARES.ravel()]))
+NODES = ",".join(f"{j}.x,{j}.y,{j}.score" for j in SKELETONS["coco17"].joints)
+SLEAP = f"track,frame_idx,instance.score,{NODES}\na,4,0.9,{','.join(map(str, ROWS.ravel()))}\n"
+
+
 @each_case(
     ("file", "content", "skeleton"),
     [
+        ("cam1/4.json", [{"name": "person", "keypoints": COLUMNS}], "coco17"),
+        ("cam1/4.json", {"bodies": [{"joints": ROWS.ravel().tolist()}]}, "coco17"),
+        ("cam1/4.json", {"pose_landmarks": [LANDMARKS]}, "mediapipe33"),
+        ("cam1/4.json", {"pose_landmarks": LANDMARKS}, "mediapipe33"),
+        ("cam1/4.json", openpose((SHARES * [2, 2, 1] - [1, 1, 0]).tolist()), "coco17"),
+        ("cam1/clip_4.txt", YOLO, "coco17"),
+        ("cam1.csv", SLEAP, "coco17"),
+        ("", {"cam1": [MMPOSE], "cam2": []}, "coco17"),
+        ("", {"images": [{"id": 1, "file_name": "cam1_004.jpg"}],
+              "annotations": [{**RESULT, "image_id": 1}]}, "coco17"),
         ("cam1/x_04_keypoints.json", openpose(person()), "coco17"),
         ("cam1/4.json", MMPOSE, "coco17"),
         ("cam1.json", {"meta_info": {}, "instance_info": [MMPOSE]}, "coco17"),
@@ -364,6 +382,7 @@ def test_shares_of_the_image_are_taken_times_its_size(tmp_path: Path, calibratio
         ({"people": [{"pose_keypoints_2d": [1e9, 5.0, 0.5] * 17}]}, r"beyond 1e\+06 px"),
         ({"people": [{"pose_keypoints_2d": [1.0] * 54}]}, "1 person without 51"),
         ({"people": [{"pose_keypoints_2d": [[1.0]] * 51}]}, "shape"),
+        ({"keypoints": [{"0": [[1.0, 2.0, 0.5]] * 17}]}, "not numbers"),
         ({"people": 3}, "found fields"),
         ({"people": [3]}, "expected a person"),
         ('{"x": ' + "[" * 200_000, "expected people"),
@@ -583,11 +602,12 @@ def mutated_bytes(content: bytes, rng: np.random.Generator) -> bytes:
     return content[:at] + odd[int(rng.integers(len(odd)))] + content[at + kind :]
 
 
-@each_case("form", ["deeplabcut", "caliscope", "array", "deeplabcut.h5", "sleap.h5"])
+@each_case(
+    "form", ["deeplabcut", "caliscope", "sleap", "yolo", "array", "deeplabcut.h5", "sleap.h5"]
+)
 def test_odd_tables_and_arrays_are_read_or_named(tmp_path: Path, form: str) -> None:
-    source = tmp_path / {"deeplabcut": "cam1.csv", "caliscope": "xy.csv", "array": "a.npy"}.get(
-        form, "cam1.h5"
-    )
+    suffix = {"array": "npy", "yolo": "txt", "deeplabcut.h5": "h5", "sleap.h5": "h5"}
+    source = tmp_path / f"cam1.{suffix.get(form, 'csv')}"
     if form == "array":
         np.save(source, ARRAY)
     elif form == "deeplabcut.h5":
@@ -596,7 +616,8 @@ def test_odd_tables_and_arrays_are_read_or_named(tmp_path: Path, form: str) -> N
     elif form == "sleap.h5":
         sleap_h5(source, True)
     else:
-        write(source, {"deeplabcut": DLC, "caliscope": POINTS}[form])
+        forms = {"deeplabcut": DLC, "caliscope": POINTS, "sleap": SLEAP, "yolo": YOLO}
+        write(source, forms[form])
     content, rng = source.read_bytes(), np.random.default_rng(len(form))
     calibration = rig_of(tmp_path, "cam1") if form != "caliscope" else rig_of(tmp_path, "a1", "b2")
     read = 0
@@ -612,7 +633,9 @@ def test_odd_tables_and_arrays_are_read_or_named(tmp_path: Path, form: str) -> N
     assert read > 0
 
 
-@each_case("form", ["openpose", "results", "whole", "mmpose", "images", "arrays", "landmarks"])
+@each_case(
+    "form", ["openpose", "results", "whole", "mmpose", "images", "arrays", "landmarks", "columns"]
+)
 def test_odd_files_of_every_form_are_read_or_named(tmp_path: Path, form: str) -> None:
     content: Any = {
         "openpose": openpose(person(), person()), "results": [RESULT, RESULT], "whole": [WHOLE],
@@ -620,6 +643,7 @@ def test_odd_files_of_every_form_are_read_or_named(tmp_path: Path, form: str) ->
         "images": {**TABLE, "annotations": [{**RESULT, "image_id": 7}]},
         "arrays": {"keypoints": [[row[:2] for row in person()]], "scores": [[0.9] * 17]},
         "landmarks": {"people": [{"landmarks": LANDMARKS}]},
+        "columns": [{"keypoints": COLUMNS}],
     }[form]  # fmt: skip
     calibration, rng = rig_of(tmp_path, "cam1", "cam2"), np.random.default_rng(len(form))
     one = form in ("results", "whole", "images")

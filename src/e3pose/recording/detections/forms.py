@@ -25,20 +25,27 @@ MAX_FILE_BYTES = 1 * 2**30
 MAX_NUMBER = 10**15  # of a frame or an image
 PERSON = 1  # COCO's category
 # Fields with the keypoints of a person, in the order of their tools; the first is the body.
-KEYPOINTS = ("pose_keypoints_2d", "pose_keypoints", "keypoints", "landmarks")
+KEYPOINTS = (
+    "pose_keypoints_2d",
+    "pose_keypoints",
+    "keypoints",
+    "landmarks",
+    "pose_landmarks",
+    "joints",
+)
 MORE = (  # after it, of COCO-WholeBody and OpenPose
     "foot_kpts", "face_kpts", "lefthand_kpts", "righthand_kpts",
     "hand_left_keypoints_2d", "hand_right_keypoints_2d", "face_keypoints_2d",
 )  # fmt: skip
 SCORES = ("keypoint_scores", "scores", "keypoints_visible")
-PEOPLE = ("people", "instances", "predictions", "poses")
+PEOPLE = ("people", "instances", "predictions", "poses", "bodies")
 FRAME_NAMES = ("image_id", "frame_id", "frame", "frame_number", "file_name")
 FRAMES = ("instance_info", "frames", "annotations")
 HDF5 = (".h5", ".hdf5")
-SUFFIXES = (".json", ".csv", ".npy", *HDF5)
+SUFFIXES = (".json", ".csv", ".npy", ".txt", *HDF5)
 EXPECTED = (
-    "people as OpenPose, AlphaPose, MMPose, COCO results, DeepLabCut, SLEAP, Caliscope or "
-    "FreeMoCap write them"
+    "people as OpenPose, AlphaPose, MMPose, Ultralytics, COCO results, DeepLabCut, SLEAP, "
+    "Caliscope or FreeMoCap write them"
 )
 
 
@@ -78,7 +85,7 @@ def read_pictures(path: Path, images: Mapping[Any, str] | None = None) -> Pictur
     """Read a file of detections.
 
     Args:
-        path: .json, .csv or .npy.
+        path: with one of `SUFFIXES`, but no HDF5.
         images: name of the image of an `image_id`, from another file.
 
     Raises:
@@ -89,6 +96,8 @@ def read_pictures(path: Path, images: Mapping[Any, str] | None = None) -> Pictur
     content = read_bytes(path, MAX_FILE_BYTES)
     if path.suffix.lower() == ".csv":
         return _csv(content, path)
+    if path.suffix.lower() == ".txt":
+        return _yolo(content, path)
     value = parse(content, path)
     try:
         return _json(value, images or {})
@@ -136,11 +145,24 @@ def _json(value: Any, images: Mapping[Any, str]) -> Pictures:
     for key in FRAMES:
         if isinstance(value.get(key), list):
             return _of_list(value[key], key, images)
-    named = {k: v["people"] for k, v in value.items() if isinstance(v, Mapping) and "people" in v}
+    maps = {k: v for k, v in value.items() if isinstance(v, Mapping)}
+    named = {k: v[key] for k, v in maps.items() for key in PEOPLE if key in v}
     if named and len(named) == len(value):
         return Pictures([Picture(k, _people(v, k, bad)) for k, v in named.items()], bad=tuple(bad))
-    if _field(value, KEYPOINTS) is not None:  # arrays of all people of a picture
+    found = _field(value, KEYPOINTS)
+    if _are_points(found):
+        found = [found]  # one person
+    if isinstance(found, list) and found and _are_points(found[0]):  # MediaPipe
+        return Pictures([Picture(None, _people([{"landmarks": p} for p in found], "", bad))])
+    if found is not None:  # arrays of all people of a picture
         return Pictures([Picture(None, _stacked(value))])
+    if value and all(isinstance(entries, list) for entries in value.values()):  # by camera
+        read = {camera: _of_list(entries, camera, images) for camera, entries in value.items()}
+        return Pictures(
+            [replace(p, name=f"{c}/{p.name}") for c, one in read.items() for p in one.pictures],
+            all_named=all(one.all_named for one in read.values()),
+            bad=tuple(why for one in read.values() for why in one.bad),
+        )
     raise InputError(f"found fields {', '.join(map(str, value))[:120]!r}, expected {EXPECTED}")
 
 
@@ -219,15 +241,24 @@ def _field(entry: Mapping[str, Any], names: Sequence[str]) -> Any:
     return next((entry[name] for name in names if entry.get(name) is not None), None)
 
 
+def _are_points(values: Any) -> bool:
+    """Return whether keypoints are tables with x and y."""
+    first = values[0] if isinstance(values, list) and values else None
+    return isinstance(first, Mapping) and {"x", "y"} <= first.keys()
+
+
 def _person(entry: Mapping[str, Any], where: str) -> Floats:
     """Return `(count, 3)` of a person, whatever the tool calls its fields."""
     values = _field(entry, KEYPOINTS)
     if values is None:
         raise InputError(f"{where}: found no keypoints, expected one of {', '.join(KEYPOINTS)}")
     scores = _field(entry, SCORES)
+    if isinstance(values, Mapping):  # Ultralytics: columns
+        rows = [values.get(name) for name in ("x", "y", "visible") if name in values]
+        return clean(_numbers(rows, where).T, None, where)
     if not isinstance(values, list) or not isinstance(scores, list | None):
         raise InputError(f"{where}: found keypoints of {type(values).__name__}, expected a list")
-    if values and all(isinstance(value, Mapping) for value in values):  # MediaPipe
+    if _are_points(values) and all(isinstance(value, Mapping) for value in values):  # MediaPipe
         rows = [[v.get("x"), v.get("y"), v.get("visibility", 1.0)] for v in values]
         return clean(_numbers(rows, where), None, where)
     body = _numbers(values, where)
@@ -273,9 +304,11 @@ def _numbers(values: Any, where: str) -> Floats:
 def _without_gaps(value: Any) -> Any:
     if isinstance(value, list):
         return [_without_gaps(item) for item in value]
-    if isinstance(value, bool) or (isinstance(value, str) and value.strip()):
+    if isinstance(value, bool):
         raise ValueError
-    return np.nan if value is None or isinstance(value, str) else value
+    if isinstance(value, str):
+        return float(value) if value.strip() else np.nan
+    return np.nan if value is None else value
 
 
 def clean(points: Floats, scores: Floats | None, where: str) -> Floats:
@@ -307,6 +340,8 @@ def _csv(content: bytes, path: Path) -> Pictures:
     except (UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"{path}: found no CSV ({str(error)[:80]})") from None
     heads = {row[0]: row for row in rows[:4] if row}
+    if rows and "frame_idx" in rows[0]:
+        return _sleap(rows, path)
     if "bodyparts" in heads and "coords" in heads:
         return _deeplabcut(rows, heads, path)
     if rows and {"point_id", "img_loc_x", "img_loc_y"} <= set(rows[0]):
@@ -363,6 +398,40 @@ def of_array(
         shown = (clean(person, None, where) for person in people)
         pictures.append(Picture(label, tuple(p for p in shown if p[:, 2].any())))
     return Pictures(pictures, tuple(names), all_named=True)
+
+
+def _sleap(rows: Sequence[Sequence[str]], path: Path) -> Pictures:
+    """Rows of people; columns NODE.x, NODE.y and perhaps NODE.score."""
+    at = {name: index for index, name in enumerate(rows[0])}
+    scored = any(name.endswith(".score") and name != "instance.score" for name in at)
+    coords = ("x", "y", "score") if scored else ("x", "y")
+    nodes = [name[:-2] for name in at if name.endswith(".x")]
+    names = [node for node in nodes if all(f"{node}.{coord}" in at for coord in coords)]
+    found: dict[int, list[Floats]] = {}
+    for number, row in enumerate(rows[1:], 2):
+        where = f"{path}:{number}"
+        if not names or len(row) < len(at):
+            raise InputError(f"{where}: found {len(row)} columns, expected NODE.x, NODE.y of each")
+        frame = _float(row[at["frame_idx"]], where)
+        if not abs(frame) < MAX_NUMBER:
+            raise InputError(f"{where}: frame_idx: found {frame}, expected a whole number")
+        points = [[_float(row[at[f"{n}.{c}"]], where) for c in coords] for n in names]
+        found.setdefault(int(frame), []).append(clean(np.array(points), None, where))
+    pictures = [Picture(frame, tuple(people)) for frame, people in found.items()]
+    return Pictures(pictures, tuple(names))
+
+
+def _yolo(content: bytes, path: Path) -> Pictures:
+    """Lines of people: class, box, then x, y and score of keypoints, shares of the image."""
+    people = []
+    for number, line in enumerate(content.decode(errors="replace").splitlines(), 1):
+        where = f"{path}:{number}"
+        numbers = [_float(word, where) for word in line.split()]
+        whole = 5 + (len(numbers) - 5) // 3 * 3  # a track's number may follow
+        if whole < 8:
+            raise InputError(f"{where}: found {len(numbers)} numbers, expected YOLO's keypoints")
+        people.append(clean(np.array(numbers[5:whole]).reshape(-1, 3), None, where))
+    return Pictures([Picture(None, tuple(people))])
 
 
 def _caliscope(rows: Sequence[Sequence[str]], path: Path) -> Pictures:

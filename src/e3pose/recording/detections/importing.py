@@ -16,6 +16,7 @@ from e3pose.base.bounded import read_bytes
 from e3pose.base.errors import InputError
 from e3pose.base.quantities import plural
 from e3pose.model.camera import Rig
+from e3pose.model.noises import DEFAULT
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import Skeleton, load_skeleton
 from e3pose.recording import Recording
@@ -33,11 +34,12 @@ from e3pose.recording.detections.forms import (
 from e3pose.recording.detections.hdf5 import read_hdf5
 from e3pose.recording.detections.layouts import Layout, choose_layout, named_layout
 from e3pose.recording.detections.views import check_fps, poses_from_triples, series_from_frames
-from e3pose.recording.pairing import pair_names
+from e3pose.recording.pairing import has_word, pair_names
 
 NUMBER = re.compile(r"\d{1,18}")
 MAX_NAME = 300
 SHARE = 1.5  # keypoints within it are shares of the image, not pixels
+PAST = 0.5  # shares below its negative are counted from the middle
 PERCENT = 1.5  # scores above it are on another scale than 0 to 1
 
 Progress = Callable[[Sequence[Path]], Iterable[Path]]
@@ -94,8 +96,10 @@ class Reader:
         layout = self._layout(stack, names)
         divide_by = self._score_scale(stack)
         shares = not np.abs(stack[stack[..., 2] > 0][:, :2]).max(initial=0.0) > SHARE
+        signed = shares and float(stack[stack[..., 2] > 0][:, :2].min(initial=0.0)) < -PAST
         if shares:
-            self.notes.append("keypoints are shares of the image, taken times its size")
+            what = "shares of the image" + " from -1 to 1" * signed
+            self.notes.append(f"keypoints are {what}, taken times its size")
         frames: list[dict[int, Poses2D]] = []
         for index, camera in enumerate(people):
             size = np.array([*self.rig.cameras[index].image_size, 1.0])
@@ -104,6 +108,8 @@ class Reader:
                 fitting = [p for p in found if len(p) == count]
                 triples = np.array(fitting, dtype=np.float64).reshape(-1, count, 3)
                 triples = layout.of_skeleton(triples) / [1.0, 1.0, divide_by]
+                if signed:
+                    triples[..., :2] = np.where(triples[..., 2:] > 0, (triples[..., :2] + 1) / 2, 0)
                 where = f"{self.source}: camera {self.rig.camera_ids[index]} frame {frame}"
                 try:
                     views[frame] = poses_from_triples(triples * (size if shares else 1.0), where)
@@ -158,7 +164,7 @@ class Reader:
         entries = sorted(e for e in source.iterdir() if not e.name.startswith("."))
         folders = {e.name: _files(e) for e in entries if e.is_dir() and _files(e)}
         if not folders:
-            folders = {e.name: [e] for e in entries if e.suffix.lower() in SUFFIXES}
+            folders = {e.name: [e] for e in _files(source)}
         paired, unpaired = pair_names(source, list(folders), self.rig.camera_ids,
                                       self.settings.folders)  # fmt: skip
         for name in unpaired:
@@ -210,6 +216,11 @@ class Reader:
                 continue
             parts = PurePosixPath(str(label).replace("\\", "/")).parent.parts
             fitting = [index for index, name in enumerate(self.rig.camera_ids) if name in parts]
+            if not fitting:
+                stem = PurePosixPath(str(label)).stem.lower()
+                fitting = [
+                    i for i, n in enumerate(self.rig.camera_ids) if has_word(stem, n.lower())
+                ]
             if len(fitting) != 1:
                 raise InputError(
                     f"{path}: file name: found {str(label)[:120]!r}, expected <camera>/<frame> "
@@ -320,7 +331,7 @@ def import_detections(
         num_slots=num_slots,
         skeleton=skeleton,
         views=views,
-        detector=settings.detector,
+        detector=settings.detector or DEFAULT,  # the name of a folder tells nothing
         source=f"Detections of {source.resolve().name}, {skeleton.name}",
     )
     return recording, reader.notes
@@ -342,11 +353,10 @@ def read_detections(
 
 
 def _files(folder: Path) -> list[Path]:
-    return sorted(
-        path
-        for path in folder.iterdir()
-        if path.suffix.lower() in SUFFIXES and not path.name.startswith(".")
-    )
+    """Return the files of detections in a folder; text counts only where nothing else is."""
+    entries = sorted(e for e in folder.iterdir() if not e.name.startswith("."))
+    found = [e for e in entries if e.suffix.lower() in SUFFIXES]
+    return [e for e in found if e.suffix.lower() != ".txt"] or found
 
 
 def _step(numbers: Sequence[int]) -> int:

@@ -25,6 +25,7 @@ from e3pose.model.skeleton import (
 )
 
 SAMPLE = 2000  # people whose limbs tell the order
+FEW = 20  # people that do not tell an order that is stated apart
 SURE = 0.2  # by so much less must the right order misfit people than the next
 ODD = 0.5  # misfit of an order that is hardly right; right ones misfit by 0.1 to 0.2
 LONGER = {"mediapipe33": 543, "mediapipe75": 553}  # keypoints of what has a mesh of the face, too
@@ -192,7 +193,7 @@ def better_order(people: Floats, skeleton: Skeleton) -> str:
         skeleton: that they are said to be in.
     """
     fitting = [layout for layout in LAYOUTS if layout.count == len(skeleton)]
-    if not len(people) or skeleton not in [layout.skeleton for layout in fitting]:
+    if len(people) < FEW or skeleton not in [layout.skeleton for layout in fitting]:
         return ""
     (best, first), *_ = misfits = _misfits(people, fitting)
     own = next(misfit for misfit, i in misfits if fitting[i].skeleton == skeleton)
