@@ -103,6 +103,7 @@ def test_rotation_agrees_with_opencv(tmp_path: Path, rotation: int | None) -> No
     capture.release()
     assert ok and image.shape == expected.shape
     assert np.abs(image.astype(int) - expected[..., ::-1].astype(int)).mean() < 8
+    assert [*video] and ("as its header asks" in video.damage) == (rotation == 180)
     turned = rotation in (90, -90)
     assert video.turned == turned
     assert video.image_size == ((HEIGHT, WIDTH) if turned else (WIDTH, HEIGHT))

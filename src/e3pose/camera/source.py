@@ -193,6 +193,8 @@ class VideoSource:
 
     def _describe(self, last_s: float) -> str:
         parts = ["interlaced, so it was deinterlaced"] if self._interlaced else []
+        if not self.turned and self._orientation != Orientation():  # no size tells of it
+            parts.append("turned as its header asks players (--as-stored ignores it)")
         if self.late_s * self.rate > END_TOLERANCE:
             parts.append(f"its picture begins {self.late_s:.2f} s late")
         if self.lost_frames:

@@ -32,13 +32,15 @@ def check_camera_id(camera_id: object) -> str:
 def safe_id(name: str) -> str:
     """Return the camera id of a name such as `Cam 1` or `Küche`, which other tools allow.
 
-    It is `cam` for a name in another script, and the name itself where it holds no letter.
+    It is `cam` for a name in another script or of pictures, and the name itself where it holds no
+    letter.
     """
     plain = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode()
     safe = re.sub(r"[^A-Za-z0-9_.-]+", "_", plain.strip())[:64].lstrip("-.")
     if safe.strip("_"):
         return safe
-    return "cam" if any(char.isalnum() for char in name) else name
+    other = any(char.isalnum() or (char.isprintable() and not char.isascii()) for char in name)
+    return "cam" if other else name
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,7 +137,8 @@ class CameraFields:
             raise self._error(
                 "translation",
                 f"a centre {np.abs(center).max():.4g} m from the origin",
-                "metres within 1 km; is the file in millimetres or centimetres?",
+                "metres within 1 km; is the file in millimetres or centimetres? "
+                '(a TOML file can say so: [metadata] units = "mm")',
             )
         rigid = np.array(T_world_camera)
         rigid[:3, :3] = orthonormal(rotation)

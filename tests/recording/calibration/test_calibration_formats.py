@@ -392,10 +392,32 @@ def test_names_are_kept_as_titles_beside_safe_ids(tmp_path: Path, files: Any) ->
     save_rig(rig, tmp_path / "again.toml")
     for read in (rig, load_rig(tmp_path / "again.toml")):
         assert read.titles == {**{c: c for c in rig.camera_ids}, "Kuche_1": "Küche 1"}
-    names = ("Cam_1", "Cam 1", "日本", "中国")
     known = replace(files.known[0], name="a")
-    path = files.write(
-        "anipose", tmp_path, [replace(known, name=n, t=known.t + i) for i, n in enumerate(names)]
-    )
-    notes = load_calibration(path).notes
-    assert load_rig(path).camera_ids == ("Cam_1", "Cam_1_2", "cam", "cam_2"), notes
+    for names, ids in (
+        (("Cam_1", "Cam 1", "日本", "中国"), ("Cam_1", "Cam_1_2", "cam", "cam_2")),
+        (("Küche", "Kuche", "☎"), ("Kuche_2", "Kuche", "cam")),  # an exact name stays
+    ):
+        cameras = [replace(known, name=n, t=known.t + i) for i, n in enumerate(names)]
+        found = load_calibration(files.write("anipose", tmp_path, cameras))
+        assert found.rig.camera_ids == ids, found.notes
+
+
+def test_json_with_parts_of_matrices_is_read(tmp_path: Path, files: Any) -> None:
+    entries: list[dict[str, Any]] = []
+    for true in files.known:
+        lens = dict(
+            zip(("fx", "cx", "fy", "cy"), (*true.K[0, [0, 2]], *true.K[1, 1:]), strict=True)
+        )
+        place = np.vstack([np.column_stack([true.R, true.t]), [0, 0, 0, 1]])
+        entries.append({
+            "camera_id": true.name, "intrinsics": lens, "extrinsics": place.tolist(),
+            "distortion": np.asarray(true.distortion).tolist(),
+            "size": np.asarray(true.size).tolist(),
+        })  # fmt: skip
+    entries.append({**entries[0], "camera_id": "new", "extrinsics": None})
+    (tmp_path / "rig.json").write_text(json.dumps(entries))
+    rig = load_rig(tmp_path / "rig.json")
+    assert rig.unplaced == ("new",)
+    for camera, true in zip(rig.cameras, files.known, strict=False):
+        np.testing.assert_allclose(camera.K, true.K)
+        np.testing.assert_allclose(camera.t, true.t, atol=1e-9)

@@ -218,9 +218,10 @@ def make_rig(
     if not cameras:
         raise InputError(f"{path}: found no camera, expected at least one")
     named: dict[str, Camera] = {}
+    exact = {camera.camera_id for camera in cameras if not camera.title}
     for camera in cameras:
         camera_id, number = camera.camera_id, 2
-        while camera.title and camera_id in named:  # cleaned names may meet
+        while camera.title and camera_id in exact.union(named):  # cleaned names may meet
             camera_id, number = f"{camera.camera_id[:60]}_{number}", number + 1
         if camera.title:
             notes.append(f"camera {camera.title!r} is called {camera_id}")

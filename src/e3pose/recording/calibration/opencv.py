@@ -22,7 +22,7 @@ from e3pose.recording.calibration import easymocap, fields
 from e3pose.recording.calibration.nodes import parse, parse_json
 
 FIELDS: Mapping[str, tuple[str, ...]] = {
-    "name": ("camera_name", "name"),
+    "name": ("camera_name", "name", "camera_id", "cam_id", "id"),
     "matrix": (
         "camera_matrix", "Camera_Matrix", "cameraMatrix", "intrinsics", "K", "matrix", "mtx",
     ),
@@ -83,7 +83,9 @@ def load(path: Path, notes: list[str], unit: str = "m") -> Rig:
         common, entries = _entries(file, nodes, notes)
         for index, (default, entry) in enumerate(entries):
             where = f"{file}: camera number {index + 1}"
-            camera = {**common, **fields.table(entry, where)}
+            given = fields.table(entry, where)
+            camera = {**common, **{key: v for key, v in given.items() if v is not None}}
+            camera |= _in_parts(where, camera)
             assumed |= "units" not in camera
             if is_json and not {*FIELDS["rotation"], *FIELDS["translation"]} & camera.keys():
                 unplaced.append(len(cameras))
@@ -146,6 +148,21 @@ def _kalibr(file: Path, nodes: Mapping[str, Any]) -> Iterator[tuple[str, dict[st
                 "T": T_camera_world[:3, 3].tolist(),
             },
         )
+
+
+def _in_parts(where: str, camera: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the matrix and place of a camera that has them as fx, fy, cx, cy and as 4 x 4."""
+    found: dict[str, Any] = {}
+    lens = next((v for v in camera.values() if isinstance(v, Mapping) and "fx" in v), camera)
+    if {"fx", "fy", "cx", "cy"} <= {*lens}:
+        found["camera_matrix"] = [
+            [lens["fx"], 0, lens["cx"]], [0, lens["fy"], lens["cy"]], [0, 0, 1],
+        ]  # fmt: skip
+    if "extrinsics" in camera and not isinstance(camera["extrinsics"], Mapping):
+        shapes = [(4, 4), (3, 4)]
+        place = fields.numbers(camera["extrinsics"], shapes, f"{where}: extrinsics")
+        found |= {"R": place[:3, :3].tolist(), "T": place[:3, 3].tolist()}
+    return found
 
 
 def _voxelpose(
