@@ -8,17 +8,20 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from tests.cases import each_case
 from tests.output.exports.takes import MISSING_FRAMES, NUM_FRAMES, take, walking
 
 from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
 from e3pose.model.people import People
-from e3pose.model.skeleton import COCO17, HALPE26, MEANS
+from e3pose.model.skeleton import COCO17, HALPE26, MEANS, SIDES, SKELETONS
 from e3pose.model.take import Motion, Take, motions_of
 from e3pose.output.exports import ExportSettings, export
 from e3pose.output.exports.base import y_up
+from e3pose.output.exports.bone_names import FINGERS
 from e3pose.output.exports.bones import bones_of
+from e3pose.simulate.feet import add_joints
 
 TAKE = take()
 FIRST, SECOND = TAKE.motions
@@ -229,6 +232,65 @@ def test_gltf_skin_keeps_the_mesh_at_rest(tmp_path: Path) -> None:
     np.testing.assert_allclose(bound, 0.0, atol=1e-6)
 
 
+def gripping() -> Take:
+    """Return somebody who bends wrists and fingers, and whose fingers are lost for a while."""
+    whole = SKELETONS["coco133"]
+    places, time = add_joints(walking(), whole), np.arange(NUM_FRAMES)
+    for side in SIDES:
+        wrist, first, last = (
+            places[:, whole.index(f"{side}_{part}")].copy()
+            for part in ("wrist", "index1", "pinky1")
+        )
+        aside = (first - last) / np.linalg.norm(first - last, axis=1)[:, None]
+        bend = Rotation.from_rotvec((0.4 + 0.3 * np.sin(time / 5))[:, None] * aside)
+        root = whole.index(f"{side}_hand_root")
+        places[:, root] = wrist + bend.apply(places[:, root] - wrist)
+        for finger in FINGERS:
+            chain = [whole.index(f"{side}_{finger}{i}") for i in range(1, 5)]
+            parts = np.diff(places[:, chain], axis=1, prepend=wrist[:, None])
+            turn = bend
+            for place, part in zip(chain, parts.swapaxes(0, 1), strict=True):
+                places[:, place] = turn.apply(part) + (
+                    wrist if place == chain[0] else places[:, place - 1]
+                )
+                turn = bend * turn
+    places[10:14, whole.index("left_index3")] = np.nan
+    places[[20, 30], whole.index("left_middle1")] = np.nan  # and not what hangs on it
+    places[22:25, whole.index("left_wrist") : whole.index("right_wrist")] = np.nan
+    ids, sigma_m = np.full(NUM_FRAMES, 2), np.ones(places.shape[:2])
+    return Take(
+        "w", whole, 0.04, motions_of(np.arange(NUM_FRAMES), People(ids, places, sigma_m=sigma_m))
+    )
+
+
+def test_fingers_turn_and_are_where_they_were(tmp_path: Path) -> None:
+    person = gripping()
+    (motion,), whole = person.motions, person.skeleton
+    for name in ("walk.bvh", "walk.glb"):
+        list(export(person, tmp_path / name, name[-3:].replace("glb", "gltf")))
+    names, _, offsets, _, world = read_bvh(tmp_path / "walk.bvh")
+    file = Gltf(tmp_path / "walk.glb")
+    for side in SIDES:
+        for number in range(1, 5):
+            for finger in FINGERS:
+                part = f"{side}_{finger}{number}"
+                wanted = y_up(motion.joints_m[:, whole.index(part)])
+                known = np.isfinite(wanted).all(axis=1)
+                node = file.names.index(f"track2_{part}")
+                shown = np.array([file.world(node, frame / 25)[1] for frame in range(NUM_FRAMES)])
+                for found in (world[:, names.index(part)], shown):
+                    assert np.abs(found - wanted)[known].max() < 1e-4, part
+                keys = file.keys(node, "translation")
+                assert keys is not None
+                off_mm = 1000 * np.abs(keys[1] - file.file.nodes[node].translation)
+                assert np.median(off_mm) < 0.1, part  # turns bring it there
+                if number < 4:
+                    assert file.keys(node, "rotation") is not None
+    rest = {name: offset for name, offset in zip(names, offsets, strict=True) if name != "Site"}
+    assert rest["left_index2"][0] > 0.03 and rest["right_index2"][0] < -0.03  # in a T-pose
+    assert rest["left_thumb2"][2] > 0.01 < rest["right_thumb2"][2]
+
+
 def no_detectors_person() -> Take:
     """Return somebody whose hips are below the middle of the hips and behind it, and shoulders."""
     joints = [HALPE26.index(name) for name in COCO17.joints]
@@ -261,14 +323,18 @@ def test_hips_and_shoulders_hang_where_they_are(tmp_path: Path) -> None:
 
 
 @each_case(
-    ("rig", "arm", "hips"),
+    ("rig", "arm", "hips", "finger"),
     [
-        ("vrm", "leftUpperArm", "hips"),
-        ("mixamo", "mixamorig:LeftArm", "mixamorig:Hips"),
-        ("unreal", "upperarm_l", "pelvis"),
+        ("vrm", "leftUpperArm", "hips", "leftLittleIntermediate"),
+        ("mixamo", "mixamorig:LeftArm", "mixamorig:Hips", "mixamorig:LeftHandPinky2"),
+        ("unreal", "upperarm_l", "pelvis", "pinky_02_l"),
     ],
 )
-def test_bones_have_the_names_of_a_rig(tmp_path: Path, rig: str, arm: str, hips: str) -> None:
+def test_bones_have_the_names_of_a_rig(
+    tmp_path: Path, rig: str, arm: str, hips: str, finger: str
+) -> None:
+    list(export(gripping(), tmp_path / "hand.bvh", "bvh", ExportSettings(names=rig)))
+    assert finger in read_bvh(tmp_path / "hand.bvh")[0]
     alone = replace(TAKE, motions=(SECOND,))
     settings = ExportSettings(names=rig)
     list(export(alone, tmp_path / "walk.bvh", "bvh", settings))

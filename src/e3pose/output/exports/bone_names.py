@@ -27,6 +27,8 @@ _SIDED = {
     "elbow": ("LowerArm", "ForeArm", "lowerarm"),
     "wrist": ("Hand", "Hand", "hand"),
 }
+FINGERS = ("thumb", "index", "middle", "ring", "pinky")
+_PHALANGES = ("Proximal", "Intermediate", "Distal")  # of VRM
 VRM, MIXAMO, UNREAL = range(3)
 MIXAMO_PREFIX = "mixamorig:"
 
@@ -41,6 +43,16 @@ def _named(rig: int) -> dict[str, str]:
             else:
                 name = (side if rig == VRM else side.capitalize()) + each[rig]
             names[f"{side}_{node}"] = prefix + name
+        for finger in FINGERS:
+            parts = ("Metacarpal", "Proximal", "Distal") if finger == "thumb" else _PHALANGES
+            for number, part in enumerate(parts, 1):
+                called = "little" if finger == "pinky" and rig == VRM else finger
+                name = (
+                    f"{side}{called.capitalize()}{part}",
+                    f"{prefix}{side.capitalize()}Hand{called.capitalize()}{number}",
+                    f"{called}_{number:02}_{side[0]}",
+                )[rig]
+                names[f"{side}_{finger}{number}"] = name
     return names
 
 

@@ -9,7 +9,7 @@ where they are in the body's own frame, since no detector's hips are in line wit
 hips. Bones point at joints from where the fixed lengths put their own ends, so that errors of
 lengths do not add up along a limb. How a single bone turns about itself no keypoint tells: it turns
 with its parent. All other joints of the skeleton, as fingers and the face, are nodes that move
-beside their parents instead of turning.
+beside their parents; hands and fingers turn as well, so that they point at the next joint.
 """
 
 from __future__ import annotations
@@ -56,6 +56,10 @@ MEASURED_AT_REST = {
     "neck": ("left_shoulder", "right_shoulder"),
     "head": ("mid_ear", "nose"),
 }
+# At rest, the axes in which a skeleton's own rest has a hand: ahead, to the thumb, out of the palm.
+HAND_AXES = {
+    s: np.array([[x, 0, 0], [0, 0, 1.0], [0, -1, 0]]) for s, x in (("left", 1), ("right", -1))
+}
 ROUNDS = 4  # of fitting, then measuring; the first three bring nearly all of it
 
 
@@ -72,8 +76,8 @@ class Bones:
             tells it, that of the frame before (of the first one that is known, at the start).
         measured: `(num_frames, num_nodes)` whether the frame shows a node's rotation; nodes at the
             ends of limbs have none.
-        moved_m: by node that does not turn, `(num_frames, 3)` where it is beside its parent, in
-            place of its offset; NaN where it is missing.
+        moved_m: by node that moves, `(num_frames, 3)` where it is beside its parent, in place of
+            its offset; NaN where it is missing and no node below it is there.
     """
 
     names: tuple[str, ...]
@@ -87,6 +91,15 @@ class Bones:
     def children(self, node: int) -> list[int]:
         """Return the nodes that hang on a node."""
         return [n for n, parent in enumerate(self.parents.tolist()) if parent == node]
+
+    def keyed(self, node: int) -> Flags:
+        """Return `(num_frames,)`: where the rotation is measured, or places a joint that moves."""
+        found = self.measured[:, node]
+        for child in self.children(node):
+            found = found | self.keyed(child)
+            if child in self.moved_m:
+                found = found | present(self.moved_m[child])
+        return np.asarray(found)
 
     def turns(self, node: int) -> bool:
         """Return whether other nodes than those that move tell how a node turns."""
@@ -106,43 +119,85 @@ def bones_of(motion: Motion, skeleton: Skeleton) -> Bones:
 def _with_others(bones: Bones, motion: Motion, skeleton: Skeleton) -> Bones:
     """Return bones with a node for each joint that has none, if it was ever seen."""
     names, parents, offsets = list(bones.names), bones.parents.tolist(), [*bones.offsets_m]
-    places, frames = _places(motion, skeleton), len(bones.root_m)
+    rotations, measured = [*bones.rotations.swapaxes(0, 1)], [*bones.measured.T]
+    places, hands = _places(motion, skeleton), _hands_at_rest(skeleton)
     world, ends, moved = list[Floats](), list[Floats](), dict[int, Floats]()
     for node, parent in enumerate(parents):
-        turned = bones.rotations[:, node]
-        world.append(turned if parent < 0 else world[parent] @ turned)
+        world.append(rotations[node] if parent < 0 else world[parent] @ rotations[node])
         end = bones.root_m if parent < 0 else ends[parent] + world[parent] @ offsets[node]
         ends.append(end)
     for index in sorted(range(len(skeleton)), key=skeleton.depth):
         name, above = skeleton.joints[index], skeleton.parents[index]
-        if name in names:
-            continue
-        while above >= 0 and skeleton.joints[above] not in names:
-            above = skeleton.parents[above]
-        parent = names.index(skeleton.joints[above]) if above >= 0 else 0
-        local = np.einsum("fba,fb->fa", world[parent], places[name] - ends[parent])
-        known = present(local)
-        if not known.any():
-            continue
-        offset = np.median(local[known], axis=0)
-        moved[len(names)] = local
-        here = np.where(known[:, None], local, offset)
-        ends.append(ends[parent] + np.einsum("fab,fb->fa", world[parent], here))
-        world.append(world[parent])
-        names.append(name)
-        parents.append(parent)
-        offsets.append(offset)
-    still = np.tile(np.eye(3), (frames, len(moved), 1, 1))
-    unmeasured = np.zeros((frames, len(moved)), dtype=bool)
-    return Bones(
+        if name not in names:
+            while above >= 0 and skeleton.joints[above] not in names:
+                above = skeleton.parents[above]
+            parent = names.index(skeleton.joints[above]) if above >= 0 else 0
+            local = np.einsum("fba,fb->fa", world[parent], places[name] - ends[parent])
+            known = present(local)
+            if not known.any():
+                continue
+            offset = np.median(local[known], axis=0)
+            if index in hands and len(_pointed(skeleton, above, hands)) == 1:
+                length = np.median(np.linalg.norm(local[known], axis=1))
+                offset = hands[index] / np.linalg.norm(hands[index]) * length
+            moved[len(names)] = local
+            here = np.where(known[:, None], local, offset)
+            ends.append(ends[parent] + np.einsum("fab,fb->fa", world[parent], here))
+            world.append(world[parent])
+            names.append(name)
+            parents.append(parent)
+            offsets.append(offset)
+            rotations.append(np.tile(np.eye(3), (len(local), 1, 1)))
+            measured.append(np.zeros(len(local), dtype=bool))
+        if pointed := _pointed(skeleton, index, hands):
+            node = names.index(name)
+            wanted = np.stack([places[skeleton.joints[j]] for j in pointed], axis=1)
+            wanted -= ends[node][:, None]
+            measured[node] = present(wanted).all(axis=1)
+            if measured[node].any():
+                upper = world[parents[node]]
+                still = np.array(list(pointed.values()))
+                seen = np.where(measured[node][:, None, None], wanted, still)
+                fitted = np.swapaxes(upper, 1, 2) @ _fit(upper, still, seen)
+                rotations[node] = held(fitted, measured[node])
+                world[node] = upper @ rotations[node]
+    made = Bones(
         tuple(names),
         np.array(parents, dtype=np.int64),
         np.stack(offsets),
         bones.root_m,
-        np.concatenate([bones.rotations, still], axis=1),
-        np.concatenate([bones.measured, unmeasured], axis=1),
+        np.stack(rotations, axis=1),
+        np.stack(measured, axis=1),
         moved,
     )
+    for node, local in moved.items():
+        local[made.keyed(node) & ~present(local)] = offsets[node]
+    return made
+
+
+def _hands_at_rest(skeleton: Skeleton) -> dict[int, Floats]:
+    """Return by joint of hands where it is beside its parent in a T-pose, palms down."""
+    found = {}
+    for index, (name, rest_m) in enumerate(zip(skeleton.joints, skeleton.rest_m, strict=False)):
+        side = HAND_AXES.get(name.partition("_")[0])
+        there = np.isfinite(rest_m).all() and np.any(rest_m)
+        if skeleton.moves[index] == "finger" and there and side is not None:
+            found[index] = np.array(rest_m) @ side
+    return found
+
+
+def _pointed(skeleton: Skeleton, index: int, hands: Mapping[int, Floats]) -> dict[int, Floats]:
+    """Return the joints of a hand that tell how a joint turns, and where they are at rest from it.
+
+    They are the next one of a finger, and the first one of each finger for the wrist.
+    """
+    below = {j: hands[j] for j in hands if skeleton.parents[j] == index}
+    if index in hands:
+        return below if len(below) == 1 else {}  # the root of a hand stands still on the wrist
+    if len(below) == 1:
+        (root,) = below
+        return {j: hands[root] + hands[j] for j in hands if skeleton.parents[j] == root}
+    return below
 
 
 def posed(

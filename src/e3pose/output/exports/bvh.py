@@ -2,8 +2,8 @@
 
 The tree of bones of `bones`, then six numbers of the root and three angles of every other node a
 frame: degrees about z, x and y in this order, each about the axes turned before. A node that moves
-instead of turning has its place beside its parent. The format has no missing value: where no frame
-tells a rotation or place, that of the frame before is kept.
+has its place beside its parent before them, or alone where it does not turn. The format has no
+missing value: where no frame tells a rotation or place, that of the frame before is kept.
 """
 
 from __future__ import annotations
@@ -39,7 +39,13 @@ def write_bvh(take: Take, dest: Path, settings: ExportSettings) -> str:
     angles = euler_zxy(bones.rotations)
     places = {n: PER_METRE[units] * held(m, present(m)) for n, m in bones.moved_m.items()}
     moving = [node for node in _depth_first(bones, 0) if _moves(bones, node, whole)]
-    numbers = np.concatenate([root, *(places.get(n, angles[:, n]) for n in moving)], axis=1)
+    columns = [
+        part
+        for n in moving
+        for part in (places.get(n), angles[:, n] if _turns(bones, n) else None)
+        if part is not None
+    ]
+    numbers = np.concatenate([root, *columns], axis=1)
     with (
         atomic_file(dest, private=True) as temporary,
         temporary.open("w", newline="", encoding="utf-8") as file,
@@ -75,8 +81,9 @@ def _hierarchy(bones: Bones, node: int, scale: float, depth: int, whole: bool) -
     lines = [f"{tab}{kind} {bones.names[node]}" if moves else f"{tab}{kind}", f"{tab}{{"]
     lines.append(f"{tab}\tOFFSET {offset}")
     if moves:
-        what = f"6 {PLACES} {CHANNELS}" if node == 0 else f"3 {CHANNELS}"
-        lines.append(f"{tab}\tCHANNELS {f'3 {PLACES}' if node in bones.moved_m else what}")
+        what = f"{PLACES} " * (node == 0 or node in bones.moved_m)
+        what = (what + CHANNELS * _turns(bones, node)).strip()
+        lines.append(f"{tab}\tCHANNELS {len(what.split())} {what}")
     for child in children:
         lines += _hierarchy(bones, child, scale, depth + 1, whole)
     if moves and not children:
@@ -88,6 +95,11 @@ def _hierarchy(bones: Bones, node: int, scale: float, depth: int, whole: bool) -
 def _moves(bones: Bones, node: int, whole: bool) -> bool:
     """Return whether a node has numbers a frame."""
     return whole or node in bones.moved_m or bool(bones.children(node))
+
+
+def _turns(bones: Bones, node: int) -> bool:
+    """Return whether a node has angles a frame."""
+    return node not in bones.moved_m or bool(bones.measured[:, node].any())
 
 
 def _depth_first(bones: Bones, node: int) -> list[int]:

@@ -135,10 +135,10 @@ class _Scene:
         there = present(bones.root_m)
         self._channel(base, "translation", times_s[there], bones.root_m[there])
         for node in range(len(bones.names)):
-            measured = bones.measured[:, node]
-            if measured.any():
-                rotations = quaternions(bones.rotations[measured, node])
-                self._channel(base + node, "rotation", times_s[measured], rotations)
+            if bones.measured[:, node].any():
+                keyed = bones.keyed(node)
+                rotations = quaternions(bones.rotations[keyed, node])
+                self._channel(base + node, "rotation", times_s[keyed], rotations)
         for node, places_m in bones.moved_m.items():
             known = present(places_m)
             self._channel(base + node, "translation", times_s[known], places_m[known])
