@@ -15,6 +15,7 @@ from e3pose import __version__
 from e3pose.base.errors import InputError
 from e3pose.base.quantities import age_s, plural, size_bytes
 from e3pose.cli.options import STORE, as_typed
+from e3pose.model.skeleton import own_file
 from e3pose.store.rows import Run
 
 if TYPE_CHECKING:
@@ -87,6 +88,7 @@ def stored(
         joints=recording.skeleton.joints,
         cameras=tuple(camera.camera_id for camera in recording.rig.cameras),
         software=f"e3pose {__version__}",
+        own_skeleton=own_file(recording.skeleton),
     )
     active_j = np.array([each.watts("active") for each in profiles]) * recording.interval_s
     idle_j = np.array([each.watts(idle_mode) for each in profiles]) * recording.interval_s

@@ -8,6 +8,7 @@ special case of Shelf-14, whose head joints no detector gives.
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -140,6 +141,16 @@ class Skeleton:
         """Return how many joints are between a joint and the root, itself included."""
         parent = self.parents[index]
         return 0 if parent < 0 else 1 + self.depth(parent)
+
+    @property
+    def bodiless(self) -> str:
+        """Why nobody is followed by it, in words; empty where people are."""
+        if any(how not in DETAILS for how in self.moves):
+            return ""
+        return (
+            f"{self.name} has no body, by which people are followed: detect hands and faces "
+            "together with it, as coco133 does"
+        )
 
     @property
     def core(self) -> tuple[int, ...]:
@@ -331,6 +342,12 @@ def skeleton_table(skeleton: Skeleton) -> dict[str, Any]:
     }
 
 
+def own_file(skeleton: Skeleton) -> str:
+    """Return the file of a skeleton of the user's own as JSON; empty for a shipped one."""
+    own = skeleton.limbs and skeleton.name not in SHIPPED
+    return json.dumps(skeleton_table(skeleton)) if own else ""
+
+
 SHIPPED = (
     "coco17", "coco18", "body25", "halpe26", "shelf14", "panoptic19", "cmu31", "coco23", "body25b",
     "h36m17", "mediapipe33", "mediapipe75", "coco133", "halpe136", "openpose67", "openpose137",
@@ -363,13 +380,25 @@ BODY_LIMBS, FACE_LIMBS = _COCO_LIMBS[:-4], _COCO_LIMBS[-4:]
 BODY_JOINTS = frozenset(joint for limb in BODY_LIMBS for joint in limb)
 
 
-def skeleton_of_joints(joints: tuple[str, ...], name: str = "") -> Skeleton:
+def skeleton_of_joints(joints: tuple[str, ...], name: str = "", own: str = "") -> Skeleton:
     """Return the known skeleton with these joints, of this name if it has one; else one of points.
 
     Args:
         joints: their names, in order.
         name: of the skeleton; empty for that of whichever has the joints.
+        own: what `own_file` returned for one of the user's own.
+
+    Raises:
+        InputError: for another `own`, or one of other joints.
     """
+    if own:
+        try:
+            made = _of_file(read_table(SkeletonFile, json.loads(own)), name, (), True)
+        except (ValueError, RecursionError):
+            raise InputError("skeleton", own[:40], "the JSON of a skeleton") from None
+        if made.joints != joints:
+            raise InputError("skeleton", f"{len(made)} joints", f"the {len(joints)} of its poses")
+        return made
     known = SHIPPED if not name else (name,) if name in SHIPPED else ()
     found = next((SKELETONS[one] for one in known if SKELETONS[one].joints == joints), None)
     return found or Skeleton(name or "live", joints, ())

@@ -62,7 +62,7 @@ def stored_run(row: Any, where: str) -> StoredRun:
         row.run_id,
         Run(
             row.site, row.name, row.started_ns, row.interval_ns / NS, row.skeleton, joints,
-            cameras, row.software,
+            cameras, row.software, row.own_skeleton or "",
         ),
     )  # fmt: skip
 

@@ -212,7 +212,12 @@ def _to_12(connection: Connection) -> None:
     connection.exec_driver_sql(HUBS_12)
 
 
+def _to_13(connection: Connection) -> None:
+    """Make a column for skeletons of the user's own; runs until now have points without limbs."""
+    connection.exec_driver_sql("ALTER TABLE runs ADD COLUMN own_skeleton TEXT")
+
+
 STEPS = {
     2: _to_2, 3: _to_3, 4: _to_4, 5: _to_5, 6: _to_6, 7: _to_7, 8: _to_8, 9: _to_9, 10: _to_10,
-    11: _to_11, 12: _to_12,
+    11: _to_11, 12: _to_12, 13: _to_13,
 }  # fmt: skip

@@ -203,7 +203,8 @@ class Store:
             return overview.stays(connection, start_ns, end_ns)
 
     def _runs(self, connection: Connection) -> list[StoredRun]:
-        rows = connection.execute(select(schema.runs).order_by(schema.runs.c.run_id)).all()
+        asked = select(*columns_of(connection, schema.runs)).order_by(schema.runs.c.run_id)
+        rows = connection.execute(asked).all()
         return [stored_run(row, self.where) for row in rows]
 
     def _spans(

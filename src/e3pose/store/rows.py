@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
 from e3pose.model.dynamics import packed
+from e3pose.model.skeleton import Skeleton, skeleton_of_joints
 from e3pose.model.zone_event import ZoneEvent
 from e3pose.pipeline import SlotRecord
 
@@ -40,6 +41,7 @@ class Run:
         joints: its joint names, in axis order.
         cameras: camera ids of the rig, in axis order.
         software: what wrote it.
+        own_skeleton: `own_file` of the skeleton.
     """
 
     site: str
@@ -50,6 +52,12 @@ class Run:
     joints: tuple[str, ...]
     cameras: tuple[str, ...]
     software: str = ""
+    own_skeleton: str = ""
+
+    @property
+    def limbed(self) -> Skeleton:
+        """The skeleton, with limbs where they are known."""
+        return skeleton_of_joints(self.joints, self.skeleton, self.own_skeleton)
 
     def row(self) -> dict[str, Any]:
         """Return the columns of the table `runs`, less the id."""
@@ -62,6 +70,7 @@ class Run:
             "joints": json.dumps(self.joints),
             "cameras": json.dumps(self.cameras),
             "software": self.software,
+            **({"own_skeleton": self.own_skeleton} if self.own_skeleton else {}),
         }
 
 

@@ -26,7 +26,7 @@ from sqlalchemy import (
 
 from e3pose.base.errors import InputError
 
-VERSION = 12  # one more with every change, and a step to it in `store.migrations`
+VERSION = 13  # one more with every change, and a step to it in `store.migrations`
 # Columns keep name and meaning; earlier versions have fewer.
 READABLE = tuple(range(1, VERSION + 1))
 
@@ -47,6 +47,7 @@ runs = Table(
     Column("joints", Text, nullable=False),  # JSON list of names, in axis order
     Column("cameras", Text, nullable=False),  # JSON list of camera ids, in axis order
     Column("software", Text, nullable=False),
+    Column("own_skeleton", Text),  # the file of a user's own as JSON; null for a shipped one
     UniqueConstraint("site", "started_ns"),
     sqlite_autoincrement=True,  # the id of a run that retention removed is never given again
 )

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyarrow
 import pytest
+import tomli_w
 from pyarrow import parquet
 from tests.cases import each_case
 from tests.output.exports.takes import MISSING_FRAMES, STARTED_NS, records, take
@@ -15,12 +17,13 @@ from tests.output.exports.takes import MISSING_FRAMES, STARTED_NS, records, take
 from e3pose.base.errors import InputError
 from e3pose.estimate.smooth import SmoothSettings, smoothed
 from e3pose.evaluate.poses_table import write_poses
-from e3pose.model.skeleton import COCO17
+from e3pose.model.skeleton import COCO17, load_skeleton, own_file, skeleton_table
 from e3pose.model.take import FILLED, MEASURED, PREDICTED
+from e3pose.output.archive.writing import Hour, file_of
 from e3pose.output.exports import ExportSettings, export, source
 from e3pose.output.exports.resample import resampled
 from e3pose.output.exports.source import Asked, take_from_store, take_from_table
-from e3pose.store import Run, StoreWriter
+from e3pose.store import Run, Store, StoreWriter
 
 TAKE = take()
 CAMERAS = ("a", "b")
@@ -57,6 +60,28 @@ def test_a_store_gives_the_take_back(store: Path) -> None:
         assert (motion.track_id, motion.first) == (wanted.track_id, wanted.first)
         np.testing.assert_allclose(motion.joints_m, wanted.joints_m, atol=1e-6)
         np.testing.assert_array_equal(motion.origin, wanted.origin)
+
+
+def test_a_skeleton_of_ones_own_keeps_its_limbs(tmp_path: Path) -> None:
+    text = skeleton_table(COCO17) | {"name": "mine", "limbs": ["nose left_wrist left_ankle"]}
+    (tmp_path / "mine.toml").write_text(tomli_w.dumps(text))
+    mine = load_skeleton(tmp_path / "mine.toml")
+    (tmp_path / "mine.toml").unlink()
+    store, archive = tmp_path / "live.db", tmp_path / "walk.parquet"
+    run = Run("lab", "a run", STARTED_NS, 0.04, "mine", mine.joints, CAMERAS, "", own_file(mine))
+    with StoreWriter(str(store), run) as writer:
+        for record in records():
+            writer.append(record, wait=True)
+    found = take_from_store(str(store), Asked())
+    assert found.skeleton == mine and len(mine.limbs) == 2
+    list(export(found, archive, "parquet", ExportSettings(layout="archive")))
+    assert take_from_table(archive, Asked()).skeleton == mine
+    (one,) = Store(store).runs()
+    assert file_of(Store(store), Hour(one, STARTED_NS, 1))[1].skeleton == "mine"
+    for wrong, message in (("{", "JSON"), (own_file(mine).replace("nose", "chin"), "of its poses")):
+        with pytest.raises(InputError, match=message):
+            _ = replace(run, own_skeleton=wrong).limbed
+    assert own_file(COCO17) == ""
 
 
 def test_time_person_and_place_choose(store: Path, tmp_path: Path) -> None:

@@ -11,7 +11,6 @@ import numpy as np
 from sqlalchemy import Connection, Engine, func, insert, select, update
 
 from e3pose.base.errors import InputError
-from e3pose.model.skeleton import skeleton_of_joints
 from e3pose.model.take import Motion, Take, motions_of
 from e3pose.output.archive.deleting import delete_there
 from e3pose.output.archive.manifest import (
@@ -257,8 +256,7 @@ def span_of(connection: Connection, runs: list[StoredRun]) -> tuple[int, int] | 
 def file_of(store: Store, hour: Hour) -> tuple[bytes, Entry]:
     """Return an hour as a wide Parquet file, empty where nobody was there, and its entry."""
     run = hour.stored.run
-    skeleton = skeleton_of_joints(run.joints, run.skeleton)
-    about = Take(run.name, skeleton, run.interval_s, (), run.started_ns)
+    about = Take(run.name, run.limbed, run.interval_s, (), run.started_ns)
     tracks = list[int]()
     with tempfile.TemporaryDirectory(prefix="e3pose-archive-") as folder:
         path = Path(folder) / hour.name

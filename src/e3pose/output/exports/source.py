@@ -16,7 +16,7 @@ from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
 from e3pose.model.people import People
 from e3pose.model.region import in_rectangle, middles_m
-from e3pose.model.skeleton import BODY_JOINTS, MAX_JOINTS, SKELETONS, Skeleton, skeleton_of_joints
+from e3pose.model.skeleton import BODY_JOINTS, MAX_JOINTS, SKELETONS, Skeleton
 from e3pose.model.take import Motion, Take, kept_rows, motions_of
 from e3pose.output.exports.wide import is_wide, read_wide
 from e3pose.store import Store
@@ -156,7 +156,7 @@ def take_from_table(path: Path, asked: Asked) -> Take:
 
 def _take_of_run(stored: StoredRun, found: StoredPoses, asked: Asked) -> Take:
     run = stored.run
-    skeleton = skeleton_of_joints(run.joints, run.skeleton)
+    skeleton = run.limbed
     wanted = _inside(found.people.joints_m.astype(np.float64), asked)
     if asked.tracks:
         wanted &= np.isin(found.people.track_ids, asked.tracks)

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from e3pose.base.arrays import Floats
 from e3pose.base.atomic import atomic_file
 from e3pose.base.errors import InputError
-from e3pose.model.skeleton import MAX_JOINTS, Skeleton, skeleton_of_joints
+from e3pose.model.skeleton import MAX_JOINTS, Skeleton, own_file, skeleton_of_joints
 from e3pose.model.take import FILLED, MEASURED, MISSING, PREDICTED, Motion, Take
 from e3pose.output.exports.base import MAX_VALUES, ExportSettings
 
@@ -128,7 +128,10 @@ def read_wide(path: Path, file: Any, most_joints: int) -> Take:
         words = np.stack(flags[row * half : (row + 1) * half], axis=-1)
         origin[(words[:, bits // BITS] >> bits % BITS) & 1 == 1] = kind
     origin[~np.isfinite(values[..., :3]).all(axis=-1)] = MISSING
-    skeleton = skeleton_of_joints(joints, about["skeleton"])
+    try:
+        skeleton = skeleton_of_joints(joints, about["skeleton"], about.get("own_skeleton", ""))
+    except InputError as error:
+        raise error.at(path) from None
     motions = []
     for track in np.unique(tracks).tolist():
         own = np.flatnonzero(tracks == track)
@@ -175,6 +178,7 @@ def _about(take: Take) -> dict[str, Any]:
         "joints": list(take.skeleton.joints),
         "interval_s": take.interval_s,
         "started_ns": take.started_ns,
+        **({"own_skeleton": own} if (own := own_file(take.skeleton)) else {}),
         "units": "mm",
         "up": "z",
     }
@@ -242,7 +246,15 @@ def _checked(path: Path, text: bytes) -> dict[str, Any]:
         kind = about["format"], about["version"]
         joints, started_ns = about.get("joints", ()), about.get("started_ns")
         good = (
-            all(isinstance(each, str) for each in (about["name"], about["skeleton"], *joints))
+            all(
+                isinstance(each, str)
+                for each in (
+                    about["name"],
+                    about["skeleton"],
+                    about.get("own_skeleton", ""),
+                    *joints,
+                )
+            )
             and 1 <= len(joints) == len(set(joints)) <= MAX_JOINTS
             and 1e-4 < about["interval_s"] < 1e4
             and (started_ns is None or isinstance(started_ns, int))

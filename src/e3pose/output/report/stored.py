@@ -19,7 +19,6 @@ from e3pose.estimate.smooth import SmoothSettings
 from e3pose.evaluate.smoothed import smooth_poses
 from e3pose.evaluate.summary import summarise
 from e3pose.model.pose import Poses2D
-from e3pose.model.skeleton import skeleton_of_joints
 from e3pose.model.slot_record import SlotRecord
 from e3pose.output.report.page import write_report
 from e3pose.recording import ProcessorTime, Recording, ViewSeries
@@ -82,7 +81,7 @@ def write_stretch(
         raise InputError("calibration", found, f"those of {', '.join(ids)[:200]}", store.where)
     skeleton = site.skeleton
     if skeleton.joints != run.run.joints:
-        skeleton = skeleton_of_joints(run.run.joints, run.run.skeleton)
+        skeleton = run.run.limbed
     poses = store.query(start, end, run=run.run_id)
     first, began_ns, ended_ns = rows[0]["slot"], rows[0]["time_ns"], rows[-1]["time_ns"]
     records = slot_records(rows, poses, run.run.interval_s, first)
