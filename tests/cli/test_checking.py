@@ -4,13 +4,22 @@ from __future__ import annotations
 
 import datetime
 import shutil
+import time
 from pathlib import Path
 
+import numpy as np
 import pytest
+from tests.calibrate.people_scenes import walk
 from tests.cli.commands import run
+from tests.cli.test_replaying import moved
 
+from e3pose.model.people import People
+from e3pose.model.skeleton import COCO17
+from e3pose.model.slot_record import SlotRecord
+from e3pose.settings.site_file import load_site
 from e3pose.simulate import SceneSettings, simulate
 from e3pose.site.example import write_recorded
+from e3pose.store import Run, StoreWriter
 from e3pose.wire.keys.authority import LEAF_DAYS
 from e3pose.wire.keys.folder import add_keys, init_keys
 
@@ -56,6 +65,37 @@ def test_good_site_has_no_problem(site: Path, capsys: pytest.CaptureFixture[str]
     assert (code, err) == (0, "")
     assert "Ready: 0 problems" in out
     assert "warning edge not running at tls/localhost:" in out
+
+
+def test_people_are_compared_with_the_calibration_of_a_site_that_does_not_run(
+    site: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert "nothing to compare the calibration with" in checked(site, capsys)[1]
+    walking = walk(3, seconds=4.0, fps=12.0)
+    for scale, said in (
+        (1.0, "people of people's size and upright, by "),
+        (10.0, "people would be 1"),
+    ):
+        made = walking if scale == 1 else moved(walking, scale=scale)
+        folder = site.parent / f"by{scale:g}"
+        write_recorded(folder, made, "lab")
+        assert said in checked(folder, capsys)[1]
+    # What is stored counts first, unless it was stored with an earlier calibration.
+    store = load_site(folder / "site.toml").store
+    assert store is not None and walking.truth is not None
+    joints_m = 0.1 * walking.truth.joints_m
+    for begun_ns, said in ((0, "people would be 1"), (time.time_ns(), "people would be 0.1")):
+        run = Run("lab", "lab", begun_ns, 1 / 12, "coco17", COCO17.joints, walking.rig.camera_ids)
+        with StoreWriter(store.place, run) as writer:
+            for slot, joints in enumerate(joints_m):
+                people = People(np.arange(len(joints)), joints)
+                none = np.zeros(len(walking.rig))
+                flags = none > 0
+                writer.append(
+                    SlotRecord(slot, slot / 12, flags, flags, people, none, none, flags), wait=True
+                )
+        found = checked(folder, capsys)
+        assert said in found[1], found
 
 
 def test_an_event_that_nobody_knows_is_reported(

@@ -16,7 +16,7 @@ from e3pose.calibrate.recordings import first_seconds
 from e3pose.calibrate.triangulation import place_points
 from e3pose.model.camera import Rig
 from e3pose.model.noise import Noise
-from e3pose.model.skeleton import Skeleton
+from e3pose.model.skeleton import SIDES, Skeleton
 from e3pose.recording.record import Recording
 
 # Shares of stature after Drillis and Contini, as tabulated by Winter: thigh, shank, and from the
@@ -95,10 +95,13 @@ PEOPLE_M = (0.8, 2.5)  # statures outside it are those of another unit, or of wr
 CHECKED_S = 20.0  # of a recording are enough to know how tall people are
 MIN_MOMENTS = 8
 LYING = "people would lie"
+LIMB_ENDS = {f"{side}_{joint}" for side in SIDES for joint in ("shoulder", "hip", "knee", "ankle")}
 
 
-def doubt_people(recording: Recording, noise: Noise) -> str:
+def doubt_people(recording: Recording, noise: Noise) -> str | None:
     """Return why people cannot be right in the world of a recording's rig; empty if they can.
+
+    None where too little is seen of them.
 
     People are matched by rays alone, which no unit of length changes.
 
@@ -106,14 +109,21 @@ def doubt_people(recording: Recording, noise: Noise) -> str:
         recording: of placed cameras, with the keypoints of people.
         noise: what scores promise.
     """
-    trunk = {f"{side}_{joint}" for side in ("left", "right") for joint in ("shoulder", "hip")}
-    if not recording.rig.placed or len(recording.rig) < 2 or trunk - {*recording.skeleton.joints}:
-        return ""
+    known = {*recording.skeleton.joints} >= LIMB_ENDS
+    if not known or not recording.rig.placed or len(recording.rig) < 2:
+        return None
     used = first_seconds(recording, CHECKED_S)
-    people = place_people(used.rig, match_people(used, noise, used.rig), used.skeleton, used.fps)
+    joints = match_people(used, noise, used.rig)
+    return doubt_placed(place_people(used.rig, joints, used.skeleton, used.fps))
+
+
+def doubt_placed(people: People3D) -> str | None:
+    """Return the same of people in a world."""
+    if not {*people.skeleton.joints} >= LIMB_ENDS:
+        return None
     found = statures(people)
     if not np.isfinite(found).any():
-        return ""
+        return None
     tall_m = float(np.nanmedian(found))
     if not PEOPLE_M[0] <= tall_m <= PEOPLE_M[1]:
         return (
@@ -225,4 +235,4 @@ def from_stature(people: People3D, metres: float | None) -> Scale:
 
 
 if __name__ == "__main__":  # for an edge, which has no room for what this imports
-    print(doubt_people(*pickle.loads(sys.stdin.buffer.read())))
+    print(doubt_people(*pickle.loads(sys.stdin.buffer.read())) or "")

@@ -34,10 +34,11 @@ def check(
 
     Example: `e3pose check site.toml`, and on a camera `e3pose check camera.toml`
 
-    Of a site: calibration, skeletons, budgets, certificates, the frames that sources bring,
-    networks and how long they take here, disks, clock, connected cameras. Of a camera: source,
-    network, clock, certificate, and the route to the edge. Each finding comes with the command or
-    setting that fixes it. Exit code: 0 if ready, 1 if there are problems, 2 if the file is invalid.
+    Of a site: calibration, also by people who were stored or recorded with it, skeletons, budgets,
+    certificates, the frames that sources bring, networks and how long they take here, disks,
+    clock, connected cameras. Of a camera: source, network, clock, certificate, and the route to
+    the edge. Each finding comes with the command or setting that fixes it. Exit code: 0 if ready,
+    1 if there are problems, 2 if the file is invalid.
 
     Parameters
     ----------

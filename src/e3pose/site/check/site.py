@@ -10,6 +10,7 @@ from e3pose.base.errors import InputError
 from e3pose.settings.resolved import ResolvedSite
 from e3pose.site.check.finding import Finding, ok, problem, warning
 from e3pose.site.check.parts import PARTS
+from e3pose.site.check.people import people_problems
 from e3pose.site.check.places import store_problems
 from e3pose.site.check.running import running_problems
 from e3pose.site.check.sources import hub_problems, rate_problems, source_problems
@@ -50,8 +51,10 @@ def examine_site(
         with counting as progress:  # a running site has the devices, and counts frames itself
             sources += rate_problems(site, progress)
     network = list(_network(site, measuring)) if usable else None
+    people = None if runs or not site.rig.placed else list(people_problems(site))
     more: dict[str, Iterable[Finding] | None] = {
         "store": store_problems(site.file),
+        "people": people,
         "sources": sources,
         "network": network,
         "edge": running,
