@@ -200,8 +200,9 @@ def test_camera_that_fails_again_when_tried_again_is_reported(late: bool) -> Non
 
 
 def test_changes_are_reported_once() -> None:
-    found = changes(("a", "b", "c"), ["", "x", "y"], ["gone", "", "z"], ("lost", "back"))
-    assert found == [("lost", "a: gone", "a"), ("back", "b connected", "b")]
+    titles = {"a": "Küche", "b": "b", "c": "c"}
+    found = changes(titles, ["", "x", "y"], ["gone", "", "z"], ("lost", "back"))
+    assert found == [("lost", "Küche: gone", "a"), ("back", "b connected", "b")]
 
 
 # Cameras that bring too few of the views ordered of them are named, with figures, and once.

@@ -29,7 +29,7 @@ def run_of(site: str) -> Run:
 
 def fill(store: Path, site: str, first: int, count: int) -> None:
     """Store summaries of so many minutes from one on, as a writer does."""
-    summed = Minutes("e3pose 1.0", ("cam",), MINUTE + first * MINUTE_NS - 1)
+    summed = Minutes("e3pose 1.0", ("cam",), MINUTE + first * MINUTE_NS - 1, {})
     for minute in range(first, first + count):
         summed.take([event_row(Event(MINUTE + minute * MINUTE_NS, "lead", ""), minute)])
     rows = summed.closed(MINUTE + (first + count) * MINUTE_NS, ending=True)

@@ -86,6 +86,9 @@ def test_overload_is_told_in_the_head() -> None:
 def test_share_of_views_that_a_camera_delivers_is_shown_once_it_is_known() -> None:
     short = CameraStatus("cam0", True, why="its source brings 12.5", delivered=0.51, lost=4)
     assert "51%" in row(short)
+    titled = msgspec.structs.replace(short, title="Küche")
+    shown = drawn(Status("lab", 1, 20.0, 3, 2, (titled,)))
+    assert shown.count("Küche") == 2 and "cam0" not in shown  # its row, and what is wrong
     assert [cell for cell in row(CameraStatus("cam0", True)) if "%" in cell] == ["0%"]  # duty
 
 

@@ -27,7 +27,7 @@ MINUTE = STARTED_NS - STARTED_NS % MINUTE_NS + MINUTE_NS  # a whole one on the c
 
 
 def minutes(now_ns: int = MINUTE - 1) -> Minutes:
-    return Minutes("e3pose 1.0", CAMERAS, now_ns)
+    return Minutes("e3pose 1.0", CAMERAS, now_ns, {CAMERAS[-1]: "Küche"})
 
 
 def of_slots(first: int, last: int, people: int = 2) -> list[Row]:
@@ -135,7 +135,7 @@ def test_faults_stand_until_they_end() -> None:
     summed.take([at(1, "camera-back", "north"), at(2, "camera-back", "east")])
     summed.take([at(3, "camera-lost", "east"), at(4, "camera-back", "east"), at(5, "store-full")])
     faults = json.loads(closed(summed, MINUTE + 65 * NS)[-1]["faults"])
-    assert faults == ["camera-lost east", "camera-lost south", "store-full"]
+    assert faults == ["camera-lost Küche", "camera-lost east", "store-full"]
     summed.take([at(70, "store-recovered"), at(71, "camera-back", "south")])
     assert json.loads(closed(summed, MINUTE + 125 * NS)[-1]["faults"]) == ["store-full"][:0]
 

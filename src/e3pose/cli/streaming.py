@@ -126,6 +126,7 @@ def _source(site: ResolvedSite, watch: Watch | None) -> Source:
         tuple(zone.name for zone in site.file.zone),
         () if watch is None else tuple(watch.rules),
         site.file.events or EventsTable(),
+        site.rig.titles,
     )
 
 

@@ -367,10 +367,12 @@ class DisplacementWatch:
             return events
         if before is not None:
             name = self.rig.camera_ids[before.camera]
-            events.append(("camera-in-place", f"{name} stands as calibrated again", name))
+            words = f"{self.rig.titles[name]} stands as calibrated again"
+            events.append(("camera-in-place", words, name))
         if self.found is not None:
             name = self.rig.camera_ids[self.found.camera]
-            events.append(("camera-moved", f"{name} {moved_words(self.found.degrees, name)}", name))
+            words = f"{self.rig.titles[name]} {moved_words(self.found.degrees, name)}"
+            events.append(("camera-moved", words, name))
         return events
 
 

@@ -59,7 +59,7 @@ class Housekeeping:
         before, found = self._conditions, edge.inbox.standings()
         problems = [lasting_problem(*one, was) for one, was in zip(found, before[0], strict=True)]
         self._conditions = problems, *judged
-        events = camera_changes(edge.pipeline.rig.camera_ids, before, self._conditions)
+        events = camera_changes(edge.pipeline.rig.titles, before, self._conditions)
         for event in events:
             self._report(*event)
         if events or edge.clock.now_ns() >= self._due_ns:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -168,6 +168,7 @@ def camera_status(
     return CameraStatus(
         camera_id=camera.camera_id,
         online=not problem,
+        title=edge.pipeline.rig.titles[camera.camera_id],
         why=one_line(problem or impairment),
         mode=beat.mode if beat else None,
         last_seen_s=None if camera.heard_ns is None else (now_ns - camera.heard_ns) / 1e9,
@@ -276,19 +277,19 @@ Conditions = tuple[Sequence[str], Sequence[str], Sequence[str]]
 
 
 def camera_changes(
-    camera_ids: Sequence[str], before: Conditions, after: Conditions
+    titles: Mapping[str, str], before: Conditions, after: Conditions
 ) -> list[tuple[str, str, str]]:
     """Return the events of cameras that were lost, respond too late, bring too few, or recover."""
-    lost = changes(camera_ids, before[0], after[0], ("camera-lost", "camera-back"))
+    lost = changes(titles, before[0], after[0], ("camera-lost", "camera-back"))
     kinds = "camera-useless", "camera-useful"
-    useless = changes(camera_ids, before[1], after[1], kinds, "responds in time again")
+    useless = changes(titles, before[1], after[1], kinds, "responds in time again")
     kinds = "camera-short", "camera-enough"
     well = "brings the views ordered of it again"
-    return lost + useless + changes(camera_ids, before[2], after[2], kinds, well)
+    return lost + useless + changes(titles, before[2], after[2], kinds, well)
 
 
 def changes(
-    camera_ids: Sequence[str],
+    titles: Mapping[str, str],
     before: Sequence[str],
     after: Sequence[str],
     kinds: tuple[str, str],
@@ -297,14 +298,14 @@ def changes(
     """Return the events of cameras whose problem began or ended: kind, message, camera.
 
     Args:
-        camera_ids: of the rig.
+        titles: of the cameras of the rig, by id.
         before: the problem of each; empty where there was none.
         after: likewise, now.
         kinds: of events, for a problem that begins and one that ends.
         well: message when a problem ends.
     """
     return [
-        (kinds[not why], f"{camera_id}: {why}" if why else f"{camera_id} {well}", camera_id)
-        for camera_id, was, why in zip(camera_ids, before, after, strict=True)
+        (kinds[not why], f"{title}: {why}" if why else f"{title} {well}", camera_id)
+        for (camera_id, title), was, why in zip(titles.items(), before, after, strict=True)
         if bool(was) != bool(why)
     ]

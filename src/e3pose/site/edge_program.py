@@ -29,6 +29,7 @@ from e3pose.energy.budgets import Budget
 from e3pose.estimate.base import Estimator
 from e3pose.events.watch import Watch, site_watch
 from e3pose.model.noises import load_noise
+from e3pose.model.skeleton import own_file
 from e3pose.pipeline import Pipeline
 from e3pose.predict.base import Predictor
 from e3pose.recording.videos import MAX_BYTES, PART_S
@@ -323,6 +324,7 @@ def open_store(
         joints=site.skeleton.joints,
         cameras=site.rig.camera_ids,
         software=f"e3pose {__version__}",
+        own_skeleton=own_file(site.skeleton),
     )
     keeping = WriterSettings(
         commit_s=COMMIT_S if site.file.store.publish == "at-once" else COMMIT_SOON_S,
@@ -331,6 +333,7 @@ def open_store(
         spool_beside=site.file.folder / site.file.name,
         one_writer=True,
         summaries=round(site.file.store.outbox_s / 60),
+        titles=site.rig.titles,
     )
     return stack.enter_context(
         StoreWriter(site.file.store.place, run, keeping, report=event_log.add)

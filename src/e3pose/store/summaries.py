@@ -76,22 +76,25 @@ class Tally:
 class Minutes:
     """Sums up minutes: `take` rows, then `closed` returns the finished minutes."""
 
-    def __init__(self, software: str, cameras: Sequence[str], now_ns: int) -> None:
+    def __init__(
+        self, software: str, cameras: Sequence[str], now_ns: int, titles: Mapping[str, str]
+    ) -> None:
         """Begin, mostly in the middle of a minute.
 
         Args:
             software: what writes, with its version.
             cameras: of the rig, which are lost until an event says that they are back.
             now_ns: the time; rows of an earlier one are what a killed program left.
+            titles: what people call cameras, by id; the id where one is not there.
         """
-        self._software = software
+        self._software, self._titles = software, titles
         self.begun_ns = now_ns
         self._open: dict[int, Tally] = {}  # by the beginning of the minute on the clock
         self._closed_ns = now_ns - now_ns % MINUTE_NS  # minutes before it are over
         self._shown_ns = 0  # of the newest slot: people are known to be in zones until then
         self._inside: dict[str, tuple[int, int]] = {}  # people in a zone, and counted until when
         self._present: Presence | None = None
-        self._faults = {f"camera-lost {camera}" for camera in cameras}
+        self._faults = {f"camera-lost {titles.get(camera, camera)}" for camera in cameras}
 
     def take(self, rows: Iterable[Row]) -> None:
         """Add rows as they go to the store, in the order in which they came."""
@@ -183,6 +186,7 @@ class Minutes:
 
     def _add_event(self, row: Mapping[str, Any]) -> None:
         tally, kind, camera = self._tally(row["time_ns"]), row["kind"], row["camera_id"]
+        camera = self._titles.get(camera, camera)
         tally.events[f"{kind} {row['phase']}" if row["phase"] else kind] += 1
         if kind in FAULTS:
             fault = f"{kind} {camera}" if camera else kind

@@ -10,7 +10,7 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -57,6 +57,7 @@ class WriterSettings:
         retention: what to keep.
         one_writer: refuse to be the second writer of a site on a database server.
         summaries: minutes kept in the outbox, the newest; 0 for none.
+        titles: what summaries call cameras, by id; the id where one is not there.
     """
 
     commit_s: float = COMMIT_S
@@ -68,6 +69,7 @@ class WriterSettings:
     retention: Retention = field(default_factory=Retention)
     one_writer: bool = False
     summaries: int = 0
+    titles: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,7 +161,7 @@ class StoreWriter:
         )
         self._minutes: Minutes | None = None
         if self.settings.summaries:
-            self._minutes = Minutes(run.software, run.cameras, wall_ns())
+            self._minutes = Minutes(run.software, run.cameras, wall_ns(), self.settings.titles)
         self._thread = threading.Thread(target=self._work, name="store", daemon=True)
         self._thread.start()
 

@@ -75,6 +75,7 @@ class CameraStatus(msgspec.Struct, frozen=True):
         online: whether it can be selected.
         why: reason if it cannot be selected; otherwise a warning.
         mode: last reported mode; None before the first.
+        title: what people call it; its id if empty.
         duty: share of the last minute's slots in which it was selected, blind slots left out.
         power_w: reported power; None if unknown.
         measured: whether the power is measured; otherwise a model estimates it.
@@ -116,6 +117,7 @@ class CameraStatus(msgspec.Struct, frozen=True):
     online: Annotated[bool, Uses(metric="online")]
     why: str = ""
     mode: Activity | None = None
+    title: str = ""
     duty: Annotated[Share, Uses(metric="duty", column=("duty", 0))] = 0.0
     power_w: Annotated[Figure | None, Uses(metric="watts", column=("W", 0))] = None
     measured: bool = False

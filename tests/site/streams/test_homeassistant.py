@@ -44,7 +44,9 @@ CLASSES = {
 
 
 def test_every_component_is_as_documented() -> None:
-    topic, message = discovery(SOURCE, frozenset({("c0", "battery")}))
+    topic, message = discovery(
+        replace(SOURCE, titles={"c0": "Küche"}), frozenset({("c0", "battery")})
+    )
     assert topic == "homeassistant/device/e3pose_lab/config"
     assert set(message) == {"device", "origin", "availability_topic", "components"}
     assert message["device"]["identifiers"] and message["origin"]["name"]
@@ -54,6 +56,8 @@ def test_every_component_is_as_documented() -> None:
         kind = component["platform"]
         assert REQUIRED[kind] <= set(component) <= REQUIRED[kind] | OPTIONAL[kind]
         assert component.get("device_class") in {None, *CLASSES.get(kind, ())}
+    names = {key: part.get("name") for key, part in message["components"].items()}
+    assert (names["camera_c0"], names["battery_c0"]) == ("Camera Küche", "Battery of Küche")
     assert {"zone_door", "occupied_door", "camera_hall_2"} <= set(message["components"])
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol, runtime_checkable
 
@@ -30,6 +30,7 @@ class Source:
         zones: names of the zones.
         kinds: of the events that are told.
         told: what the site file says of them.
+        titles: what people call cameras, by name; its name where one is not there.
         names: of people, by track; nobody's where the stream may not tell them.
     """
 
@@ -41,6 +42,7 @@ class Source:
     zones: tuple[str, ...] = ()
     kinds: tuple[str, ...] = ()
     told: EventsTable = field(default_factory=EventsTable)
+    titles: Mapping[str, str] = field(default_factory=dict)
     names: Names = no_name
 
 

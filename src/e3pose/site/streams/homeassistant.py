@@ -148,19 +148,20 @@ def discovery(
         )  # fmt: skip
     for index, camera in enumerate(source.cameras):
         value = f"'ON' if value_json.cameras[{index}] else 'OFF'"
+        name = source.titles.get(camera, camera)
         add(
-            f"camera_{camera_ids[camera]}", "binary_sensor", f"Camera {camera}", value,
+            f"camera_{camera_ids[camera]}", "binary_sensor", f"Camera {name}", value,
             device_class="running", entity_category="diagnostic",
         )  # fmt: skip
         add(
-            f"does_{camera_ids[camera]}", "sensor", f"Camera {camera} does",
+            f"does_{camera_ids[camera]}", "sensor", f"Camera {name} does",
             f"value_json[{index}].does", device_class="enum", options=list(DOES),
             entity_category="diagnostic", state_topic=f"{base}/cameras",
         )  # fmt: skip
         for field, (title, keys) in SENSORS.items():
             if (camera, field) in told:
                 add(
-                    f"{field}_{camera_ids[camera]}", "sensor", f"{title} {camera}",
+                    f"{field}_{camera_ids[camera]}", "sensor", f"{title} {name}",
                     f"value_json[{index}].{field}", state_class="measurement",
                     entity_category="diagnostic", state_topic=f"{base}/cameras", **keys,
                 )  # fmt: skip
