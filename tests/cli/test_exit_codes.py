@@ -23,8 +23,9 @@ from tests.site.test_channels import limit
 
 import e3pose.cli.running_site as running_site
 from e3pose.base.errors import Exit, Fault, GaveUp, InputError, exit_code
+from e3pose.camera import live
 from e3pose.camera.live import CameraNode
-from e3pose.camera.live_source import StreamSource
+from e3pose.camera.live_source import PacedSource, StreamSource
 from e3pose.camera.source import open_video
 from e3pose.edge.server import EdgeServer
 from e3pose.recording import save_recording
@@ -86,6 +87,7 @@ def words(program: str, place: Path, site: str = "site") -> list[object]:
         "view": ["view", place / site, "--listen", "127.0.0.1:0", "--for", "0.2"],
         "record": ["record", place / site, place / "walk", "--for", "0.2"],
         "up": ["up", place / site, "--for", "0.2", "--quiet"],
+        "cameras": ["cameras", place / site],
         "stream": ["stream", place / site, "osc://127.0.0.1:9", "--for", "0.1"],
         "setup": ["setup", place / site, "--listen", "0.0.0.0:0"],
         "hub run": ["hub", "run", place / site],
@@ -128,19 +130,31 @@ def fails(*_: object) -> None:
     raise FULL
 
 
+def never(*_: object) -> None:
+    """Never answer."""
+    threading.Event().wait(60.0)
+
+
 def breaks(program: str) -> list[tuple[object, str, object]]:
     """Return what to replace so that a program fails while it runs."""
+    at_once = (live, "STUCK_S", 0.5)
     return {
         "edge": [(Admission, "update", fails)],
         "edge, a thread": [(EdgeServer, "_run_slots", fails)],
         "camera": [(CameraNode, "_run_capture", fails)],
+        "camera, a source": [(PacedSource, "read", never), at_once],
+        "cameras, a source": [(PacedSource, "open", never), at_once],
         "router": [(Router, "update", fails)],
         "view": [(Serving, "running", lambda self: False)],
         "up": [(running_site, "run_shown", lambda *_: 1 // 0)],
     }[program]  # type: ignore[return-value]
 
 
-@each_case("program", ("edge", "edge, a thread", "camera", "router", "view", "up"))
+@each_case(
+    "program",
+    ("edge", "edge, a thread", "camera", "camera, a source", "cameras, a source", "router")
+    + ("view", "up"),
+)
 def test_fault_while_it_runs_is_no_refused_input(
     program: str, place: Path, monkeypatch: Patch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -150,7 +164,9 @@ def test_fault_while_it_runs_is_no_refused_input(
     assert run(*command) == Exit.FAULT
     said = capsys.readouterr().err
     assert ("Traceback" in said) == (program == "up")  # a fault of ours is shown whole
-    assert said.splitlines()[-1].startswith("e3pose: ")
+    last = said.splitlines()[-1]
+    assert last.startswith("e3pose: ")
+    assert ("a source" in program) == ("camera cam0: the source has not answered for" in last)
 
 
 @each_case(

@@ -1,15 +1,17 @@
-"""Threads of a program, which end together when one of them fails."""
+"""Threads of a program that end together when one of them fails, and bounded calls on one."""
 
 from __future__ import annotations
 
 import threading
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from queue import Empty, SimpleQueue
+from typing import Any, TypeVar
 
 from e3pose.base.errors import Fault
 
 MOST = 15  # characters that Linux keeps
+Found = TypeVar("Found")
 
 
 def show_thread_name() -> None:
@@ -52,11 +54,21 @@ class ThreadGroup:
         if self.failure is not None:
             raise Fault(str(self.failure)) from self.failure
 
+    def fail(self, error: BaseException) -> None:
+        """End all because of an error: the program must end with it, not go on half."""
+        self.failure = error
+        self.stopping.set()
+        self._wake()
+
     def stop(self) -> bool:
         """Ask all to end; return False if they were already asked."""
         first = not self.stopping.is_set()
         self.stopping.set()
         return first
+
+    def alive(self, name: str) -> bool:
+        """Return whether a thread has not ended."""
+        return name in self._threads and self._threads[name].is_alive()
 
     def join(self, timeout_s: float, without: str = "") -> None:
         """Wait until all but one have ended, at most so long for each."""
@@ -68,7 +80,50 @@ class ThreadGroup:
         show_thread_name()
         try:
             body()
-        except BaseException as error:  # the program must end with it, not go on half
-            self.failure = error
-            self.stopping.set()
-            self._wake()
+        except BaseException as error:
+            self.fail(error)
+
+
+class OtherThread:
+    """Calls functions on a thread of its own, which is left behind when one takes too long.
+
+    Nothing ends a library that looks at no clock, but who waits for it can go on.
+
+    Attributes:
+        at_work: whether a call has not come back: nobody may touch what it works on.
+    """
+
+    def __init__(self) -> None:
+        """Start the thread."""
+        self.at_work = False
+        self._calls: SimpleQueue[Callable[[], Any] | None] = SimpleQueue()
+        self._answers: SimpleQueue[tuple[Any, BaseException | None]] = SimpleQueue()
+        threading.Thread(target=self._run, name="apart", daemon=True).start()
+
+    def call(self, function: Callable[[], Found], limit_s: float) -> Found:
+        """Return what a function returns, and raise what it raises.
+
+        Raises:
+            TimeoutError: when it takes more than `limit_s`.
+        """
+        self.at_work = True
+        self._calls.put(function)
+        try:
+            found, error = self._answers.get(timeout=limit_s)
+        except Empty:
+            raise TimeoutError from None
+        self.at_work = False
+        if error is not None:
+            raise error
+        return found  # type: ignore[no-any-return]
+
+    def end(self) -> None:
+        """Let the thread end."""
+        self._calls.put(None)
+
+    def _run(self) -> None:
+        for function in iter(self._calls.get, None):
+            try:
+                self._answers.put((function(), None))
+            except BaseException as error:
+                self._answers.put((None, error))

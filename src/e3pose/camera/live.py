@@ -21,7 +21,7 @@ from functools import partial
 from typing import Any, Generic, TypeVar
 
 from e3pose.base.clock import Clock
-from e3pose.base.errors import InputError
+from e3pose.base.errors import Fault, InputError
 from e3pose.base.threads import ThreadGroup
 from e3pose.camera.base import (
     AskedSource,
@@ -238,6 +238,45 @@ class Repeats:
         return self._problem
 
 
+class Stuck(Fault):
+    """A source or a network never answers: its thread ends with the program alone."""
+
+
+STUCK_S = 30.0  # of one call of a source or a network, after which a camera gives it up
+LOOK_S = 1.0  # between two looks at most: what is longer is a program that was stopped
+
+
+class Calls:
+    """Knows which library a thread of a camera waits for, and for how long it has."""
+
+    def __init__(self) -> None:
+        """Begin; nobody waits."""
+        self._now: dict[str, object] = {}  # a call of each thing, while it lasts
+        self._seen: dict[str, tuple[object, float]] = {}  # the call seen last, seconds since then
+        self._looked_s = time.monotonic()
+
+    @contextmanager
+    def of(self, thing: str) -> Iterator[None]:
+        """Count the time of a call."""
+        self._now[thing] = object()
+        try:
+            yield
+        finally:
+            del self._now[thing]
+
+    def stuck(self) -> str:
+        """Return what has not answered for `STUCK_S`, or nothing; to be called all the time."""
+        now_s = time.monotonic()
+        passed_s, self._looked_s = min(now_s - self._looked_s, LOOK_S), now_s
+        for thing, call in list(self._now.items()):
+            before, waited_s = self._seen.get(thing, (None, 0.0))
+            waited_s = waited_s + passed_s if call is before else 0.0
+            self._seen[thing] = call, waited_s
+            if waited_s > STUCK_S:
+                return thing
+        return ""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class _Seen:
     frame: LiveFrame
@@ -302,7 +341,7 @@ class CameraNode:
         self._rate = FrameRate()
         self._gate = None if detector is None else Gate(detector, settings.gate)
         self._steered = source if isinstance(source, SteeredSource) else None
-        self._repeats = Repeats()
+        self._repeats, self._calls = Repeats(), Calls()
         self._noted = ""  # what the source gives other than asked for
         self._newest = (0, -1)  # session of the edge and slot of the newest frame
         self.threads = ThreadGroup(self._wake)
@@ -335,15 +374,19 @@ class CameraNode:
         """Stop, and release the device."""
         self.threads.stop()
         self._wake()
-        self.threads.join(timeout_s=5.0)
+        self.threads.join(timeout_s=0.5 if isinstance(self.threads.failure, Stuck) else 5.0)
         self._beat(self._spending.now(), ends=True)  # so that it is not reported as lost
-        self.source.close()
+        if not self.threads.alive("capture"):  # else nobody may close what it reads
+            self.source.close()
         if self.recorder is not None:
             self.recorder.close()
         self.transport.close()
 
     def running(self) -> bool:
-        """Return whether all threads are running."""
+        """Return whether all threads are running, and no library keeps one of them for good."""
+        if self.threads.running() and (thing := self._calls.stuck()):
+            name, what = self.settings.camera_id, f"the {thing} has not answered for {STUCK_S:g} s"
+            self.threads.fail(Stuck(f"camera {name}: {what}"))
         return self.threads.running()
 
     def _wake(self) -> None:
@@ -407,7 +450,9 @@ class CameraNode:
                 is_open, frame_ns = self._open(), self.clock.now_ns()
                 continue
             try:
-                frame = self.source.read()
+                with self._calls.of("source"):
+                    frame = self.source.read()
+                    problem = "" if frame is None else self._repeats.problem(frame)
             except InputError as error:
                 self._find(str(error)[:300])
                 is_open = False
@@ -420,12 +465,13 @@ class CameraNode:
                     self._find("no frames from the source")
                 continue
             frame_ns = now_ns
-            self._find(self._repeats.problem(frame))
+            self._find(problem)
             self._take(frame)
 
     def _open(self) -> bool:
         try:
-            self.source.open()
+            with self._calls.of("source"):
+                self.source.open()
             self.modes.change("power-saving")
         except InputError as error:
             self._find(str(error)[:300])
@@ -537,7 +583,7 @@ class CameraNode:
         """Pass on what is in a frame; a network that runs makes the slot an active one."""
         begun_ns = self.clock.now_ns()
         frame = seen.frame if self.pictures is None else seen.frame.shared()
-        with self._processor.looking():
+        with self._processor.looking(), self._calls.of("network"):
             begin = partial(self.modes.look, seen.came_ns, seen.interval_ns)
             if frame.poses is not None:
                 begin()

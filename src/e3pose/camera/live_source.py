@@ -38,7 +38,9 @@ from e3pose.camera.phone import PhoneSource
 from e3pose.camera.phone_file import load_phone
 from e3pose.camera.picamera import make_picamera, make_sensor
 from e3pose.camera.source import (
+    DECODER,
     FALLBACK_RATE,
+    MAX_PIXELS,
     Frame,
     decode_bounded,
     open_video,
@@ -53,6 +55,7 @@ READ_S = 1.0
 STREAMS = ("rtsp", "rtsps", "http", "https")
 IMAGES = (".jpg", ".jpeg", ".png", ".bmp", ".webp")
 OPEN_TIMEOUT_US = 5_000_000
+SILENT_S = 10.0  # of a stream that sends, but no pictures
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -185,22 +188,37 @@ class StreamSource:
         """See `LiveSource.open`."""
         import av
 
-        options = {"fflags": "nobuffer"}
+        options = {"fflags": "nobuffer", **DECODER}
         if self.url.startswith("rtsp"):
             options |= {"rtsp_transport": "tcp", "stimeout": str(OPEN_TIMEOUT_US)}
         why = ""
         try:
             self._container = av.open(self.url, options=options, timeout=(5.0, READ_S * 2))
-            packets = self._container.demux(video=0)
-            self._frames = (frame for packet in packets for frame in decode_bounded(packet))
+            stream = self._container.streams.video[0]
+            if (codec := stream.codec_context) is None:
+                raise ValueError("a format without a decoder")
+            if codec.width * codec.height > MAX_PIXELS:
+                raise ValueError(f"pictures of more than {MAX_PIXELS} pixels")
+            codec.options = DECODER
+            self._frames = self._decoded(self._container.demux(stream))
             # Other codecs send what did not change once, also of a still room.
-            self._single = self._container.streams.video[0].codec_context.name == "mjpeg"
-            rate = self._container.streams.video[0].average_rate
-            self.fps = float(rate) if rate else self.fps
+            self._single = codec.name == "mjpeg"
+            self.fps = float(stream.average_rate) if stream.average_rate else self.fps
         except (av.FFmpegError, OSError, IndexError, ValueError) as error:
             why = reason_of(error)[:200]
         if why:  # FFmpeg's "input/output error" is the camera's fault: it is no cause of this one
             raise InputError(f"source {masked(self.url)[:200]}: {why}")
+
+    def _decoded(self, packets: Iterator[Any]) -> Iterator[Any]:
+        """Yield the pictures of packets; end where `SILENT_S` of packets have none."""
+        newest_s = time.monotonic()
+        for packet in packets:
+            for frame in decode_bounded(packet):
+                newest_s = time.monotonic()
+                yield frame
+                newest_s = time.monotonic()
+            if time.monotonic() - newest_s > SILENT_S:
+                return
 
     def read(self) -> LiveFrame | None:
         """See `LiveSource.read`."""

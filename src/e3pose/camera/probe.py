@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ import numpy as np
 from e3pose.base.clock import WallClock
 from e3pose.base.errors import InputError
 from e3pose.base.masking import masked
+from e3pose.base.threads import OtherThread
 from e3pose.camera.base import AskedSource, LiveSource
 from e3pose.camera.frame_rate import rate_hz, rounded_hz
 from e3pose.camera.live_source import make_source
@@ -27,6 +29,7 @@ from e3pose.settings.sources import detects, is_live
 COUNT_S = 3.0  # in which the frames of a live source are counted
 SETTLE_S = 0.5  # after the first frame: a stream may begin with a burst
 FRAME_S = 10.0  # for a device to open and give its first frame
+MORE_S = 30.0  # for the rest: a library may never answer
 DARK = 8.0  # mean of 0..255 below which a picture shows nothing
 
 
@@ -75,6 +78,23 @@ def probe(
     Raises:
         InputError: when there is no such source, or no frame comes in time.
     """
+    thread, limit_s = OtherThread(), timeout_s + MORE_S
+    try:
+        return thread.call(partial(_probe, source, camera_id, fps, timeout_s, size), limit_s)
+    except TimeoutError:
+        found = f"no answer of {masked(source)[:80]} in {limit_s:g} s"
+        raise InputError("source", found, "one that films") from None
+    finally:
+        thread.end()
+
+
+def _probe(
+    source: str,
+    camera_id: str,
+    fps: float | None,
+    timeout_s: float,
+    size: tuple[int, int] | None,
+) -> Probe:
     if Path(source).is_file():
         video = open_video(Path(source))
         first = next(iter(video.frames()))

@@ -4,14 +4,15 @@ Times come from the file's own timestamps and edit list, as players show it, so 
 rate, dropped frames and lossless cuts are seen as they are. Time 0 is the begin of the file, even
 where its first frames cannot be decoded. Pictures are turned as the file's display matrix says and
 deinterlaced where it says that they are interlaced. Frames that cannot be decoded, and those that
-the decoder guesses until the next key frame, are left out and counted.
+the decoder guesses until the next key frame, are left out and counted. FFmpeg works on a thread of
+its own and has a time for each packet, and pictures have a bound before they are decoded.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from itertools import chain
+from itertools import chain, islice
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from numpy.typing import NDArray
 from e3pose.base.bounded import read_bytes
 from e3pose.base.errors import InputError, reason_of
 from e3pose.base.jpeg import MOST_SCANS, SCAN, check_picture
+from e3pose.base.threads import Found, OtherThread
 from e3pose.camera.orientation import Orientation, display_orientation
 from e3pose.recording.detections.importing import frame_numbers
 from e3pose.recording.videos import chapters_of
@@ -32,6 +34,8 @@ CONTAINERS = (
 )
 MAX_PIXELS = 8192 * 8192  # of one frame: 200 MB in RGB
 MAX_PICTURE_BYTES = 300_000_000
+DECODER = {"max_pixels": str(MAX_PIXELS)}  # FFmpeg refuses larger pictures before it decodes them
+PACKET_S = 60.0  # for FFmpeg to open a file, to find a packet, or to decode it
 MAX_PACKETS_TO_FIRST_FRAME = 2000
 FALLBACK_RATE = 25.0  # frames per second where the file does not say
 RATES = (0.001, 1000.0)  # frames per second that a recording may have
@@ -136,16 +140,12 @@ class VideoSource:
         import av
 
         samples, last = np.zeros(round(seconds * rate)), 0
-        with _container(self.path) as (container, _):
-            if not container.streams.audio:
+        with _Film(self.path) as film:
+            if not film.container.streams.audio:
                 return None
             resampler = av.AudioResampler(format="flt", layout="mono", rate=rate)
-            for packet in container.demux(container.streams.audio[0]):
-                try:
-                    decoded = packet.decode()
-                except av.error.FFmpegError:  # a damaged packet leaves a gap
-                    continue
-                for heard in decoded:
+            for _, decoded in film.packets(film.container.streams.audio[0]):
+                for heard in decoded or ():  # a damaged packet leaves a gap
                     for part in resampler.resample(heard):
                         begin = round((float(part.time or 0.0) - (self._zero_s or 0.0)) * rate)
                         if begin >= len(samples):
@@ -159,20 +159,20 @@ class VideoSource:
 
     def _pictures(self, start_s: float) -> Iterator[Any]:
         if start_s > 0 and self._zero_s is not None:
-            with _container(self.path, self._stored_size) as (container, stream):
-                pictures = self._shown(container, stream, self._zero_s + start_s)
+            with _Film(self.path, self._stored_size) as film:
+                pictures = self._shown(film, self._zero_s + start_s)
                 first = next(pictures, None)
                 if first is not None and self._time_s(first, 0) <= start_s + 1e-9:
                     yield first
                     yield from pictures
                     return
             self.lost_frames = 0  # the jump went too far, or nowhere
-        with _container(self.path, self._stored_size) as (container, stream):
-            yield from self._shown(container, stream)
+        with _Film(self.path, self._stored_size) as film:
+            yield from self._shown(film)
 
-    def _shown(self, container: Any, stream: Any, seek_s: float | None = None) -> Iterator[Any]:
-        pictures = _decode(container, stream, self, seek_s=seek_s)
-        return _deinterlaced(stream, pictures) if self._interlaced else pictures
+    def _shown(self, film: _Film, seek_s: float | None = None) -> Iterator[Any]:
+        pictures = _decode(film, self, seek_s=seek_s)
+        return _deinterlaced(film.stream, pictures) if self._interlaced else pictures
 
     @property
     def _stored_size(self) -> tuple[int, int]:
@@ -239,16 +239,16 @@ def _open_file(path: Path, image_size: tuple[int, int] | None, as_stored: bool) 
         )
     if path.stat().st_size == 0:
         raise InputError(f"{path}: the file is empty, expected a video")
-    with _container(path, image_size) as (container, stream):
-        counter = VideoSource(path, (0, 0), False, 0.0, 0)
-        first = next(_decode(container, stream, counter, MAX_PACKETS_TO_FIRST_FRAME), None)
+    with _Film(path, image_size) as film:
+        stream, counter = film.stream, VideoSource(path, (0, 0), False, 0.0, 0)
+        first = next(_decode(film, counter, MAX_PACKETS_TO_FIRST_FRAME), None)
         if first is None:
             raise InputError(f"{path}: no frame of it can be decoded, expected a video")
         orientation = display_orientation({} if as_stored else first.side_data, str(path))
         rate = _rate(stream, path)
         first_s = None if first.time is None else float(first.time)
-        zero_s = None if first_s is None else _zero_s(container, stream, first_s)
-        length_s = _length_s(container, stream, rate, zero_s)
+        zero_s = None if first_s is None else _zero_s(film.container, stream, first_s)
+        length_s = _length_s(film.container, stream, rate, zero_s)
         counted = [int(stream.frames)] if stream.frames else []
         counted += [] if length_s is None else [round(length_s * rate) + 1]
         return VideoSource(
@@ -331,39 +331,86 @@ class Chapters:
 Video = VideoSource | Chapters
 
 
-class _container:
-    """Open a file as FFmpeg container and its video stream; every failure is one line."""
+class _Film:
+    """A file, opened by FFmpeg, and its video stream; every failure is one line."""
+
+    container: Any
+    stream: Any
 
     def __init__(self, path: Path, image_size: tuple[int, int] | None = None) -> None:
         self.path, self.image_size = path, image_size
+        self._thread = OtherThread()
 
-    def __enter__(self) -> tuple[Any, Any]:
+    def __enter__(self) -> _Film:
         import av
 
         reason = ""
+        # An absolute path cannot be taken for a protocol such as `concat:`.
+        place = str(self.path.absolute())
+        options = {"format_whitelist": CONTAINERS, "protocol_whitelist": "file", **DECODER}
         try:
-            # An absolute path cannot be taken for a protocol such as `concat:`.
-            self.container = av.open(
-                str(self.path.absolute()),
-                options={"format_whitelist": CONTAINERS, "protocol_whitelist": "file"},
-            )
+            self.container = self._call(lambda: av.open(place, options=options))
         except (av.error.FFmpegError, ValueError) as error:
             reason = reason_of(error)
+            self._thread.end()
         if reason:  # FFmpeg's "input/output error" is the file's fault: it is no cause of this one
             raise InputError(
                 f"{self.path}: cannot be read as a video ({reason}), "
                 "expected a complete file such as MP4, MKV, AVI or TS"
             )
         try:
-            stream = _video_stream(self.container, self.path, self.image_size)
+            self.stream = _video_stream(self.container, self.path, self.image_size)
         except BaseException:
-            self.container.close()
+            self.__exit__()
             raise
-        stream.thread_type = "AUTO"
-        return self.container, stream
+        self.stream.thread_type = "AUTO"
+        self.stream.codec_context.options = DECODER
+        return self
 
     def __exit__(self, *_: object) -> None:
-        self.container.close()
+        if not self._thread.at_work:  # else nobody may close what it reads
+            self.container.close()
+        self._thread.end()
+
+    def seek(self, seconds: float) -> bool:
+        """Go to the key frame before a time; return whether that was possible."""
+        import av
+
+        at, stream = seconds / self.stream.time_base, self.stream
+        try:
+            self._call(lambda: self.container.seek(int(at), stream=stream, backward=True))
+        except (av.error.FFmpegError, OverflowError):
+            return False
+        return True
+
+    def packets(self, stream: Any) -> Iterator[tuple[Any, list[Any] | None]]:
+        """Yield the packets of a stream and what is in each; None in one that is damaged."""
+        import av
+
+        packets = self.container.demux(stream)
+
+        def step() -> tuple[Any, list[Any] | None] | None:
+            try:
+                packet = next(packets, None)
+            except av.error.FFmpegError:  # nothing can be read beyond
+                packet = None
+            try:
+                return None if packet is None else (packet, decode_bounded(packet))
+            except av.error.FFmpegError:
+                return packet, None
+
+        while (found := self._call(step)) is not None:
+            yield found
+
+    def _call(self, function: Callable[[], Found]) -> Found:
+        """Have FFmpeg do something; it looks at no clock while it decodes."""
+        try:
+            return self._thread.call(function, PACKET_S)
+        except TimeoutError:
+            raise InputError(
+                f"{self.path}: FFmpeg works on one packet for more than {PACKET_S:g} s, "
+                "expected a video that can be decoded"
+            ) from None
 
 
 def _video_stream(container: Any, path: Path, image_size: tuple[int, int] | None) -> Any:
@@ -391,8 +438,7 @@ def _video_stream(container: Any, path: Path, image_size: tuple[int, int] | None
 
 
 def _decode(
-    container: Any,
-    stream: Any,
+    film: _Film,
     counter: VideoSource,
     max_packets: int | None = None,
     seek_s: float | None = None,
@@ -403,30 +449,14 @@ def _decode(
     went in may still be guessed. A key frame itself may never be shown: an edit list can begin
     behind it.
     """
-    import av
-
-    if seek_s is not None:
-        try:
-            container.seek(int(seek_s / stream.time_base), stream=stream, backward=True)
-        except (av.error.FFmpegError, OverflowError):
-            return
-    packets = container.demux(stream)
+    if seek_s is not None and not film.seek(seek_s):
+        return
     key = intact_from = np.inf  # presentation times of the last key frame, and of the first intact
-    seen = 0
-    while True:
-        try:
-            packet = next(packets)
-        except (StopIteration, av.error.FFmpegError):  # the end, or nothing readable beyond
-            return
-        seen += 1
-        if max_packets is not None and seen > max_packets:
-            return
+    for packet, pictures in islice(film.packets(film.stream), max_packets):
         if packet.is_keyframe and packet.pts is not None:
             key = packet.pts
             intact_from = min(intact_from, key)
-        try:
-            pictures = decode_bounded(packet)
-        except av.error.FFmpegError:
+        if pictures is None:
             key = intact_from = np.inf
             counter.lost_frames += 1
             continue

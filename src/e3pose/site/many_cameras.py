@@ -4,7 +4,8 @@ Cameras wait for their turn to look: a look takes one core, and as many go on at
 cores, which is faster than several looks that share all cores. Where the network runs on a device
 of its own, or has threads of its own, one look goes on at a time. Each camera keeps its own
 connection, identity, source and threads. One that fails is opened again by itself, and takes no
-other with it.
+other with it; but where a source or a network never answers, all end to start again: its thread
+takes a core until then.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from pathlib import Path
 
 from e3pose.base.errors import Fault, InputError
 from e3pose.base.system import num_cores
-from e3pose.camera.live import CameraNode, ProcessorTime
+from e3pose.camera.live import CameraNode, ProcessorTime, Stuck
 from e3pose.detectors import chosen_name
 from e3pose.detectors.base import Detector
 from e3pose.settings.camera_file import NodeTable, is_camera_file, load_node
@@ -170,6 +171,8 @@ class Cameras:
             elif not seat.camera.running():
                 failure = seat.camera.node.threads.failure
                 self._close(seat)
+                if isinstance(failure, Stuck):
+                    raise failure
                 self._put_off(seat, str(failure or "ended"))
             elif now_s - seat.opened_s > STEADY_S:
                 seat.wait_s = 0.0
@@ -177,8 +180,10 @@ class Cameras:
 
     def run(self, for_s: float | None = None) -> None:
         """Run until Ctrl-C, SIGTERM, or for a number of seconds; on the main thread."""
-        run_until_stopped(self.running, for_s)
-        self.close()
+        try:
+            run_until_stopped(self.running, for_s)
+        finally:
+            self.close()
 
     def close(self) -> None:
         """End all, and leave the site."""
