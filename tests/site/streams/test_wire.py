@@ -3,48 +3,79 @@
 from __future__ import annotations
 
 import datetime
+import json
+import re
 import socket
 import ssl
 import struct
 import threading
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from http.server import BaseHTTPRequestHandler, HTTPServer
 from pathlib import Path
 
+import numpy as np
+import psutil
 import pytest
 from tests.cases import each_case
 from tests.ports import free_port
 from tests.site.streams.broker import broker
 from tests.site.streams.test_streams import EVENT, FELL, SOURCE, WATCH, slot
 from tests.waiting import eventually
+from websockets.sync.client import connect as connect_socket
+from websockets.typing import Subprotocol
 
 from e3pose.site.streams import OVER_TLS, open_stream
-from e3pose.site.streams.base import TellsPeople
+from e3pose.site.streams.base import Stream, TellsPeople
 from e3pose.wire.keys.folder import init_keys
 
 ALL_KINDS = 3  # of packets, as the system calls it
 PLACE_M = 7.391625  # of somebody, exact in single precision
 PLACES = (b"7.3916", struct.pack(">f", PLACE_M), struct.pack("<f", PLACE_M))
 SITE, NAME, PASSWORD = "wirelab", "PlantedAda", "planted-horse-battery-staple"
+TOLD = replace(
+    SOURCE, site=SITE, kinds=("fall",), zones=("door",), cameras=("c0",), names=lambda track: NAME
+)
 MARKS = (SITE.encode(), NAME.encode(), PASSWORD.encode(), b"fall", *PLACES)
 
 
 @dataclass
 class Capture:
-    """What went over loopback, in both directions, by port of either end."""
+    """What went over loopback, in both directions, by port of either end.
+
+    Attributes:
+        taken: by port, its bytes.
+        ends: by port, those at the other end.
+    """
 
     taken: dict[int, bytearray] = field(default_factory=dict)
+    ends: dict[int, set[int]] = field(default_factory=dict)
 
     def take(self, packet: bytes) -> None:
-        head = 14 + 4 * (packet[14] & 15)  # Ethernet, then IP
-        kind = packet[23]
-        if packet[12:14] != b"\x08\x00" or kind not in (socket.IPPROTO_TCP, socket.IPPROTO_UDP):
+        six = packet[12:14] == b"\x86\xdd"
+        head = 54 if six else 14 + 4 * (packet[14] & 15)  # Ethernet, then IP
+        kind = packet[20] if six else packet[23]
+        known = six or packet[12:14] == b"\x08\x00"
+        if not known or kind not in (socket.IPPROTO_TCP, socket.IPPROTO_UDP):
             return
         begin = head + (8 if kind == socket.IPPROTO_UDP else 4 * (packet[head + 12] >> 4))
-        for port in struct.unpack_from(">HH", packet, head):
+        ports = struct.unpack_from(">HH", packet, head)
+        for port, other in (ports, ports[::-1]):
             self.taken.setdefault(port, bytearray()).extend(packet[begin:])
+            self.ends.setdefault(port, set()).add(other)
+
+    def beside(self, marks: Iterable[bytes], *own: int) -> set[int]:
+        """Return the ports that got one of some marks, and neither are `own` nor talk to them."""
+        marks = list(marks)
+        taken = list(self.taken.items())
+        got = {port for port, sent in taken if any(mark in sent for mark in marks)}
+        return {port for port in got if not {port, *self.ends[port]} & {*own}}
+
+    def carries(self, stream: Stream, *marks: bytes) -> bool:
+        """Send a slot and more; return whether all marks were seen so far."""
+        send(stream)
+        return all(any(mark in sent for sent in list(self.taken.values())) for mark in marks)
 
 
 @contextmanager
@@ -132,12 +163,6 @@ def test_a_target_gets_what_its_row_says_and_no_other_port_anything(
     if encrypted:
         secure = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
         secure.load_cert_chain(keys / "edge.pem", keys / "edge.key")
-    told = replace(
-        SOURCE, site=SITE, kinds=("fall",), zones=("door",), cameras=("c0",),
-        names=lambda track: NAME,
-    )  # fmt: skip
-    seen = slot(7)
-    seen.people.joints_m[..., 0] = PLACE_M
     with ExitStack() as stack:
         if kind.startswith("webhook"):
             port = stack.enter_context(web_server(secure))
@@ -146,12 +171,9 @@ def test_a_target_gets_what_its_row_says_and_no_other_port_anything(
         else:
             port = free_port()
         wire = stack.enter_context(capture())
-        stream = open_stream(f"{kind}://localhost:{port}", told)
+        stream = open_stream(f"{kind}://localhost:{port}", TOLD)
         for _ in range(3):
-            stream.slot(seen)
-            stream.zone(EVENT)
-            if isinstance(stream, TellsPeople):
-                stream.people(WATCH, [FELL])
+            send(stream)
         wanted = b"fall" if names else PLACES[0] if poses else b""
         sent = wire.taken.setdefault(port, bytearray())
         if wanted and not (poses and not names):
@@ -166,6 +188,67 @@ def test_a_target_gets_what_its_row_says_and_no_other_port_anything(
     moved = any(place in content for place in PLACES) or kind in ("vmc", "vrchat")
     assert moved == poses, "poses go where the page says, and nowhere else"
     assert (PASSWORD.encode() in content) == (kind in ("mqtt", "homeassistant")), "to this machine"
-    for other, leaked in wire.taken.items():
-        own = port in (other,) or bytes(leaked) in content or content in bytes(leaked)
-        assert own or not any(mark in leaked for mark in MARKS[:3]), other
+    assert not wire.beside(MARKS[:3], port)
+
+
+def send(stream: Stream) -> None:
+    seen = slot(7)
+    seen.people.joints_m[..., 0] = PLACE_M
+    stream.slot(seen)
+    stream.zone(EVENT)
+    if isinstance(stream, TellsPeople):
+        stream.people(WATCH, [FELL])
+
+
+def listens_at(port: int) -> set[str]:
+    """Return the addresses at which this program listens to a port."""
+    opened = psutil.Process().net_connections("tcp")
+    return {c.laddr.ip for c in opened if c.status == "LISTEN" and c.laddr.port == port}
+
+
+def test_foxglove_tells_its_subscribers_alone() -> None:
+    port = free_port()
+    with capture() as wire, closing(open_stream(f"foxglove://127.0.0.1:{port}", TOLD)) as stream:
+        url, kind = f"ws://127.0.0.1:{port}", [Subprotocol("foxglove.sdk.v1")]
+        with connect_socket(url, subprotocols=kind, compression=None) as client:
+            client.recv(20)
+            channels = json.loads(client.recv(20))["channels"]
+            assert [one["topic"] for one in channels] == [
+                "/scene",
+                "/poses",
+                "/zones",
+                "/events",
+            ]
+            send(stream)
+            client.send("garbage")
+            client.recv(20)  # the answer: what came before is on the wire
+            before = bytes(wire.taken[port])
+            assert NAME.encode() not in before and PLACES[0] not in before
+            wanted = [{"id": one["id"], "channelId": one["id"]} for one in channels]
+            client.send(json.dumps({"op": "subscribe", "subscriptions": wanted}))
+            assert eventually(lambda: wire.carries(stream, NAME.encode(), PLACES[0]))
+        assert listens_at(port) == {"127.0.0.1"}, "the host that is named"
+    assert not wire.beside((SITE.encode(), NAME.encode(), *PLACES), port)
+
+
+def test_lsl_tells_its_readers_poses_and_no_name() -> None:
+    import pylsl
+
+    name, place = f"e3pose-wire-{free_port()}", struct.pack("<d", float(np.float32(PLACE_M)))
+    with capture() as wire, closing(open_stream(f"lsl:{name}", TOLD)) as stream:
+        send(stream)
+        inlets, ports = [], list[int]()
+        for one in (name, f"{name}-zones", f"{name}-events"):
+            (info,) = pylsl.resolve_byprop("name", one, timeout=20)
+            ports += map(int, re.findall(r"<v[46]data_port>([0-9]+)<", info.as_xml()))
+            inlets.append(pylsl.StreamInlet(info))
+        assert not wire.beside([place]), "nothing is sent before somebody reads"
+        for inlet in inlets:
+            inlet.open_stream(timeout=20)
+        assert eventually(lambda: wire.carries(stream, place, b"fall begun 7"))
+        assert all(listens_at(port) <= {"0.0.0.0", "::"} for port in ports), "to all interfaces"
+        assert any(listens_at(port) for port in ports)
+        for inlet in inlets:
+            inlet.close_stream()
+    assert not wire.beside((place, b"fall begun", b"enter door"), *ports)
+    assert not wire.beside([NAME.encode()])
