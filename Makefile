@@ -151,8 +151,8 @@ $(MUTATOR)/.installed: | $(BIN)/python
 soak: $(VENV)/.all  ## run a live site for half an hour and check for leaks
 	$(BIN)/python lab/benchmarks/soak.py --minutes 30
 
-attack: $(VENV)/.all  ## fuzz decoders and files, attack a live site on loopback (ATTACK_SECONDS=600)
-	$(BIN)/python lab/benchmarks/attack.py
+attack: $(VENV)/.dev  ## fuzz decoders and files, attack a live site on loopback, in 35 minutes (ATTACK="--write")
+	$(BIN)/python lab/benchmarks/attack.py $(ATTACK)
 
 # Uploading is a person's: RELEASING.md.
 DIST ?= dist

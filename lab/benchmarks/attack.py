@@ -1,12 +1,15 @@
-"""Attack decoders, files and a live site on loopback, and print what it took.
+"""Attack decoders, files and a live site on loopback: what was tried, what must be, what was.
 
-python lab/benchmarks/attack.py                    # about ten minutes
+python lab/benchmarks/attack.py                    # half an hour and more; says how long is left
 ATTACK_SECONDS=60 python lab/benchmarks/attack.py  # or --seconds 60; --decodes bounds the fuzzing
 python lab/benchmarks/attack.py --only lies        # or fuzz, files, live, clocks, tested
+python lab/benchmarks/attack.py --rows flood       # of live, lies and tested, rows that match
+python lab/benchmarks/attack.py --write            # and put the table into security.md
 
-Everything is sent to 127.0.0.1, to programs that this one starts, and it ends by itself. What does
-not hold at a live site is tried once more, as other programs may have taken the cores. The exit
-code is 1 where something did not hold then either.
+Everything is sent to 127.0.0.1, to programs that this one starts, and it ends by itself. What a
+site gives under an attack is compared with what the same site gave just before, so that a slower
+machine changes both; what does not hold is tried once more. The exit code is 1 where something did
+not hold then either.
 """
 
 from __future__ import annotations
@@ -16,6 +19,7 @@ import datetime
 import json
 import os
 import re
+import shlex
 import socket
 import ssl
 import subprocess
@@ -24,15 +28,15 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import zenoh
 
 from attack_clocks import clocks
-from attack_doors import after, doors, operator_of
-from attack_inputs import GROWTH_MB, Result, fuzz, hostile_files
+from attack_doors import Attack, after, doors, operator_of
+from attack_inputs import GROWTH_MB, Report, Result, fuzz, hostile_files
 from attack_lies import Seen, got, tell, viewer
 from e3pose.settings.site_file import load_site
 from e3pose.site.follow import Follower, viewer_link
@@ -44,18 +48,25 @@ from live_site import Site, live_site, wait
 
 # Shares of the time; what has none takes as long as it does.
 SHARES = {"fuzz": 0.15, "files": 0.1, "live": 0.25, "lies": 0.5, "clocks": 0.0, "tested": 0.0}
-TESTS = Path(__file__).parents[2] / "tests"
+# What each takes for 600 seconds on two cores that do nothing else.
+TAKES_S = {"fuzz": 90, "files": 240, "live": 330, "lies": 660, "clocks": 300, "tested": 480}
+ROOT = Path(__file__).resolve().parents[2]
+TESTS, PAGE = ROOT / "tests", ROOT / "docs" / "research" / "security.md"
+TABLE = re.compile("(?<=<!-- attack -->\n\n).*?(?=\n<!-- end of attack -->)", re.DOTALL)
 LARGE_BYTES = 100_000_000
 IDLE = 200  # connections that say nothing
 ENTRY_S = 60.0  # after which somebody who does not get in gives up
 STEP_S = 0.05  # between two looks at the edge
-RATE_SHARE = 0.9  # of the poses per second, and of the views in them, before it is attacked
+RATE_SHARE = 0.9  # of the poses per second, and of the views in them, without the attack
+QUIET_S, SETTLE_S = 5.0, 2.0  # without an attack, before each; and before that
+BACK_S = 30.0  # for all cameras to be there afterwards
 FPS = 25.0
-# Attacks that are tests, each with a site of its own; what needs root says so elsewhere.
+ROOTS = "needs root: "
+# Attacks that are tests, each with a site of its own.
 TESTED = {
-    "disk of a whole site full, then free": "live/test_full_disk.py::"
+    f"{ROOTS}disk of a whole site full, then free": "live/test_full_disk.py::"
     "test_up_outlasts_a_disk_that_is_full_or_read_only[full]",
-    "disk of a whole site turned read-only": "live/test_full_disk.py::"
+    f"{ROOTS}disk of a whole site turned read-only": "live/test_full_disk.py::"
     "test_up_outlasts_a_disk_that_is_full_or_read_only[read-only]",
     "no file may grow, all output closed": "live/test_full_disk.py::"
     "test_up_runs_where_no_file_can_grow_and_nothing_can_be_said",
@@ -71,9 +82,11 @@ TESTED = {
     "test_program_that_never_works_ends_a_site_that_needs_it",
     "target of a stream that is away": "cli/test_streaming.py",
     "networks without an end": "detectors/test_hostile_networks.py",
+    "films, streams and sources without an end": "camera/test_never_answers.py",
+    "phone that is a camera, attacked at work": "live/test_phone_attacked.py",
     "archives that unpack to gigabytes": "recording/test_arrays.py",
     "trainer killed, hung, lying": "edge/learn/test_learner_faults.py",
-    "bytes of streams on the wire": "site/streams/test_wire.py",
+    f"{ROOTS}bytes of streams on the wire": "site/streams/test_wire.py",
     "one bad item in each queue": "test_one_bad_item.py",
     "slow and failing receivers of notices": "site/streams/test_webhook.py",
     "user revoked at a hub": "hub/test_page_tokens.py",
@@ -83,7 +96,7 @@ TESTED = {
     "upgrade of a store killed": "store/test_versions.py",
     "person forgotten, edge stopped": "site/test_traces.py",
     "an ONVIF camera that answers by drops": "site/setup/test_onvif.py",
-    "images on the wire that nobody asked for": "live/test_on_the_wire.py",
+    f"{ROOTS}images on the wire that nobody asked for": "live/test_on_the_wire.py",
     "script in a person's name": "live/test_view_names.py::test_a_name_runs_no_script",
 }
 HONEST = ("cam0", "cam1", "cam2")  # of four
@@ -158,8 +171,30 @@ class Pace:
         slots = sum(begun_s <= at_s < now_s for at_s, *_ in list(seen.poses))
         return cls(found.poses, found.views * slots / (now_s - begun_s))
 
+    @classmethod
+    def quiet(cls, seen: Seen) -> Pace:
+        """Return what comes without an attack, from now on."""
+        wait(SETTLE_S)
+        begun_s = time.monotonic()
+        wait(QUIET_S)
+        return cls.since(seen, begun_s)
+
+    @classmethod
+    def mean(cls, paces: list[Pace]) -> Pace:
+        poses, views = ([getattr(one, each) for one in paces] for each in ("poses", "views"))
+        return cls(sum(poses) / len(paces), sum(views) / len(paces))
+
+    def keeps(self, usual: Pace) -> bool:
+        """Return whether it is nearly what came without an attack."""
+        poses, views = RATE_SHARE * usual.poses, RATE_SHARE * usual.views
+        return self.poses > poses and self.views > views
+
     def summary(self) -> str:
         return f"{self.poses:.1f} poses per second from {self.views:.1f} honest views"
+
+
+MUST_KEEP = f"at least {RATE_SHARE:.0%} of the poses and honest views without it"
+MUST = f"{MUST_KEEP}; the edge grows by less than {GROWTH_MB:.0f} MB"
 
 
 def under(
@@ -167,41 +202,53 @@ def under(
     seen: Seen,
     name: str,
     seconds: float,
-    attack: Callable[[float], str],
-    usual: Pace,
+    rounds: int,
+    attack: Attack,
+    must: str,
 ) -> Result:
-    """Run an attack on a thread and look at the edge and a viewer meanwhile.
+    """Run an attack on a thread and look at the edge and a viewer meanwhile, and before.
 
     Args:
         target: who is attacked.
         seen: what the viewer gets.
         name: of the attack.
         seconds: how long.
-        attack: takes the time at which to end, and says what it did.
-        usual: without an attack.
+        rounds: in which it is done, with quiet before each.
+        attack: takes the time at which to end, and says what it did; fails where it got through.
+        must: what else must be.
     """
-    said: list[str] = []
+    said, broke, usual, found = list[str](), list[str](), list[Pace](), list[Pace]()
+
+    def run(until_s: float) -> None:
+        try:
+            said.append(attack(until_s))
+        except Exception as error:  # what this looks for
+            broke.append(f"{type(error).__name__}: {error}")
+
     edge = target.site.edge()
     rss = most = edge.memory_info().rss
-    begun_s = time.monotonic()
-    thread = threading.Thread(
-        target=lambda: said.append(attack(begun_s + seconds)), name=name, daemon=True
-    )
-    thread.start()
-    while thread.is_alive() and time.monotonic() < begun_s + seconds + 30:
-        most = max(most, edge.memory_info().rss)
-        wait(STEP_S)
-    found = Pace.since(seen, begun_s)
+    for _ in range(rounds):
+        usual.append(Pace.quiet(seen))
+        begun_s = time.monotonic()
+        end_s = begun_s + seconds / rounds
+        thread = threading.Thread(target=run, args=(end_s,), daemon=True)
+        thread.start()
+        while thread.is_alive() and time.monotonic() < end_s + BACK_S:
+            most = max(most, edge.memory_info().rss)
+            wait(STEP_S)
+        found.append(Pace.since(seen, begun_s))
     most, left = max(most, edge.memory_info().rss), edge.memory_info().rss
+    came, without = Pace.mean(found), Pace.mean(usual)
     figures = (
-        f"{said[0] if said else 'did not end'}; {found.summary()}, edge "
-        f"{rss / 1e6:.0f} MB before, {most / 1e6:.0f} MB at most, {left / 1e6:.0f} MB after"
+        f"{(broke or said or ['it did not end'])[-1]}; {came.summary()}, without it "
+        f"{without.summary()}; edge {rss / 1e6:.0f} MB before, {most / 1e6:.0f} MB at most, "
+        f"{left / 1e6:.0f} MB after"
     )
-    flows = found.poses > RATE_SHARE * usual.poses and found.views > RATE_SHARE * usual.views
-    return Result(name, figures, bool(said) and flows and (most - rss) / 1e6 < GROWTH_MB)
+    kept = came.keeps(without) and (most - rss) / 1e6 < GROWTH_MB
+    return Result(name, figures, len(said) == rounds and kept, f"{MUST}{must}")
 
 
-def flood(target: Target, camera_id: str) -> Callable[[float], str]:
+def flood(target: Target, camera_id: str) -> Attack:
     """Say as much nonsense as fits on a link, below the topics of a camera."""
 
     def attack(until_s: float) -> str:
@@ -219,7 +266,7 @@ def flood(target: Target, camera_id: str) -> Callable[[float], str]:
     return attack
 
 
-def large(target: Target, camera_id: str, sessions: int) -> Callable[[float], str]:
+def large(target: Target, camera_id: str, sessions: int) -> Attack:
     """Send messages of 100 MB at once over some sessions."""
 
     def attack(until_s: float) -> str:
@@ -246,7 +293,7 @@ def large(target: Target, camera_id: str, sessions: int) -> Callable[[float], st
     return attack
 
 
-def garbage(target: Target) -> Callable[[float], str]:
+def garbage(target: Target) -> Attack:
     """Send noise in place of a handshake, and after one."""
 
     def attack(until_s: float) -> str:
@@ -267,7 +314,7 @@ def garbage(target: Target) -> Callable[[float], str]:
     return attack
 
 
-def silence(target: Target) -> Callable[[float], str]:
+def silence(target: Target) -> Attack:
     """Connect and say nothing; with a certificate, and without."""
 
     def attack(until_s: float) -> str:
@@ -284,110 +331,164 @@ def silence(target: Target) -> Callable[[float], str]:
         left, took_s = target.connections() - before, time.monotonic() - begun_s
         for connection in held:
             connection.close()
-        return (
+        said = (
             f"{opened} silent connections, {max(left, 0)} left after {took_s:.0f} s, a viewer "
             f"waited {waited_s:.1f} s at most for its first status"
         )
+        assert left <= 0, said
+        return said
 
     return attack
 
 
-def live(seconds: float) -> list[Result]:
+def live(seconds: float, words: str, report: Report) -> None:
     """Attack a site of four cameras and three people that runs at 25 slots per second."""
     with live_site(cameras=4, people=3, fps=FPS, page=True) as site, viewer(site) as seen:
         operator_of(site)
-        target, begun_s = Target(site), time.monotonic()
-        wait(max(5.0, seconds * 0.1))
-        usual = Pace.since(seen, begun_s)
-        results = [Result("site at rest", usual.summary(), usual.poses > RATE_SHARE * FPS)]
-        attacks = (
-            ("flood of a revoked camera", 0.15, flood(target, "stray")),
-            ("flood of a camera", 0.15, flood(target, target.camera_id)),
-            ("large messages of a revoked camera", 0.1, large(target, "stray", 4)),
-            ("large messages of a camera", 0.1, large(target, target.camera_id, 4)),
-            ("noise", 0.1, garbage(target)),
-            ("silence", 0.3, silence(target)),
-            *doors(site),
-        )
-        report(results[-1])
-        for name, share, attack in attacks:
-            results.append(under(target, seen, name, seconds * share, attack, usual))
-            if not results[-1].held:  # by another program that took the cores, perhaps
-                report(results.pop())
+        target = Target(site)
+        usual = Pace.quiet(seen)
+        report(Result("site at rest", usual.summary(), usual.poses > 0, "poses come"))
+        attacks: list[tuple[str, float, int, Attack, str]] = [
+            ("flood of a revoked camera", 0.15, 3, flood(target, "stray"), ""),
+            ("flood of a camera", 0.15, 3, flood(target, target.camera_id), ""),
+            ("large messages of a revoked camera", 0.1, 1, large(target, "stray", 4), ""),
+            ("large messages of a camera", 0.1, 1, large(target, target.camera_id, 4), ""),
+            ("noise", 0.1, 1, garbage(target), ""),
+            ("silence", 0.3, 1, silence(target), "; no silent connection left at the end"),
+            *((name, share, 1, attack, must) for name, share, attack, must in doors(site)),
+        ]
+        for name, share, rounds, attack, must in attacks:
+            if not re.search(words, name):
+                continue
+            result = under(target, seen, name, seconds * share, rounds, attack, must)
+            if not result.held:  # by another program that took the cores, perhaps
+                report(replace(result, again=True))
                 again = f"{name}, a second time"
-                results.append(under(target, seen, again, seconds * share, attack, usual))
-            report(results[-1])
-        results += after(site)
-        report(results[-1])
-        recovered = False
-        end_s = time.monotonic() + 30
+                result = under(target, seen, again, seconds * share, rounds, attack, must)
+            report(result)
+        report(after(site))
+        recovered, end_s = False, time.monotonic() + BACK_S
         while not recovered and time.monotonic() < end_s:
             status = site.follower.status
             recovered = status is not None and all(c.online for c in status.cameras)
             wait(STEP_S)
-        results.append(
-            Result("afterwards", "all cameras there" if recovered else "not all there", recovered)
-        )
+        found = Pace.quiet(seen)
+        found = found if found.keeps(usual) else Pace.quiet(seen)
+        figures = f"{'all' if recovered else 'not all'} cameras there, {found.summary()}"
+        held = recovered and found.keeps(usual)
+        report(Result("afterwards", figures, held, f"all cameras there, {MUST_KEEP}"))
         crashed = "Traceback" in Path(site.folder / "edge.log").read_text()
-        results.append(
-            Result("log of the edge", "a traceback" if crashed else "no traceback", not crashed)
-        )
-        report(results[-2])
-        report(results[-1])
-    return results
+        said = "a traceback" if crashed else "no traceback"
+        report(Result("log of the edge", said, not crashed, "no traceback"))
 
 
-def tested(words: str) -> list[Result]:
+def tested(words: str, report: Report) -> None:
     """Run the attacks that are tests, those whose name or place matches."""
-    results = []
     for name, place in TESTED.items():
         if not re.search(words, f"{name} {place}"):
             continue
         begun_s, command = time.monotonic(), [sys.executable, "-m", "pytest", "-q", "-rs"]
         ended = subprocess.run([*command, TESTS / place], capture_output=True, text=True)
-        lines = ended.stdout.strip().splitlines()
-        said = next((line for line in lines if line.startswith("SKIPPED")), lines[-1])
-        figures = f"{said[:120]}; {time.monotonic() - begun_s:.0f} s"
-        results.append(Result(name, figures, ended.returncode == 0))
-        report(results[-1])
-    return results
+        lines = ended.stdout.strip().splitlines() or ["no output"]
+        skipped = [line for line in lines if line.startswith("SKIPPED")]
+        figures = f"{(skipped or lines[-1:])[0][:120]}; {time.monotonic() - begun_s:.0f} s"
+        must = f"`tests/{place.partition('::')[0]}` passes"
+        passed = ended.returncode == 0
+        report(Result(name, figures, passed, must, left_out=bool(skipped) and passed))
 
 
-def report(result: Result) -> None:
-    print(f"{'held  ' if result.held else 'FAILED'}  {result.name}: {result.figures}", flush=True)
+@dataclass
+class Course:
+    """What came of the rows so far, and how long the others take.
+
+    Attributes:
+        left_s: by part, what it takes; those that are over are not in it.
+        results: of all rows.
+    """
+
+    left_s: dict[str, float]
+    results: list[Result] = field(default_factory=list)
+    _part: str = ""
+    _begun_s: float = 0.0
+
+    def begin(self, part: str) -> None:
+        self.left_s.pop(self._part, None)
+        self._part, self._begun_s = part, time.monotonic()
+        print(f"-- {part}, {self.left_words()}", flush=True)
+
+    def left_words(self) -> str:
+        """Return how long the rest takes, in words."""
+        took_s = time.monotonic() - self._begun_s
+        left_s = sum(s for part, s in self.left_s.items() if part != self._part)
+        left_s += max(self.left_s.get(self._part, 0.0) - took_s, 0.0)
+        return f"about {left_s / 60:.0f} min left"
+
+    def report(self, result: Result) -> None:
+        """Take the result of a row, and say it in a line."""
+        if not result.again:
+            self.results.append(result)
+        word = "held" if result.held else "AGAIN" if result.again else "FAILED"
+        word = "left out" if result.left_out else word
+        said = f"{word:8}  {result.name}; must be: {result.must}; was: {result.figures}"
+        print(f"{said} ({self.left_words()})", flush=True)
+
+    def table(self, command: str) -> str:
+        """Return a table for the page: a row for each attack, one for all lies of a kind."""
+        alike: dict[str, list[Result]] = {}
+        for one in self.results:
+            alike.setdefault(one.alike or one.name, []).append(one)
+        lines = ["| tried | must be | was |", "|---|---|---|"]
+        for name, each in alike.items():
+            said = each[0].figures
+            if len(each) > 1 or each[0].alike:
+                bad = [one.name for one in each if not one.held]
+                said = f"{len(each) - len(bad)} of {len(each)} held" + "".join(
+                    f"; {b}" for b in bad
+                )
+            elif not each[0].held or each[0].left_out:
+                said = f"**{'left out' if each[0].left_out else 'did not hold'}**: {said}"
+            cells = (cell.replace("|", "/") for cell in (name, each[0].must, said))
+            lines.append(f"| {' | '.join(cells)} |")
+        day, busy = datetime.date.today().isoformat(), os.getloadavg()[2]
+        head = f"{day}, {os.cpu_count()} cores, load {busy:.1f}: `{command}`"
+        return "\n".join([head, "", *lines, ""])
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seconds", type=float, default=os.environ.get("ATTACK_SECONDS", "600"))
     parser.add_argument("--only", choices=SHARES, action="append", help="leave out the rest")
-    parser.add_argument(
-        "--tested", default="", help="of the tests, those whose name or file matches"
-    )
+    parser.add_argument("--rows", default="", help="of live, lies and tested, those that match")
+    parser.add_argument("--write", action="store_true", help=f"put the table into {PAGE.name}")
     parser.add_argument("--decodes", type=float, default=5e6, help="messages to fuzz at most")
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
     wanted = options.only or list(SHARES)
     total = sum(SHARES[part] for part in wanted) or 1.0
     seconds = {part: options.seconds * SHARES[part] / total for part in wanted}
-    results = []
-    if "fuzz" in wanted:
-        results.append(fuzz(seconds["fuzz"], int(options.decodes), options.seed))
-        report(results[-1])
-    if "files" in wanted:
-        results.append(hostile_files(seconds["files"], options.seed))
-        report(results[-1])
-    if "live" in wanted:
-        results += live(seconds["live"])
-    if "lies" in wanted:
-        results += tell(seconds["lies"], report)
-    if "clocks" in wanted:
-        results += clocks(report)  # takes as long as it does
-    if "tested" in wanted:
-        results += tested(options.tested)
-    missed = [result.name for result in results if not result.held]
+    course = Course({part: TAKES_S[part] * 1.0 for part in SHARES if part in wanted})
+    parts: dict[str, Callable[[], object]] = {
+        "fuzz": lambda: course.report(fuzz(seconds["fuzz"], int(options.decodes), options.seed)),
+        "files": lambda: course.report(hostile_files(seconds["files"], options.seed)),
+        "live": lambda: live(seconds["live"], options.rows, course.report),
+        "lies": lambda: tell(seconds["lies"], options.rows, course.report),
+        "clocks": lambda: clocks(course.report),
+        "tested": lambda: tested(options.rows, course.report),
+    }
+    for part in list(course.left_s):
+        course.begin(part)
+        parts[part]()
+    missed = [result.name for result in course.results if not result.held]
+    left_out = sum(result.left_out for result in course.results)
     busy, cores = os.getloadavg()[2], os.cpu_count() or 1
-    print(f"{len(missed)} of {len(results)} did not hold; load {busy:.1f} on {cores} cores")
+    print(
+        f"{len(missed)} of {len(course.results)} did not hold, {left_out} were left out; load "
+        f"{busy:.1f} on {cores} cores" + "".join(f"\n  {name}" for name in missed)
+    )
+    if options.write:
+        words = ["python", "lab/benchmarks/attack.py", *sys.argv[1:]]
+        table = course.table(shlex.join(words))
+        PAGE.write_text(TABLE.sub(lambda _: table, PAGE.read_text()))
     sys.exit(1 if missed else 0)
 
 

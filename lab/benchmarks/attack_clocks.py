@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+import math
 import signal
 import sys
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
 
-from attack_inputs import Result
+from attack_inputs import Report, Result
 from attack_lies import POSES_SHARE, Seen, got, viewer
 from e3pose.site.up import Program
 from e3pose.wire.keys.authority import LEAF_DAYS
@@ -27,12 +27,14 @@ BACK_S = 20.0  # within which cameras must be back
 STOPPED_S = 15.0
 ASLEEP_SHARE = 0.2  # of the heartbeats of cameras that may sleep
 TRUE_S = 0.5  # that times of poses may be wrong by
-Report = Callable[[Result], None]
+FLOWS = f"{POSES_SHARE:.0%} of the poses just before"
+BACK = f"all cameras there within {BACK_S:g} s"
 
 
-def clocks(report: Report) -> list[Result]:
-    """Move clocks, stop a camera, let certificates expire; three minutes and more."""
-    return [*_clocks_of_sleepers(report), *_clocks_and_certificates(report)]
+def clocks(report: Report) -> None:
+    """Move clocks, stop a camera, let certificates expire; five minutes."""
+    _clocks_of_sleepers(report)
+    _clocks_and_certificates(report)
 
 
 @dataclass
@@ -51,7 +53,7 @@ class _Movable:
         program.command = [sys.executable, *moved, *program.command[3:]]
 
 
-def _clocks_of_sleepers(report: Report) -> list[Result]:
+def _clocks_of_sleepers(report: Report) -> None:
     """Move the clocks of a site whose cameras sleep between their orders."""
     movable = _Movable()
     with (
@@ -69,10 +71,9 @@ def _clocks_of_sleepers(report: Report) -> list[Result]:
         trials.camera_is_stopped()
         trials.edge_steps(5.0)
         trials.asleep()
-    return trials.results
 
 
-def _clocks_and_certificates(report: Report) -> list[Result]:
+def _clocks_and_certificates(report: Report) -> None:
     movable = _Movable()
     now = datetime.now(timezone.utc)
     made = now - timedelta(days=LEAF_DAYS) + timedelta(seconds=LIFE_S)
@@ -94,7 +95,6 @@ def _clocks_and_certificates(report: Report) -> list[Result]:
             trials.edge_steps(seconds)
         trials.certificates_expire(now + timedelta(seconds=LIFE_S))
         trials.certificates_are_renewed()
-    return trials.results
 
 
 class _Trials:
@@ -105,12 +105,12 @@ class _Trials:
     ) -> None:
         self.site, self.seen, self.offsets = site, seen, offsets
         self._report, self._where = report, where
-        self.results: list[Result] = []
+        self._rest = math.inf  # poses per second of the site before anything was tried
+        self._usual = 0.0  # the same just before a trial, where that is less
         self._moved = {name: [0.0, 0.0] for name in offsets}
 
-    def _add(self, name: str, figures: str, held: bool) -> None:
-        self.results.append(Result(f"{self._where}{name}", figures, held))
-        self._report(self.results[-1])
+    def _add(self, name: str, figures: str, held: bool, must: str) -> None:
+        self._report(Result(f"{self._where}{name}", figures, held, must))
 
     def _move(self, name: str, steady_s: float = 0.0, system_s: float = 0.0) -> None:
         moved = self._moved[name]
@@ -138,17 +138,28 @@ class _Trials:
             wait(0.1)
         return None
 
-    def _flow(self, since_s: float, honest: int = CAMERAS) -> tuple[float, str]:
-        """Return the poses with a view per second since some time, of some cameras, in words."""
+    def _begin(self) -> float:
+        """Measure what comes just before a trial; return the time."""
+        before_s = time.monotonic()
+        wait(WHILE_S / 2)
+        now_s = time.monotonic()
+        found = got(self.seen, set(), before_s, now_s).poses
+        self._rest = found if math.isinf(self._rest) else self._rest
+        self._usual = min(self._rest, found)
+        return now_s
+
+    def _flow(self, since_s: float, honest: int = CAMERAS) -> tuple[bool, str]:
+        """Return whether poses with a view flow since some time, and how many, in words."""
         ids = {f"cam{index}" for index in range(honest)}
         found = got(self.seen, ids, since_s, time.monotonic()).poses
-        return found, f"{found:.1f} poses per second"
+        words = f"{found:.1f} poses per second, {self._usual:.1f} at rest"
+        return found > POSES_SHARE * self._usual, words
 
     def usual(self) -> None:
-        since_s = time.monotonic()
-        wait(WHILE_S)
-        found, words = self._flow(since_s)
-        self._add("clocks at rest", words, found > POSES_SHARE * FPS)
+        self._begin()
+        self._add(
+            "clocks at rest", f"{self._usual:.1f} poses per second", self._usual > 0, "poses come"
+        )
 
     def asleep(self) -> None:
         """Look whether cameras sleep, and how many views come nevertheless."""
@@ -157,13 +168,14 @@ class _Trials:
             self._sleeping(status) for _, status in self.seen.statuses[-1:]
         ):
             wait(0.2)  # all are awake in the first slots
-        since_s = time.monotonic()
+        since_s = self._begin()
         wait(2 * WHILE_S)
         newest = [status for at_s, status in list(self.seen.statuses) if at_s >= since_s]
         share = sum(map(self._sleeping, newest)) / max(CAMERAS * len(newest), 1)
         found, words = self._flow(since_s)
-        held = found > POSES_SHARE * FPS and share > ASLEEP_SHARE
-        self._add("at rest", f"{words}, asleep in {share:.0%} of their heartbeats", held)
+        said = f"{words}, asleep in {share:.0%} of their heartbeats"
+        must = f"{FLOWS}, asleep in {ASLEEP_SHARE:.0%} of the heartbeats"
+        self._add("at rest", said, found and share > ASLEEP_SHARE, must)
 
     @staticmethod
     def _sleeping(status: Status) -> int:
@@ -172,7 +184,7 @@ class _Trials:
 
     def system(self, name: str, seconds: float) -> None:
         """Set the system's clock of a program, and back."""
-        since_s, away = time.monotonic(), dict[str, str]()
+        since_s, away = self._begin(), dict[str, str]()
         self._move(name, system_s=seconds)
         while time.monotonic() < since_s + WHILE_S:
             away |= self._away()
@@ -185,12 +197,13 @@ class _Trials:
         self._add(
             f"system clock of {name} set by {seconds:+g} s",
             f"{words}, {len(away)} cameras left, times of slots wrong by {wrong_s:.2f} s",
-            found > POSES_SHARE * FPS and not away and wrong_s < TRUE_S,
+            found and not away and wrong_s < TRUE_S,
+            f"{FLOWS}, no camera leaves, times wrong by less than {TRUE_S:g} s",
         )
 
     def camera_steps(self, seconds: float) -> None:
         """Move the steady clock of a camera, for good."""
-        since_s = time.monotonic()
+        since_s = self._begin()
         self._move("cam3", steady_s=seconds)
         back_s = self._back_s(since_s, left=True)
         wait(max(since_s + STEPPED_S - time.monotonic(), 0.0))
@@ -198,14 +211,15 @@ class _Trials:
         self._add(
             f"steady clock of a camera jumps by {seconds:+g} s",
             f"{words}, all cameras there after {_said(back_s)}",
-            back_s is not None and found > POSES_SHARE * FPS,
+            back_s is not None and found,
+            f"{FLOWS}, {BACK}",
         )
 
     def camera_is_stopped(self) -> None:
         """Stop a camera for a while, as a suspended machine is."""
         process = self._program("cam2").process
         assert process is not None
-        since_s = time.monotonic()
+        since_s = self._begin()
         process.send_signal(signal.SIGSTOP)
         wait(STOPPED_S)
         away = self._away()
@@ -215,7 +229,8 @@ class _Trials:
         self._add(
             f"camera stopped for {STOPPED_S:g} s",
             f"{words}, away: {', '.join(sorted(away))}; back after {_said(back_s)}",
-            list(away) == ["cam2"] and back_s is not None and found > POSES_SHARE * FPS,
+            list(away) == ["cam2"] and back_s is not None and found,
+            f"{FLOWS}, it alone is away, {BACK}",
         )
 
     def edge_steps(self, seconds: float) -> None:
@@ -229,6 +244,7 @@ class _Trials:
             f"steady clock of the edge jumps by {seconds:+g} s",
             f"{max(skipped, 0):.0f} slots skipped, all cameras there after {_said(back_s)}",
             back_s is not None,
+            BACK,
         )
 
     def _program(self, name: str) -> Program:
@@ -238,13 +254,13 @@ class _Trials:
     def certificates_expire(self, until: datetime) -> None:
         """Wait until all certificates have expired; then start a camera again with its own."""
         wait(max((until - datetime.now(timezone.utc)).total_seconds() - 2.0, 0.0))
-        since_s, away = time.monotonic(), dict[str, str]()
+        since_s, away = self._begin(), dict[str, str]()
         while time.monotonic() < since_s + 10.0:
             away |= self._away()
             wait(0.2)
         found, words = self._flow(since_s)
-        held = found > POSES_SHARE * FPS and not away
-        self._add("all certificates expire", f"{words}, {len(away)} cameras left", held)
+        said, must = f"{words}, {len(away)} cameras left", f"{FLOWS}, no camera leaves"
+        self._add("all certificates expire", said, found and not away, must)
         camera = self._program("cam1")
         self._end(camera)
         camera.start()
@@ -255,6 +271,7 @@ class _Trials:
             "camera started with an expired certificate",
             f"exit code {code}: {last[-120:]}",
             code == 2 and "expired" in last,
+            "exit code 2, which says that it has expired",
         )
 
     def certificates_are_renewed(self) -> None:
@@ -271,14 +288,18 @@ class _Trials:
         self._add(
             "certificates renewed",
             f"{words}, {len(left)} left expired, all there after {_said(back_s)}",
-            back_s is not None and not left and found > POSES_SHARE * FPS,
+            back_s is not None and not left and found,
+            f"{FLOWS}, none left expired, {BACK}",
         )
         edge = self._program("edge")
         self._end(edge)
         edge.start()
         back_s = self._back_s(time.monotonic() + 1.0)
         self._add(
-            "edge killed and started again", f"all back after {_said(back_s)}", back_s is not None
+            "edge killed and started again",
+            f"all back after {_said(back_s)}",
+            back_s is not None,
+            BACK,
         )
 
     def _end(self, program: Program) -> None:

@@ -25,18 +25,19 @@ HALF = b"GET / HTTP/1.1\r\nHost: localhost\r\nX-Slow: "
 Attack = Callable[[float], str]
 
 
-def doors(site: Site) -> list[tuple[str, float, Attack]]:
-    """Return attacks by name, with the share of the time that each takes.
+def doors(site: Site) -> list[tuple[str, float, Attack, str]]:
+    """Return attacks by name, with the share of the time that each takes, and what else must be.
 
     Args:
         site: with a page, and with an operator named `OPERATOR`.
     """
     assert site.page_port is not None
+    answered = "; all other requests are answered"
     return [
-        ("crowd at the page", 0.1, _crowd(site.page_port, "/api/status")),
-        ("crowd at the metrics", 0.1, _crowd(site.metrics_port, "/metrics")),
-        ("guessed tokens", 0.1, _guess(site)),
-        ("flood of an operator", 0.15, _flood(site)),
+        ("crowd at the page", 0.1, _crowd(site.page_port, "/api/status"), answered),
+        ("crowd at the metrics", 0.1, _crowd(site.metrics_port, "/metrics"), answered),
+        ("guessed tokens", 0.1, _guess(site), "; no guess is right, the right token is"),
+        ("flood of an operator", 0.15, _flood(site), ""),
     ]
 
 
@@ -49,10 +50,10 @@ def operator_of(site: Site) -> None:
     wait(6.0)
 
 
-def after(site: Site) -> list[Result]:
+def after(site: Site) -> Result:
     """Return whether anything was lost by the attacks."""
     shed = site.metric("e3pose_store_shed_total")
-    return [Result("store after the doors", f"{shed:.0f} records shed", shed == 0)]
+    return Result("store afterwards", f"{shed:.0f} records shed", shed == 0, "no record lost")
 
 
 def _answered(port: int, target: str) -> float | None:
@@ -85,7 +86,9 @@ def _crowd(port: int, target: str) -> Attack:
                 wait(0.1)
         slowest = max((one for one in took if one is not None), default=float("nan"))
         lost = took.count(None)
-        return f"600 connections; {len(took)} requests beside them, {lost} lost, {slowest:.2f} s"
+        said = f"600 connections; {len(took)} requests beside them, {lost} lost, {slowest:.2f} s"
+        assert not lost, said
+        return said
 
     return attack
 
@@ -110,7 +113,9 @@ def _guess(site: Site) -> Attack:
         begun_s = time.monotonic()
         status = ask(token)
         waited_s = time.monotonic() - begun_s
-        return f"{rate:.1f} guesses per second; the right one gets {status} after {waited_s:.1f} s"
+        words = f"{rate:.1f} guesses per second; the right one gets {status} after {waited_s:.1f} s"
+        assert status == 200 and not said[200], words
+        return words
 
     return attack
 

@@ -7,6 +7,7 @@ import io
 import random
 import tempfile
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -47,11 +48,22 @@ class Result:
         name: of the attack.
         figures: what was measured, in words.
         held: whether everything held.
+        must: what must be, in words.
+        alike: what it and others are called in a table that has one row for them.
+        again: whether it is tried once more.
+        left_out: whether it could not be tried here.
     """
 
     name: str
     figures: str
     held: bool
+    must: str
+    alike: str = ""
+    again: bool = False
+    left_out: bool = False
+
+
+Report = Callable[[Result], None]
 
 
 def messages() -> list[Message]:
@@ -151,7 +163,8 @@ def fuzz(seconds: float, decodes: int, seed: int) -> Result:
         f"{done} messages of {len(good)} kinds in {took_s:.0f} s, {accepted} accepted and used, "
         f"grew by {grown_mb:.0f} MB{worst}"
     )
-    return Result("decoders", figures, not worst and grown_mb < GROWTH_MB)
+    must = f"no error but `InputError`, growth below {GROWTH_MB:.0f} MB"
+    return Result("decoders", figures, not worst and grown_mb < GROWTH_MB, must)
 
 
 def hostile_files(
@@ -202,7 +215,7 @@ def hostile_files(
         f"{max((t.grown_mb for t in trials), default=0.0):.0f} MB; "
         f"{tried} damaged files read, {refused} refused{worst}"
     )
-    return Result("files", figures, not worst)
+    return Result("files", figures, not worst, "each used, or refused in one line")
 
 
 def files_of(folder: Path) -> list[Path]:

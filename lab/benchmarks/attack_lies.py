@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
+import re
 import statistics
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import datetime, timezone
 from pathlib import Path
 
-from attack_inputs import Result
+from attack_inputs import Report, Result
 from e3pose.base.clock import WallClock
 from e3pose.camera.base import NodeSettings
 from e3pose.camera.live import CameraNode
@@ -55,6 +56,11 @@ DISTRUSTED_S = 60.0  # at most, of cameras that answered no orders
 LATENCY_S = 0.02  # more than without lies, on a machine that does other things too
 MORE_LEAD = 2  # slots more than without lies
 VIEWS_SHARE, POSES_SHARE = 0.8, 0.9  # of those without lies
+USUAL_S = 6.0  # in which it is measured what comes without lies
+MUST = (
+    f"as without the liar: {POSES_SHARE:.0%} of the poses, {VIEWS_SHARE:.0%} of the honest views, "
+    f"all people, at most {1000 * LATENCY_S:.0f} ms later, {MORE_LEAD} slots and {FAR_S:g} s ahead"
+)
 
 
 @dataclass
@@ -110,6 +116,14 @@ class Got:
     people: float
     lead: int
     deficit: float
+
+    def or_worse(self, other: Got) -> Got:
+        """Return the worse of what came in two whiles, by what a lie may cost."""
+        least, most = (
+            {name: pick(getattr(self, name), getattr(other, name)) for name in names}
+            for pick, names in ((min, ("poses", "views", "people")), (max, ("latency_s", "lead")))
+        )
+        return replace(self, **least, **most)
 
     def summary(self) -> str:
         return (
@@ -173,19 +187,14 @@ def lies_to_tell(seconds: float) -> list[tuple[Lie, float]]:
     return [*first, *((lie, 2 * each_s) for lie in fields), *last]
 
 
-def tell(seconds: float, report: Callable[[Result], None]) -> list[Result]:
+def tell(seconds: float, words: str, report: Report) -> None:
     """Tell every lie to a site of five cameras, with one liar and with two.
 
     Args:
         seconds: for all of them, about.
+        words: pattern of the lies to tell.
         report: called with each result.
     """
-    results: list[Result] = []
-
-    def add(name: str, figures: str, held: bool) -> None:
-        results.append(Result(name, figures, held))
-        report(results[-1])
-
     with (
         live_site(cameras=CAMERAS, people=3, fps=FPS, spare=2, record=True) as site,
         viewer(site) as seen,
@@ -201,25 +210,32 @@ def tell(seconds: float, report: Callable[[Result], None]) -> list[Result]:
             for number in (1, 2):
                 _while_distrusted(seen, set(ids[-2:]))
                 honest = set(ids[: CAMERAS - number])
-                usual = _while(transports, HONEST, number, 6.0, seen, honest)
-                add(f"{number} liars, honest", usual.summary(), usual.poses > POSES_SHARE * FPS)
+                usual = _while(transports, HONEST, number, USUAL_S, seen, honest)
                 silent = Lie("gone", dict.fromkeys(KINDS.values(), lambda message, n, dice: None))
-                gone = _while(transports, silent, number, 6.0, seen, honest)
-                add(f"{number} liars, gone", gone.summary(), gone.poses > POSES_SHARE * FPS)
+                gone = _while(transports, silent, number, USUAL_S, seen, honest)
+                for one, which in ((usual, "honest"), (gone, "gone")):
+                    said = f"{number} liars, {which}"
+                    report(Result(said, one.summary(), one.poses > 0, "poses come"))
                 _while(transports, HONEST, number, 4.0, seen, honest)
+                alike = f"lies of {number} of {CAMERAS} cameras"
                 for lie, each_s in lies_to_tell(seconds):
-                    name = f"{number} liars, {lie.name}"
-                    found = _while(transports, lie, number, each_s, seen, honest)
-                    _while(transports, HONEST, number, PAUSE_S, seen, honest)
-                    if not _held(found, usual, gone):
-                        report(Result(name, found.summary(), False))
-                        name = f"{name}, a second time"
+                    if not re.search(words, name := f"{number} liars, {lie.name}"):
+                        continue
+                    for again in (False, True):
+                        before = usual
+                        if again:  # other programs may have taken the cores
+                            now = _while(transports, HONEST, number, USUAL_S, seen, honest)
+                            before = usual.or_worse(now)
                         found = _while(transports, lie, number, each_s, seen, honest)
                         _while(transports, HONEST, number, PAUSE_S, seen, honest)
-                    add(name, found.summary(), _held(found, usual, gone))
-            show(site, ids[-2:], transports, seen, add)
-        _kept(site, seen, ids[:3], add)
-    return results
+                        held = _held(found, before, gone.or_worse(before))
+                        said = f"{name}, a second time" if again else name
+                        result = Result(said, found.summary(), held, MUST, alike)
+                        report(replace(result, again=not held and not again))
+                        if held:
+                            break
+            show(site, ids[-2:], transports, seen, words, report)
+        _kept(site, seen, ids[:3], report)
 
 
 def show(
@@ -227,7 +243,8 @@ def show(
     camera_ids: list[str],
     transports: list[LyingTransport],
     seen: Seen,
-    add: Callable[[str, str, bool], None],
+    words: str,
+    report: Report,
 ) -> None:
     """Ask two cameras for pictures as the page does, while the second one lies about its own."""
     add_keys(site.folder / "keys", DESK, datetime.now(timezone.utc), kind="operator")
@@ -243,8 +260,11 @@ def show(
             camera, feed, lambda asked: transport.ask(topic, asked, PICTURE_S), 1 / FPS, 10.0
         )
 
+    must = f"the other camera is shown, the liar never, {POSES_SHARE:.0%} of the poses just before"
     for lie in [*picture_schemes(), swept(Picture)]:
-        transports[-1].lie = HONEST
+        if not re.search(words, lie.name):
+            continue
+        usual = _while(transports, HONEST, 1, SHOWN_S, seen, {camera_ids[0]})
         honest, liar = map(pictures, camera_ids)
         transports[-1].lie, begun_s, shown, false = lie, time.monotonic(), 0, 0
         while time.monotonic() < begun_s + SHOWN_S:
@@ -252,13 +272,14 @@ def show(
             shown += bool(honest.newest("", False)["jpeg"])
             wait(0.1)
         found = got(seen, {camera_ids[0]}, begun_s, time.monotonic())
-        words = (
-            f"{found.poses:.1f} poses per second; the other camera shown {shown} times, the liar "
-            f"{false} times, {liar.newest('', False)['why'] or 'without a reason'}"
+        said = (
+            f"{found.poses:.1f} poses per second of {usual.poses:.1f}; the other camera shown "
+            f"{shown} times, the liar {false} times, "
+            f"{liar.newest('', False)['why'] or 'without a reason'}"
         )
         harmless = lie.name.startswith("every")  # some extremes are what honest cameras say
-        held = found.poses > POSES_SHARE * FPS and shown > 0 and (harmless or not false)
-        add(lie.name, words, held)
+        held = found.poses > POSES_SHARE * usual.poses and shown > 0 and (harmless or not false)
+        report(Result(lie.name, said, held, must, "pictures that lie"))
     transports[-1].lie = HONEST
     transport.close()
 
@@ -303,7 +324,7 @@ def _held(found: Got, usual: Got, gone: Got) -> bool:
     )
 
 
-def _kept(site: Site, seen: Seen, honest: list[str], add: Callable[[str, str, bool], None]) -> None:
+def _kept(site: Site, seen: Seen, honest: list[str], report: Report) -> None:
     """Look at what the site has kept: store and recordings."""
     slots = [slot for _, slot, _, _, _ in seen.poses]
     wait(2.0)
@@ -312,13 +333,15 @@ def _kept(site: Site, seen: Seen, honest: list[str], add: Callable[[str, str, bo
     span = max(stored) - min(stored) + 1
     lost = seen.statuses[-1][1].slots_lost
     words = f"{len(stored)} of {span} slots stored, {lost} skipped by the edge"
-    add("store", words, len(stored) + lost >= 0.99 * span and max(stored) >= slots[-1])
+    held = len(stored) + lost >= 0.99 * span and max(stored) >= slots[-1]
+    report(Result("store of a site with liars", words, held, "99 % of all slots stored"))
     rows = list(store.rows("energy"))
     times = [row["time_ns"] for row in store.rows("slots")]
     away_s = max(((row["time_ns"] - max(times)) / 1e9 for row in rows), default=0.0)
     most = CAMERAS * (max(times) - min(times)) / 1e9 / BEAT_S
     words = f"{len(rows)} rows of energy, the newest {away_s:+.1f} s from the newest slot"
-    add("store of energy", words, away_s <= 2 * NEAR_S and len(rows) <= most)
+    held, must = away_s <= 2 * NEAR_S and len(rows) <= most, f"at most {most:.0f} rows, none ahead"
+    report(Result("store of energy with liars", words, held, must))
     end(site.programs[:1])  # which finishes the recording
     views = {camera_id: 0 for camera_id in honest}
     for part in sorted((site.folder / "recordings").glob("*/recording.toml")):
@@ -327,4 +350,5 @@ def _kept(site: Site, seen: Seen, honest: list[str], add: Callable[[str, str, bo
             views[camera_id] += len(recording.views[recording.rig.index(camera_id)].slots)
     arrived = sum(len(set(honest) & set(each[4])) for each in seen.poses)
     words = f"{sum(views.values())} views of honest cameras recorded, {arrived} seen in poses"
-    add("recordings", words, sum(views.values()) >= arrived > 0)
+    held = sum(views.values()) >= arrived > 0
+    report(Result("recordings with liars", words, held, "every view that arrived"))
