@@ -81,8 +81,7 @@ def test_links_that_stay_slower_are_followed_for_good(rate: float) -> None:
     assert found.late_share(62.5) == 0.0 and found.changes(60) == 1
 
 
-@RATES
-@each_case("spread, seed", [(0.5, 0), (0.8, 10), (1.2, 20)])
+@each_case("rate, spread, seed", [(6.0, 0.5, 0), (12.5, 0.8, 10), (25.0, 1.2, 20)])
 def test_links_that_vary_do_not_make_the_lead_oscillate(
     rate: float, spread: float, seed: int
 ) -> None:

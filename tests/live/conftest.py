@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 # What takes minutes begins first: a part ends when its last file does.
-LONG = ("test_setup_page", "test_events_of_people", "test_four_cameras", "test_recorded_session")
+LONG = ("test_setup_page", "test_events_of_people", "test_view_keep", "test_planted_secrets")
 
 
 @pytest.hookimpl(tryfirst=True)  # before tests are chosen by their marks

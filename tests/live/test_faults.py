@@ -96,6 +96,7 @@ def test_frozen_camera_is_noticed_and_comes_back(site: LiveSite) -> None:
     site.becomes(*CAMERAS)
 
 
+@pytest.mark.nightly
 def test_clock_that_is_wrong_drifts_and_is_set_costs_nothing_for_long(site: LiveSite) -> None:
     site.whole()
     site.send("cam1", signal.SIGINT)
@@ -119,6 +120,7 @@ def test_clock_that_is_wrong_drifts_and_is_set_costs_nothing_for_long(site: Live
     assert site.wait("cam1") == 0
 
 
+@pytest.mark.nightly
 def test_empty_battery_is_noticed(site: LiveSite) -> None:
     site.without("cam1")
     site.start_camera("cam1", "--battery-wh", "0.015")  # 54 J, a few seconds of its profile

@@ -190,6 +190,7 @@ def test_site_that_fails_is_started_again_and_its_neighbours_lose_nothing(house:
     assert not house.events("lab", "restarted")
 
 
+@pytest.mark.nightly
 def test_overloaded_site_loses_slots_of_its_own_alone(house: House) -> None:
     hall = house.sites["hall"]
     house.begin()

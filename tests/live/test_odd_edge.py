@@ -88,6 +88,7 @@ def test_edge_that_cannot_send_joins_again(site: OddSite) -> None:
     joins_again(site, "blocked", "a message could not be sent")
 
 
+@pytest.mark.nightly  # half a minute; tests/edge/test_overload.py has its parts
 def test_slow_edge_is_told_and_no_camera_is_blamed(site: OddSite) -> None:
     site.whole()
     site.flows(40)

@@ -9,7 +9,7 @@ import pytest
 from tests.live.processes import LiveSite
 from tests.waiting import eventually
 
-pytestmark = pytest.mark.timed
+pytestmark = [pytest.mark.timed, pytest.mark.nightly]
 
 
 class PlannedSite(LiveSite):

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.site.web.browser import Page, in_browser
+from tests.site.web.browser import SHOWN_S, Page, in_browser
 from tests.site.web.watched import Watched, watched_site
 from tests.waiting import eventually
 
@@ -32,7 +32,7 @@ def opened(page: Page, watched: Watched, token: str) -> None:
     assert eventually(lambda: watched.view.feed.followers >= 1)
     watched.publish(20)
     assert eventually(lambda: page.of("known", "m.known.run === 1"))
-    assert page.shows("people", "10") or page.shows("people", "Ada")
+    assert eventually(lambda: "10" in page.text("people") or "Ada" in page.text("people"), SHOWN_S)
 
 
 def day_of(page: Page, place: int) -> None:
