@@ -85,13 +85,16 @@ def imports(path: Path) -> Iterator[str]:
     yield from (name for name in all_imports(path.read_text()) if name.startswith("e3pose."))
 
 
-def all_imports(text: str) -> Iterator[str]:
-    """Yield all modules that a text imports."""
+@functools.cache
+def all_imports(text: str) -> list[str]:
+    """Return all modules that a text imports."""
+    found = list[str]()
     for node in ast.walk(ast.parse(text)):
         if isinstance(node, ast.ImportFrom) and node.module:
-            yield node.module
+            found.append(node.module)
         elif isinstance(node, ast.Import):
-            yield from (name.name for name in node.names)
+            found += [name.name for name in node.names]
+    return found
 
 
 def foreign(text: str, package: str) -> list[str]:

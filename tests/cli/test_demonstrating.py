@@ -205,6 +205,7 @@ def test_demo_runs_a_site_of_real_processes(tmp_path: Path) -> None:
     assert not [c for p, c in after.items() if p not in before and "e3pose" in " ".join(c)]
 
 
+@pytest.mark.nightly  # a demo more; tests/live ends sites by a signal
 def test_interrupt_leaves_no_process_and_no_file(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "e3pose", "demo", "demo", "--offline"]
     demo = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE)

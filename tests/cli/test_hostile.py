@@ -232,7 +232,7 @@ WORDS: list[tuple[str, str]] = [
     ("import openpose $FULL $NEW --calibration $RIG --fps 1e-300", "--fps: found 1e-300"),
     ("import coco $DEEP $NEW --calibration $RIG --fps 1e-300", "--fps: found 1e-300"),
     ("detect cam0=$BAD $NEW --calibration $RIG --fps 1e-300", "fps: found 1e-300"),
-    ("import openpose $FULL $NEW --calibration $RIG --fps 25", "folders without a camera: none"),
+    ("import openpose $FULL $NEW --calibration $RIG --fps 25", "cameras without a folder: cam0"),
     ("import openpose $FULL $NEW --calibration $RIG --fps 25 --folder ../x", "--folder: found"),
     ("import coco $EMPTY $NEW --calibration $RIG --fps 25", "an empty file"),
     ("import coco $DEEP $NEW --calibration $RIG --fps 25", "deep: "),

@@ -31,7 +31,7 @@ from e3pose.wire.network import NetworkTransport, open_network
 from e3pose.wire.site_messages import OutboxQuestion
 from e3pose.wire.topics import of_outbox
 
-REQUESTS = 18
+REQUESTS = 40
 GONE_S = 20.0  # three seconds of silence, on a machine that does other things
 
 
@@ -98,7 +98,7 @@ def test_every_camera_shows_pictures_with_its_people_and_is_asked_so_often_at_mo
         assert 0 < last["count"] - first[camera_id]["count"] <= 2 * took_s + 2
     # What is drawn are the keypoints of the moment, and the 3D people lie on them.
     near = [hit for one in found for hit in covered(one)]
-    assert len(near) > 90 and np.mean(near) > 0.9
+    assert len(near) > 200 and np.mean(near) > 0.9
     apart = [one["apart_ms"] for one in found if one["slot"] is not None]
     assert len(apart) > 0.8 * len(found) and max(map(abs, apart)) <= 50.0 + 1e-6
 

@@ -125,7 +125,7 @@ def test_interpreted_kernels_do_the_same_when_all_goes_wrong(
 ) -> None:
     """A first start interprets them, and gets no error where compiled ones give none."""
     site, slots = through_lenses(ring(), seen(ring(), 3)) if bent else (model(), seen(ring(), 3))
-    slots = list(spoilt(slots[:40], np.random.default_rng(1)))
+    slots = list(spoilt(slots[:24], np.random.default_rng(1)))
     compiled, belief = [], Belief.empty(site)
     for views, time_s in slots:
         belief, _ = KERNEL(site, belief, views, time_s)
