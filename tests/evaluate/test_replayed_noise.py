@@ -30,12 +30,6 @@ def test_unknown_detector_is_reported(recording: Recording) -> None:
     assert noise_warning(recording, ReplaySettings()) == ""
 
 
-def test_detector_that_is_only_named_in_words_is_reported(recording: Recording) -> None:
-    old = replace(recording, detector="")
-    assert "in words only: simulated is assumed" in noise_warning(old, ReplaySettings())
-    assert noise_warning(old, ReplaySettings(noise="openpose")) == ""
-
-
 def test_summary_has_what_was_learned(recording: Recording) -> None:
     noisy = recording.rig.camera_ids[1]
     views = list(recording.views)

@@ -152,6 +152,7 @@ def import_panoptic(
         views=views,
         truth=Truth(PANOPTIC19, person_ids, joints_m),
         source=SOURCE + note,
+        detector="openpose" if detections is not None else "",
     )
 
 

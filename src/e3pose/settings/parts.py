@@ -80,11 +80,6 @@ class Place(Protocol):
         """What finds the keypoints; empty where nobody said."""
         ...
 
-    @property
-    def source(self) -> str:
-        """Where the keypoints come from, in words."""
-        ...
-
 
 def make_pipeline(
     place: Place,
@@ -313,17 +308,8 @@ def _fusion(settings: LoopSettings) -> FusionSettings:
 
 def noise_warning(place: Place, settings: LoopSettings) -> str:
     """Return what to say where the detector is not stated, or not known; empty if it is."""
-    if settings.noise or _is_paper(settings):
+    if settings.noise or _is_paper(settings) or detector_of(place) != DEFAULT:
         return ""
-    name = detector_of(place)
-    if name != DEFAULT and place.detector:
-        return ""
-    if name != DEFAULT:
-        return (
-            f"the recording names its detector in words only: {name} is assumed; write "
-            f'version = 3 and detector = "{name}" into its recording.toml, or use '
-            f"--noise {name}"
-        )
     return (
         "no noise model for this detector: starts with OpenPose's, 1.5 times as large, and learns "
         "the noise of each camera; measure one with e3pose calibrate noise RECORDING "

@@ -55,7 +55,6 @@ class ResolvedSite:
         plan: what the cameras draw and have.
         stated: `(num_cameras,)` what the file lets each spend, from now on: None where it does not
             say, and an error in place of what cannot be, for whoever asks; see `budgets`.
-        source: nothing, as `detector` says it.
     """
 
     file: SiteTable
@@ -67,7 +66,6 @@ class ResolvedSite:
     detector: str
     plan: EnergyPlan
     stated: tuple[Budget | InputError | None, ...]
-    source: str = ""
 
     @property
     def active_w(self) -> dict[str, float]:

@@ -19,7 +19,6 @@ from e3pose.model.noises import (
     NoiseFile,
     ViewFigures,
     decode_noise,
-    detector_in,
     detector_of,
     encode_noise,
     load_noise,
@@ -130,33 +129,14 @@ def test_missing_field_and_missing_file_are_named(tmp_path: Path) -> None:
         load_noise(tmp_path / "bad.toml")
 
 
-@each_case(
-    ("source", "name"),
-    [
-        ("Detected by movenet-multipose 928b982973ef77ac in a.mp4.", "movenet-multipose"),
-        ("Detected by openpose-thin 51f84ea82b3d0143 in a.mp4.", "openpose-thin"),
-        ("Shelf; detections by OpenPose. Research use only", "openpose"),
-        ("OpenPose JSON, body25", "openpose"),
-        ("RTMPose-m, 12 fps", "rtmlib"),
-        ("Detected by movenet-multipose in openpose-thin_cam1.mp4.", "movenet-multipose"),
-        ("simulated by e3pose: scene ring, seed 1", "simulated"),
-        ("COCO keypoint results", DEFAULT),
-        ("", DEFAULT),
-    ],
-)
-def test_detector_of_an_old_recording_is_read_in_its_source(source: str, name: str) -> None:
-    assert detector_in(source) == name
-
-
 def test_detector_that_is_stated_counts() -> None:
     @dataclass(frozen=True)
     class Place:
         detector: str
-        source: str = "Detected by movenet-multipose in a.mp4."
 
     assert detector_of(Place("openpose")) == "openpose"
     assert detector_of(Place("a network of ours")) == DEFAULT
-    assert detector_of(Place("")) == "movenet-multipose"
+    assert detector_of(Place("")) == DEFAULT
 
 
 def test_noise_of_simulated_people_is_the_simulators() -> None:

@@ -96,7 +96,7 @@ def test_orders_of_keypoints_keep_all_joints(tmp_path: Path, layout: str) -> Non
     for camera in ("cam1", "cam2"):
         write(source / camera / "0_keypoints.json", openpose(person(layout)))
     recording, notes = import_detections(source, rig_of(tmp_path, "cam1", "cam2"), 25)
-    assert recording.skeleton == SKELETONS[name] and recording.detector == "unknown"
+    assert recording.skeleton == SKELETONS[name] and recording.detector == ""
     view = recording.view(0, 0)
     assert view is not None
     for joint, xy in zip(recording.skeleton.joints, view.keypoints_px[0], strict=True):
@@ -211,7 +211,6 @@ SLEAP = f"track,frame_idx,instance.score,{NODES}\na,4,0.9,{','.join(map(str, ROW
         ("cam1/4.json", openpose((SHARES * [2, 2, 1] - [1, 1, 0]).tolist()), "coco17"),
         ("cam1/clip_4.txt", YOLO, "coco17"),
         ("cam1.csv", SLEAP, "coco17"),
-        ("", {"cam1": [MMPOSE], "cam2": []}, "coco17"),
         ("", {"images": [{"id": 1, "file_name": "cam1_004.jpg"}],
               "annotations": [{**RESULT, "image_id": 1}]}, "coco17"),
         ("cam1/x_04_keypoints.json", openpose(person()), "coco17"),
@@ -382,7 +381,7 @@ def test_shares_of_the_image_are_taken_times_its_size(tmp_path: Path, calibratio
         ({"people": [{"pose_keypoints_2d": [1e9, 5.0, 0.5] * 17}]}, r"beyond 1e\+06 px"),
         ({"people": [{"pose_keypoints_2d": [1.0] * 54}]}, "1 person without 51"),
         ({"people": [{"pose_keypoints_2d": [[1.0]] * 51}]}, "shape"),
-        ({"keypoints": [{"0": [[1.0, 2.0, 0.5]] * 17}]}, "not numbers"),
+        ({"keypoints": [{"0": [[1.0, 2.0, 0.5]] * 17}]}, "shape"),
         ({"people": 3}, "found fields"),
         ({"people": [3]}, "expected a person"),
         ('{"x": ' + "[" * 200_000, "expected people"),

@@ -6,7 +6,6 @@ from e3pose.model.noises.file import decode_noise as decode_noise
 from e3pose.model.noises.file import encode_noise as encode_noise
 from e3pose.model.noises.shipped import DEFAULT as DEFAULT
 from e3pose.model.noises.shipped import SHIPPED as SHIPPED
-from e3pose.model.noises.shipped import detector_in as detector_in
 from e3pose.model.noises.shipped import detector_of as detector_of
 from e3pose.model.noises.shipped import load_noise as load_noise
 from e3pose.model.noises.shipped import load_noise_file as load_noise_file

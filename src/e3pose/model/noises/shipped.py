@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from typing import Protocol
 
@@ -16,20 +15,6 @@ FILES = ("simulated", "openpose-thin", "movenet-multipose", "openpose")
 ASSUMED = ("imx500", "yolo-pose", "trt-pose", "rtmlib", DEFAULT)
 MODEL_OF_ASSUMED, LARGER = "openpose", 1.5
 SHIPPED = (*FILES, *ASSUMED)
-# Recordings of formats 1 and 2 name their detector in the source, in words: `Detected by NAME ...`,
-# or one of these, the longest first.
-WORDS = {
-    "simulated by e3pose": "simulated",
-    "openpose-thin": "openpose-thin",
-    "movenet": "movenet-multipose",
-    "yolo": "yolo-pose",
-    "trt-pose": "trt-pose",
-    "trt_pose": "trt-pose",
-    "rtmlib": "rtmlib",
-    "rtmpose": "rtmlib",
-    "rtmo": "rtmlib",
-    "openpose": "openpose",
-}
 MAX_BYTES = 1_000_000
 
 
@@ -41,26 +26,10 @@ class Detected(Protocol):
         """What found the keypoints; empty where nobody said."""
         ...
 
-    @property
-    def source(self) -> str:
-        """Where they come from, in words."""
-        ...
-
 
 def detector_of(place: Detected) -> str:
     """Return the detector that names the noise file of a recording; `DEFAULT` if unknown."""
-    if place.detector:
-        return place.detector if place.detector in SHIPPED else DEFAULT
-    return detector_in(place.source)
-
-
-def detector_in(source: str) -> str:
-    """Return the detector that the source of an old recording names, or `DEFAULT`."""
-    text = source.lower()
-    detected = re.match(r"detected by (.+?) in ", text)  # file names come after it
-    if detected:
-        text = detected[1]
-    return next((name for word, name in WORDS.items() if word in text), DEFAULT)
+    return place.detector if place.detector in SHIPPED else DEFAULT
 
 
 def load_noise(name_or_path: str | Path) -> Noise:

@@ -39,12 +39,8 @@ def write_bvh(take: Take, dest: Path, settings: ExportSettings) -> str:
     angles = euler_zxy(bones.rotations)
     places = {n: PER_METRE[units] * held(m, present(m)) for n, m in bones.moved_m.items()}
     moving = [node for node in _depth_first(bones, 0) if _moves(bones, node, whole)]
-    columns = [
-        part
-        for n in moving
-        for part in (places.get(n), angles[:, n] if _turns(bones, n) else None)
-        if part is not None
-    ]
+    turned = {node: angles[:, node] for node in moving if _turns(bones, node)}
+    columns = [each[node] for node in moving for each in (places, turned) if node in each]
     numbers = np.concatenate([root, *columns], axis=1)
     with (
         atomic_file(dest, private=True) as temporary,

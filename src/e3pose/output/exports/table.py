@@ -110,18 +110,18 @@ def joint_angles(joints_m: Floats, skeleton: Skeleton) -> dict[str, Floats]:
             continue
         if body.has(hip, knee):
             ahead, up, right = _frame(body, "hip")
-            thigh = _unit(body[knee] - body[hip])
+            thigh = unit(body[knee] - body[hip])
             found[f"{side}_thigh_trunk_flexion_deg"] = _degrees(
-                np.arctan2(_dot(thigh, ahead), -_dot(thigh, up))
+                np.arctan2(dot(thigh, ahead), -dot(thigh, up))
             )
             found[f"{side}_thigh_trunk_abduction_deg"] = _degrees(
-                np.arcsin(np.clip(sign * _dot(thigh, right), -1, 1))
+                np.arcsin(np.clip(sign * dot(thigh, right), -1, 1))
             )
         if body.has(shoulder, elbow):
             ahead, up, right = _frame(body, "shoulder")
-            arm = _unit(body[elbow] - body[shoulder])
-            elevation = _degrees(np.arccos(np.clip(-_dot(arm, up), -1, 1)))
-            plane = _degrees(np.arctan2(_dot(arm, ahead), sign * _dot(arm, right)))
+            arm = unit(body[elbow] - body[shoulder])
+            elevation = _degrees(np.arccos(np.clip(-dot(arm, up), -1, 1)))
+            plane = _degrees(np.arctan2(dot(arm, ahead), sign * dot(arm, right)))
             found[f"{side}_shoulder_elevation_deg"] = elevation
             found[f"{side}_shoulder_plane_deg"] = np.where(
                 elevation > LEAST_ELEVATION_DEG, plane, np.nan
@@ -148,31 +148,31 @@ class _Body:
 
 def _bend(body: _Body, near: str, middle: str, far: str) -> Floats:
     """Return by how much a joint is bent: 0 where its two limbs are in line."""
-    first, second = _unit(body[middle] - body[near]), _unit(body[far] - body[middle])
-    return _degrees(np.arccos(np.clip(_dot(first, second), -1, 1)))
+    first, second = unit(body[middle] - body[near]), unit(body[far] - body[middle])
+    return _degrees(np.arccos(np.clip(dot(first, second), -1, 1)))
 
 
 def _frame(body: _Body, girdle: str) -> tuple[Floats, Floats, Floats]:
     """Return ahead, up and right of the trunk, turned as hips or shoulders are."""
-    up = _unit(_middle(body, "shoulder") - _middle(body, "hip"))
+    up = unit(_middle(body, "shoulder") - _middle(body, "hip"))
     across = body[f"right_{girdle}"] - body[f"left_{girdle}"]
-    right = _unit(across - _dot(across, up)[:, None] * up)
+    right = unit(across - dot(across, up)[:, None] * up)
     return np.cross(up, right), up, right
 
 
 def _trunk(body: _Body) -> dict[str, Floats]:
     """Return how the trunk leans against the vertical, and is turned in itself."""
-    trunk = _unit(_middle(body, "shoulder") - _middle(body, "hip"))
+    trunk = unit(_middle(body, "shoulder") - _middle(body, "hip"))
     hips = body["left_hip"] - body["right_hip"]
-    left = _unit(np.concatenate([hips[:, :2], np.zeros((len(hips), 1))], axis=1))
+    left = unit(np.concatenate([hips[:, :2], np.zeros((len(hips), 1))], axis=1))
     ahead = np.cross(left, UP)
     shoulders = body["left_shoulder"] - body["right_shoulder"]
     heading = [np.unwrap(np.arctan2(each[:, 1], each[:, 0])) for each in (shoulders, hips)]
     twist = (heading[0] - heading[1] + np.pi) % (2 * np.pi) - np.pi
     return {
         "trunk_lean_deg": _degrees(np.arccos(np.clip(trunk[:, 2], -1, 1))),
-        "trunk_lean_forward_deg": _degrees(np.arctan2(_dot(trunk, ahead), trunk[:, 2])),
-        "trunk_lean_left_deg": _degrees(np.arctan2(_dot(trunk, left), trunk[:, 2])),
+        "trunk_lean_forward_deg": _degrees(np.arctan2(dot(trunk, ahead), trunk[:, 2])),
+        "trunk_lean_left_deg": _degrees(np.arctan2(dot(trunk, left), trunk[:, 2])),
         "trunk_twist_left_deg": _degrees(twist),
     }
 
@@ -181,11 +181,13 @@ def _middle(body: _Body, girdle: str) -> Floats:
     return np.asarray((body[f"left_{girdle}"] + body[f"right_{girdle}"]) / 2)
 
 
-def _dot(a: Floats, b: Floats) -> Floats:
+def dot(a: Floats, b: Floats) -> Floats:
+    """Return products of vectors on the last axis."""
     return np.asarray((a * b).sum(axis=-1))
 
 
-def _unit(vectors: Floats) -> Floats:
+def unit(vectors: Floats) -> Floats:
+    """Return vectors of length 1 on the last axis; NaN of those without a length."""
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     return np.asarray(vectors / np.where(length > 1e-9, length, np.nan))
 

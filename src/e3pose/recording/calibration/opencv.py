@@ -174,13 +174,12 @@ def _voxelpose(
     def numbers(key: str, *shape: int) -> Floats:
         return fields.numbers(camera[key], [shape], f"{where}: {key}")
 
-    fx, fy, cx, cy = (float(numbers(key)) for key in ("fx", "fy", "cx", "cy"))
     k, p, R = numbers("k", 3), numbers("p", 2), numbers("R", 3, 3)
     size = camera.get("size")
     if size is None:
-        size = easymocap.guess_size(cx, cy, name, notes)
+        size = easymocap.guess_size(float(numbers("cx")), float(numbers("cy")), name, notes)
     return {
-        "K": [[fx, 0, cx], [0, fy, cy], [0, 0, 1]],
+        **{key: float(numbers(key)) for key in ("fx", "fy", "cx", "cy")},
         "dist": [*k[:2].tolist(), *p.tolist(), float(k[2])],
         "R": R.tolist(),
         "T": (-R @ numbers("T", 3) / 1000).tolist(),

@@ -149,20 +149,14 @@ def _json(value: Any, images: Mapping[Any, str]) -> Pictures:
     named = {k: v[key] for k, v in maps.items() for key in PEOPLE if key in v}
     if named and len(named) == len(value):
         return Pictures([Picture(k, _people(v, k, bad)) for k, v in named.items()], bad=tuple(bad))
-    found = _field(value, KEYPOINTS)
-    if _are_points(found):
-        found = [found]  # one person
-    if isinstance(found, list) and found and _are_points(found[0]):  # MediaPipe
-        return Pictures([Picture(None, _people([{"landmarks": p} for p in found], "", bad))])
-    if found is not None:  # arrays of all people of a picture
-        return Pictures([Picture(None, _stacked(value))])
-    if value and all(isinstance(entries, list) for entries in value.values()):  # by camera
-        read = {camera: _of_list(entries, camera, images) for camera, entries in value.items()}
-        return Pictures(
-            [replace(p, name=f"{c}/{p.name}") for c, one in read.items() for p in one.pictures],
-            all_named=all(one.all_named for one in read.values()),
-            bad=tuple(why for one in read.values() for why in one.bad),
-        )
+    found, scores = _field(value, KEYPOINTS), _field(value, SCORES)
+    if isinstance(found, list):  # arrays of all people of a picture, or the points of one
+        found = [found] if _are_points(found) else found
+        scores = [None] * len(found) if scores is None else scores
+        if not isinstance(scores, list) or len(scores) != len(found):
+            raise InputError(f"scores: found others than of {len(found)} people")
+        each = [{"keypoints": p, "scores": s} for p, s in zip(found, scores, strict=True)]
+        return Pictures([Picture(None, _people(each, "keypoints", bad))], bad=tuple(bad))
     raise InputError(f"found fields {', '.join(map(str, value))[:120]!r}, expected {EXPECTED}")
 
 
@@ -280,19 +274,6 @@ def _person(entry: Mapping[str, Any], where: str) -> Floats:
     return clean(body, None if scores is None else _numbers(scores, where), where)
 
 
-def _stacked(value: Mapping[str, Any]) -> tuple[Floats, ...]:
-    points = _numbers(_field(value, KEYPOINTS), "keypoints")
-    scores = _field(value, SCORES)
-    if points.ndim != 3:
-        raise InputError(f"keypoints: found shape {points.shape}, expected people x joints x 2")
-    if scores is None:
-        return tuple(clean(person, None, "keypoints") for person in points)
-    given = _numbers(scores, "scores")
-    if given.shape != points.shape[:2]:
-        raise InputError(f"scores: found shape {given.shape}, expected {points.shape[:2]}")
-    return tuple(clean(p, s, "keypoints") for p, s in zip(points, given, strict=True))
-
-
 def _numbers(values: Any, where: str) -> Floats:
     """Return numbers as an array, NaN for null and empty text."""
     try:
@@ -402,23 +383,16 @@ def of_array(
 
 def _sleap(rows: Sequence[Sequence[str]], path: Path) -> Pictures:
     """Rows of people; columns NODE.x, NODE.y and perhaps NODE.score."""
-    at = {name: index for index, name in enumerate(rows[0])}
-    scored = any(name.endswith(".score") and name != "instance.score" for name in at)
-    coords = ("x", "y", "score") if scored else ("x", "y")
-    nodes = [name[:-2] for name in at if name.endswith(".x")]
-    names = [node for node in nodes if all(f"{node}.{coord}" in at for coord in coords)]
+    head = set(rows[0])
+    nodes = [name[:-2] for name in rows[0] if name.endswith(".x") and f"{name[:-2]}.y" in head]
+    coords = ["x", "y", "score"] if f"{nodes[0] if nodes else ''}.score" in head else ["x", "y"]
+    wanted = [f"{node}.{coord}" for node in nodes for coord in coords]
+    frames, *columns = _columns(rows, ("frame_idx", *wanted), path)
+    people = np.array(columns).reshape(len(nodes), len(coords), -1).transpose(2, 0, 1)
     found: dict[int, list[Floats]] = {}
-    for number, row in enumerate(rows[1:], 2):
-        where = f"{path}:{number}"
-        if not names or len(row) < len(at):
-            raise InputError(f"{where}: found {len(row)} columns, expected NODE.x, NODE.y of each")
-        frame = _float(row[at["frame_idx"]], where)
-        if not abs(frame) < MAX_NUMBER:
-            raise InputError(f"{where}: frame_idx: found {frame}, expected a whole number")
-        points = [[_float(row[at[f"{n}.{c}"]], where) for c in coords] for n in names]
-        found.setdefault(int(frame), []).append(clean(np.array(points), None, where))
-    pictures = [Picture(frame, tuple(people)) for frame, people in found.items()]
-    return Pictures(pictures, tuple(names))
+    for frame, person in zip(_whole(frames, path), people, strict=True):
+        found.setdefault(frame, []).append(clean(person, None, str(path)))
+    return Pictures([Picture(frame, tuple(each)) for frame, each in found.items()], tuple(nodes))
 
 
 def _yolo(content: bytes, path: Path) -> Pictures:
@@ -436,34 +410,39 @@ def _yolo(content: bytes, path: Path) -> Pictures:
 
 def _caliscope(rows: Sequence[Sequence[str]], path: Path) -> Pictures:
     """Rows of points; a row names camera, frame and point."""
-    at = {name: index for index, name in enumerate(rows[0])}
-    camera_key = next((key for key in ("port", "cam_id") if key in at), None)
-    frame_key = next((key for key in ("sync_index", "frame_index") if key in at), None)
-    if camera_key is None or frame_key is None:
-        raise InputError(
-            f"{path}: found no column of cameras and frames, expected port, sync_index"
-        )
-    found: dict[tuple[int, int], dict[int, tuple[float, float]]] = {}
-    for number, row in enumerate(rows[1:], 2):
-        where = f"{path}:{number}"
-        if len(row) < len(at):
-            raise InputError(f"{where}: found {len(row)} columns, expected {len(at)}")
-        whole = [_float(row[at[key]], where) for key in (camera_key, frame_key, "point_id")]
-        if not np.isfinite(whole).all():
-            raise InputError(f"{where}: found {whole}, expected whole numbers")
-        camera, frame, point = map(int, whole)
-        xy = _float(row[at["img_loc_x"]], where), _float(row[at["img_loc_y"]], where)
-        found.setdefault((camera, frame), {})[point] = xy
-    count = 1 + max((max(points) for points in found.values()), default=0)
+    camera_key = next((key for key in ("port", "cam_id") if key in rows[0]), "port")
+    frame_key = next((key for key in ("sync_index", "frame_index") if key in rows[0]), "sync_index")
+    names = (camera_key, frame_key, "point_id", "img_loc_x", "img_loc_y")
+    *keys, x, y = _columns(rows, names, path)
+    cameras, frames, points = (_whole(key, path) for key in keys)
+    count = 1 + max(points, default=0)
     if count > 1000:
         raise InputError(f"{path}: found point {count - 1}, expected at most 999")
-    pictures = []
-    for (camera, frame), points in found.items():
-        person = np.full((count, 2), np.nan)
-        for point, xy in points.items():
-            person[point] = xy
-        pictures.append(Picture(frame, (clean(person, None, str(path)),), camera=camera))
+    found: dict[tuple[int, int], Floats] = {}
+    for camera, frame, point, *xy in zip(cameras, frames, points, x, y, strict=True):
+        found.setdefault((camera, frame), np.full((count, 2), np.nan))[point] = xy
+    pictures = [Picture(frame, (clean(person, None, str(path)),), camera=camera)
+                for (camera, frame), person in found.items()]  # fmt: skip
     return Pictures(pictures, all_named=True)
+
+
+def _columns(rows: Sequence[Sequence[str]], names: Sequence[str], path: Path) -> list[Floats]:
+    """Return the numbers of columns of a table with a head, NaN where empty."""
+    at = {name: index for index, name in enumerate(rows[0])}
+    if missing := [name for name in names if name not in at]:
+        raise InputError(f"{path}: found no column {missing[0][:80]}, expected {EXPECTED}")
+    short = next((i for i, row in enumerate(rows[1:], 2) if len(row) < len(at)), 0)
+    if short:
+        raise InputError(f"{path}:{short}: found too few columns, expected {len(at)}")
+    body = list(enumerate(rows[1:], 2))
+    return [np.array([_float(row[at[n]], f"{path}:{i}") for i, row in body]) for n in names]
+
+
+def _whole(numbers: Floats, path: Path) -> list[int]:
+    """Return frames, cameras or points as whole numbers of 0 and more."""
+    if not ((numbers >= 0) & (numbers < MAX_NUMBER)).all():
+        raise InputError(f"{path}: found a frame, camera or point that is no whole number")
+    return [int(number) for number in numbers]
 
 
 def _float(text: str, where: str) -> float:

@@ -16,7 +16,6 @@ from e3pose.base.bounded import read_bytes
 from e3pose.base.errors import InputError
 from e3pose.base.quantities import plural
 from e3pose.model.camera import Rig
-from e3pose.model.noises import DEFAULT
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import Skeleton, load_skeleton
 from e3pose.recording import Recording
@@ -331,7 +330,7 @@ def import_detections(
         num_slots=num_slots,
         skeleton=skeleton,
         views=views,
-        detector=settings.detector or DEFAULT,  # the name of a folder tells nothing
+        detector=settings.detector,
         source=f"Detections of {source.resolve().name}, {skeleton.name}",
     )
     return recording, reader.notes

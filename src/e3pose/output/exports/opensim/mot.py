@@ -23,6 +23,7 @@ from e3pose.output.exports.base import ExportSettings, person_name, y_up
 from e3pose.output.exports.bones import held, least_rotation
 from e3pose.output.exports.opensim.markers import PLACES, SIDES
 from e3pose.output.exports.opensim.model import BALL_M, HEEL_M, SHIFTS, SOLE_M
+from e3pose.output.exports.table import dot, unit
 
 NEEDED = ("left_hip", "right_hip", "left_shoulder", "right_shoulder")
 BENT_DEG = (5.0, 20.0)  # from the first on, a knee or elbow begins to tell its plane; then it does
@@ -132,12 +133,12 @@ def _limb(
     least = least_rotation(-above[:, :, 1], upper) @ above
     side, bend = least[:, :, 2], np.zeros(len(upper))
     if lower is not None:
-        across = bends * np.cross(_unit(upper), _unit(lower))
-        bend = np.degrees(np.arctan2(np.linalg.norm(across, axis=1), _dot(_unit(upper), lower)
+        across = bends * np.cross(unit(upper), unit(lower))
+        bend = np.degrees(np.arctan2(np.linalg.norm(across, axis=1), dot(unit(upper), lower)
                                      / np.linalg.norm(lower, axis=1)))  # fmt: skip
         low, high = BENT_DEG
         tells = np.nan_to_num(np.clip((bend - low) / (high - low), 0.0, 1.0))[:, None]
-        side = np.where(tells > 0, tells * _unit(across) + (1 - tells) * side, side)
+        side = np.where(tells > 0, tells * unit(across) + (1 - tells) * side, side)
     return _frame(-upper, side), bend
 
 
@@ -149,16 +150,16 @@ def _ankle(thigh: Floats, shank: Floats, foot: Floats) -> Floats:
         shank: `(num_frames, 3)` from knee to ankle.
         foot: `(num_frames, 3)` from ankle to big toe.
     """
-    down, right = _unit(shank), thigh[:, :, 2]
+    down, right = unit(shank), thigh[:, :, 2]
     ahead = np.cross(-down, right)
     at_rest = np.arctan2(SOLE_M, HEEL_M + BALL_M + PLACES["big_toe"].at_m[0])
-    return np.asarray(np.degrees(np.arctan2(-_dot(foot, down), _dot(foot, ahead)) - at_rest))
+    return np.asarray(np.degrees(np.arctan2(-dot(foot, down), dot(foot, ahead)) - at_rest))
 
 
 def _frame(up: Floats, right: Floats) -> Floats:
     """Return `(num_frames, 3, 3)` x ahead, y up, z to the right, with y exactly up."""
-    y = _unit(up)
-    z = _unit(right - _dot(right, y)[:, None] * y)
+    y = unit(up)
+    z = unit(right - dot(right, y)[:, None] * y)
     return np.stack([np.cross(y, z), y, z], axis=-1)
 
 
@@ -177,12 +178,3 @@ def _unwrapped(angle: Floats) -> Floats:
     result: Floats = angle.copy()
     result[known] = np.unwrap(angle[known])
     return result
-
-
-def _dot(a: Floats, b: Floats) -> Floats:
-    return np.asarray((a * b).sum(axis=-1))
-
-
-def _unit(vectors: Floats) -> Floats:
-    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
-    return np.asarray(vectors / np.where(length > 1e-9, length, np.nan))
