@@ -39,9 +39,9 @@ from e3pose.store.database import (
     shown,
     writing_engine,
 )
-from e3pose.store.delivery import new_rows
 from e3pose.store.query import Time
 from e3pose.store.rows import NS
+from e3pose.store.saver import new_rows
 from e3pose.store.schema import SUMMARY_JSON, summary_columns
 from e3pose.store.times import as_when
 from e3pose.wire.site_messages import Tombstone

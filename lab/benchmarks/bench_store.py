@@ -17,8 +17,8 @@ from e3pose.model.people import People
 from e3pose.model.skeleton import COCO17
 from e3pose.pipeline import SlotRecord
 from e3pose.store import Run, Store, StoreWriter
-from e3pose.store.delivery import Delivery
 from e3pose.store.rows import Row, slot_rows
+from e3pose.store.saver import Delivery
 
 FPS, PEOPLE, CAMERAS = 25, 4, 5
 DAY_SLOTS = 8 * 3600 * FPS

@@ -14,8 +14,8 @@ from e3pose.base.arrays import Floats
 from e3pose.estimate.filter import Model
 from e3pose.estimate.filter.estimator import Filtered
 from e3pose.estimate.filter.step import StepKernel
+from e3pose.estimate.per_slot.estimator import Tracks, update_tracks
 from e3pose.estimate.per_slot.fuse import Fuser, FusionSettings
-from e3pose.estimate.per_slot.track import Tracks, update_tracks
 from e3pose.model.noises import load_noise
 from e3pose.recording import Recording
 from e3pose.simulate import SceneSettings, simulate

@@ -17,7 +17,7 @@ from e3pose.base import kernel_cache
 from e3pose.base.kernel import kernel
 from e3pose.base.kernel_cache import KernelCache, sources_of, stamp_of
 from e3pose.estimate.filter import bias, step
-from e3pose.estimate.per_slot import slot
+from e3pose.estimate.per_slot import fuse
 from e3pose.predict.kernels import prediction
 from e3pose.select.kernels import foresight
 
@@ -31,8 +31,8 @@ def thrice(values: Any) -> float:
     ("declared", "taken_over"),
     [
         (step, {"step.py", "update.py", "undistort.py", "triangulate.py", "outliers.py"}),
-        (slot, {"slot.py", "pairs.py", "triangulate.py", "undistort.py", "distortion.py"}),
-        (foresight, {"foresight.py", "bias.py", "carry.py", "blind_places.py", "projection.py"}),
+        (fuse, {"fuse.py", "pairs.py", "triangulate.py", "undistort.py", "distortion.py"}),
+        (foresight, {"foresight.py", "bias.py", "carry.py", "projection.py"}),
         (prediction, {"network.py", "layers.py", "history.py"}),
     ],
 )

@@ -18,7 +18,7 @@ from tests.detectors.test_networks import write_onnx
 from tests.detectors.weights.conftest import site as site
 from tests.detectors.weights.web import CONTENT, Site, sha256
 
-from e3pose.detectors.weights.catalogue import MODELS, FromHub, FromUrl
+from e3pose.detectors.weights import MODELS, FromHub, FromUrl
 
 WEIGHTS = b"weights"
 MOVENET = MODELS["movenet-multipose"]
@@ -190,7 +190,7 @@ def test_a_stopped_pull_leaves_nothing(tmp_path: Path, sign: signal.Signals) -> 
     program = f"""
 from dataclasses import replace
 from e3pose.cli import main
-from e3pose.detectors.weights.catalogue import MODELS, FromUrl
+from e3pose.detectors.weights import MODELS, FromUrl
 MODELS["movenet-multipose"] = replace(MODELS["movenet-multipose"], source=FromUrl({url!r}))
 main(["models", "pull", "movenet-multipose"])
 """

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from e3pose.base.errors import InputError
 from e3pose.detectors import Detector, make_detector
-from e3pose.detectors.weights import extract_member, fetch_from_index
-from e3pose.detectors.weights.catalogue import MODELS, FromIndex
+from e3pose.detectors.weights import MODELS, FromIndex, extract_member, fetch_from_index
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17, convert
 

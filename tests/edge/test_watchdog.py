@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from tests.cases import each_case
 
-from e3pose.edge.watchdog import (
+from e3pose.edge.housekeeping import (
     CALM_S,
     LONGEST_WAIT_S,
     MAX_BYTES,

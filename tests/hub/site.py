@@ -12,8 +12,8 @@ from pathlib import Path
 from e3pose.edge.consumers import Consumers
 from e3pose.site.outbox_answers import OutboxAnswers
 from e3pose.store.database import writing_engine
-from e3pose.store.delivery import Delivery
 from e3pose.store.rows import Event, Run, event_row
+from e3pose.store.saver import Delivery
 from e3pose.store.summaries import MINUTE_NS, Minutes
 from e3pose.wire.access import Link
 from e3pose.wire.endpoint import read_endpoint

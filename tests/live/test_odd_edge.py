@@ -13,7 +13,7 @@ import pytest
 from tests.live.processes import CAMERAS, HERE, LiveSite
 from tests.waiting import eventually
 
-from e3pose.edge.watchdog import STALL_S
+from e3pose.edge.housekeeping import STALL_S
 
 pytestmark = pytest.mark.timed
 

@@ -12,13 +12,12 @@ from e3pose.estimate.filter.carry import carry
 from e3pose.model.camera import Rig
 from e3pose.model.projection import MIN_DEPTH_M, project
 from e3pose.model.uncertainty import mean_distance
-from e3pose.select.expected_information import Foresight
-from e3pose.select.kernels.blind_places import INFORMATION_RATIO
+from e3pose.select.expected_information import Entrants, Foresight
 from e3pose.select.kernels.foresight import (
     BEHIND_M,
     BEHIND_SHARE,
+    INFORMATION_RATIO,
 )
-from e3pose.select.newcomers import Entrants
 
 UPPER = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))  # of a symmetric matrix, as stored here
 

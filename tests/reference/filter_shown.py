@@ -10,9 +10,9 @@ from tests.reference.filter_motion import places
 
 from e3pose.base.arrays import Flags, Floats, Integers
 from e3pose.estimate.filter.blindness import PLAIN
+from e3pose.estimate.filter.estimator import GAIN
 from e3pose.estimate.filter.shown import LEAVES_HZ, SHOWN_SPREAD_M
 from e3pose.estimate.filter.state import Belief, Model
-from e3pose.estimate.filter.steer import GAIN
 from e3pose.estimate.filter.tree import Tree
 
 
@@ -47,7 +47,7 @@ def steer(
     ahead_s: float,
     drift_share: Floats | float = 1.0,
 ) -> Belief:
-    """See `e3pose.estimate.filter.steer.steer`."""
+    """See `e3pose.estimate.filter.estimator.steer`."""
     shares = np.ones_like(belief.drift_share)
     if ahead_s <= 0 or not np.isfinite(joints_m).any():
         return replace(belief, drift_share=shares)

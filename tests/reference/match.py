@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from e3pose.base.arrays import Floats
-from e3pose.estimate.per_slot.dissolve import STRENGTH_UNIT
-from e3pose.estimate.per_slot.group import PRIOR_JOINTS
+from e3pose.estimate.per_slot.fuse import PRIOR_JOINTS, STRENGTH_UNIT
 from e3pose.estimate.per_slot.pairs import PARALLEL_SINE2
 
 

@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 from e3pose.base.arrays import Flags, Floats
 from e3pose.model.camera import Rig
 from e3pose.model.overlap import overlap
-from e3pose.select.kernels.people import FIRST_VIEW
-from e3pose.select.newcomers import Entrants
+from e3pose.select.expected_information import FIRST_VIEW, Entrants
 
 
 def starts(entrants: Entrants, subsets: Flags) -> Floats:
@@ -35,7 +34,7 @@ def expected_entrants(
     interval_s: float,
     ordered: Flags,
 ) -> Entrants:
-    """See `e3pose.select.newcomers.expected_entrants`."""
+    """See `e3pose.select.expected_information.expected_entrants`."""
     sources = np.flatnonzero(unexplained)
     if len(sources) == 0:
         return Entrants.none(len(rig))

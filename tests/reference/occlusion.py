@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from e3pose.base.arrays import Floats
-from e3pose.select.kernels.boxes import BOX_EXPANSION
+from e3pose.select.occlusion import BOX_EXPANSION
 
 
 def inside_image(pixels: Floats, image_size: ArrayLike) -> NDArray[np.bool_]:

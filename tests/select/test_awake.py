@@ -17,10 +17,9 @@ from e3pose.base.arrays import Flags, Floats
 from e3pose.energy.modes import Rest
 from e3pose.energy.rest_costs import RestCosts, rest_costs
 from e3pose.model.look_request import LookRequest
-from e3pose.select.awake import RestPlanner
+from e3pose.select.awake import RestPlanner, needs_of
 from e3pose.select.expected_information import Foresight, foresee
 from e3pose.select.policies.base import Situation
-from e3pose.select.rest_needs import needs_of
 from e3pose.select.rest_plan import (
     FEWEST_AWAKE,
     FEWEST_WITH_PEOPLE,

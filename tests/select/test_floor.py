@@ -6,7 +6,7 @@ import numpy as np
 from tests.five_cameras import RIG
 
 from e3pose.estimate.filter import blindness
-from e3pose.select.floor import seen_floor, showing, sights
+from e3pose.select.awake import seen_floor, showing, sights
 
 N = len(RIG)
 

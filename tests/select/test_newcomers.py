@@ -9,8 +9,7 @@ from tests.cases import each_case
 from tests.rigs import looking
 
 from e3pose.model.overlap import overlap
-from e3pose.select.kernels.people import FIRST_VIEW
-from e3pose.select.newcomers import Entrants, expected_entrants
+from e3pose.select.expected_information import FIRST_VIEW, Entrants, expected_entrants
 
 WAIT_S, SLOT_S = 0.14, 0.08
 EACH = np.eye(3, dtype=bool)

@@ -11,9 +11,15 @@ from e3pose.energy.rest_costs import rest_costs
 from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.evaluate.waking import asleep_in
 from e3pose.recording import Recording
-from e3pose.select import rest_check
-from e3pose.select.rest_check import LEAST_ROUNDS, STRETCH_S, STRETCHES, RestCheck
-from e3pose.select.rest_plan import RestMemory, rested
+from e3pose.select import rest_plan
+from e3pose.select.rest_plan import (
+    LEAST_ROUNDS,
+    STRETCH_S,
+    STRETCHES,
+    RestCheck,
+    RestMemory,
+    rested,
+)
 from e3pose.simulate import SceneSettings, simulate
 
 SLOT_S = 0.08
@@ -85,7 +91,7 @@ def test_a_replay_wakes_everybody_in_the_last_stretch_of_a_round(
     recording: Recording, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for name, value in (("STRETCH_S", 5.0), ("STRETCHES", 3), ("SETTLE_S", 0.5)):
-        monkeypatch.setattr(rest_check, name, value)
+        monkeypatch.setattr(rest_plan, name, value)
     rest = Rest("suspended", 0.5, 0.5, 1.0, 0.2)
     costs = rest_costs([12.5] * 6, [6.25] * 6, [rest] * 6)
     settings = ReplaySettings(

@@ -13,8 +13,7 @@ from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
 from e3pose.recording import Recording
 from e3pose.simulate import SCENES, DetectorSettings, SceneSettings, simulate
-from e3pose.simulate.activities import Ways
-from e3pose.simulate.collision_avoidance import PERSON_RADIUS_M
+from e3pose.simulate.activities import PERSON_RADIUS_M, Ways
 from e3pose.simulate.hidden_joints import behind_things
 from e3pose.simulate.occluders import Box
 

@@ -22,9 +22,9 @@ from e3pose.store import (
     StoreWriter,
     WriterSettings,
 )
-from e3pose.store.delivery import Delivery
 from e3pose.store.retention import BATCH_SLOTS
 from e3pose.store.rows import Row, slot_rows
+from e3pose.store.saver import Delivery
 
 STARTED_NS = 1_795_000_000_000_000_000
 NS = 10**9

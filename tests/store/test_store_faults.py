@@ -24,8 +24,8 @@ from tests.store.writers import QUICK, limit_connections, stored_slots, wait_for
 from e3pose.base.errors import InputError
 from e3pose.model.zone_event import ZoneEvent
 from e3pose.store import Event, Run, Store, StoreWriter, WriterSettings
-from e3pose.store.delivery import Delivery
 from e3pose.store.rows import EnergyReading, Presence, Row, slot_rows
+from e3pose.store.saver import Delivery
 from e3pose.store.spool import MAGIC, LeftSpool, Spool, frame, spools_of
 from e3pose.store.summaries import Minutes
 

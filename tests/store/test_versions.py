@@ -19,9 +19,9 @@ from tests.store.conftest import record, run
 from e3pose.base.errors import InputError
 from e3pose.store import EnergyReading, Event, Store, StoreWriter, migrations, schema
 from e3pose.store.database import database_url, writing_engine
-from e3pose.store.delivery import Delivery, known
 from e3pose.store.people import kept_of
 from e3pose.store.rows import energy_row, event_row, slot_rows
+from e3pose.store.saver import Delivery, known
 
 Place = Path | str
 STARTED_NS = 1_795_000_000_000_000_000
@@ -44,7 +44,7 @@ def old(place: Place, monkeypatch: pytest.MonkeyPatch) -> Place:
     rows.append(event_row(Event(STARTED_NS, "start", "begun"), 1))
     rows = [(n, {k: r[k] for k in r if k not in LATER.get(n, ())}) for n, r in rows]
     rows.append(energy_row(EnergyReading(STARTED_NS, "north", 1.0, 1.0, "measured")))
-    monkeypatch.setattr("e3pose.store.delivery.prepare", lambda *_: 1)
+    monkeypatch.setattr("e3pose.store.saver.prepare", lambda *_: 1)
     delivery = Delivery(database_url(place))
     assert delivery.commit(rows, run()) == 0
     delivery.close()

@@ -34,4 +34,4 @@ def limit_connections(monkeypatch: pytest.MonkeyPatch, pragma: Callable[[], str]
 
         return engine
 
-    monkeypatch.setattr("e3pose.store.delivery.writing_engine", limited)
+    monkeypatch.setattr("e3pose.store.saver.writing_engine", limited)

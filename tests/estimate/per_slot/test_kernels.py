@@ -20,7 +20,7 @@ from e3pose.base.arrays import Floats
 from e3pose.estimate.per_slot import triangulate as place
 from e3pose.estimate.per_slot.fuse import Fuser, Fusion, FusionSettings
 from e3pose.estimate.per_slot.fusion import MATCHERS
-from e3pose.estimate.per_slot.nullspace import null_vector
+from e3pose.estimate.per_slot.triangulate import null_vector
 from e3pose.model.camera import Camera, Rig
 
 pytestmark = pytest.mark.slow

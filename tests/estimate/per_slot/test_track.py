@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from e3pose.estimate.per_slot.track import END_AFTER_S, Tracks, filled, update_tracks
+from e3pose.estimate.per_slot.estimator import END_AFTER_S, Tracks, filled, update_tracks
 from e3pose.model.people import People
 
 INTERVAL_S = 0.04

@@ -10,8 +10,7 @@ from tests.estimate.filter.room import BODY
 from tests.estimate.smooth.motions import motion, waving
 
 from e3pose.base.arrays import Floats
-from e3pose.estimate.smooth import SMOOTHERS, SmoothSettings, smoothed
-from e3pose.estimate.smooth.limbs import keep_limbs
+from e3pose.estimate.smooth import SMOOTHERS, SmoothSettings, keep_limbs, smoothed
 from e3pose.model.skeleton import COCO17
 from e3pose.model.take import Motion, Take
 

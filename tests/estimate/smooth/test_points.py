@@ -9,8 +9,8 @@ from tests.estimate.smooth.motions import motion, waving
 
 from e3pose.estimate.filter.motion import alone, fading
 from e3pose.estimate.filter.tree import grow
+from e3pose.estimate.smooth import FIRST_SPEED_MPS, smooth_points
 from e3pose.estimate.smooth.gaps import fill_gaps
-from e3pose.estimate.smooth.points import FIRST_SPEED_MPS, smooth_points
 from e3pose.model.skeleton import COCO17
 from e3pose.model.take import FILLED
 

@@ -8,8 +8,7 @@ from tests.cases import each_case
 from tests.estimate.smooth.motions import motion, waving
 
 from e3pose.base.errors import InputError
-from e3pose.estimate.smooth import SMOOTHERS, SmoothSettings, smoothed
-from e3pose.estimate.smooth.butterworth import butterworth
+from e3pose.estimate.smooth import SMOOTHERS, SmoothSettings, butterworth, smoothed
 from e3pose.estimate.smooth.gaps import fill_gaps, stretches
 from e3pose.model.skeleton import COCO17
 from e3pose.model.take import FILLED, MEASURED, MISSING, Motion, Take

@@ -10,7 +10,7 @@ from tests.cases import each_case
 
 from e3pose.estimate.base import Estimate
 from e3pose.estimate.filter.lasting import grown_m2
-from e3pose.estimate.smooth.stated import SHARED, own_m2
+from e3pose.estimate.smooth.bodies import SHARED, own_m2
 from e3pose.evaluate.figures import expected_figures
 from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.evaluate.smoothed import smooth_records

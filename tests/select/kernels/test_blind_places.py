@@ -11,7 +11,7 @@ from e3pose.estimate.filter.blindness import chance
 from e3pose.estimate.filter.step import StepKernel
 from e3pose.model.noises import load_noise
 from e3pose.model.pose import Poses2D
-from e3pose.select.kernels.blind_places import INFORMATION_RATIO, worth
+from e3pose.select.kernels.foresight import INFORMATION_RATIO, worth
 from e3pose.simulate import SceneSettings, simulate
 
 SIMULATED = load_noise("simulated")

@@ -14,8 +14,7 @@ from tests.select.outlooks import standing
 from e3pose.base.arrays import Flags
 from e3pose.estimate.base import Outlook
 from e3pose.model.noise import ErrorMemory
-from e3pose.select.expected_information import Foresight, foresee
-from e3pose.select.newcomers import expected_entrants
+from e3pose.select.expected_information import Foresight, expected_entrants, foresee
 
 RIG = looking((4, 0), (0, 4), (-4, 0), (3, 3))
 SLOT_S = 0.04

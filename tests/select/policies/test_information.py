@@ -11,8 +11,7 @@ from tests.cases import each_case
 from tests.select.outlooks import standing
 
 from e3pose.energy.queues import advance_deficit, price
-from e3pose.select.expected_information import Foresight
-from e3pose.select.newcomers import Entrants
+from e3pose.select.expected_information import Entrants, Foresight
 from e3pose.select.policies import Selection, Situation
 from e3pose.select.policies.information import MAX_PAUSE_S, Information
 from e3pose.select.stated_error import StatedError

@@ -12,8 +12,7 @@ from tests.cases import each_case
 from tests.select.outlooks import standing
 
 from e3pose.energy.queues import advance_deficit
-from e3pose.select.expected_information import Foresight
-from e3pose.select.newcomers import Entrants
+from e3pose.select.expected_information import Entrants, Foresight
 from e3pose.select.policies import POLICIES, PolicySettings, Promise, Selection, Situation
 
 NAMES = sorted(POLICIES)

@@ -18,7 +18,7 @@ from e3pose.recording.calibration import save_rig
 from e3pose.settings.resolved import ResolvedSite, resolve
 from e3pose.settings.site_file import SiteTable
 from e3pose.site.check.finding import Finding, report
-from e3pose.site.check.settings import (
+from e3pose.site.check.parts import (
     budget_problems,
     event_problems,
     feedback_problems,

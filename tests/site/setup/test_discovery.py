@@ -10,7 +10,7 @@ from contextlib import contextmanager
 
 from tests.cases import each_case
 
-from e3pose.site.setup.discovery import look_around, read_answer
+from e3pose.site.setup.cameras import look_around, read_answer
 
 ANSWER = """<?xml version="1.0" encoding="utf-8"?>
 <SOAP-ENV:Envelope xmlns:SOAP-ENV="http://www.w3.org/2003/05/soap-envelope"

@@ -9,7 +9,7 @@ import pytest
 from tests.cases import each_case
 
 from e3pose.base.errors import InputError
-from e3pose.site.setup.finding import check_typed, find_films, free_name
+from e3pose.site.setup.cameras import check_typed, find_films, free_name
 from e3pose.site.setup.plan import ChosenCamera
 
 

@@ -14,8 +14,7 @@ from tests.site.tables import resolved_site
 from e3pose.base.errors import GaveUp, InputError
 from e3pose.camera.probe import Probe
 from e3pose.site.setup import cameras, going_live
-from e3pose.site.setup.discovery import NetworkCamera
-from e3pose.site.setup.finding import check_typed
+from e3pose.site.setup.cameras import NetworkCamera, check_typed
 from e3pose.site.setup.onvif import Denied, Login, Stream
 from e3pose.site.setup.session import AT_WORK, SetupSession
 from e3pose.site.setup.tasks import Task

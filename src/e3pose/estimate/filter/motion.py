@@ -214,7 +214,7 @@ def foresee_joints(
     joints_m: Floats,
     shares: Floats,
 ) -> None:
-    """Fill the result of `filter.steer.foreseen`.
+    """Fill the result of `filter.estimator.foreseen`.
 
     Args:
         history_m: `(num_slots, num_steered, num_joints, 3)` metres.

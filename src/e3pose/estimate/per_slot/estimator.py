@@ -1,4 +1,9 @@
-"""The paper's estimator: match and triangulate every slot by itself, then keep identities."""
+"""The paper's estimator: match and triangulate every slot by itself, then keep identities.
+
+The 3D poses of a slot are associated with the tracks of the slots before. This is the paper's data
+plane, which has no filter: a track's joints are the triangulated ones, and
+its history is what the predictor is given.
+"""
 
 from __future__ import annotations
 
@@ -7,9 +12,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from e3pose.estimate.base import Estimate, Expected, Outlook
+from e3pose.base.arrays import Floats, Integers
+from e3pose.base.errors import InputError
+from e3pose.base.nan_statistics import mean_of_known
+from e3pose.estimate.base import Estimate, Expected, History, Outlook
 from e3pose.estimate.per_slot.fuse import Fuser
-from e3pose.estimate.per_slot.track import Tracks, update_tracks
 from e3pose.model.noise import Noise
 from e3pose.model.people import People
 from e3pose.model.pose import Poses2D
@@ -22,6 +29,14 @@ FILLED_SIGMA_M, FILLED_SCORE = 0.1, 0.1  # of joints that were filled
 # Nothing is carried on: before a slot is seen its joints are only known to be near the last ones.
 # tuned: m | by reasoning | not measured
 UNSEEN_SIGMA_M = 0.3
+# tuned: m | not recorded | not measured
+GATE_M = 0.4  # mean joint distance explained by estimation noise of two triangulated poses
+# tuned: m/s | not recorded | not measured
+GATE_SPEED_MPS = 4.0  # how fast a person may move away from where they were last seen
+# tuned: m | not recorded | not measured
+GATE_LIMIT_M = 1.5  # beyond this two poses are never the same person, however long ago
+# tuned: s | not recorded | not measured
+END_AFTER_S = 1.0  # a track without a pose for this long ends
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,7 +49,7 @@ class PerSlot:
         interval_s: seconds per slot.
         noise: of the detector's keypoints, for the outlook.
         history_slots: the length of the history, at least 2.
-        fills: show joints that a slot lacks where the person had them last (`track.filled`).
+        fills: show joints that a slot lacks where the person had them last (`filled`).
     """
 
     fuser: Fuser
@@ -120,3 +135,128 @@ class PerSlot:
             unexplained_s=np.full(num_cameras, np.inf),
             wait_s=0.0,
         )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tracks:
+    """People followed over slots.
+
+    Attributes:
+        history: of the tracks; their ids are unique within a run and rise.
+        unseen: `(num_tracks,)` slots since the last pose; 0 when seen in the newest slot.
+        filled_m: `(num_tracks, num_joints, 3)` the newest pose with what it lacked (`filled`).
+        next_id: the id that the next new person gets.
+    """
+
+    history: History
+    unseen: Integers
+    filled_m: Floats
+    next_id: int = 1
+
+    def __post_init__(self) -> None:
+        if len(self.history.track_ids) != len(self.unseen):  # of a damaged checkpoint
+            counts = f"{len(self.history.track_ids)} and {len(self.unseen)} tracks"
+            raise InputError("history", counts, "the same")
+
+    def __len__(self) -> int:
+        return len(self.unseen)
+
+    @classmethod
+    def empty(cls, num_slots: int, num_joints: int) -> Tracks:
+        """Return no tracks, with room for a history of `num_slots`."""
+        none = np.zeros(0, dtype=np.int64)
+        return cls(History.empty(num_slots, num_joints), none, np.zeros((0, num_joints, 3)))
+
+    def last_known_m(self) -> Floats:
+        """Return `(num_tracks, num_joints, 3)`: each joint where it was last estimated."""
+        known, *before = self.history.joints_m[::-1]
+        for earlier in before:
+            known = np.where(np.isnan(known), earlier, known)
+        return np.asarray(known)
+
+
+def update_tracks(tracks: Tracks, people: People, interval_s: float) -> tuple[Tracks, Integers]:
+    """Associate one slot's people with the tracks, start new tracks and end old ones.
+
+    Args:
+        tracks: the tracks after the previous slot.
+        people: of this slot, before identity.
+        interval_s: seconds per slot.
+
+    Returns:
+        The tracks after this slot, and `(num_people,)` the track id of every person.
+    """
+    rows, columns = associate(tracks, people, interval_s)
+    ids = np.full(len(people), -1, dtype=np.int64)
+    ids[columns] = tracks.history.track_ids[rows]
+    new = np.flatnonzero(ids < 0)
+    ids[new] = tracks.next_id + np.arange(len(new))
+
+    newest = np.full_like(tracks.filled_m, np.nan)
+    newest[rows] = people.joints_m[columns]
+    unseen = tracks.unseen + 1
+    unseen[rows] = 0
+    keep = unseen * interval_s <= END_AFTER_S
+    filled_m = tracks.filled_m.copy()
+    filled_m[rows] = filled(tracks.filled_m[rows], people.joints_m[columns])
+    history = tracks.history.after(
+        np.concatenate([tracks.history.track_ids[keep], ids[new]]),
+        np.concatenate([newest[keep], people.joints_m[new]]),
+    )
+    return (
+        Tracks(
+            history,
+            np.concatenate([unseen[keep], np.zeros(len(new), dtype=np.int64)]),
+            np.concatenate([filled_m[keep], people.joints_m[new]]),
+            tracks.next_id + len(new),
+        ),
+        ids,
+    )
+
+
+def filled(before_m: Floats, joints_m: Floats) -> Floats:
+    """Return poses with the joints that they lack, as far as they were known before.
+
+    A missing joint keeps its last offset from the joint, of those that are there, which it was
+    nearest to. The paper's section 2 names post-processing; its Table 1 is at hand only with it
+    (`docs/research/paper-comparison.md`).
+
+    Args:
+        before_m: `(num_persons, num_joints, 3)` the same people before, filled; NaN where unknown.
+        joints_m: `(num_persons, num_joints, 3)` now; NaN where missing.
+    """
+    there = np.asarray(np.isfinite(joints_m).all(axis=-1))
+    known = np.asarray(np.isfinite(before_m).all(axis=-1))
+    apart = np.linalg.norm(before_m[:, :, None] - before_m[:, None], axis=-1)
+    apart = np.where((there & known)[:, None], np.nan_to_num(apart, nan=np.inf), np.inf)
+    nearest = apart.argmin(axis=-1)[..., None]
+    moved_m = np.take_along_axis(joints_m - before_m, nearest, axis=1)
+    lacks = ~there & known & (there & known).any(axis=-1, keepdims=True)
+    return np.where(lacks[..., None], before_m + moved_m, joints_m)
+
+
+def associate(tracks: Tracks, people: People, interval_s: float) -> tuple[Integers, Integers]:
+    """Return the rows of tracks and of people that are the same, by least total distance."""
+    from scipy.optimize import linear_sum_assignment  # takes longer to import than all else here
+
+    distance = _distances(tracks.last_known_m(), people.joints_m)
+    gate = np.minimum(GATE_M + GATE_SPEED_MPS * interval_s * (tracks.unseen + 1), GATE_LIMIT_M)
+    excess = np.where(distance <= gate[:, None], distance, GATE_LIMIT_M * 100)
+    rows, columns = linear_sum_assignment(excess)
+    accepted = distance[rows, columns] <= gate[rows]
+    return rows[accepted].astype(np.int64), columns[accepted].astype(np.int64)
+
+
+def _distances(first_m: Floats, second_m: Floats) -> Floats:
+    """Mean distance over shared joints; between centroids where there is none; else inf."""
+    by_joint = mean_of_known(np.linalg.norm(first_m[:, None] - second_m[None], axis=-1))
+    centroids = np.linalg.norm(_centroids(first_m)[:, None] - _centroids(second_m)[None], axis=-1)
+    otherwise = np.where(np.isfinite(centroids), centroids, np.inf)
+    return np.where(np.isfinite(by_joint), by_joint, otherwise)
+
+
+def _centroids(joints_m: Floats) -> Floats:
+    present = np.asarray(np.isfinite(joints_m).all(axis=-1))
+    total = np.where(present[..., None], joints_m, 0.0).sum(axis=-2)
+    count = present.sum(axis=-1)
+    return np.where(count[..., None] > 0, total / np.maximum(count, 1)[..., None], np.nan)

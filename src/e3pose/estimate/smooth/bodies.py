@@ -4,6 +4,15 @@ A body of the filter is a Gaussian tree over the joints (`filter.tree`). Written
 Gaussian of all positions and velocities, moved on by the filter's own motion model
 (`filter.motion`), with the velocities and the noise that steering left; `rauch` takes it back.
 Nothing is linearised again and no view is read: all that views said is in the posteriors.
+
+Stated errors: a smoother averages over slots what the filter takes for independent. The filter's
+published covariance has two parts (`filter.covariance_inflation`, `filter.lasting`): its own, times
+a factor, and the errors that views repeat, which no number of slots averages out:
+
+    S = f^2 (P + 0.3 g (P0 - P)) + R + g (R' - R)
+
+with P of the smoother, P0 of the filter, and g, R and R' of `filter.lasting` (fit:
+`lab/experiments/2026-11-24-smoothed-covariances.md`).
 """
 
 from __future__ import annotations
@@ -22,7 +31,22 @@ from e3pose.estimate.filter.motion import places, transitions
 from e3pose.estimate.filter.proportions import kept
 from e3pose.estimate.filter.tree import Tree
 from e3pose.estimate.smooth.rauch import Expected, expect, step_back
-from e3pose.estimate.smooth.stated import own_m2
+
+# tuned: share | lab/experiments/2026-11-24-smoothed-covariances.md | not measured
+SHARED = 0.3  # of what smoothing gains, where g is 1: errors that slots share
+
+
+def own_m2(filtered_m2: Floats, smoothed_m2: Floats, inflation: Floats, excess: float) -> Floats:
+    """Return the first part of S, `(*batch, 3, 3)` square metres.
+
+    Args:
+        filtered_m2: `(*batch, 3, 3)` P0.
+        smoothed_m2: `(*batch, 3, 3)` P.
+        inflation: `(*batch)` f.
+        excess: g.
+    """
+    shared_m2 = SHARED * excess * (filtered_m2 - smoothed_m2)
+    return np.asarray(inflation[..., None, None] ** 2 * (smoothed_m2 + shared_m2))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,26 +1,36 @@
-"""The step of cameras: find, add, name, turn and remove them."""
+"""The step of cameras: find, add, name, turn and remove them.
+
+Possible sources are devices of this machine, films in a folder, typed addresses, and ONVIF cameras
+in the local network by WS-Discovery. One question goes to the multicast address of WS-Discovery
+1.0; cameras answer with their name and the address of their service, which `onvif.streams_of` asks
+for their streams.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import os
+import re
+import socket
+import time
+import uuid
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote, urlsplit
 
 from e3pose.base.errors import InputError
 from e3pose.base.masking import masked
 from e3pose.camera.probe import Probe, probe, probe_all
-from e3pose.camera.webcam import find_devices, lasting
-from e3pose.settings.limits import Rotation
-from e3pose.settings.sources import is_recorded, place_of, revealed
+from e3pose.camera.webcam import check_name, find_devices, lasting
+from e3pose.settings.limits import Rotation, check_source
+from e3pose.settings.sources import PHONE, is_recorded, place_of, revealed
 from e3pose.simulate import SceneSettings
 from e3pose.simulate import simulate as run
 from e3pose.site.example import make_example
-from e3pose.site.setup.discovery import look_around
-from e3pose.site.setup.finding import check_typed, find_films, free_name
-from e3pose.site.setup.onvif import Login, streams_of
+from e3pose.site.setup.onvif import Login, parse, streams_of
 from e3pose.site.setup.plan import ChosenCamera, Plan
 from e3pose.site.setup.session import SetupSession
 from e3pose.site.setup.tasks import Task
@@ -32,6 +42,26 @@ SIMULATED_S, SIMULATED_FPS, SIMULATED_SIZE = 30.0, 12.5, (640, 480)
 SIMULATED_SEED = 727  # somebody who walks about
 MOST_ASKED = 16  # cameras at a time
 TURNS: tuple[Rotation, ...] = (0, 90, 180, 270)
+
+GROUP = ("239.255.255.250", 3702)
+WAIT_S = 3.0
+MAX_BYTES, MOST_ANSWERS = 65_507, 64
+PROBE = """<?xml version="1.0" encoding="UTF-8"?>
+<e:Envelope xmlns:e="http://www.w3.org/2003/05/soap-envelope"
+ xmlns:w="http://schemas.xmlsoap.org/ws/2004/08/addressing"
+ xmlns:d="http://schemas.xmlsoap.org/ws/2005/04/discovery"
+ xmlns:dn="http://www.onvif.org/ver10/network/wsdl">
+<e:Header><w:MessageID>uuid:{id}</w:MessageID>
+<w:To e:mustUnderstand="true">urn:schemas-xmlsoap-org:ws:2005:04:discovery</w:To>
+<w:Action e:mustUnderstand="true">http://schemas.xmlsoap.org/ws/2005/04/discovery/Probe</w:Action>
+</e:Header><e:Body><d:Probe><d:Types>dn:NetworkVideoTransmitter</d:Types></d:Probe></e:Body>
+</e:Envelope>"""
+
+FILMS = (".mp4", ".mkv", ".mov", ".avi", ".webm", ".m4v")
+DEPTH, MOST_FILMS, MOST_ENTRIES = 4, 200, 20_000
+STREAMS = ("rtsp", "rtsps", "http", "https")
+DEVICES = ("usb", "picamera2", "imx500", "depthai")
+MAX_SOURCE = 500
 
 
 def found(setup: SetupSession) -> dict[str, Any]:
@@ -257,3 +287,167 @@ def shown_source(setup: SetupSession, source: str) -> str:
         return masked(source)
     prefix = source[: len(source) - len(place)]
     return f"{prefix}{setup.shown(Path(place))}"
+
+
+@dataclass(frozen=True, slots=True)
+class NetworkCamera:
+    """A camera that answered.
+
+    Attributes:
+        host: its address.
+        name: that it states, of its make and model; empty if it states none.
+        service: address of its device service; empty where it tells none that is usable.
+    """
+
+    host: str
+    name: str
+    service: str = ""
+
+
+def look_around(wait_s: float = WAIT_S, to: tuple[str, int] = GROUP) -> list[NetworkCamera]:
+    """Ask the local network for cameras; return the answers that come in time.
+
+    Args:
+        wait_s: how long to wait for answers.
+        to: whom to ask.
+    """
+    asked = str(uuid.uuid4())
+    found: dict[str, NetworkCamera] = {}
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
+        out.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 1)  # no router passes it on
+        out.sendto(PROBE.format(id=asked).encode(), to)
+        end_s = time.monotonic() + wait_s
+        for _ in range(MOST_ANSWERS):
+            left_s = end_s - time.monotonic()
+            if left_s <= 0:
+                break
+            out.settimeout(left_s)
+            try:
+                answer, (host, _port) = out.recvfrom(MAX_BYTES)
+            except TimeoutError:
+                break
+            if (camera := read_answer(answer, asked, str(host))) is not None:
+                found[camera.host] = camera
+    return [found[host] for host in sorted(found)]
+
+
+def read_answer(answer: bytes, asked: str, sender: str) -> NetworkCamera | None:
+    """Return the camera that an answer tells of; None for another message.
+
+    Args:
+        answer: the datagram.
+        asked: identifier of our question.
+        sender: the address that it came from, the only one that is believed.
+    """
+    root = parse(answer)
+    if root is None:
+        return None
+    words: dict[str, list[str]] = {"RelatesTo": [], "Scopes": [], "XAddrs": []}
+    for node in root.iter():  # whatever their namespaces
+        words.get(node.tag.rpartition("}")[2], []).append(node.text or "")
+    if not any(asked in word for word in words["RelatesTo"]) or not words["XAddrs"]:
+        return None
+    urls = [url for text in words["XAddrs"] for url in text.split()[:8] if _host(url) == sender]
+    if not urls:
+        return None
+    name = _name(" ".join(words["Scopes"]).split())
+    return NetworkCamera(sender, name, next((u for u in urls if u.startswith("http://")), urls[0]))
+
+
+def _host(url: str) -> str | None:
+    try:
+        return urlsplit(url).hostname
+    except ValueError:
+        return None
+
+
+def _name(scopes: Sequence[str]) -> str:
+    """Return make and model of `onvif://www.onvif.org/name/...` scopes."""
+    parts = []
+    for key in ("name", "hardware"):
+        for scope in scopes:
+            if match := re.fullmatch(rf"onvif://www\.onvif\.org/{key}/(.{{1,100}})", scope):
+                text = unquote(match[1])
+                if text.isprintable() and text not in parts:
+                    parts.append(text)
+                break
+    return " ".join(parts)[:100]
+
+
+def find_films(folder: Path) -> list[str]:
+    """Return the films in and below a folder, relative to it, without hidden ones."""
+    found = sorted(_films(folder, DEPTH, [MOST_ENTRIES]))
+    return [path.relative_to(folder).as_posix() for path in found[:MOST_FILMS]]
+
+
+def _films(folder: Path, depth: int, left: list[int]) -> Iterator[Path]:
+    try:
+        entries = sorted(os.scandir(folder), key=lambda entry: entry.name)
+    except OSError:
+        return
+    for entry in entries:
+        left[0] -= 1
+        if left[0] < 0:
+            return
+        if entry.name.startswith((".", "node_modules")) or entry.is_symlink():
+            continue
+        if entry.is_dir() and depth:
+            yield from _films(Path(entry.path), depth - 1, left)
+        elif entry.is_file() and entry.name.lower().endswith(FILMS):
+            yield Path(entry.path)
+
+
+def check_typed(source: str, folder: Path) -> str:
+    """Return a source as a site file has it; files lie in a folder.
+
+    Args:
+        source: as typed or pasted.
+        folder: in which set-up began: files elsewhere are not opened for a page.
+
+    Raises:
+        InputError: for what is no source, or a file elsewhere.
+    """
+    source = source.strip()
+    if not (0 < len(source) <= MAX_SOURCE and source.isprintable()):
+        raise InputError("source", repr(masked(source)[:60]), "usb:0, rtsp://HOST/PATH or a film")
+    check_source(source)
+    if source.startswith("gstreamer:"):
+        raise InputError(
+            "source", "a GStreamer pipeline", "it in site.toml: a pipeline may write files"
+        )
+    if source.startswith(PHONE):
+        raise InputError("source", repr(masked(source)[:60]), "a phone by `Add a phone`")
+    if "://" in source:
+        parts = urlsplit(source)
+        if parts.scheme not in STREAMS or not parts.hostname:
+            found = repr(masked(source)[:60])
+            raise InputError("source", found, "rtsp://HOST/PATH or http://HOST/PATH")
+        return source
+    place = place_of(source)
+    if place is None:
+        scheme, _, name = source.partition(":")
+        if scheme not in DEVICES:  # no code of one's own for a page
+            listed = ", ".join(f"{each}:NAME" for each in DEVICES)
+            raise InputError("source", repr(masked(source)[:60]), f"one of {listed}")
+        if scheme == "usb":
+            check_name(name)
+        return source
+    path = (folder / place).resolve()
+    if not path.is_relative_to(folder.resolve()):
+        raise InputError(
+            "source", repr(place[:80]), f"a file in {folder}; start `e3pose setup` in a folder "
+            "above your films"
+        )  # fmt: skip
+    if not path.exists():
+        raise InputError(f"{path}: file not found, expected a film in {folder}")
+    return f"{source[: len(source) - len(place)]}{path}"
+
+
+def free_name(source: str, taken: Sequence[ChosenCamera]) -> str:
+    """Return a name for the camera of a source: a film's own, else `cam` and a number."""
+    names = {camera.id for camera in taken}
+    place = place_of(source)
+    stem = "" if place is None else re.sub(r"[^A-Za-z0-9_.-]", "_", Path(place).stem)[:60]
+    if stem and stem[0] not in "-." and stem not in names:
+        return stem
+    return next(name for i in range(len(names) + 1) if (name := f"cam{i}") not in names)
