@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import onnx
@@ -108,11 +109,11 @@ def test_network_is_tried_once_and_one_of_the_catalogue_never(
 ) -> None:
     monkeypatch.setenv("E3POSE_CACHE", str(tmp_path / "cache"))
     monkeypatch.setattr(inference, "_check_bounds", CHECK)
-    tries, real = list[str](), call_apart
+    tries, real = list[Path](), call_apart
 
-    def called(function: object, name: str, *bounds: float) -> str:
-        tries.append(name)
-        return real(function, name, *bounds)  # type: ignore[arg-type]
+    def called(function: Any, path: Path, **bounds: Any) -> Any:
+        tries.append(path)
+        return real(function, path, **bounds)
 
     monkeypatch.setattr(inference, "call_apart", called)
     path = write(tmp_path / "net.onnx", plain())
@@ -120,4 +121,4 @@ def test_network_is_tried_once_and_one_of_the_catalogue_never(
     assert not tries
     for _ in range(2):
         assert load_network(path, "cpu", 1).run(np.zeros(SHAPE, np.float32))[0].mean() == 16.0
-    assert tries == [str(path)]
+    assert tries == [path]

@@ -1,29 +1,37 @@
-"""Start programs in a group of their own, end them with all of theirs, and bound calls."""
+"""Start programs in a group of their own, end them with all of theirs, and call functions apart."""
 
 from __future__ import annotations
 
+import json
 import os
+import pickle
 import signal
 import subprocess
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from typing import IO
+from tempfile import TemporaryFile
+from typing import IO, Any
 
+from e3pose.base.errors import InputError
 from e3pose.base.system import ended_by_deadline
 
 PASSES = sys.platform != "win32"  # whether a program can be given an open socket
-START_S = 15.0  # for a process of a bounded call to start
+START_S = 15.0  # for a process of a call to start
+# What is called, pickled, comes on standard input; the answer leaves as JSON on standard output,
+# where nothing else may write.
 CALL = """
-import sys
-from importlib import import_module
+import json, os, pickle, sys
 from e3pose.base.errors import InputError
 from e3pose.base.system import bound_process
-module, name, argument, limit_s, most_memory = sys.argv[1:]
-function = getattr(import_module(module), name)
-bound_process(float(limit_s), int(most_memory))
+answer = os.fdopen(os.dup(1), "w")
+os.dup2(2, 1)
+function, arguments = pickle.load(sys.stdin.buffer)
+limit_s, most_memory = float(sys.argv[1]), int(sys.argv[2])
+if most_memory:
+    bound_process(limit_s, most_memory)
 try:
-    function(argument)
+    print(json.dumps(function(*arguments)), file=answer, flush=True)
 except (InputError, MemoryError) as error:
     sys.exit(str(error) or "not enough memory")
 """
@@ -84,27 +92,57 @@ def kill_all(process: subprocess.Popen[bytes]) -> None:
             os.killpg(process.pid, signal.SIGKILL)
 
 
-def call_apart(
-    function: Callable[[str], object], argument: str, limit_s: float, most_memory: int
-) -> str:
-    """Call a function of a module in a process of its own; return why that failed, else nothing.
+def start_call(
+    function: Callable[..., object], *arguments: Any, limit_s: float = 0.0, most_memory: int = 0
+) -> subprocess.Popen[bytes]:
+    """Start to call a function of a module in a process of its own.
 
-    The system ends the process after a time, so that no library in it need look at a clock.
+    Its standard error has what the function says, its standard output the answer as JSON.
 
     Args:
-        function: to call; an `InputError` of it is returned.
-        argument: of it.
+        function: to call.
+        arguments: of it.
         limit_s: seconds that it may take.
-        most_memory: bytes that it may take.
+        most_memory: bytes that it may take; 0 for no bounds.
+
+    Raises:
+        pickle.PicklingError, AttributeError, TypeError: where that cannot be handed over.
     """
-    named = function.__module__, function.__name__, argument, str(limit_s), str(most_memory)
+    with TemporaryFile() as file:
+        pickle.dump((function, arguments), file)
+        file.seek(0)
+        command = [sys.executable, "-c", CALL, str(limit_s), str(most_memory)]
+        pipe = subprocess.PIPE
+        return subprocess.Popen(command, stdin=file, stdout=pipe, stderr=pipe)
+
+
+def call_apart(
+    function: Callable[..., object], *arguments: Any, limit_s: float, most_memory: int = 0
+) -> Any:
+    """Call a function of a module in a process of its own, and return its answer.
+
+    With a bound of memory the system ends the process after its time, too, so that no library in it
+    need look at a clock.
+
+    Args:
+        function: to call; its answer fits into JSON.
+        arguments: of it.
+        limit_s: seconds that it may take.
+        most_memory: bytes that it may take; 0 for no bound.
+
+    Raises:
+        InputError: that of the function, or of one that takes too much or crashes.
+    """
+    process = start_call(function, *arguments, limit_s=limit_s, most_memory=most_memory)
     try:
-        ended = subprocess.run(
-            [sys.executable, "-c", CALL, *named], capture_output=True, timeout=limit_s + START_S
-        )
+        answer, said = process.communicate(timeout=limit_s + START_S)
     except subprocess.TimeoutExpired:
-        return f"took more than {limit_s:g} s"
-    if ended_by_deadline(ended.returncode):
-        return f"took more than {limit_s:g} s"
-    lines = ended.stderr.decode(errors="replace").strip().splitlines() or ["no memory, or a crash"]
-    return "" if ended.returncode == 0 else lines[-1][:500]
+        process.kill()
+        process.communicate()
+        raise InputError(f"took more than {limit_s:g} s") from None
+    if ended_by_deadline(process.returncode):
+        raise InputError(f"took more than {limit_s:g} s")
+    if process.returncode != 0:
+        lines = said.decode(errors="replace").strip().splitlines() or ["no memory, or a crash"]
+        raise InputError(lines[-1][:500])
+    return json.loads(answer)

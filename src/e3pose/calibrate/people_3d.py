@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
-import sys
 from dataclasses import dataclass
 
 import numpy as np
@@ -232,7 +230,3 @@ def from_stature(people: People3D, metres: float | None) -> Scale:
         ASSUMED_STATURE_M / tall, f"people assumed to be {ASSUMED_STATURE_M:g} m tall",
         ASSUMED_SHARE,
     )  # fmt: skip
-
-
-if __name__ == "__main__":  # for an edge, which has no room for what this imports
-    print(doubt_people(*pickle.loads(sys.stdin.buffer.read())) or "")

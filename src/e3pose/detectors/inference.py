@@ -318,16 +318,19 @@ def _check_bounds(path: Path) -> None:
     tried = cache_folder() / "tried-networks" / file_sha256(path)
     if tried.exists():
         return
-    if why := call_apart(_try, str(path), TRY_S, TRY_BYTES):
+    try:
+        call_apart(_try, path, limit_s=TRY_S, most_memory=TRY_BYTES)
+    except InputError as error:
+        why = str(error).removeprefix(f"{path}: ")
         wanted = f"a network that loads and runs within {TRY_S:g} s and {TRY_BYTES / 1e9:g} GB"
-        raise InputError(f"{path}: {why.removeprefix(f'{path}: ')}; expected {wanted}")
+        raise InputError(f"{path}: {why}; expected {wanted}") from None
     with suppress(OSError):  # tried again next time
         tried.parent.mkdir(parents=True, exist_ok=True)
         tried.touch()
 
 
-def _try(name: str) -> None:
-    network = load_network(Path(name), "cpu", 1, known=True)
+def _try(path: Path) -> None:
+    network = load_network(path, "cpu", 1, known=True)
     shape = [TRY_SIDE if side is None else side for side in network.input_shape]
     try:
         network.run(np.zeros(shape, DTYPES.get(network.input_dtype, np.float32)))

@@ -9,9 +9,6 @@ hides no displaced camera.
 
 from __future__ import annotations
 
-import pickle
-import subprocess
-import sys
 import threading
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -21,6 +18,8 @@ from pathlib import Path
 import numpy as np
 
 from e3pose.base.arrays import Floats, Integers
+from e3pose.base.child_process import call_apart
+from e3pose.base.errors import InputError
 from e3pose.base.kernel import INTERPRETING
 from e3pose.base.quantities import shell
 from e3pose.model.camera import Camera, Rig
@@ -292,17 +291,15 @@ class WorldCheck:
             return
         num_slots, series = series_from_frames(views, 1 / LOOK_S, len(self.skeleton), "recent")
         recent = Recording("recent", self.rig, 1 / LOOK_S, num_slots, self.skeleton, series)
-        with suppress(subprocess.TimeoutExpired, OSError):  # nothing is known then
-            said = subprocess.run(
-                [sys.executable, "-m", "e3pose.calibrate.people_3d"],
-                input=pickle.dumps((recent, self.noise)),
-                stdout=subprocess.PIPE,
-                stderr=subprocess.DEVNULL,
-                timeout=WORLD_LIMIT_S,
-                check=False,
-            )
-            words = said.stdout.decode(errors="replace").strip()
+        with suppress(InputError, OSError):  # nothing is known then
+            words = call_apart(_doubt, recent, self.noise, limit_s=WORLD_LIMIT_S)
             self.words = words.replace("CALIBRATION", shell(self.file))
+
+
+def _doubt(recent: Recording, noise: Noise) -> str:
+    from e3pose.calibrate.people_3d import doubt_people
+
+    return doubt_people(recent, noise) or ""
 
 
 class DisplacementWatch:

@@ -8,19 +8,18 @@ cameras, and no more than poses need. The network would take seconds, so that no
 from __future__ import annotations
 
 import logging
-import os
 import pickle
 import re
-import subprocess
 import sys
 import threading
 import time
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from tempfile import TemporaryFile
+from typing import Any
 
 import numpy as np
 
+from e3pose.base.child_process import start_call
 from e3pose.base.compiling import COMPILING
 from e3pose.base.kernel import is_cached
 from e3pose.estimate.filter.estimator import Filtered
@@ -77,42 +76,43 @@ def without_extras(pipeline: Pipeline) -> Pipeline:
 
 
 class Beside:
-    """A process that compiles what a loop needs; all edges of a program share it."""
+    """Processes that compile what a loop needs; all edges of a program share them.
+
+    The first compiles the filter, and the second, for its memory, everything else.
+    """
 
     _running: Beside | None = None
 
-    def __init__(self, given: bytes) -> None:
-        with TemporaryFile() as file:
-            file.write(given)
-            file.seek(0)
-            command = [sys.executable, "-m", "e3pose.edge.precompile"]
-            self._process = subprocess.Popen(
-                command, stdin=file, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
-            )
+    def __init__(self, *given: object) -> None:
+        """Start; `given` is what `warm_up` takes.
+
+        Raises:
+            pickle.PicklingError, AttributeError, TypeError: for parts of a plug-in.
+        """
+        self._process = start_call(_compile_filter, *given)
         self._users, self._left_s, self._said_s = 0, 0.0, time.monotonic()
-        threading.Thread(
-            target=self._follow, args=(self._process.stdout or (),), daemon=True
-        ).start()
+        self._thread = threading.Thread(target=self._go_on, args=given, daemon=True)
+        self._thread.start()
 
     @classmethod
     def start(
         cls, pipeline: Pipeline, joints: Sequence[str], delayed: Delayed | None
     ) -> Beside | None:
-        """Start the process; None where all is compiled, or compiled code cannot be kept."""
+        """Start them; None where all is compiled, or compiled code cannot be kept."""
         if not isinstance(pipeline.estimator, Filtered) or is_cached(step_slot) is not False:
             return None
         if cls._running is None or cls._running.ended():
             plain = replace(pipeline, clock=time.monotonic, waking=None)
             try:
-                cls._running = cls(pickle.dumps((plain, joints, delayed)))
-            except (pickle.PicklingError, AttributeError, TypeError):  # parts of a plug-in
+                cls._running = cls(plain, joints, delayed)
+            except (pickle.PicklingError, AttributeError, TypeError):
                 return None
         cls._running._users += 1
         return cls._running
 
     def ended(self) -> bool:
-        """Return whether it has compiled everything, or cannot."""
-        return self._process.poll() is not None
+        """Return whether everything is compiled, or cannot be."""
+        return not self._thread.is_alive()
 
     def left_s(self) -> float:
         """Return the seconds that are left; 0 while that is unknown."""
@@ -123,10 +123,21 @@ class Beside:
         self._users -= 1
         if not self._users:
             self._process.terminate()
-            self._process.wait()
+            self._thread.join()
+
+    def _go_on(self, *given: object) -> None:
+        begun_s = time.monotonic()
+        with self._process as first:
+            self._follow(first.stderr or ())
+        if first.returncode == 0:
+            self._process = start_call(_compile_rest, time.monotonic() - begun_s, *given)
+            if self._users < 1:  # left meanwhile
+                self._process.terminate()
+            with self._process as second:
+                self._follow(second.stderr or ())
 
     def _follow(self, said: Iterable[bytes]) -> None:
-        """Read what it says is left."""
+        """Read what a process says is left."""
         for line in said:
             if found := re.search(rb"(\d+) s left", line):
                 self._left_s, self._said_s = float(found[1]), time.monotonic()
@@ -154,24 +165,16 @@ def _standing_m(joint: str) -> tuple[float, float, float]:
     return side * aside_m, 0.02, height_m
 
 
-def _compile(spent_s: str = "") -> None:
-    """Compile the filter, and then, as a program anew for its memory, everything else.
-
-    Args:
-        spent_s: seconds that the filter took; empty if it is not compiled.
-    """
-    begun_s = time.monotonic()
-    pipeline, joints, delayed = pickle.load(sys.stdin.buffer)
-    if spent_s:
-        COMPILING.skip("e3pose.estimate", float(spent_s))
-        warm_up(pipeline, joints, delayed)
-        return
+def _compile_filter(pipeline: Pipeline, *_: object) -> None:
+    _say_progress()
     pipeline.estimator.estimate(pipeline.estimator.begin(), {}, 0.0, pipeline.clock)
-    os.lseek(0, 0, os.SEEK_SET)
-    spent_s = f"{time.monotonic() - begun_s}"
-    os.execv(sys.executable, [sys.executable, "-m", "e3pose.edge.precompile", spent_s])
 
 
-if __name__ == "__main__":
-    logging.basicConfig(stream=sys.stdout, format="%(message)s", level=logging.INFO)
-    _compile(*sys.argv[1:])
+def _compile_rest(spent_s: float, pipeline: Pipeline, *given: Any) -> None:
+    _say_progress()
+    COMPILING.skip("e3pose.estimate", spent_s)
+    warm_up(pipeline, *given)
+
+
+def _say_progress() -> None:
+    logging.basicConfig(stream=sys.stderr, format="%(message)s", level=logging.INFO)
