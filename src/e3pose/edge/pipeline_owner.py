@@ -9,7 +9,7 @@ import numpy as np
 from e3pose.base.arrays import Floats
 from e3pose.base.clock import SlotTimes
 from e3pose.base.quantities import plural
-from e3pose.edge.consumers import Chosen, Consumers
+from e3pose.edge.consumers import Consumers
 from e3pose.edge.lead import Lead
 from e3pose.edge.overload import Load, shed_load
 from e3pose.energy.site_energy import EnergyEstimate
@@ -56,7 +56,9 @@ class PipelineOwner:
             self.pipeline = replace(self.pipeline, request=request)
         if consumers.controls is not None:
             asked = consumers.controls.applied()
-            self._select_by(asked.chosen)
+            if asked.chosen is not None:
+                policy, waking = asked.chosen
+                self.pipeline = replace(self.pipeline, policy=policy, waking=waking)
             if asked.spending is not None and consumers.ledger is not None:
                 consumers.ledger.change(*asked.spending)
             events += [("control", line, None) for line in asked.lines]
@@ -70,10 +72,6 @@ class PipelineOwner:
             consumers.learner.collect(record)
             events += self._predict_by(consumers.learner.poll())
         return events
-
-    def _select_by(self, chosen: Chosen | None) -> None:
-        if chosen is not None:
-            self.pipeline = replace(self.pipeline, policy=chosen[0], waking=chosen[1])
 
     def _charge(self, estimate: EnergyEstimate | None) -> None:
         """Use other budgets and costs, and the number of cameras that they pay for."""

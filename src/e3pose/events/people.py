@@ -159,7 +159,8 @@ def _known(people: Persons, track: int, seen: Seen, place_m: Floats) -> Person:
     """
     person = people.get(track)
     if person is None:
-        return _kin(people, seen, place_m) or _new(track, seen, place_m)
+        new = Person(track, seen.time_ns, seen.time_ns, USUAL, NOT_KNOWN, place_m)
+        return _kin(people, seen, place_m) or new
     if seen.time_ns - person.since_ns > YOUNG_S * 1e9:
         return person
     kin = _kin(people, seen, place_m, person.since_ns)
@@ -197,10 +198,6 @@ def _kin(
     newest_ns = max((person.seen_ns for person in lost), default=0)
     last = [person for person in lost if newest_ns - person.seen_ns < YOUNG_S * 1e9]
     return min(last, key=lambda person: (person.since_ns, -person.seen_ns), default=None)
-
-
-def _new(track: int, seen: Seen, place_m: Floats) -> Person:
-    return Person(track, seen.time_ns, seen.time_ns, USUAL, NOT_KNOWN, place_m)
 
 
 def _followed(

@@ -41,7 +41,10 @@ class Distortion:
         if len(self.coefficients) == 0:
             return points
         radius = np.hypot(points[..., 0], points[..., 1])[..., None]
-        moved = self._fisheye(points, radius) if self.fisheye else self._real(points)
+        if self.fisheye:
+            moved = self._fisheye(points, radius)
+        else:
+            moved = _through(self.tilt, self._brown(points))
         return np.where(radius <= self.radius_limit, moved, np.nan)
 
     def undistort(self, points: Floats) -> Floats:
@@ -129,9 +132,6 @@ class Distortion:
         below = 1 + squared * (k4 + squared * (k5 + squared * k6))
         below_slope = k4 + squared * (2 * k5 + 3 * squared * k6)
         return above / below, (above_slope * below - above * below_slope) / below**2
-
-    def _real(self, points: Floats) -> Floats:
-        return _through(self.tilt, self._brown(points))
 
     def _brown(self, points: Floats) -> Floats:
         x, y = points[..., 0], points[..., 1]

@@ -7,6 +7,7 @@ All steps are one transaction: a store has its old version or the new one, never
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 
 from sqlalchemy import Connection, insert, select, text, update
 
@@ -152,11 +153,6 @@ def _extend_key(connection: Connection, table: str, key: str, column: str) -> No
             connection.exec_driver_sql(sql)
 
 
-def _to_3(connection: Connection) -> None:
-    """Add the cause of blind slots; unknown for existing slots."""
-    connection.exec_driver_sql("ALTER TABLE slots ADD COLUMN blind TEXT")
-
-
 def _to_4(connection: Connection) -> None:
     """Add the dynamics of joints; unknown for existing poses."""
     kind = "BYTEA" if connection.dialect.name == "postgresql" else "BLOB"
@@ -186,38 +182,27 @@ def _to_7(connection: Connection) -> None:
     connection.exec_driver_sql(ARCHIVES_7)
 
 
-def _to_8(connection: Connection) -> None:
-    """Make a column for the names of people."""
-    connection.exec_driver_sql("ALTER TABLE tracks ADD COLUMN name TEXT")
-
-
-def _to_9(connection: Connection) -> None:
-    """Make a column for the colours of people."""
-    connection.exec_driver_sql("ALTER TABLE tracks ADD COLUMN colour TEXT")
-
-
-def _to_10(connection: Connection) -> None:
-    """Add the outbox number of deletions; earlier deletions have none."""
-    connection.exec_driver_sql("ALTER TABLE forgotten ADD COLUMN outbox_number BIGINT")
-
-
 def _to_11(connection: Connection) -> None:
     """Make the table of clips."""
     number = "SERIAL" if connection.dialect.name == "postgresql" else "INTEGER"
     connection.exec_driver_sql(CLIPS_11.format(number=number))
 
 
-def _to_12(connection: Connection) -> None:
-    """Add the table of hubs' acknowledgements."""
-    connection.exec_driver_sql(HUBS_12)
+def _by(statement: str) -> Callable[[Connection], object]:
+    return lambda connection: connection.exec_driver_sql(statement)
 
 
-def _to_13(connection: Connection) -> None:
-    """Make a column for skeletons of the user's own; runs until now have points without limbs."""
-    connection.exec_driver_sql("ALTER TABLE runs ADD COLUMN own_skeleton TEXT")
-
-
-STEPS = {
-    2: _to_2, 3: _to_3, 4: _to_4, 5: _to_5, 6: _to_6, 7: _to_7, 8: _to_8, 9: _to_9, 10: _to_10,
-    11: _to_11, 12: _to_12, 13: _to_13,
-}  # fmt: skip
+STEPS: dict[int, Callable[[Connection], object]] = {
+    2: _to_2,
+    3: _by("ALTER TABLE slots ADD COLUMN blind TEXT"),  # its cause; unknown for existing slots
+    4: _to_4,
+    5: _to_5,
+    6: _to_6,
+    7: _to_7,
+    8: _by("ALTER TABLE tracks ADD COLUMN name TEXT"),
+    9: _by("ALTER TABLE tracks ADD COLUMN colour TEXT"),
+    10: _by("ALTER TABLE forgotten ADD COLUMN outbox_number BIGINT"),  # none of earlier deletions
+    11: _to_11,
+    12: _by(HUBS_12),
+    13: _by("ALTER TABLE runs ADD COLUMN own_skeleton TEXT"),  # till then points without limbs
+}
