@@ -40,7 +40,7 @@ TUNED = (
 DIARY = Path(__file__).parent.parent / "lab" / "experiments"
 TERMS = "2026-11-24-terms-of-the-filter.md"  # what each term is worth, measured
 NUMBERS = "2026-11-27-numbers-halved-and-doubled.md"
-NOT_MEASURED = "not measured"
+NOT_MEASURED, HALVED = "not measured", "half and twice"
 
 MESSAGES: dict[str, Any] = {kind.__name__: kind for kind in (*get_args(Message), CameraStatus)}
 # Where words of the tables of messages lead.
@@ -302,7 +302,8 @@ class Mark(NamedTuple):
         value: as the code has it.
         unit: of each.
         chosen_on: recordings, or what else decided.
-        worth: the term of `TERMS` that is out of force without it, or `NOT_MEASURED`.
+        worth: the term of `TERMS` that is out of force without it; `HALVED`, where `NUMBERS` has
+            what other values cost; what a judge says of other values; or `NOT_MEASURED`.
     """
 
     name: str
@@ -378,10 +379,10 @@ def numbers_page() -> str:
         "Generated from the marks above the constants in `src/e3pose/`. No number was fitted to",
         "labels of a recording. *Worth* is how much larger the mean error is over twelve",
         f"recordings (`lab/experiments/{TERMS}`) without the term that a number belongs",
-        "to; that page says what else each term is there for. *By reasoning*: no other value was",
-        "tried. *Half* and *twice* are how much larger it is over six recordings",
-        f"(`lab/experiments/{NUMBERS}`) with half of the number",
-        "and with twice, where that was measured: up to 3 % is chance.",
+        "to (that page says what else each term is there for), or what a judge says of other",
+        "values. *By reasoning*: no other value was tried. *Half* and *twice* are how much larger",
+        f"it is over six recordings (`lab/experiments/{NUMBERS}`)",
+        "with half of the number and with twice, where that was measured: up to 3 % is chance.",
     ]
     for place in TUNED:
         page += ["", f"## `{place}`", ""]
@@ -403,9 +404,7 @@ def _number_row(
     worth = mark.worth
     both = changed.get((path.stem, mark.name), {}) if "filter" in path.parts else {}
     factor = ", ".join(both.get(word, "?") for word in ("half", "twice")) if both else ""
-    if worth == NOT_MEASURED and factor:
-        worth = "only half and twice"
-    elif worth != NOT_MEASURED:
+    if worth in known:
         worth = f"{known[worth]:+.1f} % ({worth})"
     origin = re.sub(r"lab/experiments/([\w-]+)\.md", r"`\1`", mark.chosen_on)
     origin = re.sub(r"docs/research/([\w-]+)\.md", r"[\1](\1.md)", origin)

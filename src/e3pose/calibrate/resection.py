@@ -17,8 +17,7 @@ from e3pose.calibrate.same_people import MIN_COMMON, MOST_COMMON, Evidence, Seen
 
 Pairs = dict[tuple[int, int], tuple[Floats, Floats, Floats]]
 
-# tuned: pairs | by reasoning, tried on no recording: a bound on time | not measured
-MOST_HYPOTHESES = 12  # pairs of tracklet and person that may propose a position
+MOST_HYPOTHESES = 12  # capacity: pairs of tracklet and person that may propose a position
 # tuned: standard deviations | by reasoning, tried on no recording | not measured
 TOLERANCE_SIGMAS = 3.0
 # tuned: joints | by reasoning, tried on no recording | not measured

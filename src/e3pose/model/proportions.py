@@ -21,16 +21,13 @@ from typing import NamedTuple
 
 from e3pose.model.skeleton import BODY_LIMBS
 
-# tuned: m | by reasoning: adults | proportions
-STATURE_M = 1.68
-# tuned: of a logarithm | by reasoning: twice that of adults, to hold children of 1.1 m |
-#   proportions
-STATURE_SPREAD = 0.12  # of its logarithm: adults 0.055, and children
-# tuned: m | by reasoning | not measured
-LEAST_M, MOST_M = 0.75, 2.3  # stature of somebody who walks
+STATURE_M = 1.68  # physical: of adults
+STATURE_SPREAD = 0.12  # physical: of its logarithm: adults 0.055, and children of 1.1 m
+LEAST_M, MOST_M = 0.75, 2.3  # physical: stature of somebody who walks
 # tuned: of a logarithm | by reasoning: a first guess | proportions
 UNLIKE = 0.02  # spread of the logarithm of either side about that of both
-# tuned: m | as for who comes back, lab/experiments/2026-11-21-who-comes-back.md | not measured
+# tuned: m | lab/experiments/2026-11-21-who-comes-back.md | is the spread of learned lengths about
+#   the true ones, after 10 to 80 slots
 SLIDE_M, NOISE_M = 0.010, 0.025  # a length that n slots taught is off by sqrt(SLIDE^2 + NOISE^2/n)
 
 

@@ -24,16 +24,16 @@ from e3pose.select.policies.base import Selection, Situation
 from e3pose.select.requested import asked_for
 from e3pose.select.rest_plan import CREDIT_S, Needs, RestGoal, RestMemory, planned, rested, risen
 
-# tuned: s | first guess, a tenth of the shortest rest | not measured
-PLAN_S = 0.4
-# tuned: s | simulated, `two-rooms`, seed 11: with none, somebody who walks through the door is lost
-#   for 2 s | not measured
+PLAN_S = 0.4  # timeout: until the next plan, a tenth of the shortest rest
+# tuned: s | simulated, `two-rooms`, seed 11 | with none, somebody who walks through the door is
+#   lost for 2 s
 LATER_S = (1.5, 3.0)
-# tuned: s | first guess: who stays awake so long after a rest was needed | not measured
-KEPT_S = 1.0
-# tuned: m | first guess: people's own size; floor around the cameras; how far cameras show people |
-#   not measured
-CELL_M, MARGIN_M, FAR_M = 0.5, 2.0, 12.0
+KEPT_S = 1.0  # timeout: who was needed stays awake so long
+CELL_M, MARGIN_M, FAR_M = (
+    0.5,
+    2.0,
+    12.0,
+)  # physical: people; beyond cameras; how far they show
 MOST_CELLS = 4000  # capacity: of a site; a larger one has larger cells
 HEIGHTS_M = (0.1, 0.5, 0.9, 1.3, 1.7)  # definition: of somebody who stands in a cell
 # tuned: share of these heights | first guess: a camera sees the person | not measured
@@ -223,17 +223,16 @@ def showing(sight: Floats, sets: Flags) -> tuple[Floats, Floats]:
 
 
 # Until how long errors last is learned, nobody rests while people are there.
-# tuned: share | simulated and the first half of pizza: a first rest after a third of a second costs
-#   7 % on pizza | not measured
+# tuned: share | simulated and the first half of pizza | 0.03: 7 % more error on pizza
 LEAST_FILLED = 0.3  # of the memory of the stated error: 3 s
-# tuned: nats | simulated `ring`, seeds 702 and 703: 1 finds newcomers so late that recall is 3
-#   points less, 3 loses none | not measured
+# tuned: nats | simulated `ring`, seeds 702 and 703 | 1: newcomers so late that recall is 3 points
+#   less; 3 loses none
 FLOOR_NATS = 3.0  # of all of the floor watched by two cameras
 # tuned: people | first guess: not started yet, cameras look as if somebody were there | not
 #   measured
 NEWCOMERS = 0.3
-# tuned: m | simulated, `two-rooms` and `one-sided`, seeds 702, 704, 719, 720, 722: with 2 m and
-#   less those who walk through a door are lost, 4 m draws 2 % more | not measured
+# tuned: m | simulated, `two-rooms` and `one-sided`, seeds 702, 704, 719, 720, 722 | 2 m and less:
+#   those who walk through a door are lost; 4 m draws 2 % more
 REACH_M = 3.0  # who is here may be so far away before a camera wakes
 
 

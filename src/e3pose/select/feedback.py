@@ -17,13 +17,14 @@ from e3pose.model.expected import ExpectedView
 
 # The 90 % distance over the mean one, of a normal error in three dimensions.
 NINE_OF_TEN = 1.567  # definition: of a normal error
-# tuned: m | by reasoning | not measured
-MIN_DEPTH_M = 0.3  # somebody nearer fills the image
+MIN_DEPTH_M = 0.3  # physical: somebody nearer fills the image
 # Of predictions that state no error: the 90 % distance of `constant-velocity` in the pipeline
 # `paper`, three simulated scenes of seed 701, leads of 1 to 6 slots of 0.04 and 0.08 s.
-# tuned: m | three simulated scenes, seed 701, leads of 1 to 6 slots | not measured
+# tuned: m | three simulated scenes, seed 701, leads of 1 to 6 slots | is that error itself, by the
+#   truth
 USUAL_ERROR_M = 0.08
-# tuned: m/s | three simulated scenes, seed 701, leads of 1 to 6 slots | not measured
+# tuned: m/s | three simulated scenes, seed 701, leads of 1 to 6 slots | is that error itself, by
+#   the truth
 USUAL_ERROR_MPS = 1.1
 
 

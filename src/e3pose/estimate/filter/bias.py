@@ -25,11 +25,11 @@ MOST_LEARNED = 0.45  # of the first residual, as it was tuned
 # tuned: share | simulated: coverage alike with all and one camera; no effect on the error | quick
 #   repetition
 REPEATED = 2 / 5  # of the quick part: joints and views average the rest of its repetition out
-# tuned: share | simulated: coverage alike with all and one camera; no effect on the error | not
-#   measured
+# tuned: share | simulated: coverage alike with all and one camera; no effect on the error | half
+#   and twice
 LEFT = 8 / 45  # of the lasting part, once its learned bias is taken off: the mean over time
-# tuned: share | simulated with known noise, five scenes, seed 701: found within a fifth | not
-#   measured
+# tuned: share | simulated with known noise, five scenes, seed 701: found within a fifth | half and
+#   twice
 REMOVED = 8 / 9  # of the lasting part, by a bias that was learned just before
 # Of the lasting part, what a camera that looks again tells nothing new about, as no bias learns it:
 # chosen by the cameras that are selected (lab/experiments/2026-11-23-agility.md).

@@ -22,15 +22,15 @@ from e3pose.model.proportions import LEAST_M, MOST_M
 WALK_MPS = 0.7  # all joints may have moved together so fast between two slots
 # tuned: score | not recorded | score to start
 SHARED_SCORE = 0.15
-# tuned: px | first guess | not measured
+# tuned: px | first guess | half and twice
 MAX_ERROR_PX = 10.0  # reprojection, the median over joints
-# tuned: m | first guess | not measured
+# tuned: m | first guess | half and twice
 MIN_EXTENT_M = 0.4  # along the longest axis of the world
-# tuned: m, m | first guess | not measured
+# tuned: m, m | first guess | half and twice
 START_JOINT_M, START_UNSEEN_M = 0.1, 0.5  # uncertainty at the start
-# tuned: m/s, m/s | first guess | not measured
+# tuned: m/s, m/s | first guess | half and twice
 START_SPEED_MPS, START_TURN_MPS = 1.0, 0.5  # of the root; of a joint beside its parent
-# tuned: share | first guess | not measured
+# tuned: share | first guess | half and twice
 START_EXISTENCE = 0.6
 
 

@@ -24,24 +24,24 @@ from e3pose.model.camera import Rig
 
 # tuned: s | not recorded | rate beyond 25
 FASTEST_S = 1 / 25  # above this rate a view says less, since successive ones say the same
-# tuned: m | first guess | not measured
+# tuned: m | first guess | half and twice
 CELL_M = 0.75  # people's own size, and the reach of a door
 NUM_CELLS = 40  # capacity: along each side of the square around the cameras
 # tuned: probability | simulated, `one-sided`, `l-hall`, `shaft`, `dying-cameras`, seeds 601 to 606:
-#   0.8 and 0.95 within 3 % in error with misses, 0.95 with more ghosts; 0.7 keeps ghosts | not
-#   measured
+#   0.8 and 0.95 within 3 % in error with misses, 0.95 with more ghosts; 0.7 keeps ghosts | half and
+#   twice
 PLAIN = 0.9  # detections of a look in plain sight: what is thought of places nobody was seen at
 # tuned: looks | simulated, `one-sided`, `l-hall`, `shaft`, `dying-cameras`, seeds 601 to 606: 6
 #   looks find blind cameras later | detection map
 PRIOR_VIEWS = 2.0  # that this counts for
-# tuned: looks | first guess | not measured
+# tuned: looks | first guess | half and twice
 MOST_VIEWS = 60.0  # kept per place, a few seconds of one person: things get moved
 VIEWS, SHOWN = 0, 1  # layout: of the last axis
 # So many cameras must have shown a person of late to prove that one is there: what lives on the
 # detections of one camera alone may be a ghost, whose misses would say that all others are blind.
 # A track that no camera has shown for as long ends.
 # tuned: cameras, s | the fewest that a ghost of one camera is not; simulated, seeds 601 to 608,
-#   `dying-cameras`, one camera by `information`: false people 1.8 to 0.9 % | not measured
+#   `dying-cameras`, one camera by `information`: false people 1.8 to 0.9 % | half and twice
 PROOF_CAMERAS, PROOF_S = 2, 1.0
 LAST = NUM_CELLS - 1.001  # numerics
 

@@ -23,7 +23,7 @@ from e3pose.estimate.filter.projected import Beside
 
 # Mean error over mean stated error. A predictor explains a part of the motion of the joints that it
 # steers.
-# tuned: factor, factor | lab/experiments/2026-11-22-stated-errors.md | not measured
+# tuned: factor, factor | lab/experiments/2026-11-22-stated-errors.md | half and twice
 STEERED, ALONE = 0.75, 0.85
 ACTUAL, EXPECTED = 0, 1  # layout: of `Belief.innovations`
 # Innovations over expected ones where the reported error is the actual one. It is below 1 as
@@ -41,12 +41,12 @@ MEMORY_S = 1.5  # of the sums: people who stand begin to walk
 # tuned: factor | not recorded | inflation by person
 MOST = 2.0  # the learned factor, and its inverse
 # tuned: ratio | simulated: 3 or 8 are no better, lab/experiments/2026-11-22-inflation-by-person.md
-#   | not measured
+#   | half and twice
 CLIP = 5.0  # times the expected innovation: a wild keypoint teaches no more
-# tuned: m | not recorded | not measured
+# tuned: m | not recorded | half and twice
 MOST_M = 0.3  # nor does a joint count for more that nothing is known of
 # tuned: share | simulated: 0.35 or 0.8 are no better,
-#   lab/experiments/2026-11-22-inflation-by-person.md | not measured
+#   lab/experiments/2026-11-22-inflation-by-person.md | half and twice
 LEAST_SHARE = 0.5  # of an innovation's variance that must be the prediction's
 OWN_SHARE = MEDIAN / NORMAL  # of the variance that the filter takes for a keypoint's own
 MEAN = math.pi / 2  # definition: squared mean of a distance over the variance of either coordinate

@@ -13,13 +13,13 @@ from e3pose.estimate.filter.projected import USED_SCORE
 from e3pose.estimate.filter.scratch import Matches, Tracks, Views
 
 # tuned: per view | simulated: 0.12 and 0.16 have the same error, 0.16 fewer ghosts; 0.2 loses
-#   people at 10 slots per second | not measured
+#   people at 10 slots per second | half and twice
 LEARN_RATE = 0.16  # of the share of views that show a person: a memory of six views
-# tuned: share | simulated | not measured
+# tuned: share | simulated | half and twice
 END_EXISTENCE = 0.3
 # tuned: cameras, detections | first guess | confirmation by hits
 CONFIRM_CAMERAS, CONFIRM_HITS = 3, 10
-# tuned: joints | not recorded | not measured
+# tuned: joints | not recorded | half and twice
 INSIDE_JOINTS = 6  # joints inside an image for which it should show the person
 # tuned: share | not recorded | delivered
 DELIVERED_PRIOR = 0.5  # assumed value of a camera before its first view
@@ -27,7 +27,7 @@ DELIVERED_PRIOR = 0.5  # assumed value of a camera before its first view
 DELIVERED_RATE = 0.3  # of a view: people move behind each other within a second
 # tuned: s | not recorded | delivered forgotten
 DELIVERED_LASTS_S = 3.0  # how long the value of an idle camera is kept
-# tuned: m | not recorded | not measured
+# tuned: m | not recorded | half and twice
 SAME_M = 0.15  # median distance of joints at which two tracks are one person
 # Detectors that take a front for a back make a mirrored body in the same place, cameras that do not
 # agree one beside it. Middles of two people are farther apart, a chest is as deep as this; of two
@@ -35,7 +35,7 @@ SAME_M = 0.15  # median distance of joints at which two tracks are one person
 # them have odds of 0.7^15, half a percent.
 # tuned: m | not recorded | two in a chest
 CHEST_M = 0.25
-# tuned: looks | not recorded | not measured
+# tuned: looks | not recorded | half and twice
 MOST_ALONE = 15.0
 # Views of which one takes a front for a back meet in a body of twice the width. Shoulders and hips
 # of people are 0.4 to 0.75 m wide together.

@@ -6,7 +6,7 @@ from e3pose.base.arrays import Floats, Integers
 from e3pose.base.kernel import kernel
 from e3pose.estimate.filter.scratch import MAX_LEFTOVERS, Views, Waiting
 
-# tuned: score, joints | first guess | not measured
+# tuned: score, joints | first guess | half and twice
 SURE_SCORE, MIN_JOINTS = 0.2, 8  # of a detection that may start somebody
 
 

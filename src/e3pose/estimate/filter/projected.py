@@ -8,7 +8,7 @@ from e3pose.base.arrays import Floats
 from e3pose.base.kernel import kernel
 from e3pose.model.projection import MIN_DEPTH_M, shown_at
 
-# tuned: score | not recorded | not measured
+# tuned: score | not recorded | half and twice
 USED_SCORE = 0.05  # keypoints below this are not used
 U, V, SPREAD, IN_FRONT = range(4)  # layout: planes of `Offers.projected`
 

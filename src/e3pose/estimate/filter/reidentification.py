@@ -24,32 +24,28 @@ from e3pose.estimate.filter.proportions import BONE_TEACHERS
 from e3pose.estimate.filter.state import APART_M, Belief, Model
 from e3pose.model.proportions import KINDS, NOISE_M, SLIDE_M
 
-# tuned: s | not recorded | not measured
-DEPARTED_S = 300.0
+DEPARTED_S = 300.0  # timeout: then who left is forgotten
 MAX_DEPARTED = 32  # capacity: the newest; among many somebody always looks like a stranger
-# tuned: s | not recorded | not measured
-DECIDE_S = 4.0  # a newcomer who was not recognised so long after being shown is somebody new
-# tuned: odds | not recorded | not measured
+DECIDE_S = 4.0  # timeout: who was not recognised so long after being shown is somebody new
+# tuned: odds | not recorded | half and twice
 PRIOR_ODDS = 0.5  # that a newcomer is one who left, against a stranger, before comparing
-# tuned: odds, s | not recorded | not measured
+# tuned: odds, s | not recorded | half and twice
 SOON_ODDS, SOON_S = 10.0, 2.0  # on top of that for who was lost just now, which fades
-# tuned: odds | lab/experiments/2026-11-21-who-comes-back.md | not measured
+# tuned: odds | lab/experiments/2026-11-21-who-comes-back.md | half and twice
 SURE_ODDS = 40.0  # takes an identity over: of 41 such cases one would be wrong
 
-# tuned: share | of adults: 9.5 cm of 1.72 m | not measured
-STATURE_SPREAD = 0.055  # of adults: 9.5 cm of 1.72 m
-# tuned: share | not recorded | not measured
+STATURE_SPREAD = 0.055  # physical: of adults: 9.5 cm of 1.72 m
+# tuned: share | not recorded | half and twice
 PROPORTION_SPREAD = 0.03  # of the bones of people of one stature
 MIN_LENGTH_M = 0.05  # numerics
 NEVER = -1e3  # numerics: a logarithm of odds
 
-# tuned: m/s, m | not recorded | not measured
-FASTEST_MPS, LEEWAY_M = 2.5, 1.0  # nobody comes back from farther than can be walked
-# tuned: m, m/s | not recorded | not measured
+FASTEST_MPS, LEEWAY_M = 2.5, 1.0  # physical: nobody comes back from farther than can be walked
+# tuned: m, m/s | not recorded | half and twice
 STRAY_M, STRAY_MPS = 0.3, 0.7  # how far from where they were lost people are found again
-# tuned: m2 | not recorded | not measured
+# tuned: m2 | not recorded | half and twice
 ROOM_M2 = 30.0  # the floor on which strangers may appear
-# tuned: s | not recorded | not measured
+# tuned: s | not recorded | half and twice
 OVERLAP_S = 0.2  # a track may take a last look when its person has a new one
 
 

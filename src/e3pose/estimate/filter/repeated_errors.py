@@ -16,14 +16,14 @@ from e3pose.model.projection import MIN_DEPTH_M, shown_at
 
 # tuned: share | lab/experiments/2026-11-23-errors-that-views-repeat.md | stays
 STAYS = 0.3  # of the variance of lasting errors: what learned biases leave
-# tuned: m | not recorded | not measured
+# tuned: m | not recorded | half and twice
 MOST_M = 0.03  # standard deviation along an axis on which views give no information
 # The same of errors as large as the learned biases: what all views have in common is in no bias.
-# tuned: m | not recorded | not measured
+# tuned: m | not recorded | half and twice
 MOST_LASTING_M = 0.1
-# tuned: variances | not recorded | not measured
+# tuned: variances | not recorded | half and twice
 COMMON = 3.0  # of the square of a bias, as a variance
-# tuned: s | not recorded | not measured
+# tuned: s | not recorded | half and twice
 RECENT_S = 0.5  # since the look, for biases that are compared with what is usual
 LEAST_PX2 = 1e-9  # numerics
 LEAST_WEIGHT = 0.01  # numerics: of a view that came just now and shows every joint at its best

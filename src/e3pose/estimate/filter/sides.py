@@ -32,10 +32,10 @@ ARMS_ODDS, LEGS_ODDS = 5.0, 7.0
 #   lab/experiments/2026-11-22-left-and-right.md | sides
 PAIR_ODDS = 3.0
 BOTH_ODDS = ARMS_ODDS + LEGS_ODDS - PAIR_ODDS  # definition
-# tuned: px | simulated, as the odds of limbs, lab/experiments/2026-11-22-left-and-right.md | not
-#   measured
+# tuned: px | simulated, as the odds of limbs, lab/experiments/2026-11-22-left-and-right.md | 20:
+#   within 1 % by the truth
 SIDE_PX = 10.0  # of one joint, on top of its noise
-# tuned: s | first guess | not measured
+# tuned: s | first guess | half and twice
 APART_S = 0.3  # looks of one camera at a track's sides count in full so far apart
 
 

@@ -21,13 +21,13 @@ from e3pose.model.camera import Rig
 from e3pose.model.noise import Noise
 from e3pose.model.skeleton import SIDES, Skeleton
 
-# tuned: s | first guess: 0.25 s finds simulated people sooner and adds false ones on Shelf | not
-#   measured
+# tuned: s | first guess: 0.25 s finds simulated people sooner and adds false ones on Shelf | half
+#   and twice
 WAIT_S = 0.14  # three slots of 1/25 s
 # tuned: views | not recorded | waiting views
 WAIT_VIEWS = 2.5  # that a detection waits for where slots are long or few cameras look
 MAX_TRACKS = 64  # capacity: nobody is started beyond, so ghosts of hostile views cannot pile up
-# tuned: m | first guess | not measured
+# tuned: m | first guess | half and twice
 APART_M = 0.35  # somebody nearer to a track than this is that track
 
 

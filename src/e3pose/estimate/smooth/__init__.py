@@ -62,8 +62,7 @@ TELLING_M = 0.05  # a joint that is known better than this tells the lengths of 
 
 # tuned: m | not recorded | not measured
 UNKNOWN_SIGMA_M = 0.03  # of an estimator that states none: the usual error of two views
-# tuned: m/s | not recorded | not measured
-FIRST_SPEED_MPS = 1.0  # standard deviation of a velocity of which nothing is known
+FIRST_SPEED_MPS = 1.0  # physical: people walk: of a velocity of which nothing is known
 LEAST_NEWS = 1e-3  # numerics: of a slot, as a share of the variance expected
 
 
@@ -89,8 +88,7 @@ SMOOTHERS: dict[str, Smoother] = {
     "one-euro": lambda motion, _, interval_s, hz: one_euro(motion, interval_s, hz),
 }
 CUTOFFS_HZ = {"butterworth": 6.0, "one-euro": 1.0}
-# tuned: share | not recorded | not measured
-HIGHEST_SHARE = 0.25  # of the slots per second, for a cut-off that nobody named
+HIGHEST_SHARE = 0.25  # numerics: of the slots per second, half of what they can show
 
 
 def check_smoothing(settings: SmoothSettings) -> None:

@@ -21,8 +21,8 @@ GROUP = "e3pose.policies"  # the entry points of other packages
 # Camera slots; simulated people and motion capture: docs/research/paper-comparison.md.
 # tuned: camera slots | simulated people, seeds 701 to 706, and motion capture | not measured
 OCCLUSION_WEIGHT = 1.0
-# tuned: camera slots per nat | simulated, five scenes, seeds 101 and 102: 3 to 1000 differ by less
-#   than the seeds | not measured
+# tuned: camera slots per nat | simulated, five scenes, seeds 101 and 102 | 3 to 1000 differ by less
+#   than the seeds
 INFORMATION_WEIGHT = 10.0  # simulated: docs/explanation/camera-selection.md
 
 

@@ -24,23 +24,22 @@ from e3pose.select.policies.base import Selection, Situation, count_at
 from e3pose.select.policies.fixed import RoundRobin
 
 MOST_SUBSETS = 60  # capacity: that are all tried: any count of up to seven cameras, and 2 of 11
-# tuned: nats/s | simulated, five scenes, seeds 101 and 102: 0.1 finds people late, 1 costs 5 % of
-#   error | not measured
+# tuned: nats/s | simulated, five scenes, seeds 101 and 102 | 0.1 finds people late, 1 costs 5 % of
+#   error
 WATCH_NATS_PER_S = 0.5  # what a camera that has not looked for a second may show that is new
 # tuned: s | not recorded | not measured
 WATCH_LIMIT_S = 5.0
-# tuned: nats | simulated, five scenes, seeds 701 to 708, lead 4, one camera: recall gains 1.5, 2.1,
-#   2.0 points at 0.5, 1, 2 | not measured
+# tuned: nats | simulated, five scenes, seeds 701 to 708, lead 4, one camera | recall gains 1.5,
+#   2.1, 2.0 points at 0.5, 1, 2
 ENTRANT_NATS = 1.0  # of a person started
-# tuned: people | lab/experiments/2026-11-23-detections-that-never-become-a-person.md | not
-#   measured
+# tuned: people | lab/experiments/2026-11-23-detections-that-never-become-a-person.md | by the
+#   truth twice as many are missed in `two-rooms` without it
 UNMET_PEOPLE = 0.5  # with a target, two cameras look while so many wait to be started
-# tuned: s | not recorded | not measured
-MAX_PAUSE_S = 0.2  # with a target, some camera looks at least this often, whoever is known
+MAX_PAUSE_S = 0.2  # timeout: with a target, some camera looks at least this often, whoever is known
 # tuned: s | not recorded | not measured
 BURST_S = 2.0  # with a target or by turns, how far ahead of its budget a camera may run
-# tuned: nats s | pizza and eight scenes, seeds 701 to 704, as 0.1 nats in slots of 80 ms: 0.4 costs
-#   4 % on pizza, docs/research/camera-selection.md | not measured
+# tuned: nats s | pizza and eight scenes, seeds 701 to 704, docs/research/camera-selection.md | 0:
+#   pizza at 12.5 per second +0.4 +- 0.2 %, held out, `round-table` +0.9 +- 0.4
 LEAST_NATS_S = 0.008  # more than the cameras whose turn it is, as long as a slot lasts
 # tuned: nats | not recorded | not measured
 NEAR_NATS = 0.02  # sets of cameras that differ by less are equally good, and take turns
