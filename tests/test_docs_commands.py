@@ -17,7 +17,8 @@ import pytest
 from tests.calibrate.people_scenes import walk
 from tests.cases import each_case
 from tests.cli.commands import run
-from tests.test_docs import BY_PAGE, ROOT, commands_of
+from tests.distributions import ROOT
+from tests.test_docs import BY_PAGE, commands_of
 
 from e3pose.calibrate.recordings import between
 from e3pose.recording import save_recording
@@ -95,7 +96,7 @@ RUNS = (
 
 ELSEWHERE = {
     "power plan --people 3 --error 40mm --battery 50Wh --picture plan.svg": (
-        "tests/energy/test_plan.py"
+        "tests/energy/test_modes.py"
     ),
     **dict.fromkeys(
         (
@@ -145,7 +146,7 @@ ELSEWHERE = {
             "hub users house",
             "hub revoke house bob",
         ),
-        "tests/hub/test_users.py",
+        "tests/hub/test_page_tokens.py",
     ),
     **dict.fromkeys(
         (
@@ -206,8 +207,8 @@ ELSEWHERE = {
     "stream site.toml webhook:https://example.org/hook": "tests/live/test_events_of_people.py",
     "import bvh fall.bvh recordings/fall": "tests/lab/datasets/test_bvh.py",
     "events test site.toml": "tests/live/test_events_of_people.py",
-    "learn versions learned": "tests/lab/train/test_learn_command.py",
-    "learn rollback learned": "tests/lab/train/test_learn_command.py",
+    "learn versions learned": "tests/lab/train/test_train_command.py",
+    "learn rollback learned": "tests/lab/train/test_train_command.py",
     "models path movenet-multipose": "tests/cli/test_models.py",
     "demo": "tests/cli/test_demonstrating.py",
     "import shelf Shelf shelf-truth": "tests/cli/test_importing.py",

@@ -1,4 +1,4 @@
-"""The layers: what each part may import, proven in a fresh interpreter, and shown to bite."""
+"""What modules import and show."""
 
 from __future__ import annotations
 
@@ -17,9 +17,11 @@ import numpy as np
 from tests.cases import each_case
 from tests.distributions import FOLDERS, PACKAGES, PRODUCT
 
+import e3pose
 from e3pose.cli.app import VERBS
 from e3pose.model.camera import Camera, Rig
 from e3pose.recording.calibration import save_rig
+from e3pose.simulate import SceneSettings, simulate
 
 HEAVY = {
     "torch",
@@ -362,3 +364,15 @@ def test_check_of_a_site_loads_no_compiler_and_no_database(tmp_path: Path) -> No
     cameras, loaded = output.splitlines()
     assert cameras == "2"
     assert {"numba", "scipy", "sqlalchemy", "cv2", "onnxruntime"} & set(loaded.split()) == set()
+
+
+def test_public_names_are_listed_and_there() -> None:
+    names = dir(e3pose)
+    assert "replay" in names and "annotations" not in names and "importlib" not in names
+    assert all(hasattr(e3pose, name) for name in names)
+
+
+def test_a_recording_shows_itself_in_a_line() -> None:
+    shown = repr(simulate(SceneSettings(people=1, seconds=1.0, fps=10, cameras=2), 0))
+    assert len(shown) < 100 and "\n" not in shown
+    assert re.fullmatch(r"<Recording '.+': 2 cameras, 10 slots at 10 fps, truth of \d+>", shown)

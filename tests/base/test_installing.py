@@ -1,4 +1,4 @@
-"""What a message says to install is a command that works where this e3pose came from."""
+"""What is imported or installed later: modules by name, messages that say how."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from types import SimpleNamespace
 import pytest
 from tests.distributions import PRODUCT, PROJECTS, ROOT
 
+from e3pose.base.deferred import names_of
 from e3pose.base.installing import FOLDERS, install_command
 
 
@@ -48,3 +49,10 @@ def test_every_extra_of_another_distribution_names_its_folder() -> None:
     extras = PROJECTS[PRODUCT]["optional-dependencies"]
     others = {name for name, needs in extras.items() if needs[0].startswith("e3pose-")}
     assert others == {*FOLDERS} and all((ROOT / part).is_dir() for part in FOLDERS.values())
+
+
+def test_names_of_a_package_come_from_their_homes() -> None:
+    find = names_of("e3pose", {"plural": "base.quantities"})
+    assert find("plural")(2, "slot") == "2 slots"
+    with pytest.raises(AttributeError, match=r"module 'e3pose' has no attribute 'absent'"):
+        find("absent")

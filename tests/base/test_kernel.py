@@ -1,20 +1,29 @@
-"""When a compiled kernel on disk may be used again, and what declaring one costs."""
+"""Kernels: kept on disk, called by others, constants as one pointer, what is left to compile."""
 
 from __future__ import annotations
 
+import gc
+import math
 import subprocess
 import sys
 import threading
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 from numba.core.caching import FunctionCache
+from numpy.typing import NDArray
 from tests.cases import each_case
+from tests.manual_clock import ManualClock
 
 from e3pose.base import kernel_cache
-from e3pose.base.kernel import kernel
+from e3pose.base.arrays import Floats
+from e3pose.base.compiling import Compiling, left_s, progress_text
+from e3pose.base.dispatcher import Part, Whole
+from e3pose.base.kernel import INTERPRETING, kernel
+from e3pose.base.kernel_arguments import Held
 from e3pose.base.kernel_cache import KernelCache, sources_of, stamp_of
 from e3pose.estimate.filter import bias, step
 from e3pose.estimate.per_slot import fuse
@@ -118,3 +127,161 @@ def test_full_disk_keeps_no_kernel_and_stops_none(monkeypatch: pytest.MonkeyPatc
         return number / 2
 
     assert half(4.0) == 2.0
+
+
+class Inner(NamedTuple):
+    values: NDArray[np.float64]
+    factor: float
+
+
+class Outer(NamedTuple):
+    inner: Inner
+    rows: NDArray[np.int64]
+
+
+@kernel
+def scale(held: Held[Outer]) -> float:
+    outer = held.values
+    for row in outer.rows:
+        outer.inner.values[row] *= outer.inner.factor
+    return float(outer.inner.values.sum())
+
+
+def test_a_kernel_works_on_the_arrays_that_are_held() -> None:
+    values = np.arange(4.0)
+    held = Held(Outer(Inner(values, 3.0), np.array([1, 3])))
+    assert scale(held) == 3.0 + 2.0 + 9.0
+    np.testing.assert_array_equal(values, [0.0, 3.0, 2.0, 9.0])
+
+
+def test_other_values_of_the_same_kinds_need_no_other_kernel() -> None:
+    for factor in (1.0, 2.0):
+        scale(Held(Outer(Inner(np.ones(3), factor), np.array([0]))))
+    assert len(scale.compiled.signatures) == 1  # type: ignore[attr-defined]
+
+
+def test_arrays_live_as_long_as_what_holds_them() -> None:
+    held = Held(Outer(Inner(np.ones(1000), 1.0), np.zeros(0, dtype=np.int64)))
+    np.full(1000, 7.0)
+    assert scale(held) == 1000.0
+
+
+@kernel
+def double(values: Floats, index: int) -> float:
+    return 2 * float(values[index])
+
+
+@kernel
+def head(values: Floats, count: int) -> Any:
+    return values[:count]
+
+
+@kernel
+def summed(values: Floats, start: int) -> float:
+    total = 0.0
+    for index in range(start, len(values)):
+        total += double(values, index)
+    return total
+
+
+@kernel
+def checked(values: Floats) -> float:
+    if len(values) == 0:
+        raise ValueError("no values")
+    return summed(values, 0) + summed(head(values, 2), 1)
+
+
+@kernel
+def outer(values: Floats) -> float:
+    room = np.zeros(3)
+    for row in range(3):
+        room[row] = checked(values[row:])
+    return float(room.sum())
+
+
+@kernel
+def without_domain(value: float) -> tuple[float, float, float]:
+    return 1.0 / math.sqrt(value), math.log(value), math.exp(1e3 + value)
+
+
+def test_interpreted_kernels_go_on_where_python_would_not(monkeypatch: pytest.MonkeyPatch) -> None:
+    compiled = [without_domain(value) for value in (-1.0, 0.0, 4.0)]
+    monkeypatch.setattr(INTERPRETING, "on", True)
+    with np.errstate(all="ignore"):
+        interpreted = [without_domain(value) for value in (-1.0, 0.0, 4.0)]
+    np.testing.assert_allclose(interpreted, compiled, rtol=1e-15)
+    assert np.isnan(compiled[0][0]) and compiled[1][:2] == (np.inf, -np.inf)
+
+
+def forms(function: Any) -> list[type]:
+    return [type(found.library) for found in function.compiled.overloads.values()]
+
+
+def test_what_a_kernel_calls_is_a_part_until_python_calls_it() -> None:
+    values = np.arange(4.0)
+    assert outer(values) == 12 + 12 + 10 + (2 + 4 + 6)
+    if forms(double):  # compiled now, not loaded from disk
+        assert set(forms(double)) == {Part} and set(forms(outer)) == {Whole}
+    assert double(values, 3) == 6.0
+    assert Whole in forms(double)
+    assert outer(values) == 46
+
+
+def test_an_error_in_a_part_is_raised_as_in_python() -> None:
+    with pytest.raises(ValueError, match="no values"):
+        outer(np.arange(2.0))
+
+
+def test_constants_of_a_call_make_no_other_part() -> None:
+    """`summed` is called with 0 and with 1."""
+    outer(np.arange(4.0))
+    assert len(forms(summed)) <= 1
+
+
+def test_arrays_of_parts_are_neither_freed_nor_kept() -> None:
+    values = np.arange(4.0)
+    before = sys.getrefcount(values)
+    for _ in range(2000):
+        outer(values)
+    gc.collect()
+    assert sys.getrefcount(values) == before
+    np.testing.assert_array_equal(values, np.arange(4.0))
+
+
+@each_case(
+    ("done", "total", "spent_s", "rest_s"),
+    [(0, 100, 0, None), (2, 100, 1, None), (25, 100, 10, 30), (100, 100, 40, 0), (0, 0, 0, None)],
+)
+def test_rest_is_at_the_pace_so_far(
+    done: float, total: float, spent_s: float, rest_s: float | None
+) -> None:
+    assert left_s(done, total, spent_s) == rest_s
+
+
+def test_rest_is_told_in_steps_of_five_seconds() -> None:
+    assert progress_text(None) == "compiling for this machine, once"
+    assert progress_text(41.3) == "compiling: 40 s left"
+    assert progress_text(0.2) == "compiling: 5 s left"
+
+
+def test_work_between_two_kernels_does_not_count() -> None:
+    clock = ManualClock()
+    compiling = Compiling(lambda: clock.time_ns / 1e9)
+    kernels = [lambda: 1, lambda: 2, lambda: 3, lambda: 4]
+    for each in kernels:
+        compiling.expect(each)
+
+    def compile_one(kernel: Any) -> None:
+        about = {"dispatcher": SimpleNamespace(py_func=kernel)}
+        compiling.notify(SimpleNamespace(data=about, is_end=False))
+        clock.advance(10.0)
+        compiling.notify(SimpleNamespace(data=about, is_end=True))
+
+    compile_one(kernels[0])
+    assert compiling.left_s() == pytest.approx(30.0)
+    clock.advance(3600.0)  # of replays, which need no other kernel
+    assert compiling.left_s() == pytest.approx(30.0)
+    compile_one(kernels[1])
+    assert compiling.left_s() == pytest.approx(20.0)
+    compiling.skip(__name__, 30.0)
+    assert compiling.left_s() == 0.0

@@ -1,4 +1,4 @@
-"""Cameras placed by people alone, the floor under them, and the films' shifts in time."""
+"""Cameras placed by people alone, all or one of them, the floor, and the films' shifts in time."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from tests.calibrate.people_scenes import (
     distances,
     disturbed,
     every,
+    knocked,
     standing,
     walk,
     without_calibration,
@@ -31,16 +32,19 @@ from e3pose.calibrate.from_people import (
 )
 from e3pose.calibrate.judge import judge
 from e3pose.calibrate.matched_people import Joints, observe_people
-from e3pose.calibrate.people_places import _check_far, _too_wild, from_people
+from e3pose.calibrate.people_places import _check_far, _too_wild, from_people, place_one
 from e3pose.calibrate.places import KnownLength
+from e3pose.calibrate.recordings import first_seconds, last_seconds
 from e3pose.calibrate.synchronise import synchronise, with_offsets
+from e3pose.calibrate.tracklets import find_tracklets
 from e3pose.model.camera import Rig
 from e3pose.model.noises import detector_of, load_noise
-from e3pose.recording.record import Recording
-
-NOISE = load_noise("simulated")
+from e3pose.model.rotations import angles_between
+from e3pose.recording.record import Recording, ViewSeries
 
 pytestmark = pytest.mark.slow
+
+NOISE = load_noise("simulated")
 
 
 def quiet(what: str, done: int, total: int) -> None:
@@ -225,3 +229,54 @@ def test_films_are_brought_into_step_to_a_quarter_frame(calibrated: bool) -> Non
     together = with_offsets(films, found.offsets_s)
     assert together.views[2].slots[0] == 3  # 11 of 48 seconds are 2.75 slots
     assert together.views[0].slots[0] == 0
+
+
+@pytest.mark.parametrize("share", [1.0, 0.25])
+def test_people_are_followed_through_the_gaps_of_a_seldom_active_camera(share: float) -> None:
+    calm = walk(701, people=2)
+    series = seldom(calm.views[2], share)
+    found = find_tracklets(2, series, calm.fps)
+    assert sum(map(len, found)) > 0.7 * len(series.scores)
+
+
+def seldom(series: ViewSeries, share: float) -> ViewSeries:
+    """Return a share of what a camera saw, each view at its own time."""
+    kept = np.random.default_rng(0).random(len(series.slots)) < share
+    slots, times_s = series.slots[kept].tolist(), series.times_s[kept].tolist()
+    views = [view for view in map(series.view, slots) if view is not None]
+    return ViewSeries.from_views(views, slots, times_s, 17)
+
+
+@pytest.fixture(scope="module")
+def calm() -> Recording:
+    return walk(701, people=2, seconds=20.0, fps=5.0)
+
+
+def test_knocked_camera_is_put_right_and_the_others_stay(calm: Recording) -> None:
+    recording = knocked(calm, 2, 5.0, 701, 0.0)
+    found = place_one(recording, NOISE, calm.rig, "cam2")
+    assert found.degrees == pytest.approx(5.0, abs=0.3)
+    assert found.metres < 0.04 and found.inliers > 0.9 and found.error_px < 8
+    for i in (0, 1, 3):
+        assert np.array_equal(
+            found.rig.cameras[i].T_world_camera, calm.rig.cameras[i].T_world_camera
+        )
+    again = place_one(recording, NOISE, found.rig, "cam2")
+    assert again.degrees < 0.1
+    turned = angles_between(found.rig.cameras[2].R[None], calm.rig.cameras[2].R[None])
+    assert np.degrees(turned[0]) == pytest.approx(found.degrees)
+
+
+def test_too_little_to_place_it_by_is_an_error(calm: Recording) -> None:
+    with pytest.raises(InputError, match="camera cam1: shares"):
+        place_one(first_seconds(calm, 0.5), NOISE, calm.rig, "cam1")
+    with pytest.raises(InputError, match="cam9"):
+        place_one(calm, NOISE, calm.rig, "cam9")
+
+
+def test_last_seconds_are_the_end(calm: Recording) -> None:
+    end = last_seconds(calm, 5.0)
+    assert end.num_slots == 25 and end.views[0].slots[0] == 0
+    assert np.array_equal(
+        end.views[0].keypoints_px[-1], calm.views[0].keypoints_px[-1], equal_nan=True
+    )

@@ -1,8 +1,10 @@
-"""The table of verbs: what help says of each without its module, and what its module says."""
+"""The table of verbs, and the one thread on which they multiply."""
 
 from __future__ import annotations
 
+import os
 import re
+import subprocess
 import sys
 from importlib.util import resolve_name
 
@@ -84,3 +86,27 @@ def test_a_package_that_a_verb_lacks_is_said_in_a_line(
     with pytest.raises(SystemExit, match="2"):
         main(["top", "site"])
     assert capsys.readouterr().err == f"e3pose: {not_installed('cv2', 'camera')}\n"
+
+
+# The threads that come with the first large product of matrices, or at the import of numpy.
+CODE = """
+import os, sys
+def threads(): return len(os.listdir("/proc/self/task"))
+import {first}
+import numpy
+numpy.ones((512, 512)) @ numpy.ones((512, 512))
+print(threads())
+"""
+
+
+@pytest.mark.skipif(not os.path.isdir("/proc/self/task"), reason="counts threads as Linux does")
+def test_programs_multiply_on_one_thread_unless_told() -> None:
+    def threads(first: str, **said: str) -> int:
+        usual = {k: v for k, v in os.environ.items() if not k.endswith("_NUM_THREADS")}
+        command = [sys.executable, "-c", CODE.format(first=first)]
+        return int(subprocess.check_output(command, env={**usual, **said}))
+
+    if threads("sys") == 1:
+        pytest.skip("numpy has one thread here")
+    assert threads("e3pose.cli") == 1
+    assert threads("e3pose.cli", OPENBLAS_NUM_THREADS="2") == 2

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from tests.cases import each_case
 from tests.cli.commands import run
+from tests.detectors.test_chooser import NAP_S, NAPPER
 from tests.detectors.test_networks import write_onnx
-from tests.detectors.test_timing import NAP_S, NAPPER
 
 from e3pose.energy.meters.base import Reading
 from e3pose.energy.profiles import Activity

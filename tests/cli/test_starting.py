@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests.cli.commands import run
-from tests.detectors.test_timing import NAPPER
+from tests.detectors.test_chooser import NAPPER
 from tests.rigs import looking
 
 from e3pose.output.report.overlay import write_movie

@@ -1,9 +1,11 @@
-"""Processor time of live cameras: from heartbeats, over the slots in which they were awake."""
+"""Processor time of live cameras from heartbeats, and slots per second of a machine that runs."""
 
 from __future__ import annotations
 
 import pytest
+from tests.cases import each_case
 
+from e3pose.edge.counters import SUSPENDED_S, Counts
 from e3pose.edge.processor_times import ProcessorTimes
 from e3pose.recording import ProcessorTime
 from e3pose.wire.messages import Heartbeat
@@ -53,3 +55,15 @@ def test_too_little_says_nothing_and_each_recording_has_its_own() -> None:
 def test_camera_that_does_not_say_what_it_took_is_left_out() -> None:
     silent = [Heartbeat("cam1", 1, 0, "active", detected=n, active_s=n) for n in (0, 50)]
     assert took(*silent) == {}
+
+
+INTERVAL_S = 0.04
+
+
+@each_case(("away_s", "fps"), [(SUSPENDED_S, 25.0), (600.0, 25.0), (10.0, 20.0)])
+def test_suspended_machine_is_not_slow(away_s: float, fps: float) -> None:
+    counts = Counts(4, INTERVAL_S, slots=1000, first_ns=5)
+    counts.skip(round(away_s / INTERVAL_S))
+    now_ns = 5 + round((1000 * INTERVAL_S + away_s) * 1e9)
+    assert counts.fps(now_ns) == pytest.approx(fps)
+    assert counts.lost == round(away_s / INTERVAL_S)

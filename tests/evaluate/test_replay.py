@@ -1,7 +1,8 @@
-"""Replay hands over the selected views and nothing else, and refuses what cannot be had."""
+"""Replays: what is read, what is refused, and the noise that was assumed and learned."""
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from functools import cache
 from typing import Any
@@ -11,12 +12,18 @@ import pytest
 from tests.cases import each_case
 
 from e3pose.base.errors import InputError
+from e3pose.energy.profiles import load_profile
+from e3pose.evaluate.figures import as_json
 from e3pose.evaluate.replay import ReplaySettings, replay, selected_views
+from e3pose.evaluate.summary import summarise
+from e3pose.evaluate.tables import noise_lines
 from e3pose.model.camera import Camera, Rig
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17
 from e3pose.recording import Recording, Truth, ViewSeries
 from e3pose.select.policies import POLICIES
+from e3pose.settings.parts import noise_warning
+from e3pose.simulate import SceneSettings, simulate
 
 NUM_SLOTS, NUM_CAMERAS = 40, 4
 SETTINGS = ReplaySettings(num_selected=2)
@@ -225,3 +232,32 @@ def test_a_rig_of_two_cameras_has_defaults_too(pipeline: str, count: int) -> Non
     settings = ReplaySettings(pipeline=pipeline)
     assert settings.for_rig(2).num_selected == 2
     assert settings.for_rig(5).num_selected == count
+
+
+@pytest.fixture(scope="module")
+def noisy_recording() -> Recording:
+    return simulate(SceneSettings(scene="ring", seconds=6.0, fps=12.5), 705)
+
+
+def test_unknown_detector_is_reported(noisy_recording: Recording) -> None:
+    unknown = replace(noisy_recording, detector="a network of our own")
+    assert "no noise model for this detector" in noise_warning(unknown, ReplaySettings())
+    assert noise_warning(unknown, ReplaySettings(noise="openpose")) == ""
+    assert noise_warning(unknown, ReplaySettings(pipeline="paper")) == ""
+    assert noise_warning(noisy_recording, ReplaySettings()) == ""
+
+
+def test_summary_has_what_was_learned(noisy_recording: Recording) -> None:
+    noisy = noisy_recording.rig.camera_ids[1]
+    views = list(noisy_recording.views)
+    keypoints_px = views[1].keypoints_px.copy()
+    keypoints_px[::2] += 12.0  # its keypoints jump to and fro
+    keypoints_px[1::2] -= 12.0
+    views[1] = replace(views[1], keypoints_px=keypoints_px)
+    jumpy = replace(noisy_recording, views=tuple(views))
+    settings = ReplaySettings(policy="all", num_selected=5)
+    summary = summarise(jumpy, settings, list(replay(jumpy, settings)), load_profile("generic"))
+    factors = json.loads(json.dumps(as_json(summary)))["noise"]["factors"]
+    assert max(factors, key=factors.get) == noisy
+    assert [line for line in noise_lines(summary) if line.startswith(f"{noisy}: keypoint noise ")]
+    assert all(line.endswith("x what simulated states") for line in noise_lines(summary))

@@ -1,19 +1,27 @@
-"""The figures of a replay, from records whose every number is known."""
+"""What is said of a replay: figures, tables that fit a terminal, and rows of poses."""
 
 from __future__ import annotations
 
+import csv
 import json
 from collections.abc import Sequence
 from dataclasses import replace
+from io import StringIO
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from rich.console import Console
+from tests.cases import each_case
 
 from e3pose.base.arrays import Floats
+from e3pose.base.errors import InputError
 from e3pose.energy.queues import load_profile
 from e3pose.energy.saving import Savings
+from e3pose.evaluate.columns import print_tables
 from e3pose.evaluate.figures import as_json
+from e3pose.evaluate.poses_table import write_poses
 from e3pose.evaluate.replay import ReplaySettings
 from e3pose.evaluate.summary import summarise
 from e3pose.model.camera import Camera, Rig
@@ -276,3 +284,70 @@ def test_processor_time_that_was_not_measured_of_all_is_said_to_be_so(
     assert found.savings.processor_time is None
     assert found.savings.sentence().endswith("processor time not measured")
     assert "processor_time" not in as_json(found)["savings"]
+
+
+NAMES = [f"figure {n}" for n in range(9)]
+POLICIES = ["information", "round-robin"]
+
+
+def printed(width: int) -> list[str]:
+    out = StringIO()
+    console = Console(file=out, width=width)
+    columns = {name: [f"{name[-1]}1.5 +- 0.4", f"{name[-1]}2.5"] for name in NAMES}
+    print_tables(console, {"policy": POLICIES}, columns, "a title")
+    return out.getvalue().splitlines()
+
+
+@each_case("width", [40, 60, 80, 240])
+def test_every_figure_is_whole_at_any_width(width: int) -> None:
+    lines = printed(width)
+    assert all(len(line) <= width for line in lines)
+    text = "\n".join(lines)
+    for name in NAMES:
+        assert name in text and f"{name[-1]}1.5 +- 0.4" in text
+    assert text.count("information") == text.count("round-robin") == text.count("policy")
+
+
+def test_one_table_is_enough_where_it_fits() -> None:
+    assert printed(240)[0].strip() == "a title" and len(printed(240)) == 4
+    assert len(printed(60)) > 4
+
+
+NONE = np.zeros(3, dtype=bool)
+
+
+def pose_record(slot: int, people: People) -> SlotRecord:
+    none = np.zeros(3)
+    return SlotRecord(slot, slot / 25, NONE, NONE, people, none, none, NONE)
+
+
+def test_rows_name_slot_track_and_joint(tmp_path: Path) -> None:
+    joints = np.full((2, 17, 3), np.nan)
+    scores = np.zeros((2, 17))
+    joints[0, 5], scores[0, 5] = [1.0, 2.0, 3.0], 0.5
+    joints[1, 0], scores[1, 0] = [-1.0, 0.123456, 0], 1.0
+    records = [
+        pose_record(0, People.empty(17)),
+        pose_record(3, People(np.array([7, 4]), joints, scores)),
+    ]
+    write_poses(records, COCO17, tmp_path / "poses.csv")
+    rows = list(csv.DictReader((tmp_path / "poses.csv").read_text().splitlines()))
+    assert [(r["slot"], r["time"], r["track"], r["joint"]) for r in rows] == [
+        ("3", "0.12", "7", "left_shoulder"),
+        ("3", "0.12", "4", "nose"),
+    ]
+    assert [float(rows[0][axis]) for axis in "xyz"] == [1, 2, 3]
+    assert float(rows[1]["y"]) == 0.12346
+    assert float(rows[0]["score"]) == 0.5
+
+
+def test_nobody_is_a_table_without_rows(tmp_path: Path) -> None:
+    write_poses([pose_record(0, People.empty(17))], COCO17, tmp_path / "poses.csv")
+    text = (tmp_path / "poses.csv").read_text()
+    assert text.strip() == "slot,time,track,joint,x,y,z,score,measured,sigma"
+
+
+def test_unknown_ending_is_refused_and_nothing_written(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="parquet"):
+        write_poses([], COCO17, tmp_path / "poses.pkl")
+    assert list(tmp_path.iterdir()) == []

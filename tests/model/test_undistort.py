@@ -1,9 +1,10 @@
-"""The compiled undistortion against its reference, and rigs of different lenses against truth."""
+"""Lenses undone by the compiled kernel, projections through them, and rotations."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from tests.cases import each_case
 from tests.reference.fuse import ReferenceFuser
 
@@ -13,6 +14,8 @@ from e3pose.estimate.per_slot.fuse import Fuser
 from e3pose.model.camera import Camera, Rig
 from e3pose.model.distortion import TOLERANCE, WIDEST_ANGLE
 from e3pose.model.pose import MAX_PIXEL
+from e3pose.model.project import make_optics, project_people
+from e3pose.model.rotations import rotation_of
 from e3pose.model.undistort import make_lenses, undistort_slot
 
 pytestmark = pytest.mark.slow
@@ -240,3 +243,31 @@ def test_nothing_is_placed_beyond_what_was_filmed() -> None:
     placed = by_kernel(seen_by, pixels)
     assert np.isfinite(placed[0]).all() and np.isnan(placed[1]).all()
     assert seen_by.sees(points).tolist() == [True, False]
+
+
+FAR_PX = 1e6  # beyond it digits differ, and nothing is in view
+
+
+@each_case("lens", sorted(LENSES))
+def test_people_are_where_the_rig_projects_them(lens: str) -> None:
+    rng = np.random.default_rng(3)
+    rig = Rig((camera(lens),))
+    points_m = rng.normal(scale=(1.5, 1.5, 3.0), size=(40, 17, 3))
+    points_m[rng.random(points_m.shape[:2]) < 0.1] = np.nan
+    points_m[0, 0] = 0.0
+    points_m[0, 1] = [0.0, 0.0, 2.0]
+    found, expected = np.empty((40, 17, 2)), rig.project(points_m)[0]
+    project_people(0, make_optics(rig), points_m, found)
+    np.testing.assert_array_equal(np.isnan(found), np.isnan(expected))
+    near = np.abs(expected).max(axis=-1) < FAR_PX
+    assert near.any() or lens == "enormous"
+    np.testing.assert_allclose(found[near], expected[near], rtol=1e-9, atol=1e-9)
+
+
+AXIS = np.array([0.6, -0.48, 0.64])
+
+
+@each_case("angle", [0.0, 1e-12, 1e-4, 0.7, np.pi - 1e-9, np.pi, 5.0, 100.0])
+def test_vector_is_axis_times_angle(angle: float) -> None:
+    expected = Rotation.from_rotvec(angle * AXIS).as_matrix()
+    np.testing.assert_allclose(rotation_of(angle * AXIS), expected, rtol=0, atol=1e-13)

@@ -1,6 +1,9 @@
-"""What every predictor promises, over every entry of PREDICTORS."""
+"""What every predictor promises, and what the baselines, own weights and curves of errors do."""
 
 from __future__ import annotations
+
+import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,7 +11,11 @@ from tests.cases import each_case
 
 from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
+from e3pose.model.skeleton import COCO17
 from e3pose.predict import PREDICTORS, make_predictor
+from e3pose.predict.attention_lstm import SHIPPED, read_curves
+from e3pose.predict.kernels.tracks import Curves, calibrated
+from e3pose.predict.velocities import DampedVelocity, ZeroVelocity, newest_known
 
 NAMES = sorted(PREDICTORS)
 
@@ -126,3 +133,142 @@ def test_constant_velocity_moves_a_lost_joint_with_its_person() -> None:
 def test_unknown_predictor_names_the_known_ones() -> None:
     with pytest.raises(InputError, match="constant-velocity"):
         make_predictor("crystal-ball")
+
+
+pytest.importorskip("onnxruntime", reason="onnxruntime is not installed: pip install e3pose[edge]")
+
+
+def test_a_file_of_weights_predicts_as_it_does_when_shipped(tmp_path: Path) -> None:
+    (tmp_path / "mine.onnx").write_bytes(SHIPPED.read_bytes())
+    history = np.random.default_rng(0).normal(size=(10, 3, 17, 3))
+    mine, shipped = (
+        make_predictor(name, COCO17).predict(history, 0.04, 5).joints_m
+        for name in (str(tmp_path / "mine.onnx"), "attention-lstm")
+    )
+    np.testing.assert_array_equal(mine, shipped)
+
+
+def test_a_file_that_is_none_is_named(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"none\.onnx: file not found"):
+        make_predictor(str(tmp_path / "none.onnx"))
+    (tmp_path / "damaged.onnx").write_bytes(b"damaged")
+    with pytest.raises(InputError, match=r"damaged\.onnx: found no readable network"):
+        make_predictor(str(tmp_path / "damaged.onnx"))
+
+
+def test_an_unknown_name_lists_what_there_is() -> None:
+    with pytest.raises(InputError, match=r"found 'nobody', expected one of zero.*\.onnx"):
+        make_predictor("nobody")
+
+
+def test_a_name_that_is_no_text_is_refused(tmp_path: Path) -> None:
+    content = SHIPPED.read_bytes().replace(b"num_leads", b"\xffum_leads")
+    (tmp_path / "flipped.onnx").write_bytes(content)
+    with pytest.raises(InputError, match=r"flipped\.onnx: found no readable network"):
+        make_predictor(str(tmp_path / "flipped.onnx"))
+
+
+def errors(curves: Curves, lead: int, log_errors: list[float]) -> list[float]:
+    return [calibrated(np.float32(log_error), lead, curves) for log_error in log_errors]
+
+
+def test_between_points_logarithms_are_linear_and_beyond_ratios_hold() -> None:
+    curve = [[[-4.0, -3.0, -2.0], [-4.0, -3.0, -2.0]], [[-5.0, -3.0, -2.5], [-4.0, -3.0, -2.0]]]
+    curves = read_curves({"error_factor": "[1.0]", "error_curve": json.dumps(curve)})
+    given = [-6.0, -4.0, -3.5, -3.0, -2.5, -2.0, 0.0]
+    bent = np.log([errors(curves, lead, given) for lead in range(2)])
+    np.testing.assert_allclose(bent[0], [-7.0, -5.0, -4.0, -3.0, -2.75, -2.5, -0.5], atol=1e-6)
+    np.testing.assert_allclose(bent[1], given, atol=1e-6)
+
+
+def test_factors_alone_do_and_the_last_serves_later_leads() -> None:
+    curves = read_curves({"error_factor": "[2.0, 3.0]"})
+    found = [errors(curves, lead, [0.0])[0] for lead in range(4)]
+    np.testing.assert_allclose(found, [2, 3, 3, 3])
+
+
+@each_case(
+    ("factor", "curve"),
+    [
+        ("[]", "null"),
+        ("[0.0]", "null"),
+        ("[NaN]", "null"),
+        ('["a"]', "null"),
+        ("null", "null"),
+        ("{}", "null"),
+        ("[1.0", "null"),
+        ("[1.0]", "[1.0]"),
+        ("[1.0]", "[[[0.0]], [[0.0]]]"),
+        ("[1.0]", "[[[0.0, 0.0]], [[0.0, 1.0]]]"),
+        ("[1.0]", "[[[0.0, 1.0]], [[1.0, 0.0]]]"),
+        ("[1.0]", "[[[0.0, 1e9]], [[0.0, 1.0]]]"),
+        ("[1.0]", "[" * 20_000),
+    ],
+)
+def test_nonsense_is_refused(factor: str, curve: str) -> None:
+    with pytest.raises(ValueError):
+        read_curves({"error_factor": factor, "error_curve": curve})
+
+
+def _uniform(num_slots: int, step_m: float) -> Floats:
+    """One person of three joints moving along x, at 0 in the newest slot."""
+    history = np.zeros((num_slots, 1, 3, 3))
+    history[..., 0] = (np.arange(num_slots) - num_slots + 1)[:, None, None] * step_m
+    return history
+
+
+def test_newest_known_skips_unknown_slots() -> None:
+    history = _uniform(4, 1.0)
+    history[2:, 0, 1] = np.nan
+    history[:, 0, 2] = np.nan
+    position, age = newest_known(history)
+    np.testing.assert_array_equal(position[0, :2, 0], [0.0, -2.0])
+    assert np.isnan(position[0, 2]).all()
+    np.testing.assert_array_equal(age[0], [0, 2, 0])
+
+
+def test_zero_velocity_repeats_the_newest_known_position() -> None:
+    history = _uniform(5, 0.1)
+    history[-1, 0, 2] = np.nan
+    predicted = ZeroVelocity().predict(history, 1 / 30, 3).joints_m
+    np.testing.assert_allclose(predicted[:, 0, :, 0], [[0.0, 0.0, -0.1]] * 3)
+
+
+@pytest.mark.parametrize("fps", [30.0, 29.97])
+def test_damped_velocity_decays_by_085_a_frame_at_30_fps(fps: float) -> None:
+    predicted = DampedVelocity().predict(_uniform(10, 0.1), 1 / fps, 3).joints_m
+    expected = 0.1 * np.cumsum([0.85, 0.85**2, 0.85**3])
+    np.testing.assert_allclose(predicted[:, 0, 0, 0], expected, rtol=2e-3)
+
+
+def test_damped_velocity_averages_over_three_frames() -> None:
+    history = _uniform(10, 0.0)
+    history[-4, ..., 1] = -0.3  # the last slot that counts: 0.3 m in three frames
+    history[-5, ..., 1] = 9.0
+    predicted = DampedVelocity().predict(history, 1 / 30, 1).joints_m
+    np.testing.assert_allclose(predicted[0, 0, 0, 1], 0.85 * 0.1)
+
+
+def test_damped_velocity_decays_alike_in_time_at_any_rate() -> None:
+    """One metre per second ends 0.85/0.15 frames of 1/30 s further on, at any rate about there."""
+    for fps in (15, 60, 120):
+        predicted = DampedVelocity().predict(_uniform(60, 1 / fps), 1 / fps, 20 * fps).joints_m
+        assert predicted[-1, 0, 0, 0] == pytest.approx(1 / 30 * 0.85 / 0.15, abs=0.035)
+        half = round(0.5 * fps)
+        left = 1 - predicted[half - 1, 0, 0, 0] / predicted[-1, 0, 0, 0]
+        assert left == pytest.approx(0.85 ** (30 * half / fps), rel=1e-6)
+
+
+def test_damped_velocity_moves_a_lost_joint_with_its_person() -> None:
+    history = _uniform(10, 0.1)
+    history[-6:, 0, 2] = np.nan  # seen last six slots ago, at x = -0.6
+    predicted = DampedVelocity().predict(history, 1 / 30, 1).joints_m
+    expected = -0.6 + 0.1 * sum(0.85**k for k in range(1, 8))
+    np.testing.assert_allclose(predicted[0, 0, 2, 0], expected)
+
+
+def test_damped_velocity_bridges_a_gap() -> None:
+    history = _uniform(10, 0.1)
+    history[-3:-1, 0, 0] = np.nan  # still known at both ends of the span
+    predicted = DampedVelocity().predict(history, 1 / 30, 1).joints_m
+    np.testing.assert_allclose(predicted[0, 0, 0, 0], 0.085)

@@ -1,4 +1,4 @@
-"""What cameras are expected to tell: against plain matrices, and its laws."""
+"""What cameras would add: the textbook formula, newcomers, and the aim of what is stated."""
 
 from __future__ import annotations
 
@@ -18,10 +18,18 @@ from e3pose.estimate.base import Outlook
 from e3pose.estimate.filter.bias import memory_terms
 from e3pose.model.camera import Rig
 from e3pose.model.noise import ErrorMemory
+from e3pose.model.overlap import overlap
 from e3pose.model.projection import project
 from e3pose.model.uncertainty import expected_distance_m
-from e3pose.select.expected_information import Foresight, foresee
+from e3pose.select.expected_information import (
+    FIRST_VIEW,
+    Entrants,
+    Foresight,
+    expected_entrants,
+    foresee,
+)
 from e3pose.select.kernels.foresight import BEHIND_SHARE
+from e3pose.select.stated_error import CORRECTION, MEMORY_S, MOST, StatedError, stated_error_m
 
 RIG = looking((4, 0), (0, 4), (-4, 0), (3, 3))
 
@@ -227,3 +235,161 @@ def test_nobody_is_normal() -> None:
     foresight = foresee(RIG, outlook(np.zeros((0, 4, 3))), SLOT_S)
     assert foresight.information(subsets(4)).tolist() == [0.0] * 16
     assert np.isnan(foresight.expected_error_m(subsets(4))).all()
+
+
+WAIT_S, ENTRY_SLOT_S = 0.14, 0.08
+EACH = np.eye(3, dtype=bool)
+
+
+ENTRANCE = looking((4, 0), (0, 4), (3, 3))
+
+
+def entrants(*ordered: list[int], people: int = 1, age_s: float = 0.0) -> Entrants:
+    """Camera 0 saw somebody new `age_s` ago; the cameras of the next slots are `ordered`."""
+    flight = np.array([np.isin(range(3), cameras) for cameras in ordered], dtype=bool)
+    return expected_entrants(
+        ENTRANCE,
+        np.array([people, 0, 0]),
+        np.array([age_s + (len(ordered) + 1) * ENTRY_SLOT_S, np.inf, np.inf]),
+        WAIT_S,
+        ENTRY_SLOT_S,
+        flight.reshape(-1, 3),
+    )
+
+
+def sets(*cameras: list[int]) -> NDArray[np.bool_]:
+    return np.array([np.isin(range(3), each) for each in cameras])
+
+
+def test_cameras_overlook_what_others_see_as_far_as_they_face_it() -> None:
+    shares = overlap(looking((4, 0), (3, 3), (-30, 0)))
+    assert shares[0, 1] > 0.3
+    assert (np.diag(shares) == 0).all()
+    assert (overlap(looking((4, 0), (-4, 0), away=True)) == 0).all()
+
+
+def test_nobody_to_start_is_normal() -> None:
+    nobody = expected_entrants(
+        ENTRANCE,
+        np.zeros(3, np.int64),
+        np.full(3, np.inf),
+        WAIT_S,
+        ENTRY_SLOT_S,
+        np.zeros((2, 3), bool),
+    )
+    assert nobody.starts(EACH).tolist() == [0.0] * 3
+
+
+def test_while_the_detection_waits_another_camera_completes_the_pair() -> None:
+    alone, other = entrants().starts(sets([0], [1]))
+    assert other == pytest.approx(overlap(ENTRANCE)[0, 1])
+    assert alone == pytest.approx(FIRST_VIEW)
+
+
+def test_once_it_has_waited_too_long_two_cameras_in_one_slot_start_the_person() -> None:
+    found = entrants([], [], [])
+    one, two, both = found.starts(sets([1], [2], [0, 1]))
+    assert both == pytest.approx(overlap(ENTRANCE)[0, 1])
+    assert one == pytest.approx(FIRST_VIEW * overlap(ENTRANCE)[0, 1])
+    assert two == pytest.approx(FIRST_VIEW * overlap(ENTRANCE)[0, 2])
+
+
+def test_a_look_in_flight_is_a_partner_for_another_camera_and_not_for_itself() -> None:
+    free, found = entrants([], []), entrants([], [1])
+    np.testing.assert_allclose(found.weights, free.weights)
+    assert found.starts(sets([0]))[0] > free.starts(sets([0]))[0]
+    assert found.starts(sets([1]))[0] == pytest.approx(free.starts(sets([1]))[0])
+
+
+@each_case("ordered", [([1], []), ([], [0, 1]), ([], [1], [0])])
+def test_an_entrant_is_paid_once(ordered: tuple[list[int], ...]) -> None:
+    free = entrants(*([] for _ in ordered))
+    paid = entrants(*ordered)
+    met = overlap(ENTRANCE)[0, 1]
+    assert paid.weights[0] == pytest.approx((1 - met) * free.weights[0])
+    subsets = sets([0], [1], [2], [0, 1], [0, 2], [0, 1, 2])
+    assert (paid.starts(subsets)[3:] < free.starts(subsets)[3:]).all()
+
+
+def test_looks_too_far_apart_start_nobody() -> None:
+    assert entrants([], [1], [], [0], []).weights[0] == 1.0
+
+
+def test_everybody_new_counts() -> None:
+    one, three = entrants(), entrants(people=3)
+    np.testing.assert_allclose(three.starts(EACH), 3 * one.starts(EACH))
+
+
+TARGET_M = 0.04
+STATED_SLOT_S = 0.1
+FULL = 1 - 1e-9
+
+
+def spheres(sigma_m: float, people: int = 2) -> NDArray[np.float64]:
+    return np.broadcast_to(np.eye(3) * sigma_m**2, (people, 17, 3, 3))
+
+
+def error_m(sigma_m: float) -> float:
+    return float(expected_distance_m(spheres(sigma_m)[0, 0]))
+
+
+def after(stated: StatedError, sigma_m: float, seconds: float) -> StatedError:
+    for _ in range(round(seconds / STATED_SLOT_S)):
+        stated = stated.after(stated_error_m(spheres(sigma_m)), STATED_SLOT_S)
+    return stated
+
+
+def test_the_mean_is_the_plain_one_at_first_and_forgets_with_its_memory() -> None:
+    stated = after(after(StatedError(), 0.02, STATED_SLOT_S), 0.01, STATED_SLOT_S)
+    middle_m = (error_m(0.02) + error_m(0.01)) / 2
+    assert stated.mean_m == pytest.approx(middle_m, rel=0.01)
+    stated = after(StatedError(error_m(0.02), FULL), 0.01, MEMORY_S)
+    expected_m = error_m(0.01) + (error_m(0.02) - error_m(0.01)) / np.e
+    assert stated.mean_m == pytest.approx(expected_m, rel=1e-6)
+
+
+def test_the_memory_fills_while_errors_are_stated() -> None:
+    assert StatedError().filled == 0.0
+    stated = after(StatedError(), 0.02, MEMORY_S)
+    assert stated.filled == pytest.approx(1 - 1 / np.e)
+
+
+def test_nobody_and_unknown_joints_change_nothing() -> None:
+    stated = after(StatedError(), 0.03, 1.0)
+    assert stated.after(stated_error_m(spheres(0.02, 0)), STATED_SLOT_S) == stated
+    assert stated.after(stated_error_m(np.full((1, 17, 3, 3), np.nan)), STATED_SLOT_S) == stated
+    some = spheres(0.02).copy()
+    some[:, 5:] = np.nan
+    assert stated.after(stated_error_m(some), STATED_SLOT_S).mean_m == pytest.approx(
+        stated.after(stated_error_m(spheres(0.02)), STATED_SLOT_S).mean_m, rel=1e-12
+    )
+
+
+def test_the_aim_is_the_target_where_that_is_what_is_stated_or_nothing_is() -> None:
+    assert StatedError(TARGET_M, FULL).aim_m(TARGET_M) == pytest.approx(TARGET_M)
+    assert StatedError().aim_m(TARGET_M) == TARGET_M
+
+
+def test_the_aim_goes_the_other_way_within_bounds() -> None:
+    low, high = (StatedError(times * TARGET_M, FULL).aim_m(TARGET_M) for times in (0.9, 1.1))
+    assert low > TARGET_M > high
+    assert StatedError(1e-6, FULL).aim_m(TARGET_M) == MOST * TARGET_M
+    assert StatedError(10.0, FULL).aim_m(TARGET_M) == TARGET_M / MOST
+
+
+def test_the_certainty_that_the_warm_up_leaves_is_hardly_made_up_for() -> None:
+    """Half a second after all cameras looked, errors are far below any target."""
+    stated = after(StatedError(), 0.25 * TARGET_M, 0.5)
+    assert stated.mean_m < TARGET_M / 2
+    assert stated.aim_m(TARGET_M) < 1.4 * TARGET_M
+    assert StatedError(stated.mean_m, FULL).aim_m(TARGET_M) == MOST * TARGET_M
+
+
+@pytest.mark.parametrize("stated_over_expected", [0.9, 1.1])
+def test_a_sixth_of_what_is_missed_is_left(stated_over_expected: float) -> None:
+    stated_m = TARGET_M
+    for _ in range(1000):
+        aim_m = StatedError(stated_m, FULL).aim_m(TARGET_M)
+        stated_m += 0.02 * (stated_over_expected * aim_m - stated_m)
+    left = stated_over_expected ** (1 / (1 + CORRECTION))
+    assert stated_m == pytest.approx(left * TARGET_M, rel=1e-3)

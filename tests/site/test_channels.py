@@ -96,8 +96,8 @@ SHOWN = {
     ),
     "network between the programs": (
         "wire/test_network::test_edge_that_comes_back_is_found_again",
-        "edge/test_send_queue::test_what_nobody_takes_does_not_grow",
-        "edge/test_send_queue::test_later_sender_takes_over_from_one_that_hangs",
+        "edge/test_publisher::test_what_nobody_takes_does_not_grow",
+        "edge/test_publisher::test_later_sender_takes_over_from_one_that_hangs",
     ),
     "standard input of a program of `up`": (
         "site/test_run::test_program_ends_with_its_parent_cleanly_or_soon",

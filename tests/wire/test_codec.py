@@ -1,8 +1,9 @@
-"""Messages: what goes in comes out, and nothing else gets in."""
+"""Messages come back from their bytes: fields, arrays, topics, and what a version keeps."""
 
 from __future__ import annotations
 
 import contextlib
+import json
 from typing import Any
 
 import msgspec
@@ -11,9 +12,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.cases import each_case
+from tests.test_length import hooks
 
 from e3pose.base.errors import InputError
-from e3pose.wire.arrays import pack, poses_2d, unpack
+from e3pose.model.camera_fields import check_camera_id
+from e3pose.model.pose import Poses2D
+from e3pose.wire.arrays import MAX_PERSONS, pack, pack_poses, poses_2d, unpack
 from e3pose.wire.codec import MAX_BYTES, Message, decode, encode
 from e3pose.wire.messages import (
     VERSION,
@@ -25,7 +29,8 @@ from e3pose.wire.messages import (
     Order,
     View,
 )
-from e3pose.wire.site_messages import CameraStatus, Poses, Status
+from e3pose.wire.site_messages import CameraStatus, OutboxPart, Poses, Status
+from e3pose.wire.topics import ANY, check_site, of_camera, sender
 
 JOINTS = ("nose", "neck", "hip")
 
@@ -225,3 +230,65 @@ def test_array_comes_back(dtype: str) -> None:
     assert (unpack(pack(array[:, ::-1])) == array[:, ::-1]).all()
     with pytest.raises(InputError, match="int32"):
         pack(array.astype(np.int32))
+
+
+def test_of_too_many_people_those_of_best_score_are_sent() -> None:
+    people = MAX_PERSONS + 3
+    rng = np.random.default_rng(1)
+    scores = rng.permutation(np.linspace(0.1, 0.9, people))[:, None].repeat(2, axis=1)
+    keypoints_px = np.arange(people, dtype=float)[:, None, None] + np.zeros((people, 2, 2))
+    packed_px, packed = (unpack(each) for each in pack_poses(Poses2D(keypoints_px, scores)))
+    best = np.argsort(-scores[:, 0])[:MAX_PERSONS]
+    np.testing.assert_array_equal(packed_px[:, 0, 0], best)
+    np.testing.assert_allclose(packed, scores[best], rtol=1e-6)
+
+
+def test_answer_that_says_nothing_is_valid() -> None:
+    assert decode(encode(OutboxPart()), OutboxPart, "edge") == OutboxPart()
+
+
+def test_sender_of_a_cameras_topic() -> None:
+    assert sender(of_camera("lab", "cam1", "view")) == "cam1"
+    assert of_camera("lab", ANY, "view") == "e3pose/lab/camera/*/view"
+
+
+@each_case("name", ["", "*", "**", "a/b", "../x", "a b", "a$*", "-x", "x" * 65, "ü"])
+def test_names_that_would_reach_elsewhere_do_not_enter(name: str) -> None:
+    with pytest.raises(InputError, match="site"):
+        check_site(name)
+    with pytest.raises(InputError, match="camera id"):
+        check_camera_id(name)
+    with pytest.raises(InputError):
+        sender(of_camera("lab", name, "view"))
+
+
+@each_case("topic", ["e3pose/lab/order/cam1", "x/lab/camera/cam1/view", "", "/////"])
+def test_topic_of_no_camera_has_no_sender(topic: str) -> None:
+    with pytest.raises(InputError):
+        sender(topic)
+
+
+SHAPES = hooks.message_shapes()
+MORE = f"more: int{hooks.OPTIONAL}"
+
+
+def test_messages_of_a_version_only_grow() -> None:
+    version, stored = json.loads(hooks.MESSAGE_SHAPES.read_text())
+    assert version == VERSION, "python docs/hooks.py writes the fields of the new version"
+    broken = hooks.broken_messages(stored, SHAPES)
+    assert broken == [], "make VERSION one more, or keep the fields"
+    assert stored == SHAPES, "python docs/hooks.py notes the new fields"
+
+
+@each_case("name", sorted(SHAPES))
+def test_fields_that_go_move_or_change_are_found(name: str) -> None:
+    form, first, *rest = SHAPES[name]
+    other = "array" if form == "map" else "map"
+    gone, typed, needed = rest, [f"{first}?", *rest], [first, *rest, "more: int"]
+    inserted, added = [MORE, first, *rest], [first, *rest, MORE]
+    cases = [(other, [first, *rest]), (form, gone), (form, typed), (form, needed)]
+    for form_now, fields in cases + [(form, inserted)] * (form != "map"):
+        after = {**SHAPES, name: [form_now, *fields]}
+        assert hooks.broken_messages(SHAPES, after) == [name], fields
+    for fields in [added] + [inserted] * (form == "map"):
+        assert hooks.broken_messages(SHAPES, {**SHAPES, name: [form, *fields]}) == [], fields

@@ -9,7 +9,7 @@ from typing import Any, get_args
 import msgspec
 import pytest
 from tests.cases import each_case
-from tests.test_tuned_numbers import hooks
+from tests.test_length import hooks
 
 from e3pose.wire import topics
 from e3pose.wire.arrays import poses_2d

@@ -1,4 +1,4 @@
-"""Power rails of boards, against trees of files as the kernel lays them out."""
+"""Power rails and temperatures of boards, against trees of files as the kernel lays them out."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from tests.energy.meters.trees import (
 
 from e3pose.energy.meters.choose import choose_meter
 from e3pose.energy.meters.rails import RailMeter
+from e3pose.energy.meters.sampler import read_temperature_c
 
 TX2 = iio("0-0040", VDD_SYS_GPU=152, VDD_SYS_SOC=457, VDD_4V0_WIFI=19) | iio(
     "0-0041", VDD_IN=3431, VDD_SYS_CPU=533, VDD_SYS_DDR=681
@@ -119,3 +120,18 @@ def test_part_that_cannot_be_read_is_left_out(tmp_path: Path) -> None:
     reading = RailMeter(tmp_path).read("active")
     assert reading.watts == pytest.approx(3.431)
     assert "VDD_SYS_GPU" not in {rail.name for rail in reading.rails}
+
+
+def zone(root: Path, number: int, text: str) -> None:
+    folder = root / "sys" / "class" / "thermal" / f"thermal_zone{number}"
+    folder.mkdir(parents=True)
+    (folder / "temp").write_text(text)
+
+
+def test_hottest_zone_counts_and_what_makes_no_sense_does_not(tmp_path: Path) -> None:
+    assert read_temperature_c(tmp_path) is None
+    for number, text in enumerate(
+        ("45500\n", "-256000\n", "no number\n", "61000\n", "2147483647\n")
+    ):
+        zone(tmp_path, number, text)
+    assert read_temperature_c(tmp_path) == 61.0

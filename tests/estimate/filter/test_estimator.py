@@ -1,4 +1,4 @@
-"""The estimator with a memory, on people whose true positions are known."""
+"""The filter as an estimator: its people, their history, and feet that few cameras show."""
 
 from __future__ import annotations
 
@@ -15,10 +15,16 @@ from tests.reference.belief_arrays import belief_from_arrays, belief_to_arrays
 
 from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
+from e3pose.estimate.base import Estimate
 from e3pose.estimate.filter import Belief, Model, Noise
+from e3pose.estimate.filter.estimator import Filtered
+from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.model.noises import load_noise
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17
+from e3pose.recording import Recording, ViewSeries
+from e3pose.simulate import SceneSettings, simulate
+from e3pose.simulate.feet import with_skeleton
 
 SIMULATED = load_noise("simulated")
 
@@ -201,3 +207,85 @@ def test_time_that_stands_still_or_runs_back_is_taken_as_now() -> None:
         later, estimate = step(MODEL, belief, see(person), time_s)
         assert later.time_s == belief.time_s
         assert error_m(estimate, person)[0, 0] < 0.005
+
+
+SLOTS = 6
+
+
+def shown(visits: list[tuple[int, int]]) -> list[Estimate]:
+    """Show people walking side by side, each from one slot until another."""
+    filtered, everybody = Filtered(MODEL, step, SLOTS), []
+    memory = filtered.begin()
+    for slot in range(90):
+        there = [
+            (-1.5 + 0.03 * slot, 1.2 * row - 1.2)
+            for row, (begin, end) in enumerate(visits)
+            if begin <= slot < end
+        ]
+        cameras = {*turn(slot), *turn(slot + 1), *turn(slot + 2)}
+        memory, estimate = filtered.estimate(
+            memory, see(standing(*there), cameras), slot / 25, lambda: 0.0
+        )
+        everybody.append(estimate)
+    return everybody
+
+
+@each_case(
+    "visits",
+    [
+        [(0, 90)],
+        [(0, 90), (30, 90)],  # somebody comes
+        [(0, 35), (0, 90)],  # somebody leaves, whose row the other takes
+        [(0, 90), (25, 60), (40, 90)],
+    ],
+)
+def test_history_is_where_each_person_was_shown(visits: list[tuple[int, int]]) -> None:
+    past: list[dict[int, np.ndarray[tuple[int, ...], np.dtype[np.float64]]]] = []
+    changes = 0
+    for estimate in shown(visits):
+        people, history = estimate.people, estimate.history
+        ids = people.track_ids.tolist()
+        changes += bool(past) and set(past[-1]) != set(ids)
+        past.append(dict(zip(ids, people.joints_m, strict=True)))
+        assert history.track_ids.tolist() == ids
+        assert history.joints_m.shape == (SLOTS, len(ids), 17, 3)
+        for person, track_id in enumerate(ids):
+            for age, history_m in enumerate(history.joints_m[::-1, person]):
+                before = past[-1 - age] if age < len(past) else {}
+                expected_m = before.get(track_id, np.full((17, 3), np.nan))
+                np.testing.assert_array_equal(history_m, expected_m)
+    assert changes >= len(visits)
+
+
+FEET = ("toe", "heel")
+
+
+def feet_of(recording: Recording) -> list[int]:
+    names = enumerate(recording.skeleton.joints)
+    return [joint for joint, name in names if name.endswith(FEET)]
+
+
+def without_feet(recording: Recording, views: ViewSeries) -> ViewSeries:
+    keypoints_px, scores = views.keypoints_px.copy(), views.scores.copy()
+    feet = feet_of(recording)
+    keypoints_px[:, feet], scores[:, feet] = np.nan, 0.0
+    return replace(views, keypoints_px=keypoints_px, scores=scores)
+
+
+def test_feet_that_one_camera_shows_stay_near_their_ankles() -> None:
+    scene = SceneSettings("ring", people=1, seconds=4.0, fps=12.5, cameras=3)
+    whole = with_skeleton(simulate(scene, 701), "halpe26", 701)
+    recording = replace(
+        whole, views=(whole.views[0], *(without_feet(whole, each) for each in whole.views[1:]))
+    )
+    names = recording.skeleton.joints
+    ankles = [names.index("left_ankle"), names.index("right_ankle")]
+    feet = feet_of(recording)
+    away_m = [
+        np.linalg.norm(joints_m[feet][:, None] - joints_m[ankles], axis=-1).min(axis=1)
+        for record in replay(recording, ReplaySettings(num_selected=3, policy="round-robin"))
+        for joints_m in record.people.joints_m
+        if record.slot >= 25
+    ]
+    assert len(away_m) >= 20
+    assert np.median(away_m) < 0.25 and np.max(away_m) < 0.5

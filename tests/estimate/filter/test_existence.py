@@ -1,4 +1,4 @@
-"""People whom no camera sees for a while: carried on, doubted, and given up."""
+"""Who exists: who is born, wide, gone or hidden, and the number that each gets."""
 
 from __future__ import annotations
 
@@ -6,11 +6,31 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.estimate.filter.room import ALL, MODEL, error_m, run, see, spread_m, standing, step
+from tests.cases import each_case
+from tests.estimate.filter.room import (
+    ALL,
+    BODY,
+    MODEL,
+    error_m,
+    run,
+    see,
+    spread_m,
+    standing,
+    step,
+    turn,
+)
 from tests.reference.filter_associate import associate
+from tests.reference.filter_existence import end, wide
 from tests.reference.filter_learned_noise import knots_px
 
+from e3pose.base.arrays import Floats
+from e3pose.estimate.filter import Belief, Model
+from e3pose.estimate.filter.estimator import Filtered
+from e3pose.estimate.filter.existence import MOST_WIDE_M
+from e3pose.estimate.filter.step import StepKernel
+from e3pose.model.noises import load_noise
 from e3pose.model.pose import Poses2D
+from e3pose.model.skeleton import Skeleton
 
 KNOTS_PX = knots_px(MODEL, np.zeros((len(MODEL.rig) + 1, 2)))[0]
 
@@ -144,3 +164,112 @@ def test_uncertainty_of_who_is_unseen_is_that_of_the_prediction() -> None:
         np.trace(b.covariance[0, :, :3, :3], axis1=1, axis2=2).min() for b in (nothing, elsewhere)
     ]
     assert least[1] == pytest.approx(least[0], rel=0.05)
+
+
+FPS = 12.5
+MIDDLE = (-0.5, 0.5)
+NOBODY = {camera: Poses2D.empty(17) for camera in ALL}
+
+
+def standing_there(hidden: dict[int, Poses2D]) -> Belief:
+    """Return the belief of somebody who stands in the middle; some cameras never show it."""
+    person = standing(MIDDLE)
+    belief, _ = run((see(person) | hidden for _ in range(50)), FPS)
+    return belief
+
+
+def test_who_is_missed_in_plain_sight_is_soon_gone() -> None:
+    looks = ({turn(slot)[0]: Poses2D.empty(17)} for slot in range(8))
+    _, estimates = run(looks, FPS, belief=standing_there({}))
+    assert 2 <= [len(estimate) for estimate in estimates].index(0) <= 4
+
+
+def test_who_is_hidden_behind_a_pillar_stays() -> None:
+    """Two of five cameras never show the middle; people there were seen by the others."""
+    hidden = {0: Poses2D.empty(17), 3: Poses2D.empty(17)}
+    belief, estimates = run([hidden] * 2, FPS, belief=standing_there(hidden))
+    assert [len(estimate) for estimate in estimates] == [1, 1]
+    _, estimates = run([NOBODY] * 2, FPS, belief=belief)
+    assert len(estimates[0]) == 0
+
+
+def test_a_false_start_takes_no_number() -> None:
+    estimator = Filtered(MODEL, StepKernel())
+    memory, first, ghost = estimator.begin(), standing((0.0, 0.0)), standing((1.2, 0.8))
+    second = standing((-1.2, 0.9))
+    slots = [see(first)] * 10
+    for _ in range(3):  # two cameras agree on somebody whom no other confirms
+        slots += [{**see(first), **see(np.concatenate([first, ghost]), (0, 2))}, *[see(first)] * 20]
+    slots += [see(np.concatenate([first, second]))] * 10
+    started, shown = 0, []
+    for slot, views in enumerate(slots):
+        memory, estimate = estimator.estimate(memory, views, slot / 25, lambda: 0.0)
+        started = max(started, memory.belief.next_id - 1)
+        shown.append(estimate.people.track_ids.tolist())
+    assert started == 2 and len(memory.belief) == 2
+    assert shown[5] == [1] and shown[-1] == [1, 2]
+    assert max(map(len, shown)) == 2
+
+
+SIMULATED = load_noise("simulated")
+
+
+LEFT, RIGHT = [5, 7, 9, 11, 13, 15], [6, 8, 10, 12, 14, 16]
+
+
+def stretched(factor: float) -> Floats:
+    """Return a body `(1, 17, 3)` as many times as wide."""
+    return (BODY * [1.0, factor, 1.0])[None]
+
+
+def test_shoulders_and_hips_of_people_are_not_wide_and_twice_that_is() -> None:
+    body_m = float(np.ptp(BODY[5:7, 1]) + np.ptp(BODY[11:13, 1]))
+    assert body_m == pytest.approx(0.64)
+    assert not wide(stretched(0.99 * MOST_WIDE_M / body_m), MODEL)[0]
+    assert wide(stretched(1.01 * MOST_WIDE_M / body_m), MODEL)[0]
+
+
+def test_nothing_is_said_of_a_width_that_is_not_known() -> None:
+    joints_m = stretched(3.0)
+    joints_m[:, 5] = np.nan
+    assert not wide(joints_m, MODEL)[0]
+    no_girdles = Model(MODEL.rig, Skeleton("none", ("nose", "neck"), ()), SIMULATED)
+    assert not wide(np.zeros((1, 2, 3)), no_girdles)[0]
+
+
+@each_case("compiled", [False, True])
+@each_case(("factor", "born"), [(1.0, 1), (2.0, 0)])
+def test_a_pair_of_views_that_meets_in_a_wide_body_starts_nobody(
+    compiled: bool, factor: float, born: int
+) -> None:
+    views = see(stretched(factor), (0, 2))
+    belief = Belief.empty(MODEL)
+    if compiled:
+        belief, _ = StepKernel()(MODEL, belief, views, 0.0)
+    else:
+        belief, _ = run([views])
+    assert (len(belief), belief.next_id) == (born, born + 1)
+    assert len(belief.leftovers) == 2 - 2 * born  # they wait for other views
+
+
+def test_a_track_that_mirrored_views_widen_is_dropped() -> None:
+    person = stretched(1.0)
+    belief, _ = run([see(person, (0, 2))])
+    state = belief.state.copy()
+    state[..., 1] *= 2
+    wider = replace(belief, state=state)
+    assert len(end(belief, MODEL)) == 1
+    assert len(end(wider, MODEL)) == 0
+
+
+def test_one_mirrored_view_does_not_end_somebody_whom_all_know() -> None:
+    person = stretched(1.0)
+    belief, _ = run(see(person) for _ in range(20))
+    mirrored = {}
+    for camera, view in see(person).items():
+        keypoints = view.keypoints_px.copy()
+        if camera == 1:
+            keypoints[:, LEFT + RIGHT] = keypoints[:, RIGHT + LEFT]
+        mirrored[camera] = Poses2D(keypoints, view.scores)
+    _, estimates = run([mirrored] * 10, belief=belief)
+    assert estimates[-1].track_ids.tolist() == [1]

@@ -1,7 +1,9 @@
-"""What is expected of a slot to come: the prediction of the filter itself, by a shorter way."""
+"""What is expected of a slot to come, steered or not: the filter's prediction by a shorter way."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -10,8 +12,20 @@ from tests.cases import each_case
 from tests.estimate.filter.room import step
 from tests.reference.filter_update import predict
 
+from e3pose.base.arrays import Floats
 from e3pose.estimate.filter import Belief, Model, outlook, wait_s
+from e3pose.estimate.filter.estimator import GAIN, foreseen, steer
+from e3pose.estimate.filter.motion import (
+    LEAST_KNOWN_SLOTS,
+    LEAST_SHARE,
+    MOST_SHARE,
+    SQUARES,
+    fading,
+    places,
+)
 from e3pose.model.noises import load_noise
+from e3pose.model.pose import Poses2D
+from e3pose.predict.base import Prediction
 from e3pose.recording import Recording
 from e3pose.select.expected_information import foresee
 from e3pose.simulate import SceneSettings, simulate
@@ -90,3 +104,113 @@ def test_a_detection_waits_until_another_camera_can_have_looked(
     interval_s: float, num_selected: float, expected_s: float
 ) -> None:
     assert wait_s(interval_s, num_selected) == pytest.approx(expected_s)
+
+
+AHEAD_S = 0.08
+SHARE = 0.6
+
+
+def views_of(slot: int) -> Mapping[int, Poses2D]:
+    views = {camera: scene().view(slot, camera) for camera in range(4)}
+    return {camera: view for camera, view in views.items() if view is not None}
+
+
+def known() -> Belief:
+    belief = Belief.empty(model())
+    for slot in range(12):
+        belief, _ = step(model(), belief, views_of(slot), slot / scene().fps)
+    assert len(belief) == 3
+    return belief
+
+
+def test_the_prediction_moves_by_the_gain_and_the_positions_stay() -> None:
+    belief = known()
+    own_m = places(model().tree, belief.state, AHEAD_S)[..., :3]
+    foreseen_m = own_m[[0, 2]] + [0.10, -0.04, 0.02]
+    found = steer(model().tree, belief, np.array([0, 2]), foreseen_m, AHEAD_S, SHARE)
+    moved = places(model().tree, found.state, AHEAD_S)[..., :3] - own_m
+    np.testing.assert_allclose(moved[[0, 2]], GAIN * (foreseen_m - own_m[[0, 2]]), atol=1e-12)
+    np.testing.assert_array_equal(found.state[1], belief.state[1])
+    np.testing.assert_array_equal(found.state[..., :3], belief.state[..., :3])
+    np.testing.assert_array_equal(found.covariance, belief.covariance)
+    np.testing.assert_array_equal(found.drift_share[[0, 2]], SHARE)
+    np.testing.assert_array_equal(found.drift_share[1], 1.0)
+
+
+def test_joints_that_nobody_foresees_keep_their_velocity() -> None:
+    belief = known()
+    foreseen_m = places(model().tree, belief.state, AHEAD_S)[..., :3][:1] + 0.1
+    foreseen_m[0, 5] = np.nan
+    foreseen_m[0, 6, 2] = np.nan
+    found = steer(model().tree, belief, np.array([0]), foreseen_m, AHEAD_S, SHARE)
+    np.testing.assert_array_equal(found.state[0, 5:7], belief.state[0, 5:7])
+    assert (found.state[0, :5, 3:] != belief.state[0, :5, 3:]).all()
+    np.testing.assert_array_equal(found.drift_share[0, 5:7], 1.0)
+    np.testing.assert_array_equal(found.drift_share[0, :5], SHARE)
+
+
+@pytest.mark.parametrize(("joints_m", "ahead_s"), [(np.nan, AHEAD_S), (1.0, 0.0)])
+def test_without_a_prediction_or_time_people_move_by_themselves(
+    joints_m: float, ahead_s: float
+) -> None:
+    belief = known()
+    steered = replace(belief, drift_share=np.full_like(belief.drift_share, SHARE))
+    foreseen_m = np.full((1, len(model().skeleton), 3), joints_m)
+    found = steer(model().tree, steered, np.array([0]), foreseen_m, ahead_s, SHARE)
+    np.testing.assert_array_equal(found.state, belief.state)
+    np.testing.assert_array_equal(found.drift_share, belief.drift_share)
+
+
+def test_less_is_unknown_of_motion_that_is_predicted() -> None:
+    belief = known()
+    foreseen_m = places(model().tree, belief.state, AHEAD_S)[..., :3][:1]
+    steered = steer(model().tree, belief, np.array([0]), foreseen_m, AHEAD_S, SHARE)
+    time_s = belief.time_s + AHEAD_S
+    alone, found = (step(model(), each, {}, time_s)[0] for each in (belief, steered))
+    apart = alone.covariance - found.covariance
+    assert (np.linalg.eigvalsh(apart[0])[:, 1:] > 0).all()
+    np.testing.assert_array_equal(apart[1:], 0.0)
+    outlooks = [outlook(model(), each, 0.0).expected.drift_m2ps3 for each in (belief, steered)]
+    np.testing.assert_allclose(outlooks[1][0], SHARE * outlooks[0][0])
+
+
+def grown(shares: float, interval_s: float) -> Floats:
+    """Return errors of two slots that grow by a share of what the filter's motion leaves open."""
+    drift, lasts_s = model().alone
+    first, second = (3 * fading(drift, lasts_s, n * interval_s)[1][:, 0, 0] for n in (1, 2))
+    error_m = np.full((2, 1, len(drift)), 0.02)
+    error_m[1] = np.sqrt(error_m[0] ** 2 + shares * (second - first) / SQUARES)
+    return error_m
+
+
+def foreseen_of(
+    error_m: Floats, interval_s: float, history_m: Floats | None = None
+) -> tuple[Floats, Floats]:
+    """Return what steers of a prediction with these errors, of people who are well known."""
+    shape = error_m.shape[1:]
+    history_m = np.zeros((LEAST_KNOWN_SLOTS, *shape, 3)) if history_m is None else history_m
+    prediction = Prediction(np.ones((len(error_m), *shape, 3)), error_m)
+    return foreseen(model(), history_m, prediction, interval_s)
+
+
+@each_case("interval_s", [1 / 60, 0.04, 0.2])
+def test_noise_is_left_where_the_predictor_foresees_its_error_to_grow(interval_s: float) -> None:
+    for shares, expected in ((0.0, LEAST_SHARE), (0.3, LEAST_SHARE + 0.3), (9.0, MOST_SHARE)):
+        joints_m, found = foreseen_of(grown(shares, interval_s), interval_s)
+        np.testing.assert_allclose(found, expected, rtol=1e-9)
+        np.testing.assert_array_equal(joints_m, 1.0)
+    shrinking = foreseen_of(grown(0.5, interval_s)[::-1], interval_s)[1]
+    np.testing.assert_array_equal(shrinking, LEAST_SHARE)
+
+
+def test_joints_without_a_stated_error_and_people_just_met_are_not_steered() -> None:
+    error_m = grown(0.3, 0.04)
+    error_m[:, 0, 4] = np.nan
+    joints_m, _ = foreseen_of(error_m, 0.04)
+    assert np.flatnonzero(np.isnan(joints_m[0, :, 0])).tolist() == [4]
+    history_m = np.zeros((6, 1, 17, 3))
+    history_m[: 7 - LEAST_KNOWN_SLOTS] = np.nan
+    history_m[-1, 0, :16] = np.nan  # one joint is enough
+    assert np.isnan(foreseen_of(grown(0.3, 0.04), 0.04, history_m)[0]).all()
+    history_m[6 - LEAST_KNOWN_SLOTS] = 0.0
+    assert np.isfinite(foreseen_of(grown(0.3, 0.04), 0.04, history_m)[0]).all()

@@ -8,12 +8,17 @@ import numpy as np
 import pytest
 from tests.cases import each_case
 from tests.estimate.filter.room import ALL, BODY, MODEL, RIG, Views, run, see, standing
+from tests.reference import filter_proportions
 
 from e3pose.base.arrays import Floats
+from e3pose.estimate.filter.bones import Proportions, proportions_of
+from e3pose.estimate.filter.proportions import expect_lengths, kept, stature_of
+from e3pose.estimate.filter.tree import grow
 from e3pose.model.camera import Camera
 from e3pose.model.people import People
 from e3pose.model.pose import Poses2D
-from e3pose.model.skeleton import COCO17
+from e3pose.model.proportions import KINDS, RIGID, STATURE_M, STATURE_SPREAD
+from e3pose.model.skeleton import BODY_JOINTS, COCO17, SKELETONS
 
 FPS, SLOTS = 12.5, 40
 LEGS = [
@@ -128,3 +133,132 @@ def test_one_camera_knows_the_distance_of_a_stranger_from_its_first_look() -> No
     sigma_m = np.sqrt(line @ belief.covariance[0, hip, :3, :3] @ line)
     assert camera.camera_id == "cam0"
     assert abs(off @ line) < 3 * sigma_m < 1.5
+
+
+BONES = proportions_of(COCO17, grow(COCO17))
+NUM_BONES = len(BONES.bones)
+LIMB = BONES.kinds >= 0
+
+
+def expect(
+    bones_m: Floats, counts: Floats, body: Proportions = BONES
+) -> tuple[Floats, Floats, float]:
+    lengths_m, variances = np.empty(len(body.bones)), np.empty(len(body.bones))
+    room = np.empty((4, len(KINDS)))
+    size = expect_lengths(bones_m, counts, body, room, lengths_m, variances)
+    return lengths_m, variances, size
+
+
+def usual_m(stature_m: float) -> Floats:
+    """Return the lengths of bones of somebody with usual proportions, 0 for bones without."""
+    return np.where(LIMB, stature_m * np.exp(BONES.shares[BONES.kinds]), 0.0)
+
+
+def bone(first: str, second: str) -> int:
+    ends = {COCO17.index(first), COCO17.index(second)}
+    return next(row for row, pair in enumerate(BONES.bones.tolist()) if set(pair) == ends)
+
+
+@each_case("name", sorted(n for n, one in SKELETONS.items() if set(one.joints) >= BODY_JOINTS))
+@each_case("seed", range(4))
+def test_lengths_are_as_in_numpy(name: str, seed: int) -> None:
+    skeleton, rng = SKELETONS[name], np.random.default_rng(seed)
+    body = proportions_of(skeleton, grow(skeleton))
+    assert (body.kinds >= 0).sum() == 12
+    bones_m = rng.uniform(0, 0.8, len(body.bones))
+    counts = rng.integers(0, 4, len(body.bones)) * rng.uniform(1, 60, len(body.bones))
+    found = expect(bones_m, counts, body)
+    expected = filter_proportions.expect(bones_m, counts, body)
+    np.testing.assert_allclose(found[0], expected[0], rtol=1e-9)
+    np.testing.assert_allclose(found[1], expected[1], rtol=1e-9)
+    assert found[2] == pytest.approx(expected[2], rel=1e-9)
+
+
+@each_case("name", ["coco17", "body25", "halpe26", "shelf14", "coco133"])
+@each_case("seed", range(6))
+def test_joints_are_kept_as_in_numpy(name: str, seed: int) -> None:
+    skeleton, rng = SKELETONS[name], np.random.default_rng(seed)
+    body = proportions_of(skeleton, grow(skeleton))
+    joints_m = rng.normal(scale=0.4, size=(1, len(skeleton), 3))
+    joints_m[0, rng.random(len(skeleton)) < 0.1] = np.nan
+    covariance_m2 = rng.uniform(1e-4, 0.1, (1, len(skeleton), 1, 1)) * np.eye(3)
+    measured = rng.random((1, len(skeleton))) < 0.7
+    nothing = np.zeros((1, len(body.bones)))
+    found = kept(body, nothing, nothing, joints_m, covariance_m2, measured)
+    lengths_m, _, _ = filter_proportions.expect(nothing[0], nothing[0], body)
+    expected = filter_proportions.keep(lengths_m, body, joints_m[0], covariance_m2[0], measured[0])
+    np.testing.assert_allclose(found[0][0], expected[0], atol=1e-9)
+    np.testing.assert_allclose(found[1][0], expected[1], atol=1e-9)
+    np.testing.assert_array_equal(found[2][0], expected[2])
+    for joint in np.flatnonzero(body.limbs):
+        row, parent = body.links[joint], body.parents[joint]
+        if row >= 0 and body.gives[row] == RIGID:
+            apart_m = np.linalg.norm(found[0][0, joint] - found[0][0, parent])
+            assert np.isnan(apart_m) or 1 / 1.0701 < apart_m / lengths_m[row] < 1.0701
+
+
+def test_of_a_stranger_usual_lengths_are_expected() -> None:
+    nothing = np.zeros(NUM_BONES)
+    lengths_m, variances, size = expect(nothing, nothing)
+    np.testing.assert_allclose(lengths_m, usual_m(STATURE_M))
+    assert np.sqrt(variances[LIMB].min()) == pytest.approx(np.hypot(0.12, 0.055), rel=0.1)
+    assert np.sqrt(size) == pytest.approx(STATURE_SPREAD, rel=0.05)
+
+
+@each_case("stature_m", [1.3, 1.5, 1.9])
+def test_a_few_limbs_tell_the_others_and_the_size(stature_m: float) -> None:
+    counts = np.zeros(NUM_BONES)
+    counts[[bone("left_hip", "left_knee"), bone("left_shoulder", "left_hip")]] = 50
+    lengths_m, _, size = expect(usual_m(stature_m), counts)
+    forearm = bone("right_elbow", "right_wrist")
+    assert abs(np.log(lengths_m[forearm] / usual_m(stature_m)[forearm])) < 0.08
+    assert np.sqrt(size) < 0.05
+    counts[LIMB] = 50
+    lengths_m, _, size = expect(usual_m(stature_m), counts)
+    np.testing.assert_allclose(lengths_m[LIMB], usual_m(stature_m)[LIMB], rtol=0.02)
+    assert np.sqrt(size) < 0.02
+
+
+def test_left_and_right_are_expected_alike() -> None:
+    learned_m, counts = usual_m(1.7), np.where(LIMB, 20.0, 0.0)
+    left, right = bone("left_elbow", "left_wrist"), bone("right_elbow", "right_wrist")
+    learned_m[left] *= 1.3
+    lengths_m, _, _ = expect(learned_m, counts)
+    assert lengths_m[left] == lengths_m[right]
+
+
+def test_limbs_that_nobody_has_are_not_believed() -> None:
+    learned_m, counts = usual_m(1.7), np.where(LIMB, 50.0, 0.0)
+    forearms = [bone(f"{s}_elbow", f"{s}_wrist") for s in ("left", "right")]
+    shanks = [bone(f"{s}_knee", f"{s}_ankle") for s in ("left", "right")]
+    learned_m[forearms], learned_m[shanks] = 0.11, 1.65
+    lengths_m, _, _ = expect(learned_m, counts)
+    assert 0.2 < lengths_m[forearms[0]] < 0.27
+    assert 0.36 < lengths_m[shanks[0]] < 0.5
+
+
+def test_a_body_that_fits_is_left_alone() -> None:
+    joints_m = BODY[None]
+    covariance_m2 = np.tile(1e-4 * np.eye(3), (1, len(COCO17), 1, 1))
+    first, second = BONES.bones.T
+    bones_m = np.linalg.norm(BODY[first] - BODY[second], axis=-1)[None]
+    counts, measured = np.full((1, NUM_BONES), 60.0), np.ones((1, len(COCO17)), dtype=bool)
+    found = kept(BONES, bones_m, counts, joints_m, covariance_m2, measured)
+    np.testing.assert_array_equal(found[0], joints_m)
+    np.testing.assert_array_equal(found[1], covariance_m2)
+    assert found[2].all()
+    assert stature_of(BODY, BONES, np.empty(NUM_BONES)) == pytest.approx(1.75, abs=0.15)
+
+
+def test_an_ankle_across_the_room_comes_back_unmeasured_and_vague() -> None:
+    joints_m, ankle, knee = BODY[None].copy(), COCO17.index("left_ankle"), COCO17.index("left_knee")
+    joints_m[0, ankle] += [1.5, 0, 0]
+    covariance_m2 = np.tile(1e-4 * np.eye(3), (1, len(COCO17), 1, 1))
+    covariance_m2[0, ankle] = 0.19**2 * np.eye(3)
+    nothing, measured = np.zeros((1, NUM_BONES)), np.ones((1, len(COCO17)), dtype=bool)
+    found_m, wider_m2, still = kept(BONES, nothing, nothing, joints_m, covariance_m2, measured)
+    assert np.linalg.norm(found_m[0, ankle] - found_m[0, knee]) < 0.5
+    np.testing.assert_allclose(found_m[0, knee], joints_m[0, knee], atol=0.05)
+    moved_m = np.linalg.norm(found_m[0, ankle] - joints_m[0, ankle])
+    assert np.trace(wider_m2[0, ankle]) >= moved_m**2 > 1
+    assert not still[0, ankle] and still[0, knee]

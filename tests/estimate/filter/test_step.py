@@ -1,9 +1,12 @@
-"""The compiled step of the filter against its numpy reference, slot after slot."""
+"""The compiled step of the filter: its numpy reference, its limits, and what it keeps."""
 
 from __future__ import annotations
 
+import io
 import os
-from collections.abc import Iterator
+import threading
+import time
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,6 +14,7 @@ import numpy as np
 import pytest
 from tests.cases import each_case
 from tests.estimate.filter.agreement import (
+    ARRAYS,
     KERNEL,
     SIMULATED,
     Slot,
@@ -22,11 +26,15 @@ from tests.estimate.filter.agreement import (
     scene,
     seen,
 )
+from tests.reference.belief_arrays import belief_from_arrays, belief_to_arrays
 from tests.reference.filter_step import step
 
+from e3pose.base.errors import InputError
 from e3pose.base.kernel import INTERPRETING
 from e3pose.estimate.filter import Belief, Model
-from e3pose.estimate.filter.step import StepKernel
+from e3pose.estimate.filter.scratch import MAX_LEFTOVERS
+from e3pose.estimate.filter.state import MAX_TRACKS
+from e3pose.estimate.filter.step import StepKernel, step_slot
 from e3pose.model.camera import Camera, Rig
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17, Skeleton
@@ -187,3 +195,174 @@ def test_single_camera_rig_never_starts_anybody() -> None:
     model = Model(Rig((camera,)), ring().skeleton, SIMULATED)
     slots = [({c: v for c, v in views.items() if c == 0}, t) for views, t in seen(ring(), 5)]
     assert follow(model, slots[:30]) == (0, 1)  # the next number is 1
+
+
+@each_case(
+    ("views", "time_s", "message"),
+    [
+        ({9: Poses2D.empty(17)}, 0.0, "camera 9"),
+        ({0: Poses2D.empty(14)}, 0.0, "found 14 joints, expected 17"),
+        ({}, np.nan, "time: found nan"),
+    ],
+)
+def test_wrong_input_is_the_same_clear_line(
+    views: Mapping[int, Poses2D], time_s: float, message: str
+) -> None:
+    for advance in (step, KERNEL):
+        with pytest.raises(InputError, match=message):
+            advance(model(), Belief.empty(model()), views, time_s)
+
+
+def noise(people: int, rng: np.random.Generator) -> Poses2D:
+    """Return a view full of detections, each an upright body somewhere in the image."""
+    body = rng.uniform((-20, -60), (20, 60), (people, 17, 2))
+    spots = rng.uniform((30, 70), (1000, 700), (people, 1, 2))
+    return Poses2D(body + spots, rng.uniform(0.2, 1.0, (people, 17)))
+
+
+def test_views_full_of_noise_are_bounded_and_equal() -> None:
+    rng = np.random.default_rng(1)
+    plain = fast = Belief.empty(model())
+    for slot in range(4):
+        views = {camera: noise(3000, rng) for camera in range(5)}
+        plain, _ = step(model(), plain, views, slot / 25)
+        start = time.thread_time()
+        fast, _ = KERNEL(model(), fast, views, slot / 25)
+        # Tens of milliseconds; without bounds the pairs alone would take minutes.
+        assert time.thread_time() - start < 1.0
+        assert_agree(fast, plain)
+    assert len(fast) <= MAX_TRACKS
+    assert len(fast.leftovers) <= MAX_LEFTOVERS
+
+
+def test_one_noisy_view_keeps_nobody_from_being_born() -> None:
+    rng = np.random.default_rng(2)
+    plain = fast = Belief.empty(model())
+    for views, time_s in seen(ring(), 5)[:20]:
+        crowded = {**views, 0: noise(80, rng)}
+        plain, _ = step(model(), plain, crowded, time_s)
+        fast, found = KERNEL(model(), fast, crowded, time_s)
+        assert_agree(fast, plain)
+    assert len(found) >= 3
+
+
+def test_more_tracks_than_anybody_starts_are_still_stepped() -> None:
+    views, _ = seen(ring(), 5)[0]
+    belief, _ = step(model(), Belief.empty(model()), views, 0.0)
+    copies = 200
+    columns = {
+        name: np.repeat(column[:1], copies, axis=0) for name, column in belief.columns().items()
+    }
+    columns["track_ids"] = np.arange(copies)
+    state = np.array(columns["state"], dtype=np.float64)
+    state[..., 0] += 0.5 * np.arange(copies)[:, None]
+    columns["state"] = state
+    many = replace(belief, next_id=copies, **columns)  # type: ignore[arg-type]
+    expected, _ = step(model(), many, views, 0.04)
+    found, _ = KERNEL(model(), many, views, 0.04)
+    assert_agree(found, expected)
+    assert len(found) > MAX_TRACKS
+
+
+def test_saved_and_restored_goes_on_exactly() -> None:
+    slots = seen(ring(), 2)
+    straight = resumed = Belief.empty(model())
+    for views, time_s in slots:
+        straight, _ = KERNEL(model(), straight, views, time_s)
+        file = io.BytesIO()
+        np.savez(file, **belief_to_arrays(resumed))  # type: ignore[arg-type]
+        file.seek(0)
+        with np.load(file, allow_pickle=False) as arrays:
+            restored = belief_from_arrays(arrays, model())
+        resumed, _ = StepKernel()(model(), restored, views, time_s)
+    for name, array in belief_to_arrays(straight).items():
+        np.testing.assert_array_equal(belief_to_arrays(resumed)[name], array)
+
+
+def test_results_are_not_overwritten_and_arguments_not_changed() -> None:
+    slots = seen(ring(), 3)
+    belief = Belief.empty(model())
+    kept, before = [], []
+    for views, time_s in slots[:30]:
+        belief, estimate = KERNEL(model(), belief, views, time_s)
+        kept.append((belief, estimate))
+        before.append([np.array(a) for a in belief_to_arrays(belief).values()])
+        before[-1] += [np.array(getattr(estimate, name)) for name in ARRAYS]
+    for (belief, estimate), arrays in zip(kept, before, strict=True):
+        now = [*belief_to_arrays(belief).values()]
+        now += [getattr(estimate, name) for name in ARRAYS]
+        for found, expected in zip(now, arrays, strict=True):
+            np.testing.assert_array_equal(found, expected)
+
+
+def test_views_of_read_only_and_strided_arrays_compile_nothing_new() -> None:
+    views, time_s = seen(ring(), 5)[10]
+    belief, _ = KERNEL(model(), Belief.empty(model()), views, 0.0)
+    expected, _ = KERNEL(model(), belief, views, time_s)
+    versions = len(step_slot.compiled.signatures)  # type: ignore[attr-defined]
+    strided = {}
+    for camera, view in views.items():
+        keypoints = np.asfortranarray(view.keypoints_px)
+        keypoints.flags.writeable = False
+        strided[camera] = Poses2D(keypoints, np.asfortranarray(view.scores))
+    frozen = replace(belief, state=np.asfortranarray(belief.state))
+    frozen.covariance.flags.writeable = False
+    found, _ = KERNEL(model(), frozen, strided, time_s)
+    assert_agree(found, expected)
+    assert len(step_slot.compiled.signatures) == versions  # type: ignore[attr-defined]
+
+
+def test_one_kernel_serves_several_models() -> None:
+    other = scene("crossing", cameras=3)
+    models = (model(), Model(other.rig, other.skeleton, SIMULATED))
+    slots = (seen(ring(), 2), seen(other, 2))
+    beliefs = [Belief.empty(each) for each in models]
+    for number in range(40):
+        for index, each in enumerate(models):
+            beliefs[index], _ = KERNEL(each, beliefs[index], *slots[index][number])
+    for index, each in enumerate(models):
+        alone, kernel = Belief.empty(each), StepKernel()
+        for slot in slots[index][:40]:
+            alone, _ = kernel(each, alone, *slot)
+        assert_agree(beliefs[index], alone)
+
+
+def test_kernels_of_several_threads_do_not_disturb_each_other() -> None:
+    slots = seen(ring(), 3)
+    results: list[Belief] = []
+
+    def work() -> None:
+        belief, kernel = Belief.empty(model()), StepKernel()
+        for views, time_s in slots:
+            belief, _ = kernel(model(), belief, views, time_s)
+        results.append(belief)
+
+    threads = [threading.Thread(target=work) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(results) == 4
+    for result in results[1:]:
+        for name, array in belief_to_arrays(results[0]).items():
+            np.testing.assert_array_equal(belief_to_arrays(result)[name], array)
+
+
+def test_a_slot_that_fails_half_way_can_be_computed_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    slots, kernel = seen(ring(), 3), StepKernel()
+    belief, _ = kernel(model(), Belief.empty(model()), *slots[0])
+    belief, _ = kernel(model(), belief, *slots[1])
+    expected, _ = StepKernel()(model(), belief, *slots[2])
+
+    def fail(*_: object) -> None:
+        for column in kernel._workspace.tracks:
+            column[:] = 0
+        raise MemoryError
+
+    with monkeypatch.context() as patched:
+        patched.setattr(kernel, "_call", fail)
+        with pytest.raises(MemoryError):
+            kernel(model(), belief, *slots[2])
+    assert_agree(kernel(model(), belief, *slots[2])[0], expected)

@@ -1,10 +1,21 @@
-"""Paired gains and energy savings on data of known answer."""
+"""Judges of versions: paired gains, statistics of errors, people who are made up."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
+import e3pose.evaluate.replay as replaying
+import filter_terms
+from detector_errors import Keypoints, by_direction, capped, remembered, shared, table
+from e3pose.evaluate.held_out import turns
+from e3pose.simulate import SceneSettings, simulate
+from filter_terms import NOW, Case, figures, report
 from paired import (
     errors_with_misses,
     gain_percent,
@@ -61,3 +72,103 @@ def test_losing_people_is_no_gain() -> None:
     kept, lost = errors_with_misses([40.0, 20.0, None], [1.0, 0.9, 0.0])[:2]
     assert kept == 40 and lost == pytest.approx(68)
     assert errors_with_misses([None], [None])[0] == 500
+
+
+INTERVAL_S = 0.04
+
+
+def keypoints(errors: NDArray[np.float64], sector: NDArray[np.int64] | None = None) -> Keypoints:
+    """Errors `(num_series, num_slots, 2)` in centimetres, each series of one joint in one view."""
+    number, slots = errors.shape[:2]
+    flat = errors.reshape(-1, 2)
+    series = np.repeat(np.arange(number), slots)
+    ones = np.ones(len(flat))
+    return Keypoints(
+        flat, flat, ones, 0 * series, 0 * series, series, np.tile(np.arange(slots), number),
+        0 * series if sector is None else sector, 0 * ones, 0 * ones, ones < 0, ones > 0, ones > 0,
+        ones, ones, ones,
+    )  # fmt: skip
+
+
+def test_errors_that_last_correlate_and_new_ones_do_not() -> None:
+    rng = np.random.default_rng(0)
+    lasting, new = rng.normal(size=(400, 1, 2)), rng.normal(size=(400, 200, 2))
+    for share in (0.0, 0.5, 1.0):
+        errors = np.sqrt(share) * lasting + np.sqrt(1 - share) * new
+        found = remembered(keypoints(errors), INTERVAL_S)
+        assert found == pytest.approx([share] * 4, abs=0.05)
+
+
+def test_a_lag_never_reaches_from_one_series_to_another() -> None:
+    errors = np.repeat(np.random.default_rng(1).normal(size=(1, 60, 2)), 50, axis=0)
+    assert np.isnan(remembered(keypoints(errors), INTERVAL_S)[3])  # 5 s of 2.4 s
+
+
+def test_errors_that_views_share_are_told_from_their_own() -> None:
+    rng = np.random.default_rng(3)
+    common, own = rng.normal(size=(1, 5000, 2)), rng.normal(size=(3, 5000, 2))
+    rows = keypoints(np.sqrt(0.4) * common + np.sqrt(0.6) * own)
+    rows = replace(rows, camera=rows.series, series=17 * rows.series)  # one person in three views
+    assert shared(rows) == pytest.approx(0.4, abs=0.03)
+    assert shared(replace(rows, error_cm=own.reshape(-1, 2))) == pytest.approx(0.0, abs=0.03)
+
+
+def test_one_wild_error_counts_for_no_more_than_the_cap() -> None:
+    assert capped(np.array([[300.0, 400.0], [3.0, 4.0]])) == pytest.approx(
+        np.array([[9.0, 12.0], [3.0, 4.0]])
+    )
+
+
+def test_bias_by_direction_is_found() -> None:
+    rng = np.random.default_rng(2)
+    sector = np.tile(np.arange(8), 1000)
+    bias = 3.0 * np.stack([np.cos(sector), np.sin(sector)], axis=-1)
+    errors = (bias + rng.normal(size=bias.shape)).reshape(1, -1, 2)
+    assert by_direction(keypoints(errors, sector)) == pytest.approx(3.0, abs=0.1)
+    assert by_direction(keypoints(errors - bias[None], sector)) < 0.15
+
+
+def test_table_has_a_row_per_statistic_and_leaves_unknown_ones_open() -> None:
+    lines = list(table({"a": {"x": 1.234, "y": 12.34}, "b": {"x": float("nan"), "y": 0.0}}))
+    assert lines[0] == "| | a | b |"
+    assert lines[2:] == ["| x | 1.23 |  |", "| y | 12.3 | 0.00 |"]
+
+
+def doubled(record: Any) -> Any:
+    """Return the record with everybody there twice, under other names."""
+    people = record.people
+    joints_m, covariance_m2 = (
+        np.concatenate([each, each]) for each in (people.joints_m, people.full_covariance_m2)
+    )
+    ids = np.concatenate([people.track_ids, people.track_ids + 1000])
+    twice = type(people)(track_ids=ids, joints_m=joints_m, full_covariance_m2=covariance_m2)
+    return replace(record, people=twice)
+
+
+@pytest.mark.parametrize("judge", ["truth", "held-out camera"])
+def test_a_judge_counts_people_who_are_nobody(judge: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = simulate(SceneSettings("ring", people=2, seconds=3.0, fps=10.0), 3)
+    rest, by = turns(whole, [whole.rig.camera_ids[0]])[0]
+    case = Case("ring", whole, filter_terms.truth_of(whole))
+    if judge != "truth":
+        case = Case("ring", rest, judges=by)
+    replayed = replaying.replay
+
+    def twice(*args: Any) -> Iterator[Any]:
+        yield from map(doubled, replayed(*args))
+
+    honest = figures(case, "round-robin", 2.0, 0)
+    monkeypatch.setattr(replaying, "replay", twice)
+    lying = figures(case, "round-robin", 2.0, 0)
+    assert lying["nobody"] > honest["nobody"] + 40
+    assert lying["missed"] == honest["missed"]
+
+
+def test_the_table_shows_a_rare_false_person_with_its_spread() -> None:
+    before = [{"mm": 20.0, "missed": 1.0, "nobody": 0.0} for _ in range(4)]
+    after = [{**row, "nobody": share} for row, share in zip(before, (0, 0, 0.2, 0), strict=True)]
+    rows = [{"version": name, "found": {"ring": found}} for name, found in
+            ((NOW, before), ("without", after))]  # fmt: skip
+    *_, first, second = report(rows)
+    assert first == f"| {NOW} | 20.0 mm m 1 n 0 |"
+    assert second == "| without | +0.0 ± 0.0 n +0.05 ± 0.05 |"

@@ -1,12 +1,15 @@
-"""The report: every item in it, escaped, with its figures and tables as files."""
+"""The pages of reproductions: what they name, and what they say of the paper."""
 
 from __future__ import annotations
 
 import csv
+import os
+import re
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
+from tests.distributions import ROOT
 
 from e3pose_lab.reproduce.items import ITEMS, Item, Scale
 from e3pose_lab.reproduce.job import reproduce
@@ -179,3 +182,28 @@ def test_cells(cell: str | float | Spread | None, text: str) -> None:
 def test_items_have_names_of_their_own() -> None:
     assert len({item.key for item in ITEMS}) == len(ITEMS)
     assert all(set(item.needs) <= set(WHERE) for item in ITEMS)
+
+
+PAGE = ROOT / "docs" / "research" / "paper-statements.md"
+LABEL = re.compile(r"\\label\{((?:fig|eq|table|alg):\w+)\}")
+PART = re.compile(r"\\subfigure\[[^\]]*\]\{\s*\\label\{([^}]*)\}")
+
+
+def test_every_item_of_a_picture_or_table_is_on_the_page() -> None:
+    text = PAGE.read_text()
+    for item in ITEMS:
+        if item.label:
+            assert f"`{item.key}`" in text, item.key
+
+
+@pytest.mark.shared
+def test_everything_that_the_paper_numbers_is_on_the_page() -> None:
+    if not (shared := os.environ.get("E3POSE_SHARED")):
+        pytest.skip("E3POSE_SHARED is not set")
+    tex = (Path(shared) / "paper" / "e3pose.tex").read_text()
+    wanted = set(LABEL.findall(tex)) - set(PART.findall(tex))
+    text = PAGE.read_text()
+    assert len(wanted) > 20
+    assert not {label for label in wanted if label not in text}
+    for item in ITEMS:
+        assert all(label in tex for label in item.label.split(", ")), item.key

@@ -1,23 +1,30 @@
-"""The compiled network against ONNX Runtime, which runs the graph in the file of weights."""
+"""The compiled network and what it takes and gives, against ONNX Runtime and plain numpy."""
 
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from tests.cases import each_case
 from tests.reference import attention_network as runtime
+from tests.reference import normalise as plain_history
+from tests.reference import velocity as plain_velocity
 
+from e3pose.base.arrays import Floats
+from e3pose.base.kernel import kernel
 from e3pose.model.skeleton import COCO17
-from e3pose.predict.attention_lstm import AttentionLstm, read_curves
-from e3pose.predict.kernels.half import in_half
+from e3pose.predict.attention_lstm import PUBLISHED, SHIPPED, AttentionLstm, read_curves
+from e3pose.predict.kernels.half import Halves, in_half, widen
 from e3pose.predict.kernels.layers import linear, sigmoid, soften, tanh
 from e3pose.predict.kernels.network import run_network
 from e3pose.predict.kernels.tracks import calibrated
 from e3pose.predict.normalise import NUM_COMMON
-from e3pose_lab.prediction.normalise import normalise
+from e3pose.predict.velocities import ConstantVelocity, newest_known
+from e3pose.predict.weights_file import read_file
+from e3pose_lab.prediction.normalise import Normalised, fill_gaps, normalise
 
 pytest.importorskip(
     "onnxruntime", reason="onnxruntime is not installed: pip install e3pose[camera]"
@@ -77,3 +84,98 @@ def test_expected_errors_are_interpolated_as_in_numpy() -> None:
     for log_error in np.linspace(-4, -1, 31):
         expected = 2 * np.exp(np.interp(log_error, curve[0][0], curve[1][0]))
         assert calibrated(log_error, 3, curves) == pytest.approx(expected)
+
+
+@each_case("num_slots", [1, 2, 5])
+@each_case("seed", range(4))
+def test_what_is_predicted_is_that_of_numpy(num_slots: int, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    history = rng.normal(size=(num_slots, 4, 6, 3))
+    history[rng.random(history.shape[:3]) < 0.4] = np.nan
+    history[:, 1] = np.nan
+    for found, expected in zip(
+        newest_known(history), plain_velocity.newest_known(history), strict=True
+    ):
+        np.testing.assert_array_equal(found, expected)
+    found = ConstantVelocity().predict(history, 0.04, 3).joints_m
+    np.testing.assert_allclose(found, plain_velocity.constant_velocity(history, 3), atol=1e-12)
+
+
+def histories(seed: int, num_slots: int = 10) -> Floats:
+    """Return people with gaps, one who is missing and joints that are light years away."""
+    rng = np.random.default_rng(seed)
+    people = rng.normal(scale=0.4, size=(6, NUM_COMMON, 3))
+    walk = np.cumsum(rng.normal(scale=0.02, size=(num_slots, 6, NUM_COMMON, 3)), axis=0)
+    history = people + walk
+    history[rng.random(history.shape[:3]) < 0.3] = np.nan
+    history[:, 1] = np.nan
+    history[:, 2, 4] = np.nan
+    history[3, 3] = np.nan
+    history[5, 4, :3] = 1e6
+    history[:, 5, :4] = 0.25  # no width: faces nowhere
+    return history
+
+
+@each_case("seed", range(5))
+def test_gaps_are_closed_as_in_numpy(seed: int) -> None:
+    history = histories(seed)
+    filled, measured = fill_gaps(history)
+    expected, known = plain_history.fill_gaps(history)
+    np.testing.assert_array_equal(measured, known)
+    np.testing.assert_allclose(filled, expected, atol=1e-12)
+
+
+@each_case("num_slots", [1, 4, 10, 13])
+@each_case("interval_s", [1 / 25, 1e-3, 2.0])
+def test_people_are_described_as_in_numpy(num_slots: int, interval_s: float) -> None:
+    history = histories(num_slots, num_slots=max(num_slots, 6))[:num_slots]
+    found, expected = (
+        form(history, interval_s, 10) for form in (normalise, plain_history.normalise)
+    )
+    for name in Normalised.__dataclass_fields__:
+        np.testing.assert_allclose(
+            getattr(found, name), getattr(expected, name), rtol=2e-6, atol=1e-6, err_msg=name
+        )
+
+
+def test_people_may_have_intervals_of_their_own() -> None:
+    intervals_s = np.linspace(0.02, 0.1, 6)
+    found = normalise(histories(0), intervals_s, 10).context[:, 1]
+    np.testing.assert_allclose(found, np.log(30 * intervals_s), rtol=1e-6)
+
+
+@kernel
+def widen_all(weights: Halves, out: Floats32) -> None:
+    for i in range(len(weights)):
+        out[i] = widen(weights[i])
+
+
+def test_every_number_of_half_precision_is_widened_exactly() -> None:
+    bits = np.arange(-(2**15), 2**15).astype(np.int16)
+    out = np.empty(len(bits), np.float32)
+    widen_all(bits, out)
+    np.testing.assert_array_equal(out, bits.view(np.float16).astype(np.float32))
+
+
+def test_numbers_are_rounded_to_the_nearest() -> None:
+    numbers = np.array([0.1, -0.5, 1023.5, 2.0**-24], np.float32)
+    np.testing.assert_array_equal(in_half(numbers).view(np.float16), numbers.astype(np.float16))
+
+
+@each_case("number", [1e6, -np.inf, np.nan])
+def test_numbers_that_half_precision_does_not_hold_are_refused(number: float) -> None:
+    with pytest.raises(ValueError, match="a weight of"):
+        in_half(np.array([0.0, number], np.float32))
+
+
+@pytest.mark.parametrize("path", [SHIPPED, PUBLISHED], ids=["shipped", "published"])
+def test_the_shipped_networks_lose_nothing(path: Path) -> None:
+    matrices = [one for one in read_file(path.read_bytes()).tensors if one.ndim > 1]
+    assert sum(one.size for one in matrices) > 200_000
+    for one in matrices:
+        np.testing.assert_array_equal(in_half(one).view(np.float16).astype(np.float32), one)
+
+
+def test_matrices_are_held_in_half_precision() -> None:
+    for part in AttentionLstm(COCO17).weights:
+        assert part.dtype == (np.int16 if part.ndim == 2 else np.float32)

@@ -1,4 +1,4 @@
-"""Every format is read to the same cameras: those that the test's own arithmetic projects with."""
+"""Calibrations of other programs, their worlds, and how deep their values may be nested."""
 
 from __future__ import annotations
 
@@ -10,12 +10,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from tests.cases import each_case
+from tests.rigs import looking
 
 from e3pose.base.errors import InputError
 from e3pose.model.camera import Camera, Rig
 from e3pose.recording.calibration import FORMATS, load_calibration, load_rig, save_rig
 from e3pose.recording.calibration.easymocap import guess_size
+from e3pose.recording.calibration.nodes import MAX_DEPTH, parse
 from e3pose.recording.calibration.world import world_problem
 
 NAMES = ["anipose", "pose2sim", "caliscope", "qualisys", "panoptic", "easymocap", "opencv"]
@@ -421,3 +424,64 @@ def test_json_with_parts_of_matrices_is_read(tmp_path: Path, files: Any) -> None
     for camera, true in zip(rig.cameras, files.known, strict=False):
         np.testing.assert_allclose(camera.K, true.K)
         np.testing.assert_allclose(camera.t, true.t, atol=1e-9)
+
+
+PATH = Path("rig.yml")
+# Each way of nesting, once more than is allowed: what opens, and what closes.
+NESTINGS = {
+    "lists in brackets": ("[\n", "]\n"),
+    "tables in braces": ("{a:\n", "}\n"),
+    "lists of dashes": ("- ", ""),
+    "keys that are tables": ("? ", ""),
+}
+
+
+@each_case("nesting", NESTINGS)
+def test_values_nested_too_deep_are_refused(nesting: str) -> None:
+    opens, closes = NESTINGS[nesting]
+    depth = MAX_DEPTH + 1
+    with pytest.raises(InputError, match=rf"^rig.yml: line \d+: .*at most {MAX_DEPTH} levels$"):
+        parse(PATH, "a:\n  " + opens * depth + "x " + closes * depth)
+
+
+def test_values_nested_as_in_calibrations_are_read() -> None:
+    assert parse(PATH, "a: [[{b: [[c], [d]]}]]") == {"a": [[{"b": [["c"], ["d"]]}]]}
+
+
+def test_reading_ends_where_values_are_nested_too_deep() -> None:
+    with pytest.raises(InputError, match=f"line {MAX_DEPTH}:"):
+        parse(PATH, "a: " + "[\n" * 50_000)
+
+
+UPRIGHT = looking((4, 0), (0, 4), (-4, 0))
+
+
+def rolled(degrees: int) -> Rig:
+    """Return cameras whose images must be turned by this much, clockwise, to be upright."""
+    # Image x is right and y is down, so that a positive angle about z turns the image clockwise.
+    back = Rotation.from_euler("z", -degrees, degrees=True).as_matrix()
+    cameras = []
+    for camera in UPRIGHT.cameras:
+        size = camera.image_size[::-1] if degrees in (90, 270) else camera.image_size
+        cameras.append(
+            Camera.from_world_to_camera(
+                camera.camera_id, size, camera.K, back @ camera.R, back @ camera.t
+            )
+        )
+    return Rig(tuple(cameras))
+
+
+@each_case("degrees", [90, 180, 270])
+def test_cameras_on_their_side_are_upright_once_turned(degrees: int) -> None:
+    rig = rolled(degrees)
+    point_m = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 1.5]])
+    low_px, high_px = rig.cameras[0].project(point_m)
+    towards = {90: (-1, 0), 180: (0, 1), 270: (1, 0)}[degrees]  # of the image, where heads are
+    assert (high_px - low_px) @ towards > 0.9 * np.linalg.norm(high_px - low_px)
+    assert world_problem(rig)[0] == "not-z-up"
+    assert world_problem(rig, rotations=dict.fromkeys(rig.camera_ids, degrees)) == ("", "")
+
+
+def test_upright_cameras_are_not_upright_if_they_are_said_to_be_turned() -> None:
+    assert world_problem(UPRIGHT) == ("", "")
+    assert world_problem(UPRIGHT, rotations=dict.fromkeys(UPRIGHT.camera_ids, 180))[0] == "not-z-up"

@@ -1,4 +1,4 @@
-"""What cameras would add: the compiled form against plain numpy."""
+"""Cameras before the compiled foresight: blind places, boxes, sets, entrants."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 from tests.cases import each_case
 from tests.reference import expected_information as plain
 from tests.reference import newcomers
+from tests.reference import occlusion as plain_boxes
 from tests.rigs import looking
 from tests.select.outlooks import standing
 
@@ -15,6 +16,7 @@ from e3pose.base.arrays import Flags
 from e3pose.estimate.base import Outlook
 from e3pose.model.noise import ErrorMemory
 from e3pose.select.expected_information import Foresight, expected_entrants, foresee
+from e3pose.select.occlusion import box_iou, occlusion, person_boxes
 
 RIG = looking((4, 0), (0, 4), (-4, 0), (3, 3))
 SLOT_S = 0.04
@@ -96,3 +98,25 @@ def test_entrants_are_those_of_numpy(seed: int) -> None:
     np.testing.assert_allclose(found.others, expected.others)
     np.testing.assert_allclose(found.weights, expected.weights)
     np.testing.assert_allclose(found.starts(subsets()), newcomers.starts(expected, subsets()))
+
+
+SIZE = (640, 480)
+
+
+@each_case("seed", range(10))
+def test_boxes_and_their_overlap_are_those_of_numpy(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    middle = rng.uniform(-100, 700, (3, 5, 1, 2))
+    pixels = middle + rng.normal(0, 80, (3, 5, 7, 2))
+    pixels[rng.random(pixels.shape[:3]) < 0.3] = np.nan
+    pixels[0, 2] = np.nan
+    boxes = person_boxes(pixels, SIZE)
+    np.testing.assert_allclose(boxes, plain_boxes.person_boxes(pixels, SIZE), atol=1e-12)
+    np.testing.assert_allclose(occlusion(boxes), plain_boxes.occlusion(boxes), atol=1e-12)
+    pairs = boxes[0][:, None], boxes[1][None]
+    np.testing.assert_allclose(box_iou(*pairs), plain_boxes.box_iou(*pairs), atol=1e-12)
+
+
+def test_nobody_occludes_nobody() -> None:
+    assert occlusion(np.zeros((4, 0, 4))).tolist() == [0.0] * 4
+    assert person_boxes(np.zeros((0, 17, 2)), SIZE).shape == (0, 4)

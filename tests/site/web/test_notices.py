@@ -1,4 +1,4 @@
-"""Notices come with what they are about, and go with it."""
+"""Notices and postures as the page is told them."""
 
 from __future__ import annotations
 
@@ -8,11 +8,19 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
+import numpy as np
 from tests.cases import each_case
-from tests.site.web.watched import poses, status
+from tests.site.web.watched import RIG, STARTED_NS, poses, status
 
-from e3pose.site.connect import live_slot
+from e3pose.events.body import carriage, joints_of
+from e3pose.model.people import People
+from e3pose.model.person_event import PersonEvent
+from e3pose.model.skeleton import COCO17
+from e3pose.settings.site_file import ZoneTable
+from e3pose.site.connect import LiveSlot, live_slot
 from e3pose.site.web.notices import LEAST_FREE, LOOK_S, Around, Surroundings, notices
+from e3pose.site.web.postures import doing, posture, told, unsure_parts
+from e3pose.site.zones import Zones, advance
 from e3pose.wire.site_messages import CameraStatus, Status
 
 NOW = datetime.datetime(2026, 11, 26, 12, tzinfo=datetime.timezone.utc)
@@ -76,3 +84,65 @@ def test_surroundings_are_looked_at_now_and_then(tmp_path: Path) -> None:
     assert around.look(NOW) is first
     now_s[0] = LOOK_S
     assert around.look(NOW).free is None
+
+
+def slot(number: int = 3) -> LiveSlot:
+    found = live_slot(poses(number))
+    joints_m = np.zeros_like(found.people.joints_m) + found.people.joints_m[:, :1]
+    people = People(found.people.track_ids, joints_m, sigma_m=found.people.sigma_m)
+    return replace(found, people=people)
+
+
+def test_wide_or_unknown_joints_make_a_part_uncertain_and_others_not() -> None:
+    assert len(RIG) == 3
+    wide = slot()
+    sigma_m, joints_m = wide.people.sigma_m.copy(), wide.people.joints_m.copy()
+    sigma_m[0, COCO17.joints.index("left_wrist")] = 0.2
+    joints_m[1, COCO17.joints.index("right_knee")] = np.nan
+    joints_m[1, COCO17.joints.index("left_ear")] = np.nan  # the other ear is known
+    found = unsure_parts(
+        replace(wide, people=replace(wide.people, sigma_m=sigma_m, joints_m=joints_m))
+    )
+    assert found == [["left arm"], ["right leg"]]
+
+
+def test_sigma_that_is_not_stated_is_no_doubt() -> None:
+    bare = slot()
+    people = People(bare.people.track_ids, bare.people.joints_m)
+    assert unsure_parts(replace(bare, people=people)) == [[], []]
+
+
+def test_carriage_is_told_and_what_no_joint_tells_is_not() -> None:
+    joints = joints_of(COCO17.joints)
+    joints_m = np.full((17, 3), np.nan)
+
+    def place(name: str, x: float, z: float) -> None:
+        for side, y in (("left", 0.15), ("right", -0.15)):
+            joints_m[COCO17.index(f"{side}_{name}")] = x, y, z
+
+    place("hip", 0.0, 0.9)
+    place("shoulder", 0.3, 1.2)  # leans by 45 degrees
+    held = carriage(joints, joints_m, 0.0)
+    np.testing.assert_allclose([held.hips_m, held.trunk_deg], [0.9, 45.0])
+    assert np.isnan(held.arms_raised), "no wrist is known"
+    joints_m[COCO17.index("left_wrist")] = 0.3, 0.15, 1.5
+    np.testing.assert_allclose(carriage(joints, joints_m, 0.5)[::2], [0.4, 1.0])
+    joints_m[COCO17.index("right_wrist")] = 0.3, -0.15, 1.0
+    assert carriage(joints, joints_m, 0.0).arms_raised == 1.0
+    assert set(posture(7, None).values()) == {None}
+
+
+def test_zones_are_those_that_the_person_is_in_since_when() -> None:
+    table = ZoneTable("hall", ((-2.0, -2.0), (0.0, -2.0), (0.0, 2.0), (-2.0, 2.0)))
+    here = live_slot(poses(0))
+    zones, _ = advance(Zones((table,)), here)
+    left, right = doing(here, None, zones)
+    assert left["zones"] == [{"name": "hall", "since_ns": STARTED_NS}] and right["zones"] == []
+    assert left["state"] is None, "nobody follows people"
+
+
+def test_event_has_what_a_page_makes_a_sentence_of() -> None:
+    event = PersonEvent("fall", "begun", 3, "door", STARTED_NS, STARTED_NS + 1, 5, 0.9, "fell")
+    words = told(event)
+    assert words["kind"] == "fall" and words["track"] == 3 and words["zone"] == "door"
+    assert words["sentence"].startswith("Person 3 fell (door)")

@@ -1,4 +1,4 @@
-"""The files of the page: few, plain, complete, and of this host alone."""
+"""The files of the page: few, plain, complete, and true to the messages."""
 
 from __future__ import annotations
 
@@ -6,7 +6,11 @@ import posixpath
 import re
 from importlib import resources
 
+from tests.test_length import hooks
+
 from e3pose.site.web.page import BROWSER, FILES
+from e3pose.wire.messages import fields
+from e3pose.wire.site_messages import CameraStatus
 
 OWN = {path: body.decode() for path, body in FILES.items() if not path.startswith("/vendor/")}
 SETUP = BROWSER.joinpath("setup.html").read_text()  # stands at the address of the set-up
@@ -37,3 +41,23 @@ def test_library_comes_with_its_licences() -> None:
     assert "MIT" in vendor.joinpath("LICENSE-preact").read_text()
     assert "Apache License" in vendor.joinpath("LICENSE-htm").read_text()
     assert resources.files("e3pose.site.web").joinpath("browser/vendor/preact.js").is_file()
+
+
+SCRIPTS = {path: body.decode() for path, body in FILES.items() if path.endswith(".js")}
+
+
+def test_types_of_the_page_are_those_of_the_message() -> None:
+    written = hooks.BROWSER_TYPES.read_text()
+    assert written == hooks.browser_types(), "python docs/hooks.py writes it"
+
+
+def test_the_page_uses_no_field_that_cameras_do_not_report() -> None:
+    known = {field.name for field in fields(CameraStatus)}
+    pages = [text for path, text in SCRIPTS.items() if not path.startswith(("/vendor/", "/setup/"))]
+    used = set(re.findall(r"(?<![\w.])camera\.(\w+)", "".join(pages)))
+    assert {"camera_id", "battery", "asleep_s", "why"} <= used <= known, used - known
+    columns = SCRIPTS["/details.js"].partition("const COLUMNS")[2].partition("\n];")[0]
+    used = set(re.findall(r"\bc\.(\w+)", columns))
+    assert {"duty", "lost", "temperature_c"} <= used <= known, used - known
+    meant = set(re.findall(r'"(\w+)"', " ".join(re.findall(r"means\(([^)]*)\)", columns))))
+    assert {"duty", "price", "lost"} <= meant <= known, meant - known
