@@ -17,10 +17,9 @@ is than round robin, paired by seed. `--cameras 1,40mm` has a target error besid
 is how many cameras were, `first` how often the first one was selected by `information`, over the
 mean of the others. A scene with `+` has errors by situation, one with `-` errors by score alone;
 `motion-1` and `motion-2` are Panoptic motion before simulated cameras. A rate above a recording's
-own is the recording's. `--by-lead` prints a column per lead instead; `--common` compares the same
-people in the same slots, as who finds more people finds the difficult ones. Every line of `--out`
-is one replay; a run that was stopped goes on, and several files, with commas, are read as one: of
-two lines of the same replay the later counts.
+own is the recording's. `--by-lead` prints a column per lead instead. Every line of `--out` is one
+replay; a run that was stopped goes on, and several files, with commas, are read as one: of two
+lines of the same replay the later counts.
 """
 
 from __future__ import annotations
@@ -182,48 +181,6 @@ def held_out_mm(recording: Recording, settings: ReplaySettings) -> float | None:
 
 def _share(inside: Sequence[NDArray[np.bool_]]) -> float | None:
     return float(np.concatenate(inside).mean()) if inside else None
-
-
-def off_by_person(
-    scene: Scene, policy: str, goal: str, lead: int, seed: int
-) -> dict[tuple[int, int], float]:
-    """Return the mean distance of each person found, in metres, by slot and person."""
-    columns = [scene.recording.skeleton.index(joint) for joint in COMPARED]
-    off: dict[tuple[int, int], float] = {}
-    for record in replay(scene.recording, settings_of(policy, float(goal), lead, seed)):
-        if record.slot < WARMUP + lead - 1:
-            continue
-        joints_m, expected = record.people.joints_m[:, columns], scene.joints_m[record.slot]
-        for mine, theirs in matched(joints_m, expected):
-            distance = np.linalg.norm(joints_m[mine] - expected[theirs], axis=-1)
-            if np.isfinite(distance).any():
-                off[record.slot, theirs] = float(np.nanmean(distance))
-    return off
-
-
-def common(options: argparse.Namespace) -> Iterator[str]:
-    """Yield a table of the gain for people whom both policies find in the same slots."""
-    yield "| recording | C | slots/s | lead | round robin | information | gain % |"
-    yield "|---" * 7 + "|"
-    for place, rate in product(places(options), options.rates.split(",")):
-        for goal, lead in product(options.cameras.split(","), options.leads.split(",")):
-            off = []
-            for seed in map(int, options.seeds.split(",")):
-                real = recorded(place) or place.startswith(MOTION)
-                scene = scene_of(place, float(rate), options.seconds, 0 if real else seed)
-                turns, own = (
-                    off_by_person(scene, policy, goal, int(lead), seed % 1000)
-                    for policy in POLICIES[:2]
-                )
-                both = turns.keys() & own.keys()
-                off.append([1000 * np.mean([each[k] for k in both]) for each in (turns, own)])
-            gains = [100 * (1 - mine / theirs) for theirs, mine in off]
-            spread = f" ± {np.std(gains, ddof=1):.1f}" if len(gains) > 1 else ""
-            figures_mm = " | ".join(f"{mm:.1f}" for mm in np.mean(off, axis=0))
-            yield (
-                f"| {Path(place).name} | {goal} | {rate} | {lead} | {figures_mm} "
-                f"| {np.mean(gains):+.1f}{spread} |"
-            )
 
 
 def truth(scene: Scene, record: SlotRecord) -> Floats:
@@ -404,20 +361,13 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=16.0)
     parser.add_argument("--leads", default="4")
     parser.add_argument("--by-lead", help="print one by lead: held_mm, mpjpe_mm, off_mm, bodies_mm")
-    parser.add_argument("--common", action="store_true", help="the same people in the same slots")
-    parser.add_argument("--only-print", action="store_true", help="measure nothing")
     parser.add_argument("--out", default="choice.jsonl", help="the last is written")
     options = parser.parse_args()
     files = [Path(name) for name in options.out.split(",")]
-    if options.common:
-        for line in common(options):
-            print(line, flush=True)
-        return
-    if not options.only_print:
-        with files[-1].open("a") as file:
-            for row in measure(options, files[-1]):
-                file.write(json.dumps(row) + "\n")
-                file.flush()
+    with files[-1].open("a") as file:
+        for row in measure(options, files[-1]):
+            file.write(json.dumps(row) + "\n")
+            file.flush()
     rows = read(files)
     for line in by_lead(rows, options.by_lead) if options.by_lead else report(rows):
         print(line)
