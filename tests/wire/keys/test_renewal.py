@@ -123,10 +123,19 @@ def test_renewal_keeps_a_private_key_and_replaces_one_that_does_not_fit(keys: Pa
         check_certificates(files, NOW)
     renew_keys(keys, "cam1", NOW)
     check_certificates(files, NOW)
-    for damage in (lambda: files.key.write_text("damaged"), files.key.unlink):
-        damage()
-        renew_keys(keys, "cam1", NOW)
-        check_certificates(files, NOW)
+    files.key.write_text("damaged")
+    renew_keys(keys, "cam1", NOW)
+    check_certificates(files, NOW)
+    moved = files.key.read_bytes()
+    files.key.unlink()  # it is on the camera alone
+    renew_keys(keys, "cam1", NOW)
+    assert not files.key.exists()
+    files.key.write_bytes(moved)
+    check_certificates(files, NOW)
+    for name, place in (("edge", "edge.key"), ("desk", "operators/desk/operator.key")):
+        (keys / place).unlink()
+        renew_keys(keys, name, NOW)
+        assert (keys / place).exists()
 
 
 def test_who_has_no_certificate_gets_none(keys: Path) -> None:

@@ -60,6 +60,8 @@ def _certificates(folder: Path, roll: Roll, site: str) -> Iterator[Finding]:
             place = folder / f"{kind}s" / name
             if kind != "camera" and not place.is_dir():
                 continue  # it may have been moved, not copied
+            if (place / "camera.pem").exists() and not (place / "camera.key").exists():
+                continue  # the key never left the camera
             try:
                 valid_certificates(place, kind)
             except InputError as error:

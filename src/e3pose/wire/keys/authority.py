@@ -5,6 +5,7 @@ from __future__ import annotations
 import datetime
 import ipaddress
 from collections.abc import Sequence
+from typing import Any
 
 from cryptography import x509
 from cryptography.exceptions import InvalidSignature, UnsupportedAlgorithm
@@ -55,6 +56,7 @@ def make_certificate(
     hosts: Sequence[str],
     now: datetime.datetime,
     own: bytes = b"",
+    public: ec.EllipticCurvePublicKey | None = None,
 ) -> tuple[bytes, bytes]:
     """Return certificate and private key, PEM, of one program.
 
@@ -65,22 +67,26 @@ def make_certificate(
         hosts: names and addresses under which it is reached.
         now: the time from which it is valid.
         own: the program's private key, PEM; a new one is made where it cannot be read.
+        public: of a private key that is elsewhere: an empty one is returned.
     """
     issuer = x509.load_pem_x509_certificate(authority)
     issuer_key = serialization.load_pem_private_key(authority_key, password=None)
     if not isinstance(issuer_key, ec.EllipticCurvePrivateKey):
         raise ValueError("the key of the authority is no elliptic curve key")
-    try:
-        key = serialization.load_pem_private_key(own, password=None)
-    except UNREADABLE:
-        key = None
-    if not isinstance(key, ec.EllipticCurvePrivateKey):
-        key = ec.generate_private_key(ec.SECP256R1())
+    private = b""
+    if public is None:
+        try:
+            key = serialization.load_pem_private_key(own, password=None)
+        except UNREADABLE:
+            key = None
+        if not isinstance(key, ec.EllipticCurvePrivateKey):
+            key = ec.generate_private_key(ec.SECP256R1())
+        private, public = _pem(key), key.public_key()
     certificate = (
         x509.CertificateBuilder()
         .subject_name(x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, common_name)]))
         .issuer_name(issuer.subject)
-        .public_key(key.public_key())
+        .public_key(public)
         .serial_number(x509.random_serial_number())
         .not_valid_before(now - CLOCK_SLACK)
         .not_valid_after(min(now + datetime.timedelta(days=LEAF_DAYS), issuer.not_valid_after_utc))
@@ -99,7 +105,31 @@ def make_certificate(
         )
         .sign(issuer_key, hashes.SHA256())
     )
-    return certificate.public_bytes(serialization.Encoding.PEM), _pem(key)
+    return certificate.public_bytes(serialization.Encoding.PEM), private
+
+
+def make_key() -> tuple[bytes, bytes]:
+    """Return a new private key, PEM, and its public key as `read_public` takes it."""
+    key = ec.generate_private_key(ec.SECP256R1())
+    return _pem(key), _point(key.public_key())
+
+
+def read_public(found: bytes) -> ec.EllipticCurvePublicKey:
+    """Return a public key; raise `InputError` for what is none on P-256."""
+    try:
+        return ec.EllipticCurvePublicKey.from_encoded_point(ec.SECP256R1(), found)
+    except ValueError:
+        raise InputError("public key", f"{len(found)} other bytes", "a point on P-256") from None
+
+
+def public_of(certificate: bytes) -> bytes:
+    """Return the public key of a PEM certificate that was made here, as `read_public` takes it."""
+    return _point(x509.load_pem_x509_certificate(certificate).public_key())
+
+
+def _point(key: Any) -> bytes:
+    form = serialization.PublicFormat.UncompressedPoint
+    return bytes(key.public_bytes(serialization.Encoding.X962, form))
 
 
 def common_name(certificate: bytes) -> str:

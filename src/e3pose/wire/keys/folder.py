@@ -131,6 +131,7 @@ def add_keys(
     kind: Kind = "camera",
     again: bool = False,
     hosts: Sequence[str] = (),
+    public: bytes | None = None,
 ) -> Path:
     """Make the certificate of a camera, a viewer, an operator, a hub or a router.
 
@@ -141,6 +142,8 @@ def add_keys(
         kind: which of the five.
         again: whether it may replace an earlier one, which is then revoked.
         hosts: names and addresses under which cameras reach a router.
+        public: see `authority.read_public`: of a private key that stays where it is; without, one
+            is made.
 
     Returns:
         The folder to carry to that machine.
@@ -151,56 +154,65 @@ def add_keys(
     check_camera_id(name)
     _check_hosts(hosts)
     with hold(folder / LIST, wait_s=WAIT_S):
-        return _add(folder, name, now, kind, again, hosts)
+        roll = read_roll(folder)
+        known = dict(roll.holders[kind])
+        if name in known and not again:
+            raise InputError(
+                f"{folder}: {kind} {name} has a certificate already, "
+                "expected --again to replace it and revoke the old one"
+            )
+        number = roll.newest + 1
+        if number > MAX_COUNT:
+            raise InputError(f"{folder}/keys.toml: count: found {roll.newest}, expected fewer")
+        subject = f"{name[:52]}#{number}"
+        names = ["localhost", name] if kind != "router" else ["localhost", "127.0.0.1", name]
+        names = list(dict.fromkeys([*names, *hosts]))
+        certificate, private = issue(folder, subject, names, now, public=public)
+        place = folder / f"{kind}s" / name
+        if place.is_symlink() or place.parent.is_symlink():
+            raise InputError(f"{place}: found a symbolic link, expected a folder")
+        make_folder(place.parent)
+        with atomic_folder(place, overwrite=True, ours=(f"{kind}.pem",), private=True) as made:
+            if place.is_dir():  # what else lies there stays
+                shutil.copytree(place, made, dirs_exist_ok=True)
+            write_file(made / "authority.pem", read_bytes(folder / "authority.pem", MAX_PEM_BYTES))
+            write_file(made / f"{kind}.pem", certificate)
+            (made / f"{kind}.key").unlink(missing_ok=True)  # of who had the name before
+            if private:
+                write_file(made / f"{kind}.key", private, private=True)
+        revoked = (*roll.revoked, known[name]) if name in known else roll.revoked
+        known[name] = subject
+        _write_roll(folder, replace(roll, **{f"{kind}s": known}, revoked=revoked, count=number))  # type: ignore[arg-type]
+        return place
 
 
-def _add(
+def issue(
     folder: Path,
-    name: str,
-    now: datetime.datetime,
-    kind: Kind,
-    again: bool,
+    subject: str,
     hosts: Sequence[str],
-) -> Path:
-    from e3pose.wire.keys.authority import UNREADABLE, make_certificate
+    now: datetime.datetime,
+    own: bytes = b"",
+    public: bytes | None = None,
+) -> tuple[bytes, bytes]:
+    """Return certificate and private key, PEM, that the authority of a folder makes.
 
-    roll = read_roll(folder)
-    known = dict(roll.holders[kind])
-    if name in known and not again:
-        raise InputError(
-            f"{folder}: {kind} {name} has a certificate already, "
-            "expected --again to replace it and revoke the old one"
-        )
+    See `authority.make_certificate`, and `authority.read_public` for a public key.
+
+    Raises:
+        InputError: when the authority, or its key, is not there, and for what is no public key.
+    """
+    from e3pose.wire.keys.authority import UNREADABLE, make_certificate, read_public
+
+    theirs = None if public is None else read_public(public)
     authority = read_bytes(folder / "authority.pem", MAX_PEM_BYTES)
     key = read_bytes(folder / "authority.key", MAX_PEM_BYTES)
-    number = roll.newest + 1
-    if number > MAX_COUNT:
-        raise InputError(f"{folder}/keys.toml: count: found {roll.newest}, expected fewer")
-    subject = f"{name[:52]}#{number}"
-    names = ["localhost", name] if kind != "router" else ["localhost", "127.0.0.1", name]
     try:
-        certificate, private = make_certificate(
-            authority, key, subject, list(dict.fromkeys([*names, *hosts])), now
-        )
+        return make_certificate(authority, key, subject, hosts, now, own, theirs)
     except UNREADABLE:
         raise InputError(
             f"{folder}: authority.pem, authority.key: found no certificate and its key, "
             "expected those that `e3pose keys init` made"
         ) from None
-    place = folder / f"{kind}s" / name
-    if place.is_symlink() or place.parent.is_symlink():
-        raise InputError(f"{place}: found a symbolic link, expected a folder")
-    make_folder(place.parent)
-    with atomic_folder(place, overwrite=True, ours=(f"{kind}.pem",), private=True) as made:
-        if place.is_dir():  # what else lies there stays
-            shutil.copytree(place, made, dirs_exist_ok=True)
-        write_file(made / "authority.pem", authority)
-        write_file(made / f"{kind}.pem", certificate)
-        write_file(made / f"{kind}.key", private, private=True)
-    revoked = (*roll.revoked, known[name]) if name in known else roll.revoked
-    known[name] = subject
-    _write_roll(folder, replace(roll, **{f"{kind}s": known}, revoked=revoked, count=number))  # type: ignore[arg-type]
-    return place
 
 
 def revoke_keys(folder: Path, name: str) -> Roll:
@@ -211,22 +223,18 @@ def revoke_keys(folder: Path, name: str) -> Roll:
     """
     check_camera_id(name)
     with hold(folder / LIST, wait_s=WAIT_S):
-        return _revoke(folder, name)
-
-
-def _revoke(folder: Path, name: str) -> Roll:
-    roll = read_roll(folder)
-    lost = [names[name] for names in roll.holders.values() if name in names]
-    if not lost:
-        known = ", ".join(one for names in roll.holders.values() for one in names) or "nobody"
-        raise InputError(f"{folder}: found no certificate of {name}, expected one of: {known}")
-    left = {
-        f"{kind}s": {one: given for one, given in names.items() if one != name}
-        for kind, names in roll.holders.items()
-    }
-    roll = replace(roll, **left, revoked=(*roll.revoked, *lost))  # type: ignore[arg-type]
-    _write_roll(folder, roll)
-    return roll
+        roll = read_roll(folder)
+        lost = [names[name] for names in roll.holders.values() if name in names]
+        if not lost:
+            known = ", ".join(one for names in roll.holders.values() for one in names) or "nobody"
+            raise InputError(f"{folder}: found no certificate of {name}, expected one of: {known}")
+        left = {
+            f"{kind}s": {one: given for one, given in names.items() if one != name}
+            for kind, names in roll.holders.items()
+        }
+        roll = replace(roll, **left, revoked=(*roll.revoked, *lost))  # type: ignore[arg-type]
+        _write_roll(folder, roll)
+        return roll
 
 
 def read_roll(folder: Path) -> Roll:

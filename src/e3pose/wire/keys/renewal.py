@@ -11,7 +11,7 @@ from e3pose.base.bounded import read_bytes
 from e3pose.base.errors import InputError
 from e3pose.base.lock import hold
 from e3pose.wire.access import edge_name
-from e3pose.wire.keys.folder import LIST, MAX_PEM_BYTES, WAIT_S, read_roll
+from e3pose.wire.keys.folder import LIST, MAX_PEM_BYTES, WAIT_S, issue, read_roll
 
 SOON_DAYS = 30
 EDGE, AUTHORITY = "edge", "authority"
@@ -66,7 +66,8 @@ def renew_keys(folder: Path, name: str, now: datetime.datetime) -> Path:
     """Make a new certificate for the edge, a camera, a viewer, an operator, a hub or a router.
 
     It has the name, the hosts and the private key of the old one, which stays valid until it
-    expires. One file changes, so that a kill leaves the old pair or the new one.
+    expires; the private key of a camera may be there alone. One file changes, so that a kill leaves
+    the old pair or the new one.
 
     Args:
         folder: of the site's keys.
@@ -79,7 +80,7 @@ def renew_keys(folder: Path, name: str, now: datetime.datetime) -> Path:
     Raises:
         InputError: when there is none of that name, or the authority's key is not there.
     """
-    from e3pose.wire.keys.authority import UNREADABLE, common_name, hosts_of, make_certificate
+    from e3pose.wire.keys.authority import UNREADABLE, common_name, hosts_of, public_of
 
     with hold(folder / LIST, wait_s=WAIT_S):
         files = certificate_files(folder)
@@ -90,8 +91,6 @@ def renew_keys(folder: Path, name: str, now: datetime.datetime) -> Path:
             )
         path = files[name]
         old = read_bytes(path, MAX_PEM_BYTES)
-        authority = read_bytes(folder / "authority.pem", MAX_PEM_BYTES)
-        key = read_bytes(folder / "authority.key", MAX_PEM_BYTES)
         try:
             subject, hosts = common_name(old), hosts_of(old)
         except UNREADABLE:
@@ -99,14 +98,10 @@ def renew_keys(folder: Path, name: str, now: datetime.datetime) -> Path:
             raise InputError(f"{path}: found no certificate, {wanted}") from None
         _check_subject(folder, name, subject)
         place = path.with_suffix(".key")
-        own = read_bytes(place, MAX_PEM_BYTES) if place.is_file() else b""
-        try:
-            made, private = make_certificate(authority, key, subject, hosts, now, own)
-        except UNREADABLE:
-            raise InputError(
-                f"{folder}: authority.pem, authority.key: found no certificate and its key, "
-                "expected those that `e3pose keys init` made"
-            ) from None
+        own, theirs = read_bytes(place, MAX_PEM_BYTES) if place.is_file() else b"", None
+        if path.stem == "camera" and not place.exists():
+            theirs = public_of(old)
+        made, private = issue(folder, subject, hosts, now, own, theirs)
         if private != own:  # there was none that can be read
             write_file(place, private, private=True)
         write_file(path, made)
