@@ -169,6 +169,10 @@ ELSEWHERE = {
         ("up house/lab --example --for 20", "up house/hall --example --for 20"),
         "tests/live/test_programs.py",
     ),
+    **dict.fromkeys(
+        ("camera --join --name cam1 --source usb:0", "keys join site.toml"),
+        "tests/live/test_join.py",
+    ),
     "archive deleted site.toml": "tests/hub/test_forgotten.py",
     "hub forgotten house": "tests/hub/test_forgotten.py",
     "hub view house": "tests/live/test_hub_page.py",

@@ -97,6 +97,8 @@ TESTED = {
     "person forgotten, edge stopped": "site/test_traces.py",
     "an ONVIF camera that answers by drops": "site/setup/test_onvif.py",
     f"{ROOTS}images on the wire that nobody asked for": "live/test_on_the_wire.py",
+    "camera that joins by a code": "site/test_joining.py",
+    "the same with edge, page and camera at work": "live/test_join.py",
     "script in a person's name": "live/test_view_names.py::test_a_name_runs_no_script",
 }
 HONEST = ("cam0", "cam1", "cam2")  # of four

@@ -127,6 +127,7 @@ MODULES = {
     "notebook": ("pandas",),
     "rerun": ("rerun",),
     "archive": ("fsspec",),
+    "join": ("spake2", "zeroconf"),
     "lab": ("distributed", "joblib", "motmetrics"),
     "train": ("torch",),
 }

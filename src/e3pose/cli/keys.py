@@ -16,6 +16,8 @@ from e3pose.base.errors import InputError
 from e3pose.base.quantities import shell
 from e3pose.cli.options import Flag
 from e3pose.cli.output import wrote
+from e3pose.settings.site_file import load_site
+from e3pose.site.joining import let_one_join
 from e3pose.wire.access import Kind
 from e3pose.wire.keys.folder import MAX_PEM_BYTES, add_keys, init_keys, read_roll, revoke_keys
 from e3pose.wire.keys.renewal import AUTHORITY, expiring, renew_keys
@@ -104,6 +106,24 @@ def add(
     kind: Kind = chosen[0] if chosen else "camera"
     made = add_keys(keys, name, _now(), kind, again, host or [])
     wrote(made, f"certificate of {kind} {name}; copy the folder to its machine")
+
+
+@keys_app.command(name="join")
+def join(site: Path, /) -> None:
+    """Let one camera join: show a code of six digits for two minutes, and sign the camera's key.
+
+    Example: `e3pose keys join site.toml`, then `e3pose camera --join --name cam1 --source usb:0` on
+    the camera
+
+    The page of a running site does the same with *Let a camera join*. The camera needs no copied
+    folder: its private key is made there and stays there. A code is good for one try.
+
+    Parameters
+    ----------
+    site
+        Site file, or the folder that contains site.toml.
+    """
+    let_one_join(load_site(site), lambda line: print(line, flush=True))
 
 
 @keys_app.command(name="renew")

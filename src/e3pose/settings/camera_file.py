@@ -177,12 +177,15 @@ def is_camera_file(path: Path) -> bool:
         return False
 
 
-def load_node(path: Path | None, options: Mapping[str, Any] | None = None) -> NodeTable:
+def load_node(
+    path: Path | None, options: Mapping[str, Any] | None = None, new: bool = False
+) -> NodeTable:
     """Return the configuration of a camera.
 
     Args:
         path: of the camera file; None for options alone.
         options: keys of the file that take precedence over it.
+        new: whether the file is yet to be made, of the options.
 
     Raises:
         InputError: naming the file, the key, what was found and what was expected; an option
@@ -190,7 +193,7 @@ def load_node(path: Path | None, options: Mapping[str, Any] | None = None) -> No
     """
     asked = options or {}
     table: dict[str, Any] = {"format": CAMERA_FORMAT, "version": 1}
-    if path is not None:
+    if path is not None and not new:
         if not path.exists():
             raise InputError(
                 f"{path}: file not found, expected a camera file; docs/how-to/live-site.md has one"

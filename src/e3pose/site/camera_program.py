@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import tomli_w
 
+from e3pose.base.atomic import atomic_folder, check_free, check_output, write_file
 from e3pose.base.clock import Clock, WallClock
+from e3pose.base.errors import MISSING, InputError
 from e3pose.base.system import require_64_bits
 from e3pose.camera.base import DetectingSource, LiveDetector, LiveSource, NodeSettings
 from e3pose.camera.live import CameraNode, ProcessorTime
@@ -26,11 +29,12 @@ from e3pose.energy.meters.charge_file import ChargeFile
 from e3pose.energy.meters.sampler import open_sampler
 from e3pose.energy.profiles import load_profile
 from e3pose.recording.videos import MAX_BYTES, PART_S
-from e3pose.settings.camera_file import NodeTable, load_node
+from e3pose.settings.camera_file import CAMERA_FORMAT, NodeTable, load_node
 from e3pose.settings.limits import Sleep
 from e3pose.site.program_log import NO_LOG, Log
 from e3pose.site.run import run_until_stopped
-from e3pose.wire.endpoint import Endpoint
+from e3pose.wire.endpoint import Endpoint, is_loopback
+from e3pose.wire.keys import joining
 from e3pose.wire.keys.folder import link_of
 from e3pose.wire.network import open_network
 from e3pose.wire.reach import expired_on_the_way
@@ -299,3 +303,72 @@ def load_detector(node: NodeTable, name: str) -> Detector:
     made = make_detector(name, node.model, node.provider, node.threads)
     made.detect(np.zeros((480, 640, 3), dtype=np.uint8))
     return made
+
+
+def join_site(path: Path, given: Mapping[str, Any], ask: Callable[[str], str]) -> str:
+    """Let a camera join a site by a code: make its key, get its certificate, write its file.
+
+    Args:
+        path: of the camera file; made where there is none.
+        given: keys of the file that take precedence over it.
+        ask: returns what the person answers to a question.
+
+    Returns:
+        What to type next, in words.
+
+    Raises:
+        InputError: before the code is used up for what can be known then; and for a wrong code.
+    """
+    from e3pose.wire.keys.authority import make_key
+
+    new = not path.exists()
+    defaults = {"endpoint": "tls/edge:1", "keys": given.get("camera", "")}
+    draft = {"site": "site", **given, **{key: given.get(key, defaults[key]) for key in defaults}}
+    node = load_node(path, draft if new else given, new)
+    place = "" if new else str(path)
+    if not node.endpoint.encrypted:
+        raise InputError("endpoint", node.endpoint, "tls/HOST:PORT of the edge", place)
+    if node.keys is None:
+        raise InputError("keys", MISSING, f'keys = "{node.camera}"', place)
+    if new:
+        check_output(path)
+    check_free(node.keys, overwrite=None)
+    site = given.get("site", "") if new else node.site
+    where = _site_to_join(None if new and "endpoint" not in given else node.endpoint, site)
+    code = joining.read_code(
+        ask(f"Code that site {where.site or 'at ' + where.address[0]} shows: ")
+    )
+    with atomic_folder(node.keys, private=True) as made:
+        private, public = make_key()
+        write_file(made / "camera.key", private, private=True)
+        admitted = joining.ask_to_join(where.address, code, node.camera, public)
+        write_file(made / "authority.pem", admitted.authority)
+        write_file(made / "camera.pem", admitted.certificate)
+    if new:
+        if "endpoint" not in given:
+            # The edge must be found by what its certificate says.
+            hosts = sorted(admitted.hosts, key=lambda host: host != where.address[0])
+            named = [host for host in hosts if not is_loopback(host)]
+            host = "localhost" if is_loopback(where.address[0]) else [*named, "localhost"][0]
+            draft["endpoint"] = f"tls/{host}:{admitted.port}"
+        file = {"format": CAMERA_FORMAT, "version": 1, **draft, "site": admitted.site}
+        write_file(path, tomli_w.dumps(file), private=True)
+    elif node.site != admitted.site:
+        raise InputError("site", node.site, f'"{admitted.site}", which it joined', place)
+    return f"{node.camera} joined site {admitted.site}, its keys are in {node.keys}"
+
+
+def _site_to_join(endpoint: Endpoint | None, site: str) -> joining.OpenSite:
+    """Return the site at the endpoint of its edge, or else one that the network has."""
+    if endpoint is not None:
+        host, port = endpoint.address
+        at = host, joining.join_port(port)
+        if not joining.reaches(at):
+            raise InputError(f"nobody listens at {host}:{at[1]}: {joining.NOBODY}")
+        return joining.OpenSite(site, at)
+    found = [one for one in joining.find_sites() if site in ("", one.site)]
+    if len(found) != 1:
+        said = ", ".join(f"{one.site} at {one.address[0]}" for one in found) or "none"
+        wanted = f"one ({joining.NOBODY}), or --endpoint with that of its edge"
+        raise InputError("sites that let a camera join", said, wanted)
+    return found[0]

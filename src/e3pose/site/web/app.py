@@ -13,8 +13,9 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 
 from e3pose import __version__
+from e3pose.site.joining import Joining
 from e3pose.site.web.api import REFUSALS, asked, make_api, needed
-from e3pose.site.web.control import Ask, make_control, make_tests
+from e3pose.site.web.control import Ask, make_control, make_join, make_tests
 from e3pose.site.web.feed import Feed
 from e3pose.site.web.keep import Keeping, make_keep
 from e3pose.site.web.live import make_live
@@ -47,6 +48,7 @@ class PageContent:
         keep: clips, files and recordings; None without.
         test: has a test notice sent and returns how it went; None where nothing is told.
         active_w: by camera, what an active one draws.
+        joining: lets cameras join; None where that is not possible from here.
     """
 
     feed: Feed
@@ -59,6 +61,7 @@ class PageContent:
     keep: Keeping | None = None
     test: Callable[[], list[str]] | None = None
     active_w: Mapping[str, float] = field(default_factory=dict)
+    joining: Joining | None = None
 
     def body(self, scope: str) -> dict[str, Any]:
         """Return the constant facts of a site, and the permissions of a token's scope."""
@@ -68,6 +71,7 @@ class PageContent:
             "stored": self.store is not None,
             "controls": self.ask is not None,
             "tests": self.test is not None,
+            "joins": self.joining is not None,
             "recorded": self.keep is not None and self.keep.recordings is not None,
             "pictures": self.picture_rules.for_scope(scope),
         }
@@ -96,6 +100,8 @@ def make_app(content: PageContent) -> FastAPI:
         app.include_router(make_control(content.ask))
     if content.test is not None:
         app.include_router(make_tests(content.test, content.log))
+    if content.joining is not None:
+        app.include_router(make_join(content.joining))
     if content.pictures is not None:
         app.include_router(content.pictures)
     app.include_router(make_day(content.store, content.active_w))

@@ -11,6 +11,8 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from e3pose.base.errors import InputError
 from e3pose.model.camera_fields import check_camera_id
+from e3pose.site.joining import Joining
+from e3pose.site.web.api import asked
 from e3pose.site.web.schemas import Refused, Shape
 from e3pose.wire.codec import decode, encode
 from e3pose.wire.site_messages import Control, Controlled
@@ -111,6 +113,22 @@ def make_tests(test: Callable[[], list[str]], log: Callable[[str], object]) -> A
         return Done(said=said)
 
     return tests
+
+
+def make_join(joining: Joining) -> APIRouter:
+    """Return the routes by which a camera joins; the code is for who may control the site."""
+    join = APIRouter(prefix="/api/control", responses=REFUSALS)
+
+    @join.get("/join", summary="The code by which a camera joins, and cameras without certificates")
+    async def state() -> dict[str, Any]:
+        return asked(joining.body)
+
+    @join.post("/join", summary="Let one camera join within two minutes")
+    async def let() -> dict[str, Any]:
+        asked(joining.open)
+        return await state()
+
+    return join
 
 
 def _send(ask: Ask, control: Control) -> Done:

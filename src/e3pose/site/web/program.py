@@ -19,6 +19,7 @@ from e3pose.output.report.scene import FRUSTUM_SHARE, bounds, frustum, millimetr
 from e3pose.settings.resolved import ResolvedSite
 from e3pose.settings.site_file import DEFAULT_LISTEN, SiteTable, load_site
 from e3pose.site.follow import ANY_HOST, LOCAL_OPERATOR, operator_of, viewer_link
+from e3pose.site.joining import Joining
 from e3pose.site.keep.jobs import FILES, Jobs
 from e3pose.site.trial_notices import send_test
 from e3pose.site.up import Program, Role, view_command
@@ -289,9 +290,11 @@ def open_view(
             )
         keep = keeping(site, report, stack)
         test = None if site.file.events is None else partial(send_test, site.file.path)
+        joining = Joining(site.file, site.rig.camera_ids, report)
         made = PageContent(
-            feed, store, shown.body, ask, pictures, who, report, keep, test, site.active_w
-        )
+            feed, store, shown.body, ask, pictures, who, report, keep, test, site.active_w,
+            joining if joining.possible() else None,
+        )  # fmt: skip
         serving = serve(make_app(made), rules, listening, secure)
         stack.callback(serving.close)
         ends = stack.pop_all()

@@ -1,6 +1,7 @@
 // Control, for operators: only what the edge says is shown as its setting.
 import { html, useRef, useState } from "./vendor/preact.js";
 import { control } from "./connection.js";
+import { Join } from "./join.js";
 import { known, titleOf } from "./known.js";
 import { percent } from "./words.js";
 
@@ -31,7 +32,7 @@ export function Control() {
       <button type="submit">Apply</button>
     </form>
     ${known.room.tests && html`<p><button type="button" id="test-notice" onClick=${() => control("/api/control/test-notice", {})}>Send a test notice</button></p>`}
-    <p id="said" class="soft" role="status">${known.said}</p></section>`;
+    <p id="said" class="soft" role="status">${known.said}</p>${known.room.joins && html`<${Join} />`}</section>`;
 }
 
 export function CameraControls({ camera }) {
