@@ -19,6 +19,7 @@ from tests.cases import each_case
 from tests.memory_transport import Hub
 from tests.ports import free_port
 from tests.site.streams.broker import broker, listening
+from tests.site.test_channels import limit
 from tests.waiting import eventually
 
 from e3pose.base.errors import InputError
@@ -116,6 +117,21 @@ def test_lsl_is_read_by_pylsl() -> None:
     assert inlets[1].pull_sample(timeout=20)[0] == ["enter door 7 2"]
     assert inlets[2].pull_sample(timeout=20)[0] == ["fall begun 7"]
     stream.close()
+
+
+def test_mcap_on_a_full_disk_says_so_and_leaves_what_it_took(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """The library says each message on standard error, and nothing to its caller."""
+    path = tmp_path / "today.mcap"
+    stream = open_stream(f"mcap:{path}", SOURCE)
+    with limit(tmp_path), pytest.raises(OSError, match="File too large"):
+        for number in range(20_000):
+            stream.slot(slot(7, number=number))
+    with pytest.raises(OSError, match="File too large"):
+        stream.slot(slot(7))
+    stream.close()
+    assert capfd.readouterr() == ("", "")
 
 
 def test_mcap_is_read_by_mcap(tmp_path: Path) -> None:
