@@ -84,6 +84,8 @@ TESTED = {
     "networks without an end": "detectors/test_hostile_networks.py",
     "films, streams and sources without an end": "camera/test_never_answers.py",
     "phone that is a camera, attacked at work": "live/test_phone_attacked.py",
+    f"{ROOTS}every program, its output hung or closed, its disk full": "live/"
+    "test_channel_faults.py",
     "archives that unpack to gigabytes": "recording/test_arrays.py",
     "trainer killed, hung, lying": "edge/learn/test_learner_faults.py",
     f"{ROOTS}bytes of streams on the wire": "site/streams/test_wire.py",

@@ -272,6 +272,18 @@ def test_refusal_that_a_full_disk_caused_is_a_fault() -> None:
     assert exit_code(caught.value) == Exit.FAULT
 
 
+@each_case("program", ("hub run", "hub view"))
+def test_database_that_cannot_grow_is_a_fault(
+    program: str, place: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    site = '[[site]]\nname = "lab"\nendpoint = "tcp/127.0.0.1:1"\n'
+    text = f'format = "e3pose-hub"\nversion = 1\n[view]\nlisten = "127.0.0.1:0"\n{site}'
+    (tmp_path / "hub.toml").write_text(text)
+    with limit(place):
+        assert run(*program.split(), tmp_path) == Exit.FAULT
+    assert "hub.db: cannot be used (disk I/O error)" in capsys.readouterr().err
+
+
 def test_film_that_ffmpeg_cannot_read_is_no_fault_of_the_machine(
     tmp_path: Path, monkeypatch: Patch
 ) -> None:

@@ -28,6 +28,7 @@ TESTS = Path(__file__).parents[1]
 PAGE = TESTS.parent / "docs" / "explanation" / "channels.md"
 HERE = "site/test_channels::test_site_goes_on_where_no_file_takes_anything"
 FULL, CODES = "live/test_full_disk::test_", "cli/test_exit_codes::test_"
+EVERY = "live/test_channel_faults::test_every_program_outlasts_its_channels"
 LOG, FAULTS = "base/test_log_stream::test_", "store/test_store_faults::test_"
 # Channels as the page names them, and the tests that show what it says of each.
 SHOWN = {
@@ -36,6 +37,7 @@ SHOWN = {
         f"{LOG}reader_that_reads_nothing_holds_nobody_up",
         f"{LOG}reader_that_went_away_is_no_error",
         f"{FULL}up_runs_where_no_file_can_grow_and_nothing_can_be_said",
+        EVERY,
         "base/test_masking::test_secrets_of_an_address_are_masked",
     ),
     "log that cannot be opened": (
@@ -65,6 +67,10 @@ SHOWN = {
         HERE, "edge/test_recorder::test_full_disk_costs_no_slot_that_the_queue_holds",
         "edge/test_recorder::test_slots_beyond_the_queue_are_counted",
     ),
+    "MCAP file of `e3pose stream`": (
+        "site/streams/test_streams::test_mcap_on_a_full_disk_says_so_and_leaves_what_it_took",
+        EVERY,
+    ),
     "recording of `e3pose record`": (f"{FULL}record_keeps_what_a_disk_took_before_it_was_full",),
     "videos of cameras": (
         "camera/test_video_recorder::test_full_disk_is_reported_and_tried_again",
@@ -87,6 +93,11 @@ SHOWN = {
         "wire/keys/test_renewal::"
         "test_command_that_is_killed_leaves_whole_pairs_and_can_be_repeated",
     ),
+    "database of a hub": (
+        f"{CODES}database_that_cannot_grow_is_a_fault",
+        "hub/test_hub::test_full_disk_at_the_hub_is_told_and_nothing_is_lost",
+        EVERY,
+    ),
     "measured speeds, problems of streams": (
         "site/test_stream_problems::test_a_folder_that_cannot_be_written_stops_no_stream",
     ),
@@ -104,6 +115,7 @@ SHOWN = {
     ),
     "closed standard input, output or error": (
         f"{CODES}closed_descriptors_change_no_code",
+        EVERY,
         f"{FULL}up_runs_where_no_file_can_grow_and_nothing_can_be_said",
     ),
     "pipes of programs that make files or learn": (

@@ -15,6 +15,7 @@ FOLDERS = re.compile(r"(?<!\S)(?:[A-Za-z]:)?[\\/](?:[^\s\\/]+[\\/])*")
 
 # Of the system: the machine cannot do what the input asks for, and may be able to later.
 MACHINE = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EMFILE, errno.ENFILE}
+SQLITES = {"disk I/O error", "database or disk is full"}  # for the first four of these
 
 
 class Exit(IntEnum):
@@ -124,7 +125,7 @@ def exit_code(error: BaseException) -> int:
         return Exit.FAULT
     below: BaseException | None = error
     while below is not None:  # what a full disk caused is told as the input's fault
-        if isinstance(below, OSError) and below.errno in MACHINE:
+        if (isinstance(below, OSError) and below.errno in MACHINE) or str(below) in SQLITES:
             return Exit.FAULT
         below = below.__cause__ or below.__context__
     return Exit.REFUSED
