@@ -187,7 +187,7 @@ class Walk(RuleBasedStateMachine):
 
 
 TestWalk = Walk.TestCase
-TestWalk.settings = settings(max_examples=40, stateful_step_count=25, deadline=None)
+TestWalk.settings = settings(max_examples=20, stateful_step_count=25, deadline=None)
 
 
 def test_every_event_of_the_table_happens() -> None:
