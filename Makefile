@@ -12,7 +12,7 @@ export E3POSE_SHARED ?= $(abspath ../shared)
 endif
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help demo test test-computing test-sites test-fast coverage nightly check types docs lint reproduce-quick bench budget claims claims-all mutants soak attack dist release-dry-run lock sbom licences test-all clean
+.PHONY: help demo test kernels test-computing test-sites test-fast coverage nightly check types docs lint reproduce-quick bench budget claims claims-all mutants soak attack dist release-dry-run lock sbom licences test-all clean
 help:  ## list the targets
 	@echo 'make TARGET; each needs only Python 3.10 to 3.13 ($(PYTHON), or PYTHON=...):'
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/; s/^/  /' | expand -t 12
@@ -73,6 +73,9 @@ test: $(VENV)/.dev  ## run the tests that what differs from main reaches, but fo
 	  ended=$$?; [ ! -s $(RERUNS) ] || { echo 'needed another try:'; sort -u $(RERUNS); }; exit $$ended
 	$(if $(TRACED),$(BIN)/coverage combine --quiet $(COVERAGE))
 	$(if $(TRACED),$(BIN)/coverage report)
+
+kernels: $(VENV)/.dev  ## compile the kernels, which `make test` does first
+	@$(BIN)/python -m tests.prepare .left-out
 
 coverage:  ## run the tests of all rooms with coverage, which takes a third longer; fails below the floor
 	@$(MAKE) --no-print-directory test TRACED=yes EVERYTHING=--all
