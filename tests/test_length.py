@@ -61,7 +61,7 @@ def test_every_part_of_the_house_has_a_bound() -> None:
     assert BOUNDS.keys() == set(PARTS)
 
 
-MOST_LINES_OF_PAGES = 4_010  # script, styles and markup of our own, all pages together
+MOST_LINES_OF_PAGES = 4_040  # script, styles and markup of our own, all pages together
 
 
 def test_pages_stay_plain() -> None:
@@ -85,7 +85,7 @@ MOST = {
     "model/proportions.py": 5,
     "estimate/per_slot": 9,
     "estimate/smooth": 4,
-    "select": 39,
+    "select": 56,
     "calibrate/resection.py": 2,
 }
 

@@ -24,16 +24,16 @@ from e3pose.select.policies.base import Selection, Situation
 from e3pose.select.requested import asked_for
 from e3pose.select.rest_plan import CREDIT_S, Needs, RestGoal, RestMemory, planned, rested, risen
 
-PLAN_S = 0.4  # timeout: until the next plan, a tenth of the shortest rest
+# tuned: s | first guess, a tenth of the shortest rest | not measured
+PLAN_S = 0.4
 # tuned: s | simulated, `two-rooms`, seed 11 | with none, somebody who walks through the door is
 #   lost for 2 s
 LATER_S = (1.5, 3.0)
-KEPT_S = 1.0  # timeout: who was needed stays awake so long
-CELL_M, MARGIN_M, FAR_M = (
-    0.5,
-    2.0,
-    12.0,
-)  # physical: people; beyond cameras; how far they show
+# tuned: s | first guess: who stays awake so long after a rest was needed | not measured
+KEPT_S = 1.0
+# tuned: m | first guess: people's own size; floor around the cameras; how far cameras show people |
+#   not measured
+CELL_M, MARGIN_M, FAR_M = 0.5, 2.0, 12.0
 MOST_CELLS = 4000  # capacity: of a site; a larger one has larger cells
 HEIGHTS_M = (0.1, 0.5, 0.9, 1.3, 1.7)  # definition: of somebody who stands in a cell
 # tuned: share of these heights | first guess: a camera sees the person | not measured

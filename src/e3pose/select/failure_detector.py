@@ -17,11 +17,14 @@ import numpy as np
 
 from e3pose.base.arrays import Flags, Floats, Integers
 
-MEAN_LIFE_S = 86400.0  # physical: between two deaths of a camera: once a day is often
+# tuned: s | by reasoning: once a day is often | not measured
+MEAN_LIFE_S = 86400.0  # between two deaths of a camera: once a day is often
 # What a link may lose at any time, however good it was: that of the Wi-Fi a site must live with.
 # And the most: where more is lost than comes, a camera is no great loss itself.
-LOSS_RANGE = (0.05, 0.5)  # physical: of links as they are
-MEMORY_ORDERS = 200  # definition: of what a link loses: +-0.03 at 30 %
+# tuned: share | by reasoning: the Wi-Fi that a site must live with | not measured
+LOSS_RANGE = (0.05, 0.5)
+# tuned: orders | by reasoning: a loss of 30 % is known to 3 points | not measured
+MEMORY_ORDERS = 200
 USELESS_S = 1.5  # timeout: of orders without a view in time: with a deadline, noticed within 2 s
 RETRY_S = 1.0  # timeout: a camera given up may be ordered again; doubled at each failure
 RETRY_LIMIT_S = 8.0  # timeout: at most

@@ -36,13 +36,20 @@ from e3pose.energy.rest_costs import RestCosts
 from e3pose.model.look_request import NO_REQUEST, LookRequest
 
 # What it costs and how soon it says something; no site has run long enough to try other values.
-STRETCH_S = 8.0  # timeout: until a stretch ends
-STRETCHES = 16  # timeout: in a round: a sixteenth of the time everybody is awake
-SETTLE_S = 2.0  # timeout: of a stretch, in which its people are still those of the one before
-MEMORY = 32.0  # timeout: rounds, about an hour
-LEAST_ROUNDS = 4  # definition: rounds of which a spread is taken
-LEAST_SPREAD = 0.05  # numerics: of one round, in logarithms of an error
-BACK = 1.0  # definition: standard errors ahead of the other way, to return to the usual one
+# tuned: s | by reasoning, tried on no recording | not measured
+STRETCH_S = 8.0
+# tuned: stretches | by reasoning, tried on no recording | not measured
+STRETCHES = 16  # in a round: a sixteenth of the time everybody is awake
+# tuned: s | by reasoning, tried on no recording | not measured
+SETTLE_S = 2.0  # of a stretch, in which its people are still those of the one before
+# tuned: rounds | by reasoning, tried on no recording: about an hour | not measured
+MEMORY = 32.0
+# tuned: rounds | by reasoning, tried on no recording | not measured
+LEAST_ROUNDS = 4  # of which a spread is taken
+# tuned: of a logarithm | by reasoning, tried on no recording | not measured
+LEAST_SPREAD = 0.05  # of one round, in logarithms of an error
+# tuned: standard errors | by reasoning, tried on no recording | not measured
+BACK = 1.0  # ahead of the other way, to return to the usual one
 MOST_RISE = 1.1  # definition: rests cost at most a tenth of the error
 LEAST_S = 2.0  # numerics: of each of the two stretches, or the round says nothing
 RESTING, AWAKE = 0, 1  # layout: of the pairs in `RestCheck`
