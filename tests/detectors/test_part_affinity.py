@@ -209,7 +209,7 @@ def fake_network(
 
     shapes = declared or tuple(tuple(output.shape) for output in outputs)
     path = Path("fake.onnx")
-    return Network(path, "cpu", input_shape, "float", ("maps",), shapes, run), seen
+    return Network(path, "cpu", 1, input_shape, "float", ("maps",), shapes, run), seen
 
 
 def in_cells(person: Person, stride_x: float, stride_y: float) -> Person:

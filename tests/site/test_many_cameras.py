@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import threading
 import time
-from pathlib import Path
 
 import pytest
 
-from e3pose.settings.camera_file import load_node
+from e3pose.model.pose import Poses2D
+from e3pose.model.skeleton import COCO17
+from e3pose.settings.camera_file import NodeTable, load_node
 from e3pose.site import many_cameras
-from e3pose.site.many_cameras import Turns, TurnTime, of_host
+from e3pose.site.many_cameras import Cameras, Turns, TurnTime
 
 
 def burn(seconds: float) -> None:
@@ -67,20 +68,39 @@ def test_cameras_are_charged_their_looks_and_a_share_of_the_rest() -> None:
 
 
 def test_look_takes_one_thread_where_the_network_allows_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    chosen = {"auto": "openpose-thin"}
-    monkeypatch.setattr(many_cameras, "chosen_name", lambda name: chosen.get(name, name))
+    """A network says by itself whether looks go on beside each other; no name is asked."""
+    monkeypatch.setattr(many_cameras, "num_cores", lambda: 8)
     said = {"site": "lab", "camera": "cam1", "source": "usb:0", "endpoint": "tcp/127.0.0.1:7001"}
-    for keys, alone, threads in (
-        ({"detector": "movenet-multipose"}, False, 1),
-        ({"detector": "movenet-multipose"}, True, None),
-        ({"detector": "movenet-multipose", "threads": 3}, False, 3),
-        ({"detector": "openpose-thin"}, False, None),  # OpenCV has one pool for all
-        ({"detector": "auto"}, False, None),
-        ({"detector": "openpose-thin", "model": str(tmp_path / "thin.onnx")}, False, 1),
-        ({"detector": str(tmp_path / "graph.pb")}, False, None),
+    for beside, asked, cameras, loads, at_a_time in (
+        (True, None, 4, [1], 8),
+        (True, None, 1, [None], 1),
+        (True, 3, 4, [3], 2),
+        (False, None, 4, [1, None], 1),  # OpenCV has one pool for all, a device one queue
+        (False, 2, 4, [2], 1),
     ):
-        node = of_host(load_node(None, {**said, **keys}), alone)
-        assert node.threads == threads, keys
-        assert node.meter == ("auto" if alone else "model")
+        loaded = list[int | None]()
+
+        class Made:
+            skeleton = COCO17
+
+            def __init__(self, threads: int | None, beside: bool) -> None:
+                self.threads = (threads or 8) if beside else None
+
+            def detect(self, image: object) -> Poses2D:
+                return Poses2D.empty(17)
+
+        def load(
+            node: NodeTable, name: str, beside: bool = beside, loaded: list[int | None] = loaded
+        ) -> Made:
+            loaded.append(node.threads)
+            return Made(node.threads, beside)
+
+        monkeypatch.setattr(many_cameras, "load_detector", load)
+        node = load_node(None, {**said, **({} if asked is None else {"threads": asked})})
+        made = many_cameras.load_for(node, cameras)
+        assert loaded == loads, (beside, asked, cameras)
+        host = Cameras.__new__(Cameras)
+        host._detectors = {("", None, "", None): made}
+        assert host._at_a_time() == at_a_time

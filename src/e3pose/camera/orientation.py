@@ -135,6 +135,7 @@ class Turned:
     def __init__(self, detector: Detector, orientation: Orientation) -> None:
         self.skeleton = detector.skeleton
         self.provider = getattr(detector, "provider", "")
+        self.threads = getattr(detector, "threads", None)
         self.orientation = orientation
         self._whole = detector
 

@@ -45,7 +45,8 @@ class EcPose(InParts):
 
     def __init__(self, network: Network) -> None:
         self.skeleton = COCO17
-        self._network, self.provider = network, network.provider
+        self._network = network
+        self.provider, self.threads = network.provider, network.threads
         check_image_input(network, NAME)
         named = dict(zip(network.output_names, network.output_shapes, strict=True))
         points = named.get("keypoints", ())

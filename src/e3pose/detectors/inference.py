@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from e3pose.base.child_process import call_apart
 from e3pose.base.errors import InputError
 from e3pose.base.installing import install_command
+from e3pose.base.system import num_cores
 from e3pose.detectors.weights import ENDINGS, cache_folder
 from e3pose.detectors.weights.fetch import file_sha256
 
@@ -193,6 +194,8 @@ class Network:
     Attributes:
         path: the file, for messages.
         provider: where it runs: a key of `PROVIDERS`, `litert`, or `opencv`.
+        threads: of the CPU that a run takes, where others may go on beside it; None where one goes
+            on at a time, on a device or with all threads of a library.
         input_shape: the input's declared shape, None where it is free.
         input_dtype: the input's element type: `float`, `float16`, `int32`, ...
         output_names: what the file calls each output.
@@ -204,6 +207,7 @@ class Network:
 
     path: Path
     provider: str
+    threads: int | None
     input_shape: tuple[int | None, ...]
     input_dtype: str
     output_names: tuple[str, ...]
@@ -378,9 +382,11 @@ def _load_onnx(path: Path, provider: str, threads: int | None) -> Network:
                 f"{_brief(error)}"
             ) from None
 
+    runs_on = next((n for n, full in PROVIDERS.items() if full == session.get_providers()[0]), "")
     return Network(
         path,
-        next((n for n, full in PROVIDERS.items() if full == session.get_providers()[0]), ""),
+        runs_on,
+        (threads or num_cores()) if runs_on == "cpu" else None,
         _shape(inputs[0].shape),
         _element(inputs[0]),
         tuple(output.name for output in session.get_outputs()),
@@ -425,7 +431,7 @@ def _load_litert(path: Path, provider: str, threads: int | None) -> Network:
     element = {"f4": "float", "f2": "float16", "i4": "int32"}.get(dtype.str[1:], dtype.name)
     names = tuple(str(each["name"]) for each in outputs)
     shapes = tuple(_signature(each) for each in outputs)
-    return Network(path, "litert", shape, element, names, shapes, run)
+    return Network(path, "litert", None, shape, element, names, shapes, run)
 
 
 def _signature(details: Mapping[str, Any]) -> tuple[int | None, ...]:
@@ -450,8 +456,7 @@ def _load_tensorflow(path: Path, threads: int | None) -> Network:
         ) from None
     if net.empty() or len(net.getUnconnectedOutLayersNames()) != 1:
         raise InputError(f"{path}: found no network, expected a graph with one output")
-    if threads is not None:
-        cv2.setNumThreads(threads)  # OpenCV has one pool for the whole process
+    cv2.setNumThreads(threads or -1)  # OpenCV has one pool for the whole process; -1: all cores
 
     def run(tensor: NDArray[Any]) -> list[NDArray[Any]]:
         try:
@@ -463,7 +468,7 @@ def _load_tensorflow(path: Path, threads: int | None) -> Network:
             ) from None
 
     free = (None, None)
-    return Network(path, "opencv", (1, 3, *free), "float", ("",), ((*free, *free),), run)
+    return Network(path, "opencv", None, (1, 3, *free), "float", ("",), ((*free, *free),), run)
 
 
 def _element(declared: Any) -> str:

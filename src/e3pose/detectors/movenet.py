@@ -35,7 +35,8 @@ class MoveNet(InParts):
 
     def __init__(self, network: Network) -> None:
         self.skeleton = COCO17
-        self._network, self.provider = network, network.provider
+        self._network = network
+        self.provider, self.threads = network.provider, network.threads
         shape = network.input_shape
         self.free_input = None in shape[1:3]
         if (

@@ -282,7 +282,8 @@ class OpenPose(InParts):
     def __init__(self, network: Network, topology: Topology) -> None:
         check_maps(network, topology)
         self.skeleton = topology.skeleton
-        self._network, self.provider = network, network.provider
+        self._network = network
+        self.provider, self.threads = network.provider, network.threads
         self._topology = topology
         self.person_px, self.long_side = PERSON_PX, topology.long_side
         self.multiple = topology.multiple

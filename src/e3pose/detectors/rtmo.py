@@ -42,7 +42,8 @@ class Rtmo(InParts):
 
     def __init__(self, network: Network) -> None:
         self.skeleton = COCO17
-        self._network, self.provider = network, network.provider
+        self._network = network
+        self.provider, self.threads = network.provider, network.threads
         check_image_input(network, NAME)
         self._boxes, self._points = _places(network)
 

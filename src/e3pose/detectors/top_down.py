@@ -201,7 +201,8 @@ class OnePerson:
     """
 
     def __init__(self, network: Network) -> None:
-        self._network, self.provider = network, network.provider
+        self._network = network
+        self.provider, self.threads = network.provider, network.threads
         shape, outputs = network.input_shape, network.output_shapes
         self.head = heads_of(outputs)
         count = outputs[0][1] if self.head else None
@@ -247,6 +248,7 @@ class TopDown:
 
     def __init__(self, boxes: PersonBoxes, person: OnePerson) -> None:
         self.skeleton, self.provider = person.skeleton, person.provider
+        self.threads = person.threads
         self._boxes, self._person = boxes, person
 
     def detect(self, image: Image) -> Poses2D:

@@ -39,7 +39,8 @@ class YoloPose:
 
     def __init__(self, network: Network) -> None:
         self.skeleton = COCO17
-        self._network, self.provider = network, network.provider
+        self._network = network
+        self.provider, self.threads = network.provider, network.threads
         check_image_input(network, NAME)
         output = network.output_shapes[0]
         if len(output) != 3 or not {VALUES, None} & set(output[1:]):

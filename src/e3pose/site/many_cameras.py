@@ -20,7 +20,6 @@ from pathlib import Path
 from e3pose.base.errors import Fault, InputError
 from e3pose.base.system import num_cores
 from e3pose.camera.live import CameraNode, ProcessorTime, Stuck
-from e3pose.detectors import chosen_name
 from e3pose.detectors.base import Detector
 from e3pose.settings.camera_file import NodeTable, is_camera_file, load_node
 from e3pose.settings.resolved import resolve_site
@@ -132,8 +131,9 @@ class Cameras:
             raise InputError("cameras", "none", "at least one")
         self.ended: dict[str, CameraNode] = {}
         self._detectors: dict[Key, Detector] = {}
-        alone = len(nodes) == 1
-        self._seats = [_Seat(of_host(node, alone), log_of(node)) for node in nodes]
+        if len(nodes) > 1:  # a meter would measure the whole machine for each camera
+            nodes = [replace(node, meter="model") for node in nodes]
+        self._seats = [_Seat(node, log_of(node)) for node in nodes]
         for seat in self._seats:
             with suppress(InputError):  # is told when the camera opens
                 self._detector(seat.node)
@@ -195,10 +195,8 @@ class Cameras:
 
     def _at_a_time(self) -> int:
         """Return how many looks go on at a time."""
-        if any(getattr(made, "provider", "") != "cpu" for made in self._detectors.values()):
-            return 1
-        threads = max(seat.node.threads or num_cores() for seat in self._seats)
-        return max(1, num_cores() // threads)
+        threads = [threads_of(made) or num_cores() for made in self._detectors.values()]
+        return max(1, num_cores() // max(threads, default=1))
 
     def _detector(self, node: NodeTable) -> Detector | None:
         """Return the detector of a camera, which others share; None of one without."""
@@ -206,7 +204,7 @@ class Cameras:
             return None
         key = (node.detector, node.model, node.provider, node.threads)
         if key not in self._detectors:
-            self._detectors[key] = load_detector(node, node.detector)
+            self._detectors[key] = load_for(node, len(self._seats))
         return self._detectors[key]
 
     def _open(self, seat: _Seat) -> None:
@@ -255,16 +253,24 @@ def nodes_of(files: Sequence[Path], only: Sequence[str] = ()) -> list[NodeTable]
     return [node for node in nodes if not only or node.camera in only]
 
 
-def of_host(node: NodeTable, alone: bool) -> NodeTable:
-    """Return a camera's settings in a program that it shares.
+def load_for(node: NodeTable, cameras: int) -> Detector:
+    """Load the network of a camera for the program that it shares.
 
-    A look takes one thread, but in OpenCV, whose threads are one pool for all. A meter would
-    measure the whole machine for each camera.
+    A look takes one thread where others may go on beside it, else all cores.
+
+    Args:
+        node: the camera's settings.
+        cameras: in the program.
     """
-    if alone:
-        return node
-    name = node.detector if node.model else chosen_name(node.detector)
-    file = node.model or Path(name)
-    by_opencv = name == "openpose-thin" and file.suffix != ".onnx"
-    threads = node.threads or (None if by_opencv or file.suffix == ".pb" else 1)
-    return replace(node, threads=threads, meter="model")
+    threads = node.threads or (1 if cameras > 1 else None)
+    made = load_detector(replace(node, threads=threads), node.detector)
+    if threads == node.threads or threads_of(made) is not None:
+        return made
+    del made  # a device may be there once
+    return load_detector(node, node.detector)
+
+
+def threads_of(detector: Detector) -> int | None:
+    """Return `Network.threads` of a detector's network; None also where it does not say."""
+    threads = getattr(detector, "threads", None)
+    return threads if isinstance(threads, int) else None
