@@ -280,6 +280,9 @@ HERE_NOT = {
     "power --watch": "goes on until it is stopped; `power` runs",
     "power measure usb:0 my-board.toml --profile xavier-nx "
     "--detector openpose-thin": "needs a webcam",
+    "power measure usb:0 my-board.toml --meter shelly:192.168.1.20": (
+        "needs a webcam and a plug; tests/cli/test_metering.py has stand-ins"
+    ),
     "replay walk --feedback": FILMS,
     "replay recordings/thursday --pipeline paper --predictor published/attention-lstm.onnx": TRAINS,
     "replay recordings/thursday --predictor predictor/attention-lstm.onnx": TRAINS,

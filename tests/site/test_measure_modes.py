@@ -15,6 +15,7 @@ from e3pose.energy.meters.base import Reading
 from e3pose.energy.profiles import PROFILES, Activity, load_profile, modes_of, profile_text
 from e3pose.model.pose import Poses2D
 from e3pose.site import measure_modes as measuring
+from e3pose.site.bench import mean_watts
 from e3pose.site.measure_modes import measure_modes, measured_profile
 
 OPEN_S, LOOK_S, FRAME_S = 0.05, 0.03, 0.01
@@ -62,16 +63,20 @@ class Meter:
         return Reading(WATTS[mode], None, self.measured, "a sensor")
 
 
+def sample(meter: Meter) -> measuring.Sample:
+    return lambda step, mode, work: mean_watts(meter, mode, work)
+
+
 def found(measured: bool) -> measuring.MeasuredModes:
     source = Source()
-    result = measure_modes(source, Network(), Meter(measured), 0.2, 3)
+    result = measure_modes(source, Network(), sample(Meter(measured)), 0.2, 3)
     assert source.opened >= 3 and source.closed >= 4  # the device is free again
     return result
 
 
 def test_times_are_measured_without_a_sensor_and_watts_stay_the_profiles() -> None:
     result = found(measured=False)
-    assert result.watts is None and len(result.wakes_s) == 3
+    assert result.watts == {} and len(result.wakes_s) == 3
     assert OPEN_S <= result.wake_s[0] < 20 * OPEN_S and result.look_s >= LOOK_S
     assert result.look_cpu_s > result.frame_cpu_s
     modes = modes_of(measured_profile(load_profile("xavier-nx"), result, "today"))
@@ -87,7 +92,10 @@ def test_times_are_measured_without_a_sensor_and_watts_stay_the_profiles() -> No
 
 def test_sensor_gives_rests_their_watts_and_looks_their_joules() -> None:
     result = found(measured=True)
-    assert result.watts == (9.0, 5.0, 2.0)
+    watts = {step: (each.mean, each.spread) for step, each in result.watts.items()}
+    assert watts == {
+        "idle": (5, 0), "looking": (9, 0), "unchanged image": (9, 0), "resting": (2, 0)
+    }  # fmt: skip
     modes = modes_of(measured_profile(load_profile("xavier-nx"), result, "today"))
     assert [(rest.name, rest.watts) for rest in modes.rests] == [
         ("idle", 5.0),
@@ -105,7 +113,7 @@ def test_sensor_gives_rests_their_watts_and_looks_their_joules() -> None:
 def test_source_that_films_nothing_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(measuring, "FIRST_FRAME_S", 0.05)
     with pytest.raises(InputError, match="no frame"):
-        measure_modes(Source(films=False), Network(), Meter(True), 0.1, 1)
+        measure_modes(Source(films=False), Network(), sample(Meter(True)), 0.1, 1)
 
 
 @pytest.mark.parametrize(

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import datetime
+import math
+import statistics
+import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,24 +17,36 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from e3pose.base.atomic import write_file
+from e3pose.base.atomic import check_output, write_file
 from e3pose.base.clock import WallClock
 from e3pose.base.errors import InputError
-from e3pose.base.quantities import check_within, length_m, plural, quantity
+from e3pose.base.quantities import check_within, length_m, number, plural, quantity
 from e3pose.camera.live_source import make_source
 from e3pose.cli.network import ready_network
 from e3pose.cli.options import Flag, Whole
 from e3pose.cli.output import JsonFile, is_stdout, write_json
 from e3pose.detectors import AUTO, make_detector
-from e3pose.energy.meters.base import MeterError, Reading
+from e3pose.energy.meters.base import MAX_WATTS, Meter, MeterError, Reading
 from e3pose.energy.meters.battery import Charge, read_charge
 from e3pose.energy.meters.choose import choose_meter
 from e3pose.energy.meters.plug import open_plug
 from e3pose.energy.plan import PlanRow, draw, hours_text, load_boards, plan, profile_board
-from e3pose.energy.profiles import load_profile, modes_of, profile_text
+from e3pose.energy.profiles import Activity, Mode, load_profile, modes_of, profile_text
 from e3pose.evaluate.columns import print_tables, table_console
 from e3pose.settings.sources import detects
-from e3pose.site.measure_modes import measure_modes, measured_profile
+from e3pose.site.bench import Watts, mean_watts
+from e3pose.site.measure_modes import STEPS, Sample, measure_modes, measured_profile
+
+USUAL_S = 10.0
+LED_S = 40.0  # four steps and their waits are three minutes
+SETTLE_S = 2.0  # until a meter outside shows what a step draws
+DISPLAY = "display"
+TO_DO = (  # in each of `STEPS`
+    "The camera films, no network runs. Leave the computer alone.",
+    "The network runs all the time. Walk about in front of the camera.",
+    "The network rests. Leave the computer alone.",
+    "The camera is closed, the program waits. Leave the computer alone.",
+)
 
 if TYPE_CHECKING:
     from e3pose.energy.modes import CameraModes
@@ -133,22 +148,23 @@ def measure(
     *,
     detector: str = AUTO,
     profile: str = "generic",
-    seconds: float = 10.0,
+    seconds: float | None = None,
     wakes: Whole = 5,
     pace: float = 1.0,
     provider: str = "auto",
     threads: Whole | None = None,
     meter: str | None = None,
+    yes: Flag = False,
     root: Annotated[Path, Parameter(show=False)] = Path("/"),
 ) -> None:
     """Measure how the camera of this machine looks and rests; write its power profile.
 
-    Example: `e3pose power measure usb:0 my-board.toml --profile xavier-nx`
+    Example: `e3pose power measure usb:0 my-board.toml --meter shelly:192.168.1.20`
 
     Run it on the camera's own computer, with nothing else at work. Times and processor time are
-    measured everywhere, watts where there is a sensor, or by a smart plug that the computer draws
-    from: `--meter shelly:192.168.1.20 --seconds 45` takes three minutes. Rows that cannot be
-    measured keep what the profile states; a suspended machine has to be stated in the file.
+    measured everywhere, watts where there is a sensor, or by a meter that the computer draws from:
+    with `--meter`, on a terminal, it leads you through three minutes. Rows that cannot be measured
+    keep what the profile states; a suspended machine has to be stated in the file.
 
     Parameters
     ----------
@@ -162,6 +178,7 @@ def measure(
         Power profile to start from: xavier-nx, tx2, generic, or a TOML file.
     seconds
         Seconds for each of looking, looking through the gate, capturing and resting, 1 to 600.
+        Default: 10; 40 where you are led through the steps.
     wakes
         How often the source is opened, 1 to 100.
     pace
@@ -171,9 +188,18 @@ def measure(
     threads
         CPU threads of the network. Default: all cores.
     meter
-        Smart plug with a meter, by HTTP: shelly:HOST or tasmota:HOST. Default: the sensors here.
+        Smart plug with a meter, by HTTP: shelly:HOST or tasmota:HOST. display: a USB meter or a
+        plug that you read yourself. Default: the sensors here.
+    yes
+        Begin at once, without the steps on the screen.
     """
+    guided = meter is not None and not yes and sys.stdin.isatty() and sys.stdout.isatty()
+    if meter == DISPLAY and not guided:
+        raise InputError("--meter", DISPLAY, "a terminal, without --yes: you type what it shows")
+    if seconds is None:
+        seconds = LED_S if guided else USUAL_S
     check_within("--seconds", seconds, 1, 600)
+    check_output(out)
     check_within("--wakes", wakes, 1, 100)
     if detects(source):
         raise InputError("source", "one that brings poses", "a camera or a video")
@@ -182,20 +208,89 @@ def measure(
     frames = make_source(source, "camera", WallClock(), None, pace)
     detector = ready_network(detector, live=True)
     network = make_detector(detector, None, provider, threads)
-    watts = choose_meter(base, root) if meter is None else open_plug(meter)
+    draws: Meter = choose_meter(base, root)
     if meter is not None:
-        print(f"waking, capturing, looking, the gate, resting: about {4 * seconds + wakes:.0f} s")
-    found = measure_modes(frames, network, watts, seconds, wakes)
+        draws = Display() if meter == DISPLAY else open_plug(meter)
+        print(f"waking, idle, looking, the gate, resting: about {4 * seconds + wakes:.0f} s")
+    if guided:
+        _begin(draws, wakes)
+    settle_s = 0.0 if meter is None else min(SETTLE_S, seconds / 2)
+    sample = _sample(draws, seconds, settle_s, guided)
+    found = measure_modes(frames, network, sample, seconds, wakes)
     made = measured_profile(base, found, f"on {datetime.date.today()} with {detector}")
     write_file(out, profile_text(made))
     _print_modes(modes_of(made))
     print(
-        f"processor time: {1e3 * found.look_cpu_s:.1f} ms a look, "
-        f"{1e3 * found.gate_cpu_s:.1f} ms an unchanged one with the gate, "
-        f"{1e3 * found.frame_cpu_s:.1f} ms a frame (measured)"
+        f"processor time, measured: {1e3 * found.look_cpu_s:.1f} ms a look, "
+        f"{1e3 * found.gate_cpu_s:.1f} ms unchanged, {1e3 * found.frame_cpu_s:.1f} ms a frame"
     )
     print(f"watts: {found.how}")
+    for step, watts in found.watts.items():
+        print(f"  {step:16} {watts.mean:7.2f} +- {watts.spread:.2f}")
     print(f"wrote {out}")
+
+
+class Display:
+    """A meter that somebody reads."""
+
+    def read(self, mode: Activity) -> Reading:
+        """See `Meter.read`; the watts are not known here."""
+        return Reading(math.nan, None, True, "measured: read from a display")
+
+
+def _begin(meter: Meter, wakes: int) -> None:
+    """Tell what happens, and wait until somebody wants it."""
+    now_w = meter.read("power-saving").watts
+    shown = "you type what it shows" if math.isnan(now_w) else f"{now_w:.2f} W now"
+    print(f"Meter between this computer and its supply: {shown}.")
+    print("Close other programs, unplug what the camera does not need, then plug nothing in")
+    print(f"or out. The camera is opened ({plural(wakes, 'time')}), then {len(STEPS)} steps begin.")
+    _ask("Press Enter to begin, Ctrl-C to stop: ")
+
+
+def _ask(question: str) -> str:
+    try:
+        return input(question)
+    except EOFError:
+        raise InputError("power measure", "the input ended", "an answer, or --yes") from None
+
+
+def _sample(meter: Meter, seconds: float, settle_s: float, guided: bool) -> Sample:
+    """Return what takes the power of a step, on the screen if somebody is guided."""
+
+    def sample(step: str, mode: Mode, work: Callable[[], None]) -> Watts:
+        if not guided:
+            return mean_watts(meter, mode, work, settle_s)
+        end_s = time.monotonic() + seconds
+        number = STEPS.index(step)
+        print(f"{number + 1}/{len(STEPS)} {step}: {TO_DO[number]}")
+
+        def show(watts: float) -> None:
+            left = f"{max(end_s - time.monotonic(), 0.0):4.0f} s left"
+            live = "  note what the display shows" if math.isnan(watts) else f"{watts:9.2f} W"
+            print(f"\r\033[K{left}{live}", end="", flush=True)
+
+        found = mean_watts(meter, mode, work, settle_s, show)
+        print("\r\033[K", end="")
+        if math.isnan(found.mean):
+            found = _typed(found.last)
+        print(f"    {found.mean:.2f} +- {found.spread:.2f} W")
+        return found
+
+    return sample
+
+
+def _typed(reading: Reading) -> Watts:
+    """Ask for the watts of a step until they are some."""
+    while True:
+        words = _ask("Watts in these seconds, one or more such as 4.9 5.1: ").replace(",", ".")
+        try:
+            watts = [number(word, "watts") for word in words.split()]
+        except InputError:
+            watts = []
+        if watts and max(watts) <= MAX_WATTS:
+            return Watts(statistics.fmean(watts), statistics.pstdev(watts), reading)
+        print(f"Type numbers above 0, up to {MAX_WATTS:g}.")
 
 
 @power_app.command

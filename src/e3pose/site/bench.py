@@ -5,13 +5,15 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from e3pose.base.errors import InputError
 from e3pose.detectors import is_network, make_detector
-from e3pose.energy.meters.base import Meter, Reading
+from e3pose.energy.meters.base import Meter, MeterError, Reading
 from e3pose.energy.profiles import Mode
 
 IDLE_S = 2.0
@@ -73,7 +75,7 @@ def measure(
     begun_s = time.perf_counter()
     detector.detect(image)
     first_s = time.perf_counter() - begun_s
-    idle_w, _ = mean_watts(meter, "power-saving", lambda: time.sleep(IDLE_S))
+    idle = mean_watts(meter, "power-saving", lambda: time.sleep(IDLE_S))
     took_s: list[float] = []
 
     def detect() -> None:
@@ -83,26 +85,72 @@ def measure(
             detector.detect(image)
             took_s.append(time.perf_counter() - begun_s)
 
-    active_w, reading = mean_watts(meter, "active", detect)
+    active = mean_watts(meter, "active", detect)
     detect_s = float(np.median(took_s))
-    energy_j = max(active_w - idle_w, 0.0) * detect_s if reading.measured else None
+    energy_j = max(active.mean - idle.mean, 0.0) * detect_s if active.last.measured else None
     runs_on = getattr(detector, "provider", "")
-    return Cost(name, image_size, detect_s, first_s, energy_j, reading.how, runs_on)
+    return Cost(name, image_size, detect_s, first_s, energy_j, active.last.how, runs_on)
 
 
-def mean_watts(meter: Meter, mode: Mode, work: Callable[[], None]) -> tuple[float, Reading]:
-    """Return the mean power during some work, and its last reading."""
-    meter.read(mode)  # what counts energy counts from here
-    done, readings = threading.Event(), list[Reading]()
+@dataclass(frozen=True, slots=True)
+class Watts:
+    """The power during some work.
+
+    Attributes:
+        mean: of the readings.
+        spread: their standard deviation.
+        last: of them.
+    """
+
+    mean: float
+    spread: float
+    last: Reading
+
+
+def mean_watts(
+    meter: Meter,
+    mode: Mode,
+    work: Callable[[], None],
+    settle_s: float = 0.0,
+    show: Callable[[float], None] = lambda watts: None,
+) -> Watts:
+    """Return the power during some work.
+
+    Args:
+        meter: of the machine's power.
+        mode: what the work is.
+        work: is called.
+        settle_s: seconds at its begin that do not count, as the meter lags.
+        show: called with the watts of each reading.
+
+    Raises:
+        InputError: when the meter does not answer half of the time.
+    """
+    begun_s, done = time.monotonic(), threading.Event()
+    readings, failures = list[Reading](), list[str]()
 
     def sample() -> None:
         while not done.wait(SAMPLE_S):
-            readings.append(meter.read(mode))
+            try:
+                reading = meter.read(mode)
+            except MeterError as error:
+                failures.append(str(error))
+                continue
+            show(reading.watts)
+            if time.monotonic() - begun_s >= settle_s:
+                readings.append(reading)
 
+    with suppress(MeterError):
+        meter.read(mode)  # what counts energy counts from here
     sampler = threading.Thread(target=sample, name="power", daemon=True)
     sampler.start()
-    work()
-    done.set()
-    sampler.join()
+    try:
+        work()
+    finally:
+        done.set()
+        sampler.join()
+    if failures and len(failures) >= len(readings):
+        raise InputError("meter", failures[-1], "one that answers until the end")
     readings = readings or [meter.read(mode)]
-    return float(np.mean([reading.watts for reading in readings])), readings[-1]
+    watts = [reading.watts for reading in readings]
+    return Watts(float(np.mean(watts)), float(np.std(watts)), readings[-1])

@@ -4,19 +4,23 @@ from __future__ import annotations
 
 import statistics
 import time
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 from e3pose.base.errors import InputError
 from e3pose.camera.base import LiveDetector, LiveFrame, LiveSource
 from e3pose.camera.gate import Gate
-from e3pose.energy.meters.base import Meter
 from e3pose.energy.modes import SLOT_S, Look, Rest
-from e3pose.energy.profiles import DeviceProfile, modes_of
-from e3pose.site.bench import mean_watts
+from e3pose.energy.profiles import MODES, DeviceProfile, Mode, modes_of
+from e3pose.site.bench import Watts
 
 FIRST_FRAME_S = 30.0  # a source that takes longer to its first frame is broken
 REOPEN_S = 5.0
 LEAST_LOOKS = 3
+STEPS = IDLE, LOOKING, GATED, RESTING = "idle", "looking", "unchanged image", "resting"
+
+# Takes a step, what the camera does in it, and the work; returns the power during it.
+Sample = Callable[[str, Mode, Callable[[], None]], Watts]
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,8 +34,7 @@ class MeasuredModes:
         gate_cpu_s: processor time of one.
         frame_cpu_s: processor time of capturing a frame.
         wakes_s: seconds from opening the source to its first frame, each time.
-        watts: mean power while it looks, captures, and does neither; None without a sensor.
-        gate_w: mean power while the gate looks all the time; None without a sensor.
+        watts: by step; empty without a sensor.
         how: how watts are known, or why they are not.
     """
 
@@ -41,8 +44,7 @@ class MeasuredModes:
     gate_cpu_s: float
     frame_cpu_s: float
     wakes_s: tuple[float, ...]
-    watts: tuple[float, float, float] | None
-    gate_w: float | None
+    watts: Mapping[str, Watts]
     how: str
 
     @property
@@ -53,19 +55,19 @@ class MeasuredModes:
 
 
 def measure_modes(
-    source: LiveSource, detector: LiveDetector, meter: Meter, seconds: float, wakes: int
+    source: LiveSource, detector: LiveDetector, sample: Sample, seconds: float, wakes: int
 ) -> MeasuredModes:
     """Measure a camera; no other program may use it at the same time.
 
     Args:
         source: its frames; closed afterwards.
         detector: its network, loaded and tried.
-        meter: of the machine's power.
+        sample: takes the power during a step.
         seconds: for each of looking, looking through the gate, capturing and resting.
         wakes: how often the source is opened.
 
     Raises:
-        InputError: when the source cannot be opened or gives no frame.
+        InputError: when the source cannot be opened or gives no frame, or the watts cannot be.
     """
     wakes_s = []
     for _ in range(wakes):
@@ -105,12 +107,15 @@ def measure_modes(
             gates_s = time.perf_counter() - begun_s
         gates_cpu_s = time.process_time() - cpu_s
 
-    idle_w, reading = mean_watts(meter, "power-saving", capture)
-    active_w, _ = mean_watts(meter, "active", look)
-    gate_w, _ = mean_watts(meter, "active", gate)
+    watts = {IDLE: sample(IDLE, "power-saving", capture)}
+    watts[LOOKING] = sample(LOOKING, "active", look)
+    how, measured = watts[IDLE].last.how, watts[IDLE].last.measured
+    if measured:
+        _check_watts(watts[IDLE], watts[LOOKING])
+    watts[GATED] = sample(GATED, "active", gate)
     source.close()
-    off_w, _ = mean_watts(meter, "aggressive-power-saving", lambda: time.sleep(seconds))
-    watts = (active_w, idle_w, off_w) if reading.measured else None
+    resting: Mode = "aggressive-power-saving"
+    watts[RESTING] = sample(RESTING, resting, lambda: time.sleep(seconds))
     return MeasuredModes(
         look_s=statistics.median(looks_s),
         look_cpu_s=look_cpu_s / len(looks_s),
@@ -118,10 +123,23 @@ def measure_modes(
         gate_cpu_s=gates_cpu_s / gates,
         frame_cpu_s=frame_cpu_s / max(frames, 1),
         wakes_s=tuple(wakes_s),
-        watts=watts,
-        gate_w=gate_w if reading.measured else None,
-        how=reading.how,
+        watts=watts if measured else {},
+        how=how,
     )
+
+
+def _check_watts(idle: Watts, looking: Watts) -> None:
+    """Raise `InputError` for watts that cannot be those of this machine."""
+    if idle.mean <= 0:
+        found = f"{idle.mean:.2f} W when idle"
+        raise InputError("meter", found, "more than 0 W: this computer has to draw from the meter")
+    if looking.mean <= idle.mean:
+        raise InputError(
+            "meter",
+            f"{looking.mean:.2f} +- {looking.spread:.2f} W when looking, no more than when idle "
+            f"({idle.mean:.2f} +- {idle.spread:.2f} W)",
+            "more: this computer alone has to draw from the meter, with nothing else at work",
+        )
 
 
 def _next_frame(source: LiveSource) -> LiveFrame:
@@ -162,16 +180,17 @@ def measured_profile(base: DeviceProfile, found: MeasuredModes, when: str) -> De
     gate_share = min(found.gate_cpu_s / max(found.look_cpu_s, 1e-9), 1.0)
     by_look = f"joules of a whole look by the share of its processor time, {when}"
     looks["gate"] = Look("gate", gate_share * whole.joules, found.gate_s, by_look)
-    if found.watts is not None:
-        active_w, idle_w, off_w = found.watts
+    if found.watts:
+        idle_w, active_w, gate_w, off_w = (found.watts[step].mean for step in STEPS)
         how = f"measured {when}: {found.how}"
         off_w = min(off_w, idle_w)
+        base = _shared_out(base, (active_w, idle_w, off_w), how)
         rests["idle"] = Rest("idle", idle_w, source=how)
         rests["not-capturing"] = Rest("not-capturing", off_w, 0.0, wake_s, sd_s, how)
         rests["asleep"] = Rest("asleep", off_w, 0.0, wake_s, sd_s, how)
         look_j = max(active_w - idle_w, 0.0) * found.look_s
         looks["whole"] = Look("whole", look_j, found.look_s, how)
-        gate_j = max((found.gate_w or idle_w) - idle_w, 0.0) * found.gate_s
+        gate_j = max(gate_w - idle_w, 0.0) * found.gate_s
         looks["gate"] = Look("gate", gate_j, found.gate_s, how)
         if "suspended" in rests and rests["suspended"].watts > off_w:
             del rests["suspended"]  # of another device
@@ -182,3 +201,16 @@ def measured_profile(base: DeviceProfile, found: MeasuredModes, when: str) -> De
         rests=tuple(rests.values()),
         looks=tuple(looks.values()),
     )
+
+
+def _shared_out(
+    base: DeviceProfile, device_w: tuple[float, float, float], how: str
+) -> DeviceProfile:
+    """Return a profile whose components draw their shares of what the device was measured to."""
+    parts = []
+    for part in base.components:
+        shares = {m: part.watts[m] / base.watts(m) if base.watts(m) else 0.0 for m in MODES}
+        watts = {m: shares[m] * whole for m, whole in zip(MODES, device_w, strict=True)}
+        source = f"its share in profile {base.name} of what was {how}"
+        parts.append(replace(part, watts=watts, sources=dict.fromkeys(MODES, source)))
+    return replace(base, components=tuple(parts))
